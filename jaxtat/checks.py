@@ -1,0 +1,82 @@
+"""Checks at the entry of public functions: what came, what was expected, what to do.
+
+Values can only be looked at when they are concrete; inside ``jax.jit`` or ``jax.grad`` the checks
+of shape and dtype still apply and those of values are left to the concrete call outside.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike
+
+# what public functions take for real numbers: arrays, numbers, nested lists and tuples of them
+Numbers = ArrayLike | Sequence[Any]
+
+
+def is_concrete(*values: Any) -> bool:
+    """True if no array among ``values`` (pytrees) is being traced."""
+    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
+
+
+def require_x64() -> None:
+    """Raise ValueError unless JAX computes in 64 bits."""
+    if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
+        raise ValueError(
+            "jaxtat needs 64-bit arithmetic, but JAX is running in 32 bits. Call "
+            "jax.config.update('jax_enable_x64', True) before the first array is made, or set the "
+            "environment variable JAX_ENABLE_X64=1."
+        )
+
+
+def real_array(name: str, value: Numbers, shape: tuple[int | str | None, ...] | None) -> Array:
+    """``value`` as a float64 array, refused if it is not real, finite and of the given shape.
+
+    In ``shape`` an int is a required size, a str or None any size, and a leading ``"..."`` any
+    number of leading axes. ``None`` for the whole shape accepts all.
+    """
+    require_x64()
+    try:
+        dtype = jnp.asarray(value).dtype
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} is no array of real numbers: {error}.") from error
+    if not (jnp.issubdtype(dtype, jnp.floating) or jnp.issubdtype(dtype, jnp.integer)):
+        raise ValueError(f"{name} has dtype {dtype}, expected real numbers: pass float64 values.")
+    array = jnp.asarray(value, jnp.float64)
+    if shape is not None and not _matches(array.shape, shape):
+        wanted = ", ".join("any" if size is None else str(size) for size in shape)
+        raise ValueError(f"{name} has shape {array.shape}, expected ({wanted}).")
+    require_finite(name, array)
+    return array
+
+
+def require_finite(name: str, array: Array) -> None:
+    """Raise ValueError, with the first place, if a concrete array holds NaN or inf."""
+    if not is_concrete(array):
+        return
+    bad = ~np.isfinite(np.asarray(array))
+    if bad.any():
+        first = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise ValueError(
+            f"{name} holds {int(bad.sum())} NaN or infinite values of {bad.size}, the first at "
+            f"index {first}: leave out the detectors they come from, or mend them beforehand."
+        )
+
+
+def require_positive(name: str, value: Array) -> None:
+    """Raise ValueError if a concrete value is not above zero."""
+    if is_concrete(value) and not bool(np.all(np.asarray(value) > 0)):
+        raise ValueError(f"{name} is {np.asarray(value)}, expected a value above zero.")
+
+
+def _matches(shape: tuple[int, ...], wanted: tuple[int | str | None, ...]) -> bool:
+    if wanted[:1] == ("...",):
+        wanted = wanted[1:]
+        shape = shape[len(shape) - len(wanted) :] if len(shape) >= len(wanted) else ()
+    return len(shape) == len(wanted) and all(
+        not isinstance(size, int) or size == actual
+        for actual, size in zip(shape, wanted, strict=True)
+    )

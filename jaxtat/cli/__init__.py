@@ -1,0 +1,5 @@
+"""The command ``jaxtat``."""
+
+from .main import main
+
+__all__ = ["main"]

@@ -1,0 +1,75 @@
+"""The commands. Heavy imports wait until one is run, so that --help is quick."""
+
+import argparse
+import json
+import time
+
+
+def paper(options: argparse.Namespace) -> None:
+    """``jaxtat paper``."""
+    from ..paper.run import paper_table, run_paper
+
+    start = time.perf_counter()
+    metrics = run_paper(options.out, progress=not options.quiet)
+    print(paper_table(metrics))
+    _report(options, f"figures and metrics.json are in {options.out}", start)
+
+
+def plan(options: argparse.Namespace) -> None:
+    """``jaxtat plan``."""
+    from ..io.plans import save_plan
+    from ..io.scans import load_scan
+    from .setup import plan_for
+
+    start = time.perf_counter()
+    scan = load_scan(options.detectors_from) if options.detectors_from else None
+    known = scan.known if scan else {}
+    built = plan_for(options, known, None)
+    save_plan(built, options.out)
+    _report(options, _accuracy(built), start)
+    _report(options, f"plan written to {options.out}", start)
+
+
+def reconstruct(options: argparse.Namespace) -> None:
+    """``jaxtat reconstruct``."""
+    import jax.numpy as jnp
+
+    from ..io.images import require_suffix, save_image
+    from ..io.plans import load_plan
+    from ..io.scans import load_scan
+    from ..reconstruction import reconstruct as run
+    from .setup import circular_integrals_of, low_pass, plan_for
+
+    start = time.perf_counter()
+    require_suffix(options.out)
+    scan = load_scan(options.file)
+    if options.plan:
+        chosen_plan = load_plan(options.plan)
+    else:
+        radii = scan.known.get("radii") if scan.kind == "circular_integrals" else None
+        chosen_plan = plan_for(options, scan.known, None if radii is None else jnp.asarray(radii))
+    _report(options, _accuracy(chosen_plan), start)
+    g = circular_integrals_of(scan, options, chosen_plan)
+    image = run(chosen_plan, g, low_pass=low_pass(options))
+    settings = {
+        name: value if isinstance(value, str | int | float | bool) else json.dumps(value)
+        for name, value in vars(options).items()
+        if name != "run" and value is not None
+    }
+    save_image(options.out, image, chosen_plan.grid, chosen_plan.region, settings)
+    _report(options, f"image written to {options.out}", start)
+
+
+def _accuracy(plan) -> str:
+    residual, gain = plan.report.residual, plan.report.norm / plan.report.unit_norm[:, None]
+    n_frequencies, n_directions, _, n_detectors = plan.densities.shape
+    return (
+        f"{n_detectors} detectors, {n_frequencies} frequencies x {n_directions} directions; "
+        f"plane waves on the region's boundary to {float(residual.mean()):.1e} (mean), "
+        f"{float(residual.max()):.1e} (worst); norm {float(gain.mean()):.2f} N (mean)"
+    )
+
+
+def _report(options: argparse.Namespace, text: str, start: float) -> None:
+    if not options.quiet:
+        print(f"[{time.perf_counter() - start:6.1f} s] {text}")

@@ -1,0 +1,39 @@
+"""Entry: read the arguments, run the command, turn errors into one line and an exit code."""
+
+import sys
+import warnings
+from collections.abc import Sequence
+
+import jax
+
+from ..geometry import VisibilityWarning
+from .parser import build_parser
+
+BAD_INPUT, INTERRUPTED = 2, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run ``jaxtat`` with the given arguments (by default those of the process).
+
+    Returns:
+        0 after success, 2 for input that was refused (a line on stderr says why), 130 if
+        interrupted.
+    """
+    options = build_parser().parse_args(arguments)
+    jax.config.update("jax_enable_x64", True)  # the command is the program: its flag to set
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", VisibilityWarning)
+        warnings.showwarning = _show_warning
+        try:
+            options.run(options)
+        except (ValueError, OSError) as error:
+            print(f"jaxtat: error: {' '.join(str(error).split())}", file=sys.stderr)
+            return BAD_INPUT
+        except KeyboardInterrupt:
+            print("jaxtat: interrupted, nothing was written", file=sys.stderr)
+            return INTERRUPTED
+    return 0
+
+
+def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
+    print(f"jaxtat: note: {message}", file=sys.stderr)

@@ -1,0 +1,136 @@
+"""The arguments of every command, with their help."""
+
+import argparse
+from typing import get_args
+
+from ..pressure import Model
+from . import commands
+
+_EXAMPLES = """examples:
+  jaxtat paper --out out/paper
+      repeat the numerical section of the paper: table, figures, metrics.json
+  jaxtat plan --arc 1.3 0 500 --region-radius 1 --region-cut 0 --pixels 129 --out half.h5
+      densities for a half circle of 500 detectors and a half disk (paper, geometry #2)
+  jaxtat reconstruct data.npz --plan half.h5 --out image.png
+      an image from circular integrals in data.npz
+  jaxtat reconstruct scan.npz --model in-plane --sound-speed 1500 --region-radius 0.0146 \\
+         --pixels 301 --band 1e5 7e6 --low-pass cosine --out scan.png
+      an image from a measured scan with detector positions and sampling rate in the file
+"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser; ``options.run`` is the command's function."""
+    parser = argparse.ArgumentParser(
+        prog="jaxtat",
+        description="Thermo- and photoacoustic tomography with detectors on an open curve.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_paper(subparsers)
+    _add_plan(subparsers)
+    _add_reconstruct(subparsers)
+    return parser
+
+
+def _command(subparsers, name: str, run, help: str) -> argparse.ArgumentParser:
+    parser = subparsers.add_parser(
+        name,
+        help=help,
+        description=help,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    parser.add_argument("--quiet", action="store_true", help="no progress bar, no report")
+    return parser
+
+
+def _add_paper(subparsers) -> None:
+    parser = _command(
+        subparsers, "paper", commands.paper, "Repeat the numerical section of the paper."
+    )
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder for all results")
+
+
+def _add_plan(subparsers) -> None:
+    parser = _command(subparsers, "plan", commands.plan, "Build a reconstruction plan and save it.")
+    parser.add_argument("--out", required=True, metavar="FILE", help="HDF5 file to write")
+    parser.add_argument(
+        "--detectors-from", metavar="FILE", help="scan file (.npz, .h5) with detector positions"
+    )
+    _add_geometry(parser)
+
+
+def _add_reconstruct(subparsers) -> None:
+    parser = _command(
+        subparsers, "reconstruct", commands.reconstruct, "Reconstruct an image from a data file."
+    )
+    parser.add_argument("file", metavar="FILE", help=".npz or .h5 (names: see jaxtat.io.scans)")
+    parser.add_argument(
+        "--out", required=True, metavar="IMAGE", help="image to write: .png, .npy or .h5"
+    )
+    parser.add_argument("--plan", metavar="FILE", help="use this plan instead of building one")
+    parser.add_argument("--low-pass", choices=["none", "cosine"], default="none")
+    data = parser.add_argument_group("pressure records")
+    data.add_argument(
+        "--model", choices=get_args(Model), default="2d", help="acoustic model (default: 2d)"
+    )
+    data.add_argument(
+        "--sound-speed", type=float, metavar="C", help="default: from the file, else 1"
+    )
+    times = data.add_mutually_exclusive_group()
+    times.add_argument("--sampling-rate", type=float, metavar="F", help="samples at 0, 1/F, ...")
+    times.add_argument("--duration", type=float, metavar="T", help="samples from 0 to T inclusive")
+    data.add_argument("--dead-time", type=float, default=0.0, metavar="T", help="silence the start")
+    data.add_argument(
+        "--band", type=float, nargs=2, metavar=("LOW", "HIGH"), help="band-pass [cycles/time]"
+    )
+    _add_geometry(parser)
+
+
+def _add_geometry(parser: argparse.ArgumentParser) -> None:
+    where = parser.add_argument_group("detectors (default: positions in the file)")
+    kind = where.add_mutually_exclusive_group()
+    kind.add_argument(
+        "--arc",
+        type=float,
+        nargs=3,
+        metavar=("R", "Z_RIGHT", "N"),
+        help="N detectors on |z| = R, z_1 < Z_RIGHT",
+    )
+    kind.add_argument(
+        "--ring",
+        type=float,
+        nargs=2,
+        metavar=("R", "N"),
+        help="detector k at the angle 2 pi k / N on |z| = R",
+    )
+    where.add_argument(
+        "--use",
+        metavar="SLICES",
+        help="detectors to use, in order along the curve: 904:1024,0:616 or 0:500:2",
+    )
+    region = parser.add_argument_group("region of interest (default: 3/4 of the arc, cut with it)")
+    region.add_argument("--region-radius", type=float, metavar="R")
+    region.add_argument("--region-cut", type=float, metavar="X", help="default: a whole disk")
+    region.add_argument(
+        "--region-angle", type=float, default=None, metavar="DEG", help="outward normal of the cut"
+    )
+    region.add_argument("--region-center", type=float, nargs=2, metavar=("X1", "X2"))
+    image = parser.add_argument_group("image")
+    image.add_argument("--pixels", type=int, default=129, metavar="N", help="N x N (default 129)")
+    image.add_argument("--half-width", type=float, metavar="B", help="default: the region's radius")
+    _add_method(parser)
+
+
+def _add_method(parser: argparse.ArgumentParser) -> None:
+    method = parser.add_argument_group("method")
+    rule = method.add_mutually_exclusive_group()
+    rule.add_argument("--K", type=float, help="norm bound (default: the paper's, 4.287)")
+    rule.add_argument("--j-max", type=float, metavar="J", help="fixed number of singular values")
+    rule.add_argument("--sigma-min", type=float, metavar="S", help="least singular value")
+    method.add_argument("--max-frequency", type=float, metavar="LAMBDA", help="[rad/length]")
+    method.add_argument("--series", action="store_true", help="closed form, full circle only")
+    method.add_argument("--single", action="store_true", help="densities in single precision")

@@ -1,0 +1,245 @@
+"""Acquisition curves: where the detectors are."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..checks import Numbers, is_concrete, real_array, require_positive
+
+
+class DetectorCurve(eqx.Module):
+    """Detectors z_k on an acquisition curve gamma: ∫_gamma u dl ≈ Σ_k w_k u(z_k).
+
+    Attributes:
+        points: detector positions z_k, (detectors, 2), in order along the curve [length].
+        weights: arc length w_k that belongs to each detector, (detectors,) [length].
+        normals: unit normals, pointing away from the side of the region, (detectors, 2).
+        closed: whether the curve returns to its first detector.
+    """
+
+    points: Float[Array, "detectors 2"]
+    weights: Float[Array, " detectors"]
+    normals: Float[Array, "detectors 2"]
+    closed: bool = eqx.field(static=True)
+
+    @property
+    def n_detectors(self) -> int:
+        return self.points.shape[0]
+
+
+class Circle(eqx.Module):
+    """A circle |z - center| = radius [length]."""
+
+    center: Float[Array, "2"]
+    radius: Float[Array, ""]
+
+
+def circular_arc(
+    radius: Numbers,
+    z_right: Numbers,
+    n_detectors: int,
+    *,
+    center: Numbers = (0.0, 0.0),
+    angle: Numbers = 0.0,
+) -> DetectorCurve:
+    """The arc |z| = R_g, z_1 < z_right with detectors at the midpoints of n equal pieces.
+
+    The arc is then turned by ``angle`` and moved to ``center``: it opens towards
+    (cos angle, sin angle). ``z_right >= radius`` gives the full circle.
+
+    Args:
+        radius: R_g > 0 [length].
+        z_right: the arc ends on the line z_1 = z_right, above -radius [length].
+        n_detectors: number of detectors, at least 2.
+        center: centre of the circle, (2,) [length].
+        angle: direction in which the arc opens [rad].
+
+    Returns:
+        DetectorCurve, detectors anticlockwise from one end of the opening to the other.
+
+    Raises:
+        ValueError: for fewer than 2 detectors, radius <= 0 or an empty arc.
+
+    Source: Kunyansky 2008, section 4 (geometries #1 and #2 have R_g = 1.3, z_right = 1 and 0).
+
+    >>> curve = circular_arc(1.3, 0.0, 500)
+    >>> round(float(curve.weights.sum() / 1.3), 12)  # half a circle
+    3.14159265359
+    """
+    radius, z_right = real_array("radius", radius, ()), real_array("z_right", z_right, ())
+    center, angle = real_array("center", center, (2,)), real_array("angle", angle, ())
+    _require_detectors(n_detectors)
+    require_positive("radius", radius)
+    closed = is_concrete(radius, z_right) and float(z_right) >= float(radius)
+    if is_concrete(radius, z_right) and float(z_right) <= -float(radius):
+        raise ValueError(
+            f"the arc |z| = {float(radius)}, z_1 < {float(z_right)} is empty: "
+            "z_right must be above -radius."
+        )
+    half_opening = jnp.zeros(()) if closed else jnp.arccos(z_right / radius)
+    span = 2 * jnp.pi - 2 * half_opening
+    theta = angle + half_opening + (jnp.arange(n_detectors) + 0.5) * span / n_detectors
+    normals = jnp.stack([jnp.cos(theta), jnp.sin(theta)], axis=-1)
+    weights = jnp.broadcast_to(radius * span / n_detectors, (n_detectors,))
+    return DetectorCurve(center + radius * normals, weights, normals, closed)
+
+
+def detector_curve(positions: Numbers, *, closed: bool | None = None) -> DetectorCurve:
+    """Acquisition curve through measured detector positions, in order along the curve.
+
+    Each detector owns half the arc to either neighbour, w_k = (l_{k-1,k} + l_{k,k+1})/2; an end
+    detector owns a full step, as if its sensitive area reached half a step past it. The arcs l and
+    the tangents are those of the circle through three neighbouring detectors: exact for a circle,
+    fourth order in the spacing for other smooth curves.
+
+    Args:
+        positions: (detectors, 2), or (detectors, 3) where one of the three coordinates is constant
+            (a planar array) and is dropped [length]. Any orientation, any spacing.
+        closed: whether the last detector is a neighbour of the first. By default it is if that
+            distance is at most twice the largest other step; under tracing it must be given.
+
+    Returns:
+        DetectorCurve with normals on the outer side, away from the middle of the curve.
+
+    Raises:
+        ValueError: for fewer than 3 detectors, positions off a plane, repeated or unsorted ones.
+
+    >>> import numpy as np
+    >>> theta = np.linspace(0.8, 5.5, 256)
+    >>> curve = detector_curve(40.5e-3 * np.stack([np.cos(theta), np.sin(theta)], axis=1))
+    >>> np.allclose(curve.weights, 40.5e-3 * 4.7 / 255, rtol=1e-12)
+    True
+    """
+    points = _in_plane(positions)
+    _require_detectors(points.shape[0], least=3)
+    if is_concrete(points):
+        closed = _is_closed(np.asarray(points)) if closed is None else closed
+        _require_sorted(np.asarray(points), closed)
+    elif closed is None:
+        raise ValueError(
+            "closed must be given (True or False) when the detector positions are traced."
+        )
+    before, here, after = _neighbours(points, closed)
+    step = _arc_to_next(before, here, after)  # from each detector to the next one
+    ends = jnp.roll(step, 1) if closed else jnp.concatenate([step[:1], step[:-1]])
+    step = step if closed else step.at[-1].set(step[-2])
+    tangents = _tangents(before, here, after)
+    normals = jnp.stack([tangents[:, 1], -tangents[:, 0]], axis=-1)
+    outward = jnp.sum(normals * (points - points.mean(axis=0)))
+    side = jnp.where(outward < 0, -1.0, 1.0)  # of a straight array either is as good
+    return DetectorCurve(points, (ends + step) / 2, side * normals, bool(closed))
+
+
+def fit_circle(points: Numbers) -> Circle:
+    """Circle closest to points: least squares of |z|² - 2 c·z - (R_g² - |c|²).
+
+    Args:
+        points: (n, 2), at least 3 of them, not on one line [length].
+
+    Returns:
+        Circle, a differentiable function of the points.
+
+    Source: I. Kåsa, IEEE Trans. Instrum. Meas. 25 (1976) 8-14.
+
+    >>> circle = fit_circle(circular_arc(1.3, 0.2, 40, center=(2.0, -1.0)).points)
+    >>> [round(float(v), 9) for v in (*circle.center, circle.radius)]
+    [2.0, -1.0, 1.3]
+    """
+    points = real_array("points", points, ("points", 2))
+    _require_detectors(points.shape[0], least=3)
+    middle = points.mean(axis=0)
+    local = points - middle  # centred, so that the normal equations are well conditioned
+    design = jnp.concatenate([2 * local, jnp.ones_like(local[:, :1])], axis=1)
+    solution = jnp.linalg.solve(design.T @ design, design.T @ jnp.sum(local**2, axis=1))
+    center = solution[:2]
+    return Circle(center + middle, jnp.sqrt(solution[2] + center @ center))
+
+
+def _require_detectors(n_detectors: int, least: int = 2) -> None:
+    if n_detectors < least:
+        raise ValueError(f"got {n_detectors} detector(s), expected at least {least} on a curve.")
+
+
+def _in_plane(positions: Numbers) -> Float[Array, "detectors 2"]:
+    points = real_array("positions", positions, ("detectors", None))
+    if points.shape[1] not in (2, 3):
+        raise ValueError(f"positions has shape {points.shape}, expected (detectors, 2 or 3).")
+    if points.shape[1] == 2:
+        return points
+    if not is_concrete(points):
+        raise ValueError("traced positions must be (detectors, 2): drop the constant coordinate.")
+    spread = np.ptp(np.asarray(points), axis=0)
+    flat = int(np.argmin(spread))
+    if spread[flat] > 1e-3 * spread.max():
+        raise ValueError(
+            f"the detectors do not lie in a coordinate plane: their coordinates spread over "
+            f"{spread}; rotate them into a plane and pass the two coordinates in it."
+        )
+    return jnp.delete(points, flat, axis=1)
+
+
+def _is_closed(points: np.ndarray) -> bool:
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return bool(np.linalg.norm(points[0] - points[-1]) <= 2 * steps.max())
+
+
+def _require_sorted(points: np.ndarray, closed: bool) -> None:
+    """Neighbours in the array must be neighbours on the curve: no repeats, turns back or jumps."""
+    steps = np.diff(np.concatenate([points, points[:1]]), axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    inner = lengths if closed else lengths[:-1]
+    if inner.min() == 0.0:
+        k = int(np.argmin(inner))
+        raise ValueError(f"detectors {k} and {k + 1} are at the same position: leave one out.")
+    directions = steps[: len(inner)] / inner[:, None]
+    turns = np.sum(directions[1:] * directions[:-1], axis=1)
+    advice = "sort the detectors along the curve (an arc: by angle) and their data with them."
+    if turns.min() < -1e-9:
+        k = int(np.argmin(turns)) + 1
+        raise ValueError(f"the detectors are not in order: the curve turns back at {k}; {advice}")
+    k = int(np.argmax(inner))
+    if inner[k] > 4 * np.median(lengths) and (closed or inner[k] > lengths[-1]):
+        raise ValueError(
+            f"the detectors are not in order: the widest opening lies between detectors {k} and "
+            f"{k + 1}, inside the sequence; start behind it with np.roll(..., -{k + 1}, axis=0), "
+            "the data likewise."
+        )
+
+
+def _neighbours(points: Array, closed: bool) -> tuple[Array, Array, Array]:
+    """For each detector the three points of its circle; open ends take two from one side."""
+    before, after = jnp.roll(points, 1, axis=0), jnp.roll(points, -1, axis=0)
+    if not closed:
+        before, after = before.at[0].set(points[2]), after.at[-1].set(points[-3])
+    return before, points, after
+
+
+def _tangents(before: Array, here: Array, after: Array) -> Array:
+    """Unit tangents at ``here`` of the circles through the three points.
+
+    Inversion about ``here`` maps the circle to a straight line parallel to its tangent.
+    """
+    ahead, behind = after - here, before - here
+    tangent = ahead / _square(ahead) - behind / _square(behind)
+    # at the open ends both neighbours lie on one side; keep the direction of travel
+    tangent = tangent.at[0].multiply(jnp.sign(tangent[0] @ (here[1] - here[0])))
+    tangent = tangent.at[-1].multiply(jnp.sign(tangent[-1] @ (here[-1] - here[-2])))
+    return tangent / jnp.sqrt(_square(tangent))
+
+
+def _arc_to_next(before: Array, here: Array, after: Array) -> Array:
+    """Arc length (2/κ) asin(κ c/2) over the chord c to the next point, κ of the three points."""
+    chord = jnp.sqrt(_square(jnp.roll(here, -1, axis=0) - here))
+    a, b = after - here, before - here
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    curvature2 = 4 * cross**2 / (_square(a) * _square(b) * _square(a - b))[:, 0]
+    # the chord that closes an open curve is no arc of it, and is replaced by the caller
+    x2 = jnp.minimum(curvature2 * chord[:, 0] ** 2 / 4, 0.999)
+    small = x2 < 1e-8  # asin(x)/x, by its series where the quotient and its derivative are 0/0
+    x = jnp.sqrt(jnp.where(small, 0.5, x2))
+    return chord[:, 0] * jnp.where(small, 1 + x2 / 6, jnp.arcsin(x) / x)
+
+
+def _square(vectors: Array) -> Array:
+    return jnp.sum(vectors**2, axis=-1, keepdims=True)

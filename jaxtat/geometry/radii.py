@@ -1,0 +1,69 @@
+"""Radii of the circular integrals: which of them the region needs."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..checks import Numbers, is_concrete, real_array, require_positive
+from .curves import DetectorCurve
+from .regions import Region
+
+
+def data_radii(curve: DetectorCurve, region: Region, step: Numbers) -> Float[Array, " radii"]:
+    """Equispaced radii r_min, r_min + step, ... up to the first one at or beyond r_max.
+
+    r_min and r_max are the least and largest distances from a detector to a point of the region:
+    circles with other radii do not meet it.
+
+    Args:
+        curve, region: the geometry (concrete, since it decides how many radii there are).
+        step: distance between radii, usually the pixel size [length].
+
+    Returns:
+        (radii,) [length].
+
+    >>> from jaxtat import circular_arc, truncated_disk
+    >>> radii = data_radii(circular_arc(1.3, 1.0, 500), truncated_disk(1.0, 1.0, 1000), 1 / 64)
+    >>> radii.shape, round(float(radii[0]), 3), round(float(radii[-1]), 3)
+    ((129,), 0.3, 2.3)
+    """
+    step = real_array("step", step, ())
+    require_positive("step", step)
+    least, most = _distances(curve, region)
+    # a span that is a whole number of steps but for rounding and sampling needs no further radius
+    n = int(np.ceil((most - least) / float(step) - 1e-3)) + 1
+    return least + step * jnp.arange(n)
+
+
+def require_cover(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"]) -> None:
+    """Raise ValueError unless radii are positive, increasing and cover the region.
+
+    One step may be missing at either end, where the integrals of a function that vanishes at the
+    boundary are nearly zero.
+    """
+    if radii.shape[0] < 4:
+        raise ValueError(f"got {radii.shape[0]} radii, expected at least 4.")
+    if not is_concrete(curve, region, radii):
+        return
+    values = np.asarray(radii)
+    if not (values[0] > 0 and (np.diff(values) > 0).all()):
+        raise ValueError(
+            f"radii run from {values[0]:.6g} to {values[-1]:.6g}, expected positive values in "
+            "increasing order: sort them and drop r = 0, where the integral vanishes."
+        )
+    least, most = _distances(curve, region)
+    step = np.diff(values).max()
+    if values[0] > least + step or values[-1] < most - step:
+        raise ValueError(
+            f"radii run from {values[0]:.6g} to {values[-1]:.6g}, but circles about the detectors "
+            f"meet the region of interest for radii from {least:.6g} to {most:.6g}: record longer, "
+            "shrink the region, or check that radii and positions use the same unit of length."
+        )
+
+
+def _distances(curve: DetectorCurve, region: Region) -> tuple[float, float]:
+    """Least and largest distance from a detector to the boundary of the region."""
+    detectors, boundary = np.asarray(curve.points), np.asarray(region.points)
+    difference = detectors[:, None, :] - boundary[None, :, :]
+    distance = np.hypot(difference[..., 0], difference[..., 1])
+    return float(distance.min()), float(distance.max())

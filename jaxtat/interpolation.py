@@ -1,0 +1,54 @@
+"""Cubic interpolation on equispaced nodes: one table of polynomials per kernel.
+
+A kernel is a 4 x 4 table: row j + 1 gives, in powers of the fraction 0 <= t < 1 of the way from
+node 0 to node 1, the weight of node j = -1, 0, 1, 2.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+# Keys' cubic convolution, a = -1/2: interpolates, continuously differentiable, exact for
+# parabolas, third order. Keys, IEEE Trans. ASSP 29 (1981) 1153-1160.
+KEYS = np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]]) / 2
+
+# Cubic B-spline: twice continuously differentiable, fourth order; takes coefficients, which
+# follow from values by `spline_prefilter`. Unser, IEEE Signal Process. Mag. 16(6) (1999) 22-38.
+SPLINE = np.array([[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]]) / 6
+
+
+def kernel_weights(kernel: np.ndarray, t: Float[Array, "*n"]) -> Float[Array, "4 *n"]:
+    """Weights of nodes -1, 0, 1, 2 for the value at t.
+
+    >>> kernel_weights(KEYS, jnp.array(0.5)).tolist()
+    [-0.0625, 0.5625, 0.5625, -0.0625]
+    """
+    return jnp.stack([polynomial(list(row), t) for row in kernel])
+
+
+def cell_polynomials(kernel: np.ndarray, values: Float[Array, "*n nodes"]) -> list[Array]:
+    """Interpolant between nodes j + 1 and j + 2, j = 0..nodes-4: four arrays, by powers of t.
+
+    Many values are found faster from these than from weights: the four numbers of a cell are read
+    at one index, and the compiler makes one loop of it.
+    """
+    cells = values.shape[-1] - 3
+    shifted = [values[..., j : j + cells] for j in range(4)]
+    return [jnp.stack(shifted, axis=-1) @ kernel[:, a] for a in range(4)]
+
+
+def polynomial(coefficients: list, t: Array) -> Array:
+    """Σ_a c_a t^a, by Horner's rule."""
+    total = coefficients[-1]
+    for c in reversed(coefficients[:-1]):
+        total = total * t + c
+    return total
+
+
+def spline_prefilter(phase: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Transfer function 3 / (2 + cos(phase)) from values to B-spline coefficients.
+
+    Args:
+        phase: angular frequency times the distance between nodes [rad].
+    """
+    return 3 / (2 + jnp.cos(phase))

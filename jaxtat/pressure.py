@@ -1,0 +1,205 @@
+"""Pressure records to circular integrals, and what a raw record needs before.
+
+A record p(z_k, t) starts from p(., 0) = f, dp/dt(., 0) = 0. With the travelled path tau = c t both
+acoustic models are integrals over the record up to tau = r,
+
+    2-D waves:        g(z, r) = 4 r ∫_0^r p(z, tau) / √(r² - tau²) dtau
+                              = 4 r ∫_0^{π/2} p(z, r sin a) da,
+    in-plane focused: g(z, r) = r ∫_0^r p(z, tau) dtau                     (up to a constant),
+
+hence a matrix (radii, times) that does not depend on the record and carries all derivatives with
+respect to radii and sound speed.
+"""
+
+from typing import Literal
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .checks import Numbers, is_concrete, real_array, require_positive
+from .interpolation import KEYS, kernel_weights
+
+Model = Literal["2d", "in-plane"]
+
+
+def pressure_to_circular_integrals(
+    pressure: Numbers,
+    times: Numbers,
+    radii: Numbers,
+    *,
+    sound_speed: Numbers = 1.0,
+    model: Model = "2d",
+) -> Float[Array, "*batch detectors radii"]:
+    """g(z, r) from pressure records p(z, t).
+
+    ``model="2d"`` is exact for two-dimensional waves (integrating line detectors, simulations in
+    the plane): g = 4 r ∫_0^r p / √(r² - tau²) dtau. ``model="in-plane"`` is for point-like
+    detectors focused into a thin slab (ring and arc arrays): g = r ∫_0^r p dtau, up to one
+    constant that the slab's thickness and the detectors' gain decide. Before its first sample a
+    record counts as zero.
+
+    Args:
+        pressure: (..., detectors, times), any unit.
+        times: equispaced, (times,) [time].
+        radii: r > 0, (radii,) [length].
+        sound_speed: c [length/time], traced.
+        model: "2d" or "in-plane".
+
+    Returns:
+        (..., detectors, radii) [unit of pressure times length, in-plane: times length²].
+
+    Raises:
+        ValueError: for shapes that do not fit, times that are not equispaced, NaN, an unknown
+            model, or radii beyond the end of the record.
+
+    Source: 2-D: Abel transform of the solution of the wave equation, e.g. Burgholzer et al.,
+    Inverse Problems 23 (2007) S65-S80; in-plane: spherical means restricted to a thin slab.
+
+    >>> times = jnp.linspace(0.0, 3.0, 301)
+    >>> p = jnp.ones((1, 301))  # f = 1 everywhere stays 1, and g is the circumference
+    >>> g = pressure_to_circular_integrals(p, times, jnp.array([1.0]))
+    >>> abs(float(g[0, 0]) - 2 * np.pi) < 1e-6
+    True
+    """
+    times = real_array("times", times, ("times",))
+    radii = real_array("radii", radii, ("radii",))
+    pressure = real_array("pressure", pressure, ("...", "detectors", times.shape[0]))
+    sound_speed = real_array("sound_speed", sound_speed, ())
+    require_positive("sound_speed", sound_speed)
+    require_positive("radii", radii)
+    if model not in ("2d", "in-plane"):
+        raise ValueError(f"model is {model!r}, expected '2d' or 'in-plane'.")
+    _require_record(times, radii, sound_speed)
+    matrix = _record_matrix(times, radii, sound_speed, model)
+    return jnp.einsum("...kt,rt->...kr", pressure, matrix)
+
+
+def condition_record(
+    pressure: Numbers,
+    times: Numbers,
+    *,
+    dead_time: Numbers = 0.0,
+    band: tuple[Numbers, Numbers] | None = None,
+    order: int = 3,
+) -> Float[Array, "*batch detectors times"]:
+    """Make a raw record ready: silence the start, remove the offset, limit the band.
+
+    Samples before ``dead_time`` (the laser's electrical artefact) are faded out over as long again
+    as the dead time, capped at a tenth of the record; the median of the rest is subtracted from
+    each detector; a zero-phase Butterworth band-pass |H| = 1/√((1 + (f_lo/f)^2n)(1 + (f/f_hi)^2n))
+    removes drift and noise. Ends are tapered so that the filter does not ring there.
+
+    Args:
+        pressure: raw counts or pascals, (..., detectors, times).
+        times: equispaced, (times,) [time].
+        dead_time: [time].
+        band: (f_lo, f_hi) [cycles/time], or None for none; f_lo may be 0.
+        order: n.
+
+    Returns:
+        (..., detectors, times), differentiable in the record, dead_time and band.
+
+    Raises:
+        ValueError: for shapes that do not fit, times that are not equispaced, or an empty band.
+
+    >>> times = jnp.arange(400) / 40e6
+    >>> raw = 512 + jnp.sin(2 * jnp.pi * 2e6 * times)[None]
+    >>> clean = condition_record(raw, times, band=(0.1e6, 8e6))
+    >>> bool(jnp.abs(clean[0, 100:300] - (raw - 512)[0, 100:300]).max() < 0.05)
+    True
+    """
+    times = real_array("times", times, ("times",))
+    pressure = real_array("pressure", pressure, ("...", "detectors", times.shape[0]))
+    _require_equispaced(times)
+    dead_time = real_array("dead_time", dead_time, ())
+    duration = times[-1] - times[0]
+    since = times - times[0]
+    fade = jnp.clip(dead_time, 2 * (times[1] - times[0]), duration / 10)
+    window = _rise((since - dead_time) / fade) * _rise((duration - since) / (duration / 20))
+    centred = pressure - _median_after(pressure, since, dead_time)
+    if band is None:
+        return centred * _rise((since - dead_time) / fade)
+    low, high = real_array("band[0]", band[0], ()), real_array("band[1]", band[1], ())
+    if is_concrete(low, high) and not 0 <= float(low) < float(high):
+        raise ValueError(f"band is ({float(low)}, {float(high)}), expected 0 <= f_lo < f_hi.")
+    return _band_pass(centred * window, times[1] - times[0], low, high, order)
+
+
+def _record_matrix(times: Array, radii: Array, sound_speed: Array, model: Model) -> Array:
+    """W with g = W p: Gauss nodes on [0, r], each spread over four samples by Keys' weights."""
+    n_times = times.shape[0]
+    x, w = _two_point_gauss(2 * n_times)
+    if model == "2d":
+        path, weight = jnp.sin(jnp.pi / 2 * x), 4 * radii[:, None] * (jnp.pi / 2 * w)
+    else:
+        path, weight = x, radii[:, None] ** 2 * w
+    step = times[1] - times[0]
+    position = (radii[:, None] * path / sound_speed - times[0]) / step
+    first = jnp.floor(position)
+    shares = kernel_weights(KEYS, position - first) * weight  # (4, radii, nodes)
+    # beyond the ends the record is continued by its end values after the last sample (a node may
+    # lie within rounding of it) and by zero before the first
+    column = first.astype(jnp.int32)[None] + jnp.arange(-1, 3)[:, None, None]
+    shares = jnp.where((column >= 0) | (times[0] <= 0), shares, 0.0)
+    column = jnp.clip(_mirror(column, times[0] <= 0), 0, n_times - 1)
+    row = jnp.broadcast_to(jnp.arange(radii.shape[0])[None, :, None], column.shape)
+    return jnp.zeros((radii.shape[0], n_times)).at[row, column].add(shares)
+
+
+def _mirror(column: Array, starts_at_zero: Array) -> Array:
+    """p is even in time, dp/dt(., 0) = 0: sample -1 of a record from t = 0 is sample 1."""
+    return jnp.where((column < 0) & starts_at_zero, -column, column)
+
+
+def _two_point_gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights on [0, 1]: n panels with two Gauss points each, fourth order."""
+    left = np.arange(n)[:, None] / n
+    offset = (1 + np.array([-1.0, 1.0]) / np.sqrt(3)) / (2 * n)
+    return (left + offset).ravel(), np.full(2 * n, 0.5 / n)
+
+
+def _median_after(pressure: Array, since: Array, dead_time: Array) -> Array:
+    alive = jnp.where(since >= dead_time, pressure, jnp.nan)
+    return jnp.nanmedian(alive, axis=-1, keepdims=True)
+
+
+def _rise(t: Array) -> Array:
+    """0 below 0, 1 above 1, half a cosine between."""
+    return 0.5 - 0.5 * jnp.cos(jnp.pi * jnp.clip(t, 0.0, 1.0))
+
+
+def _band_pass(record: Array, step: Array, low: Array, high: Array, order: int) -> Array:
+    n = record.shape[-1]
+    padded = 2 * n  # room for the filter's response, so that the ends do not meet
+    frequency = jnp.fft.rfftfreq(padded) / step
+    ratio = frequency / high
+    safe = jnp.where(frequency > 0, frequency, 1.0)
+    response = 1 / (1 + ratio ** (2 * order)) / (1 + (low / safe) ** (2 * order))
+    response = jnp.where((frequency > 0) | (low == 0), response, 0.0)
+    return jnp.fft.irfft(jnp.fft.rfft(record, padded) * jnp.sqrt(response), padded)[..., :n]
+
+
+def _require_equispaced(times: Array) -> None:
+    if times.shape[0] < 8:
+        raise ValueError(f"got {times.shape[0]} time samples, expected at least 8.")
+    if not is_concrete(times):
+        return
+    steps = np.diff(np.asarray(times))
+    if not (steps > 0).all() or np.ptp(steps) > 1e-3 * steps.mean():
+        raise ValueError(
+            f"times have steps from {steps.min():.6g} to {steps.max():.6g}, expected equal "
+            "positive steps: resample the record."
+        )
+
+
+def _require_record(times: Array, radii: Array, sound_speed: Array) -> None:
+    _require_equispaced(times)
+    if not is_concrete(times, radii, sound_speed):
+        return
+    end, wanted = float(times[-1] * sound_speed), float(radii.max())
+    if wanted > end * (1 + 1e-9):
+        raise ValueError(
+            f"radii reach {wanted:.6g}, but with sound speed {float(sound_speed):.6g} the record "
+            f"ends at {end:.6g}: use smaller radii or a longer record, and check the units."
+        )

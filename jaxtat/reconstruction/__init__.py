@@ -1,0 +1,19 @@
+"""Steps 2 to 5 of the paper, one file each, and the pipeline that runs them."""
+
+from .fbp import filtered_back_projection
+from .pipeline import reconstruct
+from .polar_fourier import polar_fourier
+from .radial_transform import radial_transform, total_integrals
+from .radon import cosine_filter, offset_step, polar_fourier_of_projections, radon_projections
+
+__all__ = [
+    "cosine_filter",
+    "filtered_back_projection",
+    "offset_step",
+    "polar_fourier",
+    "polar_fourier_of_projections",
+    "radial_transform",
+    "radon_projections",
+    "reconstruct",
+    "total_integrals",
+]

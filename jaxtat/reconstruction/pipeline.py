@@ -1,0 +1,58 @@
+"""Steps 2 to 5 in a row: from circular integrals to the image. Only this file knows the plan."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..checks import Numbers, real_array
+from ..plan import ReconstructionPlan
+from .fbp import filtered_back_projection
+from .polar_fourier import polar_fourier
+from .radial_transform import radial_transform, total_integrals
+from .radon import LowPass, offset_step, radon_projections
+
+
+def reconstruct(
+    plan: ReconstructionPlan, g: Numbers, *, low_pass: LowPass | None = None
+) -> Float[Array, "*batch x1 x2"]:
+    """The image f on the plan's grid from its circular integrals g.
+
+    Linear in g. Meaningful inside ``plan.region``; mask the rest with
+    ``plan.region.contains(plan.grid.points)``.
+
+    Args:
+        plan: from `build_plan` or `load_plan`.
+        g: g(z, r) = ∫_{|x - z| = r} f dl, float32 or float64, (..., detectors, radii).
+        low_pass: eta(lambda / lambda_max), for instance `cosine_filter`; none by default.
+
+    Returns:
+        (..., x1, x2), the unit of g per length.
+
+    Raises:
+        ValueError: for data of the wrong shape or dtype, or with NaN.
+
+    Source: Kunyansky 2008, section 3.
+    """
+    g = _data(plan, g)
+    relative = jnp.arange(plan.frequencies.shape[0] + 1) / plan.frequencies.shape[0]
+    eta = jnp.ones_like(relative) if low_pass is None else low_pass(relative)
+    return _reconstruct(plan, g, real_array("low_pass", eta, relative.shape))
+
+
+@eqx.filter_jit
+def _reconstruct(plan: ReconstructionPlan, g: Array, eta: Array) -> Array:
+    transformed = radial_transform(g, plan.radii, plan.frequencies)
+    mass = total_integrals(g, plan.radii)
+    fhat = polar_fourier(transformed, plan.densities, plan.curve.weights, mass)
+    projections = radon_projections(fhat, plan.frequency_step, eta)
+    step = offset_step(plan.frequency_step, plan.frequencies.shape[0])
+    return filtered_back_projection(projections, step, plan.angles, plan.grid, plan.region.center)
+
+
+def _data(plan: ReconstructionPlan, g: Numbers) -> Array:
+    if not jnp.issubdtype(jnp.asarray(g).dtype, jnp.floating):
+        raise ValueError(
+            f"g has dtype {jnp.asarray(g).dtype}, expected float64 or float32 circular integrals; "
+            "raw counts go through condition_record and pressure_to_circular_integrals first."
+        )
+    return real_array("g", g, ("...", plan.curve.n_detectors, plan.radii.shape[0]))

@@ -1,0 +1,51 @@
+"""Step 2: radial transform of the data with the kernels of the potentials."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..special import j0, y0
+
+
+@jax.jit
+def radial_transform(
+    g: Float[Array, "*batch detectors radii"],
+    radii: Float[Array, " radii"],
+    frequencies: Float[Array, " frequencies"],
+) -> Float[Array, "*batch frequencies 2 detectors"]:
+    """G_J(lambda, z) = ∫ g(z, r) J_0(lambda r) dr, and G_Y with Y_0, by the trapezoid rule.
+
+    Args:
+        g: circular integrals, (..., detectors, radii).
+        radii: r > 0, increasing, (radii,) [length].
+        frequencies: lambda > 0, (frequencies,) [rad/length].
+
+    Returns:
+        (G_J, G_Y), (..., frequencies, 2, detectors), so that step 3 reads memory in order.
+
+    Source: Kunyansky 2008, section 3.
+
+    >>> r = jnp.linspace(0.01, 1.0, 100)
+    >>> radial_transform(jnp.ones((3, 7, 100)), r, jnp.array([1.0, 2.0])).shape
+    (3, 2, 2, 7)
+    """
+    argument = frequencies[:, None] * radii
+    kernels = jnp.stack([j0(argument), y0(argument)], axis=1) * trapezoid_weights(radii)
+    return jnp.einsum("...kr,fjr->...fjk", g, kernels)
+
+
+def total_integrals(
+    g: Float[Array, "*batch detectors radii"], radii: Float[Array, " radii"]
+) -> Float[Array, "*batch detectors"]:
+    """∫ g(z, r) dr = ∫ f dx, the total mass, once per detector."""
+    return g @ trapezoid_weights(radii)
+
+
+def trapezoid_weights(nodes: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Weights of the trapezoid rule on increasing nodes.
+
+    >>> trapezoid_weights(jnp.array([0.0, 1.0, 3.0])).tolist()
+    [0.5, 1.5, 1.0]
+    """
+    half = jnp.diff(nodes) / 2
+    return jnp.pad(half, (0, 1)) + jnp.pad(half, (1, 0))

@@ -1,0 +1,43 @@
+"""64 bits, shapes and types of every call checked, and what several tests share."""
+
+import os
+from pathlib import Path
+
+import jax
+import pytest
+from jaxtyping import install_import_hook
+
+jax.config.update("jax_enable_x64", True)
+# every annotation of an array in the package is checked, in every test
+with install_import_hook("jaxtat", "beartype.beartype"):
+    import jaxtat
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """Data made by others: JAXTAT_DATA, or ../shared/data beside the checkout."""
+    default = Path(__file__).resolve().parents[2] / "shared" / "data"
+    return Path(os.environ.get("JAXTAT_DATA", default))
+
+
+@pytest.fixture
+def data_file(data_folder, request):
+    """The file named by the test's parameter, or a skip that says what is missing."""
+    path = data_folder / request.param
+    if not path.is_file():
+        pytest.skip(f"{path.name} is not in {data_folder} (set JAXTAT_DATA)")
+    return path
+
+
+@pytest.fixture(scope="session")
+def small():
+    """A three-quarter arc small enough for unit tests: (curve, region, grid, radii)."""
+    grid = jaxtat.ImageGrid(33)
+    curve = jaxtat.circular_arc(1.3, 1.0, 130)
+    region = jaxtat.truncated_disk(1.0, 1.0, 260)
+    return curve, region, grid, jaxtat.data_radii(curve, region, grid.spacing[0])
+
+
+@pytest.fixture(scope="session")
+def small_plan(small):
+    return jaxtat.build_plan(*small, progress=False)

@@ -1,0 +1,176 @@
+"""Acquisition curves against exact arcs, in any position, order and spacing."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from jax.test_util import check_grads
+
+from jaxtat import circular_arc, detector_curve, fit_circle
+
+unit = st.floats(-3.0, 3.0)
+
+
+def points_on_arc(radius, center, angles):
+    return np.asarray(center) + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+@given(
+    st.floats(0.01, 50.0), st.floats(-0.95, 0.99), st.sampled_from([3, 17, 60]), unit, unit, unit
+)
+@settings(deadline=None, max_examples=40)
+def test_arc_lies_on_its_circle_and_opens_where_it_should(radius, cut, n, c1, c2, angle):
+    curve = circular_arc(radius, cut * radius, n, center=(c1, c2), angle=angle)
+    local = np.asarray(curve.points) - np.array([c1, c2])
+    assert np.allclose(np.linalg.norm(local, axis=1), radius, rtol=1e-9)
+    assert np.allclose(local, radius * np.asarray(curve.normals), atol=1e-9 * (radius + 5))
+    assert np.all(local @ [np.cos(angle), np.sin(angle)] < cut * radius + 1e-9 * radius)
+    assert np.isclose(curve.weights.sum(), radius * 2 * (np.pi - np.arccos(cut)), rtol=1e-12)
+
+
+def test_full_circle_is_closed_and_whole():
+    curve = circular_arc(1.3, 1.3, 100)
+    assert curve.closed
+    assert np.isclose(curve.weights.sum(), 2 * np.pi * 1.3, rtol=1e-14)
+    assert not circular_arc(1.3, 1.29, 100).closed
+
+
+@given(
+    st.floats(0.01, 50.0),
+    st.sampled_from([12, 25, 60]),
+    st.floats(0.2, 5.0),
+    unit,
+    unit,
+    st.randoms(),
+)
+@settings(deadline=None, max_examples=40)
+def test_measured_positions_at_any_spacing_give_exact_weights_and_normals(
+    radius, n, span, c1, c2, random
+):
+    steps = np.array([random.uniform(0.5, 1.5) for _ in range(n - 1)])
+    angles = random.uniform(0, 6) + np.concatenate([[0], np.cumsum(steps) / steps.sum() * span])
+    points = points_on_arc(radius, (c1, c2), angles)
+    curve = detector_curve(points, closed=False)
+    gaps = radius * np.diff(angles)
+    halves = (np.append(gaps[0], gaps) + np.append(gaps, gaps[-1])) / 2
+    assert np.allclose(curve.weights, halves, rtol=1e-9)
+    outward = points_on_arc(1.0, (0, 0), angles)
+    assert np.allclose(curve.normals, outward, atol=1e-9)
+
+
+@pytest.mark.parametrize("z_right", [-0.5, 0.0, 1.0, 1.3])
+def test_positions_of_an_arc_give_the_arc_back(z_right):
+    arc = circular_arc(1.3, z_right, 256, center=(0.4, -2.0), angle=2.2)
+    measured = detector_curve(arc.points)
+    assert measured.closed == arc.closed
+    assert np.allclose(measured.weights, arc.weights, rtol=1e-9)
+    assert np.allclose(measured.normals, arc.normals, atol=1e-9)
+
+
+def test_clockwise_order_gives_the_same_curve_backwards():
+    arc = circular_arc(1.3, 0.5, 64)
+    backwards = detector_curve(arc.points[::-1])
+    assert np.allclose(backwards.weights, arc.weights, rtol=1e-9)
+    assert np.allclose(backwards.normals, arc.normals[::-1], atol=1e-9)
+
+
+def test_straight_array_has_straight_weights():
+    x = np.linspace(-1, 1, 21)
+    curve = detector_curve(np.stack([x, np.zeros(21)], axis=1))
+    assert np.allclose(curve.weights, 0.1, rtol=1e-12)
+    assert np.allclose(np.abs(np.asarray(curve.normals)), [0, 1], atol=1e-12)
+
+
+def test_ellipse_weights_converge_with_fourth_order():
+    from scipy.special import ellipe
+
+    def length_error(n):
+        t = 2 * np.pi * np.arange(n) / n
+        curve = detector_curve(np.stack([1.5 * np.cos(t), np.sin(t)], axis=1))
+        return abs(float(curve.weights.sum()) - 4 * 1.5 * ellipe(1 - 1 / 1.5**2))
+
+    assert length_error(40) < 2e-4
+    assert length_error(80) < length_error(40) / 12
+
+
+def test_planar_arrays_may_come_with_a_constant_third_coordinate():
+    arc = np.asarray(circular_arc(1.3, 0.5, 64).points)
+    for axis in range(3):
+        spatial = np.insert(arc, axis, 0.7, axis=1)
+        assert np.allclose(detector_curve(spatial).points, arc)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda p: p[[0, 2, 1, *range(3, 64)]], "not in order: the curve turns back"),
+        (lambda p: np.roll(p, 20, axis=0), "widest opening lies between detectors 19 and 20"),
+        (lambda p: p[np.random.default_rng(0).permutation(64)], "not in order"),
+        (lambda p: p[[0, 0, *range(1, 64)]], "detectors 0 and 1 are at the same position"),
+        (lambda p: p[:1], "got 1 detector"),
+        (lambda p: p[:, :1], "shape"),
+        (lambda p: np.where(p > 1.2, np.nan, p), "NaN or infinite"),
+        (lambda p: p + 0j, "complex"),
+        (lambda p: np.insert(p, 2, p[:, 0] * p[:, 1], axis=1), "do not lie in a coordinate plane"),
+    ],
+)
+def test_bad_positions_are_refused(change, message):
+    points = np.asarray(circular_arc(1.3, 0.5, 64).points)
+    with pytest.raises(ValueError, match=message):
+        detector_curve(change(points))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((1.3, 0.0, 1), "got 1 detector"),
+        ((-1.3, 0.0, 10), "radius is -1.3"),
+        ((1.3, -1.4, 10), "is empty"),
+        ((np.nan, 0.0, 10), "NaN"),
+        (("wide", 0.0, 10), "no array of real numbers"),
+    ],
+)
+def test_bad_arcs_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        circular_arc(*arguments)
+
+
+@given(st.floats(0.1, 50.0), unit, unit, st.floats(0.5, 6.2), st.floats(0.0, 6.2))
+@settings(deadline=None, max_examples=30)
+def test_fit_circle_finds_the_circle_of_an_arc(radius, c1, c2, span, start):
+    points = points_on_arc(radius, (c1, c2), start + np.linspace(0, span, 50))
+    circle = fit_circle(points)
+    assert np.allclose(circle.radius, radius, rtol=1e-7)
+    assert np.allclose(circle.center, [c1, c2], atol=1e-7 * radius)
+
+
+def test_derivatives_of_curves():
+    arc = circular_arc(1.3, 0.5, 12)
+
+    def arc_fields(radius, z_right, center, angle):
+        curve = circular_arc(radius, z_right, 12, center=center, angle=angle)
+        return curve.points, curve.weights, curve.normals
+
+    def measured_fields(points):
+        curve = detector_curve(points, closed=False)
+        return curve.weights, curve.normals
+
+    arguments = (jnp.array(1.3), jnp.array(0.4), jnp.array([0.2, 0.1]), jnp.array(0.3))
+    check_grads(arc_fields, arguments, order=1, modes=["fwd", "rev"], rtol=1e-6)
+    check_grads(measured_fields, (arc.points,), order=1, modes=["fwd", "rev"], rtol=1e-6)
+    check_grads(lambda p: fit_circle(p).radius, (arc.points,), order=1, modes=["fwd", "rev"])
+
+
+def test_straight_arrays_have_finite_derivatives():
+    x = jnp.linspace(-1, 1, 9)
+    points = jnp.stack([x, jnp.zeros(9)], axis=1)
+    assert jnp.isfinite(detector_curve(points, closed=False).normals).all()
+    gradient = jax.grad(lambda p: detector_curve(p, closed=False).weights.sum())(points)
+    assert jnp.isfinite(gradient).all()
+
+
+def test_traced_positions_need_to_be_told_whether_closed():
+    with pytest.raises(ValueError, match="closed must be given"):
+        jax.jit(lambda p: detector_curve(p).weights)(circular_arc(1.3, 0.5, 12).points)
