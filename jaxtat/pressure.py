@@ -1,14 +1,15 @@
 """Pressure records to circular integrals, and what a raw record needs before.
 
-A record p(z_k, t) starts from p(., 0) = f, dp/dt(., 0) = 0. With the travelled path tau = c t both
-acoustic models are integrals over the record up to tau = r,
+A record p(z_k, t) starts from p(., 0) = f, dp/dt(., 0) = 0, and is even in time. Sampled finely
+enough, it is the cosine series p(t) = Σ_m a_m cos(omega_m t), omega_m = m π/T, of its samples on
+[0, T]. Both acoustic models are integrals over the travelled path tau = c t up to tau = r, and
+those of a cosine are known:
 
-    2-D waves:        g(z, r) = 4 r ∫_0^r p(z, tau) / √(r² - tau²) dtau
-                              = 4 r ∫_0^{π/2} p(z, r sin a) da,
-    in-plane focused: g(z, r) = r ∫_0^r p(z, tau) dtau                     (up to a constant),
+    2-D waves:        g(z, r) = 4 r ∫_0^{π/2} p(z, r sin a / c) da = 2π r Σ_m a_m J_0(omega_m r/c),
+    in-plane focused: g(z, r) = r ∫_0^r p(z, tau/c) dtau = r Σ_m a_m (c/omega_m) sin(omega_m r/c).
 
-hence a matrix (radii, times) that does not depend on the record and carries all derivatives with
-respect to radii and sound speed.
+So each is a matrix (radii, times) that does not depend on the record, exact for band-limited ones,
+with all derivatives with respect to radii and sound speed.
 """
 
 from typing import Literal
@@ -18,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .checks import Numbers, is_concrete, real_array, require_positive
-from .interpolation import KEYS, kernel_weights
+from .special import j0
 
 Model = Literal["2d", "in-plane"]
 
@@ -127,36 +128,29 @@ def condition_record(
 
 
 def _record_matrix(times: Array, radii: Array, sound_speed: Array, model: Model) -> Array:
-    """W with g = W p: Gauss nodes on [0, r], each spread over four samples by Keys' weights."""
-    n_times = times.shape[0]
-    x, w = _two_point_gauss(2 * n_times)
+    """W with g = W p: cosine coefficients of the record, then the integral of each cosine."""
+    n_times, step, end = times.shape[0], times[1] - times[0], times[-1]
+    # at most one coefficient per sample on [0, T], also when the record starts late
+    omega = jnp.pi / end * jnp.arange(_samples_from_zero(times))
+    j = jnp.arange(n_times)
+    # the trapezoid rule on [0, T]; before a late start the record is zero
+    halved = (j == n_times - 1) | ((j == 0) & (times[0] < step / 2))
+    weights = jnp.where(halved, 0.5, 1.0) * (2 * step / end)
+    to_coefficients = jnp.cos(omega[:, None] * times) * weights
+    to_coefficients = to_coefficients.at[0].multiply(0.5).at[-1].multiply(0.5)
+    argument = omega * radii[:, None] / sound_speed
     if model == "2d":
-        path, weight = jnp.sin(jnp.pi / 2 * x), 4 * radii[:, None] * (jnp.pi / 2 * w)
+        integrals = 2 * jnp.pi * radii[:, None] * j0(argument)
     else:
-        path, weight = x, radii[:, None] ** 2 * w
-    step = times[1] - times[0]
-    position = (radii[:, None] * path / sound_speed - times[0]) / step
-    first = jnp.floor(position)
-    shares = kernel_weights(KEYS, position - first) * weight  # (4, radii, nodes)
-    # beyond the ends the record is continued by its end values after the last sample (a node may
-    # lie within rounding of it) and by zero before the first
-    column = first.astype(jnp.int32)[None] + jnp.arange(-1, 3)[:, None, None]
-    shares = jnp.where((column >= 0) | (times[0] <= 0), shares, 0.0)
-    column = jnp.clip(_mirror(column, times[0] <= 0), 0, n_times - 1)
-    row = jnp.broadcast_to(jnp.arange(radii.shape[0])[None, :, None], column.shape)
-    return jnp.zeros((radii.shape[0], n_times)).at[row, column].add(shares)
+        integrals = radii[:, None] ** 2 * jnp.sinc(argument / jnp.pi)
+    return integrals @ to_coefficients
 
 
-def _mirror(column: Array, starts_at_zero: Array) -> Array:
-    """p is even in time, dp/dt(., 0) = 0: sample -1 of a record from t = 0 is sample 1."""
-    return jnp.where((column < 0) & starts_at_zero, -column, column)
-
-
-def _two_point_gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights on [0, 1]: n panels with two Gauss points each, fourth order."""
-    left = np.arange(n)[:, None] / n
-    offset = (1 + np.array([-1.0, 1.0]) / np.sqrt(3)) / (2 * n)
-    return (left + offset).ravel(), np.full(2 * n, 0.5 / n)
+def _samples_from_zero(times: Array) -> int:
+    """How many samples [0, T] would have; for traced times those that there are."""
+    if not is_concrete(times):
+        return times.shape[0]
+    return round(float(times[-1] / (times[1] - times[0]))) + 1
 
 
 def _median_after(pressure: Array, since: Array, dead_time: Array) -> Array:
@@ -191,6 +185,8 @@ def _require_equispaced(times: Array) -> None:
             f"times have steps from {steps.min():.6g} to {steps.max():.6g}, expected equal "
             "positive steps: resample the record."
         )
+    if float(times[0]) < 0:
+        raise ValueError(f"times start at {float(times[0]):.6g}: drop the samples before t = 0.")
 
 
 def _require_record(times: Array, radii: Array, sound_speed: Array) -> None:

@@ -1,0 +1,8 @@
+"""Bessel functions of integer order for JAX, and the full-circle norm built from them."""
+
+from .bessel import j0 as j0
+from .bessel import j1 as j1
+from .bessel import y0 as y0
+from .bessel import y1 as y1
+from .sequences import full_circle_norm as full_circle_norm
+from .sequences import hankel_sequence as hankel_sequence
