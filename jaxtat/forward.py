@@ -134,7 +134,7 @@ def _arc_nodes(
     proper = (jnp.abs(cosine) < 1) & (d2 > 0)
     angle = jnp.arccos(jnp.where(proper, cosine, 0.0))
     half = jnp.where(proper, angle, jnp.where((cosine <= -1) | (d2 == 0), jnp.pi, 0.0))
-    towards = to_center / d
+    towards = jnp.where(d2 > 0, to_center / d, jnp.array([1.0, 0.0]))
     phi = half[:, None] * ((2 * jnp.arange(n_points) + 1) / n_points - 1)
     along, across = jnp.cos(phi), jnp.sin(phi)
     direction = jnp.stack(

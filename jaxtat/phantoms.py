@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float
 
 from .checks import Numbers, real_array, require_positive
 from .geometry import DetectorCurve, ImageGrid
@@ -55,8 +55,9 @@ class _RadialParts(eqx.Module):
         return self(grid.points)
 
     @eqx.filter_jit
-    def __call__(self, points: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
-        """f at any points, (..., 2) [length]."""
+    def __call__(self, points: Numbers) -> Array:
+        """f at any points, (..., 2) [length]; returns (...)."""
+        points = jnp.asarray(points)
 
         def one(center: Array, radius: Array, amplitude: Array) -> Array:
             return amplitude * self._profile(_distance(points - center) / radius)
@@ -65,7 +66,7 @@ class _RadialParts(eqx.Module):
 
     @eqx.filter_jit
     def circular_integrals(
-        self, curve: DetectorCurve, radii: Float[Array, " radii"]
+        self, curve: DetectorCurve, radii: Numbers
     ) -> Float[Array, "detectors radii"]:
         """g(z, r) = ∫_{|x - z| = r} f dl, exact up to rounding (quadrature below 1e-12 for bells).
 
@@ -77,20 +78,21 @@ class _RadialParts(eqx.Module):
             (detectors, radii) [length, for a dimensionless f].
         """
 
+        radii = jnp.asarray(radii)
+
         def of_detector(point: Array) -> Array:
             def one(center: Array, radius: Array, amplitude: Array) -> Array:
                 distance = _distance(point - center)
-                return amplitude * self._arc_integral(distance, jnp.asarray(radii), radius)
+                return amplitude * self._arc_integral(distance, radii, radius)
 
             return self._sum_over_parts(one)
 
         return jax.lax.map(of_detector, curve.points, batch_size=64)
 
     @eqx.filter_jit
-    def radon(
-        self, angles: Float[Array, " directions"], offsets: Float[Array, " offsets"]
-    ) -> Float[Array, "directions offsets"]:
+    def radon(self, angles: Numbers, offsets: Numbers) -> Float[Array, "directions offsets"]:
         """p(theta, s) = ∫_{x·(cos theta, sin theta) = s} f dl, (directions, offsets) [length]."""
+        angles, offsets = jnp.asarray(angles), jnp.asarray(offsets)
         normal = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
 
         def one(center: Array, radius: Array, amplitude: Array) -> Array:
@@ -101,8 +103,8 @@ class _RadialParts(eqx.Module):
 
     @eqx.filter_jit
     def fourier(
-        self, frequencies: Float[Array, " frequencies"], angles: Float[Array, " directions"]
-    ):
+        self, frequencies: Numbers, angles: Numbers
+    ) -> Complex[Array, "frequencies directions"]:
         """fhat(xi) = (1/2π) ∫ f(x) exp(-i xi·x) dx at xi = lambda (cos theta, sin theta).
 
         Args:
@@ -112,6 +114,7 @@ class _RadialParts(eqx.Module):
         Returns:
             Complex, (frequencies, directions).
         """
+        frequencies, angles = jnp.asarray(frequencies), jnp.asarray(angles)
         normal = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
 
         def one(center: Array, radius: Array, amplitude: Array) -> Array:

@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Callable
 from functools import partial
-from typing import Literal
 
 import equinox as eqx
 import jax
@@ -29,8 +28,6 @@ from .regularization import NormBound, Regularization
 from .special import full_circle_norm
 from .symmetry import find_mirror
 
-Method = Literal["collocation", "series"]
-Precision = Literal["double", "single"]
 Solver = Callable[[Array, Array, Array], tuple[Array, DensityReport]]
 _COMPLEX = {"double": jnp.complex128, "single": jnp.complex64}
 _FREQUENCIES_AT_A_TIME = 4
@@ -74,10 +71,10 @@ def build_plan(
     radii: Numbers,
     regularization: Regularization | None = None,
     *,
-    method: Method = "collocation",
+    method: str = "collocation",
     max_frequency: Numbers | None = None,
     n_directions: int | None = None,
-    precision: Precision = "double",
+    precision: str = "double",
     progress: bool = True,
 ) -> ReconstructionPlan:
     """Densities of the plane waves exp(-i xi·x) for all xi on a polar grid: step 1 of the paper.
@@ -187,7 +184,7 @@ def _require_geometry(
 
 
 def _solver(
-    method: Method,
+    method: str,
     curve: DetectorCurve,
     region: Region,
     regularization: Regularization | None,
@@ -233,7 +230,7 @@ def _in_pieces(
     frequencies: Array,
     unit_norms: Array,
     angles: Array,
-    precision: Precision,
+    precision: str,
     progress: bool,
 ) -> tuple[Array, DensityReport]:
     """All frequencies, a few at a time: a progress bar, and no second copy of the densities."""

@@ -12,8 +12,6 @@ So each is a matrix (radii, times) that does not depend on the record, exact for
 with all derivatives with respect to radii and sound speed.
 """
 
-from typing import Literal
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -21,7 +19,7 @@ from jaxtyping import Array, Float
 from .checks import Numbers, is_concrete, real_array, require_positive
 from .special import j0
 
-Model = Literal["2d", "in-plane"]
+MODELS = ("2d", "in-plane")
 
 
 def pressure_to_circular_integrals(
@@ -30,7 +28,7 @@ def pressure_to_circular_integrals(
     radii: Numbers,
     *,
     sound_speed: Numbers = 1.0,
-    model: Model = "2d",
+    model: str = "2d",
 ) -> Float[Array, "*batch detectors radii"]:
     """g(z, r) from pressure records p(z, t).
 
@@ -69,7 +67,7 @@ def pressure_to_circular_integrals(
     sound_speed = real_array("sound_speed", sound_speed, ())
     require_positive("sound_speed", sound_speed)
     require_positive("radii", radii)
-    if model not in ("2d", "in-plane"):
+    if model not in MODELS:
         raise ValueError(f"model is {model!r}, expected '2d' or 'in-plane'.")
     _require_record(times, radii, sound_speed)
     matrix = _record_matrix(times, radii, sound_speed, model)
@@ -87,9 +85,10 @@ def condition_record(
     """Make a raw record ready: silence the start, remove the offset, limit the band.
 
     Samples before ``dead_time`` (the laser's electrical artefact) are faded out over as long again
-    as the dead time, capped at a tenth of the record; the median of the rest is subtracted from
-    each detector; a zero-phase Butterworth band-pass |H| = 1/√((1 + (f_lo/f)^2n)(1 + (f/f_hi)^2n))
-    removes drift and noise. Ends are tapered so that the filter does not ring there.
+    as the dead time, capped at a tenth of the record. Offset and drift of each detector, a straight
+    line through the medians of its first and last third, are subtracted. A zero-phase Butterworth
+    band-pass |H| = 1/√((1 + (f_lo/f)^2n)(1 + (f/f_hi)^2n)) removes noise and slow drift; the ends
+    are tapered so that it does not ring there.
 
     Args:
         pressure: raw counts or pascals, (..., detectors, times).
@@ -118,7 +117,7 @@ def condition_record(
     since = times - times[0]
     fade = jnp.clip(dead_time, 2 * (times[1] - times[0]), duration / 10)
     window = _rise((since - dead_time) / fade) * _rise((duration - since) / (duration / 20))
-    centred = pressure - _median_after(pressure, since, dead_time)
+    centred = pressure - _baseline(pressure)
     if band is None:
         return centred * _rise((since - dead_time) / fade)
     low, high = real_array("band[0]", band[0], ()), real_array("band[1]", band[1], ())
@@ -127,7 +126,7 @@ def condition_record(
     return _band_pass(centred * window, times[1] - times[0], low, high, order)
 
 
-def _record_matrix(times: Array, radii: Array, sound_speed: Array, model: Model) -> Array:
+def _record_matrix(times: Array, radii: Array, sound_speed: Array, model: str) -> Array:
     """W with g = W p: cosine coefficients of the record, then the integral of each cosine."""
     n_times, step, end = times.shape[0], times[1] - times[0], times[-1]
     # at most one coefficient per sample on [0, T], also when the record starts late
@@ -153,9 +152,14 @@ def _samples_from_zero(times: Array) -> int:
     return round(float(times[-1] / (times[1] - times[0]))) + 1
 
 
-def _median_after(pressure: Array, since: Array, dead_time: Array) -> Array:
-    alive = jnp.where(since >= dead_time, pressure, jnp.nan)
-    return jnp.nanmedian(alive, axis=-1, keepdims=True)
+def _baseline(pressure: Array) -> Array:
+    """Straight lines through the medians of the first and last third, which pulses do not move."""
+    n = pressure.shape[-1]
+    third = n // 3
+    first = jnp.median(pressure[..., :third], axis=-1, keepdims=True)
+    last = jnp.median(pressure[..., n - third :], axis=-1, keepdims=True)
+    along = (jnp.arange(n) - (third - 1) / 2) / (n - third)  # 0 and 1 in the middle of the thirds
+    return first + (last - first) * along
 
 
 def _rise(t: Array) -> Array:
@@ -170,8 +174,8 @@ def _band_pass(record: Array, step: Array, low: Array, high: Array, order: int) 
     ratio = frequency / high
     safe = jnp.where(frequency > 0, frequency, 1.0)
     response = 1 / (1 + ratio ** (2 * order)) / (1 + (low / safe) ** (2 * order))
-    response = jnp.where((frequency > 0) | (low == 0), response, 0.0)
-    return jnp.fft.irfft(jnp.fft.rfft(record, padded) * jnp.sqrt(response), padded)[..., :n]
+    gain = jnp.where((frequency > 0) | (low == 0), jnp.sqrt(response), 0.0)
+    return jnp.fft.irfft(jnp.fft.rfft(record, padded) * gain, padded)[..., :n]
 
 
 def _require_equispaced(times: Array) -> None:

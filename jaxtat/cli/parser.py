@@ -1,9 +1,8 @@
 """The arguments of every command, with their help."""
 
 import argparse
-from typing import get_args
 
-from ..pressure import Model
+from ..pressure import MODELS
 from . import commands
 
 _EXAMPLES = """examples:
@@ -74,9 +73,7 @@ def _add_reconstruct(subparsers) -> None:
     parser.add_argument("--plan", metavar="FILE", help="use this plan instead of building one")
     parser.add_argument("--low-pass", choices=["none", "cosine"], default="none")
     data = parser.add_argument_group("pressure records")
-    data.add_argument(
-        "--model", choices=get_args(Model), default="2d", help="acoustic model (default: 2d)"
-    )
+    data.add_argument("--model", choices=MODELS, default="2d", help="acoustic model (default: 2d)")
     data.add_argument(
         "--sound-speed", type=float, metavar="C", help="default: from the file, else 1"
     )
