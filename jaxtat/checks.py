@@ -41,7 +41,7 @@ def real_array(name: str, value: Numbers, shape: tuple[int | str | None, ...] | 
     require_x64()
     try:
         dtype = jnp.asarray(value).dtype
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} is no array of real numbers: {error}.") from error
     if not (jnp.issubdtype(dtype, jnp.floating) or jnp.issubdtype(dtype, jnp.integer)):
         raise ValueError(f"{name} has dtype {dtype}, expected real numbers: pass float64 values.")

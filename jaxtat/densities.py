@@ -24,11 +24,11 @@ class DensityReport(eqx.Module):
         unit_norm: N(lambda) of the full circle, (frequencies,) [1/length^(1/2)].
     """
 
-    singular_values: Float[Array, "frequencies rank"]
-    j_max: Float[Array, "frequencies directions"]
-    norm: Float[Array, "frequencies directions"]
-    residual: Float[Array, "frequencies directions"]
-    unit_norm: Float[Array, " frequencies"]
+    singular_values: Float[Array, "*frequencies rank"]
+    j_max: Float[Array, "*frequencies directions"]
+    norm: Float[Array, "*frequencies directions"]
+    residual: Float[Array, "*frequencies directions"]
+    unit_norm: Float[Array, "*frequencies"]
 
 
 @eqx.filter_jit

@@ -17,14 +17,15 @@ def paper(options: argparse.Namespace) -> None:
 
 def plan(options: argparse.Namespace) -> None:
     """``jaxtat plan``."""
+    from ..io.atomic import require_place
     from ..io.plans import save_plan
     from ..io.scans import load_scan
-    from .setup import plan_for
+    from .setup import geometry, plan_for
 
     start = time.perf_counter()
+    require_place(options.out)
     scan = load_scan(options.detectors_from) if options.detectors_from else None
-    known = scan.known if scan else {}
-    built = plan_for(options, known, None)
+    built = plan_for(options, geometry(options, scan))
     save_plan(built, options.out)
     _report(options, _accuracy(built), start)
     _report(options, f"plan written to {options.out}", start)
@@ -32,24 +33,27 @@ def plan(options: argparse.Namespace) -> None:
 
 def reconstruct(options: argparse.Namespace) -> None:
     """``jaxtat reconstruct``."""
-    import jax.numpy as jnp
-
+    from ..io.atomic import require_place
     from ..io.images import require_suffix, save_image
     from ..io.plans import load_plan
     from ..io.scans import load_scan
     from ..reconstruction import reconstruct as run
-    from .setup import circular_integrals_of, low_pass, plan_for
+    from .setup import circular_integrals_of, geometry, low_pass, plan_for, require_free
 
     start = time.perf_counter()
     require_suffix(options.out)
+    require_place(options.out)
     scan = load_scan(options.file)
+    # what can be wrong with the data is found before the densities are computed
     if options.plan:
+        require_free(options)
         chosen_plan = load_plan(options.plan)
+        g = circular_integrals_of(scan, options, chosen_plan.curve, chosen_plan.radii)
     else:
-        radii = scan.known.get("radii") if scan.kind == "circular_integrals" else None
-        chosen_plan = plan_for(options, scan.known, None if radii is None else jnp.asarray(radii))
+        wanted = geometry(options, scan)
+        g = circular_integrals_of(scan, options, wanted[0], wanted[-1])
+        chosen_plan = plan_for(options, wanted)
     _report(options, _accuracy(chosen_plan), start)
-    g = circular_integrals_of(scan, options, chosen_plan)
     image = run(chosen_plan, g, low_pass=low_pass(options))
     settings = {
         name: value if isinstance(value, str | int | float | bool) else json.dumps(value)

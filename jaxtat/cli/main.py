@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"jaxtat: error: {' '.join(str(error).split())}", file=sys.stderr)
             return BAD_INPUT
         except KeyboardInterrupt:
-            print("jaxtat: interrupted, nothing was written", file=sys.stderr)
+            print("jaxtat: interrupted", file=sys.stderr)
             return INTERRUPTED
     return 0
 

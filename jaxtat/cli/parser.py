@@ -117,7 +117,7 @@ def _add_geometry(parser: argparse.ArgumentParser) -> None:
     )
     region.add_argument("--region-center", type=float, nargs=2, metavar=("X1", "X2"))
     image = parser.add_argument_group("image")
-    image.add_argument("--pixels", type=int, default=129, metavar="N", help="N x N (default 129)")
+    image.add_argument("--pixels", type=int, metavar="N", help="N x N (default 129)")
     image.add_argument("--half-width", type=float, metavar="B", help="default: the region's radius")
     _add_method(parser)
 

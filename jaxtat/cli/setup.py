@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from ..checks import Numbers, real_array
 from ..geometry import (
     DetectorCurve,
     ImageGrid,
@@ -28,16 +29,20 @@ def detectors(options: argparse.Namespace, known: dict[str, np.ndarray]) -> Dete
     """The curve of --arc, --ring or the file's positions, reduced to --use."""
     if options.arc:
         radius, z_right, n = options.arc
-        curve = circular_arc(radius, z_right, int(n))
+        curve = circular_arc(radius, z_right, _count("--arc", n))
         if options.use is None:
             return curve
         positions = np.asarray(curve.points)
     elif options.ring:
-        radius, n = options.ring
-        theta = 2 * np.pi * np.arange(int(n)) / int(n)
+        radius, n = options.ring[0], _count("--ring", options.ring[1])
+        theta = 2 * np.pi * np.arange(n) / n
         positions = radius * np.stack([np.cos(theta), np.sin(theta)], axis=1)
     elif "detectors" in known:
         positions = known["detectors"]
+        if positions.ndim != 2:
+            raise ValueError(
+                f"positions have shape {positions.shape}, expected (detectors, 2 or 3)."
+            )
     else:
         raise ValueError("no detector positions: give --arc or --ring, or name them in the file.")
     return detector_curve(positions[chosen(options.use, len(positions))])
@@ -51,30 +56,44 @@ def chosen(use: str | None, n: int) -> np.ndarray:
     """
     if use is None:
         return np.arange(n)
+    return np.concatenate([_piece(piece, n) for piece in use.split(",")])
+
+
+def _piece(text: str, n: int) -> np.ndarray:
     try:
-        pieces = [slice(*(int(v) if v else None for v in s.split(":"))) for s in use.split(",")]
-        indices = np.concatenate([np.arange(n)[piece] for piece in pieces])
+        bounds = [int(bound) if bound else None for bound in text.split(":")]
+        piece = np.arange(n)[slice(*bounds)] if len(bounds) > 1 else None
     except (ValueError, TypeError):
-        raise ValueError(
-            f"--use {use}: expected slices such as 904:1024,0:616 or 0:500:2."
-        ) from None
-    return indices
+        piece = None
+    if piece is None:
+        raise ValueError(f"--use {text}: expected slices such as 904:1024,0:616 or 0:500:2.")
+    if piece.size == 0 or any(abs(bound) > n for bound in bounds[:2] if bound is not None):
+        raise ValueError(f"--use {text}: there are {n} detectors, 0 to {n - 1}.")
+    return piece
+
+
+def geometry(
+    options: argparse.Namespace, scan: Scan | None
+) -> tuple[DetectorCurve, TruncatedDisk, ImageGrid, Array]:
+    """Curve, region, grid and radii that the options and the file ask for.
+
+    Radii are those of the file's circular integrals, else the pixel apart.
+    """
+    curve = detectors(options, scan.known if scan else {})
+    region = _region(options, curve)
+    half_width = float(region.reach) if options.half_width is None else options.half_width
+    grid = ImageGrid(129 if options.pixels is None else options.pixels, half_width, region.center)
+    if scan and scan.kind == "circular_integrals" and "radii" in scan.known:
+        return curve, region, grid, real_array("radii", scan.known["radii"], ("radii",))
+    return curve, region, grid, data_radii(curve, region, grid.spacing[0])
 
 
 def plan_for(
-    options: argparse.Namespace, known: dict[str, np.ndarray], radii: Array | None
+    options: argparse.Namespace, geometry: tuple[DetectorCurve, TruncatedDisk, ImageGrid, Array]
 ) -> ReconstructionPlan:
-    """Build the plan that the options ask for; data radii are the pixel apart by default."""
-    curve = detectors(options, known)
-    region = _region(options, curve)
-    half_width = options.half_width or float(region.reach)
-    grid = ImageGrid(options.pixels, half_width, region.center)
-    radii = data_radii(curve, region, grid.spacing[0]) if radii is None else radii
+    """Build the plan that the options ask for."""
     return build_plan(
-        curve,
-        region,
-        grid,
-        radii,
+        *geometry,
         _regularization(options),
         method="series" if options.series else "collocation",
         max_frequency=options.max_frequency,
@@ -83,29 +102,39 @@ def plan_for(
     )
 
 
-def circular_integrals_of(scan: Scan, options: argparse.Namespace, plan: ReconstructionPlan):
-    """The scan's data at the plan's detectors and radii."""
-    data = _detectors_first(scan, options)
+def require_free(options: argparse.Namespace) -> None:
+    """Raise ValueError for options that a finished plan has already decided."""
+    decided = (
+        *("region_radius", "region_cut", "region_angle", "region_center", "pixels", "half_width"),
+        *("K", "j_max", "sigma_min", "max_frequency", "series", "single"),
+    )
+    for name in decided:
+        if getattr(options, name) not in (None, False):
+            raise ValueError(f"--{name.replace('_', '-')} and --plan: the plan has decided that.")
+
+
+def circular_integrals_of(
+    scan: Scan, options: argparse.Namespace, curve: DetectorCurve, radii: Array
+) -> Array:
+    """The scan's data at the detectors and radii."""
+    data = _detectors_first(scan, options, curve)
     data = data[chosen(options.use, data.shape[0])]
-    if data.shape[0] != plan.curve.n_detectors:
+    if data.shape[0] != curve.n_detectors:
         raise ValueError(
             f"the data have {data.shape[0]} detectors (shape {scan.data.shape}), the geometry has "
-            f"{plan.curve.n_detectors}: choose them with --use, or use another plan."
+            f"{curve.n_detectors}: choose them with --use, or use another plan."
         )
-    _require_same_detectors(scan, options, plan)
+    data = real_array(scan.kind, data, None)
+    _require_same_detectors(scan, options, curve)
     if scan.kind == "circular_integrals":
-        return data.astype(np.float64)
+        _require_same_radii(scan, radii, data.shape[1])
+        return data
     times = _times(scan, options, data.shape[1])
-    record = data.astype(np.float64)
     if options.band or options.dead_time:
-        record = condition_record(
-            record,
-            times,
-            dead_time=options.dead_time,
-            band=tuple(options.band) if options.band else None,
-        )
+        band = tuple(options.band) if options.band else None
+        data = condition_record(data, times, dead_time=options.dead_time, band=band)
     return pressure_to_circular_integrals(
-        record, times, plan.radii, sound_speed=sound_speed(scan, options), model=options.model
+        data, times, radii, sound_speed=sound_speed(scan, options), model=options.model
     )
 
 
@@ -146,7 +175,17 @@ def _opening(curve: DetectorCurve) -> tuple[float, float]:
     return float(np.arctan2(normal[1], normal[0])), float(normal @ (points[0] + points[-1]) / 2)
 
 
-def _regularization(options: argparse.Namespace) -> Regularization:
+def _count(option: str, value: float) -> int:
+    if not (value >= 1 and value.is_integer() and value < 2**31):
+        raise ValueError(f"{option}: the number of detectors is {value:g}, expected a whole one.")
+    return int(value)
+
+
+def _regularization(options: argparse.Namespace) -> Regularization | None:
+    if options.series:
+        if not options.K == options.j_max == options.sigma_min is None:
+            raise ValueError("--series is a closed form: --K, --j-max and --sigma-min do nothing.")
+        return None
     if options.j_max is not None:
         return FixedRank(options.j_max)
     if options.sigma_min is not None:
@@ -154,41 +193,64 @@ def _regularization(options: argparse.Namespace) -> Regularization:
     return NormBound(PAPER_K if options.K is None else options.K)
 
 
-def _detectors_first(scan: Scan, options: argparse.Namespace) -> np.ndarray:
+def _detectors_first(scan: Scan, options: argparse.Namespace, curve: DetectorCurve) -> np.ndarray:
     """Data as (detectors, samples); a file in the other order is told by its other axis."""
     if scan.data.ndim != 2:
         raise ValueError(f"the data have shape {scan.data.shape}, expected (detectors, samples).")
-    n = None
     if options.ring or options.arc:
         n = int((options.ring or options.arc)[-1])
     elif "detectors" in scan.known:
         n = len(scan.known["detectors"])
+    else:
+        n = curve.n_detectors if options.use is None else None
     return scan.data.T if n == scan.data.shape[1] != scan.data.shape[0] else scan.data
 
 
-def _times(scan: Scan, options: argparse.Namespace, n: int) -> Array:
+def _times(scan: Scan, options: argparse.Namespace, n: int) -> Numbers:
     if options.duration is not None:
         return jnp.linspace(0.0, options.duration, n)
-    rate = options.sampling_rate or scan.known.get("sampling_rate")
+    rate = options.sampling_rate
+    if rate is None and "sampling_rate" in scan.known:
+        rate = float(np.mean(scan.known["sampling_rate"]))
     if rate is not None:
-        return jnp.arange(n) / float(np.mean(rate))
+        if not rate > 0:
+            raise ValueError(f"the sampling rate is {rate:g}, expected a value above zero.")
+        return jnp.arange(n) / rate
     if "times" in scan.known:
-        return jnp.asarray(scan.known["times"])
+        return scan.known["times"]
     raise ValueError(
         "no sample times: give --sampling-rate or --duration, or name times in the file."
     )
 
 
-def _require_same_detectors(
-    scan: Scan, options: argparse.Namespace, plan: ReconstructionPlan
-) -> None:
+def _require_same_detectors(scan: Scan, options: argparse.Namespace, curve: DetectorCurve) -> None:
     """A plan made for other detectors would give a wrong image without a sign."""
     if not (options.arc or options.ring or "detectors" in scan.known):
         return
     points = detectors(options, scan.known).points
-    off = float(jnp.abs(points - plan.curve.points).max())
-    if off > 1e-6 * float(jnp.abs(plan.curve.points).max()):
+    if points.shape != curve.points.shape:
+        raise ValueError(
+            f"the scan has positions of {points.shape[0]} detectors, but its data and the plan "
+            f"{curve.n_detectors}: build a plan for this scan."
+        )
+    off = float(jnp.abs(points - curve.points).max())
+    if off > 1e-6 * float(jnp.abs(curve.points).max()):
         raise ValueError(
             f"the plan was built for other detectors (positions differ by up to {off:.3g}): "
+            "build one for this scan."
+        )
+
+
+def _require_same_radii(scan: Scan, radii: Array, n: int) -> None:
+    """Integrals over other circles would give a wrong image without a sign."""
+    if n != radii.shape[0]:
+        raise ValueError(f"the data have {n} radii, the geometry has {radii.shape[0]}.")
+    if "radii" not in scan.known:
+        return
+    own = real_array("radii", scan.known["radii"], radii.shape)
+    off = float(jnp.abs(own - radii).max())
+    if off > 1e-6 * float(radii.max()):
+        raise ValueError(
+            f"the plan was built for other radii (they differ by up to {off:.3g}): "
             "build one for this scan."
         )

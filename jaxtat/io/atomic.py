@@ -11,7 +11,11 @@ from pathlib import Path
 def replacing(path: str | Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place when the block ends without error.
 
-    The temporary name keeps the suffix, since some writers choose the format by it.
+    The temporary name keeps the suffix, since some writers choose the format by it. Of a symbolic
+    link the file it points to is replaced.
+
+    Raises:
+        ValueError: for a place where no file can be written, see `require_place`.
 
     >>> import tempfile
     >>> target = Path(tempfile.mkdtemp()) / "note.txt"
@@ -20,9 +24,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     >>> target.read_text(), len(list(target.parent.iterdir()))
     ('done', 1)
     """
-    target = Path(path)
-    if not target.parent.is_dir():
-        raise ValueError(f"cannot write {target}: there is no folder {target.parent}.")
+    require_place(path)
+    target = Path(path).resolve()
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=".", suffix=target.suffix)
     os.close(handle)
     temporary = Path(name)
@@ -34,3 +37,15 @@ def replacing(path: str | Path) -> Iterator[Path]:
         temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def require_place(path: str | Path) -> None:
+    """Raise ValueError if ``path`` cannot be a file to write: asked before hours of work too."""
+    target = Path(path)
+    if target.exists() and not target.is_file():
+        kind = "a folder" if target.is_dir() else "no ordinary file"
+        raise ValueError(f"cannot write {target}: it is {kind}.")
+    if not target.resolve().parent.is_dir():
+        raise ValueError(f"cannot write {target}: there is no folder {target.resolve().parent}.")
+    if not os.access(target.resolve().parent, os.W_OK | os.X_OK):
+        raise ValueError(f"cannot write {target}: its folder may not be written to.")

@@ -30,9 +30,12 @@ def save_image(
         settings: names and values to be stored with an .h5 file.
 
     Raises:
-        ValueError: for another suffix, or a folder that does not exist.
+        ValueError: for another suffix, a folder that does not exist, or an image whose shape is
+            not the grid's.
     """
     suffix = require_suffix(path)
+    if np.shape(image) != grid.shape:
+        raise ValueError(f"the image has shape {np.shape(image)}, its grid has {grid.shape}.")
     inside = np.asarray(region.contains(grid.points))
     image = np.where(inside, np.asarray(image), 0.0)
     with replacing(path) as temporary:

@@ -1,14 +1,18 @@
 """Reconstruction plans in HDF5.
 
 A plan is a tree of modules. Each becomes a group with the name of its class; arrays become
-datasets, sizes and flags attributes. A digest over all of it tells damaged files from whole ones.
-A new curve, region or regularisation only has to be named in `_KINDS`.
+datasets, sizes and flags attributes. A new curve, region or regularisation only has to be named in
+`_KINDS`.
+
+The file begins with a user block, which HDF5 leaves to its writer: a line with format, version and
+a digest over all bytes behind the block. A damaged file is told by it before HDF5 sees the rest,
+since HDF5 trusts what it reads, and may fill the whole memory for one wrong bit.
 """
 
 import hashlib
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import equinox as eqx
 import h5py
@@ -24,6 +28,7 @@ from ..regularization import FixedRank, NormBound, SingularValueCutoff
 from .atomic import replacing
 
 FORMAT, VERSION = "jaxtat plan", 1
+_BLOCK = 512  # [byte], the least HDF5 allows
 _KINDS: dict[str, type[eqx.Module]] = {
     kind.__name__: kind
     for kind in (
@@ -58,11 +63,10 @@ def save_plan(plan: ReconstructionPlan, path: str | Path, *, precision: str = "a
     if precision == "single":
         single = plan.densities.astype(jnp.complex64)
         plan = eqx.tree_at(lambda tree: tree.densities, plan, single)
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
-        file.attrs["format"] = FORMAT
-        file.attrs["version"] = VERSION
-        _write(file.create_group("plan"), plan)
-        file.attrs["digest"] = _digest(file["plan"])
+    with replacing(path) as temporary:
+        with h5py.File(temporary, "w", userblock_size=_BLOCK) as file:
+            _write(file.create_group("plan"), plan)
+        _seal(temporary)
 
 
 def load_plan(path: str | Path) -> ReconstructionPlan:
@@ -82,13 +86,13 @@ def load_plan(path: str | Path) -> ReconstructionPlan:
     require_x64()
     if not Path(path).is_file():
         raise FileNotFoundError(f"there is no plan file {path}.")
+    _require_whole(path)
     try:
         with h5py.File(path, "r") as file:
-            _require_format(path, file)
             plan = _read(file["plan"])
-    except (OSError, KeyError, RuntimeError, TypeError, UnicodeDecodeError) as error:
+    except (OSError, LookupError, TypeError, AttributeError) as error:
         raise ValueError(
-            f"{path} is damaged or is no HDF5 file ({error}): build the plan again."
+            f"{path} holds a plan that this jaxtat cannot read ({error}): build the plan again."
         ) from error
     _require_consistent(path, plan)
     return plan
@@ -105,10 +109,10 @@ def _write(group: h5py.Group, module: eqx.Module) -> None:
         value = getattr(module, field.name)
         if isinstance(value, eqx.Module):
             _write(group.create_group(field.name), value)
-        elif isinstance(value, jax.Array):
+        elif isinstance(value, jax.Array | np.ndarray):
             group.create_dataset(field.name, data=np.asarray(value))
-        elif value is not None:
-            group.attrs[field.name] = value
+        else:
+            group.attrs[field.name] = h5py.Empty("f8") if value is None else value
 
 
 def _read(group: Any) -> Any:
@@ -124,44 +128,41 @@ def _read_field(group: Any, name: str) -> Any:
     if name in group:
         item = group[name]
         return _read(item) if isinstance(item, h5py.Group) else jnp.asarray(item[()])
-    if name not in group.attrs:
-        return None
     value = group.attrs[name]
+    if isinstance(value, h5py.Empty):
+        return None
     return tuple(value.tolist()) if isinstance(value, np.ndarray) else value.item()
 
 
-def _digest(group: Any) -> str:
-    """BLAKE2b over names, types, shapes and bytes of everything in a group."""
-    total = hashlib.blake2b(digest_size=32)
-
-    def add(path: str, value: np.ndarray) -> None:
-        total.update(f"{path} {value.dtype} {value.shape}".encode())
-        total.update(np.ascontiguousarray(value).data)
-
-    def visit(path: str, item: Any) -> None:
-        for name, value in sorted(item.attrs.items()):
-            total.update(f"{path}@{name}={np.asarray(value).tolist()}".encode())
-        if isinstance(item, h5py.Dataset):
-            add(path, np.asarray(item[()]))
-
-    visit("", group)
-    names: list[str] = []
-    group.visit(names.append)
-    for name in sorted(names):
-        visit(name, group[name])
-    return total.hexdigest()
+def _seal(path: Path) -> None:
+    """Write the user block of a finished file."""
+    with path.open("r+b") as file:
+        digest = _digest(file)
+        file.seek(0)
+        file.write(f"{FORMAT} {VERSION} {digest}\n".encode())
 
 
-def _require_format(path: str | Path, file: h5py.File) -> None:
-    if file.attrs.get("format") != FORMAT:
-        raise ValueError(f"{path} is an HDF5 file, but not a jaxtat plan.")
-    if file.attrs["version"] != VERSION:
-        raise ValueError(
-            f"{path} is a jaxtat plan of version {file.attrs['version']}, this jaxtat reads "
-            f"version {VERSION}: build the plan again."
-        )
-    if _digest(file["plan"]) != file.attrs["digest"]:
-        raise ValueError(f"{path} is damaged (its digest does not match): build the plan again.")
+def _digest(file: BinaryIO) -> str:
+    """BLAKE2b over all bytes behind the user block."""
+    file.seek(_BLOCK)
+    return hashlib.file_digest(file, hashlib.blake2b).hexdigest()
+
+
+def _require_whole(path: str | Path) -> None:
+    with Path(path).open("rb") as file:
+        line = file.read(_BLOCK).split(b"\n")[0].decode(errors="replace")
+        if not line.startswith(f"{FORMAT} "):
+            raise ValueError(f"{path} is not a jaxtat plan, or its beginning is damaged.")
+        version, _, digest = line.removeprefix(f"{FORMAT} ").partition(" ")
+        if version != str(VERSION):
+            raise ValueError(
+                f"{path} is a jaxtat plan of version {version!r}, this jaxtat reads version "
+                f"{VERSION}: build the plan again."
+            )
+        if digest != _digest(file):
+            raise ValueError(
+                f"{path} is damaged (its digest does not match): build the plan again."
+            )
 
 
 def _require_consistent(path: str | Path, plan: ReconstructionPlan) -> None:

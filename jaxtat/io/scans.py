@@ -52,8 +52,12 @@ def load_scan(path: str | Path) -> Scan:
         raise ValueError(f"cannot read {path}: expected a name ending in .npz, .h5 or .hdf5.")
     try:
         arrays = _read_npz(path) if path.suffix == ".npz" else _read_hdf5(path)
+    except PermissionError:
+        raise
     except Exception as error:  # zipfile, zlib, struct and h5py each raise their own for damage
-        raise ValueError(f"{path} is damaged or is no {path.suffix} file ({error}).") from error
+        raise ValueError(
+            f"cannot read {path}: damaged, or no {path.suffix} file of plain numbers ({error})."
+        ) from error
     found = {
         thing: arrays[next(name for name in names if name in arrays)]
         for thing, names in NAMES.items()
@@ -86,4 +90,4 @@ def _wanted(names: list[str]) -> list[str]:
 def _plain(name: str, array: np.ndarray) -> np.ndarray:
     if array.dtype.kind not in "fiu":
         raise ValueError(f"{name} has dtype {array.dtype}, expected real numbers")
-    return array
+    return array.astype(array.dtype.newbyteorder("="))  # JAX takes no foreign byte order

@@ -1,0 +1,108 @@
+"""Step 1: plane waves from the curve, in every position, with and without mirror symmetry."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtat import FixedRank, NormBound, SingularValueCutoff, circular_arc, truncated_disk
+from jaxtat.densities import collocation_densities
+from jaxtat.single_layer import plane_wave, plane_wave_traces, potential, potential_matrix
+from jaxtat.special import full_circle_norm
+from jaxtat.symmetry import find_mirror
+
+LAM = jnp.array([3.0, 20.0])
+ANGLES = jnp.array([0.0, 0.9, 2.0])
+NORMS = full_circle_norm(LAM, 1.3)
+
+
+def geometry(right, **place):
+    return (
+        circular_arc(1.3, right, 90, **place),
+        truncated_disk(1.0, right, 180, **place),
+    )
+
+
+def wave_error(curve, region, densities):
+    """Largest error of the plane waves at points inside the region."""
+    local = np.random.default_rng(0).uniform(-1, 1, (400, 2)) + np.asarray(region.center)
+    points = jnp.asarray(local)[region.contains(jnp.asarray(local))]
+    assert points.shape[0] > 50
+    return [
+        float(
+            jnp.abs(
+                potential(lam, rho, curve, points) - plane_wave(lam, ANGLES, points - region.center)
+            ).max()
+        )
+        for lam, rho in zip(LAM, densities, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("right", [1.0, 0.0])
+@pytest.mark.parametrize("place", [{}, {"center": (2.0, -1.0), "angle": 2.3}])
+def test_plane_waves_are_reproduced_inside_the_region(right, place):
+    """Inside, errors are no larger than on the boundary, and a larger norm buys accuracy."""
+    curve, region = geometry(right, **place)
+    mirror = find_mirror(curve, region)
+    assert mirror is not None
+    for K, residual in ((4.287, 2e-2), (100.0, 1e-4)):
+        densities, report = collocation_densities(
+            LAM, NORMS, ANGLES, curve, region, NormBound(K), mirror
+        )
+        assert densities.shape == (2, 3, 2, 90)
+        assert np.all(np.asarray(report.norm) <= K * np.asarray(NORMS)[:, None] * (1 + 1e-12))
+        assert report.residual.max() < residual
+        for error, bound in zip(
+            wave_error(curve, region, densities), report.residual.max(axis=1), strict=True
+        ):
+            assert error < 2 * bound
+
+
+@pytest.mark.parametrize("rule", [NormBound(3.0), FixedRank(40.0), SingularValueCutoff(1e-6)])
+def test_mirror_symmetry_changes_nothing_but_the_work(rule):
+    curve, region = geometry(0.0, center=(0.3, 0.1), angle=0.8)
+    mirror = find_mirror(curve, region)
+    plain, one = collocation_densities(LAM, NORMS, ANGLES, curve, region, rule)
+    folded, two = collocation_densities(LAM, NORMS, ANGLES, curve, region, rule, mirror)
+    assert np.allclose(one.singular_values, two.singular_values, atol=1e-12)
+    for name in ("norm", "residual", "j_max"):
+        assert np.allclose(getattr(one, name), getattr(two, name), rtol=1e-5, atol=1e-7)
+    assert np.allclose(plain, folded, rtol=1e-4, atol=1e-5 * float(jnp.abs(plain).max()))
+
+
+def test_the_report_tells_norm_and_residual_of_what_is_returned():
+    curve, region = geometry(0.0)
+    densities, report = collocation_densities(LAM, NORMS, ANGLES, curve, region, NormBound(2.0))
+    for i, lam in enumerate(LAM):
+        unknowns = (densities[i] * jnp.sqrt(curve.weights)).reshape(3, -1).T
+        traces = plane_wave_traces(lam, ANGLES, region)
+        misfit = potential_matrix(lam, curve, region) @ unknowns - traces
+        residual = jnp.linalg.norm(misfit, axis=0) / jnp.linalg.norm(traces, axis=0)
+        assert np.allclose(report.residual[i], residual, rtol=1e-6, atol=1e-12)
+        assert np.allclose(report.norm[i], jnp.linalg.norm(unknowns, axis=0), rtol=1e-10)
+    assert np.allclose(report.unit_norm, NORMS)
+
+
+def test_one_norm_is_not_enough_on_an_open_arc():
+    """Most wave fronts pass an arc once: the bound must exceed √2 N (and 1 is not enough)."""
+    curve, region = geometry(0.0)
+    for K, enough in ((1.0, False), (3.0, True)):
+        _, report = collocation_densities(LAM, NORMS, ANGLES, curve, region, NormBound(K))
+        assert bool(report.residual[1].max() < 1e-2) == enough
+
+
+def test_units_of_length_do_not_matter():
+    curve, region = geometry(0.0)
+    small_curve = circular_arc(1.3e-3, 0.0, 90)
+    small_region = truncated_disk(1e-3, 0.0, 180)
+    metre, _ = collocation_densities(LAM, NORMS, ANGLES, curve, region, NormBound(2.0))
+    norms = full_circle_norm(LAM * 1e3, 1.3e-3)
+    milli, _ = collocation_densities(
+        LAM * 1e3, norms, ANGLES, small_curve, small_region, NormBound(2.0)
+    )
+    assert np.allclose(metre, milli * 1e-3, rtol=1e-4, atol=1e-5 * float(jnp.abs(metre).max()))
+
+
+def test_no_mirror_is_found_where_there_is_none():
+    assert find_mirror(circular_arc(1.3, 0.0, 91), truncated_disk(1.0, 0.0, 180)) is None
+    assert find_mirror(circular_arc(1.3, 0.0, 90, angle=0.1), truncated_disk(1.0, 0.0, 180)) is None
+    assert find_mirror(circular_arc(1.3, 1.3, 90), truncated_disk(1.0, 1.0, 180)) is None

@@ -1,0 +1,132 @@
+"""The filtered solve against numpy, and each rule against its definition."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from jax.test_util import check_grads
+
+from jaxtat import FixedRank, NormBound, SingularValueCutoff
+from jaxtat.regularization import filtered_solve
+
+ONE = jnp.array(1.0)
+
+
+def problem(m=12, n=8, rhs=3, spread=4.0, seed=0):
+    rng = np.random.default_rng(seed)
+    left, _ = np.linalg.qr(rng.standard_normal((m, min(m, n))))
+    right, _ = np.linalg.qr(rng.standard_normal((n, min(m, n))))
+    sigma = 10.0 ** -np.linspace(0, spread, min(m, n))
+    u = rng.standard_normal((m, rhs)) + 1j * rng.standard_normal((m, rhs))
+    return left, sigma, right, jnp.asarray((left * sigma) @ right.T), jnp.asarray(u)
+
+
+@pytest.mark.parametrize("shape", [(12, 8), (8, 12), (9, 9)])
+def test_keeping_everything_is_least_squares(shape):
+    *_, a, u = problem(*shape)
+    found = filtered_solve(a[None], u[None], SingularValueCutoff(0.0), ONE)
+    exact, *_ = np.linalg.lstsq(np.asarray(a), np.asarray(u), rcond=None)
+    assert np.allclose(found.solution[0], exact, atol=1e-9)
+    misfit = np.linalg.norm(np.asarray(a) @ exact - u, axis=0) / np.linalg.norm(u, axis=0)
+    assert np.allclose(found.residual, misfit, atol=1e-12)
+    assert np.allclose(found.norm, np.linalg.norm(exact, axis=0))
+    assert np.allclose(found.singular_values, np.linalg.svd(a, compute_uv=False))
+
+
+@given(st.floats(0.0, 8.0))
+@settings(deadline=None, max_examples=25)
+def test_fixed_rank_interpolates_between_whole_ranks(j_max):
+    left, sigma, right, a, u = problem()
+    found = filtered_solve(a[None], u[None], FixedRank(j_max), ONE)
+    phi = np.clip(j_max - np.arange(8), 0, 1)
+    exact = right @ ((phi / sigma)[:, None] * (left.T @ np.asarray(u)))
+    assert np.allclose(found.solution[0], exact, rtol=1e-9, atol=1e-9)
+    assert np.allclose(found.terms, j_max)
+
+
+@given(st.floats(1e-3, 1e5), st.floats(0.1, 10.0))
+@settings(deadline=None, max_examples=40)
+def test_norm_bound_is_reached_exactly_or_everything_is_kept(K, unit_norm):
+    *_, a, u = problem()
+    found = filtered_solve(a[None], u[None], NormBound(K), jnp.array(unit_norm))
+    everything = filtered_solve(a[None], u[None], FixedRank(8), ONE)
+    wanted = np.minimum(K * unit_norm, np.asarray(everything.norm))
+    assert np.allclose(found.norm, wanted, rtol=1e-9)
+
+
+def test_hard_norm_bound_keeps_the_most_whole_terms_that_fit():
+    left, sigma, _, a, u = problem()
+    c = np.abs(left.T @ np.asarray(u)) / sigma[:, None]
+    cumulative = np.sqrt(np.cumsum(c**2, axis=0))
+    for K in (0.5, 10.0, 300.0, 1e6):
+        found = filtered_solve(a[None], u[None], NormBound(K, fractional=False), ONE)
+        assert np.array_equal(found.terms, (cumulative <= K).sum(axis=0))
+
+
+def test_norm_bound_is_continuous_and_monotonic_in_K():
+    *_, a, u = problem()
+
+    def norms(K):
+        return filtered_solve(a[None], u[None], NormBound(K), ONE).norm
+
+    values = jax.vmap(norms)(jnp.linspace(0.1, 2000.0, 4001))
+    steps = np.diff(np.asarray(values), axis=0)
+    assert steps.min() >= -1e-9
+    assert steps.max() <= 0.5 * (1 + 1e-6)  # the bound itself moves by 0.5 per step
+
+
+def test_singular_value_cutoff_keeps_what_reaches_it():
+    left, sigma, right, a, u = problem()
+    found = filtered_solve(a[None], u[None], SingularValueCutoff(float(sigma[4]) * 0.999), ONE)
+    exact = right[:, :5] @ ((left.T[:5] @ np.asarray(u)) / sigma[:5, None])
+    assert np.allclose(found.solution[0], exact)
+    assert np.all(np.asarray(found.terms) == 5)
+
+
+def test_rounding_of_a_singular_matrix_is_never_divided_by():
+    _, _, _, a, u = problem()
+    singular = a.at[:, 7].set(a[:, 6])
+    found = filtered_solve(singular[None], u[None], FixedRank(8), ONE)
+    exact = np.linalg.pinv(np.asarray(singular), rcond=1e-13) @ np.asarray(u)
+    assert np.all(np.asarray(found.terms) == 7)
+    assert np.allclose(found.solution[0], exact, rtol=1e-8)
+
+
+@pytest.mark.parametrize("rule", [NormBound(20.0), FixedRank(6.4), SingularValueCutoff(2e-3)])
+def test_blocks_are_the_block_diagonal_matrix(rule):
+    *_, first, u1 = problem(seed=1)
+    *_, second, u2 = problem(seed=2, spread=3.0)
+    dense = jax.scipy.linalg.block_diag(first, second)[None]
+    both = jnp.concatenate([u1, u2])[None]
+    whole = filtered_solve(dense, both, rule, ONE)
+    blocks = filtered_solve(jnp.stack([first, second]), jnp.stack([u1, u2]), rule, ONE)
+    assert np.allclose(blocks.solution.reshape(16, 3), whole.solution[0], atol=1e-9)
+    for name in ("singular_values", "terms", "norm", "residual"):
+        assert np.allclose(getattr(blocks, name), getattr(whole, name), atol=1e-9)
+
+
+def test_derivatives_in_K_j_max_and_the_right_hand_side():
+    *_, a, u = problem()
+
+    def of_rule(rule):
+        found = filtered_solve(a[None], u[None], rule, ONE)
+        return found.solution.real, found.norm, found.residual
+
+    check_grads(lambda K: of_rule(NormBound(K)), (jnp.array(33.0),), 1, modes=["fwd", "rev"])
+    check_grads(lambda j: of_rule(FixedRank(j)), (jnp.array(5.4),), 1, modes=["fwd", "rev"])
+
+    def of_rhs(real):
+        return filtered_solve(
+            a[None], jnp.asarray(real)[None] + 0j, NormBound(33.0), ONE
+        ).solution.real
+
+    check_grads(of_rhs, (u.real,), 1, modes=["fwd", "rev"])
+
+
+@pytest.mark.parametrize("rule", [NormBound, FixedRank, SingularValueCutoff])
+def test_bad_parameters_are_refused(rule):
+    for bad, message in ((-1.0, "at least zero"), (np.nan, "NaN"), ([1.0, 2.0], "shape")):
+        with pytest.raises(ValueError, match=message):
+            rule(bad)
