@@ -14,6 +14,7 @@ from .geometry import (
     truncated_disk,
     visibility,
 )
+from .io import load_plan, save_plan
 from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .pressure import condition_record, pressure_to_circular_integrals
 from .reconstruction import cosine_filter, reconstruct
@@ -39,9 +40,11 @@ __all__ = [
     "data_radii",
     "detector_curve",
     "fit_circle",
+    "load_plan",
     "phantoms",
     "pressure_to_circular_integrals",
     "reconstruct",
+    "save_plan",
     "truncated_disk",
     "visibility",
 ]

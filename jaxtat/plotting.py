@@ -57,6 +57,8 @@ def show_image(
         interpolation="nearest",
     )
     axes.set_title(title, fontsize=9)
+    axes.set_xlabel("$x_1$", fontsize=8)
+    axes.set_ylabel("$x_2$", fontsize=8)
     axes.tick_params(labelsize=7)
     return mappable
 
@@ -69,6 +71,7 @@ def show_geometry(axes: Axes, curve: DetectorCurve, region: Region) -> None:
     axes.plot(*outline.T, "-", color="tab:orange", lw=1, label="region of interest")
     axes.plot(*np.asarray(curve.points).T, ".", color="tab:blue", ms=1.5, label="detectors")
     axes.set_aspect("equal")
+    axes.autoscale()  # an image drawn before has fixed the limits to itself
 
 
 def save_picture(path: str | Path, image: Numbers, grid: ImageGrid) -> None:
@@ -81,7 +84,5 @@ def save_picture(path: str | Path, image: Numbers, grid: ImageGrid) -> None:
     axes = figure.subplots()
     low, high = (float(v) for v in np.nanpercentile(np.asarray(image), [0.2, 99.8]))
     shown = show_image(axes, image, grid, limits=(low, high))
-    axes.set_xlabel("$x_1$")
-    axes.set_ylabel("$x_2$")
     figure.colorbar(shown, ax=axes, shrink=0.9)
     figure.savefig(path, dpi=150)

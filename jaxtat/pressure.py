@@ -12,6 +12,9 @@ So each is a matrix (radii, times) that does not depend on the record, exact for
 with all derivatives with respect to radii and sound speed.
 """
 
+from functools import partial
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -70,8 +73,7 @@ def pressure_to_circular_integrals(
     if model not in MODELS:
         raise ValueError(f"model is {model!r}, expected '2d' or 'in-plane'.")
     _require_record(times, radii, sound_speed)
-    matrix = _record_matrix(times, radii, sound_speed, model)
-    return jnp.einsum("...kt,rt->...kr", pressure, matrix)
+    return _convert(pressure, times, radii, sound_speed, model, _samples_from_zero(times))
 
 
 def condition_record(
@@ -113,24 +115,42 @@ def condition_record(
     pressure = real_array("pressure", pressure, ("...", "detectors", times.shape[0]))
     _require_equispaced(times)
     dead_time = real_array("dead_time", dead_time, ())
-    duration = times[-1] - times[0]
-    since = times - times[0]
-    fade = jnp.clip(dead_time, 2 * (times[1] - times[0]), duration / 10)
-    window = _rise((since - dead_time) / fade) * _rise((duration - since) / (duration / 20))
-    centred = pressure - _baseline(pressure)
     if band is None:
-        return centred * _rise((since - dead_time) / fade)
+        return _condition(pressure, times, dead_time, None, order)
     low, high = real_array("band[0]", band[0], ()), real_array("band[1]", band[1], ())
     if is_concrete(low, high) and not 0 <= float(low) < float(high):
         raise ValueError(f"band is ({float(low)}, {float(high)}), expected 0 <= f_lo < f_hi.")
-    return _band_pass(centred * window, times[1] - times[0], low, high, order)
+    return _condition(pressure, times, dead_time, (low, high), order)
 
 
-def _record_matrix(times: Array, radii: Array, sound_speed: Array, model: str) -> Array:
+@partial(jax.jit, static_argnames="order")
+def _condition(
+    pressure: Array, times: Array, dead_time: Array, band: tuple[Array, Array] | None, order: int
+) -> Array:
+    duration = times[-1] - times[0]
+    since = times - times[0]
+    fade = jnp.clip(dead_time, 2 * (times[1] - times[0]), duration / 10)
+    begun = (pressure - _baseline(pressure)) * _rise((since - dead_time) / fade)
+    if band is None:
+        return begun
+    tapered = begun * _rise((duration - since) / (duration / 20))
+    return _band_pass(tapered, times[1] - times[0], *band, order)
+
+
+@partial(jax.jit, static_argnames=("model", "n_waves"))
+def _convert(
+    pressure: Array, times: Array, radii: Array, sound_speed: Array, model: str, n_waves: int
+) -> Array:
+    matrix = _record_matrix(times, radii, sound_speed, model, n_waves)
+    return jnp.einsum("...kt,rt->...kr", pressure, matrix)
+
+
+def _record_matrix(
+    times: Array, radii: Array, sound_speed: Array, model: str, n_waves: int
+) -> Array:
     """W with g = W p: cosine coefficients of the record, then the integral of each cosine."""
     n_times, step, end = times.shape[0], times[1] - times[0], times[-1]
-    # at most one coefficient per sample on [0, T], also when the record starts late
-    omega = jnp.pi / end * jnp.arange(_samples_from_zero(times))
+    omega = jnp.pi / end * jnp.arange(n_waves)
     j = jnp.arange(n_times)
     # the trapezoid rule on [0, T]; before a late start the record is zero
     halved = (j == n_times - 1) | ((j == 0) & (times[0] < step / 2))
@@ -146,7 +166,10 @@ def _record_matrix(times: Array, radii: Array, sound_speed: Array, model: str) -
 
 
 def _samples_from_zero(times: Array) -> int:
-    """How many samples [0, T] would have; for traced times those that there are."""
+    """How many samples [0, T] would have, also when the record starts late: one cosine for each.
+
+    For traced times it is how many there are.
+    """
     if not is_concrete(times):
         return times.shape[0]
     return round(float(times[-1] / (times[1] - times[0]))) + 1

@@ -11,15 +11,7 @@ from jaxtyping import Array
 
 from ..phantoms import Bells, Disks, noise_like
 from ..plan import PAPER_K, ReconstructionPlan, build_plan
-from ..reconstruction import (
-    cosine_filter,
-    filtered_back_projection,
-    offset_step,
-    polar_fourier_of_projections,
-    radon_projections,
-    reconstruct,
-)
-from ..reconstruction.radon import LowPass
+from ..reconstruction import classical_fbp, cosine_filter, offset_step, reconstruct
 from ..regularization import NormBound
 from ..single_layer import plane_wave, potential
 from .cases import Case
@@ -134,29 +126,23 @@ def classical_yardstick(results: Results) -> None:
     n = plan.frequencies.shape[0]
     step = offset_step(plan.frequency_step, n)
     offsets = (jnp.arange(2 * n) - n) * step
+    shadow = jnp.abs(offsets) <= plan.region.reach
     for suffix, n_views in (("", plan.angles.shape[0]), ("_as_many_data", case.curve.n_detectors)):
         angles = jnp.arange(n_views) * jnp.pi / n_views
         clean = case.disks.radon(angles, offsets)
-        shadow = jnp.abs(offsets) <= plan.region.reach
         noise = noise_like(jax.random.key(SEED + 1), clean[:, shadow], NOISE_LEVEL)
-        noise = jnp.zeros_like(clean).at[:, shadow].set(noise)
-
-        def fbp(
-            projections: Array, low_pass: LowPass = jnp.ones_like, angles: Array = angles
-        ) -> Array:
-            fhat = polar_fourier_of_projections(projections, step)
-            eta = low_pass(jnp.arange(n + 1) / n)
-            back = radon_projections(fhat, plan.frequency_step, eta)
-            return filtered_back_projection(back, step, angles, case.grid, plan.region.center)
-
+        both = jnp.stack([clean, jnp.zeros_like(clean).at[:, shadow].set(noise)])
+        where = (step, angles, case.grid, plan.region.center)
+        image, of_noise = classical_fbp(both, *where)
+        image_filtered, of_noise_filtered = classical_fbp(both, *where, low_pass=cosine_filter)
         results.metrics |= {
-            f"fbp_noise_std{suffix}": results.deviation(fbp(noise)),
-            f"fbp_noise_std_filtered{suffix}": results.deviation(fbp(noise, cosine_filter)),
+            f"fbp_noise_std{suffix}": results.deviation(of_noise),
+            f"fbp_noise_std_filtered{suffix}": results.deviation(of_noise_filtered),
         }
         if not suffix:
-            results.show("fbp", fbp(clean))
-            results.show("fbp noisy", fbp(clean + noise))
-            results.show("fbp noisy filtered", fbp(clean + noise, cosine_filter))
+            results.show("fbp", image)
+            results.show("fbp noisy", image + of_noise)
+            results.show("fbp noisy filtered", image_filtered + of_noise_filtered)
 
 
 def outside_sources(results: Results, phantom: Bells | Disks) -> dict[str, float]:

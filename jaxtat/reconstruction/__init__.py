@@ -1,5 +1,6 @@
 """Steps 2 to 5 of the paper, one file each, and the pipeline that runs them."""
 
+from .classical import classical_fbp
 from .fbp import filtered_back_projection
 from .pipeline import reconstruct
 from .polar_fourier import polar_fourier
@@ -7,6 +8,7 @@ from .radial_transform import radial_transform, total_integrals
 from .radon import cosine_filter, offset_step, polar_fourier_of_projections, radon_projections
 
 __all__ = [
+    "classical_fbp",
     "cosine_filter",
     "filtered_back_projection",
     "offset_step",

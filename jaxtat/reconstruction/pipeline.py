@@ -9,7 +9,7 @@ from ..plan import ReconstructionPlan
 from .fbp import filtered_back_projection
 from .polar_fourier import polar_fourier
 from .radial_transform import radial_transform, total_integrals
-from .radon import LowPass, offset_step, radon_projections
+from .radon import LowPass, low_pass_values, offset_step, radon_projections
 
 
 def reconstruct(
@@ -34,9 +34,9 @@ def reconstruct(
     Source: Kunyansky 2008, section 3.
     """
     g = _data(plan, g)
-    relative = jnp.arange(plan.frequencies.shape[0] + 1) / plan.frequencies.shape[0]
-    eta = jnp.ones_like(relative) if low_pass is None else low_pass(relative)
-    return _reconstruct(plan, g, real_array("low_pass", eta, relative.shape))
+    n = plan.frequencies.shape[0]
+    eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
+    return _reconstruct(plan, g, eta)
 
 
 @eqx.filter_jit

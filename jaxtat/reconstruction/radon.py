@@ -19,6 +19,12 @@ def cosine_filter(relative_frequency: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return jnp.cos(jnp.pi / 2 * relative_frequency)
 
 
+def low_pass_values(low_pass: LowPass | None, n: int) -> Float[Array, " frequencies"]:
+    """eta at lambda_max · 0/n, 1/n, ..., n/n; ones for None."""
+    relative = jnp.arange(n + 1) / n
+    return jnp.ones_like(relative) if low_pass is None else low_pass(relative)
+
+
 @jax.jit
 def radon_projections(
     fhat: Complex[Array, "*batch frequencies directions"],

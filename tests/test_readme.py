@@ -1,0 +1,66 @@
+"""What the README shows is run as it stands there."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import nbformat
+import numpy as np
+import pytest
+from nbclient import NotebookClient
+
+from jaxtat import circular_arc, data_radii, phantoms, truncated_disk
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text()
+
+
+def shown(language):
+    """Code blocks of the README that say they are run here."""
+    return re.findall(rf"test_readme.py -->\n```{language}\n(.*?)```", README, flags=re.S)
+
+
+def test_the_python_example_does_what_it_says():
+    (example,) = shown("python")
+    run = subprocess.run([sys.executable, "-c", example], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    assert float(run.stdout) < 2e-7
+
+
+def test_the_commands_work_as_shown(tmp_path):
+    """All but the main job, which tests/test_paper.py runs."""
+    curve, region = circular_arc(1.3, 0.0, 100), truncated_disk(1.0, 0.0, 200)
+    bell = phantoms.Bells([[-0.4, 0.1]], [0.4])
+    radii = data_radii(curve, region, 2 / 32)
+    g = np.asarray(bell.circular_integrals(curve, radii))
+    np.savez(tmp_path / "data.npz", circular_integrals=g)
+    (commands,) = shown("sh")
+    first, *others = commands.strip().splitlines()
+    assert first == "jaxtat paper --out out/paper"
+    for command in others:
+        program = [sys.executable, "-m", *shlex.split(command)]
+        environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        run = subprocess.run(program, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert run.returncode == 0, run.stderr
+    assert (tmp_path / "image.png").stat().st_size > 5000
+
+
+def test_the_make_targets_are_there():
+    (block,) = re.findall(r"```sh\n(make .*?)```", README, flags=re.S)
+    makefile = (ROOT / "Makefile").read_text()
+    for line in block.strip().splitlines():
+        assert f"\n{line.split('#')[0].split()[1]}: " in makefile
+    assert "make test" in (ROOT / ".ci" / "run").read_text()
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in (ROOT / "notebooks").glob("*.ipynb")))
+def test_notebooks_run_from_top_to_bottom(name):
+    notebook = nbformat.read(ROOT / "notebooks" / name, as_version=4)
+    NotebookClient(notebook, timeout=900, kernel_name="python3").execute()
+    text = "".join(o.get("text", "") for c in notebook.cells for o in c.get("outputs", []))
+    errors = [float(v) for v in re.findall(r"largest error: (\S+)", text)]
+    assert len(errors) == 4
+    assert max(errors) < 1e-7
