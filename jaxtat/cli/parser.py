@@ -57,7 +57,9 @@ def _add_plan(subparsers) -> None:
     parser = _command(subparsers, "plan", commands.plan, "Build a reconstruction plan and save it.")
     parser.add_argument("--out", required=True, metavar="FILE", help="HDF5 file to write")
     parser.add_argument(
-        "--detectors-from", metavar="FILE", help="scan file (.npz, .h5) with detector positions"
+        "--detectors-from",
+        metavar="FILE",
+        help="scan file (.npz, .h5) with detector positions (and radii)",
     )
     _add_geometry(parser)
 
@@ -107,7 +109,8 @@ def _add_geometry(parser: argparse.ArgumentParser) -> None:
     where.add_argument(
         "--use",
         metavar="SLICES",
-        help="detectors to use, in order along the curve: 904:1024,0:616 or 0:500:2",
+        help="detectors to use, in order along the curve: 904:1024,0:616 or 0:500:2; "
+        "with a minus in front --use=-20:,0:80",
     )
     region = parser.add_argument_group("region of interest (default: 3/4 of the arc, cut with it)")
     region.add_argument("--region-radius", type=float, metavar="R")

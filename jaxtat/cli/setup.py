@@ -60,12 +60,13 @@ def chosen(use: str | None, n: int) -> np.ndarray:
 
 
 def _piece(text: str, n: int) -> np.ndarray:
+    """Indices of one slice; what reaches beyond the n detectors is refused, not clipped."""
     try:
         bounds = [int(bound) if bound else None for bound in text.split(":")]
-        piece = np.arange(n)[slice(*bounds)] if len(bounds) > 1 else None
+        piece = np.arange(n)[slice(*bounds)]
     except (ValueError, TypeError):
-        piece = None
-    if piece is None:
+        bounds, piece = [], np.arange(0)
+    if len(bounds) < 2:
         raise ValueError(f"--use {text}: expected slices such as 904:1024,0:616 or 0:500:2.")
     if piece.size == 0 or any(abs(bound) > n for bound in bounds[:2] if bound is not None):
         raise ValueError(f"--use {text}: there are {n} detectors, 0 to {n - 1}.")
@@ -198,7 +199,7 @@ def _detectors_first(scan: Scan, options: argparse.Namespace, curve: DetectorCur
     if scan.data.ndim != 2:
         raise ValueError(f"the data have shape {scan.data.shape}, expected (detectors, samples).")
     if options.ring or options.arc:
-        n = int((options.ring or options.arc)[-1])
+        n = _count("--ring" if options.ring else "--arc", (options.ring or options.arc)[-1])
     elif "detectors" in scan.known:
         n = len(scan.known["detectors"])
     else:

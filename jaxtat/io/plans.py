@@ -11,14 +11,16 @@ since HDF5 trusts what it reads, and may fill the whole memory for one wrong bit
 
 import hashlib
 from dataclasses import fields
+from io import BufferedRandom, BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, cast
 
 import equinox as eqx
 import h5py
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import jaxtyped
 
 from ..checks import require_x64
 from ..densities import DensityReport
@@ -142,7 +144,7 @@ def _seal(path: Path) -> None:
         file.write(f"{FORMAT} {VERSION} {digest}\n".encode())
 
 
-def _digest(file: BinaryIO) -> str:
+def _digest(file: BufferedReader | BufferedRandom) -> str:
     """BLAKE2b over all bytes behind the user block."""
     file.seek(_BLOCK)
     return hashlib.file_digest(file, hashlib.blake2b).hexdigest()
@@ -166,10 +168,17 @@ def _require_whole(path: str | Path) -> None:
 
 
 def _require_consistent(path: str | Path, plan: ReconstructionPlan) -> None:
-    frequencies, directions = plan.frequencies.shape[0], plan.angles.shape[0]
-    wanted = (frequencies, directions, 2, plan.curve.n_detectors)
-    if plan.densities.shape != wanted:
-        raise ValueError(
-            f"{path} holds densities of shape {plan.densities.shape}, but its geometry needs "
-            f"{wanted}: build the plan again."
-        )
+    """Every array against its annotation, where one name stands for one size throughout."""
+    modules: list[eqx.Module] = [plan]
+    with jaxtyped("context"):
+        for module in modules:  # grows
+            for field in fields(module):  # pyright: ignore[reportArgumentType]
+                value, wanted = getattr(module, field.name), cast(Any, field.type)
+                if isinstance(value, eqx.Module):
+                    modules.append(value)
+                elif isinstance(value, jax.Array) and not isinstance(value, wanted):
+                    raise ValueError(
+                        f"{path} holds {field.name} of shape {value.shape} ({value.dtype}), which "
+                        f"does not fit its other arrays, expected ({wanted.dim_str}): "
+                        "build the plan again."
+                    )

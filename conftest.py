@@ -16,7 +16,7 @@ with install_import_hook("jaxtat", "beartype.beartype"):
 @pytest.fixture(scope="session")
 def data_folder() -> Path:
     """Data made by others: JAXTAT_DATA, or ../shared/data beside the checkout."""
-    default = Path(__file__).resolve().parents[2] / "shared" / "data"
+    default = Path(__file__).resolve().parents[1] / "shared" / "data"
     return Path(os.environ.get("JAXTAT_DATA", default))
 
 
