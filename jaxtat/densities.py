@@ -65,7 +65,7 @@ def collocation_densities(
     >>> from jaxtat import FixedRank, circular_arc, truncated_disk
     >>> one, angles = jnp.ones(1), jnp.zeros(1)
     >>> curve, region = circular_arc(1.3, 0.0, 20), truncated_disk(1.0, 0.0, 40)
-    >>> rho, report = collocation_densities(5 * one, one, angles, curve, region, FixedRank(20))
+    >>> rho, report = collocation_densities(5 * one, one, angles, curve, region, FixedRank(30))
     >>> rho.shape, bool(report.residual[0, 0] < 1e-3)
     ((1, 1, 2, 20), True)
     """

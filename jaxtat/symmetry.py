@@ -54,7 +54,8 @@ def find_mirror(curve: DetectorCurve, region: Region) -> Mirror | None:
     (derivatives with respect to single positions would break it).
 
     >>> from jaxtat import circular_arc, truncated_disk
-    >>> mirror = find_mirror(circular_arc(1.3, 0.0, 6, angle=2.0), truncated_disk(1, 1, 8))
+    >>> curve, region = circular_arc(1.3, 0, 6, angle=2.0), truncated_disk(1, 1, 8, angle=2.0)
+    >>> mirror = find_mirror(curve, region)
     >>> mirror.detectors.tolist()
     [[0, 1, 2], [5, 4, 3]]
     """

@@ -43,21 +43,27 @@ def filtered_back_projection(
 
     Source: Kunyansky 2008, section 3.3; Ramachandran and Lakshminarayanan, PNAS 68 (1971) 2236.
     """
-    coefficients = ramp_filter(projections, offset_step)
-    spacing = offset_step / OVERSAMPLING
-    return back_project(coefficients, spacing, angles, grid, center) / (2 * jnp.pi)
+    *batch, n_directions, n_offsets = projections.shape
+
+    def one(p: Array) -> Array:
+        coefficients = ramp_filter(p, offset_step)
+        return back_project(coefficients, offset_step / OVERSAMPLING, angles, grid, center)
+
+    # one image at a time: the oversampled projections of a large batch would not fit
+    images = jax.lax.map(one, projections.reshape(-1, n_directions, n_offsets))
+    return images.reshape(*batch, *grid.shape) / (2 * jnp.pi)
 
 
 def ramp_filter(
-    projections: Float[Array, "*batch directions offsets"], offset_step: Float[Array, ""]
-) -> Float[Array, "*batch directions nodes"]:
+    projections: Float[Array, "directions offsets"], offset_step: Float[Array, ""]
+) -> Float[Array, "directions nodes"]:
     """Cubic B-spline coefficients of q = p * ramp, on nodes `OVERSAMPLING` times finer than p.
 
     The convolution is linear (not periodic) for |s| <= n h; oversampling and the spline prefilter
     ride on the same pair of FFTs.
 
     Returns:
-        (..., directions, 2 n OVERSAMPLING), at (j - n OVERSAMPLING) h / OVERSAMPLING.
+        (directions, 2 n OVERSAMPLING), at (j - n OVERSAMPLING) h / OVERSAMPLING.
     """
     n = projections.shape[-1]
     long, fine = 2 * n, 2 * n * OVERSAMPLING
@@ -71,23 +77,23 @@ def ramp_filter(
 
 
 def back_project(
-    coefficients: Float[Array, "*batch directions nodes"],
+    coefficients: Float[Array, "directions nodes"],
     spacing: Float[Array, ""],
     angles: Float[Array, " directions"],
     grid: ImageGrid,
     center: Float[Array, "2"],
-) -> Float[Array, "*batch x1 x2"]:
+) -> Float[Array, "x1 x2"]:
     """∫_0^π q(theta, (x - c)·theta) dtheta, q a cubic spline in s, one direction after the other.
 
     Args:
-        coefficients: of q, nodes from -(nodes/2) on, (..., directions, nodes).
+        coefficients: of q, nodes from -(nodes/2) on, (directions, nodes).
         spacing: between nodes [length].
         angles, grid, center: as in `filtered_back_projection`.
 
     Returns:
-        (..., x1, x2).
+        (x1, x2).
     """
-    *batch, n_directions, n_nodes = coefficients.shape
+    n_directions, n_nodes = coefficients.shape
     x1, x2 = (grid.x1 - center[0]) / spacing, (grid.x2 - center[1]) / spacing
 
     def add(image: Array, direction: tuple[Array, Array]) -> tuple[Array, None]:
@@ -100,12 +106,8 @@ def back_project(
         read = [cell.at[index].get(mode="promise_in_bounds") for cell in cells]
         return image + jnp.where(inside, polynomial(read, position - first), 0.0), None
 
-    def one(rows: Array) -> Array:
-        image, _ = jax.lax.scan(add, jnp.zeros(grid.shape), (angles, rows))
-        return image * (jnp.pi / n_directions)
-
-    images = jax.lax.map(one, coefficients.reshape(-1, n_directions, n_nodes))
-    return images.reshape(*batch, *grid.shape)
+    image, _ = jax.lax.scan(add, jnp.zeros(grid.shape), (angles, coefficients))
+    return image * (jnp.pi / n_directions)
 
 
 def _ramp_samples(n: int) -> Float[np.ndarray, " n"]:
