@@ -16,6 +16,7 @@ from ..geometry import (
     data_radii,
     detector_curve,
     fit_circle,
+    require_outside,
     truncated_disk,
 )
 from ..io.scans import Scan
@@ -82,6 +83,7 @@ def geometry(
     """
     curve = detectors(options, scan.known if scan else {})
     region = _region(options, curve)
+    require_outside(curve, region)
     half_width = float(region.reach) if options.half_width is None else options.half_width
     grid = ImageGrid(129 if options.pixels is None else options.pixels, half_width, region.center)
     if scan and scan.kind == "circular_integrals" and "radii" in scan.known:
@@ -245,7 +247,10 @@ def _require_same_detectors(scan: Scan, options: argparse.Namespace, curve: Dete
 def _require_same_radii(scan: Scan, radii: Array, n: int) -> None:
     """Integrals over other circles would give a wrong image without a sign."""
     if n != radii.shape[0]:
-        raise ValueError(f"the data have {n} radii, the geometry has {radii.shape[0]}.")
+        raise ValueError(
+            f"the data have {n} radii, the geometry has {radii.shape[0]}: name radii in the file, "
+            "or choose --region-radius, --pixels and --half-width to match."
+        )
     if "radii" not in scan.known:
         return
     own = real_array("radii", scan.known["radii"], radii.shape)

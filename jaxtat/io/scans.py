@@ -1,7 +1,9 @@
 """Scans in: measured or simulated data with whatever geometry the file holds."""
 
+import os
+import zipfile
 from pathlib import Path
-from typing import Literal
+from typing import BinaryIO, Literal
 
 import h5py
 import numpy as np
@@ -51,7 +53,7 @@ def load_scan(path: str | Path) -> Scan:
     if path.suffix not in (".npz", ".h5", ".hdf5"):
         raise ValueError(f"cannot read {path}: expected a name ending in .npz, .h5 or .hdf5.")
     try:
-        arrays = _read_npz(path) if path.suffix == ".npz" else _read_hdf5(path)
+        names, arrays = _read_npz(path) if path.suffix == ".npz" else _read_hdf5(path)
     except PermissionError:
         raise
     except Exception as error:  # zipfile, zlib, struct and h5py each raise their own for damage
@@ -68,18 +70,37 @@ def load_scan(path: str | Path) -> Scan:
             known = {name: value for name, value in found.items() if name not in NAMES_OF_DATA}
             return Scan(kind, found[kind], known)
     wanted = ", ".join(name for kind in NAMES_OF_DATA for name in NAMES[kind])
-    raise ValueError(f"{path} holds {sorted(arrays)}, expected data under one of {wanted}.")
+    raise ValueError(
+        f"{path} holds {sorted(map(str, names))}, expected data under one of {wanted}."
+    )
 
 
-def _read_npz(path: Path) -> dict[str, np.ndarray]:
-    with np.load(path, allow_pickle=False) as file:
-        return {name: _plain(name, file[name]) for name in _wanted(file.files)}
+def _read_npz(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
+    """All names in the file, and the arrays under those that are understood."""
+    with path.open("rb") as handle:
+        _require_directory(handle)
+        with np.load(handle, allow_pickle=False) as file:
+            return file.files, {name: _plain(name, file[name]) for name in _wanted(file.files)}
 
 
-def _read_hdf5(path: Path) -> dict[str, np.ndarray]:
+def _require_directory(handle: BinaryIO) -> None:
+    """Damage in a zip file's directory can hide a member, whose own checksum then tells nothing."""
+    with zipfile.ZipFile(handle) as archive:
+        for member in archive.infolist():
+            archive.open(member).close()  # compares the two places where its name is written
+        n = len(archive.infolist())
+    handle.seek(-22, os.SEEK_END)
+    end = handle.read()
+    if end[:4] == b"PK\5\6" and n != int.from_bytes(end[10:12], "little") != 0xFFFF:
+        raise ValueError("members are missing from its directory")
+    handle.seek(0)
+
+
+def _read_hdf5(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
+    """All names at the root, and the arrays under those that are understood."""
     with h5py.File(path, "r") as file:
         names = [name for name, item in file.items() if isinstance(item, h5py.Dataset)]
-        return {name: _plain(name, np.asarray(file[name])) for name in _wanted(names)}
+        return names, {name: _plain(name, np.asarray(file[name])) for name in _wanted(names)}
 
 
 def _wanted(names: list[str]) -> list[str]:

@@ -1,0 +1,76 @@
+"""Files that are whole or untouched, whatever happens while they are written."""
+
+import os
+import stat
+
+import pytest
+
+from jaxtat.io.atomic import replacing, require_place
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_the_file_appears_at_the_end_and_nothing_else_stays(tmp_path):
+    target = tmp_path / "image.png"
+    with replacing(target) as temporary:
+        assert temporary.parent == tmp_path
+        assert temporary.suffix == ".png"
+        temporary.write_bytes(b"new")
+        assert not target.exists()
+    assert target.read_bytes() == b"new"
+    assert names(tmp_path) == ["image.png"]
+
+
+@pytest.mark.parametrize("error", [OSError("no space left"), KeyboardInterrupt()])
+@pytest.mark.parametrize("there", [True, False])
+def test_an_error_leaves_everything_as_it_was(tmp_path, error, there):
+    target = tmp_path / "plan.h5"
+    if there:
+        target.write_bytes(b"old")
+    before = names(tmp_path)
+    with pytest.raises(type(error)), replacing(target) as temporary:
+        temporary.write_bytes(b"half")
+        raise error
+    assert names(tmp_path) == before
+    assert not there or target.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
+def test_files_get_the_users_own_mode(tmp_path, umask, mode):
+    before = os.umask(umask)
+    try:
+        with replacing(tmp_path / "a.h5") as temporary:
+            temporary.write_bytes(b"x")
+        assert os.umask(umask) == umask
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a.h5").stat().st_mode) == mode
+
+
+def test_a_link_stays_and_its_file_is_replaced(tmp_path):
+    (tmp_path / "disk").mkdir()
+    real, link = tmp_path / "disk" / "plan.h5", tmp_path / "plan.h5"
+    real.write_bytes(b"old")
+    link.symlink_to(real)
+    with replacing(link) as temporary:
+        temporary.write_bytes(b"new")
+    assert link.is_symlink()
+    assert real.read_bytes() == b"new"
+    assert names(tmp_path / "disk") == ["plan.h5"]
+
+
+def test_places_that_cannot_be_files_are_refused(tmp_path, monkeypatch):
+    with pytest.raises(ValueError, match=r"a\.h5: there is no folder .*nowhere"):
+        require_place(tmp_path / "nowhere" / "a.h5")
+    with pytest.raises(ValueError, match="it is a folder"):
+        require_place(tmp_path)
+    with pytest.raises(ValueError, match="no ordinary file"):
+        require_place(os.devnull)
+    with pytest.raises(ValueError, match="no folder"), replacing(tmp_path / "nowhere" / "a.h5"):
+        raise AssertionError("the block must not run")
+    require_place(tmp_path / "a.h5")
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(ValueError, match="may not be written"):
+        require_place(tmp_path / "a.h5")

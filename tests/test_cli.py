@@ -1,0 +1,468 @@
+"""The command: the same images as from Python, and one line of reason for what it refuses."""
+
+import shlex
+import subprocess
+import sys
+
+import h5py
+import jax.numpy as jnp
+import matplotlib.image
+import numpy as np
+import pytest
+
+import jaxtat
+from jaxtat import (
+    FixedRank,
+    ImageGrid,
+    NormBound,
+    SingularValueCutoff,
+    build_plan,
+    circular_arc,
+    condition_record,
+    cosine_filter,
+    data_radii,
+    detector_curve,
+    phantoms,
+    pressure_to_circular_integrals,
+    reconstruct,
+    truncated_disk,
+)
+from jaxtat.cli import main
+from jaxtat.cli.setup import chosen
+from jaxtat.io import load_plan
+
+# 24 detectors, 11 x 11 pixels, 4 frequencies: one compilation for nearly all tests
+N, MAX_FREQUENCY = 24, 2 * np.pi / 0.8
+ARC = "--arc 1.3 1.0 24"
+REGION = f"--region-radius 0.8 --pixels 11 --max-frequency {MAX_FREQUENCY} --quiet"
+CURVE = circular_arc(1.3, 1.0, N)
+DISK = truncated_disk(0.8, 0.8, 2 * N)
+GRID = ImageGrid(11, 0.8)
+RADII = data_radii(CURVE, DISK, GRID.spacing[0])
+BELL = phantoms.Bells([[0.1, -0.15]], [0.6])
+INTEGRALS = np.asarray(BELL.circular_integrals(CURVE, RADII))
+
+
+def python_image(g, rule=None, curve=CURVE, low_pass=None, **options):
+    plan = build_plan(
+        curve, DISK, GRID, RADII, rule, max_frequency=MAX_FREQUENCY, progress=False, **options
+    )
+    inside = DISK.contains(GRID.points)
+    return np.where(inside, reconstruct(plan, g, low_pass=low_pass), 0.0)
+
+
+@pytest.fixture
+def jaxtat_command(tmp_path, monkeypatch):
+    """Runs a command line in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return lambda line: main(shlex.split(line))
+
+
+def agree(image, wanted, tolerance=1e-9):
+    """Up to rounding: the command finds the centre of the curve by a fit."""
+    largest = np.abs(wanted).max()
+    assert largest > 0.1
+    return np.abs(image - wanted).max() < tolerance * largest
+
+
+def pulses(n_times, seed=0):
+    """Band-limited records: a few cosines per detector on [0, 1] of their duration."""
+    amplitudes = np.random.default_rng(seed).standard_normal((N, 6))
+    return amplitudes @ np.cos(np.pi * np.arange(6)[:, None] * np.linspace(0, 1, n_times))
+
+
+def test_plan_then_reconstruct_gives_the_image_of_python(jaxtat_command, tmp_path, capsys):
+    np.savez("data.npz", circular_integrals=INTEGRALS)
+    loud = REGION.replace("--quiet", "")
+    assert jaxtat_command(f"plan {ARC} {loud} --out plan.h5") == 0
+    assert "24 detectors, 4 frequencies x 32 directions" in capsys.readouterr().out
+    assert jaxtat_command("reconstruct data.npz --plan plan.h5 --out image.npy --quiet") == 0
+    assert capsys.readouterr().out == ""
+    assert agree(np.load("image.npy"), python_image(INTEGRALS))
+    assert jaxtat_command("reconstruct data.npz --plan plan.h5 --out image.png --quiet") == 0
+    assert matplotlib.image.imread("image.png").ndim == 3
+    assert jaxtat_command("reconstruct data.npz --plan plan.h5 --out image.h5") == 0
+    assert "image written to image.h5" in capsys.readouterr().out
+    with h5py.File("image.h5") as file:
+        assert np.array_equal(file["image"][()], np.load("image.npy"))
+        assert file.attrs["plan"] == "plan.h5"
+        assert file.attrs["low_pass"] == "none"
+        assert not file.attrs["single"]
+    wanted = ["data.npz", "image.h5", "image.npy", "image.png", "plan.h5"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == wanted
+
+
+def test_a_smooth_phantom_comes_back_from_positions_in_three_dimensions(jaxtat_command):
+    """The truth, not only the Python interface, for a planar array given in space."""
+    curve, region, grid = circular_arc(1.3, 1.0, 60), truncated_disk(1.0, 1.0, 120), ImageGrid(21)
+    bell = phantoms.Bells([[0.03, -0.02]], [0.95])
+    radii = data_radii(curve, region, grid.spacing[0])
+    positions = np.insert(np.asarray(curve.points), 1, 0.7, axis=1)
+    g = bell.circular_integrals(curve, radii)
+    np.savez("data.npz", g=g, r=radii, detectors=positions)
+    line = "reconstruct data.npz --region-radius 1 --pixels 21 --max-frequency 25.1 --quiet"
+    assert jaxtat_command(f"{line} --out image.npy") == 0
+    inside = np.asarray(region.contains(grid.points))
+    error = np.abs(np.load("image.npy") - bell.image(grid))[inside].max()
+    assert error < 2e-3
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
+def test_positions_in_the_file(jaxtat_command, suffix):
+    arrays = {"g": INTEGRALS, "positions": np.asarray(CURVE.points), "radii": np.asarray(RADII)}
+    if suffix == ".npz":
+        np.savez("data.npz", **arrays)
+    else:
+        with h5py.File("data.h5", "w") as file:
+            file.update(arrays)
+    assert jaxtat_command(f"reconstruct data{suffix} {REGION} --out image.npy") == 0
+    wanted = python_image(INTEGRALS, curve=detector_curve(CURVE.points))
+    assert agree(np.load("image.npy"), wanted)
+    assert jaxtat_command(f"plan --detectors-from data{suffix} {REGION} --out plan.h5") == 0
+    assert jaxtat_command(f"reconstruct data{suffix} --plan plan.h5 --out b.npy --quiet") == 0
+    assert np.array_equal(np.load("b.npy"), np.load("image.npy"))
+
+
+def test_a_plan_takes_the_radii_of_the_file(jaxtat_command):
+    radii = np.linspace(0.45, 2.2, 16)
+    np.savez("data.npz", g=np.zeros((N, 16)), r=radii, detectors=CURVE.points)
+    assert jaxtat_command(f"plan --detectors-from data.npz {REGION} --out plan.h5") == 0
+    assert np.array_equal(load_plan("plan.h5").radii, radii)
+
+
+@pytest.mark.parametrize("how", ["plan alone", "ring", "positions"])
+def test_transposed_data_are_recognised(jaxtat_command, how):
+    arrays = {"detectors": CURVE.points} if how == "positions" else {}
+    geometry = "" if how == "positions" else ARC
+    np.savez("data.npz", g=INTEGRALS, **arrays)
+    np.savez("turned.npz", g=INTEGRALS.T, **arrays)
+    assert INTEGRALS.shape[0] != INTEGRALS.shape[1]
+    if how == "plan alone":
+        assert jaxtat_command(f"plan {ARC} {REGION} --out plan.h5") == 0
+        geometry = "--plan plan.h5"
+    options = "--quiet" if how == "plan alone" else REGION
+    for name in ("data", "turned"):
+        assert jaxtat_command(f"reconstruct {name}.npz {geometry} {options} --out {name}.npy") == 0
+    assert np.abs(np.load("data.npy")).max() > 0.3
+    assert np.array_equal(np.load("data.npy"), np.load("turned.npy"))
+
+
+def test_pressure_of_part_of_a_ring(jaxtat_command):
+    """32 detectors on a ring, those that look into the opening left out."""
+    pressure, theta = pulses(101), 2 * np.pi * np.arange(32) / 32
+    ring = 1.3 * np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    used = np.r_[24:32, 0:16]
+    whole = np.zeros((32, 101))
+    whole[used] = pressure
+    np.savez("data.npz", pressure=whole)
+    line = f"reconstruct data.npz --ring 1.3 32 --use 24:32,0:16 --duration 2.5 {REGION}"
+    assert jaxtat_command(f"{line} --region-cut 0.8 --out image.npy") == 0
+    curve = detector_curve(ring[used])
+    opening = float(jnp.arctan2(*curve.points.mean(axis=0)[::-1])) + np.pi
+    region = truncated_disk(0.8, 0.8, 48, angle=opening)
+    radii = data_radii(curve, region, GRID.spacing[0])
+    g = pressure_to_circular_integrals(pressure, np.linspace(0, 2.5, 101), radii)
+    plan = build_plan(curve, region, GRID, radii, max_frequency=MAX_FREQUENCY, progress=False)
+    wanted = np.where(region.contains(GRID.points), reconstruct(plan, g), 0.0)
+    assert agree(np.load("image.npy"), wanted, 1e-8)
+
+
+def test_raw_counts_of_a_measured_scan(jaxtat_command):
+    """Whole numbers with an offset, sampling rate and sound speed in the file."""
+    raw = (2048 + 300 * pulses(160)).astype(np.uint16)
+    np.savez("data.npz", raw=raw, fs=np.array([50.0]), speed_of_sound=2.0, detectors=CURVE.points)
+    line = f"reconstruct data.npz {REGION} --model in-plane --band 0.2 8 --dead-time 0.1"
+    assert jaxtat_command(f"{line} --out image.npy") == 0
+    times = np.arange(160) / 50.0
+    clean = condition_record(raw.astype(float), times, dead_time=0.1, band=(0.2, 8.0))
+    g = pressure_to_circular_integrals(clean, times, RADII, sound_speed=2.0, model="in-plane")
+    wanted = python_image(g, curve=detector_curve(CURVE.points))
+    assert agree(np.load("image.npy"), wanted)
+    assert jaxtat_command(f"{line} --sound-speed 2.0 --sampling-rate 50 --out again.npy") == 0
+    assert np.array_equal(np.load("again.npy"), np.load("image.npy"))
+    assert jaxtat_command(f"{line} --sound-speed 1.5 --out other.npy") == 0
+    assert not agree(np.load("other.npy"), wanted, 1e-2)
+
+
+@pytest.mark.parametrize(
+    ("option", "rule", "others"),
+    [
+        ("--K 2.5", NormBound(2.5), {}),
+        ("--j-max 20.5", FixedRank(20.5), {}),
+        ("--sigma-min 1e-2", SingularValueCutoff(1e-2), {}),
+        ("--single", None, {"precision": "single"}),
+        ("--low-pass cosine", None, {"low_pass": cosine_filter}),
+    ],
+)
+def test_options_of_the_method(jaxtat_command, option, rule, others):
+    np.savez("data.npz", g=INTEGRALS)
+    assert jaxtat_command(f"reconstruct data.npz {ARC} {REGION} {option} --out image.npy") == 0
+    wanted = python_image(INTEGRALS, rule, **others)
+    assert agree(np.load("image.npy"), wanted, 1e-7 if option == "--single" else 1e-9)
+    assert not agree(wanted, python_image(INTEGRALS)), "the option changes something"
+
+
+def test_the_series_on_a_full_ring(jaxtat_command):
+    theta = 2 * np.pi * np.arange(N) / N
+    ring = detector_curve(1.3 * np.stack([np.cos(theta), np.sin(theta)], axis=1))
+    g = BELL.circular_integrals(ring, RADII)
+    np.savez("data.npz", g=g, r=RADII)
+    assert jaxtat_command(f"plan --ring 1.3 {N} {REGION} --series --single --out plan.h5") == 0
+    plan = load_plan("plan.h5")
+    assert plan.regularization is None
+    assert plan.densities.dtype == jnp.complex64
+    line = f"reconstruct data.npz --ring 1.3 {N} {REGION} --series --out image.npy"
+    assert jaxtat_command(line) == 0
+    wanted = python_image(g, curve=ring, method="series")
+    assert agree(np.load("image.npy"), wanted)
+
+
+@pytest.mark.parametrize(
+    ("use", "wanted"),
+    [
+        ("2:5", [2, 3, 4]),
+        ("6:8,0:2", [6, 7, 0, 1]),
+        ("0:8:3", [0, 3, 6]),
+        (":3", [0, 1, 2]),
+        ("-2:,0:1", [6, 7, 0]),
+        ("::-2", [7, 5, 3, 1]),
+        (None, list(range(8))),
+    ],
+)
+def test_slices_choose_detectors(use, wanted):
+    assert chosen(use, 8).tolist() == wanted
+
+
+@pytest.mark.parametrize("use", ["5", "", "a:b", "1:2:3:4", "0:8:0", "1.0:2", "0:2,,"])
+def test_what_is_no_slice_is_refused(use):
+    with pytest.raises(ValueError, match="expected slices such as"):
+        chosen(use, 8)
+
+
+@pytest.mark.parametrize("use", ["0:9", "8:", "-9:3", "3:3", "5:2", "0:2,7:9"])
+def test_slices_beyond_the_detectors_are_refused_not_clipped(use):
+    with pytest.raises(ValueError, match="there are 8 detectors, 0 to 7"):
+        chosen(use, 8)
+
+
+def test_an_invisible_part_is_a_note_and_not_an_error(jaxtat_command, capsys):
+    np.savez("data.npz", g=np.zeros((N, 20)), r=np.linspace(0.4, 2.2, 20))
+    line = f"reconstruct data.npz --arc 1.3 -0.2 {N} {REGION} --region-cut 0.8 --out image.npy"
+    assert jaxtat_command(line) == 0
+    notes = capsys.readouterr().err.splitlines()
+    assert len(notes) == 1
+    assert notes[0].startswith("jaxtat: note: ")
+    assert "lines through the region miss the curve" in notes[0]
+    assert not np.load("image.npy").any()
+
+
+@pytest.fixture
+def bad_input(tmp_path, monkeypatch):
+    """A folder of files for `reconstruct`, each but the first wrong in one way."""
+    monkeypatch.chdir(tmp_path)
+    nan = INTEGRALS.copy()
+    nan[3, 5] = np.nan
+    points = np.asarray(CURVE.points)
+    np.savez("good.npz", g=INTEGRALS)
+    np.savez("nan.npz", g=nan)
+    np.savez("fewer.npz", g=INTEGRALS[:-1])
+    np.savez("short.npz", g=INTEGRALS[:, :-3])
+    np.savez("batch.npz", g=INTEGRALS[None])
+    np.savez("flat.npz", g=INTEGRALS[0])
+    np.savez("text.npz", g=np.array(["a"]))
+    np.savez("complex.npz", g=INTEGRALS + 0j)
+    np.savez("nothing.npz", x=INTEGRALS)
+    np.savez("radii.npz", g=INTEGRALS, r=1.01 * RADII)
+    np.savez("shuffled.npz", g=INTEGRALS, detectors=points[np.r_[12:24, 0:12]][::-1])
+    np.savez("moved.npz", g=INTEGRALS, detectors=points + 0.01)
+    np.savez("some.npz", g=INTEGRALS, detectors=points[:-1])
+    np.savez("angles.npz", g=INTEGRALS, detectors=np.arange(N))
+    np.savez("record.npz", pressure=pulses(90), t=np.linspace(0, 1.5, 90))
+    np.savez("timeless.npz", pressure=pulses(90))
+    np.savez("still.npz", pressure=pulses(90), fs=0.0)
+    (tmp_path / "damaged.npz").write_bytes((tmp_path / "good.npz").read_bytes()[:-30])
+    (tmp_path / "good.txt").write_text("1 2 3\n")
+    (tmp_path / "folder.png").mkdir()
+    return tmp_path
+
+
+GEOMETRY = f"{ARC} {REGION}"
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (f"nowhere.npz {GEOMETRY} --out a.png", "there is no file nowhere.npz"),
+        (f"folder.png {GEOMETRY} --out a.png", "there is no file folder.png"),
+        (f"good.txt {GEOMETRY} --out a.png", "cannot read good.txt: expected a name ending"),
+        (f"good.npz {GEOMETRY} --out a.jpg", "cannot write a.jpg: expected a name ending"),
+        (f"good.npz {GEOMETRY} --out nowhere/a.png", "there is no folder"),
+        (f"good.npz {GEOMETRY} --out folder.png", "cannot write folder.png: it is a folder"),
+        (f"damaged.npz {GEOMETRY} --out a.png", "cannot read damaged.npz"),
+        (f"nan.npz {GEOMETRY} --out a.png", "1 NaN or infinite values of"),
+        (f"nan.npz {GEOMETRY} --out a.png", "the first at index (3, 5)"),
+        (f"fewer.npz {GEOMETRY} --out a.png", "the data have 23 detectors"),
+        (f"short.npz {GEOMETRY} --out a.png", f"radii, the geometry has {len(RADII)}"),
+        (f"batch.npz {GEOMETRY} --out a.png", "expected (detectors, samples)"),
+        (f"flat.npz {GEOMETRY} --out a.png", "expected (detectors, samples)"),
+        (f"text.npz {GEOMETRY} --out a.png", "expected real numbers"),
+        (f"complex.npz {GEOMETRY} --out a.png", "expected real numbers"),
+        (f"nothing.npz {GEOMETRY} --out a.png", "holds ['x'], expected data under one of"),
+        (f"record.npz {GEOMETRY} --out a.png", "end"),
+        (f"timeless.npz {GEOMETRY} --out a.png", "no sample times"),
+        (f"still.npz {GEOMETRY} --out a.png", "the sampling rate is 0"),
+        (f"timeless.npz {GEOMETRY} --sampling-rate -3 --out a.png", "the sampling rate is -3"),
+        (f"timeless.npz {GEOMETRY} --duration 0 --out a.png", "equal positive steps"),
+        (f"timeless.npz {GEOMETRY} --duration 3 --band 5 2 --out a.png", "0 <= f_lo < f_hi"),
+        (f"timeless.npz {GEOMETRY} --duration 3 --sound-speed 0 --out a.png", "sound_speed is 0"),
+        (f"good.npz {REGION} --out a.png", "no detector positions"),
+        (f"shuffled.npz {REGION} --out a.png", "the detectors are not in order"),
+        (f"angles.npz {REGION} --out a.png", "expected (detectors, 2 or 3)"),
+        (f"some.npz {REGION} --out a.png", "the data have 24 detectors"),
+        (f"good.npz {ARC} --region-radius 1.4 --out a.png", "inside or on the region"),
+        (f"good.npz {GEOMETRY} --region-center 30 0 --out a.png", "inside or on the region|radii"),
+        (f"good.npz {GEOMETRY} --half-width 0 --out a.png", "half_width"),
+        (f"good.npz {ARC} --region-radius 0.8 --pixels 0 --out a.png", "at least 4 per axis"),
+        (f"good.npz {GEOMETRY} --use 0:30 --out a.png", "there are 24 detectors"),
+        (f"good.npz {GEOMETRY} --K -1 --out a.png", "K is -1.0"),
+        (f"good.npz {GEOMETRY} --K nan --out a.png", "K holds 1 NaN"),
+        (f"good.npz {GEOMETRY} --series --out a.png", "equispaced detectors on a full circle"),
+        (f"good.npz {GEOMETRY} --series --K 3 --out a.png", "--series is a closed form"),
+        (f"good.npz --arc 1.3 1 23.5 {REGION} --out a.png", "number of detectors is 23.5"),
+        (f"good.npz --arc 1.3 1 inf {REGION} --out a.png", "number of detectors is inf"),
+        (f"good.npz --ring 1.3 0 {REGION} --out a.png", "number of detectors is 0"),
+        (f"good.npz --ring 0 24 {REGION} --out a.png", "same position"),
+        ("good.npz --plan nowhere.h5 --out a.png", "there is no plan file nowhere.h5"),
+        ("good.npz --plan good.txt --out a.png", "good.txt is not a jaxtat plan"),
+    ],
+)
+def test_bad_input_is_one_line_and_no_file(bad_input, capsys, line, reason):
+    require_refusal(bad_input, capsys, f"reconstruct {line}", reason)
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("fewer.npz", "the data have 23 detectors"),
+        ("short.npz", f"radii, the geometry has {len(RADII)}"),
+        ("nan.npz", "the first at index (3, 5)"),
+        ("radii.npz", "built for other radii"),
+        ("moved.npz", "built for other detectors (positions differ by up to 0.01)"),
+        ("some.npz", "the scan has positions of 23 detectors"),
+        ("good.npz --arc 1.3 0.9 24", "built for other detectors"),
+        ("good.npz --use 0:20", "the data have 20 detectors"),
+        ("good.npz --pixels 129", "--pixels and --plan"),
+        ("good.npz --region-radius 0.8", "--region-radius and --plan"),
+        ("good.npz --K 4", "--K and --plan"),
+        ("good.npz --single", "--single and --plan"),
+    ],
+)
+def test_a_plan_for_something_else_is_refused(bad_input, small_cli_plan, capsys, line, reason):
+    line = f"reconstruct {line} --plan {small_cli_plan} --out a.png --quiet"
+    require_refusal(bad_input, capsys, line, reason)
+
+
+@pytest.fixture(scope="module")
+def small_cli_plan(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plan") / "plan.h5"
+    assert main(shlex.split(f"plan {GEOMETRY} --out {path}")) == 0
+    return path
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (f"{REGION} --out a.h5", "no detector positions"),
+        (f"{GEOMETRY} --out nowhere/a.h5", "there is no folder"),
+        (f"{GEOMETRY} --out folder.png", "it is a folder"),
+        (f"{GEOMETRY} --out /dev/null", "no ordinary file"),
+        (f"--detectors-from nowhere.npz {REGION} --out a.h5", "there is no file nowhere.npz"),
+        (f"--detectors-from good.npz {REGION} --out a.h5", "no detector positions"),
+    ],
+)
+def test_plans_that_cannot_be_are_refused(bad_input, capsys, line, reason):
+    require_refusal(bad_input, capsys, f"plan {line}", reason)
+
+
+def require_refusal(folder, capsys, line, reason):
+    before = sorted(path.name for path in folder.iterdir())
+    assert main(shlex.split(line)) == 2
+    written = capsys.readouterr()
+    assert written.out == ""
+    assert len(written.err.splitlines()) == 1, written.err
+    assert written.err.startswith("jaxtat: error: ")
+    assert any(part in written.err for part in reason.split("|")), written.err
+    assert "Traceback" not in written.err
+    assert sorted(path.name for path in folder.iterdir()) == before
+
+
+def test_data_are_refused_before_the_densities_are_computed(bad_input, capsys, monkeypatch):
+    def too_late(*arguments, **options):
+        raise AssertionError("build_plan was called")
+
+    monkeypatch.setattr("jaxtat.cli.setup.build_plan", too_late)
+    for name in ("nan", "fewer", "record"):
+        require_refusal(bad_input, capsys, f"reconstruct {name}.npz {GEOMETRY} --out a.npy", "")
+    with pytest.raises(AssertionError, match="build_plan was called"):
+        main(shlex.split(f"reconstruct good.npz {GEOMETRY} --out a.npy"))
+
+
+def test_an_interruption_is_no_traceback(bad_input, capsys, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("jaxtat.cli.setup.build_plan", interrupted)
+    assert main(shlex.split(f"reconstruct good.npz {GEOMETRY} --out a.npy")) == 130
+    assert capsys.readouterr().err == "jaxtat: interrupted\n"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "recreate",
+        "plan",
+        "reconstruct data.npz",
+        "reconstruct --out a.png",
+        "plan --arc 1 2 --out a.h5",
+        "plan --arc 1 0 5 --ring 1 5 --out a.h5",
+        "plan --K 1 --j-max 3 --out a.h5",
+        "plan --K much --out a.h5",
+        "reconstruct data.npz --out a.png --model 3d",
+        "reconstruct data.npz --out a.png --low-pass hann",
+        "reconstruct data.npz --out a.png --duration 1 --sampling-rate 3",
+        "reconstruct data.npz --out a.png --pixels 12.5",
+    ],
+)
+def test_wrong_arguments_exit_with_2_and_the_usage(capsys, line):
+    with pytest.raises(SystemExit) as caught:
+        main(shlex.split(line))
+    assert caught.value.code == 2
+    assert capsys.readouterr().err.startswith("usage: jaxtat")
+
+
+@pytest.mark.parametrize("command", ["", "paper", "plan", "reconstruct"])
+def test_help_shows_examples_that_parse(capsys, command):
+    with pytest.raises(SystemExit) as caught:
+        main([*command.split(), "--help"])
+    assert caught.value.code == 0
+    text = capsys.readouterr().out
+    assert "examples:" in text
+    examples = text.split("examples:")[1].replace("\\\n", " ").splitlines()
+    lines = [line.strip() for line in examples if line.strip().startswith("jaxtat ")]
+    assert {line.split()[1] for line in lines} == {"paper", "plan", "reconstruct"}
+    for line in lines:
+        assert callable(jaxtat.cli.parser.build_parser().parse_args(shlex.split(line)[1:]).run)
+
+
+def test_the_module_is_the_command(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "jaxtat", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert done.stdout.startswith("usage: jaxtat ")
+    assert "jaxtat plan --arc 1.3 0 500" in done.stdout
+    assert done.stderr == ""
