@@ -58,6 +58,8 @@ def require_finite(name: str, array: Array) -> None:
     if not is_concrete(array):
         return
     bad = ~np.isfinite(np.asarray(array))
+    if array.ndim == 0 and bad:
+        raise ValueError(f"{name} is {float(array)} (NaN or infinite), expected a finite number.")
     if bad.any():
         first = tuple(int(i) for i in np.argwhere(bad)[0])
         raise ValueError(

@@ -128,7 +128,7 @@ def series_densities(
         misfit = potential_matrix(frequency, curve, region) @ unknowns - traces
         report = DensityReport(
             singular_values=jnp.zeros(0),
-            j_max=jnp.full(angles.shape, 2.0 * n_orders - 1),
+            j_max=jnp.full_like(angles, 2 * n_orders - 1),
             norm=jnp.linalg.norm(unknowns, axis=0),
             residual=jnp.linalg.norm(misfit, axis=0) / jnp.linalg.norm(traces, axis=0),
             unit_norm=unit_norm,

@@ -148,14 +148,14 @@ def _polar_grid(
     highest = real_array("max_frequency", max_frequency, ())
     require_positive("max_frequency", highest)
     waves = float(highest * region.reach)  # radians across the region's radius
-    n_frequencies = int(np.ceil(2 * waves / np.pi - 1e-6))
+    n_frequencies = max(1, int(np.ceil(2 * waves / np.pi - 1e-6)))
     if n_directions is None:
         # projections and image turn through 2 * waves radians in half a turn; a quarter to spare
-        n_directions = 32 * int(np.ceil(1.25 * waves / 32))
+        n_directions = 32 * max(1, int(np.ceil(1.25 * waves / 32)))
     if n_directions < 1:
         raise ValueError(f"n_directions is {n_directions}, expected at least 1.")
     frequencies = highest / n_frequencies * jnp.arange(1, n_frequencies + 1)
-    return frequencies, jnp.arange(n_directions) * jnp.pi / n_directions
+    return frequencies, jnp.linspace(0.0, jnp.pi, n_directions, endpoint=False)
 
 
 def _require_geometry(
