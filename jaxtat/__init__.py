@@ -15,13 +15,14 @@ from .geometry import (
     visibility,
 )
 from .io import load_plan, save_plan
-from .plan import PAPER_K, ReconstructionPlan, build_plan
+from .plan import PAPER_K, AccuracyWarning, ReconstructionPlan, build_plan
 from .pressure import condition_record, pressure_to_circular_integrals
 from .reconstruction import cosine_filter, reconstruct
 from .regularization import FixedRank, NormBound, SingularValueCutoff
 
 __all__ = [
     "PAPER_K",
+    "AccuracyWarning",
     "DetectorCurve",
     "FixedRank",
     "ImageGrid",

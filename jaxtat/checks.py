@@ -4,7 +4,9 @@ Values can only be looked at when they are concrete; inside ``jax.jit`` or ``jax
 of shape and dtype still apply and those of values are left to the concrete call outside.
 """
 
+import operator
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import jax
@@ -45,7 +47,9 @@ def real_array(name: str, value: Numbers, shape: tuple[int | str | None, ...] | 
         raise ValueError(f"{name} is no array of real numbers: {error}.") from error
     if not (jnp.issubdtype(dtype, jnp.floating) or jnp.issubdtype(dtype, jnp.integer)):
         raise ValueError(f"{name} has dtype {dtype}, expected real numbers: pass float64 values.")
-    array = jnp.asarray(value, jnp.float64)
+    # a constant stays concrete inside jax.jit too, so that it can be looked at
+    with jax.ensure_compile_time_eval() if is_concrete(value) else nullcontext():
+        array = jnp.asarray(value, jnp.float64)
     if shape is not None and not _matches(array.shape, shape):
         wanted = ", ".join("any" if size is None else str(size) for size in shape)
         raise ValueError(f"{name} has shape {array.shape}, expected ({wanted}).")
@@ -72,6 +76,17 @@ def require_positive(name: str, value: Array) -> None:
     """Raise ValueError if a concrete value is not above zero."""
     if is_concrete(value) and not bool(np.all(np.asarray(value) > 0)):
         raise ValueError(f"{name} is {np.asarray(value)}, expected a value above zero.")
+
+
+def whole_number(name: str, value: Any, least: int) -> int:
+    """``value`` as an int, refused if it is no whole number or below ``least``."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise ValueError(f"{name} is {value!r}, expected a whole number.") from None
+    if number < least:
+        raise ValueError(f"{name} is {number}, expected at least {least}.")
+    return number
 
 
 def _matches(shape: tuple[int, ...], wanted: tuple[int | str | None, ...]) -> bool:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .checks import Numbers, real_array
+from .checks import Numbers, is_concrete, real_array, require_positive
 from .geometry import DetectorCurve, ImageGrid
 from .interpolation import KEYS, cell_polynomials, polynomial
 
@@ -24,7 +24,7 @@ def circular_integrals(
     radii: Numbers,
     *,
     n_points: int | None = None,
-) -> Float[Array, "detectors radii"]:
+) -> Float[Array, "*batch detectors radii"]:
     """g(z, r) = ∫_{|x - z| = r} f dl = r ∫ f(z + r (cos φ, sin φ)) dφ of a pixel image.
 
     The midpoint rule runs over the part of the circle that lies in the disk around the grid.
@@ -33,14 +33,14 @@ def circular_integrals(
     detectors' worth.
 
     Args:
-        image: f at the nodes of the grid, (x1, x2).
+        image: f at the nodes of the grid, (..., x1, x2).
         grid: where the nodes are.
         curve: the detectors z.
         radii: r > 0, (radii,) [length].
-        n_points: points per circle; by default two per pixel of the grid's diagonal.
+        n_points: points per circle; by default two per pixel along the longest arc in the grid.
 
     Returns:
-        (detectors, radii) [length times the unit of f].
+        (..., detectors, radii) [length times the unit of f].
 
     Raises:
         ValueError: for an image that does not fit the grid, or NaN in it.
@@ -54,9 +54,13 @@ def circular_integrals(
     >>> bool(jnp.abs(g - bell.circular_integrals(curve, radii)).max() < 1e-3)
     True
     """
-    image = real_array("image", image, grid.shape)
-    radii = real_array("radii", radii, ("radii",))
-    return _integrals(image, grid, curve, radii, n_points or default_points(grid))
+    image = real_array("image", image, ("...", *grid.shape))
+    radii = _radii(radii)
+    n_points = n_points or default_points(grid)
+    batch = jax.lax.map(
+        lambda one: _integrals(one, grid, curve, radii, n_points), image.reshape(-1, *grid.shape)
+    )
+    return batch.reshape(*image.shape[:-2], *batch.shape[1:])
 
 
 def circular_means(
@@ -66,7 +70,7 @@ def circular_means(
     radii: Numbers,
     *,
     n_points: int | None = None,
-) -> Float[Array, "detectors radii"]:
+) -> Float[Array, "*batch detectors radii"]:
     """Means (1/2πr) g(z, r) over circles; arguments as in `circular_integrals`."""
     g = circular_integrals(image, grid, curve, radii, n_points=n_points)
     return g / (2 * jnp.pi * jnp.asarray(radii))
@@ -79,24 +83,39 @@ def circular_integrals_adjoint(
     radii: Numbers,
     *,
     n_points: int | None = None,
-) -> Float[Array, "x1 x2"]:
+) -> Float[Array, "*batch x1 x2"]:
     """The exact transpose of `circular_integrals`: Σ g·data = Σ image·adjoint(data).
 
     Args:
-        data: (detectors, radii).
+        data: (..., detectors, radii).
         grid, curve, radii, n_points: as in `circular_integrals`.
 
     Returns:
-        (x1, x2).
+        (..., x1, x2).
     """
-    radii = real_array("radii", radii, ("radii",))
-    data = real_array("data", data, (curve.n_detectors, radii.shape[0]))
-    return _adjoint(data, grid, curve, radii, n_points or default_points(grid))
+    radii = _radii(radii)
+    data = real_array("data", data, ("...", curve.n_detectors, radii.shape[0]))
+    n_points = n_points or default_points(grid)
+    batch = jax.lax.map(
+        lambda one: _adjoint(one, grid, curve, radii, n_points),
+        data.reshape(-1, *data.shape[-2:]),
+    )
+    return batch.reshape(*data.shape[:-2], *grid.shape)
 
 
 def default_points(grid: ImageGrid) -> int:
-    """Two points per pixel of the diagonal; an arc inside the image is at most π/2 as long."""
-    return 2 * int(np.ceil(np.pi / 2 * np.hypot(*grid.shape) / 2)) * 2
+    """Two points per pixel along π/2 diagonals, the longest arc seen from outside the image."""
+    if not is_concrete(grid):
+        raise ValueError("n_points must be given when the grid is traced.")
+    width = 2 * np.asarray(grid.half_width)
+    pixels = np.hypot(*width) / (width / (np.asarray(grid.shape) - 1)).min()
+    return int(np.ceil(np.pi * (pixels + 1)))
+
+
+def _radii(radii: Numbers) -> Array:
+    radii = real_array("radii", radii, ("radii",))
+    require_positive("radii", radii)
+    return radii
 
 
 @partial(jax.jit, static_argnames="n_points")

@@ -17,15 +17,6 @@ KEYS = np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]]) /
 SPLINE = np.array([[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]]) / 6
 
 
-def kernel_weights(kernel: np.ndarray, t: Float[Array, "*n"]) -> Float[Array, "4 *n"]:
-    """Weights of nodes -1, 0, 1, 2 for the value at t.
-
-    >>> kernel_weights(KEYS, jnp.array(0.5)).tolist()
-    [-0.0625, 0.5625, 0.5625, -0.0625]
-    """
-    return jnp.stack([polynomial(list(row), t) for row in kernel])
-
-
 def cell_polynomials(kernel: np.ndarray, values: Float[Array, "*n nodes"]) -> list[Array]:
     """Interpolant between nodes j + 1 and j + 2, j = 0..nodes-4: four arrays, by powers of t.
 

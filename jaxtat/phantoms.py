@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from .checks import Numbers, real_array, require_positive
+from .checks import Numbers, real_array, require_positive, whole_number
 from .geometry import DetectorCurve, ImageGrid
 from .special import j0, j1
 
@@ -26,7 +26,7 @@ class _RadialParts(eqx.Module):
 
     def __init__(self, centers: Numbers, radii: Numbers, amplitudes: Numbers | None = None):
         self.centers = real_array("centers", centers, ("parts", 2))
-        n = self.centers.shape[0]
+        n = whole_number("the number of parts", self.centers.shape[0], 1)
         self.radii = real_array("radii", radii, (n,))
         self.amplitudes = real_array(
             "amplitudes", jnp.ones(n) if amplitudes is None else amplitudes, (n,)
@@ -64,7 +64,6 @@ class _RadialParts(eqx.Module):
 
         return self._sum_over_parts(one)
 
-    @eqx.filter_jit
     def circular_integrals(
         self, curve: DetectorCurve, radii: Numbers
     ) -> Float[Array, "detectors radii"]:
@@ -78,8 +77,12 @@ class _RadialParts(eqx.Module):
             (detectors, radii) [length, for a dimensionless f].
         """
 
-        radii = jnp.asarray(radii)
+        radii = real_array("radii", radii, ("radii",))
+        require_positive("radii", radii)
+        return self._circular_integrals(curve, radii)
 
+    @eqx.filter_jit
+    def _circular_integrals(self, curve: DetectorCurve, radii: Array) -> Array:
         def of_detector(point: Array) -> Array:
             def one(center: Array, radius: Array, amplitude: Array) -> Array:
                 distance = _distance(point - center)
@@ -238,12 +241,14 @@ def _sin8_integral(u: Array) -> Array:
 
 def _half_angle(distance: Array, r: Array, part_radius: Array) -> Array:
     """Half the angle under which a circle (r, at ``distance``) runs inside a disk at the origin."""
-    product = 2 * distance * r
-    cosine = (distance**2 + r**2 - part_radius**2) / jnp.where(product > 0, product, 1.0)
+    product = 4 * distance * r
+    # sin²(angle/2), in factors that do not cancel for a small part far away
+    gap = distance - r
+    square = (part_radius - gap) * (part_radius + gap) / jnp.where(product > 0, product, 1.0)
     concentric = jnp.where(r < part_radius, jnp.pi, 0.0)
-    proper = jnp.abs(cosine) < 1
-    angle = jnp.arccos(jnp.where(proper, cosine, 0.0))
-    whole_or_none = jnp.where(cosine <= -1, jnp.pi, 0.0)
+    proper = (square > 0) & (square < 1)
+    angle = 2 * jnp.arcsin(jnp.sqrt(jnp.where(proper, square, 0.25)))
+    whole_or_none = jnp.where(square >= 1, jnp.pi, 0.0)
     return jnp.where(product > 0, jnp.where(proper, angle, whole_or_none), concentric)
 
 

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 from tqdm import tqdm
 
-from .checks import Numbers, is_concrete, real_array, require_positive, require_x64
+from .checks import Numbers, is_concrete, real_array, require_positive, require_x64, whole_number
 from .densities import DensityReport, collocation_densities, series_densities
 from .geometry import (
     Circle,
@@ -34,6 +35,10 @@ _FREQUENCIES_AT_A_TIME = 4
 
 # Kunyansky's K = 1.5 at R_g = 1.3, in the true norm of the full circle (see NormBound)
 PAPER_K = 1.5 * float(np.sqrt(2 * np.pi * 1.3))
+
+
+class AccuracyWarning(UserWarning):
+    """Many plane waves could not be written as potentials of the curve."""
 
 
 class ReconstructionPlan(eqx.Module):
@@ -86,7 +91,8 @@ def build_plan(
         curve: the detectors, all outside the region.
         region: region of interest; outside it the image means nothing.
         grid: where the image is wanted.
-        radii: r > 0 of the data, increasing, covering the region, (radii,) [length].
+        radii: r > 0 of the data, increasing, covering the region and all other sources, (radii,)
+            [length]; see `data_radii`.
         regularization: `NormBound`, `FixedRank` or `SingularValueCutoff`; by default the paper's
             bound, ``NormBound(PAPER_K)``.
         method: "collocation": singular value decomposition of the potentials on the boundary, for
@@ -106,6 +112,7 @@ def build_plan(
 
     Warns:
         VisibilityWarning: if lines through the region miss the curve.
+        AccuracyWarning: if many plane waves are not reached, for want of detectors or norm.
 
     >>> from jaxtat import circular_arc, phantoms, reconstruct, truncated_disk
     >>> curve, region = circular_arc(1.3, 1.0, 80), truncated_disk(1.0, 1.0, 160)
@@ -121,15 +128,20 @@ def build_plan(
     radii = real_array("radii", radii, ("radii",))
     if precision not in _COMPLEX:
         raise ValueError(f"precision is {precision!r}, expected 'double' or 'single'.")
-    frequencies, angles = _polar_grid(region, grid, radii, max_frequency, n_directions)
-    _require_geometry(curve, region, grid, radii, frequencies[-1])
-    solve = _solver(method, curve, region, regularization, frequencies[-1])
-    unit_norms = full_circle_norm(frequencies, fit_circle(curve.points).radius)
+    regularization = _rule(method, regularization)
+    _require_concrete(curve, region, grid, radii, max_frequency)
+    # inside jax.jit too: only the rule's number may be traced
+    with jax.ensure_compile_time_eval():
+        frequencies, angles = _polar_grid(region, grid, radii, max_frequency, n_directions)
+        _require_geometry(curve, region, grid, radii, frequencies[-1])
+        solve = _solver(curve, region, regularization, frequencies[-1])
+        unit_norms = full_circle_norm(frequencies, fit_circle(curve.points).radius)
     if is_concrete(regularization):
         densities, report = _in_pieces(solve, frequencies, unit_norms, angles, precision, progress)
     else:  # K, j_max or sigma_min is being differentiated: one traced call
         densities, report = solve(frequencies, unit_norms, angles)
         densities = densities.astype(_COMPLEX[precision])
+    _warn_of_residuals(report)
     return ReconstructionPlan(
         curve, region, grid, radii, frequencies, angles, densities, regularization, report
     )
@@ -152,8 +164,7 @@ def _polar_grid(
     if n_directions is None:
         # projections and image turn through 2 * waves radians in half a turn; a quarter to spare
         n_directions = 32 * max(1, int(np.ceil(1.25 * waves / 32)))
-    if n_directions < 1:
-        raise ValueError(f"n_directions is {n_directions}, expected at least 1.")
+    n_directions = whole_number("n_directions", n_directions, 1)
     frequencies = highest / n_frequencies * jnp.arange(1, n_frequencies + 1)
     return frequencies, jnp.linspace(0.0, jnp.pi, n_directions, endpoint=False)
 
@@ -163,8 +174,6 @@ def _require_geometry(
 ) -> None:
     require_outside(curve, region)
     require_cover(curve, region, radii)
-    if not is_concrete(curve, region, grid):
-        return
     if not bool(region.contains(grid.points).any()):
         raise ValueError(
             f"no node of the image grid (from {grid.points[0, 0]} to {grid.points[-1, -1]}) lies "
@@ -183,17 +192,47 @@ def _require_geometry(
         warnings.warn(str(seen), VisibilityWarning, stacklevel=3)
 
 
+def _rule(method: str, regularization: Regularization | None) -> Regularization | None:
+    """The regularisation that will be used, None for the closed form."""
+    if method not in ("collocation", "series"):
+        raise ValueError(f"method is {method!r}, expected 'collocation' or 'series'.")
+    if method == "collocation":
+        return NormBound(PAPER_K) if regularization is None else regularization
+    if regularization is not None:
+        raise ValueError("method 'series' is a closed form: it takes no regularization.")
+    return None
+
+
+def _require_concrete(*geometry: Any) -> None:
+    if not is_concrete(*geometry):
+        raise ValueError(
+            "build_plan got traced geometry: its sizes and checks need concrete values; only K, "
+            "j_max or sigma_min of the regularization may be traced."
+        )
+
+
+def _warn_of_residuals(report: DensityReport) -> None:
+    """Say so if many plane waves were not reached: the image will be wrong there."""
+    if not is_concrete(report):
+        return
+    failed = float((report.residual > 0.3).mean())
+    if failed > 0.1:
+        warnings.warn(
+            f"{100 * failed:.0f} % of the plane waves are off by more than 30 % on the region's "
+            "boundary: use more detectors, a larger K, a lower max_frequency or a smaller region.",
+            AccuracyWarning,
+            stacklevel=3,
+        )
+
+
 def _solver(
-    method: str,
     curve: DetectorCurve,
     region: Region,
     regularization: Regularization | None,
     highest: Array,
 ) -> Solver:
     """Densities and report as a function of (frequencies, unit norms, angles)."""
-    if method == "collocation":
-        if regularization is None:
-            regularization = NormBound(PAPER_K)
+    if regularization is not None:
         return partial(
             collocation_densities,
             curve=curve,
@@ -201,14 +240,10 @@ def _solver(
             regularization=regularization,
             mirror=find_mirror(curve, region),
         )
-    if method == "series":
-        circle = _full_circle(curve)
-        # 40 + 12 % beyond lambda R_g the terms have fallen below rounding
-        n_orders = int(1.12 * float(highest * circle.radius)) + 40
-        return partial(
-            series_densities, curve=curve, region=region, circle=circle, n_orders=n_orders
-        )
-    raise ValueError(f"method is {method!r}, expected 'collocation' or 'series'.")
+    circle = _full_circle(curve)
+    # 40 + 12 % beyond lambda R_g the terms have fallen below rounding
+    n_orders = int(1.12 * float(highest * circle.radius)) + 40
+    return partial(series_densities, curve=curve, region=region, circle=circle, n_orders=n_orders)
 
 
 def _full_circle(curve: DetectorCurve) -> Circle:
@@ -233,7 +268,7 @@ def _in_pieces(
     precision: str,
     progress: bool,
 ) -> tuple[Array, DensityReport]:
-    """All frequencies, a few at a time: a progress bar, and no second copy of the densities."""
+    """All frequencies, a few at a time: a progress bar, and little memory besides the result."""
     n = frequencies.shape[0]
     densities, reports = None, []
     with tqdm(total=n, desc="densities", unit="freq", disable=not progress) as bar:

@@ -19,10 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .checks import Numbers, is_concrete, real_array, require_positive
+from .checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from .special import j0
 
 MODELS = ("2d", "in-plane")
+_WAVES_AT_A_TIME = 256
 
 
 def pressure_to_circular_integrals(
@@ -43,7 +44,7 @@ def pressure_to_circular_integrals(
 
     Args:
         pressure: (..., detectors, times), any unit.
-        times: equispaced, (times,) [time].
+        times: equispaced from t >= 0, concrete, (times,) [time].
         radii: r > 0, (radii,) [length].
         sound_speed: c [length/time], traced.
         model: "2d" or "in-plane".
@@ -83,6 +84,7 @@ def condition_record(
     dead_time: Numbers = 0.0,
     band: tuple[Numbers, Numbers] | None = None,
     order: int = 3,
+    baseline: bool = True,
 ) -> Float[Array, "*batch detectors times"]:
     """Make a raw record ready: silence the start, remove the offset, limit the band.
 
@@ -97,7 +99,9 @@ def condition_record(
         times: equispaced, (times,) [time].
         dead_time: [time].
         band: (f_lo, f_hi) [cycles/time], or None for none; f_lo may be 0.
-        order: n.
+        order: n >= 1.
+        baseline: whether to subtract offset and drift; not for records whose slow tail is signal,
+            such as simulated 2-D waves.
 
     Returns:
         (..., detectors, times), differentiable in the record, dead_time and band.
@@ -115,12 +119,14 @@ def condition_record(
     pressure = real_array("pressure", pressure, ("...", "detectors", times.shape[0]))
     _require_equispaced(times)
     dead_time = real_array("dead_time", dead_time, ())
-    if band is None:
-        return _condition(pressure, times, dead_time, None, order)
-    low, high = real_array("band[0]", band[0], ()), real_array("band[1]", band[1], ())
-    if is_concrete(low, high) and not 0 <= float(low) < float(high):
-        raise ValueError(f"band is ({float(low)}, {float(high)}), expected 0 <= f_lo < f_hi.")
-    return _condition(pressure, times, dead_time, (low, high), order)
+    order = whole_number("order", order, 1)
+    limits = None
+    if band is not None:
+        limits = (real_array("band[0]", band[0], ()), real_array("band[1]", band[1], ()))
+    _require_units(times, dead_time, limits)
+    if baseline:
+        pressure = pressure - _baseline(pressure)
+    return _condition(pressure, times, dead_time, limits, order)
 
 
 @partial(jax.jit, static_argnames="order")
@@ -130,7 +136,7 @@ def _condition(
     duration = times[-1] - times[0]
     since = times - times[0]
     fade = jnp.clip(dead_time, 2 * (times[1] - times[0]), duration / 10)
-    begun = (pressure - _baseline(pressure)) * _rise((since - dead_time) / fade)
+    begun = pressure * jnp.where(dead_time > 0, _rise((since - dead_time) / fade), 1.0)
     if band is None:
         return begun
     tapered = begun * _rise((duration - since) / (duration / 20))
@@ -150,28 +156,34 @@ def _record_matrix(
 ) -> Array:
     """W with g = W p: cosine coefficients of the record, then the integral of each cosine."""
     n_times, step, end = times.shape[0], times[1] - times[0], times[-1]
-    omega = jnp.pi / end * jnp.arange(n_waves)
     j = jnp.arange(n_times)
     # the trapezoid rule on [0, T]; before a late start the record is zero
     halved = (j == n_times - 1) | ((j == 0) & (times[0] < step / 2))
     weights = jnp.where(halved, 0.5, 1.0) * (2 * step / end)
-    to_coefficients = jnp.cos(omega[:, None] * times) * weights
-    to_coefficients = to_coefficients.at[0].multiply(0.5).at[-1].multiply(0.5)
-    argument = omega * radii[:, None] / sound_speed
-    if model == "2d":
-        integrals = 2 * jnp.pi * radii[:, None] * j0(argument)
-    else:
-        integrals = radii[:, None] ** 2 * jnp.sinc(argument / jnp.pi)
-    return integrals @ to_coefficients
+
+    def add(matrix: Array, m: Array) -> tuple[Array, None]:
+        omega = jnp.pi / end * m
+        ends = (m == 0) | (m == n_waves - 1)
+        share = jnp.where(m < n_waves, jnp.where(ends, 0.5, 1.0), 0.0)
+        to_coefficients = jnp.cos(omega[:, None] * times) * weights * share[:, None]
+        argument = omega * radii[:, None] / sound_speed
+        if model == "2d":
+            integrals = 2 * jnp.pi * radii[:, None] * j0(argument)
+        else:
+            integrals = radii[:, None] ** 2 * jnp.sinc(argument / jnp.pi)
+        return matrix + integrals @ to_coefficients, None
+
+    # a block of waves at a time: all at once would take memory with the square of the samples
+    blocks = jnp.arange(-(-n_waves // _WAVES_AT_A_TIME) * _WAVES_AT_A_TIME)
+    blocks = blocks.reshape(-1, _WAVES_AT_A_TIME)
+    start = jnp.zeros((radii.shape[0], n_times))
+    return jax.lax.scan(jax.checkpoint(add), start, blocks)[0]
 
 
 def _samples_from_zero(times: Array) -> int:
-    """How many samples [0, T] would have, also when the record starts late: one cosine for each.
-
-    For traced times it is how many there are.
-    """
+    """How many samples [0, T] would have, also when the record starts late: one cosine for each."""
     if not is_concrete(times):
-        return times.shape[0]
+        raise ValueError("times are traced, expected concrete ones: trace sound_speed instead.")
     return round(float(times[-1] / (times[1] - times[0]))) + 1
 
 
@@ -214,6 +226,26 @@ def _require_equispaced(times: Array) -> None:
         )
     if float(times[0]) < 0:
         raise ValueError(f"times start at {float(times[0]):.6g}: drop the samples before t = 0.")
+
+
+def _require_units(times: Array, dead_time: Array, band: tuple[Array, Array] | None) -> None:
+    """Dead time and band must make sense for these times: seconds with hertz, or both in mu."""
+    if not is_concrete(times, dead_time, band):
+        return
+    duration, step = float(times[-1] - times[0]), float(times[1] - times[0])
+    if not 0 <= float(dead_time) < duration:
+        raise ValueError(
+            f"dead_time is {float(dead_time):.6g}, expected 0 to the record's {duration:.6g}, in "
+            "the same unit as times."
+        )
+    if band is None:
+        return
+    low, high = float(band[0]), float(band[1])
+    if not (0 <= low < high and low < 0.5 / step and high > 1 / duration):
+        raise ValueError(
+            f"band is ({low:.6g}, {high:.6g}), expected 0 <= f_lo < f_hi within "
+            f"{1 / duration:.6g} to {0.5 / step:.6g}, in cycles per unit of times."
+        )
 
 
 def _require_record(times: Array, radii: Array, sound_speed: Array) -> None:

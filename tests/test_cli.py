@@ -43,9 +43,16 @@ BELL = phantoms.Bells([[0.1, -0.15]], [0.6])
 INTEGRALS = np.asarray(BELL.circular_integrals(CURVE, RADII))
 
 
-def python_image(g, rule=None, curve=CURVE, low_pass=None, **options):
+def record_radii(curve, region, end):
+    """Radii for sources anywhere in the ring but its rim, as far as the record reaches."""
+    inner = min(0.95 * 1.3, end - float(GRID.spacing[0]) - 1.3)
+    sources = truncated_disk(inner, inner, 256)
+    return data_radii(curve, region, GRID.spacing[0], sources=sources)
+
+
+def python_image(g, rule=None, curve=CURVE, low_pass=None, radii=RADII, **options):
     plan = build_plan(
-        curve, DISK, GRID, RADII, rule, max_frequency=MAX_FREQUENCY, progress=False, **options
+        curve, DISK, GRID, radii, rule, max_frequency=MAX_FREQUENCY, progress=False, **options
     )
     inside = DISK.contains(GRID.points)
     return np.where(inside, reconstruct(plan, g, low_pass=low_pass), 0.0)
@@ -160,7 +167,7 @@ def test_pressure_of_part_of_a_ring(jaxtat_command):
     curve = detector_curve(ring[used])
     opening = float(jnp.arctan2(*curve.points.mean(axis=0)[::-1])) + np.pi
     region = truncated_disk(0.8, 0.8, 48, angle=opening)
-    radii = data_radii(curve, region, GRID.spacing[0])
+    radii = record_radii(curve, region, 2.5)
     g = pressure_to_circular_integrals(pressure, np.linspace(0, 2.5, 101), radii)
     plan = build_plan(curve, region, GRID, radii, max_frequency=MAX_FREQUENCY, progress=False)
     wanted = np.where(region.contains(GRID.points), reconstruct(plan, g), 0.0)
@@ -175,8 +182,10 @@ def test_raw_counts_of_a_measured_scan(jaxtat_command):
     assert jaxtat_command(f"{line} --out image.npy") == 0
     times = np.arange(160) / 50.0
     clean = condition_record(raw.astype(float), times, dead_time=0.1, band=(0.2, 8.0))
-    g = pressure_to_circular_integrals(clean, times, RADII, sound_speed=2.0, model="in-plane")
-    wanted = python_image(g, curve=detector_curve(CURVE.points))
+    curve = detector_curve(CURVE.points)
+    radii = record_radii(curve, DISK, 2.0 * times[-1])
+    g = pressure_to_circular_integrals(clean, times, radii, sound_speed=2.0, model="in-plane")
+    wanted = python_image(g, curve=curve, radii=radii)
     assert agree(np.load("image.npy"), wanted)
     assert jaxtat_command(f"{line} --sound-speed 2.0 --sampling-rate 50 --out again.npy") == 0
     assert np.array_equal(np.load("again.npy"), np.load("image.npy"))
@@ -322,10 +331,10 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"good.npz {ARC} --region-radius 1.4 --out a.png", "inside or on the region"),
         (f"good.npz {GEOMETRY} --region-center 30 0 --out a.png", "inside or on the region|radii"),
         (f"good.npz {GEOMETRY} --half-width 0 --out a.png", "half_width"),
-        (f"good.npz {ARC} --region-radius 0.8 --pixels 0 --out a.png", "at least 4 per axis"),
+        (f"good.npz {ARC} --region-radius 0.8 --pixels 0 --out a.png", "expected at least 4"),
         (f"good.npz {GEOMETRY} --use 0:30 --out a.png", "there are 24 detectors"),
         (f"good.npz {GEOMETRY} --K -1 --out a.png", "K is -1.0"),
-        (f"good.npz {GEOMETRY} --K nan --out a.png", "K holds 1 NaN"),
+        (f"good.npz {GEOMETRY} --K nan --out a.png", "K is nan"),
         (f"good.npz {GEOMETRY} --series --out a.png", "equispaced detectors on a full circle"),
         (f"good.npz {GEOMETRY} --series --K 3 --out a.png", "--series is a closed form"),
         (f"good.npz --arc 1.3 1 23.5 {REGION} --out a.png", "number of detectors is 23.5"),

@@ -98,6 +98,25 @@ def test_means_are_integrals_over_circumferences():
     assert np.allclose(means * 2 * np.pi * np.asarray(RADII), integrals, rtol=1e-14)
 
 
+def test_flat_pixels_are_resolved_too():
+    grid = ImageGrid(33, half_width=(1.0, 0.1))
+    image = jnp.asarray(np.random.default_rng(3).standard_normal(grid.shape))
+    g = circular_integrals(image, grid, CURVE, RADII)
+    fine = circular_integrals(image, grid, CURVE, RADII, n_points=20000)
+    assert np.abs(np.asarray(g - fine)).max() < 5e-3
+
+
+def test_batches_go_through_both_ways():
+    grid = ImageGrid(9)
+    images = jnp.asarray(np.random.default_rng(4).standard_normal((2, 1, 9, 9)))
+    g = circular_integrals(images, grid, CURVE, RADII)
+    assert g.shape == (2, 1, 6, 11)
+    assert np.allclose(g[1, 0], circular_integrals(images[1, 0], grid, CURVE, RADII), atol=1e-15)
+    back = circular_integrals_adjoint(g, grid, CURVE, RADII)
+    assert back.shape == images.shape
+    assert np.isclose(jnp.vdot(back, images), jnp.vdot(g, g), rtol=1e-12)
+
+
 def test_adjoint_passes_the_dot_test():
     grid = ImageGrid((15, 20), half_width=(1.0, 0.9), center=(0.1, 0.0))
     rng = np.random.default_rng(2)
@@ -160,6 +179,14 @@ def test_bad_images_are_refused(image, message):
         circular_integrals(image, ImageGrid(33), CURVE, RADII)
 
 
+def test_bad_radii_are_refused():
+    for radii, message in ((-RADII, "radii is"), (0 * RADII, "radii is"), (RADII[0], "radii has")):
+        with pytest.raises(ValueError, match=message):
+            circular_integrals(np.zeros((33, 33)), ImageGrid(33), CURVE, radii)
+        with pytest.raises(ValueError, match=message):
+            phantoms.Bells([[0.0, 0.0]], [0.5]).circular_integrals(CURVE, radii)
+
+
 def test_bad_data_are_refused_by_the_adjoint():
-    with pytest.raises(ValueError, match=r"data has shape \(5, 11\), expected \(6, 11\)"):
+    with pytest.raises(ValueError, match=r"data has shape \(5, 11\), expected \(..., 6, 11\)"):
         circular_integrals_adjoint(np.zeros((5, 11)), ImageGrid(33), CURVE, RADII)

@@ -7,6 +7,7 @@ import pytest
 
 import jaxtat
 from jaxtat import (
+    AccuracyWarning,
     FixedRank,
     ImageGrid,
     NormBound,
@@ -75,6 +76,58 @@ def test_the_unit_of_length_does_not_matter(small, small_plan):
     )  # rounding, amplified by the smallest singular values kept
 
 
+def test_radii_must_reach_sources_outside_the_region_too():
+    """Circles that miss the region still carry what lies outside it; cutting them is an error."""
+    grid = ImageGrid(33, 0.6)
+    curve, region = circular_arc(1.3, 1.0, 200), truncated_disk(0.6, 0.6, 400)
+    outside = phantoms.Bells([[0.5, 0.3], [-0.6, -0.3]], [0.4, 0.35])
+
+    def error(radii):
+        plan = build_plan(curve, region, grid, radii, max_frequency=100.0, progress=False)
+        image = reconstruct(plan, outside.circular_integrals(curve, radii))
+        return largest_error(plan, image, outside)
+
+    whole = data_radii(curve, region, 1 / 40, sources=truncated_disk(1.0, 1.0, 200))
+    assert error(whole) < 1e-4
+    assert error(data_radii(curve, region, 1 / 40)) > 0.1
+
+
+def test_the_plan_keeps_the_rule_that_was_used(small, small_plan):
+    assert isinstance(small_plan.regularization, NormBound)
+    assert float(small_plan.regularization.K) == jaxtat.PAPER_K
+    with pytest.raises(ValueError, match="closed form"):
+        build_plan(*small, FixedRank(3), method="series")
+
+
+def test_plans_can_be_built_under_jit_for_a_traced_K(small):
+    curve, region, grid, radii = small
+    g = BELL.circular_integrals(curve, radii)
+
+    def image(K):
+        plan = build_plan(
+            curve, region, grid, radii, NormBound(K), max_frequency=15.0, progress=False
+        )
+        return reconstruct(plan, g)
+
+    assert np.allclose(jax.jit(image)(3.0), image(3.0), atol=1e-10)
+
+
+def test_traced_geometry_is_refused_in_one_line(small):
+    curve, region, grid, radii = small
+    with pytest.raises(ValueError, match="traced geometry"):
+        jax.grad(lambda r: build_plan(curve, region, grid, r, progress=False).densities.real.sum())(
+            radii
+        )
+
+
+def test_too_few_detectors_are_reported():
+    grid = ImageGrid(33)
+    curve, region = circular_arc(1.3, 1.0, 20), truncated_disk(1.0, 1.0, 260)
+    radii = data_radii(curve, region, grid.spacing[0])
+    with pytest.warns(AccuracyWarning, match="of the plane waves are off"):
+        build_plan(curve, region, grid, radii, progress=False)
+
+
 def test_batches_are_reconstructed_alike(small_plan):
     g = BELL.circular_integrals(small_plan.curve, small_plan.radii)
     batch = jnp.stack([g, 2 * g, -g, 0 * g]).reshape(2, 2, *g.shape)
@@ -139,6 +192,7 @@ def test_gradient_runs_from_the_image_through_the_data_to_the_image(small, small
     assert np.isclose(slope, float(difference) / (2 * step), rtol=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore::jaxtat.AccuracyWarning")
 def test_derivatives_of_the_image_in_K_and_j_max():
     grid = ImageGrid(9)
     curve, region = circular_arc(1.3, 0.6, 24), truncated_disk(1.0, 0.6, 48)

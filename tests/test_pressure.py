@@ -159,6 +159,30 @@ def test_bad_records_are_refused(change, message):
         )
 
 
-def test_empty_bands_are_refused():
-    with pytest.raises(ValueError, match="expected 0 <= f_lo < f_hi"):
-        condition_record(np.zeros((1, 50)), np.arange(50.0), band=(3.0, 2.0))
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"band": (0.3, 0.2)}, "expected 0 <= f_lo < f_hi"),
+        ({"band": (2e5, 7e6)}, "cycles per unit of times"),
+        ({"band": (0.0, 1e-6)}, "cycles per unit of times"),
+        ({"dead_time": 50.0}, "same unit as times"),
+        ({"dead_time": -1.0}, "same unit as times"),
+        ({"order": 0}, "order is 0"),
+    ],
+)
+def test_conditioning_in_the_wrong_unit_is_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        condition_record(np.zeros((1, 50)), np.arange(50.0), **options)
+
+
+def test_nothing_asked_changes_nothing():
+    record = np.exp(-np.arange(50.0) / 9)[None]
+    assert np.array_equal(condition_record(record, np.arange(50.0), baseline=False), record)
+
+
+def test_memory_does_not_grow_with_the_square_of_the_samples():
+    from jaxtat.pressure import _convert
+
+    times, radii = jnp.arange(20_000) / 1e4, jnp.linspace(0.5, 1.0, 9)
+    lowered = _convert.lower(jnp.zeros((1, 20_000)), times, radii, 1.0, "2d", 20_000)
+    assert lowered.compile().memory_analysis().temp_size_in_bytes < 200e6

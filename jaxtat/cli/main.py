@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import jax
 
 from ..geometry import VisibilityWarning
+from ..plan import AccuracyWarning
 from .parser import build_parser
 
 BAD_INPUT, INTERRUPTED = 2, 130
@@ -23,6 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     jax.config.update("jax_enable_x64", True)  # the command is the program: its flag to set
     with warnings.catch_warnings():
         warnings.simplefilter("always", VisibilityWarning)
+        warnings.simplefilter("always", AccuracyWarning)
         warnings.showwarning = _show_warning
         try:
             options.run(options)

@@ -88,7 +88,23 @@ def geometry(
     grid = ImageGrid(129 if options.pixels is None else options.pixels, half_width, region.center)
     if scan and scan.kind == "circular_integrals" and "radii" in scan.known:
         return curve, region, grid, real_array("radii", scan.known["radii"], ("radii",))
-    return curve, region, grid, data_radii(curve, region, grid.spacing[0])
+    end = None if scan is None or scan.kind != "pressure" else _record_end(scan, options, curve)
+    # the last radius may lie a step beyond the farthest source
+    sources = None if end is None else _sources(curve, region, end - float(grid.spacing[0]))
+    return curve, region, grid, data_radii(curve, region, grid.spacing[0], sources=sources)
+
+
+def _sources(curve: DetectorCurve, region: TruncatedDisk, end: float) -> TruncatedDisk:
+    """Where sources may be: all the circle of the array but its rim, as far as the record tells.
+
+    Water, skin and bed outside the region of interest are recorded too, and cutting their circles
+    would falsify the image inside.
+    """
+    circle = fit_circle(curve.points)
+    radius = min(0.95 * float(circle.radius), end - float(circle.radius))
+    if radius <= 0:
+        return region
+    return truncated_disk(radius, radius, 256, center=circle.center)
 
 
 def plan_for(
@@ -135,7 +151,13 @@ def circular_integrals_of(
     times = _times(scan, options, data.shape[1])
     if options.band or options.dead_time:
         band = tuple(options.band) if options.band else None
-        data = condition_record(data, times, dead_time=options.dead_time, band=band)
+        data = condition_record(
+            data,
+            times,
+            dead_time=options.dead_time,
+            band=band,
+            baseline=options.model == "in-plane",  # the slow tail of 2-D waves is signal
+        )
     return pressure_to_circular_integrals(
         data, times, radii, sound_speed=sound_speed(scan, options), model=options.model
     )
@@ -207,6 +229,13 @@ def _detectors_first(scan: Scan, options: argparse.Namespace, curve: DetectorCur
     else:
         n = curve.n_detectors if options.use is None else None
     return scan.data.T if n == scan.data.shape[1] != scan.data.shape[0] else scan.data
+
+
+def _record_end(scan: Scan, options: argparse.Namespace, curve: DetectorCurve) -> float:
+    """The path that sound travels within the record [length]."""
+    samples = _detectors_first(scan, options, curve).shape[1]
+    times = real_array("times", _times(scan, options, samples), ("times",))
+    return float(times[-1]) * sound_speed(scan, options)
 
 
 def _times(scan: Scan, options: argparse.Namespace, n: int) -> Numbers:

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, is_concrete, real_array, require_positive
+from ..checks import Numbers, is_concrete, real_array, require_positive, whole_number
 
 
 class DetectorCurve(eqx.Module):
@@ -46,7 +46,8 @@ def circular_arc(
     """The arc |z| = R_g, z_1 < z_right with detectors at the midpoints of n equal pieces.
 
     The arc is then turned by ``angle`` and moved to ``center``: it opens towards
-    (cos angle, sin angle). ``z_right >= radius`` gives the full circle.
+    (cos angle, sin angle). ``z_right >= radius`` gives the full circle (marked as closed if both
+    are known, not traced).
 
     Args:
         radius: R_g > 0 [length].
@@ -67,9 +68,9 @@ def circular_arc(
     >>> round(float(curve.weights.sum() / 1.3), 12)  # half a circle
     3.14159265359
     """
+    _require_detectors(whole_number("n_detectors", n_detectors, 0))
     radius, z_right = real_array("radius", radius, ()), real_array("z_right", z_right, ())
     center, angle = real_array("center", center, (2,)), real_array("angle", angle, ())
-    _require_detectors(n_detectors)
     require_positive("radius", radius)
     closed = is_concrete(radius, z_right) and float(z_right) >= float(radius)
     if is_concrete(radius, z_right) and float(z_right) <= -float(radius):
@@ -77,7 +78,7 @@ def circular_arc(
             f"the arc |z| = {float(radius)}, z_1 < {float(z_right)} is empty: "
             "z_right must be above -radius."
         )
-    half_opening = jnp.zeros(()) if closed else jnp.arccos(z_right / radius)
+    half_opening = opening_angle(z_right / radius)
     span = 2 * jnp.pi - 2 * half_opening
     theta = angle + half_opening + (jnp.arange(n_detectors) + 0.5) * span / n_detectors
     normals = jnp.stack([jnp.cos(theta), jnp.sin(theta)], axis=-1)
@@ -90,14 +91,15 @@ def detector_curve(positions: Numbers, *, closed: bool | None = None) -> Detecto
 
     Each detector owns half the arc to either neighbour, w_k = (l_{k-1,k} + l_{k,k+1})/2; an end
     detector owns a full step, as if its sensitive area reached half a step past it. The arcs l and
-    the tangents are those of the circle through three neighbouring detectors: exact for a circle,
-    fourth order in the spacing for other smooth curves.
+    the tangents are those of the circle through three neighbouring detectors: exact for a circle;
+    for other smooth curves weights are third and normals second order in the spacing. Beside a gap
+    of more than four median steps a detector counts as an end.
 
     Args:
         positions: (detectors, 2), or (detectors, 3) where one of the three coordinates is constant
             (a planar array) and is dropped [length]. Any orientation, any spacing.
         closed: whether the last detector is a neighbour of the first. By default it is if that
-            distance is at most twice the largest other step; under tracing it must be given.
+            distance is at most twice the median step; under tracing it must be given.
 
     Returns:
         DetectorCurve with normals on the outer side, away from the middle of the curve.
@@ -124,6 +126,8 @@ def detector_curve(positions: Numbers, *, closed: bool | None = None) -> Detecto
     step = _arc_to_next(before, here, after)  # from each detector to the next one
     ends = jnp.roll(step, 1) if closed else jnp.concatenate([step[:1], step[:-1]])
     step = step if closed else step.at[-1].set(step[-2])
+    gap = 4 * jnp.median(step)
+    ends, step = jnp.where(ends > gap, step, ends), jnp.where(step > gap, ends, step)
     tangents = _tangents(before, here, after)
     normals = jnp.stack([tangents[:, 1], -tangents[:, 0]], axis=-1)
     outward = jnp.sum(normals * (points - points.mean(axis=0)))
@@ -131,8 +135,17 @@ def detector_curve(positions: Numbers, *, closed: bool | None = None) -> Detecto
     return DetectorCurve(points, (ends + step) / 2, side * normals, bool(closed))
 
 
+def opening_angle(cosine: Array) -> Array:
+    """arccos(cosine), and 0 with derivative 0 for a circle that is not cut, cosine >= 1."""
+    cut = cosine < 1
+    return jnp.where(cut, jnp.arccos(jnp.where(cut, cosine, 0.0)), 0.0)
+
+
 def fit_circle(points: Numbers) -> Circle:
     """Circle closest to points: least squares of |z|² - 2 c·z - (R_g² - |c|²).
+
+    Raises:
+        ValueError: for fewer than 3 points, or points on a straight line.
 
     Args:
         points: (n, 2), at least 3 of them, not on one line [length].
@@ -153,7 +166,10 @@ def fit_circle(points: Numbers) -> Circle:
     design = jnp.concatenate([2 * local, jnp.ones_like(local[:, :1])], axis=1)
     solution = jnp.linalg.solve(design.T @ design, design.T @ jnp.sum(local**2, axis=1))
     center = solution[:2]
-    return Circle(center + middle, jnp.sqrt(solution[2] + center @ center))
+    radius = jnp.sqrt(solution[2] + center @ center)
+    if is_concrete(radius) and not float(radius) < 1e4 * float(jnp.abs(local).max()):
+        raise ValueError("the points lie on a straight line, expected part of a circle.")
+    return Circle(center + middle, radius)
 
 
 def _require_detectors(n_detectors: int, least: int = 2) -> None:
@@ -181,7 +197,7 @@ def _in_plane(positions: Numbers) -> Float[Array, "detectors 2"]:
 
 def _is_closed(points: np.ndarray) -> bool:
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return bool(np.linalg.norm(points[0] - points[-1]) <= 2 * steps.max())
+    return bool(np.linalg.norm(points[0] - points[-1]) <= 2 * np.median(steps))
 
 
 def _require_sorted(points: np.ndarray, closed: bool) -> None:
@@ -195,7 +211,7 @@ def _require_sorted(points: np.ndarray, closed: bool) -> None:
     directions = steps[: len(inner)] / inner[:, None]
     turns = np.sum(directions[1:] * directions[:-1], axis=1)
     advice = "sort the detectors along the curve (an arc: by angle) and their data with them."
-    if turns.min() < -1e-9:
+    if turns.min() < -0.8:  # swapped neighbours turn right round, a coarse triangle by 120 degrees
         k = int(np.argmin(turns)) + 1
         raise ValueError(f"the detectors are not in order: the curve turns back at {k}; {advice}")
     k = int(np.argmax(inner))
@@ -203,7 +219,7 @@ def _require_sorted(points: np.ndarray, closed: bool) -> None:
         raise ValueError(
             f"the detectors are not in order: the widest opening lies between detectors {k} and "
             f"{k + 1}, inside the sequence; start behind it with np.roll(..., -{k + 1}, axis=0), "
-            "the data likewise."
+            "the data likewise, or say whether the curve is closed (closed=True or False)."
         )
 
 

@@ -1,10 +1,12 @@
 """Image grids: where the pixels are."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, real_array, require_positive
+from ..checks import Numbers, real_array, require_positive, whole_number
 
 
 class ImageGrid(eqx.Module):
@@ -29,14 +31,16 @@ class ImageGrid(eqx.Module):
 
     def __init__(
         self,
-        n: int | tuple[int, int],
+        n: Any,
         half_width: Numbers = 1.0,
         center: Numbers = (0.0, 0.0),
     ):
-        self.shape = (n, n) if isinstance(n, int) else (int(n[0]), int(n[1]))
-        if min(self.shape) < 4:
-            raise ValueError(f"the grid has {self.shape} nodes, expected at least 4 per axis.")
-        self.half_width = jnp.broadcast_to(real_array("half_width", half_width, None), (2,))
+        n1, n2 = n if isinstance(n, tuple) else (n, n)
+        self.shape = (whole_number("n", n1, 4), whole_number("n", n2, 4))
+        width = real_array("half_width", half_width, None)
+        if width.shape not in ((), (2,)):
+            raise ValueError(f"half_width has shape {width.shape}, expected a number or a pair.")
+        self.half_width = jnp.broadcast_to(width, (2,))
         self.center = real_array("center", center, (2,))
         require_positive("half_width", self.half_width)
 

@@ -9,15 +9,19 @@ from .curves import DetectorCurve
 from .regions import Region
 
 
-def data_radii(curve: DetectorCurve, region: Region, step: Numbers) -> Float[Array, " radii"]:
+def data_radii(
+    curve: DetectorCurve, region: Region, step: Numbers, *, sources: Region | None = None
+) -> Float[Array, " radii"]:
     """Equispaced radii r_min, r_min + step, ... up to the first one at or beyond r_max.
 
-    r_min and r_max are the least and largest distances from a detector to a point of the region:
-    circles with other radii do not meet it.
+    r_min and r_max are the least and largest distances from a detector to a point of the region of
+    interest, and of the region that holds the sources: the method needs all circles that meet a
+    source, also of sources whose image is not wanted. Cutting those falsifies the image inside.
 
     Args:
         curve, region: the geometry (concrete, since it decides how many radii there are).
         step: distance between radii, usually the pixel size [length].
+        sources: where f may differ from zero, if that is not inside the region of interest.
 
     Returns:
         (radii,) [length].
@@ -29,17 +33,19 @@ def data_radii(curve: DetectorCurve, region: Region, step: Numbers) -> Float[Arr
     """
     step = real_array("step", step, ())
     require_positive("step", step)
-    least, most = _distances(curve, region)
+    spans = [_distances(curve, where) for where in (region, sources) if where is not None]
+    least, most = min(span[0] for span in spans), max(span[1] for span in spans)
     # a span that is a whole number of steps but for rounding and sampling needs no further radius
     n = int(np.ceil((most - least) / float(step) - 1e-3)) + 1
     return least + step * jnp.arange(n)
 
 
 def require_cover(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"]) -> None:
-    """Raise ValueError unless radii are positive, increasing and cover the region.
+    """Raise ValueError unless radii are positive, increasing, without holes and cover the region.
 
     One step may be missing at either end, where the integrals of a function that vanishes at the
-    boundary are nearly zero.
+    boundary are nearly zero. Whether they also cover sources outside the region only the user can
+    know, see `data_radii`.
     """
     if radii.shape[0] < 4:
         raise ValueError(f"got {radii.shape[0]} radii, expected at least 4.")
@@ -52,8 +58,14 @@ def require_cover(curve: DetectorCurve, region: Region, radii: Float[Array, " ra
             "increasing order: sort them and drop r = 0, where the integral vanishes."
         )
     least, most = _distances(curve, region)
-    step = np.diff(values).max()
-    if values[0] > least + step or values[-1] < most - step:
+    steps = np.diff(values)
+    hole = int(np.argmax(steps))
+    if steps[hole] > 4 * np.median(steps):
+        raise ValueError(
+            f"radii have a hole from {values[hole]:.6g} to {values[hole + 1]:.6g}, expected about "
+            f"equal steps of {np.median(steps):.3g}: interpolate the data."
+        )
+    if values[0] > least + steps[0] or values[-1] < most - steps[-1]:
         raise ValueError(
             f"radii run from {values[0]:.6g} to {values[-1]:.6g}, but circles about the detectors "
             f"meet the region of interest for radii from {least:.6g} to {most:.6g}: record longer, "

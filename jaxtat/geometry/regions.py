@@ -7,14 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..checks import Numbers, is_concrete, real_array, require_positive
-from .curves import DetectorCurve
+from ..checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from .curves import DetectorCurve, opening_angle
 
 
 class Region(eqx.Module):
     """A region of interest Omega, known by its boundary: ∫_dOmega u dl ≈ Σ_k w_k u(x_k).
 
-    A new region needs these fields and the two methods; nothing else in the library asks more.
+    A new region needs these fields and the two methods, and a line in io/plans.py to be saved;
+    nothing else in the library asks more.
 
     Attributes:
         points: collocation points x_k on the boundary, (boundary, 2) [length].
@@ -101,16 +102,20 @@ def truncated_disk(
     radius, x_right = real_array("radius", radius, ()), real_array("x_right", x_right, ())
     center, angle = real_array("center", center, (2,)), real_array("angle", angle, ())
     require_positive("radius", radius)
-    if n_collocation < 8:
-        raise ValueError(f"got n_collocation = {n_collocation}, expected at least 8.")
-    if is_concrete(radius, x_right) and float(x_right) <= -float(radius):
-        raise ValueError(
-            f"the region |x| < {float(radius)}, x_1 < {float(x_right)} is empty: "
-            "x_right must be above -radius."
-        )
+    n_collocation = whole_number("n_collocation", n_collocation, 8)
+    if is_concrete(radius, x_right):
+        cosine = float(x_right) / float(radius)
+        if cosine <= -1:
+            raise ValueError(
+                f"the region |x| < {float(radius)}, x_1 < {float(x_right)} is empty: "
+                "x_right must be above -radius."
+            )
+        n_chord = _chord_share(cosine, n_collocation) if n_chord is None else n_chord
     if n_chord is None:
-        n_chord = _chord_share(radius, x_right, n_collocation)
-    half_opening = jnp.zeros(()) if n_chord == 0 else jnp.arccos(x_right / radius)
+        raise ValueError("n_chord must be given when radius or x_right is traced.")
+    if not 0 <= n_chord < n_collocation:
+        raise ValueError(f"n_chord is {n_chord}, expected 0 to {n_collocation - 1} of the points.")
+    half_opening = jnp.zeros(()) if n_chord == 0 else opening_angle(x_right / radius)
     arc = _arc_boundary(radius, half_opening, n_collocation - n_chord)
     chord = _chord_boundary(radius, half_opening, x_right, n_chord)
     points, normals, weights = (jnp.concatenate(pair) for pair in zip(arc, chord, strict=True))
@@ -135,10 +140,8 @@ def require_outside(curve: DetectorCurve, region: Region) -> None:
         )
 
 
-def _chord_share(radius: Array, x_right: Array, n_collocation: int) -> int:
-    if not is_concrete(radius, x_right):
-        raise ValueError("n_chord must be given when radius or x_right is traced.")
-    ratio = min(float(x_right) / float(radius), 1.0)
+def _chord_share(cosine: float, n_collocation: int) -> int:
+    ratio = min(cosine, 1.0)
     chord, arc = 2 * np.sqrt(1 - ratio**2), 2 * (np.pi - np.arccos(ratio))
     # an even share keeps arc and chord mirror symmetric without a point on the axis
     return 2 * round(n_collocation * chord / (chord + arc) / 2)

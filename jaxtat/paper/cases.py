@@ -61,5 +61,5 @@ def _case(name: str, right: float, smooth: Bells, disks: Disks) -> Case:
     region = truncated_disk(1.0, right, N_COLLOCATION)
     # in both geometries the paper's 129 radii, those that the whole disk needs
     whole = truncated_disk(1.0, 1.0, N_COLLOCATION)
-    radii = data_radii(circular_arc(ARC_RADIUS, 1.0, N_DETECTORS), whole, grid.spacing[0])
+    radii = data_radii(curve, region, grid.spacing[0], sources=whole)
     return Case(name, right, smooth, disks, curve, region, grid, jnp.asarray(radii))

@@ -35,6 +35,8 @@ def reconstruct(
     """
     g = _data(plan, g)
     n = plan.frequencies.shape[0]
+    if not (low_pass is None or callable(low_pass)):
+        raise ValueError(f"low_pass is {low_pass!r}, expected a function such as cosine_filter.")
     eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
     return _reconstruct(plan, g, eta)
 

@@ -76,6 +76,26 @@ def test_clockwise_order_gives_the_same_curve_backwards():
     assert np.allclose(backwards.normals, arc.normals[::-1], atol=1e-9)
 
 
+def test_constants_stay_known_inside_jit():
+    jitted = jax.jit(lambda angle: circular_arc(1.3, 2.0, 8, angle=angle).points)
+    assert np.allclose(jitted(0.1), circular_arc(1.3, 2.0, 8, angle=0.1).points)
+    traced = jax.jit(lambda radius: circular_arc(radius, 2.0, 8).points)
+    assert np.allclose(traced(1.3), circular_arc(1.3, 2.0, 8).points)
+
+
+def test_coarse_and_broken_arcs_are_in_order():
+    for right, n in ((1.3, 3), (0.0, 4), (0.0, 3)):
+        points = circular_arc(1.3, right, n).points
+        assert detector_curve(points, closed=right == 1.3).n_detectors == n
+    angles = np.radians(np.r_[30:150:1.0, 185:330:1.0])
+    assert not detector_curve(points_on_arc(1.3, (0, 0), angles)).closed
+
+
+def test_collinear_points_have_no_circle():
+    with pytest.raises(ValueError, match="straight line"):
+        fit_circle(np.stack([np.linspace(0, 1, 9), np.zeros(9)], axis=1))
+
+
 def test_straight_array_has_straight_weights():
     x = np.linspace(-1, 1, 21)
     curve = detector_curve(np.stack([x, np.zeros(21)], axis=1))

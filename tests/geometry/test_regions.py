@@ -7,7 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from jaxtat import ImageGrid, circular_arc, data_radii, truncated_disk, visibility
+from jaxtat import (
+    ImageGrid,
+    circular_arc,
+    data_radii,
+    detector_curve,
+    truncated_disk,
+    visibility,
+)
 from jaxtat.geometry import require_cover, require_outside
 
 unit = st.floats(-3.0, 3.0)
@@ -54,7 +61,7 @@ def test_derivatives_of_regions():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((1.0, 0.0, 7), "n_collocation = 7"),
+        ((1.0, 0.0, 7), "n_collocation is 7"),
         ((0.0, 0.0, 100), "radius is 0"),
         ((1.0, -1.0, 100), "is empty"),
         ((1.0, np.inf, 100), "infinite"),
@@ -107,12 +114,34 @@ def test_radii_of_the_paper():
         (np.linspace(0.0, 2.3, 50), "positive values in increasing order"),
         (np.linspace(2.3, 0.3, 50), "positive values in increasing order"),
         (np.linspace(0.3, 2.3, 3), "got 3 radii"),
+        (np.r_[np.linspace(0.3, 1, 40), np.linspace(2, 2.3, 20)], "a hole from 1 to 2"),
     ],
 )
 def test_radii_that_do_not_cover_the_region_are_refused(radii, message):
     curve, region = circular_arc(1.3, 1.0, 50), truncated_disk(1.0, 1.0, 100)
     with pytest.raises(ValueError, match=message):
         require_cover(curve, region, jnp.asarray(radii))
+
+
+def test_a_dead_piece_of_the_curve_is_not_visible():
+    whole = circular_arc(1.3, 0.0, 300)
+    alive = np.r_[0:130, 170:300]
+    curve = detector_curve(np.asarray(whole.points)[alive])
+    assert not curve.closed
+    assert np.isclose(curve.weights.max(), whole.weights[0], rtol=1e-6)  # a gap is nobody's arc
+    region = truncated_disk(0.9, 0.0, 600)
+    assert visibility(whole, region).invisible_fraction == 0
+    # brute force: both points where a line meets the circle, against the two live arcs
+    angle = (np.arange(720) + 0.5) * np.pi / 720
+    shadow = np.asarray(region.points) @ np.stack([np.cos(angle), np.sin(angle)])
+    low, high = shadow.min(axis=0), shadow.max(axis=0)
+    s = low + (high - low) * (np.arange(2000)[:, None] + 0.5) / 2000
+    hits = np.stack([angle + np.arccos(s / 1.3), angle - np.arccos(s / 1.3)]) % (2 * np.pi)
+    ends = np.pi / 2 + np.array([0, 130, 170, 300]) * np.pi / 300
+    live = ((hits > ends[0]) & (hits < ends[1])) | ((hits > ends[2]) & (hits < ends[3]))
+    exact = ((1 - live.any(axis=0)) * (high - low)).sum() / (high - low).sum() / 2000
+    assert abs(float(visibility(curve, region).invisible_fraction) - exact) < 3e-3
+    assert exact > 0.1
 
 
 def test_visibility_of_the_papers_geometries_and_of_a_poking_region():
