@@ -196,6 +196,10 @@ def _rule(method: str, regularization: Regularization | None) -> Regularization 
     """The regularisation that will be used, None for the closed form."""
     if method not in ("collocation", "series"):
         raise ValueError(f"method is {method!r}, expected 'collocation' or 'series'.")
+    if not (regularization is None or isinstance(regularization, Regularization)):
+        raise ValueError(
+            f"regularization is {regularization!r}, expected a rule such as NormBound(4.0)."
+        )
     if method == "collocation":
         return NormBound(PAPER_K) if regularization is None else regularization
     if regularization is not None:

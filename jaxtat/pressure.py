@@ -229,7 +229,7 @@ def _require_equispaced(times: Array) -> None:
 
 
 def _require_units(times: Array, dead_time: Array, band: tuple[Array, Array] | None) -> None:
-    """Dead time and band must make sense for these times: seconds with hertz, or both in mu."""
+    """Dead time and band must make sense for these times: seconds with hertz, or µs with MHz."""
     if not is_concrete(times, dead_time, band):
         return
     duration, step = float(times[-1] - times[0]), float(times[1] - times[0])
