@@ -41,10 +41,7 @@ def real_array(name: str, value: Numbers, shape: tuple[int | str | None, ...] | 
     number of leading axes. ``None`` for the whole shape accepts all.
     """
     require_x64()
-    try:
-        dtype = jnp.asarray(value).dtype
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{name} is no array of real numbers: {error}.") from error
+    dtype = dtype_of(name, value)
     if not (jnp.issubdtype(dtype, jnp.floating) or jnp.issubdtype(dtype, jnp.integer)):
         raise ValueError(f"{name} has dtype {dtype}, expected real numbers: pass float64 values.")
     # a constant stays concrete inside jax.jit too, so that it can be looked at
@@ -55,6 +52,14 @@ def real_array(name: str, value: Numbers, shape: tuple[int | str | None, ...] | 
         raise ValueError(f"{name} has shape {array.shape}, expected ({wanted}).")
     require_finite(name, array)
     return array
+
+
+def dtype_of(name: str, value: Any) -> np.dtype:
+    """The dtype that ``value`` has as an array, or ValueError if it cannot be one."""
+    try:
+        return jnp.asarray(value).dtype
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{name} is no array of real numbers: {error}.") from error
 
 
 def require_finite(name: str, array: Array) -> None:

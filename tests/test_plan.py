@@ -279,6 +279,7 @@ def test_bad_geometries_are_refused(change, message):
         (lambda g: g[0], "g has shape"),
         (lambda g: g.at[3, 4].set(jnp.nan), r"first at index \(3, 4\)"),
         (lambda g: g.at[3, 4].set(jnp.inf), "NaN or infinite"),
+        (lambda g: "pressure.npz", "no array of real numbers"),
         (lambda g: g + 0j, "complex128, expected float64 or float32"),
         (lambda g: (1000 * g).astype(jnp.uint16), "raw counts"),
     ],

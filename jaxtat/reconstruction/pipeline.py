@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, real_array
+from ..checks import Numbers, dtype_of, real_array
 from ..plan import ReconstructionPlan
 from .fbp import filtered_back_projection
 from .polar_fourier import polar_fourier
@@ -52,9 +52,10 @@ def _reconstruct(plan: ReconstructionPlan, g: Array, eta: Array) -> Array:
 
 
 def _data(plan: ReconstructionPlan, g: Numbers) -> Array:
-    if not jnp.issubdtype(jnp.asarray(g).dtype, jnp.floating):
+    dtype = dtype_of("g", g)
+    if not jnp.issubdtype(dtype, jnp.floating):
         raise ValueError(
-            f"g has dtype {jnp.asarray(g).dtype}, expected float64 or float32 circular integrals; "
+            f"g has dtype {dtype}, expected float64 or float32 circular integrals; "
             "raw counts go through condition_record and pressure_to_circular_integrals first."
         )
     return real_array("g", g, ("...", plan.curve.n_detectors, plan.radii.shape[0]))
