@@ -14,22 +14,33 @@ from .geometry import (
     truncated_disk,
     visibility,
 )
+from .harmonic import NoiseLevel
 from .io import load_plan, save_plan
-from .plan import PAPER_K, AccuracyWarning, ReconstructionPlan, build_plan
+from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .pressure import condition_record, pressure_to_circular_integrals
-from .reconstruction import cosine_filter, reconstruct
-from .regularization import FixedRank, NormBound, SingularValueCutoff
+from .problem import AccuracyWarning
+from .reconstruction import (
+    DirectReconstruction,
+    cosine_filter,
+    direct_layout,
+    reconstruct,
+    reconstruct_direct,
+)
+from .regularization import FixedRank, NormBound, SingularValueCutoff, Tikhonov
 
 __all__ = [
     "PAPER_K",
     "AccuracyWarning",
     "DetectorCurve",
+    "DirectReconstruction",
     "FixedRank",
     "ImageGrid",
+    "NoiseLevel",
     "NormBound",
     "ReconstructionPlan",
     "Region",
     "SingularValueCutoff",
+    "Tikhonov",
     "VisibilityWarning",
     "build_plan",
     "circular_arc",
@@ -40,11 +51,13 @@ __all__ = [
     "cosine_filter",
     "data_radii",
     "detector_curve",
+    "direct_layout",
     "fit_circle",
     "load_plan",
     "phantoms",
     "pressure_to_circular_integrals",
     "reconstruct",
+    "reconstruct_direct",
     "save_plan",
     "truncated_disk",
     "visibility",

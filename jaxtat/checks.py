@@ -54,6 +54,17 @@ def real_array(name: str, value: Numbers, shape: tuple[int | str | None, ...] | 
     return array
 
 
+def data_array(g: Numbers, n_detectors: int, n_radii: int) -> Array:
+    """Circular integrals as float64, refused if they are raw counts or of another shape."""
+    dtype = dtype_of("g", g)
+    if not jnp.issubdtype(dtype, jnp.floating):
+        raise ValueError(
+            f"g has dtype {dtype}, expected float64 or float32 circular integrals; "
+            "raw counts go through condition_record and pressure_to_circular_integrals first."
+        )
+    return real_array("g", g, ("...", n_detectors, n_radii))
+
+
 def dtype_of(name: str, value: Any) -> np.dtype:
     """The dtype that ``value`` has as an array, or ValueError if it cannot be one."""
     try:

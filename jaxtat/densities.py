@@ -1,5 +1,7 @@
 """Step 1: densities that turn single-layer potentials on the curve into plane waves."""
 
+from abc import abstractmethod
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,6 +12,44 @@ from .geometry import Circle, DetectorCurve, Region
 from .regularization import Regularization, filtered_solve
 from .single_layer import plane_wave_traces, potential_matrix
 from .symmetry import Mirror
+
+
+class Densities(eqx.Module):
+    """(rho_J, rho_Y) of all plane waves of a polar grid, stored in one way or another."""
+
+    @abstractmethod
+    def polar_fourier(
+        self,
+        transformed: Float[Array, "*batch frequencies 2 detectors"],
+        weights: Float[Array, " detectors"],
+    ) -> Complex[Array, "*batch frequencies directions"]:
+        """fhat(xi) = (1/2π) Σ_k w_k (rho_J G_J + rho_Y G_Y)."""
+
+    @abstractmethod
+    def of_frequency(
+        self, number: int, weights: Float[Array, " detectors"]
+    ) -> Complex[Array, "directions 2 detectors"]:
+        """(rho_J, rho_Y) of one frequency and all directions [1/length]."""
+
+    @abstractmethod
+    def in_single_precision(self) -> "Densities":
+        """The same in half the memory."""
+
+
+class SampledDensities(Densities):
+    """Every density at every detector [1/length]."""
+
+    values: Complex[Array, "frequencies directions 2 detectors"]
+
+    def polar_fourier(self, transformed: Array, weights: Array) -> Array:
+        weighted = (weights * transformed).astype(self.values.real.dtype)
+        return jnp.einsum("fdjk,...fjk->...fd", self.values, weighted) / (2 * jnp.pi)
+
+    def of_frequency(self, number: int, weights: Array) -> Array:
+        return self.values[number]
+
+    def in_single_precision(self) -> "SampledDensities":
+        return SampledDensities(self.values.astype(jnp.complex64))
 
 
 class DensityReport(eqx.Module):

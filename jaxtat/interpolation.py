@@ -1,7 +1,8 @@
-"""Cubic interpolation on equispaced nodes: one table of polynomials per kernel.
+"""Interpolation on equispaced nodes: one table of polynomials per kernel.
 
-A kernel is a 4 x 4 table: row j + 1 gives, in powers of the fraction 0 <= t < 1 of the way from
-node 0 to node 1, the weight of node j = -1, 0, 1, 2.
+The table of a cubic kernel is 4 x 4: row j + 1 gives, in powers of the fraction 0 <= t < 1 of the
+way from node 0 to node 1, the weight of node j = -1, 0, 1, 2. That of a quintic one is 6 x 6, for
+j = -2..3.
 """
 
 import jax.numpy as jnp
@@ -15,6 +16,21 @@ KEYS = np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]]) /
 # Cubic B-spline: twice continuously differentiable, fourth order; takes coefficients, which
 # follow from values by `spline_prefilter`. Unser, IEEE Signal Process. Mag. 16(6) (1999) 22-38.
 SPLINE = np.array([[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]]) / 6
+
+# Quintic B-spline: four times continuously differentiable, sixth order; ibid.
+QUINTIC = (
+    np.array(
+        [
+            [1, -5, 10, -10, 5, -1],
+            [26, -50, 20, 20, -20, 5],
+            [66, 0, -60, 0, 30, -10],
+            [26, 50, 20, -20, -20, 10],
+            [1, 5, 10, 10, 5, -5],
+            [0, 0, 0, 0, 0, 1],
+        ]
+    )
+    / 120
+)
 
 
 def cell_polynomials(kernel: np.ndarray, values: Float[Array, "*n nodes"]) -> list[Array]:
@@ -43,3 +59,8 @@ def spline_prefilter(phase: Float[Array, "*n"]) -> Float[Array, "*n"]:
         phase: angular frequency times the distance between nodes [rad].
     """
     return 3 / (2 + jnp.cos(phase))
+
+
+def quintic_prefilter(phase: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """Transfer function 60 / (33 + 26 cos(phase) + cos(2 phase)) of the quintic B-spline."""
+    return 60 / (33 + 26 * np.cos(phase) + np.cos(2 * phase))

@@ -9,36 +9,38 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Float
 from tqdm import tqdm
 
-from .checks import Numbers, is_concrete, real_array, require_positive, require_x64, whole_number
-from .densities import DensityReport, collocation_densities, series_densities
-from .geometry import (
-    Circle,
-    DetectorCurve,
-    ImageGrid,
-    Region,
-    VisibilityWarning,
-    fit_circle,
-    require_cover,
-    require_outside,
-    visibility,
+from .checks import Numbers, is_concrete, real_array, require_x64
+from .densities import (
+    Densities,
+    DensityReport,
+    SampledDensities,
+    collocation_densities,
+    series_densities,
 )
-from .regularization import NormBound, Regularization
+from .geometry import Circle, DetectorCurve, ImageGrid, Region, fit_circle
+from .harmonic import (
+    HarmonicDensities,
+    frequency_groups,
+    group_of,
+    harmonic_densities,
+    harmonic_orders,
+    polar_geometry,
+    wave_table,
+)
+from .problem import AccuracyWarning, polar_grid, require_boundary, require_problem
+from .regularization import NormBound, Regularization, Tikhonov
 from .special import full_circle_norm
 from .symmetry import find_mirror
 
-Solver = Callable[[Array, Array, Array], tuple[Array, DensityReport]]
-_COMPLEX = {"double": jnp.complex128, "single": jnp.complex64}
+METHODS = ("harmonic", "collocation", "series")
 _FREQUENCIES_AT_A_TIME = 4
+_GROUPS = 4  # of frequencies with as many orders; each is compiled by itself
 
 # Kunyansky's K = 1.5 at R_g = 1.3, in the true norm of the full circle (see NormBound)
 PAPER_K = 1.5 * float(np.sqrt(2 * np.pi * 1.3))
-
-
-class AccuracyWarning(UserWarning):
-    """Many plane waves could not be written as potentials of the curve."""
 
 
 class ReconstructionPlan(eqx.Module):
@@ -48,7 +50,7 @@ class ReconstructionPlan(eqx.Module):
         curve, region, grid, radii: the geometry the plan was built for.
         frequencies: lambda_i = i d lambda > 0, (frequencies,) [rad/length].
         angles: theta of the directions, equispaced over half a turn, (directions,) [rad].
-        densities: (rho_J, rho_Y), (frequencies, directions, 2, detectors) [1/length].
+        densities: (rho_J, rho_Y) of all directions and frequencies.
         regularization: the one that was used; None where the densities are in closed form.
         report: accuracy and norm of the densities.
     """
@@ -59,7 +61,7 @@ class ReconstructionPlan(eqx.Module):
     radii: Float[Array, " radii"]
     frequencies: Float[Array, " frequencies"]
     angles: Float[Array, " directions"]
-    densities: Complex[Array, "frequencies directions 2 detectors"]
+    densities: Densities
     regularization: Regularization | None
     report: DensityReport
 
@@ -76,7 +78,7 @@ def build_plan(
     radii: Numbers,
     regularization: Regularization | None = None,
     *,
-    method: str = "collocation",
+    method: str = "harmonic",
     max_frequency: Numbers | None = None,
     n_directions: int | None = None,
     precision: str = "double",
@@ -93,10 +95,12 @@ def build_plan(
         grid: where the image is wanted.
         radii: r > 0 of the data, increasing, covering the region and all other sources, (radii,)
             [length]; see `data_radii`.
-        regularization: `NormBound`, `FixedRank` or `SingularValueCutoff`; by default the paper's
-            bound, ``NormBound(PAPER_K)``.
-        method: "collocation": singular value decomposition of the potentials on the boundary, for
-            any geometry; "series": the closed form for a full circle of equispaced detectors.
+        regularization: `NormBound`, `FixedRank`, `SingularValueCutoff` or `Tikhonov`; by default
+            the paper's bound, ``NormBound(PAPER_K)``.
+        method: "harmonic": singular value decomposition in cylindrical waves, for detectors that
+            are all farther from the centre than the region; "collocation": of the potentials on
+            the boundary, as in the paper, for any geometry, slower; "series": the closed form for
+            a full circle of equispaced detectors.
         max_frequency: lambda_max [rad/length]; by default π over the larger of pixel and radial
             step, beyond which neither data nor image hold anything.
         n_directions: by default enough for lambda_max, a multiple of 32.
@@ -126,85 +130,44 @@ def build_plan(
     """
     require_x64()
     radii = real_array("radii", radii, ("radii",))
-    if precision not in _COMPLEX:
+    if precision not in ("double", "single"):
         raise ValueError(f"precision is {precision!r}, expected 'double' or 'single'.")
+    single = precision == "single"
     regularization = _rule(method, regularization)
     _require_concrete(curve, region, grid, radii, max_frequency)
     # inside jax.jit too: only the rule's number may be traced
     with jax.ensure_compile_time_eval():
-        frequencies, angles = _polar_grid(region, grid, radii, max_frequency, n_directions)
-        _require_geometry(curve, region, grid, radii, frequencies[-1])
-        solve = _solver(curve, region, regularization, frequencies[-1])
+        frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
+        require_problem(curve, region, grid, radii)
+        require_boundary(region, float(frequencies[-1]))
         unit_norms = full_circle_norm(frequencies, fit_circle(curve.points).radius)
-    if is_concrete(regularization):
-        densities, report = _in_pieces(solve, frequencies, unit_norms, angles, precision, progress)
-    else:  # K, j_max or sigma_min is being differentiated: one traced call
-        densities, report = solve(frequencies, unit_norms, angles)
-        densities = densities.astype(_COMPLEX[precision])
+    build = {"harmonic": _harmonic, "collocation": _collocation, "series": _series}[method]
+    bar = tqdm(total=len(frequencies), desc="densities", unit="freq", disable=not progress)
+    with bar:
+        densities, report = build(
+            curve, region, frequencies, unit_norms, angles, regularization, single, bar
+        )
     _warn_of_residuals(report)
     return ReconstructionPlan(
         curve, region, grid, radii, frequencies, angles, densities, regularization, report
     )
 
 
-def _polar_grid(
-    region: Region,
-    grid: ImageGrid,
-    radii: Array,
-    max_frequency: Numbers | None,
-    n_directions: int | None,
-) -> tuple[Array, Array]:
-    """Frequencies i d lambda, i = 1..n, and directions."""
-    if max_frequency is None:
-        max_frequency = jnp.pi / jnp.maximum(grid.spacing.max(), jnp.diff(radii).max())
-    highest = real_array("max_frequency", max_frequency, ())
-    require_positive("max_frequency", highest)
-    waves = float(highest * region.reach)  # radians across the region's radius
-    n_frequencies = max(1, int(np.ceil(2 * waves / np.pi - 1e-6)))
-    if n_directions is None:
-        # projections and image turn through 2 * waves radians in half a turn; a quarter to spare
-        n_directions = 32 * max(1, int(np.ceil(1.25 * waves / 32)))
-    n_directions = whole_number("n_directions", n_directions, 1)
-    frequencies = highest / n_frequencies * jnp.arange(1, n_frequencies + 1)
-    return frequencies, jnp.linspace(0.0, jnp.pi, n_directions, endpoint=False)
-
-
-def _require_geometry(
-    curve: DetectorCurve, region: Region, grid: ImageGrid, radii: Array, highest: Array
-) -> None:
-    require_outside(curve, region)
-    require_cover(curve, region, radii)
-    if not bool(region.contains(grid.points).any()):
-        raise ValueError(
-            f"no node of the image grid (from {grid.points[0, 0]} to {grid.points[-1, -1]}) lies "
-            f"in the region of interest, within {float(region.reach):.6g} of {region.center}: "
-            "move or widen the grid."
-        )
-    spacing, half_wave = float(region.weights.max()), float(jnp.pi / highest)
-    if spacing > half_wave:
-        n_least = int(np.ceil(1.5 * region.points.shape[0] * spacing / half_wave))
-        raise ValueError(
-            f"boundary points are {spacing:.4g} apart, more than half the shortest wavelength "
-            f"({half_wave:.4g}): use n_collocation >= {n_least} or a lower max_frequency."
-        )
-    seen = visibility(curve, region)
-    if seen.invisible_fraction > 0:
-        warnings.warn(str(seen), VisibilityWarning, stacklevel=3)
-
-
 def _rule(method: str, regularization: Regularization | None) -> Regularization | None:
     """The regularisation that will be used, None for the closed form."""
-    if method not in ("collocation", "series"):
-        raise ValueError(f"method is {method!r}, expected 'collocation' or 'series'.")
+    if method not in METHODS:
+        raise ValueError(f"method is {method!r}, expected one of {', '.join(METHODS)}.")
     if not (regularization is None or isinstance(regularization, Regularization)):
         raise ValueError(
             f"regularization is {regularization!r}, expected a rule such as NormBound(4.0)."
         )
-    if method == "collocation":
-        return NormBound(PAPER_K) if regularization is None else regularization
-    if regularization is not None:
-        raise ValueError("method 'series' is a closed form: it takes no regularization.")
-    return None
+    if method == "collocation" and isinstance(regularization, Tikhonov):
+        raise ValueError("Tikhonov is for method='harmonic', in whose waves its alpha is measured.")
+    if method == "series":
+        if regularization is not None:
+            raise ValueError("method 'series' is a closed form: it takes no regularization.")
+        return None
+    return NormBound(PAPER_K) if regularization is None else regularization
 
 
 def _require_concrete(*geometry: Any) -> None:
@@ -229,25 +192,82 @@ def _warn_of_residuals(report: DensityReport) -> None:
         )
 
 
-def _solver(
+def _harmonic(
     curve: DetectorCurve,
     region: Region,
-    regularization: Regularization | None,
-    highest: Array,
-) -> Solver:
-    """Densities and report as a function of (frequencies, unit norms, angles)."""
-    if regularization is not None:
-        return partial(
-            collocation_densities,
-            curve=curve,
-            region=region,
-            regularization=regularization,
-            mirror=find_mirror(curve, region),
-        )
+    frequencies: Array,
+    unit_norms: Array,
+    angles: Array,
+    regularization: Regularization,
+    single: bool,
+    bar: tqdm,
+) -> tuple[Densities, DensityReport]:
+    """Groups of frequencies with alike orders; within a group a few at a time."""
+    with jax.ensure_compile_time_eval():
+        geometry = polar_geometry(curve, region)
+        orders = harmonic_orders(geometry, np.asarray(frequencies))
+        table = wave_table(geometry, frequencies, int(orders.max()))
+        local, offset = angles - geometry.axis, region.center - geometry.center
+    groups, reports = [], []
+    for part, n_max in frequency_groups(orders, _GROUPS):
+        steps = []
+        for start in range(part.start, part.stop, _FREQUENCIES_AT_A_TIME):
+            chosen = slice(start, min(start + _FREQUENCIES_AT_A_TIME, part.stop))
+            step, report = harmonic_densities(
+                geometry, table.cut(chosen, n_max), unit_norms[chosen], local, regularization
+            )
+            steps.append(step)
+            reports.append(report)
+            bar.update(chosen.stop - chosen.start)
+        groups.append(group_of(steps))
+    phases = jnp.exp(1j * frequencies[:, None] * (_directions(angles) @ offset))
+    densities = HarmonicDensities(tuple(groups), local, phases, geometry.mirror)
+    return densities.in_single_precision() if single else densities, _joined(reports)
+
+
+def _collocation(
+    curve: DetectorCurve,
+    region: Region,
+    frequencies: Array,
+    unit_norms: Array,
+    angles: Array,
+    regularization: Regularization,
+    single: bool,
+    bar: tqdm,
+) -> tuple[Densities, DensityReport]:
+    solve = partial(
+        collocation_densities,
+        angles=angles,
+        curve=curve,
+        region=region,
+        regularization=regularization,
+        mirror=find_mirror(curve, region),
+    )
+    return _sampled(solve, frequencies, unit_norms, single, bar)
+
+
+def _series(
+    curve: DetectorCurve,
+    region: Region,
+    frequencies: Array,
+    unit_norms: Array,
+    angles: Array,
+    regularization: None,
+    single: bool,
+    bar: tqdm,
+) -> tuple[Densities, DensityReport]:
     circle = _full_circle(curve)
     # 40 + 12 % beyond lambda R_g the terms have fallen below rounding
-    n_orders = int(1.12 * float(highest * circle.radius)) + 40
-    return partial(series_densities, curve=curve, region=region, circle=circle, n_orders=n_orders)
+    n_orders = int(1.12 * float(frequencies[-1] * circle.radius)) + 40
+    solve = partial(
+        series_densities,
+        angles=angles,
+        curve=curve,
+        region=region,
+        circle=circle,
+        n_orders=n_orders,
+    )
+    return _sampled(solve, frequencies, unit_norms, single, bar)
 
 
 def _full_circle(curve: DetectorCurve) -> Circle:
@@ -264,25 +284,36 @@ def _full_circle(curve: DetectorCurve) -> Circle:
     return circle
 
 
-def _in_pieces(
-    solve: Solver,
+def _sampled(
+    solve: Callable[[Array, Array], tuple[Array, DensityReport]],
     frequencies: Array,
     unit_norms: Array,
-    angles: Array,
-    precision: str,
-    progress: bool,
-) -> tuple[Array, DensityReport]:
+    single: bool,
+    bar: tqdm,
+) -> tuple[Densities, DensityReport]:
     """All frequencies, a few at a time: a progress bar, and little memory besides the result."""
-    n = frequencies.shape[0]
-    densities, reports = None, []
-    with tqdm(total=n, desc="densities", unit="freq", disable=not progress) as bar:
-        for start in range(0, n, _FREQUENCIES_AT_A_TIME):
-            part = slice(start, start + _FREQUENCIES_AT_A_TIME)
-            piece, report = solve(frequencies[part], unit_norms[part], angles)
-            if densities is None:
-                densities = np.empty((n, *piece.shape[1:]), _COMPLEX[precision])
-            densities[part] = piece
-            reports.append(report)
-            bar.update(piece.shape[0])
-    report = jax.tree.map(lambda *pieces: jnp.concatenate(pieces), *reports)
-    return jnp.asarray(densities), report
+    pieces, reports = [], []
+    for start in range(0, len(frequencies), _FREQUENCIES_AT_A_TIME):
+        part = slice(start, start + _FREQUENCIES_AT_A_TIME)
+        values, report = solve(frequencies[part], unit_norms[part])
+        piece = SampledDensities(values)
+        pieces.append(piece.in_single_precision() if single else piece)
+        reports.append(report)
+        bar.update(values.shape[0])
+    return SampledDensities(jnp.concatenate([piece.values for piece in pieces])), _joined(reports)
+
+
+def _joined(reports: list[DensityReport]) -> DensityReport:
+    """One report; singular values padded with zeros where a frequency has fewer."""
+    rank = max(report.singular_values.shape[-1] for report in reports)
+
+    def padded(report: DensityReport) -> DensityReport:
+        short = rank - report.singular_values.shape[-1]
+        values = jnp.pad(report.singular_values, ((0, 0), (0, short)))
+        return eqx.tree_at(lambda tree: tree.singular_values, report, values)
+
+    return jax.tree.map(lambda *parts: jnp.concatenate(parts), *map(padded, reports))
+
+
+def _directions(angles: Array) -> Array:
+    return jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)

@@ -9,8 +9,10 @@ side. A new regularisation is a class with a method `factors`.
 """
 
 from abc import abstractmethod
+from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
@@ -21,12 +23,15 @@ from .checks import Numbers, is_concrete, real_array
 class Regularization(eqx.Module):
     """How much of each singular component is kept."""
 
+    by_direction: ClassVar[bool] = False  # whether phi differs between right-hand sides
+
     @abstractmethod
     def factors(
         self,
         sigma: Float[Array, " rank"],
         size: Float[Array, "rank rhs"],
         unit_norm: Float[Array, ""],
+        largest: Float[Array, ""],
     ) -> Float[Array, "rank rhs"]:
         """phi_j for every right-hand side.
 
@@ -34,6 +39,7 @@ class Regularization(eqx.Module):
             sigma: singular values, descending.
             size: norms |p_j·u| / sigma_j that each component would add to the solution.
             unit_norm: the norm in which bounds on solutions are expressed, N(lambda).
+            largest: diagonal entry of A A^T, the unit of alpha.
         """
 
 
@@ -51,6 +57,7 @@ class NormBound(Regularization):
     Source: Kunyansky 2008, section 3.2.
     """
 
+    by_direction = True
     K: Float[Array, ""]
     fractional: bool = eqx.field(static=True)
 
@@ -58,7 +65,7 @@ class NormBound(Regularization):
         self.K = _not_negative("K", K)
         self.fractional = fractional
 
-    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
+    def factors(self, sigma: Array, size: Array, unit_norm: Array, largest: Array) -> Array:
         square = size**2
         left = (self.K * unit_norm) ** 2 - (jnp.cumsum(square, axis=0) - square)
         fits = left >= square
@@ -78,7 +85,7 @@ class FixedRank(Regularization):
     def __init__(self, j_max: Numbers):
         self.j_max = _not_negative("j_max", j_max)
 
-    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
+    def factors(self, sigma: Array, size: Array, unit_norm: Array, largest: Array) -> Array:
         whole = jnp.clip(self.j_max - jnp.arange(sigma.shape[0]), 0.0, 1.0)
         return jnp.broadcast_to(whole[:, None], size.shape)
 
@@ -91,26 +98,57 @@ class SingularValueCutoff(Regularization):
     def __init__(self, sigma_min: Numbers):
         self.sigma_min = _not_negative("sigma_min", sigma_min)
 
-    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
+    def factors(self, sigma: Array, size: Array, unit_norm: Array, largest: Array) -> Array:
         return jnp.broadcast_to((sigma >= self.sigma_min).astype(size.dtype)[:, None], size.shape)
 
 
-class FilteredSolution(eqx.Module):
-    """What `filtered_solve` found.
+class Tikhonov(Regularization):
+    """phi = sigma² / (sigma² + alpha a), a the largest diagonal entry of A A^T in the waves' basis.
+
+    The rule of `reconstruct_direct`, as a plan; for plans in cylindrical waves only.
+    """
+
+    alpha: Float[Array, ""]
+
+    def __init__(self, alpha: Numbers):
+        self.alpha = _not_negative("alpha", alpha)
+
+    def factors(self, sigma: Array, size: Array, unit_norm: Array, largest: Array) -> Array:
+        square = sigma**2
+        shrunk = square / jnp.maximum(square + self.alpha * largest, jnp.finfo(sigma.dtype).tiny)
+        return jnp.broadcast_to(shrunk[:, None], size.shape)
+
+
+class Components(eqx.Module):
+    """Singular components of a problem and how much of each is kept.
 
     Attributes:
-        solution: q, (blocks, unknowns, rhs).
-        singular_values: sigma_j, descending, (rank,).
+        left, right: p_j and q_j, (blocks, equations, k) and (blocks, k, unknowns).
+        inverse: 1 / sigma_j, 0 below rounding, (blocks, k).
+        amplitudes: p_j·u / sigma_j, (blocks, k, rhs).
+        factors: phi_j, (blocks, k, rhs).
+        singular_values: sigma_j of all blocks, descending, (rank,).
         terms: Σ_j phi_j, the number of terms kept (j_max), (rhs,).
         norm: ||q||, (rhs,).
         residual: ||A q - u|| / ||u||, (rhs,).
     """
 
-    solution: Complex[Array, "blocks unknowns rhs"]
+    left: Float[Array, "blocks equations k"]
+    right: Float[Array, "blocks k unknowns"]
+    inverse: Float[Array, "blocks k"]
+    amplitudes: Complex[Array, "blocks k rhs"]
+    factors: Float[Array, "blocks k rhs"]
     singular_values: Float[Array, " rank"]
     terms: Float[Array, " rhs"]
     norm: Float[Array, " rhs"]
     residual: Float[Array, " rhs"]
+
+    @property
+    def solution(self) -> Complex[Array, "blocks unknowns rhs"]:
+        """q = Σ_j phi_j (p_j·u / sigma_j) q_j."""
+        kept = self.factors * self.amplitudes
+        transposed = jnp.swapaxes(self.right, -1, -2)
+        return jax.lax.complex(transposed @ kept.real, transposed @ kept.imag)
 
 
 def filtered_solve(
@@ -118,7 +156,7 @@ def filtered_solve(
     rhs: Complex[Array, "blocks equations rhs"],
     regularization: Regularization,
     unit_norm: Float[Array, ""],
-) -> FilteredSolution:
+) -> Components:
     """q = Q diag(phi_j / sigma_j) P^T u with A = P diag(sigma) Q^T.
 
     A is block diagonal, one block for a problem without symmetry; its singular values are ordered
@@ -132,7 +170,7 @@ def filtered_solve(
         unit_norm: N(lambda), see `Regularization.factors`.
 
     Returns:
-        FilteredSolution.
+        Components, of which ``solution`` is q.
 
     >>> a = jnp.diag(jnp.array([4.0, 2.0, 1.0]))[None]
     >>> u = jnp.array([[[4.0], [4.0], [4.0]]]) + 0j
@@ -141,21 +179,26 @@ def filtered_solve(
     ([1.0, 2.0, 2.0], [2.5])
     """
     n_blocks, n_rhs = blocks.shape[0], rhs.shape[-1]
-    # the matrix is real: real and imaginary parts are right-hand sides of their own
-    parts = jnp.concatenate([rhs.real, rhs.imag], axis=-1)
     left, sigma, right = jnp.linalg.svd(blocks, full_matrices=False)
     floor = n_blocks * max(blocks.shape[1:]) * jnp.finfo(sigma.dtype).eps * sigma.max()
     inverse = jnp.where(sigma > floor, 1 / jnp.where(sigma > floor, sigma, 1.0), 0.0)
+    # the matrix is real: real and imaginary parts are right-hand sides of their own
+    parts = jnp.concatenate([rhs.real, rhs.imag], axis=-1)
     amplitudes = inverse[..., None] * (jnp.swapaxes(left, -1, -2) @ parts)
+    largest = jnp.sum(blocks**2, axis=-1).max()
     order = jnp.argsort(-sigma, axis=None)
     size = _modulus(amplitudes).reshape(-1, n_rhs)[order]
-    factors = regularization.factors(sigma.ravel()[order], size, unit_norm)
+    factors = regularization.factors(sigma.ravel()[order], size, unit_norm, largest)
     factors *= (inverse > 0).ravel()[order][:, None]
     unordered = factors[jnp.argsort(order)].reshape(n_blocks, -1, n_rhs)
     kept = jnp.tile(unordered, 2) * amplitudes
     misfit = left @ (sigma[..., None] * kept) - parts
-    return FilteredSolution(
-        solution=_complex(jnp.swapaxes(right, -1, -2) @ kept),
+    return Components(
+        left=left,
+        right=right,
+        inverse=inverse,
+        amplitudes=_complex(amplitudes),
+        factors=unordered,
         singular_values=sigma.ravel()[order],
         terms=jnp.sum(factors, axis=0),
         norm=_norm(_modulus(kept)),
@@ -166,7 +209,7 @@ def filtered_solve(
 def _complex(parts: Array) -> Array:
     """Columns (real parts, imaginary parts) as complex ones."""
     real, imaginary = jnp.split(parts, 2, axis=-1)
-    return real + 1j * imaginary
+    return jax.lax.complex(real, imaginary)
 
 
 def _modulus(parts: Array) -> Array:

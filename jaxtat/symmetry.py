@@ -9,6 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
+from scipy.spatial import KDTree
 
 from .checks import is_concrete
 from .geometry import DetectorCurve, Region
@@ -66,7 +67,7 @@ def find_mirror(curve: DetectorCurve, region: Region) -> Mirror | None:
     if np.linalg.norm(axis) < 1e-6 * float(region.reach):
         return None
     pairs = [
-        _mirrored_pairs(np.asarray(p) - center, np.asarray(w), axis / np.linalg.norm(axis))
+        mirrored_pairs(np.asarray(p) - center, np.asarray(w), axis / np.linalg.norm(axis))
         for p, w in ((points, curve.weights), (region.points, region.weights))
     ]
     if pairs[0] is None or pairs[1] is None:
@@ -74,13 +75,16 @@ def find_mirror(curve: DetectorCurve, region: Region) -> Mirror | None:
     return Mirror(jnp.asarray(pairs[0]), jnp.asarray(pairs[1]))
 
 
-def _mirrored_pairs(points: np.ndarray, weights: np.ndarray, axis: np.ndarray) -> np.ndarray | None:
+def mirrored_pairs(points: np.ndarray, weights: np.ndarray, axis: np.ndarray) -> np.ndarray | None:
+    """Indices of points on one side of the line through 0 along ``axis``, and of their images.
+
+    None if the points and their weights are not mirrored, or one lies on the line.
+    """
     images = 2 * np.outer(points @ axis, axis) - points
-    distance = np.linalg.norm(points[:, None, :] - images[None, :, :], axis=-1)
-    partner = distance.argmin(axis=1)
+    distance, partner = map(np.asarray, KDTree(points).query(images))
     index = np.arange(len(points))
     tolerance = 1e-9 * np.abs(points).max()
-    if distance[index, partner].max() > tolerance or (partner == index).any():
+    if distance.max() > tolerance or (partner == index).any():
         return None
     if np.abs(weights - weights[partner]).max() > 1e-9 * weights.max():
         return None

@@ -7,7 +7,8 @@ import pytest
 from jax.test_util import check_grads
 from scipy.integrate import quad
 
-from jaxtat import DetectorCurve, ImageGrid, circular_arc, detector_curve, phantoms
+from jaxtat import ImageGrid, circular_arc, detector_curve, phantoms
+from jaxtat.geometry import SampledCurve
 
 BELLS = phantoms.Bells([[0.3, 0.3], [-0.4, 0.2]], [0.55, 0.5], [1.0, -0.7])
 DISKS = phantoms.Disks([[0.3, 0.3], [-0.4, 0.2]], [0.55, 0.5], [1.0, -0.7])
@@ -58,7 +59,7 @@ def test_image_is_the_sum_of_the_parts(phantom, profile):
 def detectors_at(points):
     """Detectors anywhere, also inside the phantom, where no curve would put them."""
     points = jnp.asarray(points)
-    return DetectorCurve(points, jnp.ones(len(points)), jnp.ones_like(points), False)
+    return SampledCurve(points, jnp.ones(len(points)), jnp.ones_like(points), False)
 
 
 def circle_integral(f, z, r, breaks=200):

@@ -66,9 +66,9 @@ def reconstruct(options: argparse.Namespace) -> None:
 
 def _accuracy(plan) -> str:
     residual, gain = plan.report.residual, plan.report.norm / plan.report.unit_norm[:, None]
-    n_frequencies, n_directions, _, n_detectors = plan.densities.shape
     return (
-        f"{n_detectors} detectors, {n_frequencies} frequencies x {n_directions} directions; "
+        f"{plan.curve.n_detectors} detectors, {len(plan.frequencies)} frequencies x "
+        f"{len(plan.angles)} directions; "
         f"plane waves on the region's boundary to {float(residual.mean()):.1e} (mean), "
         f"{float(residual.max()):.1e} (worst); norm {float(gain.mean()):.2f} N (mean)"
     )

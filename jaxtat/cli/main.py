@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import jax
 
 from ..geometry import VisibilityWarning
-from ..plan import AccuracyWarning
+from ..problem import AccuracyWarning
 from .parser import build_parser
 
 BAD_INPUT, INTERRUPTED = 2, 130

@@ -4,7 +4,15 @@ Lengths are in any one unit, the same for everything in a problem: metres, milli
 radius of the region of interest as in the paper.
 """
 
-from .curves import Circle, DetectorCurve, circular_arc, detector_curve, fit_circle
+from .curves import (
+    Circle,
+    CircularArc,
+    DetectorCurve,
+    SampledCurve,
+    circular_arc,
+    detector_curve,
+    fit_circle,
+)
 from .grids import ImageGrid
 from .radii import data_radii, require_cover
 from .regions import Region, TruncatedDisk, require_outside, truncated_disk
@@ -12,9 +20,11 @@ from .visibility import Visibility, VisibilityWarning, visibility
 
 __all__ = [
     "Circle",
+    "CircularArc",
     "DetectorCurve",
     "ImageGrid",
     "Region",
+    "SampledCurve",
     "TruncatedDisk",
     "Visibility",
     "VisibilityWarning",

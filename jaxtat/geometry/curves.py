@@ -11,6 +11,8 @@ from ..checks import Numbers, is_concrete, real_array, require_positive, whole_n
 class DetectorCurve(eqx.Module):
     """Detectors z_k on an acquisition curve gamma: ∫_gamma u dl ≈ Σ_k w_k u(z_k).
 
+    A new curve needs these four, and a line in io/plans.py to be saved.
+
     Attributes:
         points: detector positions z_k, (detectors, 2), in order along the curve [length].
         weights: arc length w_k that belongs to each detector, (detectors,) [length].
@@ -18,14 +20,68 @@ class DetectorCurve(eqx.Module):
         closed: whether the curve returns to its first detector.
     """
 
+    points: eqx.AbstractVar[Float[Array, "detectors 2"]]
+    weights: eqx.AbstractVar[Float[Array, " detectors"]]
+    normals: eqx.AbstractVar[Float[Array, "detectors 2"]]
+    closed: eqx.AbstractVar[bool]
+
+    @property
+    def n_detectors(self) -> int:
+        return self.points.shape[0]
+
+
+class SampledCurve(DetectorCurve):
+    """A curve known by its detectors."""
+
     points: Float[Array, "detectors 2"]
     weights: Float[Array, " detectors"]
     normals: Float[Array, "detectors 2"]
     closed: bool = eqx.field(static=True)
 
+
+class CircularArc(DetectorCurve):
+    """Equispaced detectors on a circle, which stay on it whatever becomes of the parameters.
+
+    Attributes:
+        center, radius: of the circle [length].
+        angle: the direction in which the arc opens [rad].
+        half_opening: half the angle under which the opening is seen from the centre [rad].
+        n, closed: number of detectors, and whether the opening is none.
+    """
+
+    center: Float[Array, "2"]
+    radius: Float[Array, ""]
+    angle: Float[Array, ""]
+    half_opening: Float[Array, ""]
+    n: int = eqx.field(static=True)
+    closed: bool = eqx.field(static=True)
+
+    @property
+    def span(self) -> Float[Array, ""]:
+        """Angle of the arc as seen from the centre [rad]."""
+        return 2 * jnp.pi - 2 * self.half_opening
+
+    @property
+    def angles(self) -> Float[Array, " detectors"]:
+        """Of the detectors, counted from the middle of the arc, opposite the opening [rad]."""
+        return ((jnp.arange(self.n) + 0.5) / self.n - 0.5) * self.span
+
+    @property
+    def points(self) -> Float[Array, "detectors 2"]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.center + self.radius * self.normals
+
+    @property
+    def weights(self) -> Float[Array, " detectors"]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return jnp.broadcast_to(self.radius * self.span / self.n, (self.n,))
+
+    @property
+    def normals(self) -> Float[Array, "detectors 2"]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        theta = self.angle + jnp.pi + self.angles
+        return jnp.stack([jnp.cos(theta), jnp.sin(theta)], axis=-1)
+
     @property
     def n_detectors(self) -> int:
-        return self.points.shape[0]
+        return self.n
 
 
 class Circle(eqx.Module):
@@ -42,7 +98,7 @@ def circular_arc(
     *,
     center: Numbers = (0.0, 0.0),
     angle: Numbers = 0.0,
-) -> DetectorCurve:
+) -> CircularArc:
     """The arc |z| = R_g, z_1 < z_right with detectors at the midpoints of n equal pieces.
 
     The arc is then turned by ``angle`` and moved to ``center``: it opens towards
@@ -57,7 +113,7 @@ def circular_arc(
         angle: direction in which the arc opens [rad].
 
     Returns:
-        DetectorCurve, detectors anticlockwise from one end of the opening to the other.
+        CircularArc, detectors anticlockwise from one end of the opening to the other.
 
     Raises:
         ValueError: for fewer than 2 detectors, radius <= 0 or an empty arc.
@@ -68,7 +124,8 @@ def circular_arc(
     >>> round(float(curve.weights.sum() / 1.3), 12)  # half a circle
     3.14159265359
     """
-    _require_detectors(whole_number("n_detectors", n_detectors, 0))
+    n_detectors = whole_number("n_detectors", n_detectors, 0)
+    _require_detectors(n_detectors)
     radius, z_right = real_array("radius", radius, ()), real_array("z_right", z_right, ())
     center, angle = real_array("center", center, (2,)), real_array("angle", angle, ())
     require_positive("radius", radius)
@@ -79,14 +136,12 @@ def circular_arc(
             "z_right must be above -radius."
         )
     half_opening = opening_angle(z_right / radius)
-    span = 2 * jnp.pi - 2 * half_opening
-    theta = angle + half_opening + (jnp.arange(n_detectors) + 0.5) * span / n_detectors
-    normals = jnp.stack([jnp.cos(theta), jnp.sin(theta)], axis=-1)
-    weights = jnp.broadcast_to(radius * span / n_detectors, (n_detectors,))
-    return DetectorCurve(center + radius * normals, weights, normals, closed)
+    return CircularArc(  # pyright: ignore[reportCallIssue] (abstract variables are no arguments)
+        center, radius, angle, half_opening, n_detectors, closed
+    )
 
 
-def detector_curve(positions: Numbers, *, closed: bool | None = None) -> DetectorCurve:
+def detector_curve(positions: Numbers, *, closed: bool | None = None) -> SampledCurve:
     """Acquisition curve through measured detector positions, in order along the curve.
 
     Each detector owns half the arc to either neighbour, w_k = (l_{k-1,k} + l_{k,k+1})/2; an end
@@ -132,7 +187,7 @@ def detector_curve(positions: Numbers, *, closed: bool | None = None) -> Detecto
     normals = jnp.stack([tangents[:, 1], -tangents[:, 0]], axis=-1)
     outward = jnp.sum(normals * (points - points.mean(axis=0)))
     side = jnp.where(outward < 0, -1.0, 1.0)  # of a straight array either is as good
-    return DetectorCurve(points, (ends + step) / 2, side * normals, bool(closed))
+    return SampledCurve(points, (ends + step) / 2, side * normals, bool(closed))
 
 
 def opening_angle(cosine: Array) -> Array:

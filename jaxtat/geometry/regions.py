@@ -53,6 +53,7 @@ class TruncatedDisk(Region):
     radius: Float[Array, ""]
     x_right: Float[Array, ""]
     angle: Float[Array, ""]
+    whole: bool = eqx.field(static=True)  # not cut at all
 
     @property
     def reach(self) -> Float[Array, ""]:
@@ -121,7 +122,14 @@ def truncated_disk(
     points, normals, weights = (jnp.concatenate(pair) for pair in zip(arc, chord, strict=True))
     turn = jnp.array([[jnp.cos(angle), -jnp.sin(angle)], [jnp.sin(angle), jnp.cos(angle)]])
     return TruncatedDisk(
-        points @ turn.T + center, weights, normals @ turn.T, center, radius, x_right, angle
+        points=points @ turn.T + center,
+        weights=weights,
+        normals=normals @ turn.T,
+        center=center,
+        radius=radius,
+        x_right=x_right,
+        angle=angle,
+        whole=n_chord == 0,
     )
 
 

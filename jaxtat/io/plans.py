@@ -23,25 +23,31 @@ import numpy as np
 from jaxtyping import jaxtyped
 
 from ..checks import require_x64
-from ..densities import DensityReport
-from ..geometry import DetectorCurve, ImageGrid, TruncatedDisk
+from ..densities import DensityReport, SampledDensities
+from ..geometry import CircularArc, ImageGrid, SampledCurve, TruncatedDisk
+from ..harmonic import DensityGroup, HarmonicDensities
 from ..plan import ReconstructionPlan
-from ..regularization import FixedRank, NormBound, SingularValueCutoff
+from ..regularization import FixedRank, NormBound, SingularValueCutoff, Tikhonov
 from .atomic import replacing
 
-FORMAT, VERSION = "jaxtat plan", 1
+FORMAT, VERSION = "jaxtat plan", 2
 _BLOCK = 512  # [byte], the least HDF5 allows
 _KINDS: dict[str, type[eqx.Module]] = {
     kind.__name__: kind
     for kind in (
         ReconstructionPlan,
-        DetectorCurve,
+        CircularArc,
+        SampledCurve,
         TruncatedDisk,
         ImageGrid,
         DensityReport,
         NormBound,
         FixedRank,
         SingularValueCutoff,
+        Tikhonov,
+        SampledDensities,
+        HarmonicDensities,
+        DensityGroup,
     )
 }
 
@@ -63,7 +69,7 @@ def save_plan(plan: ReconstructionPlan, path: str | Path, *, precision: str = "a
     if precision not in ("as is", "single"):
         raise ValueError(f"precision is {precision!r}, expected 'as is' or 'single'.")
     if precision == "single":
-        single = plan.densities.astype(jnp.complex64)
+        single = plan.densities.in_single_precision()
         plan = eqx.tree_at(lambda tree: tree.densities, plan, single)
     with replacing(path) as temporary:
         with h5py.File(temporary, "w", userblock_size=_BLOCK) as file:
@@ -111,10 +117,18 @@ def _write(group: h5py.Group, module: eqx.Module) -> None:
         value = getattr(module, field.name)
         if isinstance(value, eqx.Module):
             _write(group.create_group(field.name), value)
+        elif _is_list_of_modules(value):
+            members = group.create_group(field.name)
+            for number, member in enumerate(value):
+                _write(members.create_group(str(number)), member)
         elif isinstance(value, jax.Array | np.ndarray):
             group.create_dataset(field.name, data=np.asarray(value))
         else:
             group.attrs[field.name] = h5py.Empty("f8") if value is None else value
+
+
+def _is_list_of_modules(value: Any) -> bool:
+    return isinstance(value, tuple) and any(isinstance(member, eqx.Module) for member in value)
 
 
 def _read(group: Any) -> Any:
@@ -129,7 +143,11 @@ def _read(group: Any) -> Any:
 def _read_field(group: Any, name: str) -> Any:
     if name in group:
         item = group[name]
-        return _read(item) if isinstance(item, h5py.Group) else jnp.asarray(item[()])
+        if not isinstance(item, h5py.Group):
+            return jnp.asarray(item[()])
+        if "kind" in item.attrs:
+            return _read(item)
+        return tuple(_read(item[str(number)]) for number in range(len(item)))
     value = group.attrs[name]
     if isinstance(value, h5py.Empty):
         return None
@@ -176,6 +194,8 @@ def _require_consistent(path: str | Path, plan: ReconstructionPlan) -> None:
                 value, wanted = getattr(module, field.name), cast(Any, field.type)
                 if isinstance(value, eqx.Module):
                     modules.append(value)
+                elif _is_list_of_modules(value):
+                    modules.extend(value)
                 elif isinstance(value, jax.Array) and not isinstance(value, wanted):
                     raise ValueError(
                         f"{path} holds {field.name} of shape {value.shape} ({value.dtype}), which "

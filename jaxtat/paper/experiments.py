@@ -72,7 +72,8 @@ def nyquist_plane_wave(results: Results) -> None:
     plan, grid = results.plan, results.case.grid
     frequency, vertical = plan.frequencies[-1], plan.angles.shape[0] // 2
     chosen = slice(vertical, vertical + 1)
-    wave = potential(frequency, plan.densities[-1, chosen], plan.curve, grid.points)[..., 0]
+    last = plan.densities.of_frequency(len(plan.frequencies) - 1, plan.curve.weights)
+    wave = potential(frequency, last[chosen], plan.curve, grid.points)[..., 0]
     exact = plane_wave(frequency, plan.angles[chosen], grid.points - plan.region.center)[..., 0]
     error = results.show("plane wave error", jnp.log10(jnp.abs(wave - exact) + 1e-16))
     results.metrics["nyquist_plane_wave_max_error"] = float(10 ** error[results.inside].max())

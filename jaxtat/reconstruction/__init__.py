@@ -1,6 +1,8 @@
 """Steps 2 to 5 of the paper, one file each, and the pipeline that runs them."""
 
+from .cartesian_fourier import direct_fourier_inversion
 from .classical import classical_fbp
+from .direct import DirectLayout, DirectReconstruction, direct_layout, reconstruct_direct
 from .fbp import filtered_back_projection
 from .pipeline import reconstruct
 from .polar_fourier import polar_fourier
@@ -8,8 +10,12 @@ from .radial_transform import radial_transform, total_integrals
 from .radon import cosine_filter, offset_step, polar_fourier_of_projections, radon_projections
 
 __all__ = [
+    "DirectLayout",
+    "DirectReconstruction",
     "classical_fbp",
     "cosine_filter",
+    "direct_fourier_inversion",
+    "direct_layout",
     "filtered_back_projection",
     "offset_step",
     "polar_fourier",
@@ -17,5 +23,6 @@ __all__ = [
     "radial_transform",
     "radon_projections",
     "reconstruct",
+    "reconstruct_direct",
     "total_integrals",
 ]

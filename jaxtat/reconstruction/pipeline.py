@@ -1,19 +1,29 @@
 """Steps 2 to 5 in a row: from circular integrals to the image. Only this file knows the plan."""
 
+from collections.abc import Callable
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, dtype_of, real_array
+from ..checks import Numbers, data_array, real_array
 from ..plan import ReconstructionPlan
-from .fbp import filtered_back_projection
+from .inversion import invert, require_inversion
 from .polar_fourier import polar_fourier
 from .radial_transform import radial_transform, total_integrals
-from .radon import LowPass, low_pass_values, offset_step, radon_projections
+from .radon import LowPass, low_pass_values
+
+# reconstructed together: enough for matrix products, few enough for the cache
+IMAGES = {"fbp": 32, "fourier": 16}
 
 
 def reconstruct(
-    plan: ReconstructionPlan, g: Numbers, *, low_pass: LowPass | None = None
+    plan: ReconstructionPlan,
+    g: Numbers,
+    *,
+    low_pass: LowPass | None = None,
+    inversion: str = "fbp",
 ) -> Float[Array, "*batch x1 x2"]:
     """The image f on the plan's grid from its circular integrals g.
 
@@ -24,6 +34,7 @@ def reconstruct(
         plan: from `build_plan` or `load_plan`.
         g: g(z, r) = ∫_{|x - z| = r} f dl, float32 or float64, (..., detectors, radii).
         low_pass: eta(lambda / lambda_max), for instance `cosine_filter`; none by default.
+        inversion: "fbp", or "fourier": faster, see `inversion.invert`.
 
     Returns:
         (..., x1, x2), the unit of g per length.
@@ -33,29 +44,43 @@ def reconstruct(
 
     Source: Kunyansky 2008, section 3.
     """
-    g = _data(plan, g)
+    g = data_array(g, plan.curve.n_detectors, plan.radii.shape[0])
     n = plan.frequencies.shape[0]
     if not (low_pass is None or callable(low_pass)):
         raise ValueError(f"low_pass is {low_pass!r}, expected a function such as cosine_filter.")
     eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
-    return _reconstruct(plan, g, eta)
+    require_inversion(inversion)
+    return _reconstruct(plan, g, eta, inversion)
 
 
 @eqx.filter_jit
-def _reconstruct(plan: ReconstructionPlan, g: Array, eta: Array) -> Array:
-    transformed = radial_transform(g, plan.radii, plan.frequencies)
-    mass = total_integrals(g, plan.radii)
-    fhat = polar_fourier(transformed, plan.densities, plan.curve.weights, mass)
-    projections = radon_projections(fhat, plan.frequency_step, eta)
-    step = offset_step(plan.frequency_step, plan.frequencies.shape[0])
-    return filtered_back_projection(projections, step, plan.angles, plan.grid, plan.region.center)
-
-
-def _data(plan: ReconstructionPlan, g: Numbers) -> Array:
-    dtype = dtype_of("g", g)
-    if not jnp.issubdtype(dtype, jnp.floating):
-        raise ValueError(
-            f"g has dtype {dtype}, expected float64 or float32 circular integrals; "
-            "raw counts go through condition_record and pressure_to_circular_integrals first."
+def _reconstruct(plan: ReconstructionPlan, g: Array, eta: Array, inversion: str) -> Array:
+    def of_group(g: Array) -> Array:
+        transformed = radial_transform(g, plan.radii, plan.frequencies)
+        mass = total_integrals(g, plan.radii)
+        fhat = polar_fourier(transformed, plan.densities, plan.curve.weights, mass)
+        return invert(
+            fhat, plan.frequency_step, plan.angles, plan.grid, plan.region.center, eta, inversion
         )
-    return real_array("g", g, ("...", plan.curve.n_detectors, plan.radii.shape[0]))
+
+    return in_groups(of_group, g, IMAGES[inversion])
+
+
+def in_groups(work: Callable[[Array], Array], g: Array, size: int) -> Array:
+    """``work`` on a stack of images, some at a time, so that what it needs besides stays bounded.
+
+    Args:
+        work: (n, detectors, radii) -> (n, x1, x2), linear.
+        g: (..., detectors, radii).
+        size: the most images at a time; the last group is filled up with zeros.
+    """
+    images = g.reshape(-1, *g.shape[-2:])
+    n, n_groups = images.shape[0], -(-images.shape[0] // size)
+    if n_groups <= 1:
+        found = work(images)
+    else:
+        size = -(-n // n_groups)
+        padded = jnp.pad(images, ((0, n_groups * size - n), (0, 0), (0, 0)))
+        found = jax.lax.map(work, padded.reshape(n_groups, size, *g.shape[-2:]))
+        found = found.reshape(-1, *found.shape[2:])[:n]
+    return found.reshape(*g.shape[:-2], *found.shape[1:])

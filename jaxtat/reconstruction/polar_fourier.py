@@ -4,11 +4,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
+from ..densities import Densities
+
 
 @jax.jit
 def polar_fourier(
     transformed: Float[Array, "*batch frequencies 2 detectors"],
-    densities: Complex[Array, "frequencies directions 2 detectors"],
+    densities: Densities,
     weights: Float[Array, " detectors"],
     mass: Float[Array, "*batch detectors"],
 ) -> Complex[Array, "*batch frequencies+1 directions"]:
@@ -19,7 +21,7 @@ def polar_fourier(
 
     Args:
         transformed: (G_J, G_Y) of step 2 at the frequencies of the densities.
-        densities: (rho_J, rho_Y) of step 1 [1/length], in single or double precision.
+        densities: (rho_J, rho_Y) of step 1, in single or double precision.
         weights: arc lengths w_k [length].
         mass: ∫ g dr per detector.
 
@@ -28,9 +30,22 @@ def polar_fourier(
 
     Source: Kunyansky 2008, section 3.
     """
-    weighted = (weights * transformed).astype(densities.real.dtype)
-    total = jnp.einsum("fdjk,...fjk->...fd", densities, weighted)
-    origin = (mass @ weights) / weights.sum()
-    origin = jnp.broadcast_to(origin[..., None, None], (*mass.shape[:-1], 1, densities.shape[1]))
+    return with_origin(densities.polar_fourier(transformed, weights), mass, weights)
+
+
+def with_origin(
+    fhat: Complex[Array, "*batch frequencies directions"],
+    mass: Float[Array, "*batch detectors"],
+    weights: Float[Array, " detectors"],
+) -> Complex[Array, "*batch frequencies+1 directions"]:
+    """fhat with its value at lambda = 0 in front: the total mass over 2π.
+
+    Args:
+        fhat: at lambda > 0.
+        mass: ∫ g dr, which is the mass for every detector.
+        weights: arc lengths w_k, for the mean over the curve [length].
+    """
+    origin = (mass @ weights) / (2 * jnp.pi * weights.sum())
+    shape = (*fhat.shape[:-2], 1, fhat.shape[-1])
     # the origin is of double precision, and so is the result
-    return jnp.concatenate([origin + 0j, total], axis=-2) / (2 * jnp.pi)
+    return jnp.concatenate([jnp.broadcast_to(origin[..., None, None], shape) + 0j, fhat], axis=-2)

@@ -29,9 +29,18 @@ def radial_transform(
     >>> radial_transform(jnp.ones((3, 7, 100)), r, jnp.array([1.0, 2.0])).shape
     (3, 2, 2, 7)
     """
+    images = jnp.moveaxis(g.reshape(-1, *g.shape[-2:]), 0, 1)
+    # images last is how the product comes out, and what the matrix products of step 3 want
+    found = jnp.einsum("fjr,kir->fjki", radial_kernels(radii, frequencies), images)
+    return jnp.moveaxis(found, -1, 0).reshape(*g.shape[:-2], *found.shape[:-1])
+
+
+def radial_kernels(
+    radii: Float[Array, " radii"], frequencies: Float[Array, " frequencies"]
+) -> Float[Array, "frequencies 2 radii"]:
+    """J_0(lambda r) and Y_0(lambda r) times the weights of the trapezoid rule."""
     argument = frequencies[:, None] * radii
-    kernels = jnp.stack([j0(argument), y0(argument)], axis=1) * trapezoid_weights(radii)
-    return jnp.einsum("...kr,fjr->...fjk", g, kernels)
+    return jnp.stack([j0(argument), y0(argument)], axis=1) * trapezoid_weights(radii)
 
 
 def total_integrals(

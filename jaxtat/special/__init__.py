@@ -4,5 +4,8 @@ from .bessel import j0 as j0
 from .bessel import j1 as j1
 from .bessel import y0 as y0
 from .bessel import y1 as y1
+from .sequences import decay_steps as decay_steps
+from .sequences import enough_orders as enough_orders
 from .sequences import full_circle_norm as full_circle_norm
 from .sequences import hankel_sequence as hankel_sequence
+from .sequences import scaled_hankel_sequence as scaled_hankel_sequence

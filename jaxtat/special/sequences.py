@@ -41,7 +41,52 @@ def hankel_sequence(
     >>> print(f"{j[20]:.6e} {y[20]:.6e}")
     3.918973e-19 -4.081651e+16
     """
-    return _sequence(_order_count(n_max, "n_max"), as_floating(x))
+    x = as_floating(x)
+    n_max = _order_count(n_max, "n_max")
+    return _sequence(n_max, x, jnp.ones((n_max + 1, *[1] * x.ndim), x.dtype))
+
+
+def decay_steps(n_max: int, x: Float[Array, "*shape"]) -> Float[Array, "orders *shape"]:
+    """delta_n = J_n(x) / J_{n-1}(x) for n > x, and 1 for n <= x: how fast high orders decay.
+
+    The products Delta_n = delta_0 ... delta_n are scales for `scaled_hankel_sequence`. They are
+    constants to differentiation: what is computed with them does not depend on them.
+
+    Args:
+        n_max: highest order.
+        x: positive, for instance lambda R.
+
+    Returns:
+        0 < delta_n <= 1, n = 0 .. n_max.
+    """
+    x = jax.lax.stop_gradient(x)
+    ratios = _ratios(n_max, x)
+    ratios = jnp.concatenate([jnp.ones((1, *x.shape)), x[None] / (2 - x * ratios[:1]), ratios])
+    order = jnp.arange(n_max + 1).reshape(-1, *[1] * x.ndim)
+    return jnp.where(order > x, ratios[: n_max + 1], 1.0)
+
+
+def scaled_hankel_sequence(
+    x: Float[Array, "*shape"], steps: Float[Array, "orders *broadcast"]
+) -> tuple[Float[Array, "orders *shape"], Float[Array, "orders *shape"]]:
+    """J_n(x) / Delta_n and Delta_n Y_n(x) with the scales of `decay_steps`.
+
+    Products such as J_n(lambda |x|) Y_n(lambda |z|) = (J_n / Delta_n)(Delta_n Y_n) stay exact for
+    orders at which the factors themselves under- and overflow.
+
+    Args:
+        x: positive.
+        steps: delta_n, n = 0 .. n_max; trailing axes broadcast against those of x.
+
+    Returns:
+        Two arrays, (n_max + 1, *x.shape). Y as in `hankel_sequence` saturates at -1e150.
+
+    >>> x = jnp.array([1.0, 1.3])
+    >>> j, y = scaled_hankel_sequence(x, decay_steps(400, x[:1]))
+    >>> print(f"{j[400, 0] * y[400, 1] * 400 * jnp.pi * 1.3**400:.4f}")  # J_n Y_n ~ -(R/R_g)^n / πn
+    -1.0004
+    """
+    return _sequence(steps.shape[0] - 1, x, steps)
 
 
 def full_circle_norm(
@@ -95,14 +140,14 @@ def full_circle_norm(
     """
     frequency, radius = as_floating(frequency), as_floating(radius)
     argument = frequency * radius
-    n_orders = _enough_orders(argument) if n_orders is None else _order_count(n_orders, "n_orders")
+    n_orders = _orders_for(argument) if n_orders is None else _order_count(n_orders, "n_orders")
     return _norm(n_orders, argument, radius)
 
 
 @partial(jax.jit, static_argnums=0)
 def _norm(n_orders: int, argument: Array, radius: Array) -> Array:
     """full_circle_norm for lambda R_g and R_g."""
-    j, y = _sequence(n_orders, argument)
+    j, y = hankel_sequence(n_orders, argument)
     square = j**2 + y**2
     # Terms below 1/cap are far below rounding, and their derivatives would overflow.
     kept = square < _cap(square)
@@ -117,8 +162,8 @@ def _order_count(n: int, name: str) -> int:
     return n
 
 
-def _enough_orders(argument: Array) -> int:
-    """Highest order for which 1 / |H_n|^2 still counts."""
+def _orders_for(argument: Array) -> int:
+    """`enough_orders` for the largest of concrete arguments."""
     if not is_concrete(argument):
         raise ValueError(
             "n_orders cannot be found while frequency or radius is traced by jit, vmap or grad: "
@@ -127,7 +172,11 @@ def _enough_orders(argument: Array) -> int:
     values = np.asarray(argument)
     if not (np.isfinite(values) & (values >= 0)).all():
         raise ValueError("frequency * radius must be positive and finite.")
-    largest = float(values.max(initial=0.0))
+    return enough_orders(float(values.max(initial=0.0)))
+
+
+def enough_orders(largest: float) -> int:
+    """Highest order for which 1 / |H_n|² still counts, at arguments up to ``largest``."""
     return math.ceil(largest) + _evanescent_orders(largest)
 
 
@@ -168,34 +217,41 @@ def _ratios(n_max: int, x: Array) -> Array:
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 @partial(jax.jit, static_argnums=0)
-def _sequence(n_max: int, x: Array) -> tuple[Array, Array]:
+def _sequence(n_max: int, x: Array, steps: Array) -> tuple[Array, Array]:
+    """J_n / Delta_n and Delta_n Y_n; ``steps`` are delta_n, constants to differentiation."""
     x = jnp.where(x >= 0, x, jnp.nan)
     cap = _cap(x)
 
-    def upward(carry: tuple[Array, ...], item: tuple[Array, Array]):
+    def upward(carry: tuple[Array, ...], item: tuple[Array, ...]):
         # Orders n - 2 and n - 1 come in; n - 2 goes to the result, n to the next step.
         j_before, j, y_before, y = carry
-        n, ratio = item
+        n, ratio, step_before, step = item
         factor = 2 * (n - 1) / x
-        j_next = jnp.where(n <= x, factor * j - j_before, ratio * j)
-        y_next = jnp.maximum(factor * y - y_before, -cap)
+        j_next = jnp.where(n <= x, factor * j - j_before / step_before, ratio * j) / step
+        y_next = jnp.maximum((factor * y - y_before * step_before) * step, -cap)
         return (j, j_next, y, y_next), (j_before, y_before)
 
-    first = j0(x), j1(x), jnp.maximum(y0(x), -cap), jnp.maximum(y1(x), -cap)
+    # two orders more than wanted pass through, with any scale
+    steps = jnp.concatenate([steps, jnp.ones((2, *steps.shape[1:]), steps.dtype)])
+    first = j0(x), j1(x) / steps[1], jnp.maximum(y0(x), -cap), jnp.maximum(y1(x) * steps[1], -cap)
     orders = jnp.arange(2, n_max + 3, dtype=x.dtype)
-    return jax.lax.scan(upward, first, (orders, _ratios(n_max, x)))[1]
+    items = (orders, _ratios(n_max, x), steps[1:-1], steps[2:])
+    return jax.lax.scan(upward, first, items)[1]
 
 
 @_sequence.defjvp
-def _(n_max: int, primals: tuple[Array], tangents: tuple[Array]):
+def _(n_max: int, primals: tuple[Array, Array], tangents: tuple[Array, Array]):
     # DLMF 10.6.1: J_n' = (J_{n-1} - J_{n+1}) / 2, at the price of one more order. Unlike
     # J_{n-1} - (n/x) J_n (10.6.2) it does not cancel at small x, where higher derivatives would
     # suffer. For Y it would mix saturated with unsaturated orders, but there Y_{n-1} - (n/x) Y_n
     # does not cancel, as |Y_n| grows with n. J_{-1} = -J_1 and Y_{-1} = -Y_1.
-    (x,), (x_dot,) = primals, tangents
-    j, y = _sequence(n_max + 1, x)
-    j_slope = (jnp.concatenate([-j[1:2], j[:-2]]) - j[1:]) / 2
-    y_before, y = jnp.concatenate([-y[1:2], y[:-2]]), y[:-1]
+    (x, steps), (x_dot, _) = primals, tangents
+    steps = jnp.concatenate([steps, jnp.ones((1, *steps.shape[1:]), steps.dtype)])
+    j, y = _sequence(n_max + 1, x, steps)
+    j_before = jnp.concatenate([-j[1:2] * steps[1], j[:-2] / steps[1:-1]])
+    j_slope = (j_before - j[1:] * steps[1:]) / 2
+    y_before = jnp.concatenate([-y[1:2] / steps[1], y[:-2] * steps[1:-1]])
+    y = y[:-1]
     orders = jnp.arange(n_max + 1, dtype=x.dtype).reshape(-1, *[1] * x.ndim)
     y_slope = jnp.where(y <= -_cap(y), 0.0, y_before - orders / x * y)
     return (j[:-1], y), (j_slope * x_dot, y_slope * x_dot)

@@ -3,13 +3,10 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 import scipy.special as sp
 from jax.test_util import check_grads
-from scipy.integrate import simpson
 
 from jaxtat import ImageGrid, circular_arc, cosine_filter, phantoms
-from jaxtat.interpolation import SPLINE
 from jaxtat.reconstruction import (
     filtered_back_projection,
     offset_step,
@@ -19,7 +16,6 @@ from jaxtat.reconstruction import (
     radon_projections,
     total_integrals,
 )
-from jaxtat.reconstruction.fbp import OVERSAMPLING, back_project, ramp_filter
 
 CENTER, WIDTH = np.array([0.3, -0.2]), 0.5
 BELL = phantoms.Bells([CENTER], [WIDTH])
@@ -86,60 +82,6 @@ def test_low_pass_multiplies_the_transform():
     assert np.allclose(filtered, direct, atol=1e-16)
     assert np.isclose(eta[0], 1)
     assert np.isclose(eta[-1], 0, atol=1e-15)
-
-
-@pytest.mark.parametrize("center", [(0.0, 0.0), (0.2, 0.1)])
-def test_back_projection_of_exact_projections_is_the_image(center):
-    step = offset_step(STEP, N)
-    offsets = (jnp.arange(2 * N) - N) * step
-    shifted = phantoms.Bells([CENTER - np.array(center)], [WIDTH])
-    p = shifted.radon(ANGLES, offsets)
-    image = filtered_back_projection(p, step, ANGLES, GRID, jnp.array(center))
-    assert np.abs(np.asarray(image - BELL.image(GRID))).max() < 2e-8
-    twice = filtered_back_projection(jnp.stack([p, 2 * p]), step, ANGLES, GRID, jnp.array(center))
-    assert np.allclose(twice[1], 2 * image, atol=1e-14)
-
-
-def test_ramp_filter_is_the_ramp_without_a_kink():
-    """∫ |k| F(k) e^{iks} dk of the bell by fine quadrature, at nodes and between."""
-    at_origin = phantoms.Bells([[0.0, 0.0]], [WIDTH])
-    k = jnp.linspace(0, 64 * jnp.pi, 40001)
-    weighted = np.asarray(k) * np.asarray(at_origin.fourier(k, jnp.zeros(1)))[:, 0].real
-    step = offset_step(STEP, N)
-    offsets = (jnp.arange(2 * N) - N) * step
-    coefficients = np.asarray(ramp_filter(at_origin.radon(jnp.zeros(1), offsets), step))[0]
-    for s in (0.0, 0.0371, -0.4, 0.95):
-        exact = 2 * simpson(weighted * np.cos(np.asarray(k) * s), k)
-        position = s / float(step) * OVERSAMPLING + coefficients.size // 2
-        first = int(np.floor(position))
-        weights = np.asarray(kernel_weights(position - first))
-        assert abs(weights @ coefficients[first - 1 : first + 3] - exact) < 1e-8  # q(0) = 2
-
-
-def test_back_projection_of_rough_coefficients_agrees_with_a_plain_loop():
-    """Rough data show a wrong cell at once; smooth ones would hide it."""
-    rng = np.random.default_rng(1)
-    grid, n_nodes, spacing = ImageGrid((9, 12)), 96, 1 / 24
-    angles = np.arange(8) * np.pi / 8
-    rows = rng.standard_normal((8, n_nodes))
-    direct = np.zeros(grid.shape)
-    for angle, row in zip(angles, rows, strict=True):
-        along = np.asarray(grid.points) @ [np.cos(angle), np.sin(angle)]
-        position = along / spacing + n_nodes // 2
-        first = np.floor(position).astype(int)
-        weights = np.asarray(kernel_weights(position - first))
-        inside = (first >= 1) & (first < n_nodes - 2)
-        safe = np.where(inside, first, 1)
-        direct += inside * sum(weights[j] * row[safe + j - 1] for j in range(4))
-    found = back_project(
-        jnp.asarray(rows), jnp.array(spacing), jnp.asarray(angles), grid, jnp.zeros(2)
-    )
-    assert np.allclose(found, direct * np.pi / 8, atol=1e-12)
-
-
-def kernel_weights(t):
-    """Weights of spline coefficients -1, 0, 1, 2 at t."""
-    return np.stack([np.polynomial.polynomial.polyval(np.asarray(t), row) for row in SPLINE])
 
 
 def on_arrays(function):

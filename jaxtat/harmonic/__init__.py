@@ -1,0 +1,33 @@
+"""Cylindrical waves: step 1 without collocation, and reconstruction without step 1."""
+
+from .alpha import AlphaRule, NoiseLevel, alpha_rule
+from .densities import (
+    DensityGroup,
+    HarmonicDensities,
+    group_of,
+    harmonic_densities,
+)
+from .orders import frequency_groups
+from .polar import PolarGeometry, harmonic_orders, polar_geometry
+from .table import wave_table
+from .tikhonov import Data, SolveReport, solve_harmonics
+from .waves import circular_harmonics_at
+
+__all__ = [
+    "AlphaRule",
+    "Data",
+    "DensityGroup",
+    "HarmonicDensities",
+    "NoiseLevel",
+    "PolarGeometry",
+    "SolveReport",
+    "alpha_rule",
+    "circular_harmonics_at",
+    "frequency_groups",
+    "group_of",
+    "harmonic_densities",
+    "harmonic_orders",
+    "polar_geometry",
+    "solve_harmonics",
+    "wave_table",
+]

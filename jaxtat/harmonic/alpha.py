@@ -1,0 +1,160 @@
+"""How much to regularise: alpha of (A A^T + alpha) y = A G, for each frequency.
+
+A number is relative to the largest diagonal entry of A A^T at its frequency. A new rule is a class
+with a method `absolute`.
+"""
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from ..checks import Numbers, real_array, require_positive
+from ..regularization import NormBound
+
+
+class Problem(eqx.Module):
+    """What rules may look at, at one frequency.
+
+    Attributes:
+        matrix: A A^T, (blocks, r, r); None where it is not formed.
+        plane: mean of u_xi u_xi^H over all directions, (blocks, r, r); None likewise.
+        diagonal: of A A^T, (blocks, r).
+        unit_norm: N(lambda) of the full circle [1/length^(1/2)].
+        data_power: of √w (G_J, G_Y), mean square over detectors and images.
+        noise_power: the same for white noise of unit standard deviation in g.
+        n_data: how many numbers √w (G_J, G_Y) are.
+    """
+
+    matrix: Float[Array, "blocks r r"] | None
+    plane: Float[Array, "blocks r r"] | None
+    diagonal: Float[Array, "blocks r"]
+    unit_norm: Float[Array, ""]
+    data_power: Float[Array, ""]
+    noise_power: Float[Array, ""]
+    n_data: int = eqx.field(static=True)
+
+
+class AlphaRule(eqx.Module):
+    """Arrays are scalars or have one entry per frequency."""
+
+    needs_matrix: ClassVar[bool] = False  # whether `absolute` asks for matrix and plane
+
+    @abstractmethod
+    def absolute(self, problem: Problem) -> Float[Array, ""]:
+        """alpha, in the unit of A A^T."""
+
+
+class RelativeAlpha(AlphaRule):
+    """alpha times the largest diagonal entry of A A^T."""
+
+    alpha: Float[Array, "*frequencies"]
+
+    def absolute(self, problem: Problem) -> Array:
+        return self.alpha * problem.diagonal.max()
+
+
+class NoiseLevel(AlphaRule):
+    """alpha = noise power / signal power: the mean square error is least for a random image.
+
+    If the coefficients x of the image in the basis of A have variance tau² each, G = A^T x + noise,
+    the best linear estimate is (A A^T + sigma_G² / tau²)^-1 A G. sigma_G² follows from the noise
+    sigma of every sample of g, tau² from |G|² = tau² tr(A A^T) + |noise|² of the data themselves.
+
+    Source: the Wiener filter; e.g. Tarantola, Inverse Problem Theory (SIAM 2005), section 3.2.
+    """
+
+    sigma: Float[Array, "*frequencies"]
+
+    def __init__(self, sigma: Numbers):
+        """sigma: standard deviation of the white noise of g, in the unit of g, above zero."""
+        self.sigma = real_array("sigma", sigma, None)
+        require_positive("sigma", self.sigma)
+
+    def absolute(self, problem: Problem) -> Array:
+        noise = self.sigma**2 * problem.noise_power
+        # where noise drowns the data a hundredth of it may still be signal
+        signal = jnp.maximum(problem.data_power - noise, 0.01 * noise)
+        return noise / signal * jnp.sum(problem.diagonal) / problem.n_data
+
+
+class MeanNorm(AlphaRule):
+    """alpha for which the root mean square of ||rho|| over all directions is K N(lambda)."""
+
+    needs_matrix = True
+    K: Float[Array, "*frequencies"]
+
+    def absolute(self, problem: Problem) -> Array:
+        if problem.matrix is None or problem.plane is None:
+            raise ValueError(
+                "alpha from a norm bound needs the matrix of every frequency: use "
+                "solver='cholesky', or give alpha as a number or a NoiseLevel."
+            )
+        return _alpha_of_norm(problem.matrix, problem.plane, (self.K * problem.unit_norm) ** 2)
+
+
+def alpha_rule(alpha: Any, n_frequencies: int) -> AlphaRule:
+    """The rule for what a user gives as alpha, with one entry per frequency in every array."""
+    if isinstance(alpha, NormBound):
+        rule: AlphaRule = MeanNorm(alpha.K)
+    elif isinstance(alpha, AlphaRule):
+        rule = alpha
+    else:
+        value = real_array("alpha", alpha, None)
+        require_positive("alpha", value)
+        rule = RelativeAlpha(value)
+    for leaf in jax.tree.leaves(rule):
+        if leaf.shape not in ((), (n_frequencies,)):
+            raise ValueError(
+                f"alpha has shape {leaf.shape}, expected a number or one per frequency "
+                f"({n_frequencies},)."
+            )
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (n_frequencies,)), rule)
+
+
+@jax.custom_jvp
+def _alpha_of_norm(matrix: Array, plane: Array, square: Array) -> Array:
+    """alpha with tr(plane H^-1 matrix H^-1) = square, H = matrix + alpha, between two bounds.
+
+    With matrix = V diag(l) V^T the trace is Σ_j l_j (V^T plane V)_jj / (l_j + alpha)².
+    """
+    eigenvalues, vectors = jnp.linalg.eigh(matrix)
+    weights = jnp.einsum("bij,bik,bkj->bj", vectors, plane, vectors)
+    largest = eigenvalues.max()
+    lower, upper = jnp.log(1e-15 * largest), jnp.log(10 * largest)
+
+    def excess(log_alpha: Array, _: None) -> Array:
+        alpha = jnp.exp(log_alpha)
+        norm = jnp.sum(jnp.maximum(eigenvalues, 0.0) * weights / (eigenvalues + alpha) ** 2)
+        # at the bounds the sign is given, so that a bound is found where the norm is never reached
+        edge = jnp.where(log_alpha <= lower, 1.0, 0.0) - jnp.where(log_alpha >= upper, 1.0, 0.0)
+        return jnp.where(edge == 0, jnp.log(norm / square), edge)
+
+    solver = optx.Bisection(rtol=1e-12, atol=1e-12)
+    options = {"lower": lower, "upper": upper}
+    found = optx.root_find(
+        excess, solver, (lower + upper) / 2, options=options, max_steps=64, throw=False
+    )
+    return jnp.exp(found.value)
+
+
+@_alpha_of_norm.defjvp
+def _(primals: tuple[Array, Array, Array], tangents: tuple[Array, Array, Array]):
+    # Implicit differentiation of F(alpha, matrix, plane) = square by solves with H: eigenvectors,
+    # which have no derivative where eigenvalues coincide, are not needed for it.
+    matrix, plane, square = primals
+    alpha = _alpha_of_norm(matrix, plane, square)
+
+    def norm(alpha: Array, matrix: Array, plane: Array) -> Array:
+        shifted = matrix + alpha * jnp.eye(matrix.shape[-1])
+        left, right = jnp.linalg.solve(shifted, plane), jnp.linalg.solve(shifted, matrix)
+        return jnp.einsum("bij,bji->", left, right)
+
+    value, slope = jax.value_and_grad(norm)(alpha, matrix, plane)
+    _, change = jax.jvp(lambda m, p: norm(alpha, m, p), (matrix, plane), tangents[:2])
+    reached = jnp.abs(value / square - 1) < 1e-6
+    return alpha, jnp.where(reached, (tangents[2] - change) / slope, 0.0)

@@ -1,0 +1,179 @@
+"""All cylindrical waves of all frequencies, and the potentials' matrix A in them.
+
+With M the detectors' coefficients (eps Delta (J_n|Y_n) cos|sin √w, see `waves`) and R^T R the Gram
+matrix of the waves' traces on the boundary, A = R M acts on densities as the collocation matrix
+does, up to an isometry, and u_xi = R b_xi. On a disk R is the diagonal of the traces' norms. On a
+circle of detectors M = (J_n|Y_n) E with one table E of cosines and sines, and
+
+    M M^T = (a a^T + b b^T) ∘ T,   T = E diag(w) E^T,
+
+where a and b hold the Bessel functions of the frequency, and T none.
+"""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .polar import PolarGeometry
+from .waves import angular, at_detectors, boundary_traces, disk_norms, scales, twice, wave_steps
+
+
+class WaveTable(eqx.Module):
+    """What the waves of each frequency are made of; frequencies first.
+
+    Attributes:
+        frequencies: lambda [rad/length].
+        steps: of the scales Delta_n, up to N + 1.
+        on_circle: (a, b), eps_n Delta_n (J_n|Y_n)(lambda R_g); None for detectors off a circle.
+        norms: of the traces on a disk; None for other regions.
+    """
+
+    frequencies: Float[Array, "*f"]
+    steps: Float[Array, "*f orders"]
+    on_circle: Float[Array, "*f 2 fewer"] | None
+    norms: Float[Array, "*f 2 fewer"] | None
+
+    def cut(self, chosen: slice, n_max: int) -> "WaveTable":
+        """Some of the frequencies, orders up to n_max."""
+        return WaveTable(
+            self.frequencies[chosen],
+            self.steps[chosen, : n_max + 2],
+            None if self.on_circle is None else self.on_circle[chosen, :, : n_max + 1],
+            None if self.norms is None else self.norms[chosen, :, : n_max + 1],
+        )
+
+    @property
+    def plane_scale(self) -> Float[Array, "*f fewer"]:
+        """eps_n Delta_n, the size of the waves in a plane wave."""
+        steps = jnp.moveaxis(self.steps, -1, 0)
+        return jnp.moveaxis(scales(steps), 0, -1) * twice(self.steps.shape[-1] - 2)
+
+
+def wave_table(geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: int) -> WaveTable:
+    """The table for all frequencies at once: recurrences run over orders, not frequencies."""
+    steps = wave_steps(n_max, frequencies, geometry)
+    on_circle = norms = None
+    if geometry.on_circle:
+        on_circle = at_detectors(frequencies * geometry.detector_radius, steps)
+        on_circle = jnp.moveaxis(on_circle, -1, 0)
+    if geometry.disk:
+        norms = jnp.moveaxis(disk_norms(frequencies, geometry.region.reach, steps), -1, 0)
+    return WaveTable(frequencies, steps.T, on_circle, norms)
+
+
+def blocks(geometry: PolarGeometry, waves: Float[Array, "*batch 2 orders"]) -> Array:
+    """Cosines and sines as two blocks (mirrored), or as one."""
+    if geometry.mirror:
+        return waves
+    return waves.reshape(*waves.shape[:-2], 1, -1)
+
+
+def pairs(coefficients: Float[Array, "*batch blocks r"]) -> Float[Array, "*batch 2 orders"]:
+    """Back from blocks to (2, orders)."""
+    return coefficients.reshape(*coefficients.shape[:-2], 2, -1)
+
+
+def circle_gram(geometry: PolarGeometry, n_max: int) -> Float[Array, "blocks r r"]:
+    """T = Σ_k w_k (cos|sin)(m theta_k) (cos|sin)(n theta_k), from sums over m - n and m + n."""
+    cosine, sine = angular(2 * n_max, geometry.detector_angles) @ geometry.weights
+    n = jnp.arange(n_max + 1)
+    gap, total = n[:, None] - n, n[:, None] + n
+    near, far = cosine[jnp.abs(gap)], cosine[total]
+    even, odd = (near + far) / 2, (near - far) / 2
+    if geometry.mirror:
+        return jnp.stack([even, odd])
+    near = jnp.sign(gap) * sine[jnp.abs(gap)]
+    mixed = (sine[total] + near) / 2  # sin m cos n
+    return jnp.block([[even, mixed.T], [mixed, odd]])[None]
+
+
+def cut_gram(
+    geometry: PolarGeometry, gram: Float[Array, "blocks r r"], n_max: int
+) -> Float[Array, "blocks fewer fewer"]:
+    """T of orders up to n_max."""
+    if geometry.mirror:
+        return gram[:, : n_max + 1, : n_max + 1]
+    n = gram.shape[-1] // 2
+    part = gram.reshape(2, n, 2, n)[:, : n_max + 1, :, : n_max + 1]
+    return part.reshape(1, 2 * n_max + 2, 2 * n_max + 2)
+
+
+def detector_matrix(
+    geometry: PolarGeometry, wave: WaveTable
+) -> Float[Array, "2 blocks r detectors"]:
+    """M without √w, for J and for Y, of one frequency, each detector with its own distance."""
+    n_max = wave.steps.shape[-1] - 2
+    if wave.on_circle is None:
+        argument = wave.frequencies * geometry.detector_radius
+        radial = at_detectors(argument, wave.steps[:, None])
+    else:
+        radial = wave.on_circle[..., None]
+    waves = radial[:, None] * angular(n_max, geometry.detector_angles)
+    return jnp.moveaxis(blocks(geometry, jnp.moveaxis(waves, -1, 1)), 1, -1)
+
+
+class RegionFactor(eqx.Module):
+    """R: a diagonal (blocks, r), or a triangle (blocks, r, r)."""
+
+    values: Float[Array, "blocks m *r"]
+
+    @property
+    def is_diagonal(self) -> bool:
+        return self.values.ndim == 2
+
+    def times(self, vectors: Float[Array, "*batch blocks r"]) -> Array:
+        if self.is_diagonal:
+            return self.values * vectors
+        return jnp.einsum("bij,...bj->...bi", self.values, vectors)
+
+    def transposed_times(self, vectors: Float[Array, "*batch blocks r"]) -> Array:
+        if self.is_diagonal:
+            return self.values * vectors
+        return jnp.einsum("bji,...bj->...bi", self.values, vectors)
+
+    def matrix_times(self, matrix: Float[Array, "blocks r columns"]) -> Array:
+        """R A."""
+        if self.is_diagonal:
+            return self.values[..., None] * matrix
+        return self.values @ matrix
+
+    def transposed_matrix_times(self, matrix: Float[Array, "blocks m columns"]) -> Array:
+        """R^T A."""
+        if self.is_diagonal:
+            return self.values[..., None] * matrix
+        return jnp.swapaxes(self.values, -1, -2) @ matrix
+
+    def around(self, matrix: Float[Array, "blocks r r"]) -> Float[Array, "blocks m m"]:
+        """R K R^T."""
+        if self.is_diagonal:
+            return self.values[:, :, None] * matrix * self.values[:, None, :]
+        return self.values @ matrix @ jnp.swapaxes(self.values, -1, -2)
+
+    def diagonal_around(self, diagonal: Float[Array, "blocks r"]) -> Float[Array, "blocks m"]:
+        """The diagonal of R diag R^T."""
+        if self.is_diagonal:
+            return self.values**2 * diagonal
+        return jnp.einsum("bij,bj->bi", self.values**2, diagonal)
+
+    def inverse_around(
+        self, diagonal: Float[Array, "blocks r"], alpha: Float[Array, ""]
+    ) -> Callable[[Array], Array]:
+        """v -> (R diag R^T + alpha)^-1 v."""
+        if self.is_diagonal:
+            inverse = 1 / (self.values**2 * diagonal + alpha)
+            return lambda v: inverse * v
+        scaled = self.values * jnp.sqrt(diagonal)[:, None, :]
+        matrix = scaled @ jnp.swapaxes(scaled, -1, -2) + alpha * jnp.eye(self.values.shape[1])
+        triangle = jnp.linalg.cholesky(jax.lax.stop_gradient(matrix), symmetrize_input=False)
+        return lambda v: jax.scipy.linalg.cho_solve((triangle, True), v[..., None])[..., 0]
+
+
+def region_factor(geometry: PolarGeometry, wave: WaveTable) -> RegionFactor:
+    """R of one frequency: norms on a disk, else from a QR decomposition of the traces."""
+    if wave.norms is not None:
+        return RegionFactor(blocks(geometry, wave.norms))
+    traces = boundary_traces(wave.frequencies, wave.steps, geometry)
+    return RegionFactor(jnp.linalg.qr(jnp.swapaxes(blocks(geometry, traces), 0, 1), mode="r"))

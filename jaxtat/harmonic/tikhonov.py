@@ -1,0 +1,315 @@
+"""Tikhonov regularisation in cylindrical waves: one small system per frequency, all directions.
+
+The densities rho = A^T (A A^T + alpha)^-1 u_xi give fhat(xi) = rho·(√w G) / 2π. A and G are real,
+so with one solution y for all directions
+
+    (A A^T + alpha) y = A √w G,   fhat(xi) = (1/2π) b_xi^T R^T y,   u_xi = R b_xi,
+
+where the entries of b_xi are eps_n Delta_n (-i)^n (cos|sin)(n theta_xi): c = eps Delta R^T y are
+the coefficients of the circular harmonics of fhat.
+"""
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .alpha import AlphaRule, Problem
+from .polar import PolarGeometry
+from .table import (
+    RegionFactor,
+    WaveTable,
+    blocks,
+    circle_gram,
+    cut_gram,
+    detector_matrix,
+    pairs,
+    region_factor,
+    wave_table,
+)
+from .waves import angular
+
+MAX_ITERATIONS = 500
+
+
+class SolveReport(eqx.Module):
+    """How the systems were solved, per frequency.
+
+    Attributes:
+        alpha: in the unit of A A^T [length²].
+        relative_alpha: over the largest diagonal entry of A A^T.
+        residual: largest ||(A A^T + alpha) y - A G|| / ||A G|| of the images.
+        iterations: of conjugate gradients, the most of all images; 0 for a factorisation.
+        converged: whether the residual is as small as was asked (all finite for a factorisation).
+    """
+
+    alpha: Float[Array, "*frequencies"]
+    relative_alpha: Float[Array, "*frequencies"]
+    residual: Float[Array, "*frequencies"]
+    iterations: Int[Array, "*frequencies"]
+    converged: Bool[Array, "*frequencies"]
+
+
+class Data(eqx.Module):
+    """What a frequency's system is solved for, frequencies first.
+
+    Attributes:
+        transformed: (G_J, G_Y), (..., images, 2, detectors).
+        noise_power: mean square of √w (G_J, G_Y) for white noise of variance 1 in g.
+        unit_norm: N(lambda).
+        rule: gives alpha.
+    """
+
+    transformed: Float[Array, "*f images 2 detectors"]
+    noise_power: Float[Array, "*f"]
+    unit_norm: Float[Array, "*f"]
+    rule: AlphaRule
+
+
+def solve_harmonics(
+    geometry: PolarGeometry,
+    frequencies: Float[Array, " frequencies"],
+    groups: tuple[tuple[int, int, int], ...],
+    data: Data,
+    solver: str,
+    tolerance: float,
+) -> tuple[Float[Array, "images frequencies 2 orders"], SolveReport]:
+    """Circular harmonics c of fhat, by which fhat(xi) = (1/2π) Σ_n (-i)^n c_n·(cos|sin)(n theta).
+
+    Args:
+        geometry: curve and region.
+        frequencies: lambda [rad/length].
+        groups: (first, last + 1, orders) of frequencies that are solved alike.
+        data: transformed data and regularisation, frequencies first.
+        solver: "cholesky" or "cg".
+        tolerance: relative residual at which conjugate gradients stop.
+
+    Returns:
+        c, zero beyond the orders of a frequency, and how the systems were solved.
+    """
+    n_max = max(orders for *_, orders in groups)
+    table = wave_table(geometry, frequencies, n_max)
+    gram = None
+    if solver == "cholesky" and geometry.on_circle:
+        gram = circle_gram(geometry, n_max)
+    method = _factorised if solver == "cholesky" else partial(_iterated, tolerance=tolerance)
+
+    @jax.checkpoint
+    def at(wave: WaveTable, datum: Data, gram: Array | None) -> tuple[Array, SolveReport]:
+        factor = region_factor(geometry, wave)
+        y, report = method(geometry, wave, datum, factor, gram)
+        return wave.plane_scale * pairs(factor.transposed_times(y)), report
+
+    found = []
+    for start, stop, orders in groups:
+        part = jax.tree.map(lambda leaf: leaf[start:stop], data)  # noqa: B023
+        waves = table.cut(slice(start, stop), orders)
+        alike = None if gram is None else cut_gram(geometry, gram, orders)
+        harmonics, report = jax.lax.map(lambda pair: at(*pair, alike), (waves, part))  # noqa: B023
+        found.append((jnp.pad(harmonics, [(0, 0)] * 3 + [(0, n_max - orders)]), report))
+    harmonics, report = jax.tree.map(lambda *pieces: jnp.concatenate(pieces), *found)
+    return jnp.moveaxis(harmonics, 1, 0), report
+
+
+def moments(
+    geometry: PolarGeometry, wave: WaveTable, transformed: Float[Array, "images 2 detectors"]
+) -> Float[Array, "images blocks r"]:
+    """M √w √w G, of one frequency."""
+    weighted = transformed * geometry.weights
+    if wave.on_circle is None:
+        return jnp.einsum("jbrk,ijk->ibr", detector_matrix(geometry, wave), weighted)
+    n_max = wave.on_circle.shape[-1] - 1
+    harmonics = jnp.einsum("pnk,ijk->ijpn", angular(n_max, geometry.detector_angles), weighted)
+    return blocks(geometry, jnp.einsum("jn,ijpn->ipn", wave.on_circle, harmonics))
+
+
+def normal_matrix(
+    geometry: PolarGeometry,
+    wave: WaveTable,
+    factor: RegionFactor,
+    gram: Float[Array, "blocks r r"] | None,
+) -> Float[Array, "blocks m m"]:
+    """A A^T of one frequency."""
+    if gram is None:
+        waves = detector_matrix(geometry, wave)
+        return factor.around(jnp.einsum("jbrk,jbsk->brs", waves * geometry.weights, waves))
+    a, b = _on_circle(geometry, wave)
+    if factor.is_diagonal:
+        a, b = factor.times(a), factor.times(b)
+    inner = (a[:, :, None] * a[:, None, :] + b[:, :, None] * b[:, None, :]) * gram
+    return inner if factor.is_diagonal else factor.around(inner)
+
+
+def _factorised(
+    geometry: PolarGeometry, wave: WaveTable, datum: Data, factor: RegionFactor, gram: Any
+) -> tuple[Array, SolveReport]:
+    """By Cholesky decomposition, with implicit derivatives: one more solve each."""
+    matrix = normal_matrix(geometry, wave, factor, gram)
+    largest = jnp.diagonal(matrix, axis1=-2, axis2=-1)
+    plane = None
+    if datum.rule.needs_matrix:
+        plane = factor.around(_diagonal_matrix(blocks(geometry, _plane_power(wave))))
+    alpha = datum.rule.absolute(_problem(geometry, datum, largest, matrix, plane))
+    shifted = matrix + alpha * jnp.eye(matrix.shape[-1])
+    rhs = factor.times(moments(geometry, wave, datum.transformed))
+    triangle = jnp.linalg.cholesky(jax.lax.stop_gradient(shifted), symmetrize_input=False)
+
+    def multiply(y: Array) -> Array:
+        # block by block: products of batches do not reach the fast library routine
+        return jnp.stack([block @ columns for block, columns in zip(shifted, y, strict=True)])
+
+    def solve(_, right: Array) -> Array:
+        return jax.scipy.linalg.cho_solve((triangle, True), right)
+
+    rhs = jnp.moveaxis(rhs, 0, -1)  # images last, as columns
+    y = jax.lax.custom_linear_solve(multiply, rhs, solve, symmetric=True)
+    residual = _relative(multiply(y) - rhs, rhs, axes=(0, 1))
+    steps, finite = jnp.zeros((), int), jnp.isfinite(residual)
+    return jnp.moveaxis(y, -1, 0), SolveReport(
+        alpha, alpha / largest.max(), residual, steps, finite
+    )
+
+
+def _iterated(
+    geometry: PolarGeometry,
+    wave: WaveTable,
+    datum: Data,
+    factor: RegionFactor,
+    gram: Any,
+    tolerance: float,
+) -> tuple[Array, SolveReport]:
+    """By conjugate gradients; derivatives are one more solve each, not those of the iteration."""
+    multiply, inner_diagonal = _products(geometry, wave)
+    diagonal = factor.diagonal_around(inner_diagonal)
+    alpha = datum.rule.absolute(_problem(geometry, datum, diagonal, None, None))
+    rhs = factor.times(moments(geometry, wave, datum.transformed))
+    precondition = factor.inverse_around(inner_diagonal, alpha)
+
+    def system(y: Array) -> Array:
+        return factor.times(multiply(factor.transposed_times(y))) + alpha * y
+
+    def solve(product: Callable[[Array], Array], right: Array) -> tuple[Array, Array]:
+        return conjugate_gradients(product, precondition, right, tolerance, MAX_ITERATIONS)
+
+    y, steps = jax.lax.custom_linear_solve(
+        jax.vmap(system), rhs, solve, symmetric=True, has_aux=True
+    )
+    residual = _relative(jax.vmap(system)(y) - rhs, rhs, axes=(1, 2))
+    # the residual of the recurrence drifts off the true one by rounding
+    converged = residual <= 10 * tolerance
+    return y, SolveReport(alpha, alpha / diagonal.max(), residual, steps, converged)
+
+
+def conjugate_gradients(
+    product: Callable[[Array], Array],
+    precondition: Callable[[Array], Array],
+    rhs: Float[Array, "images blocks r"],
+    tolerance: float,
+    max_steps: int,
+) -> tuple[Float[Array, "images blocks r"], Int[Array, ""]]:
+    """Solve product(y) = rhs for all images, until each has ||residual|| <= tolerance ||rhs||.
+
+    Libraries measure the error entry by entry, relative to each; here entries differ by twelve
+    powers of ten, and only their common norm matters.
+
+    Source: Hestenes and Stiefel, J. Res. Nat. Bur. Stand. 49 (1952) 409-436.
+    """
+
+    def dot(u: Array, v: Array) -> Array:
+        return jnp.sum(u * v, axis=(1, 2), keepdims=True)
+
+    def unfinished(state: tuple[Array, ...]) -> Array:
+        _, r, _, _, step = state
+        return (step < max_steps) & jnp.any(dot(r, r) > goal)
+
+    def advance(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        y, r, p, rz, step = state
+        running = dot(r, r) > goal
+        image = product(p)
+        length = jnp.where(running, rz / jnp.where(running, dot(p, image), 1.0), 0.0)
+        y, r = y + length * p, r - length * image
+        z = precondition(r)
+        rz_next = dot(r, z)
+        p = z + jnp.where(running, rz_next / jnp.where(running, rz, 1.0), 0.0) * p
+        return y, r, p, rz_next, step + 1
+
+    goal = tolerance**2 * dot(rhs, rhs)
+    z = precondition(rhs)
+    start = jnp.zeros_like(rhs), rhs, z, dot(rhs, z), jnp.zeros((), int)
+    y, *_, step = jax.lax.while_loop(unfinished, advance, start)
+    return y, step
+
+
+def _products(
+    geometry: PolarGeometry, wave: WaveTable
+) -> tuple[Callable[[Array], Array], Float[Array, "blocks r"]]:
+    """v -> M M^T v, and the diagonal of M M^T.
+
+    Off a circle by exact sums over the detectors. On a circle T v is v as a function of the angle,
+    times the density of detectors, as Fourier coefficients again: two real FFTs, which need the
+    density up to the order 2 N only.
+    """
+    if wave.on_circle is None:
+        matrix = detector_matrix(geometry, wave)
+        weighted = matrix * geometry.weights
+
+        def exact(v: Array) -> Array:
+            return jnp.einsum("jbrk,jbk->br", matrix, jnp.einsum("jbrk,br->jbk", weighted, v))
+
+        return exact, jnp.einsum("jbrk,jbrk->br", matrix, weighted)
+    on_circle = wave.on_circle
+    n_max = on_circle.shape[-1] - 1
+    cosine, sine = angular(2 * n_max, geometry.detector_angles) @ geometry.weights
+    length = 2 ** math.ceil(math.log2(4 * n_max + 2))
+    density = jnp.fft.irfft(cosine - 1j * sine, length)
+
+    def by_fft(v: Array) -> Array:
+        waves = on_circle[:, None, :] * pairs(v)  # (J|Y, cos|sin, orders)
+        halves = jnp.where(jnp.arange(n_max + 1) == 0, 1.0, 0.5)
+        function = jnp.fft.irfft((waves[:, 0] - 1j * waves[:, 1]) * halves, length)
+        product = jnp.fft.rfft(function * density)[:, : n_max + 1] * length
+        found = jnp.stack([product.real, -product.imag], axis=1)
+        found = found.at[:, 1, 0].set(0.0)  # sin 0
+        return blocks(geometry, jnp.einsum("jn,jpn->pn", on_circle, found))
+
+    total = jnp.sum(geometry.weights)
+    twofold = jnp.stack([total + cosine[::2], jnp.maximum(total - cosine[::2], 0.0)]) / 2
+    power = jnp.sum(on_circle**2, axis=0)
+    return by_fft, blocks(geometry, power * twofold)
+
+
+def _plane_power(wave: WaveTable) -> Float[Array, "2 orders"]:
+    """Mean square of the entries of b_xi over all directions."""
+    square = wave.plane_scale**2 / 2
+    return jnp.stack([square.at[0].multiply(2.0), square.at[0].set(0.0)])
+
+
+def _problem(
+    geometry: PolarGeometry, datum: Data, diagonal: Array, matrix: Array | None, plane: Array | None
+) -> Problem:
+    power = jnp.mean(geometry.weights * datum.transformed**2)
+    n_data = 2 * geometry.detector_angles.shape[0]
+    return Problem(matrix, plane, diagonal, datum.unit_norm, power, datum.noise_power, n_data)
+
+
+def _on_circle(geometry: PolarGeometry, wave: WaveTable) -> Float[Array, "2 blocks r"]:
+    """a and b for cosines and sines."""
+    waves = wave.on_circle
+    assert waves is not None
+    return blocks(geometry, jnp.stack([waves, waves], axis=1))
+
+
+def _diagonal_matrix(values: Float[Array, "blocks r"]) -> Float[Array, "blocks r r"]:
+    return jax.vmap(jnp.diag)(values)
+
+
+def _relative(residual: Array, rhs: Array, axes: tuple[int, int]) -> Array:
+    """The largest ratio of norms over the images; 0 where there is nothing to solve for."""
+    size = jnp.sum(rhs**2, axis=axes)
+    ratio = jnp.sum(residual**2, axis=axes) / jnp.where(size > 0, size, 1.0)
+    return jnp.sqrt(jax.lax.stop_gradient(ratio).max())

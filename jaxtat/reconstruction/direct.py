@@ -1,0 +1,273 @@
+"""Reconstruction without a plan: curve, radii and alpha may be new in every call."""
+
+import warnings
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..checks import Numbers, data_array, is_concrete, real_array, require_x64
+from ..geometry import DetectorCurve, ImageGrid, Region
+from ..harmonic import (
+    AlphaRule,
+    Data,
+    PolarGeometry,
+    SolveReport,
+    alpha_rule,
+    circular_harmonics_at,
+    frequency_groups,
+    harmonic_orders,
+    polar_geometry,
+    solve_harmonics,
+)
+from ..problem import AccuracyWarning, polar_grid, require_boundary, require_problem
+from ..special import enough_orders, full_circle_norm
+from .inversion import invert, require_inversion
+from .polar_fourier import with_origin
+from .radial_transform import radial_kernels, radial_transform, total_integrals
+from .radon import LowPass, low_pass_values
+
+DEFAULT_ALPHA = 1e-6
+GROUPS = 6  # of frequencies with as many orders; each is compiled by itself
+MOST_ORDERS = 1200  # up to which a Cholesky decomposition is faster than conjugate gradients
+
+
+class DirectLayout(eqx.Module):
+    """Everything about a direct reconstruction that is a size, and so cannot be traced.
+
+    Attributes:
+        max_frequency: lambda_max [rad/length].
+        n_frequencies, n_directions: of the polar grid.
+        groups: (first frequency, last + 1, orders) of frequencies that are solved alike.
+        norm_orders: that N(lambda) needs.
+        solver: "cholesky" or "cg".
+    """
+
+    max_frequency: float = eqx.field(static=True)
+    n_frequencies: int = eqx.field(static=True)
+    n_directions: int = eqx.field(static=True)
+    groups: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
+    norm_orders: int = eqx.field(static=True)
+    solver: str = eqx.field(static=True)
+
+
+class DirectReconstruction(eqx.Module):
+    """An image and how it was come by.
+
+    Attributes:
+        image: f, (..., x1, x2), the unit of g per length.
+        report: alpha, residual and convergence at every frequency.
+    """
+
+    image: Float[Array, "*batch x1 x2"]
+    report: SolveReport
+
+    @property
+    def converged(self) -> Bool[Array, ""]:
+        """Whether every frequency was solved as accurately as was asked."""
+        return self.report.converged.all()
+
+
+def direct_layout(
+    curve: DetectorCurve,
+    region: Region,
+    grid: ImageGrid,
+    radii: Numbers,
+    *,
+    max_frequency: Numbers | None = None,
+    n_directions: int | None = None,
+    solver: str = "auto",
+) -> DirectLayout:
+    """The sizes that `reconstruct_direct` would choose, checked, for use inside `jax.jit`.
+
+    Orders are rounded up to fours, so that small changes of the geometry keep the layout.
+
+    Args:
+        curve, region, grid, radii: concrete, as in `reconstruct_direct`.
+        max_frequency, n_directions, solver: likewise.
+
+    Raises:
+        ValueError: as `reconstruct_direct`, and for a traced geometry.
+    """
+    radii = real_array("radii", radii, ("radii",))
+    curve, region, grid, radii = jax.lax.stop_gradient((curve, region, grid, radii))
+    if not is_concrete(curve, region, grid, radii, max_frequency):
+        raise ValueError(
+            "curve, region, grid or radii are traced by jax.jit, and sizes depend on them: make "
+            "layout = direct_layout(...) of typical ones outside, and pass layout=layout."
+        )
+    if solver not in ("auto", "cholesky", "cg"):
+        raise ValueError(f"solver is {solver!r}, expected 'auto', 'cholesky' or 'cg'.")
+    frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
+    require_problem(curve, region, grid, radii)
+    geometry = polar_geometry(curve, region)
+    if not geometry.disk:
+        require_boundary(region, float(frequencies[-1]))
+    orders = harmonic_orders(geometry, np.asarray(frequencies))
+    groups = tuple(
+        (part.start, part.stop, -(-n // 4) * 4) for part, n in frequency_groups(orders, GROUPS)
+    )
+    if solver == "auto":
+        rows = groups[-1][-1] * (1 if geometry.mirror else 2)
+        cheap = geometry.on_circle and geometry.disk
+        solver = "cg" if cheap and rows > MOST_ORDERS else "cholesky"
+    farthest = float(frequencies[-1]) * float(geometry.detector_radius.max())
+    return DirectLayout(
+        max_frequency=float(frequencies[-1]),
+        n_frequencies=frequencies.shape[0],
+        n_directions=angles.shape[0],
+        groups=groups,
+        norm_orders=enough_orders(1.1 * farthest),
+        solver=solver,
+    )
+
+
+def reconstruct_direct(
+    curve: DetectorCurve,
+    region: Region,
+    grid: ImageGrid,
+    radii: Numbers,
+    g: Numbers,
+    alpha: Any = DEFAULT_ALPHA,
+    *,
+    low_pass: LowPass | None = None,
+    max_frequency: Numbers | None = None,
+    n_directions: int | None = None,
+    solver: str = "auto",
+    tolerance: float = 1e-10,
+    inversion: str = "fbp",
+    layout: DirectLayout | None = None,
+) -> DirectReconstruction:
+    """The image f from circular integrals g, with nothing computed beforehand.
+
+    In cylindrical waves the potentials of the curve are a small matrix A(lambda), and one solution
+    of (A A^T + alpha) y = A √w G serves all directions: fhat(xi) = (1/2π) y·u_xi. Steps 4 and 5
+    follow as in `reconstruct`. Linear in g; differentiable, through implicit derivatives, with
+    respect to g, alpha, radii, and all positions and sizes of curve, region and grid.
+
+    Args:
+        curve: the detectors, each farther from the centre than all of the region.
+        region: region of interest; outside it the image means nothing.
+        grid: where the image is wanted.
+        radii: r > 0 of the data, increasing, covering region and sources, (radii,) [length].
+        g: circular integrals, float32 or float64, (..., detectors, radii).
+        alpha: above zero, relative to the largest diagonal entry of A A^T at each frequency; a
+            number or one per frequency. 1e-12 for exact data, 1e-3 for poor ones. Or a rule:
+            ``NoiseLevel(sigma)`` for data with noise of known size, ``NormBound(K)`` for densities
+            with root mean square norm K N(lambda).
+        low_pass: eta(lambda / lambda_max), for instance `cosine_filter`; none by default.
+        max_frequency, n_directions: as in `build_plan`.
+        solver: "cholesky", "cg" (preconditioned conjugate gradients), or by size ("auto").
+        tolerance: relative residual at which conjugate gradients stop.
+        inversion: "fbp" or "fourier", see `inversion.invert`.
+        layout: of `direct_layout`; needed where the geometry is traced by `jax.jit`. It has
+            decided max_frequency, n_directions and solver.
+
+    Returns:
+        DirectReconstruction: image, and a report with ``converged``.
+
+    Raises:
+        ValueError: for detectors in the region, radii that do not cover it, wrong shapes, NaN,
+            alpha not above zero, or 64-bit arithmetic off.
+
+    Warns:
+        VisibilityWarning: if lines through the region miss the curve.
+        AccuracyWarning: if a frequency was not solved.
+
+    Source: Kunyansky 2008 for the method; the basis: DLMF 10.23.7.
+
+    >>> from jaxtat import circular_arc, data_radii, phantoms, truncated_disk
+    >>> curve, region = circular_arc(1.3, 1.0, 80), truncated_disk(1.0, 1.0, 160)
+    >>> grid = ImageGrid(21)
+    >>> radii = data_radii(curve, region, grid.spacing[0])
+    >>> bell = phantoms.Bells([[0.1, 0.2]], [0.7])
+    >>> g = bell.circular_integrals(curve, radii)
+    >>> found = reconstruct_direct(curve, region, grid, radii, g, alpha=1e-10)
+    >>> inside = region.contains(grid.points)
+    >>> bool(found.converged), bool(jnp.abs(found.image - bell.image(grid))[inside].max() < 1e-2)
+    (True, True)
+    """
+    require_x64()
+    require_inversion(inversion)
+    radii = real_array("radii", radii, ("radii",))
+    g = data_array(g, curve.n_detectors, radii.shape[0])
+    if layout is None:
+        layout = direct_layout(
+            curve,
+            region,
+            grid,
+            radii,
+            max_frequency=max_frequency,
+            n_directions=n_directions,
+            solver=solver,
+        )
+    rule = alpha_rule(alpha, layout.n_frequencies)
+    n = layout.n_frequencies
+    eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
+    geometry = polar_geometry(curve, region)
+    found = _direct(geometry, grid, radii, g, rule, eta, layout, tolerance, inversion)
+    if is_concrete(found) and not found.converged:
+        bad = ~np.asarray(found.report.converged)
+        warnings.warn(
+            f"{int(bad.sum())} of {bad.size} frequencies were not solved to the tolerance "
+            f"(worst residual {float(found.report.residual.max()):.1e}): use solver='cholesky' or "
+            "a larger alpha.",
+            AccuracyWarning,
+            stacklevel=2,
+        )
+    return found
+
+
+@eqx.filter_jit
+def _direct(
+    geometry: PolarGeometry,
+    grid: ImageGrid,
+    radii: Array,
+    g: Array,
+    rule: AlphaRule,
+    eta: Array,
+    layout: DirectLayout,
+    tolerance: float,
+    inversion: str,
+) -> DirectReconstruction:
+    n = layout.n_frequencies
+    step = layout.max_frequency / n * jnp.ones(())
+    frequencies = step * jnp.arange(1, n + 1)
+    angles = jnp.arange(layout.n_directions) * (jnp.pi / layout.n_directions)
+    images = g.reshape(-1, *g.shape[-2:])
+    transformed = radial_transform(images, radii, frequencies)
+    data = Data(
+        transformed=jnp.moveaxis(transformed, 1, 0),
+        noise_power=_noise_power(geometry, radii, frequencies),
+        unit_norm=_unit_norm(geometry, rule, frequencies, layout),
+        rule=rule,
+    )
+    harmonics, report = solve_harmonics(
+        geometry, frequencies, layout.groups, data, layout.solver, tolerance
+    )
+    fhat = circular_harmonics_at(harmonics, angles - geometry.axis)
+    center = geometry.region.center
+    if not geometry.disk:  # phases count from the region's centre, waves from the arc's
+        along = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1) @ (center - geometry.center)
+        fhat = fhat * jnp.exp(1j * frequencies[:, None] * along)
+    fhat = with_origin(fhat, total_integrals(images, radii), geometry.weights)
+    image = invert(fhat, step, angles, grid, center, eta, inversion)
+    return DirectReconstruction(image.reshape(*g.shape[:-2], *grid.shape), report)
+
+
+def _noise_power(geometry: PolarGeometry, radii: Array, frequencies: Array) -> Array:
+    """Mean square of √w (G_J, G_Y) for white noise of variance 1 in g, per frequency."""
+    kernels = radial_kernels(radii, frequencies)
+    return jnp.mean(geometry.weights) * jnp.mean(jnp.sum(kernels**2, axis=-1), axis=-1)
+
+
+def _unit_norm(
+    geometry: PolarGeometry, rule: AlphaRule, frequencies: Array, layout: DirectLayout
+) -> Array:
+    """N(lambda), if alpha depends on it."""
+    if not rule.needs_matrix:
+        return jnp.ones_like(frequencies)
+    return full_circle_norm(frequencies, jnp.mean(geometry.detector_radius), layout.norm_orders)
