@@ -3,11 +3,12 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: help paper test check clean
+.PHONY: help paper test check bench clean
 
 help:
 	@echo "make paper   reproduce the paper: table, figures and metrics.json in out/paper"
 	@echo "make test    style, types and all tests, the paper's run among them"
+	@echo "make bench   time, error and memory of everything, into benchmarks/results.json and .md"
 	@echo "make check   style and types alone"
 	@echo "make clean   remove the environment and all results"
 
@@ -28,6 +29,14 @@ check: .venv/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 		--constraint constraints.txt --editable '.[test]'
 	touch $@
+
+# one thread for the library of linear algebra: more only get in the way of XLA's own
+bench: .venv/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		--constraint constraints.txt --editable '.[bench]'
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest benchmarks -c benchmarks/pytest.ini \
+		--benchmark-json=benchmarks/results.json
+	$(BIN)/python benchmarks/report.py benchmarks/results.json
 
 clean:
 	rm -rf .venv out

@@ -25,6 +25,7 @@ from .reconstruction import (
     direct_layout,
     reconstruct,
     reconstruct_direct,
+    reconstruct_stack,
 )
 from .regularization import FixedRank, NormBound, SingularValueCutoff, Tikhonov
 
@@ -58,6 +59,7 @@ __all__ = [
     "pressure_to_circular_integrals",
     "reconstruct",
     "reconstruct_direct",
+    "reconstruct_stack",
     "save_plan",
     "truncated_disk",
     "visibility",

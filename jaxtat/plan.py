@@ -23,6 +23,7 @@ from .densities import (
 from .geometry import Circle, DetectorCurve, ImageGrid, Region, fit_circle
 from .harmonic import (
     HarmonicDensities,
+    WaveTable,
     frequency_groups,
     group_of,
     harmonic_densities,
@@ -206,21 +207,24 @@ def _harmonic(
     with jax.ensure_compile_time_eval():
         geometry = polar_geometry(curve, region)
         orders = harmonic_orders(geometry, np.asarray(frequencies))
-        table = wave_table(geometry, frequencies, int(orders.max()))
-        local, offset = angles - geometry.axis, region.center - geometry.center
+        # numpy, of which parts can be taken without a compilation for each
+        table = jax.tree.map(np.asarray, wave_table(geometry, frequencies, int(orders.max())))
+        local, offset = angles - geometry.axis, np.asarray(region.center - geometry.center)
     groups, reports = [], []
     for part, n_max in frequency_groups(orders, _GROUPS):
         steps = []
         for start in range(part.start, part.stop, _FREQUENCIES_AT_A_TIME):
             chosen = slice(start, min(start + _FREQUENCIES_AT_A_TIME, part.stop))
+            few: WaveTable = jax.tree.map(lambda leaf: leaf[chosen], table)  # noqa: B023
             step, report = harmonic_densities(
-                geometry, table.cut(chosen, n_max), unit_norms[chosen], local, regularization
+                geometry, few.up_to(n_max), unit_norms[chosen], local, regularization
             )
             steps.append(step)
             reports.append(report)
             bar.update(chosen.stop - chosen.start)
         groups.append(group_of(steps))
-    phases = jnp.exp(1j * frequencies[:, None] * (_directions(angles) @ offset))
+    along = np.cos(angles) * offset[0] + np.sin(angles) * offset[1]
+    phases = jnp.asarray(np.exp(1j * np.asarray(frequencies)[:, None] * along))
     densities = HarmonicDensities(tuple(groups), local, phases, geometry.mirror)
     return densities.in_single_precision() if single else densities, _joined(reports)
 
@@ -305,15 +309,13 @@ def _sampled(
 
 def _joined(reports: list[DensityReport]) -> DensityReport:
     """One report; singular values padded with zeros where a frequency has fewer."""
+    library = np if is_concrete(reports) else jnp
     rank = max(report.singular_values.shape[-1] for report in reports)
 
     def padded(report: DensityReport) -> DensityReport:
         short = rank - report.singular_values.shape[-1]
-        values = jnp.pad(report.singular_values, ((0, 0), (0, short)))
+        values = library.pad(report.singular_values, ((0, 0), (0, short)))
         return eqx.tree_at(lambda tree: tree.singular_values, report, values)
 
-    return jax.tree.map(lambda *parts: jnp.concatenate(parts), *map(padded, reports))
-
-
-def _directions(angles: Array) -> Array:
-    return jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
+    joined = jax.tree.map(lambda *parts: library.concatenate(parts), *map(padded, reports))
+    return jax.tree.map(jnp.asarray, joined)

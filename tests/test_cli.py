@@ -12,6 +12,7 @@ import pytest
 
 import jaxtat
 from jaxtat import (
+    PAPER_K,
     FixedRank,
     ImageGrid,
     NormBound,
@@ -25,6 +26,7 @@ from jaxtat import (
     phantoms,
     pressure_to_circular_integrals,
     reconstruct,
+    reconstruct_direct,
     truncated_disk,
 )
 from jaxtat.cli import main
@@ -50,12 +52,20 @@ def record_radii(curve, region, end):
     return data_radii(curve, region, GRID.spacing[0], sources=sources)
 
 
-def python_image(g, rule=None, curve=CURVE, low_pass=None, radii=RADII, **options):
+def image_of_plan(g, rule=None, curve=CURVE, low_pass=None, **options):
     plan = build_plan(
-        curve, DISK, GRID, radii, rule, max_frequency=MAX_FREQUENCY, progress=False, **options
+        curve, DISK, GRID, RADII, rule, max_frequency=MAX_FREQUENCY, progress=False, **options
     )
     inside = DISK.contains(GRID.points)
     return np.where(inside, reconstruct(plan, g, low_pass=low_pass), 0.0)
+
+
+def direct_image(g, alpha=1e-6, curve=CURVE, region=DISK, radii=RADII, **options):
+    """What the command makes without a plan: alpha is 1e-6 for integrals, 1e-3 for records."""
+    found = reconstruct_direct(
+        curve, region, GRID, radii, g, alpha, max_frequency=MAX_FREQUENCY, **options
+    )
+    return np.where(region.contains(GRID.points), found.image, 0.0)
 
 
 @pytest.fixture
@@ -85,7 +95,7 @@ def test_plan_then_reconstruct_gives_the_image_of_python(jaxtat_command, tmp_pat
     assert "24 detectors, 4 frequencies x 32 directions" in capsys.readouterr().out
     assert jaxtat_command("reconstruct data.npz --plan plan.h5 --out image.npy --quiet") == 0
     assert capsys.readouterr().out == ""
-    assert agree(np.load("image.npy"), python_image(INTEGRALS))
+    assert agree(np.load("image.npy"), image_of_plan(INTEGRALS))
     assert jaxtat_command("reconstruct data.npz --plan plan.h5 --out image.png --quiet") == 0
     assert matplotlib.image.imread("image.png").ndim == 3
     assert jaxtat_command("reconstruct data.npz --plan plan.h5 --out image.h5") == 0
@@ -97,6 +107,15 @@ def test_plan_then_reconstruct_gives_the_image_of_python(jaxtat_command, tmp_pat
         assert not file.attrs["single"]
     wanted = ["data.npz", "image.h5", "image.npy", "image.png", "plan.h5"]
     assert sorted(path.name for path in tmp_path.iterdir()) == wanted
+
+
+def test_without_a_plan_the_image_is_that_of_the_direct_reconstruction(jaxtat_command, capsys):
+    np.savez("data.npz", circular_integrals=INTEGRALS)
+    loud = REGION.replace("--quiet", "")
+    assert jaxtat_command(f"reconstruct data.npz {ARC} {loud} --out image.h5") == 0
+    assert "4 frequencies, alpha 1.0e-06; systems solved to" in capsys.readouterr().out
+    with h5py.File("image.h5") as file:
+        assert agree(file["image"][()], direct_image(INTEGRALS))
 
 
 def test_a_smooth_phantom_comes_back_from_positions_in_three_dimensions(jaxtat_command):
@@ -122,12 +141,14 @@ def test_positions_in_the_file(jaxtat_command, suffix):
     else:
         with h5py.File("data.h5", "w") as file:
             file.update(arrays)
+    curve = detector_curve(CURVE.points)
     assert jaxtat_command(f"reconstruct data{suffix} {REGION} --out image.npy") == 0
-    wanted = python_image(INTEGRALS, curve=detector_curve(CURVE.points))
-    assert agree(np.load("image.npy"), wanted)
+    assert agree(np.load("image.npy"), direct_image(INTEGRALS, curve=curve))
     assert jaxtat_command(f"plan --detectors-from data{suffix} {REGION} --out plan.h5") == 0
     assert jaxtat_command(f"reconstruct data{suffix} --plan plan.h5 --out b.npy --quiet") == 0
-    assert np.array_equal(np.load("b.npy"), np.load("image.npy"))
+    assert agree(np.load("b.npy"), image_of_plan(INTEGRALS, curve=curve))
+    assert jaxtat_command(f"reconstruct data{suffix} {REGION} --K {PAPER_K} --out c.npy") == 0
+    assert np.array_equal(np.load("b.npy"), np.load("c.npy"))
 
 
 def test_a_plan_takes_the_radii_of_the_file(jaxtat_command):
@@ -169,8 +190,7 @@ def test_pressure_of_part_of_a_ring(jaxtat_command):
     region = truncated_disk(0.8, 0.8, 48, angle=opening)
     radii = record_radii(curve, region, 2.5)
     g = pressure_to_circular_integrals(pressure, np.linspace(0, 2.5, 101), radii)
-    plan = build_plan(curve, region, GRID, radii, max_frequency=MAX_FREQUENCY, progress=False)
-    wanted = np.where(region.contains(GRID.points), reconstruct(plan, g), 0.0)
+    wanted = direct_image(g, 1e-3, curve, region, radii)
     assert agree(np.load("image.npy"), wanted, 1e-8)
 
 
@@ -185,7 +205,7 @@ def test_raw_counts_of_a_measured_scan(jaxtat_command):
     curve = detector_curve(CURVE.points)
     radii = record_radii(curve, DISK, 2.0 * times[-1])
     g = pressure_to_circular_integrals(clean, times, radii, sound_speed=2.0, model="in-plane")
-    wanted = python_image(g, curve=curve, radii=radii)
+    wanted = direct_image(g, 1e-3, curve, radii=radii)
     assert agree(np.load("image.npy"), wanted)
     assert jaxtat_command(f"{line} --sound-speed 2.0 --sampling-rate 50 --out again.npy") == 0
     assert np.array_equal(np.load("again.npy"), np.load("image.npy"))
@@ -200,15 +220,33 @@ def test_raw_counts_of_a_measured_scan(jaxtat_command):
         ("--j-max 20.5", FixedRank(20.5), {}),
         ("--sigma-min 1e-2", SingularValueCutoff(1e-2), {}),
         ("--single", None, {"precision": "single"}),
-        ("--low-pass cosine", None, {"low_pass": cosine_filter}),
+        ("--collocation", None, {"method": "collocation"}),
+        ("--K 2.5 --low-pass cosine", NormBound(2.5), {"low_pass": cosine_filter}),
+        ("--collocation --j-max 20", FixedRank(20.0), {"method": "collocation"}),
     ],
 )
-def test_options_of_the_method(jaxtat_command, option, rule, others):
+def test_options_that_ask_for_a_plan(jaxtat_command, option, rule, others):
     np.savez("data.npz", g=INTEGRALS)
     assert jaxtat_command(f"reconstruct data.npz {ARC} {REGION} {option} --out image.npy") == 0
-    wanted = python_image(INTEGRALS, rule, **others)
+    wanted = image_of_plan(INTEGRALS, rule, **others)
     assert agree(np.load("image.npy"), wanted, 1e-7 if option == "--single" else 1e-9)
-    assert not agree(wanted, python_image(INTEGRALS)), "the option changes something"
+    assert not agree(wanted, direct_image(INTEGRALS)), "the option changes something"
+
+
+@pytest.mark.parametrize(
+    ("option", "others"),
+    [
+        ("--alpha 1e-2", {"alpha": 1e-2}),
+        ("--low-pass cosine", {"low_pass": cosine_filter}),
+        ("--inversion fourier", {"inversion": "fourier"}),
+    ],
+)
+def test_options_of_the_direct_reconstruction(jaxtat_command, option, others):
+    np.savez("data.npz", g=INTEGRALS)
+    assert jaxtat_command(f"reconstruct data.npz {ARC} {REGION} {option} --out image.npy") == 0
+    wanted = direct_image(INTEGRALS, **others)
+    assert agree(np.load("image.npy"), wanted)
+    assert not agree(wanted, direct_image(INTEGRALS)), "the option changes something"
 
 
 def test_the_series_on_a_full_ring(jaxtat_command):
@@ -219,10 +257,10 @@ def test_the_series_on_a_full_ring(jaxtat_command):
     assert jaxtat_command(f"plan --ring 1.3 {N} {REGION} --series --single --out plan.h5") == 0
     plan = load_plan("plan.h5")
     assert plan.regularization is None
-    assert plan.densities.dtype == jnp.complex64
+    assert plan.densities.values.dtype == jnp.complex64
     line = f"reconstruct data.npz --ring 1.3 {N} {REGION} --series --out image.npy"
     assert jaxtat_command(line) == 0
-    wanted = python_image(g, curve=ring, method="series")
+    wanted = image_of_plan(g, curve=ring, method="series")
     assert agree(np.load("image.npy"), wanted)
 
 
@@ -337,6 +375,11 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"good.npz {GEOMETRY} --K nan --out a.png", "K is nan"),
         (f"good.npz {GEOMETRY} --series --out a.png", "equispaced detectors on a full circle"),
         (f"good.npz {GEOMETRY} --series --K 3 --out a.png", "--series is a closed form"),
+        (f"good.npz {GEOMETRY} --alpha 1e-3 --K 3 --out a.png", "--alpha is for a reconstruction"),
+        (f"good.npz {GEOMETRY} --alpha 1e-3 --single --out a.png", "leave out the others"),
+        (f"good.npz {GEOMETRY} --alpha 0 --out a.png", "alpha is 0"),
+        (f"good.npz {GEOMETRY} --alpha -0.001 --out a.png", "alpha is -0.001"),
+        (f"good.npz {GEOMETRY} --alpha nan --out a.png", "alpha"),
         (f"good.npz --arc 1.3 1 23.5 {REGION} --out a.png", "number of detectors is 23.5"),
         (f"good.npz --arc 1.3 1 inf {REGION} --out a.png", "number of detectors is inf"),
         (f"good.npz --ring 1.3 0 {REGION} --out a.png", "number of detectors is 0"),
@@ -364,6 +407,8 @@ def test_bad_input_is_one_line_and_no_file(bad_input, capsys, line, reason):
         ("good.npz --region-radius 0.8", "--region-radius and --plan"),
         ("good.npz --K 4", "--K and --plan"),
         ("good.npz --single", "--single and --plan"),
+        ("good.npz --collocation", "--collocation and --plan"),
+        ("good.npz --alpha 1e-3", "--alpha and --plan"),
     ],
 )
 def test_a_plan_for_something_else_is_refused(bad_input, small_cli_plan, capsys, line, reason):
@@ -405,23 +450,32 @@ def require_refusal(folder, capsys, line, reason):
     assert sorted(path.name for path in folder.iterdir()) == before
 
 
-def test_data_are_refused_before_the_densities_are_computed(bad_input, capsys, monkeypatch):
+WORK = ("jaxtat.cli.setup.build_plan", "jaxtat.reconstruction.reconstruct_direct")
+WITH_AND_WITHOUT_PLAN = pytest.mark.parametrize("option", ["--K 3", ""])
+
+
+@WITH_AND_WITHOUT_PLAN
+def test_data_are_refused_before_anything_is_computed(bad_input, capsys, monkeypatch, option):
     def too_late(*arguments, **options):
-        raise AssertionError("build_plan was called")
+        raise AssertionError("work was begun")
 
-    monkeypatch.setattr("jaxtat.cli.setup.build_plan", too_late)
+    for function in WORK:
+        monkeypatch.setattr(function, too_late)
+    options = f"{GEOMETRY} {option} --out a.npy"
     for name in ("nan", "fewer", "record"):
-        require_refusal(bad_input, capsys, f"reconstruct {name}.npz {GEOMETRY} --out a.npy", "")
-    with pytest.raises(AssertionError, match="build_plan was called"):
-        main(shlex.split(f"reconstruct good.npz {GEOMETRY} --out a.npy"))
+        require_refusal(bad_input, capsys, f"reconstruct {name}.npz {options}", "")
+    with pytest.raises(AssertionError, match="work was begun"):
+        main(shlex.split(f"reconstruct good.npz {options}"))
 
 
-def test_an_interruption_is_no_traceback(bad_input, capsys, monkeypatch):
+@WITH_AND_WITHOUT_PLAN
+def test_an_interruption_is_no_traceback(bad_input, capsys, monkeypatch, option):
     def interrupted(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("jaxtat.cli.setup.build_plan", interrupted)
-    assert main(shlex.split(f"reconstruct good.npz {GEOMETRY} --out a.npy")) == 130
+    for function in WORK:
+        monkeypatch.setattr(function, interrupted)
+    assert main(shlex.split(f"reconstruct good.npz {GEOMETRY} {option} --out a.npy")) == 130
     assert capsys.readouterr().err == "jaxtat: interrupted\n"
 
 
@@ -436,9 +490,13 @@ def test_an_interruption_is_no_traceback(bad_input, capsys, monkeypatch):
         "plan --arc 1 2 --out a.h5",
         "plan --arc 1 0 5 --ring 1 5 --out a.h5",
         "plan --K 1 --j-max 3 --out a.h5",
+        "plan --series --collocation --out a.h5",
+        "plan --alpha 1e-3 --out a.h5",
         "plan --K much --out a.h5",
         "reconstruct data.npz --out a.png --model 3d",
         "reconstruct data.npz --out a.png --low-pass hann",
+        "reconstruct data.npz --out a.png --inversion radon",
+        "reconstruct data.npz --out a.png --alpha little",
         "reconstruct data.npz --out a.png --duration 1 --sampling-rate 3",
         "reconstruct data.npz --out a.png --pixels 12.5",
     ],

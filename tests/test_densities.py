@@ -4,7 +4,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat import FixedRank, NormBound, SingularValueCutoff, circular_arc, truncated_disk
+from jaxtat import (
+    FixedRank,
+    ImageGrid,
+    NormBound,
+    SingularValueCutoff,
+    build_plan,
+    circular_arc,
+    data_radii,
+    truncated_disk,
+)
 from jaxtat.densities import collocation_densities
 from jaxtat.single_layer import plane_wave, plane_wave_traces, potential, potential_matrix
 from jaxtat.special import full_circle_norm
@@ -80,6 +89,49 @@ def test_the_report_tells_norm_and_residual_of_what_is_returned():
         assert np.allclose(report.residual[i], residual, rtol=1e-6, atol=1e-12)
         assert np.allclose(report.norm[i], jnp.linalg.norm(unknowns, axis=0), rtol=1e-10)
     assert np.allclose(report.unit_norm, NORMS)
+
+
+@pytest.mark.parametrize(
+    ("method", "right", "n_detectors", "center"),
+    [
+        ("series", 1.3, 24, (0.0, 0.0)),
+        ("collocation", 1.0, 24, (0.0, 0.0)),
+        ("harmonic", 1.0, 24, (0.0, 0.0)),
+        ("harmonic", 0.75, 25, (0.0, 0.0)),  # one detector on the axis
+        ("harmonic", 1.0, 24, (0.05, -0.02)),  # no symmetry, phases of a shifted centre
+    ],
+)
+def test_densities_are_used_as_they_are_told(method, right, n_detectors, center):
+    """fhat = (1/2π) Σ w_k (rho_J G_J + rho_Y G_Y) with the densities of `of_frequency`.
+
+    These are densities: their potentials are the plane waves, as far as the report says.
+    """
+    curve = circular_arc(1.3, right, n_detectors)
+    region, grid = truncated_disk(0.7, 0.7, 64, center=center), ImageGrid(5)
+    plan = build_plan(
+        *(curve, region, grid, data_radii(curve, region, 0.3)),
+        method=method,
+        max_frequency=7.0,
+        n_directions=5,
+        progress=False,
+    )
+    n, weights = len(plan.frequencies), curve.weights
+    rng = np.random.default_rng(0)
+    transformed = jnp.asarray(rng.standard_normal((2, 3, n, 2, n_detectors)))
+    each = [plan.densities.of_frequency(i, weights) for i in range(n)]
+    assert all(rho.shape == (5, 2, n_detectors) for rho in each)
+    exact = np.einsum("k,...fjk,fdjk->...fd", weights, transformed, each) / (2 * np.pi)
+    found = plan.densities.polar_fourier(transformed, weights)
+    assert np.allclose(found, exact, rtol=1e-10, atol=1e-10 * np.abs(exact).max())
+    single = plan.densities.in_single_precision().polar_fourier(transformed, weights)
+    assert np.allclose(single, exact, atol=1e-4 * np.abs(exact).max())
+    for i, rho in enumerate(each):
+        unknowns = (rho * jnp.sqrt(weights)).reshape(5, -1).T
+        traces = plane_wave_traces(plan.frequencies[i], plan.angles, region)
+        misfit = potential_matrix(plan.frequencies[i], curve, region) @ unknowns - traces
+        residual = jnp.linalg.norm(misfit, axis=0) / jnp.linalg.norm(traces, axis=0)
+        assert np.allclose(plan.report.residual[i], residual, rtol=1e-4, atol=1e-9)
+        assert np.allclose(plan.report.norm[i], jnp.linalg.norm(unknowns, axis=0), rtol=1e-8)
 
 
 def test_one_norm_is_not_enough_on_an_open_arc():

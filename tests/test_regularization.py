@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from jaxtat import FixedRank, NormBound, SingularValueCutoff
+from jaxtat import FixedRank, NormBound, SingularValueCutoff, Tikhonov
 from jaxtat.regularization import filtered_solve
 
 ONE = jnp.array(1.0)
@@ -94,7 +94,61 @@ def test_rounding_of_a_singular_matrix_is_never_divided_by():
     assert np.allclose(found.solution[0], exact, rtol=1e-8)
 
 
-@pytest.mark.parametrize("rule", [NormBound(20.0), FixedRank(6.4), SingularValueCutoff(2e-3)])
+@pytest.mark.parametrize("alpha", [0.0, 1e-6, 1e-2, 10.0])
+def test_tikhonov_solves_the_damped_normal_equations(alpha):
+    """(A^T A + alpha a) q = A^T u, a the largest diagonal entry of A A^T; least squares for 0."""
+    *_, a, u = problem()
+    found = filtered_solve(a[None], u[None], Tikhonov(alpha), ONE)
+    matrix = np.asarray(a)
+    damping = alpha * np.sum(matrix**2, axis=1).max()
+    # as least squares of [A; sqrt(damping)], which does not square the condition number
+    stacked = np.concatenate([matrix, np.sqrt(damping) * np.eye(8)])
+    exact, *_ = np.linalg.lstsq(stacked, np.concatenate([u, np.zeros((8, 3))]))
+    assert np.allclose(found.solution[0], exact, rtol=1e-9, atol=1e-9)
+    sigma = np.linalg.svd(matrix, compute_uv=False)
+    assert np.allclose(found.terms, np.sum(sigma**2 / (sigma**2 + damping)))
+
+
+def test_tikhonov_of_nothing_is_nothing():
+    found = filtered_solve(jnp.zeros((1, 4, 3)), jnp.ones((1, 4, 2)) + 0j, Tikhonov(0.0), ONE)
+    assert np.all(np.asarray(found.solution) == 0)
+    assert np.all(np.asarray(found.terms) == 0)
+    assert np.allclose(found.residual, 1)
+
+
+RULES = [NormBound(20.0), FixedRank(6.4), SingularValueCutoff(2e-3), Tikhonov(1e-5)]
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_components_are_those_of_the_problem_and_of_the_solution(rule):
+    """A = P diag(sigma) Q^T in each block, and q the sum of what is kept."""
+    *_, first, u1 = problem(seed=1)
+    *_, second, u2 = problem(seed=2, spread=3.0)
+    blocks, rhs = jnp.stack([first, second]), jnp.stack([u1, u2])
+    found = filtered_solve(blocks, rhs, rule, ONE)
+    sigma = 1 / np.asarray(found.inverse)
+    assert np.allclose(np.asarray(found.left) * sigma[:, None] @ found.right, blocks, atol=1e-13)
+    assert np.allclose(np.sort(sigma.ravel())[::-1], found.singular_values, rtol=1e-12)
+    along = np.swapaxes(found.left, 1, 2) @ np.asarray(rhs)
+    assert np.allclose(found.amplitudes, along / sigma[..., None], rtol=1e-12)
+    assert np.all((np.asarray(found.factors) >= 0) & (np.asarray(found.factors) <= 1))
+    assert np.allclose(found.factors.sum(axis=(0, 1)), found.terms)
+    kept = np.asarray(found.factors * found.amplitudes)
+    assert np.allclose(found.solution, np.swapaxes(found.right, 1, 2) @ kept, atol=1e-12)
+    assert np.allclose(found.norm, np.linalg.norm(kept, axis=(0, 1)))
+    misfit = np.asarray(blocks @ found.solution - rhs)
+    relative = np.linalg.norm(misfit, axis=(0, 1)) / np.linalg.norm(rhs, axis=(0, 1))
+    assert np.allclose(found.residual, relative, atol=1e-12)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_only_the_norm_bound_tells_right_hand_sides_apart(rule):
+    *_, a, u = problem()
+    factors = np.asarray(filtered_solve(a[None], u[None], rule, ONE).factors)
+    assert np.all(factors == factors[..., :1]) == (not isinstance(rule, NormBound))
+
+
+@pytest.mark.parametrize("rule", RULES)
 def test_blocks_are_the_block_diagonal_matrix(rule):
     *_, first, u1 = problem(seed=1)
     *_, second, u2 = problem(seed=2, spread=3.0)
@@ -107,7 +161,7 @@ def test_blocks_are_the_block_diagonal_matrix(rule):
         assert np.allclose(getattr(blocks, name), getattr(whole, name), atol=1e-9)
 
 
-def test_derivatives_in_K_j_max_and_the_right_hand_side():
+def test_derivatives_in_K_j_max_alpha_and_the_right_hand_side():
     *_, a, u = problem()
 
     def of_rule(rule):
@@ -116,6 +170,7 @@ def test_derivatives_in_K_j_max_and_the_right_hand_side():
 
     check_grads(lambda K: of_rule(NormBound(K)), (jnp.array(33.0),), 1, modes=["fwd", "rev"])
     check_grads(lambda j: of_rule(FixedRank(j)), (jnp.array(5.4),), 1, modes=["fwd", "rev"])
+    check_grads(lambda a: of_rule(Tikhonov(a)), (jnp.array(0.3),), 1, modes=["fwd", "rev"])
 
     def of_rhs(real):
         return filtered_solve(
@@ -125,7 +180,7 @@ def test_derivatives_in_K_j_max_and_the_right_hand_side():
     check_grads(of_rhs, (u.real,), 1, modes=["fwd", "rev"])
 
 
-@pytest.mark.parametrize("rule", [NormBound, FixedRank, SingularValueCutoff])
+@pytest.mark.parametrize("rule", [NormBound, FixedRank, SingularValueCutoff, Tikhonov])
 def test_bad_parameters_are_refused(rule):
     for bad, message in ((-1.0, "at least zero"), (np.nan, "NaN"), ([1.0, 2.0], "shape")):
         with pytest.raises(ValueError, match=message):

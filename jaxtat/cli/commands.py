@@ -38,30 +38,57 @@ def reconstruct(options: argparse.Namespace) -> None:
     from ..io.plans import load_plan
     from ..io.scans import load_scan
     from ..reconstruction import reconstruct as run
-    from .setup import circular_integrals_of, geometry, low_pass, plan_for, require_free
+    from ..reconstruction import reconstruct_direct
+    from ..reconstruction.direct import DEFAULT_ALPHA
+    from .setup import (
+        circular_integrals_of,
+        geometry,
+        low_pass,
+        plan_for,
+        require_free,
+        wants_plan,
+    )
 
     start = time.perf_counter()
     require_suffix(options.out)
     require_place(options.out)
     scan = load_scan(options.file)
-    # what can be wrong with the data is found before the densities are computed
+    # what can be wrong with the data is found before anything is computed
     if options.plan:
         require_free(options)
         chosen_plan = load_plan(options.plan)
-        g = circular_integrals_of(scan, options, chosen_plan.curve, chosen_plan.radii)
+        where = chosen_plan.curve, chosen_plan.region, chosen_plan.grid, chosen_plan.radii
     else:
-        wanted = geometry(options, scan)
-        g = circular_integrals_of(scan, options, wanted[0], wanted[-1])
-        chosen_plan = plan_for(options, wanted)
-    _report(options, _accuracy(chosen_plan), start)
-    image = run(chosen_plan, g, low_pass=low_pass(options))
+        where = geometry(options, scan)
+        chosen_plan = None
+    curve, region, grid, radii = where
+    g = circular_integrals_of(scan, options, curve, radii)
+    if chosen_plan is None and wants_plan(options):
+        chosen_plan = plan_for(options, where)
+    last = {"low_pass": low_pass(options), "inversion": options.inversion}
+    if chosen_plan is None:
+        alpha = options.alpha or (1e-3 if scan.kind == "pressure" else DEFAULT_ALPHA)
+        found = reconstruct_direct(*where, g, alpha, max_frequency=options.max_frequency, **last)
+        image = found.image
+        _report(options, _solved(found), start)
+    else:
+        _report(options, _accuracy(chosen_plan), start)
+        image = run(chosen_plan, g, **last)
     settings = {
         name: value if isinstance(value, str | int | float | bool) else json.dumps(value)
         for name, value in vars(options).items()
         if name != "run" and value is not None
     }
-    save_image(options.out, image, chosen_plan.grid, chosen_plan.region, settings)
+    save_image(options.out, image, grid, region, settings)
     _report(options, f"image written to {options.out}", start)
+
+
+def _solved(found) -> str:
+    report = found.report
+    return (
+        f"{report.alpha.shape[0]} frequencies, alpha {float(report.relative_alpha.max()):.1e}; "
+        f"systems solved to {float(report.residual.max()):.1e} (worst)"
+    )
 
 
 def _accuracy(plan) -> str:

@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Sequence
 
 import jax
+from threadpoolctl import threadpool_limits
 
 from ..geometry import VisibilityWarning
 from ..problem import AccuracyWarning
@@ -22,7 +23,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = build_parser().parse_args(arguments)
     jax.config.update("jax_enable_x64", True)  # the command is the program: its flag to set
-    with warnings.catch_warnings():
+    if options.cache:
+        jax.config.update("jax_compilation_cache_dir", options.cache)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    # small matrices: threads of the linear algebra library only get in the way of XLA's
+    with threadpool_limits(1, user_api="blas"), warnings.catch_warnings():
         warnings.simplefilter("always", VisibilityWarning)
         warnings.simplefilter("always", AccuracyWarning)
         warnings.showwarning = _show_warning

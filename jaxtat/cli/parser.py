@@ -3,6 +3,7 @@
 import argparse
 
 from ..pressure import MODELS
+from ..reconstruction.inversion import INVERSIONS
 from . import commands
 
 _EXAMPLES = """examples:
@@ -43,6 +44,9 @@ def _command(subparsers, name: str, run, help: str) -> argparse.ArgumentParser:
     )
     parser.set_defaults(run=run)
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no report")
+    parser.add_argument(
+        "--cache", metavar="DIR", help="keep compiled programs here, for a quick start next time"
+    )
     return parser
 
 
@@ -74,6 +78,19 @@ def _add_reconstruct(subparsers) -> None:
     )
     parser.add_argument("--plan", metavar="FILE", help="use this plan instead of building one")
     parser.add_argument("--low-pass", choices=["none", "cosine"], default="none")
+    parser.add_argument(
+        "--inversion",
+        choices=INVERSIONS,
+        default="fbp",
+        help="last step: filtered back-projection, or the faster Fourier sum",
+    )
+    parser.add_argument(
+        "--alpha",
+        type=float,
+        metavar="A",
+        help="Tikhonov regularisation without a plan, the default: 1e-3 for pressure records, "
+        "1e-6 for circular integrals",
+    )
     data = parser.add_argument_group("pressure records")
     data.add_argument("--model", choices=MODELS, default="2d", help="acoustic model (default: 2d)")
     data.add_argument(
@@ -132,5 +149,7 @@ def _add_method(parser: argparse.ArgumentParser) -> None:
     rule.add_argument("--j-max", type=float, metavar="J", help="fixed number of singular values")
     rule.add_argument("--sigma-min", type=float, metavar="S", help="least singular value")
     method.add_argument("--max-frequency", type=float, metavar="LAMBDA", help="[rad/length]")
-    method.add_argument("--series", action="store_true", help="closed form, full circle only")
+    engine = method.add_mutually_exclusive_group()
+    engine.add_argument("--series", action="store_true", help="closed form, full circle only")
+    engine.add_argument("--collocation", action="store_true", help="as in the paper, slower")
     method.add_argument("--single", action="store_true", help="densities in single precision")

@@ -11,6 +11,7 @@ from ..checks import Numbers, real_array
 from ..geometry import (
     DetectorCurve,
     ImageGrid,
+    Region,
     TruncatedDisk,
     circular_arc,
     data_radii,
@@ -24,6 +25,8 @@ from ..plan import PAPER_K, ReconstructionPlan, build_plan
 from ..pressure import condition_record, pressure_to_circular_integrals
 from ..reconstruction import cosine_filter
 from ..regularization import FixedRank, NormBound, Regularization, SingularValueCutoff
+
+_OF_PLANS = ("K", "j_max", "sigma_min", "series", "collocation", "single")
 
 
 def detectors(options: argparse.Namespace, known: dict[str, np.ndarray]) -> DetectorCurve:
@@ -108,24 +111,39 @@ def _sources(curve: DetectorCurve, region: TruncatedDisk, end: float) -> Truncat
 
 
 def plan_for(
-    options: argparse.Namespace, geometry: tuple[DetectorCurve, TruncatedDisk, ImageGrid, Array]
+    options: argparse.Namespace, geometry: tuple[DetectorCurve, Region, ImageGrid, Array]
 ) -> ReconstructionPlan:
     """Build the plan that the options ask for."""
     return build_plan(
         *geometry,
         _regularization(options),
-        method="series" if options.series else "collocation",
+        method=_method(options),
         max_frequency=options.max_frequency,
         precision="single" if options.single else "double",
         progress=not options.quiet,
     )
 
 
+def _method(options: argparse.Namespace) -> str:
+    if options.series:
+        return "series"
+    return "collocation" if options.collocation else "harmonic"
+
+
+def wants_plan(options: argparse.Namespace) -> bool:
+    """Whether an option asks for densities, and so for a plan, where none is given."""
+    asked = any(getattr(options, name) not in (None, False) for name in _OF_PLANS)
+    if asked and options.alpha is not None:
+        raise ValueError("--alpha is for a reconstruction without densities: leave out the others.")
+    return asked
+
+
 def require_free(options: argparse.Namespace) -> None:
     """Raise ValueError for options that a finished plan has already decided."""
     decided = (
         *("region_radius", "region_cut", "region_angle", "region_center", "pixels", "half_width"),
-        *("K", "j_max", "sigma_min", "max_frequency", "series", "single"),
+        *("max_frequency", "alpha"),
+        *_OF_PLANS,
     )
     for name in decided:
         if getattr(options, name) not in (None, False):

@@ -9,7 +9,7 @@ from .densities import (
 )
 from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry
-from .table import wave_table
+from .table import WaveTable, wave_table
 from .tikhonov import Data, SolveReport, solve_harmonics
 from .waves import circular_harmonics_at
 
@@ -21,6 +21,7 @@ __all__ = [
     "NoiseLevel",
     "PolarGeometry",
     "SolveReport",
+    "WaveTable",
     "alpha_rule",
     "circular_harmonics_at",
     "frequency_groups",

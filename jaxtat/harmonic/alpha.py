@@ -144,17 +144,27 @@ def _alpha_of_norm(matrix: Array, plane: Array, square: Array) -> Array:
 
 @_alpha_of_norm.defjvp
 def _(primals: tuple[Array, Array, Array], tangents: tuple[Array, Array, Array]):
-    # Implicit differentiation of F(alpha, matrix, plane) = square by solves with H: eigenvectors,
-    # which have no derivative where eigenvalues coincide, are not needed for it.
+    # Implicit differentiation of F(alpha, matrix, plane) = square. With f(l) = l / (l + alpha)² the
+    # derivative of f(matrix) is made of (f(l_i) - f(l_j)) / (l_i - l_j), which exists where
+    # eigenvalues coincide (Daleckii and Krein; Bhatia, Matrix Analysis (1997), theorem V.3.3).
     matrix, plane, square = primals
+    matrix_dot, plane_dot, square_dot = tangents
     alpha = _alpha_of_norm(matrix, plane, square)
+    eigenvalues, vectors = jnp.linalg.eigh(matrix)
 
-    def norm(alpha: Array, matrix: Array, plane: Array) -> Array:
-        shifted = matrix + alpha * jnp.eye(matrix.shape[-1])
-        left, right = jnp.linalg.solve(shifted, plane), jnp.linalg.solve(shifted, matrix)
-        return jnp.einsum("bij,bji->", left, right)
+    def turned(matrix: Array) -> Array:
+        return jnp.swapaxes(vectors, -1, -2) @ matrix @ vectors
 
-    value, slope = jax.value_and_grad(norm)(alpha, matrix, plane)
-    _, change = jax.jvp(lambda m, p: norm(alpha, m, p), (matrix, plane), tangents[:2])
-    reached = jnp.abs(value / square - 1) < 1e-6
-    return alpha, jnp.where(reached, (tangents[2] - change) / slope, 0.0)
+    eigenvalues = jnp.maximum(eigenvalues, 0.0)
+    inverse = 1 / (eigenvalues + alpha)
+    turned_plane = turned(plane)
+    terms = eigenvalues * inverse**2 * jnp.diagonal(turned_plane, axis1=-2, axis2=-1)
+    slope = -2 * jnp.sum(terms * inverse)
+    product = eigenvalues[:, :, None] * eigenvalues[:, None, :]
+    divided = (alpha**2 - product) * (inverse[:, :, None] * inverse[:, None, :]) ** 2
+    change = jnp.sum(divided * turned_plane * turned(matrix_dot))
+    change += jnp.sum(
+        eigenvalues * inverse**2 * jnp.diagonal(turned(plane_dot), axis1=-2, axis2=-1)
+    )
+    reached = jnp.abs(jnp.sum(terms) / square - 1) < 1e-6
+    return alpha, jnp.where(reached, (square_dot - change) / slope, 0.0)

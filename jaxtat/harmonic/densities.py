@@ -180,22 +180,25 @@ def group_of(steps: Sequence[Step]) -> DensityGroup:
     High orders are needed to resolve the potentials, but hardly occur in plane waves; of the
     components that directions keep differently, as many stay as the neediest frequency has.
     """
-    step: Step = jax.tree.map(lambda *parts: jnp.concatenate(parts), *steps)
-    if not is_concrete(step):
+    if not is_concrete(steps):
+        step = jax.tree.map(lambda *parts: jnp.concatenate(parts), *steps)
         return DensityGroup(step.rows, step.right, step.extra)
-    size = jnp.linalg.norm(step.rows, axis=-1)
-    matters = (pairs(size) > ROUNDING * size.max()).any(axis=(0, 1))
-    n_orders = int(jnp.flatnonzero(matters).max()) + 1
-    each = pairs(jnp.moveaxis(step.rows, -1, 1))[..., :n_orders]
-    rows = jnp.moveaxis(each.reshape(*each.shape[:2], step.rows.shape[1], -1), 1, -1)
-    weight = jnp.abs(step.extra).max(axis=-1)
-    varies = weight > ROUNDING * size.max()
-    n_extra = int(varies.sum(axis=-1).max())
-    first = jnp.argsort(-weight, axis=-1)[..., :n_extra, None]
+    # numpy: nothing is compiled for sizes that occur once
+    rows, right, extra = (
+        np.concatenate([np.asarray(part) for part in parts])
+        for parts in zip(*((s.rows, s.right, s.extra) for s in steps), strict=True)
+    )
+    largest = np.linalg.norm(rows, axis=-1).max()
+    each = rows.reshape(rows.shape[0], 2, -1, rows.shape[-1])  # cosines and sines, orders
+    matters = (np.linalg.norm(each, axis=-1) > ROUNDING * largest).any(axis=(0, 1))
+    each = each[:, :, : np.flatnonzero(matters).max() + 1]
+    weight = np.abs(extra).max(axis=-1)
+    n_extra = (weight > ROUNDING * largest).sum(axis=-1).max()
+    first = np.argsort(-weight, axis=-1)[..., :n_extra, None]
     return DensityGroup(
-        rows=rows,
-        extra_rows=jnp.take_along_axis(step.right, first, axis=-2),
-        extra=jnp.take_along_axis(step.extra, first, axis=-2),
+        rows=jnp.asarray(each.reshape(*rows.shape[:2], -1, rows.shape[-1])),
+        extra_rows=jnp.asarray(np.take_along_axis(right, first, axis=-2)),
+        extra=jnp.asarray(np.take_along_axis(extra, first, axis=-2)),
     )
 
 

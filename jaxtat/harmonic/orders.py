@@ -15,7 +15,8 @@ def highest_orders(frequencies: np.ndarray, reach: float, distance: float) -> np
     """N(lambda): |J_n(lambda reach) H_n(lambda distance)| < TOLERANCE of its maximum for n > N.
 
     From Debye's expansions (DLMF 10.19.3), J_n(n sech a) ~ exp(n (tanh a - a)) / sqrt(2 π n tanh a)
-    and |Y_n| alike with the other sign; between the turning points H_n is of order one.
+    and |Y_n| alike with the other sign: the term is exp(-decay) / (π n). The largest of
+    all is about (2/π) / sqrt(lambda reach · lambda distance), or 1/π where these are small.
 
     Args:
         frequencies: lambda > 0 [rad/length].
@@ -23,14 +24,15 @@ def highest_orders(frequencies: np.ndarray, reach: float, distance: float) -> np
         distance: least |z| of a detector, above ``reach`` [length].
 
     >>> highest_orders(np.array([1.57, 201.0]), 1.0, 1.3)
-    array([103, 257])
+    array([ 93, 258])
     """
     last = int(1.2 * frequencies.max() * reach) + 200
     while True:
         n = np.arange(1, last + 1)[:, None]
         decay = _exponent(n, frequencies * reach) - _exponent(n, frequencies * distance)
-        # a factor of ten covers what the expansions and the size of the largest order leave open
-        needed = decay + 0.5 * np.log(np.pi * n) < np.log(10 / TOLERANCE)
+        largest = np.maximum(1.0, frequencies * np.sqrt(reach * distance) / 2)
+        # a factor of three covers what the expansions leave open around the turning points
+        needed = decay + np.log(n / largest) < np.log(3 / TOLERANCE)
         if not needed[-1].any():
             return needed.sum(axis=0) + 1
         last *= 2

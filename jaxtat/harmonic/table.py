@@ -15,7 +15,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Inexact
 
 from .polar import PolarGeometry
 from .waves import angular, at_detectors, boundary_traces, disk_norms, scales, twice, wave_steps
@@ -36,13 +36,14 @@ class WaveTable(eqx.Module):
     on_circle: Float[Array, "*f 2 fewer"] | None
     norms: Float[Array, "*f 2 fewer"] | None
 
-    def cut(self, chosen: slice, n_max: int) -> "WaveTable":
-        """Some of the frequencies, orders up to n_max."""
+    def up_to(self, n_max: int) -> "WaveTable":
+        """Fewer orders. The table may be of numpy, the result never is."""
+        on_circle, norms = self.on_circle, self.norms
         return WaveTable(
-            self.frequencies[chosen],
-            self.steps[chosen, : n_max + 2],
-            None if self.on_circle is None else self.on_circle[chosen, :, : n_max + 1],
-            None if self.norms is None else self.norms[chosen, :, : n_max + 1],
+            jnp.asarray(self.frequencies),
+            jnp.asarray(self.steps[..., : n_max + 2]),
+            None if on_circle is None else jnp.asarray(on_circle[..., : n_max + 1]),
+            None if norms is None else jnp.asarray(norms[..., : n_max + 1]),
         )
 
     @property
@@ -52,6 +53,7 @@ class WaveTable(eqx.Module):
         return jnp.moveaxis(scales(steps), 0, -1) * twice(self.steps.shape[-1] - 2)
 
 
+@eqx.filter_jit
 def wave_table(geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: int) -> WaveTable:
     """The table for all frequencies at once: recurrences run over orders, not frequencies."""
     steps = wave_steps(n_max, frequencies, geometry)
@@ -64,7 +66,7 @@ def wave_table(geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: 
     return WaveTable(frequencies, steps.T, on_circle, norms)
 
 
-def blocks(geometry: PolarGeometry, waves: Float[Array, "*batch 2 orders"]) -> Array:
+def blocks(geometry: PolarGeometry, waves: Inexact[Array, "*batch 2 orders"]) -> Array:
     """Cosines and sines as two blocks (mirrored), or as one."""
     if geometry.mirror:
         return waves
@@ -151,12 +153,6 @@ class RegionFactor(eqx.Module):
         if self.is_diagonal:
             return self.values[:, :, None] * matrix * self.values[:, None, :]
         return self.values @ matrix @ jnp.swapaxes(self.values, -1, -2)
-
-    def diagonal_around(self, diagonal: Float[Array, "blocks r"]) -> Float[Array, "blocks m"]:
-        """The diagonal of R diag R^T."""
-        if self.is_diagonal:
-            return self.values**2 * diagonal
-        return jnp.einsum("bij,bj->bi", self.values**2, diagonal)
 
     def inverse_around(
         self, diagonal: Float[Array, "blocks r"], alpha: Float[Array, ""]

@@ -17,8 +17,11 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int
 
+from ..parallel import map_shards
 from .alpha import AlphaRule, Problem
 from .polar import PolarGeometry
 from .table import (
@@ -78,6 +81,7 @@ def solve_harmonics(
     data: Data,
     solver: str,
     tolerance: float,
+    mesh: Mesh | None = None,
 ) -> tuple[Float[Array, "images frequencies 2 orders"], SolveReport]:
     """Circular harmonics c of fhat, by which fhat(xi) = (1/2π) Σ_n (-i)^n c_n·(cos|sin)(n theta).
 
@@ -88,6 +92,7 @@ def solve_harmonics(
         data: transformed data and regularisation, frequencies first.
         solver: "cholesky" or "cg".
         tolerance: relative residual at which conjugate gradients stop.
+        mesh: devices that share the frequencies of every group.
 
     Returns:
         c, zero beyond the orders of a frequency, and how the systems were solved.
@@ -99,20 +104,28 @@ def solve_harmonics(
         gram = circle_gram(geometry, n_max)
     method = _factorised if solver == "cholesky" else partial(_iterated, tolerance=tolerance)
 
-    @jax.checkpoint
-    def at(wave: WaveTable, datum: Data, gram: Array | None) -> tuple[Array, SolveReport]:
+    def at(orders: int, wave: WaveTable, datum: Data) -> tuple[Array, SolveReport]:
+        wave = wave.up_to(orders)
         factor = region_factor(geometry, wave)
-        y, report = method(geometry, wave, datum, factor, gram)
-        return wave.plane_scale * pairs(factor.transposed_times(y)), report
-
-    found = []
-    for start, stop, orders in groups:
-        part = jax.tree.map(lambda leaf: leaf[start:stop], data)  # noqa: B023
-        waves = table.cut(slice(start, stop), orders)
         alike = None if gram is None else cut_gram(geometry, gram, orders)
-        harmonics, report = jax.lax.map(lambda pair: at(*pair, alike), (waves, part))  # noqa: B023
-        found.append((jnp.pad(harmonics, [(0, 0)] * 3 + [(0, n_max - orders)]), report))
-    harmonics, report = jax.tree.map(lambda *pieces: jnp.concatenate(pieces), *found)
+        y, report = method(geometry, wave, datum, factor, alike)
+        harmonics = wave.plane_scale * pairs(factor.transposed_times(y))
+        return jnp.pad(harmonics, [(0, 0)] * 2 + [(0, n_max - orders)]), report
+
+    # One loop over all frequencies, and in it the program of the frequency's group. With a loop for
+    # each group XLA on CPUs runs them at once, and their calls of the linear algebra library have
+    # been seen to wait for each other's threads for ever.
+    programs = [partial(at, orders) for *_, orders in groups]
+    group = np.repeat(np.arange(len(groups)), [stop - start for start, stop, _ in groups])
+
+    @jax.checkpoint
+    def choose(given: tuple[Array, WaveTable, Data]) -> tuple[Array, SolveReport]:
+        number, wave, datum = given
+        return jax.lax.switch(number, programs, wave, datum)
+
+    harmonics, report = map_shards(
+        lambda share: jax.lax.map(choose, share), (jnp.asarray(group), table, data), mesh
+    )
     return jnp.moveaxis(harmonics, 1, 0), report
 
 
@@ -185,7 +198,7 @@ def _iterated(
 ) -> tuple[Array, SolveReport]:
     """By conjugate gradients; derivatives are one more solve each, not those of the iteration."""
     multiply, inner_diagonal = _products(geometry, wave)
-    diagonal = factor.diagonal_around(inner_diagonal)
+    diagonal = _diagonal(geometry, wave, factor, inner_diagonal)
     alpha = datum.rule.absolute(_problem(geometry, datum, diagonal, None, None))
     rhs = factor.times(moments(geometry, wave, datum.transformed))
     precondition = factor.inverse_around(inner_diagonal, alpha)
@@ -281,6 +294,21 @@ def _products(
     twofold = jnp.stack([total + cosine[::2], jnp.maximum(total - cosine[::2], 0.0)]) / 2
     power = jnp.sum(on_circle**2, axis=0)
     return by_fft, blocks(geometry, power * twofold)
+
+
+def _diagonal(
+    geometry: PolarGeometry,
+    wave: WaveTable,
+    factor: RegionFactor,
+    inner_diagonal: Float[Array, "blocks r"],
+) -> Float[Array, "blocks m"]:
+    """The diagonal of A A^T. A triangle R mixes waves, which takes all of M M^T."""
+    if factor.is_diagonal:
+        return factor.values**2 * inner_diagonal
+    matrix = jnp.moveaxis(detector_matrix(geometry, wave), 0, -2)
+    matrix *= jnp.sqrt(geometry.weights)
+    matrix = factor.matrix_times(matrix.reshape(*matrix.shape[:2], -1))
+    return jnp.sum(matrix**2, axis=-1)
 
 
 def _plane_power(wave: WaveTable) -> Float[Array, "2 orders"]:

@@ -20,7 +20,7 @@ import h5py
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import jaxtyped
+from jaxtyping import Array, Float, jaxtyped
 
 from ..checks import require_x64
 from ..densities import DensityReport, SampledDensities
@@ -185,20 +185,55 @@ def _require_whole(path: str | Path) -> None:
             )
 
 
-def _require_consistent(path: str | Path, plan: ReconstructionPlan) -> None:
-    """Every array against its annotation, where one name stands for one size throughout."""
-    modules: list[eqx.Module] = [plan]
+def _require_consistent(path: str | Path, plan: Any) -> None:
+    """Every field against its annotation, and the densities against those who use them."""
+    if not isinstance(plan, ReconstructionPlan):
+        raise ValueError(f"{path} holds a {type(plan).__name__}, expected a plan.")
+    # reports may be of one frequency or many, and so name their number in a way of their own
+    for member in _require_fields(path, plan, plan.frequencies, Float[Array, "*frequencies"]):
+        _require_fields(path, member, plan.angles, Float[Array, " directions"])
+    n, m, detectors = len(plan.frequencies), len(plan.angles), plan.curve.n_detectors
+    try:
+        data, weights = jax.ShapeDtypeStruct((n, 2, detectors), float), plan.curve.weights
+        fhat = jax.eval_shape(plan.densities.polar_fourier, data, weights)
+        last = jax.eval_shape(lambda w: plan.densities.of_frequency(n - 1, w), weights)
+        if (fhat.shape, last.shape) != ((n, m), (m, 2, detectors)):
+            raise ValueError(f"they give {fhat} and {last}")
+    except (TypeError, ValueError, IndexError, ArithmeticError, AttributeError) as error:
+        raise ValueError(
+            f"{path} holds densities whose shape does not fit its {n} frequencies, {m} directions "
+            f"and {detectors} detectors ({error}): build the plan again."
+        ) from error
+
+
+def _require_fields(
+    path: str | Path, module: eqx.Module, known: Array, sizes: Any
+) -> list[eqx.Module]:
+    """Every field of a tree of modules, where one name stands for one size throughout.
+
+    Members of tuples have sizes of their own: they are returned, not looked into.
+
+    Args:
+        path: of the file, for messages.
+        module: the root of the tree.
+        known, sizes: an array and the names of its sizes, which hold for the tree.
+    """
+    modules, members = [module], []
     with jaxtyped("context"):
-        for module in modules:  # grows
-            for field in fields(module):  # pyright: ignore[reportArgumentType]
-                value, wanted = getattr(module, field.name), cast(Any, field.type)
+        isinstance(known, sizes)
+        for part in modules:  # grows
+            for field in fields(part):  # pyright: ignore[reportArgumentType]
+                value, wanted = getattr(part, field.name), cast(Any, field.type)
+                if isinstance(value, tuple):
+                    members.extend(member for member in value if isinstance(member, eqx.Module))
+                    continue
+                if not isinstance(value, wanted):
+                    array = isinstance(value, Array)
+                    found = f"of shape {value.shape} ({value.dtype})" if array else repr(value)
+                    raise ValueError(
+                        f"{path} holds {field.name} {found}, which does not fit its other arrays, "
+                        f"expected ({getattr(wanted, 'dim_str', wanted)}): build the plan again."
+                    )
                 if isinstance(value, eqx.Module):
                     modules.append(value)
-                elif _is_list_of_modules(value):
-                    modules.extend(value)
-                elif isinstance(value, jax.Array) and not isinstance(value, wanted):
-                    raise ValueError(
-                        f"{path} holds {field.name} of shape {value.shape} ({value.dtype}), which "
-                        f"does not fit its other arrays, expected ({wanted.dim_str}): "
-                        "build the plan again."
-                    )
+    return members

@@ -8,6 +8,7 @@ from .pipeline import reconstruct
 from .polar_fourier import polar_fourier
 from .radial_transform import radial_transform, total_integrals
 from .radon import cosine_filter, offset_step, polar_fourier_of_projections, radon_projections
+from .stack import reconstruct_stack
 
 __all__ = [
     "DirectLayout",
@@ -24,5 +25,6 @@ __all__ = [
     "radon_projections",
     "reconstruct",
     "reconstruct_direct",
+    "reconstruct_stack",
     "total_integrals",
 ]

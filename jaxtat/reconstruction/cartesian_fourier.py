@@ -109,7 +109,7 @@ def lattice_spectrum(
 def polar_lines(
     fhat: Complex[Array, "images frequencies directions"],
     turn_back: Complex[Array, " directions"],
-) -> Float[Array, "images directions line"]:
+) -> Float[Array, "images lines line"]:
     """a + b on 3 n or a few more lines through the origin, from angle 0 on, ready for the kernel.
 
     Harmonics in the angle and offsets along the line are divided by the kernel's transform, and
@@ -121,7 +121,7 @@ def polar_lines(
         turn_back: exp(-i m theta_0), m = 0..directions-1, theta_0 the first angle.
 
     Returns:
-        (images, directions, 2 n), at lambda = 0, ..., n, -(n - 1), ..., -1 times d lambda.
+        (images, lines, 2 n), at lambda = 0, ..., n, -(n - 1), ..., -1 times d lambda.
     """
     n, n_given = fhat.shape[1] - 1, fhat.shape[2]
     turn = 4 * -(-3 * n // 2)

@@ -7,7 +7,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jax.sharding import Mesh
+from jaxtyping import Array, Bool, Complex, Float
 
 from ..checks import Numbers, data_array, is_concrete, real_array, require_x64
 from ..geometry import DetectorCurve, ImageGrid, Region
@@ -23,6 +24,7 @@ from ..harmonic import (
     polar_geometry,
     solve_harmonics,
 )
+from ..parallel import checked_mesh, replicated
 from ..problem import AccuracyWarning, polar_grid, require_boundary, require_problem
 from ..special import enough_orders, full_circle_norm
 from .inversion import invert, require_inversion
@@ -140,6 +142,7 @@ def reconstruct_direct(
     tolerance: float = 1e-10,
     inversion: str = "fbp",
     layout: DirectLayout | None = None,
+    mesh: Mesh | None = None,
 ) -> DirectReconstruction:
     """The image f from circular integrals g, with nothing computed beforehand.
 
@@ -165,6 +168,7 @@ def reconstruct_direct(
         inversion: "fbp" or "fourier", see `inversion.invert`.
         layout: of `direct_layout`; needed where the geometry is traced by `jax.jit`. It has
             decided max_frequency, n_directions and solver.
+        mesh: devices among which the frequencies are divided, see `jaxtat.parallel`.
 
     Returns:
         DirectReconstruction: image, and a report with ``converged``.
@@ -192,8 +196,9 @@ def reconstruct_direct(
     """
     require_x64()
     require_inversion(inversion)
+    mesh = checked_mesh(mesh)
     radii = real_array("radii", radii, ("radii",))
-    g = data_array(g, curve.n_detectors, radii.shape[0])
+    values = data_array(g, curve.n_detectors, radii.shape[0])
     if layout is None:
         layout = direct_layout(
             curve,
@@ -208,7 +213,8 @@ def reconstruct_direct(
     n = layout.n_frequencies
     eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
     geometry = polar_geometry(curve, region)
-    found = _direct(geometry, grid, radii, g, rule, eta, layout, tolerance, inversion)
+    arguments = replicated(_Arguments(geometry, grid, radii, values, rule, eta), mesh)
+    found = _direct(arguments, layout, tolerance, inversion, mesh)
     if is_concrete(found) and not found.converged:
         bad = ~np.asarray(found.report.converged)
         warnings.warn(
@@ -221,41 +227,80 @@ def reconstruct_direct(
     return found
 
 
-@eqx.filter_jit
+class _Arguments(eqx.Module):
+    """What is traced."""
+
+    geometry: PolarGeometry
+    grid: ImageGrid
+    radii: Float[Array, " radii"]
+    g: Float[Array, "*batch detectors radii"]
+    rule: AlphaRule
+    eta: Float[Array, " frequencies"]
+
+
 def _direct(
-    geometry: PolarGeometry,
-    grid: ImageGrid,
-    radii: Array,
-    g: Array,
-    rule: AlphaRule,
-    eta: Array,
-    layout: DirectLayout,
-    tolerance: float,
-    inversion: str,
+    given: _Arguments, layout: DirectLayout, tolerance: float, inversion: str, mesh: Mesh | None
 ) -> DirectReconstruction:
+    # several programs: as one, XLA has been seen to wait for ever with two devices on one CPU
+    data = _transformed(given, layout)
+    harmonics, report = _solve(given.geometry, data, layout, tolerance, mesh)
+    fhat = _polar_fourier(given, harmonics, layout)
+    step = jnp.asarray(layout.max_frequency / layout.n_frequencies)
+    center, angles = given.geometry.region.center, _angles(layout)
+    image = invert(fhat, step, angles, given.grid, center, given.eta, inversion)
+    return DirectReconstruction(image.reshape(*given.g.shape[:-2], *given.grid.shape), report)
+
+
+def _frequencies(layout: DirectLayout) -> Float[Array, " frequencies"]:
     n = layout.n_frequencies
-    step = layout.max_frequency / n * jnp.ones(())
-    frequencies = step * jnp.arange(1, n + 1)
-    angles = jnp.arange(layout.n_directions) * (jnp.pi / layout.n_directions)
-    images = g.reshape(-1, *g.shape[-2:])
-    transformed = radial_transform(images, radii, frequencies)
-    data = Data(
-        transformed=jnp.moveaxis(transformed, 1, 0),
-        noise_power=_noise_power(geometry, radii, frequencies),
-        unit_norm=_unit_norm(geometry, rule, frequencies, layout),
-        rule=rule,
+    return layout.max_frequency / n * jnp.arange(1, n + 1)
+
+
+def _angles(layout: DirectLayout) -> Float[Array, " directions"]:
+    return jnp.arange(layout.n_directions) * (jnp.pi / layout.n_directions)
+
+
+def _images(g: Float[Array, "*batch detectors radii"]) -> Float[Array, "images detectors radii"]:
+    return g.reshape(-1, *g.shape[-2:])
+
+
+@eqx.filter_jit
+def _transformed(given: _Arguments, layout: DirectLayout) -> Data:
+    """Step 2."""
+    frequencies = _frequencies(layout)
+    found = radial_transform(_images(given.g), given.radii, frequencies)
+    return Data(
+        transformed=jnp.moveaxis(found, 1, 0),
+        noise_power=_noise_power(given.geometry, given.radii, frequencies),
+        unit_norm=_unit_norm(given.geometry, given.rule, frequencies, layout),
+        rule=given.rule,
     )
-    harmonics, report = solve_harmonics(
-        geometry, frequencies, layout.groups, data, layout.solver, tolerance
+
+
+@eqx.filter_jit
+def _solve(
+    geometry: PolarGeometry, data: Data, layout: DirectLayout, tolerance: float, mesh: Mesh | None
+) -> tuple[Float[Array, "images frequencies 2 orders"], SolveReport]:
+    """Steps 1 and 3, up to the sum of the circular harmonics."""
+    frequencies = _frequencies(layout)
+    return solve_harmonics(
+        geometry, frequencies, layout.groups, data, layout.solver, tolerance, mesh
     )
+
+
+@eqx.filter_jit
+def _polar_fourier(
+    given: _Arguments, harmonics: Array, layout: DirectLayout
+) -> Complex[Array, "images all_frequencies directions"]:
+    """fhat on the polar grid, with frequency 0 in front."""
+    geometry, angles = given.geometry, _angles(layout)
     fhat = circular_harmonics_at(harmonics, angles - geometry.axis)
-    center = geometry.region.center
     if not geometry.disk:  # phases count from the region's centre, waves from the arc's
-        along = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1) @ (center - geometry.center)
-        fhat = fhat * jnp.exp(1j * frequencies[:, None] * along)
-    fhat = with_origin(fhat, total_integrals(images, radii), geometry.weights)
-    image = invert(fhat, step, angles, grid, center, eta, inversion)
-    return DirectReconstruction(image.reshape(*g.shape[:-2], *grid.shape), report)
+        directions = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
+        along = directions @ (geometry.region.center - geometry.center)
+        fhat = fhat * jnp.exp(1j * _frequencies(layout)[:, None] * along)
+    mass = total_integrals(_images(given.g), given.radii)
+    return with_origin(fhat, mass, geometry.weights)
 
 
 def _noise_power(geometry: PolarGeometry, radii: Array, frequencies: Array) -> Array:

@@ -1,5 +1,6 @@
 """Steps 4 and 5 together, by either of the two ways that the paper mentions."""
 
+import equinox as eqx
 from jaxtyping import Array, Complex, Float
 
 from ..geometry import ImageGrid
@@ -10,6 +11,7 @@ from .radon import offset_step, radon_projections
 INVERSIONS = ("fbp", "fourier")
 
 
+@eqx.filter_jit
 def invert(
     fhat: Complex[Array, "*batch frequencies directions"],
     frequency_step: Float[Array, ""],

@@ -5,9 +5,11 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.sharding import Mesh
 from jaxtyping import Array, Float
 
 from ..checks import Numbers, data_array, real_array
+from ..parallel import checked_mesh, map_shards, replicated
 from ..plan import ReconstructionPlan
 from .inversion import invert, require_inversion
 from .polar_fourier import polar_fourier
@@ -24,6 +26,7 @@ def reconstruct(
     *,
     low_pass: LowPass | None = None,
     inversion: str = "fbp",
+    mesh: Mesh | None = None,
 ) -> Float[Array, "*batch x1 x2"]:
     """The image f on the plan's grid from its circular integrals g.
 
@@ -35,6 +38,7 @@ def reconstruct(
         g: g(z, r) = ∫_{|x - z| = r} f dl, float32 or float64, (..., detectors, radii).
         low_pass: eta(lambda / lambda_max), for instance `cosine_filter`; none by default.
         inversion: "fbp", or "fourier": faster, see `inversion.invert`.
+        mesh: devices among which the images of a batch are divided, see `jaxtat.parallel`.
 
     Returns:
         (..., x1, x2), the unit of g per length.
@@ -44,17 +48,21 @@ def reconstruct(
 
     Source: Kunyansky 2008, section 3.
     """
-    g = data_array(g, plan.curve.n_detectors, plan.radii.shape[0])
+    data = data_array(g, plan.curve.n_detectors, plan.radii.shape[0])
     n = plan.frequencies.shape[0]
     if not (low_pass is None or callable(low_pass)):
         raise ValueError(f"low_pass is {low_pass!r}, expected a function such as cosine_filter.")
     eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
     require_inversion(inversion)
-    return _reconstruct(plan, g, eta, inversion)
+    mesh = checked_mesh(mesh)
+    plan, data, eta = replicated((plan, data, eta), mesh)
+    return _reconstruct(plan, data, eta, inversion, mesh)
 
 
 @eqx.filter_jit
-def _reconstruct(plan: ReconstructionPlan, g: Array, eta: Array, inversion: str) -> Array:
+def _reconstruct(
+    plan: ReconstructionPlan, g: Array, eta: Array, inversion: str, mesh: Mesh | None
+) -> Array:
     def of_group(g: Array) -> Array:
         transformed = radial_transform(g, plan.radii, plan.frequencies)
         mass = total_integrals(g, plan.radii)
@@ -63,24 +71,23 @@ def _reconstruct(plan: ReconstructionPlan, g: Array, eta: Array, inversion: str)
             fhat, plan.frequency_step, plan.angles, plan.grid, plan.region.center, eta, inversion
         )
 
-    return in_groups(of_group, g, IMAGES[inversion])
+    stack = g.reshape(-1, *g.shape[-2:])
+    images = map_shards(lambda part: in_groups(of_group, part, IMAGES[inversion]), stack, mesh)
+    return images.reshape(*g.shape[:-2], *plan.grid.shape)
 
 
-def in_groups(work: Callable[[Array], Array], g: Array, size: int) -> Array:
-    """``work`` on a stack of images, some at a time, so that what it needs besides stays bounded.
+def in_groups(work: Callable[[Array], Array], stack: Array, size: int) -> Array:
+    """``work`` on a stack of data, some at a time, so that what it needs besides stays bounded.
 
     Args:
-        work: (n, detectors, radii) -> (n, x1, x2), linear.
-        g: (..., detectors, radii).
-        size: the most images at a time; the last group is filled up with zeros.
+        work: (n, detectors, radii) -> (n, x1, x2), image by image.
+        stack: (n, detectors, radii).
+        size: the most at a time; the last group is filled up with zeros.
     """
-    images = g.reshape(-1, *g.shape[-2:])
-    n, n_groups = images.shape[0], -(-images.shape[0] // size)
+    n, n_groups = stack.shape[0], -(-stack.shape[0] // size)
     if n_groups <= 1:
-        found = work(images)
-    else:
-        size = -(-n // n_groups)
-        padded = jnp.pad(images, ((0, n_groups * size - n), (0, 0), (0, 0)))
-        found = jax.lax.map(work, padded.reshape(n_groups, size, *g.shape[-2:]))
-        found = found.reshape(-1, *found.shape[2:])[:n]
-    return found.reshape(*g.shape[:-2], *found.shape[1:])
+        return work(stack)
+    size = -(-n // n_groups)
+    padded = jnp.pad(stack, ((0, n_groups * size - n), (0, 0), (0, 0)))
+    found = jax.lax.map(work, padded.reshape(n_groups, size, *stack.shape[1:]))
+    return found.reshape(-1, *found.shape[2:])[:n]

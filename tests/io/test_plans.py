@@ -1,6 +1,7 @@
 """Plans through files: equal to the last bit, or refused with the reason."""
 
 import hashlib
+from dataclasses import replace
 
 import equinox as eqx
 import h5py
@@ -16,9 +17,11 @@ from jaxtat import (
     ImageGrid,
     NormBound,
     SingularValueCutoff,
+    Tikhonov,
     build_plan,
     circular_arc,
     data_radii,
+    detector_curve,
     phantoms,
     reconstruct,
     truncated_disk,
@@ -30,21 +33,51 @@ BLOCK = 512  # bytes of the user block, before the digest's range
 BELL = phantoms.Bells([[0.1, -0.2]], [0.6])
 
 
-@pytest.fixture(scope="module")
-def tiny_plan():
-    """Closed form on 16 detectors: a plan of a few kilobytes."""
-    curve, region, grid = circular_arc(1.3, 1.3, 16), truncated_disk(0.8, 0.8, 32), ImageGrid(5)
-    radii = data_radii(curve, region, 0.5)
-    return build_plan(
-        curve, region, grid, radii, method="series", max_frequency=4, n_directions=4, progress=False
-    )
+TINY = {"max_frequency": 5, "n_directions": 4, "progress": False}
+
+
+def tiny(curve, method):
+    """A plan of a few ten kilobytes, for three frequencies and four directions."""
+    region, grid = truncated_disk(0.8, 0.8, 48), ImageGrid(5)
+    return build_plan(curve, region, grid, data_radii(curve, region, 0.5), method=method, **TINY)
 
 
 @pytest.fixture(scope="module")
-def tiny_file(tiny_plan, tmp_path_factory):
-    path = tmp_path_factory.mktemp("tiny") / "plan.h5"
-    save_plan(tiny_plan, path)
-    return path
+def plans():
+    """One for every kind of densities and curve: in closed form, by collocation, in waves."""
+    arc = circular_arc(1.3, 1.0, 16)
+    return {
+        "series": tiny(circular_arc(1.3, 1.3, 16), "series"),
+        "collocation": tiny(detector_curve(arc.points), "collocation"),
+        "harmonic": tiny(arc, "harmonic"),
+    }
+
+
+@pytest.fixture(scope="module")
+def files(plans, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tiny")
+    for name, plan in plans.items():
+        save_plan(plan, folder / f"{name}.h5")
+    return {name: folder / f"{name}.h5" for name in plans}
+
+
+KINDS = ("harmonic", "collocation")
+
+
+@pytest.fixture(params=KINDS)
+def kind(request):
+    """Plans whose densities are rows of waves, in a tuple of groups, or samples."""
+    return request.param
+
+
+@pytest.fixture
+def tiny_plan(plans, kind):
+    return plans[kind]
+
+
+@pytest.fixture
+def tiny_file(files, kind):
+    return files[kind]
 
 
 def differences(one, two):
@@ -67,35 +100,44 @@ def seal(path):
     """Give a changed file the digest that goes with it: the format, spelled out once more."""
     content = path.read_bytes()
     digest = hashlib.blake2b(content[BLOCK:]).hexdigest()
-    line = f"jaxtat plan 1 {digest}\n".encode()
+    line = f"jaxtat plan 2 {digest}\n".encode()
     path.write_bytes(line + content[len(line) :])
 
 
-def test_a_plan_comes_back_to_the_last_bit_and_gives_the_same_image(small_plan, tmp_path):
-    path = tmp_path / "plan.h5"
-    save_plan(small_plan, path)
+@pytest.fixture(scope="module")
+def medium_plans(small, small_plan):
+    return {
+        "harmonic": small_plan,
+        "collocation": build_plan(*small, method="collocation", progress=False),
+    }
+
+
+def test_a_plan_comes_back_to_the_last_bit_and_gives_the_same_image(medium_plans, kind, tmp_path):
+    path, plan = tmp_path / "plan.h5", medium_plans[kind]
+    save_plan(plan, path)
     loaded = load_plan(path)
-    assert differences(loaded, small_plan) == []
+    assert differences(loaded, plan) == []
     assert loaded.curve.closed is False
     assert loaded.grid.shape == (33, 33)
     assert all(type(size) is int for size in loaded.grid.shape)
-    assert np.array_equal(loaded.grid.points, small_plan.grid.points)
-    g = BELL.circular_integrals(small_plan.curve, small_plan.radii)
-    assert np.array_equal(reconstruct(loaded, g), reconstruct(small_plan, g))
+    assert np.array_equal(loaded.grid.points, plan.grid.points)
+    g = BELL.circular_integrals(plan.curve, plan.radii)
+    assert np.array_equal(reconstruct(loaded, g), reconstruct(plan, g))
 
 
-def test_single_precision_halves_the_densities_and_keeps_six_digits(small_plan, tmp_path):
-    whole, half = tmp_path / "whole.h5", tmp_path / "half.h5"
-    save_plan(small_plan, whole)
-    save_plan(small_plan, half, precision="single")
+def test_single_precision_halves_the_densities_and_keeps_six_digits(medium_plans, kind, tmp_path):
+    whole, half, plan = tmp_path / "whole.h5", tmp_path / "half.h5", medium_plans[kind]
+    save_plan(plan, whole)
+    save_plan(plan, half, precision="single")
+    large = jax.tree.leaves(plan.densities.groups if kind == "harmonic" else plan.densities)
     saved = whole.stat().st_size - half.stat().st_size
-    assert abs(saved - small_plan.densities.nbytes / 2) < 4096
+    assert abs(saved - sum(leaf.nbytes for leaf in large) / 2) < 4096
     loaded = load_plan(half)
-    assert loaded.densities.dtype == jnp.complex64
-    others = eqx.tree_at(lambda plan: plan.densities, loaded, small_plan.densities)
-    assert differences(others, small_plan) == []
-    g = BELL.circular_integrals(small_plan.curve, small_plan.radii)
-    exact = reconstruct(small_plan, g)
+    assert differences(loaded.densities, plan.densities.in_single_precision()) == []
+    others = eqx.tree_at(lambda plan: plan.densities, loaded, plan.densities)
+    assert differences(others, plan) == []
+    g = BELL.circular_integrals(plan.curve, plan.radii)
+    exact = reconstruct(plan, g)
     error = float(jnp.abs(reconstruct(loaded, g) - exact).max() / jnp.abs(exact).max())
     assert 0 < error < 1e-6
     again = tmp_path / "again.h5"
@@ -110,11 +152,12 @@ def test_single_precision_halves_the_densities_and_keeps_six_digits(small_plan, 
         NormBound(1 / 3, fractional=False),
         FixedRank(20.25),
         SingularValueCutoff(1e-7),
+        Tikhonov(1e-9),
         None,
     ],
 )
-def test_every_regularization_comes_back(tiny_plan, tmp_path, rule):
-    plan = eqx.tree_at(lambda p: p.regularization, tiny_plan, rule, is_leaf=lambda x: x is None)
+def test_every_regularization_comes_back(plans, tmp_path, rule):
+    plan = eqx.tree_at(lambda p: p.regularization, plans["harmonic"], rule)
     save_plan(plan, tmp_path / "plan.h5")
     loaded = load_plan(tmp_path / "plan.h5")
     assert differences(loaded, plan) == []
@@ -123,12 +166,52 @@ def test_every_regularization_comes_back(tiny_plan, tmp_path, rule):
         assert loaded.regularization.fractional is rule.fractional
 
 
-def test_a_series_plan_comes_back(tiny_plan, tiny_file):
-    loaded = load_plan(tiny_file)
-    assert differences(loaded, tiny_plan) == []
+def test_a_series_plan_comes_back(plans, files):
+    loaded = load_plan(files["series"])
+    assert differences(loaded, plans["series"]) == []
     assert loaded.regularization is None
     assert loaded.curve.closed is True
-    assert loaded.report.singular_values.shape == (tiny_plan.frequencies.shape[0], 0)
+    assert loaded.report.singular_values.shape == (plans["series"].frequencies.shape[0], 0)
+
+
+def test_every_kind_of_part_comes_back_as_itself(plans, files):
+    """Curves that are arcs stay arcs; groups come back in order, each with sizes of its own."""
+    for name, plan in plans.items():
+        loaded = load_plan(files[name])
+        assert differences(loaded, plan) == []
+        assert type(loaded.curve) is type(plan.curve)
+        assert type(loaded.densities) is type(plan.densities)
+    groups = loaded.densities.groups
+    assert len({group.rows.shape[-2] for group in groups}) == len(groups) == 3
+    assert type(loaded.densities.mirror) is bool
+    assert type(loaded.curve.n) is int
+
+
+def test_groups_of_different_lengths_and_more_than_ten_come_back_in_order(plans, tmp_path):
+    """Names of members are sorted as text in the file, 0, 1, 10, 11, 2: not so when read."""
+    plan, numbers = plans["harmonic"], range(12)
+    densities = plan.densities
+    grown = eqx.tree_at(
+        lambda d: (d.groups, d.phases),
+        densities,
+        (
+            tuple(
+                jax.tree.map(lambda a, k=k: (k + 1) * a, densities.groups[k % 3]) for k in numbers
+            ),
+            jnp.tile(densities.phases, (4, 1)),
+        ),
+    )
+    repeated = [
+        jnp.tile(leaf, (4, *[1] * (leaf.ndim - 1))) for leaf in jax.tree.leaves(plan.report)
+    ]
+    report = jax.tree.unflatten(jax.tree.structure(plan.report), repeated)
+    larger = eqx.tree_at(
+        lambda p: (p.densities, p.report, p.frequencies),
+        plan,
+        (grown, report, jnp.arange(1.0, 13.0)),
+    )
+    save_plan(larger, tmp_path / "plan.h5")
+    assert differences(load_plan(tmp_path / "plan.h5"), larger) == []
 
 
 def test_arrays_of_numpy_are_saved_too(tiny_plan, tmp_path):
@@ -144,7 +227,7 @@ def test_a_file_of_one_plan_is_replaced_by_another(tiny_plan, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["plan.h5"]
 
 
-def test_nothing_in_a_file_is_pickled(tiny_file):
+def test_nothing_in_a_file_is_pickled(tiny_file, kind):
     kinds = set()
 
     def look(name, item):
@@ -153,15 +236,18 @@ def test_nothing_in_a_file_is_pickled(tiny_file):
             kinds.add(item.dtype.kind)
 
     with h5py.File(tiny_file, "r") as file:
-        kinds_of_names = {type(file["plan"].attrs["kind"])}
+        groups = [file["plan"]]
         file["plan"].visititems(
-            lambda name, item: look(name, item) if isinstance(item, h5py.Dataset) else None
+            lambda name, item: (
+                look(name, item) if isinstance(item, h5py.Dataset) else groups.append(item)
+            )
         )
-        groups = ["plan", *(f"plan/{k}" for k, v in file["plan"].items() if hasattr(v, "keys"))]
-        attributes = [value for group in groups for value in file[group].attrs.values()]
+        attributes = [value for group in groups for value in group.attrs.values()]
+        names = {type(group.attrs["kind"]) for group in groups if "kind" in group.attrs}
     assert kinds == {"f", "c"}
-    assert kinds_of_names == {str}
-    assert {type(value) for value in attributes} == {str, np.bool_, np.ndarray, h5py.Empty}
+    assert names == {str}
+    sizes = {np.int64} if kind == "harmonic" else set()  # the number of an arc's detectors
+    assert {type(value) for value in attributes} == {str, np.bool_, np.ndarray} | sizes
     assert {v.dtype.kind for v in attributes if isinstance(v, np.ndarray)} == {"i"}
 
 
@@ -190,16 +276,14 @@ def test_a_failing_write_leaves_the_old_file_and_no_other(
 class Everything(Regularization):
     """A rule that files do not know."""
 
-    def factors(self, sigma, size, unit_norm):
+    def factors(self, sigma, size, unit_norm, largest):
         return jnp.ones_like(size)
 
 
 def test_what_cannot_be_saved_is_refused_and_leaves_no_file(tiny_plan, tmp_path):
     with pytest.raises(ValueError, match="'half', expected 'as is' or 'single'"):
         save_plan(tiny_plan, tmp_path / "a.h5", precision="half")
-    plan = eqx.tree_at(
-        lambda p: p.regularization, tiny_plan, Everything(), is_leaf=lambda x: x is None
-    )
+    plan = eqx.tree_at(lambda p: p.regularization, tiny_plan, Everything())
     with pytest.raises(ValueError, match="Everything cannot be saved"):
         save_plan(plan, tmp_path / "a.h5")
     with pytest.raises(ValueError, match="no folder"):
@@ -225,9 +309,11 @@ def test_truncated_files_are_refused(tiny_file, tmp_path, kept):
         load_plan(path)
 
 
-@given(st.data())
+@pytest.mark.parametrize("kind", KINDS)
+@given(data=st.data())
 @settings(deadline=None, max_examples=200)
-def test_a_wrong_byte_anywhere_is_refused_or_changes_nothing(tiny_plan, tiny_file, data):
+def test_a_wrong_byte_anywhere_is_refused_or_changes_nothing(plans, files, kind, data):
+    tiny_plan, tiny_file = plans[kind], files[kind]
     content = bytearray(tiny_file.read_bytes())
     last = len(content) - 1
     places = [st.integers(0, 200), st.integers(0, BLOCK + 2000), st.integers(0, last)]
@@ -244,11 +330,13 @@ def test_a_wrong_byte_anywhere_is_refused_or_changes_nothing(tiny_plan, tiny_fil
     assert differences(loaded, tiny_plan) == []
 
 
-@given(st.data())
+@pytest.mark.parametrize("kind", KINDS)
+@given(data=st.data())
 @settings(deadline=None, max_examples=30)
-def test_a_wrong_byte_in_the_densities_is_refused(tiny_plan, tiny_file, data):
-    content = bytearray(tiny_file.read_bytes())
-    densities = np.asarray(tiny_plan.densities).tobytes()
+def test_a_wrong_byte_in_the_densities_is_refused(plans, files, kind, data):
+    tiny_file, content = files[kind], bytearray(files[kind].read_bytes())
+    leaves = [leaf for leaf in jax.tree.leaves(plans[kind].densities) if leaf.size]
+    densities = np.asarray(data.draw(st.sampled_from(leaves), label="array")).tobytes()
     start = content.find(densities)
     assert start > BLOCK
     offset = start + data.draw(st.integers(0, len(densities) - 1), label="offset")
@@ -268,79 +356,229 @@ def test_other_files_are_refused(tmp_path):
         file["image"] = np.ones((3, 3))
     with pytest.raises(ValueError, match=r"other\.h5 is not a jaxtat plan"):
         load_plan(path)
-    path.write_bytes(b"jaxtat plan 1 " + hashlib.blake2b(b"text").hexdigest().encode() + b"\n")
+    path.write_bytes(b"jaxtat plan 2 " + hashlib.blake2b(b"text").hexdigest().encode() + b"\n")
     path.write_bytes(path.read_bytes().ljust(BLOCK, b"\0") + b"text")
     with pytest.raises(ValueError, match=r"other\.h5 holds a plan that this jaxtat cannot read"):
         load_plan(path)
 
 
-def test_another_version_is_refused(tiny_file, tmp_path):
-    path = tmp_path / "later.h5"
-    path.write_bytes(tiny_file.read_bytes().replace(b"jaxtat plan 1 ", b"jaxtat plan 2 ", 1))
-    with pytest.raises(ValueError, match=r"later\.h5 .* version '2', this jaxtat reads version 1"):
+@pytest.mark.parametrize("version", [1, 3])
+def test_another_version_is_refused(tiny_file, tmp_path, version):
+    path, line = tmp_path / "other.h5", f"jaxtat plan {version} ".encode()
+    path.write_bytes(tiny_file.read_bytes().replace(b"jaxtat plan 2 ", line, 1))
+    message = (
+        rf"other\.h5 .* version '{version}', this jaxtat reads version 2: build the plan again"
+    )
+    with pytest.raises(ValueError, match=message):
         load_plan(path)
 
 
+def altered(source, path, change):
+    """A copy of a file whose plan was changed and that was sealed again."""
+    path.write_bytes(source.read_bytes())
+    with h5py.File(path, "r+") as file:
+        change(file["plan"])
+    seal(path)
+    return path
+
+
+EITHER = ["densities", "radii", "report/residual", "region", "region/points", "grid"]
+MISSING = {
+    "collocation": [*EITHER, "curve/weights", "densities/values"],
+    "harmonic": [
+        *EITHER,
+        "curve/half_opening",
+        "densities/groups",
+        "densities/phases",
+        "densities/groups/1/rows",
+        "densities/groups/2/extra",
+    ],
+}
+
+
 @pytest.mark.parametrize(
-    "missing", ["densities", "radii", "curve/weights", "report/residual", "region", "grid"]
+    ("kind", "missing"), [(kind, part) for kind in KINDS for part in MISSING[kind]]
 )
 def test_a_missing_part_is_refused(tiny_file, tmp_path, missing):
-    path = tmp_path / "part.h5"
-    path.write_bytes(tiny_file.read_bytes())
-    with h5py.File(path, "r+") as file:
-        del file["plan"][missing]
-    seal(path)
+    def remove(plan):
+        del plan[missing]
+
+    path = altered(tiny_file, tmp_path / "part.h5", remove)
     with pytest.raises(ValueError, match=rf"part\.h5 .*{missing.split('/')[-1]}"):
         load_plan(path)
 
 
+@pytest.mark.parametrize("gone", ["0", "1", "2"])
+def test_a_missing_member_of_a_tuple_is_refused(files, tmp_path, gone):
+    """Be it the first, one between, or the last: those that are left do not pass for all."""
+
+    def remove(plan):
+        del plan["densities/groups"][gone]
+
+    path = altered(files["harmonic"], tmp_path / "part.h5", remove)
+    with pytest.raises(ValueError, match=r"part\.h5 .*build the plan again"):
+        load_plan(path)
+
+
 @pytest.mark.parametrize(
-    ("group", "name", "value"),
-    [("curve", "closed", None), ("", "regularization", None), ("region", "kind", "Heptagon")],
+    ("kind", "group", "name", "value"),
+    [
+        ("collocation", "curve", "closed", None),
+        ("collocation", "region", "kind", "Heptagon"),
+        ("collocation", "region", "whole", None),
+        ("collocation", "densities", "kind", None),
+        ("harmonic", "curve", "closed", None),
+        ("harmonic", "curve", "n", None),
+        ("harmonic", "densities", "mirror", None),
+        ("harmonic", "densities/groups/1", "kind", "Heptagon"),
+        ("harmonic", "regularization", "fractional", None),
+        ("series", "", "regularization", None),
+    ],
 )
-def test_a_missing_or_unknown_attribute_is_refused(tiny_file, tmp_path, group, name, value):
-    path = tmp_path / "part.h5"
-    path.write_bytes(tiny_file.read_bytes())
-    with h5py.File(path, "r+") as file:
-        attributes = file[f"plan/{group}"].attrs
+def test_a_missing_or_unknown_attribute_is_refused(files, tmp_path, kind, group, name, value):
+    def change(plan):
+        attributes = plan[group].attrs if group else plan.attrs
         del attributes[name]
         if value is not None:
             attributes[name] = value
-    seal(path)
-    with pytest.raises(ValueError, match=rf"part\.h5 .*{value or name}"):
+
+    path = altered(files[kind], tmp_path / "part.h5", change)
+    with pytest.raises(ValueError, match=rf"part\.h5 .*(build the plan again|{value or name})"):
+        load_plan(path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "group", "name", "value"),
+    [
+        ("harmonic", "", "kind", "NormBound"),
+        ("harmonic", "curve", "kind", "ImageGrid"),
+        ("harmonic", "region", "kind", "ImageGrid"),
+        ("harmonic", "densities", "mirror", "yes"),
+        ("harmonic", "curve", "n", 16.5),
+        ("collocation", "curve", "closed", 0.5),
+    ],
+)
+def test_a_part_of_the_wrong_kind_is_refused(files, tmp_path, kind, group, name, value):
+    """Even if the file's parts are whole: what a plan needs is written in its annotations."""
+
+    def change(plan):
+        part = plan[group] if group else plan
+        if value == "NormBound":
+            plan.move("regularization/K", "K")
+            part.attrs["fractional"] = True
+        if value == "ImageGrid":
+            for field in ("half_width", "center"):
+                if field not in part:
+                    part[field] = np.ones(2)
+            part.attrs["shape"] = [5, 5]
+        part.attrs[name] = value
+
+    path = altered(files[kind], tmp_path / "kind.h5", change)
+    with pytest.raises(ValueError, match=r"kind\.h5 holds"):
         load_plan(path)
 
 
 def test_a_resealed_file_is_read(tiny_plan, tiny_file, tmp_path):
     """The refusals above come from what was changed, not from the sealing."""
-    path = tmp_path / "same.h5"
-    path.write_bytes(tiny_file.read_bytes())
-    with h5py.File(path, "r+") as file:
-        file["plan/radii"][...] *= 1.0
-    seal(path)
+
+    def rewrite(plan):
+        plan["radii"][...] *= 1.0
+
+    path = altered(tiny_file, tmp_path / "same.h5", rewrite)
     assert differences(load_plan(path), tiny_plan) == []
 
 
 @pytest.mark.parametrize(
     ("part", "shorten"),
     [
-        (lambda p: p.densities, lambda a: a[..., :-1]),
-        (lambda p: p.densities, lambda a: a[:, :, :1]),
-        (lambda p: p.densities, lambda a: a[0]),
         (lambda p: p.frequencies, lambda a: a[:-1]),
         (lambda p: p.angles, lambda a: a[:-1]),
-        (lambda p: p.curve.points, lambda a: a[:-1]),
-        (lambda p: p.curve.weights, lambda a: a[:-1]),
-        (lambda p: p.curve.normals, lambda a: a[:-1]),
         (lambda p: p.region.normals, lambda a: a[:-1]),
         (lambda p: p.region.center, lambda a: a[:-1]),
         (lambda p: p.radii, lambda a: a[None]),
+        (lambda p: p.report.residual, lambda a: a[:, 1:]),
+        (lambda p: p.report, lambda r: jax.tree.map(lambda a: a[1:], r)),
     ],
 )
 def test_arrays_that_do_not_fit_each_other_are_refused(tiny_plan, tmp_path, part, shorten):
-    save_plan(eqx.tree_at(part, tiny_plan, shorten(part(tiny_plan))), tmp_path / "odd.h5")
+    require_misfit(tiny_plan, tmp_path, part, shorten)
+
+
+@pytest.mark.parametrize(
+    ("part", "shorten"),
+    [
+        (lambda p: p.densities.values, lambda a: a[..., :-1]),
+        (lambda p: p.densities.values, lambda a: a[:, :, :1]),
+        (lambda p: p.densities.values, lambda a: a[:, :1]),
+        (lambda p: p.densities.values, lambda a: a[:1]),
+        (lambda p: p.densities.values, lambda a: a[0]),
+        (lambda p: p.densities.values, lambda a: a.real),
+        (lambda p: p.curve.points, lambda a: a[:-1]),
+        (lambda p: p.curve.weights, lambda a: a[:-1]),
+        (lambda p: p.curve.normals, lambda a: a[:-1]),
+        (lambda p: p.curve, lambda c: jax.tree.map(lambda a: a[:-1], c)),
+    ],
+)
+def test_samples_that_do_not_fit_are_refused(plans, tmp_path, part, shorten):
+    require_misfit(plans["collocation"], tmp_path, part, shorten)
+
+
+@pytest.mark.parametrize(
+    ("part", "shorten"),
+    [
+        # of a member against its own other arrays
+        (lambda p: p.densities.groups[0].rows, lambda a: a[0]),
+        (lambda p: p.densities.groups[1].rows, lambda a: a[..., :-1]),
+        (lambda p: p.densities.groups[1].rows, lambda a: a[:0]),
+        (lambda p: p.densities.groups[2].rows, lambda a: a[:, :1]),
+        (lambda p: p.densities.groups[2].extra, lambda a: a[..., 1:, :]),
+        (lambda p: p.densities.groups[1].extra, lambda a: a.real),
+        # of a member against the other parts of the plan
+        (lambda p: p.densities.groups[1].extra, lambda a: a[..., :1]),
+        (lambda p: p.densities.groups[1].extra, lambda a: a[..., 1:]),
+        (lambda p: p.densities.groups[2], lambda g: jax.tree.map(lambda a: a[:, :1], g)),
+        (lambda p: p.densities.groups[0], lambda g: twice_the_frequencies(g)),
+        (lambda p: p.densities.groups[2], lambda g: twice_the_frequencies(g)),
+        (lambda p: p.densities.groups[0], lambda g: half_the_columns(g)),
+        (lambda p: p.densities.groups, lambda groups: groups[:-1]),
+        (lambda p: p.densities.groups, lambda groups: groups[:1]),
+        (lambda p: p.densities.groups, lambda groups: (*groups, groups[-1])),
+        (lambda p: p.densities.groups, lambda groups: tuple(map(one_block, groups))),
+        (lambda p: p.densities.phases, lambda a: a[:-1]),
+        (lambda p: p.densities.phases, lambda a: a[:1]),
+        (lambda p: p.densities.phases, lambda a: a[:, :1]),
+        (lambda p: p.densities.angles, lambda a: a[:-1]),
+        (lambda p: p.densities.angles, lambda a: a[:1]),
+        (lambda p: p.curve.center, lambda a: a[:-1]),
+        (lambda p: p.curve.radius, lambda a: a[None]),
+        # one less has the same sizes: one of its mirrored halves would be on the axis
+        (lambda p: p.curve, lambda c: replace(c, n=c.n + 1)),
+        (lambda p: p.curve, lambda c: replace(c, n=c.n - 2)),
+        (lambda p: p.densities, lambda d: replace(d, mirror=not d.mirror)),
+    ],
+)
+def test_rows_of_waves_that_do_not_fit_are_refused(plans, tmp_path, part, shorten):
+    require_misfit(plans["harmonic"], tmp_path, part, shorten)
+
+
+def twice_the_frequencies(group):
+    return jax.tree.map(lambda a: jnp.concatenate([a, a]), group)
+
+
+def half_the_columns(group):
+    n = group.rows.shape[-1] // 2
+    rows, extra_rows = group.rows[..., :n], group.extra_rows[..., :n]
+    return eqx.tree_at(lambda g: (g.rows, g.extra_rows), group, (rows, extra_rows))
+
+
+def one_block(group):
+    return jax.tree.map(lambda a: a[:, :1], group)
+
+
+def require_misfit(plan, folder, part, shorten):
+    save_plan(eqx.tree_at(part, plan, shorten(part(plan))), folder / "odd.h5")
     with pytest.raises(ValueError, match=r"odd\.h5 .*shape"):
-        load_plan(tmp_path / "odd.h5")
+        load_plan(folder / "odd.h5")
 
 
 def test_plans_are_not_loaded_in_32_bits(tiny_file):

@@ -7,6 +7,7 @@ import scipy.special as sp
 from jax.test_util import check_grads
 
 from jaxtat import ImageGrid, circular_arc, cosine_filter, phantoms
+from jaxtat.densities import SampledDensities
 from jaxtat.reconstruction import (
     filtered_back_projection,
     offset_step,
@@ -50,13 +51,15 @@ def test_polar_fourier_is_the_weighted_sum_it_states():
     densities = jnp.asarray(rng.standard_normal((3, 5, 2, 24)) + 1j)
     mass = jnp.asarray(rng.standard_normal((2, 24)))
     weights = jnp.asarray(rng.uniform(0.5, 1, 24))
-    found = polar_fourier(transformed, densities, weights, mass)
+    found = polar_fourier(transformed, SampledDensities(densities), weights, mass)
     assert found.shape == (2, 4, 5)
     exact = np.einsum("k,bfjk,fdjk->bfd", weights, transformed, densities) / (2 * np.pi)
     assert np.allclose(found[:, 1:], exact)
     mean = np.asarray(mass) @ np.asarray(weights) / np.asarray(weights).sum() / (2 * np.pi)
     assert np.allclose(found[:, 0], mean[:, None])
-    single = polar_fourier(transformed, densities.astype(jnp.complex64), weights, mass)
+    half = SampledDensities(densities).in_single_precision()
+    assert half.values.dtype == jnp.complex64
+    single = polar_fourier(transformed, half, weights, mass)
     assert single.dtype == jnp.complex128
     assert np.allclose(single, found, atol=1e-5)
 
@@ -102,7 +105,8 @@ def test_derivatives_of_every_step():
     @on_arrays
     def fhat(transformed, real, imaginary, weights, g):
         mass = total_integrals(g, radii)
-        values = polar_fourier(transformed, real + 1j * imaginary, weights, mass)
+        densities = SampledDensities(real + 1j * imaginary)
+        values = polar_fourier(transformed, densities, weights, mass)
         return values.real, values.imag
 
     check_grads(fhat, (transformed, rho, rho[::-1], weights, g), **both)

@@ -13,7 +13,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from jaxtat.special import full_circle_norm, hankel_sequence, j0, j1, y0, y1
+from jaxtat.special import (
+    decay_steps,
+    full_circle_norm,
+    hankel_sequence,
+    j0,
+    j1,
+    scaled_hankel_sequence,
+    y0,
+    y1,
+)
 
 mp.mp.dps = 30
 CAP = {jnp.float64: 1e150, jnp.float32: 1e18}
@@ -195,6 +204,78 @@ def test_wronskian(x):
     free = (y[1:] > -1e150) & (j[1:] > 1e-290)
     wronskian = (j[1:] * y[:-1] - j[:-1] * y[1:]) * np.pi * x / 2
     np.testing.assert_allclose(wronskian[free], 1.0, rtol=1e-13)  # 3e-14
+
+
+# arguments lambda |x| <= lambda R < lambda |z|: Delta_n belongs to the second
+SCALED = jnp.array([[0.005, 0.01, 0.013], [3.0, 4.0, 5.2], [0.1, 200.0, 300.0]])
+
+
+def test_products_of_scaled_orders_where_factors_under_and_overflow():
+    """J_n(x) Y_n(z) and J_n(R) Y_n(z) to 1e-12, though J_n alone is 0 and Y_n infinite."""
+    orders = [0, 1, 2, 5, 9, 50, 199, 200, 201, 250, 400]
+    steps = decay_steps(400, SCALED[:, 1])
+    j, y = scaled_hankel_sequence(SCALED.T, steps[:, None])
+    assert j.shape == y.shape == (401, 3, 3)
+    plain_j, plain_y = hankel_sequence(400, SCALED.T)
+    assert (plain_j[400, 1, :2] == 0).all() and (plain_y[400, 2, :2] == -1e150).all()
+    for n in orders:
+        for k, (x, rim, z) in enumerate(np.asarray(SCALED)):
+            exact_y = mp.bessely(n, mp.mpf(z))
+            for place, argument in ((0, x), (1, rim)):
+                expected = mp.besselj(n, mp.mpf(argument)) * exact_y
+                error = abs(float(j[n, place, k]) * float(y[n, 2, k]) - expected)
+                # near zeros of an oscillating factor errors are relative to its amplitude
+                size = abs(expected) + (0.01 if n <= z else 0)
+                assert error <= 1e-12 * size + 1e-300, (n, argument, z)
+
+
+def test_decay_steps_against_mpmath():
+    """J_n / J_{n-1} beyond n = x, one up to there; never above one."""
+    for x in (0.01, 4.0, 200.0):
+        steps = np.asarray(decay_steps(260, jnp.array(x)))
+        assert steps.shape == (261,) and (steps > 0).all() and (steps <= 1).all()
+        np.testing.assert_array_equal(steps[: int(x) + 1], 1.0)
+        for n in (int(x) + 1, int(x) + 2, 210, 260):
+            ratio = mp.besselj(n, mp.mpf(x)) / mp.besselj(n - 1, mp.mpf(x))
+            np.testing.assert_allclose(steps[n], float(ratio), rtol=1e-13)
+
+
+def test_scaled_derivatives():
+    """Forward and reverse mode against differences, at scales that are held fixed."""
+    x = jnp.array([1.3, 4.0, 11.0])
+    steps = decay_steps(12, 0.8 * x)
+
+    def function(x):
+        j, y = scaled_hankel_sequence(x, steps)
+        return (j[3:] * y[3:]).sum(), j.sum(), (y / (1 + y**2)).sum()
+
+    check_grads(jax.jit(function), (x,), order=1, modes=("fwd", "rev"), atol=1e-6, rtol=1e-6)
+
+
+def test_scales_are_constants_that_drop_out():
+    """Moving R moves the scales; products J Y do not feel it and have the right derivatives."""
+    n_max, radius, distance = 120, 1.0, 1.3
+
+    def product(parameters):
+        lam, radius, distance = parameters
+        steps = decay_steps(n_max, lam * radius)
+        j, _ = scaled_hankel_sequence(lam * radius, steps)
+        _, y = scaled_hankel_sequence(lam * distance, steps)
+        return j * y
+
+    point = jnp.array([5.0, radius, distance])
+    forward, reverse = jax.jacfwd(product)(point), jax.jacrev(product)(point)
+    np.testing.assert_allclose(forward, reverse, rtol=1e-11, atol=1e-20)
+
+    def exact(n, lam, radius, distance):
+        return mp.besselj(n, lam * radius) * mp.bessely(n, lam * distance)
+
+    for n in (0, 4, 6, 30, 120):
+        for i in range(3):
+            order = [0, 0, 0]
+            order[i] = 1
+            slope = mp.diff(lambda *a, n=n: exact(n, *a), tuple(map(float, point)), tuple(order))
+            np.testing.assert_allclose(forward[n, i], float(slope), rtol=1e-11)
 
 
 def exact_norm(frequency, radius):

@@ -1,0 +1,115 @@
+"""Every stage and the whole, by size; single images and batches of 64."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from problems import problem
+
+from jaxtat import build_plan, reconstruct, reconstruct_direct
+from jaxtat.harmonic import polar_geometry, wave_table
+from jaxtat.reconstruction import radial_transform
+from jaxtat.reconstruction.direct import direct_layout
+from jaxtat.reconstruction.inversion import invert
+
+SIZES = [65, 129, 257, 513]
+BATCH = 64
+
+
+@pytest.mark.parametrize("n", SIZES)
+def bench_radial_transform(measure, n):
+    case = problem(n)
+    frequencies = jnp.pi / 2 * jnp.arange(1, n)
+    measure(lambda: radial_transform(case.g, case.radii, frequencies), n=n)
+
+
+@pytest.mark.parametrize("n", SIZES)
+def bench_wave_table(measure, n):
+    case = problem(n)
+    layout = direct_layout(*case.where)
+    frequencies = layout.max_frequency / layout.n_frequencies * jnp.arange(1, n)
+    geometry = polar_geometry(case.curve, case.region)
+    measure(lambda: wave_table(geometry, frequencies, layout.groups[-1][-1]).steps, n=n)
+
+
+@pytest.mark.parametrize("inversion", ["fbp", "fourier"])
+@pytest.mark.parametrize("images", [1, BATCH])
+@pytest.mark.parametrize("n", SIZES)
+def bench_inversion(measure, n, images, inversion):
+    if n > 129 and images > 1:
+        pytest.skip("batches are measured at the paper's size")
+    case = problem(n)
+    layout = direct_layout(*case.where)
+    angles = jnp.arange(layout.n_directions) * jnp.pi / layout.n_directions
+    step = jnp.asarray(layout.max_frequency / layout.n_frequencies)
+    fhat = case.phantom.fourier(step * jnp.arange(n), angles)
+    stack = jnp.broadcast_to(fhat, (images, *fhat.shape))
+    eta, center = jnp.ones(n), jnp.zeros(2)
+    measure(
+        lambda: invert(stack, step, angles, case.grid, center, eta, inversion),
+        n=n,
+        images=images,
+        error=lambda image: case.error(image[0]),
+        rounds=3 if n > 257 else 7,
+    )
+
+
+@pytest.mark.parametrize("inversion", ["fbp", "fourier"])
+@pytest.mark.parametrize("solver", ["cholesky", "cg"])
+@pytest.mark.parametrize("n", [*SIZES, 1025])
+def bench_direct(measure, n, solver, inversion):
+    if n > 257 and (inversion == "fbp") != (n == 513 and solver == "cholesky"):
+        pytest.skip("large sizes: the Fourier sum, and back-projection once")
+    case = problem(n)
+    alpha, tolerance = (1e-12, 1e-10) if solver == "cholesky" else (1e-8, 1e-10)
+    measure(
+        lambda: (
+            reconstruct_direct(
+                *case.where, case.g, alpha, solver=solver, inversion=inversion, tolerance=tolerance
+            ).image
+        ),
+        n=n,
+        error=case.error,
+        rounds=1 if n > 257 else 5,
+    )
+
+
+def bench_direct_half_disk(measure):
+    case = problem(129, right=0.0)
+    measure(
+        lambda: reconstruct_direct(*case.where, case.g, 1e-12).image,
+        n=129,
+        error=case.error,
+        rounds=5,
+    )
+
+
+@pytest.mark.parametrize("method", ["harmonic", "collocation"])
+def bench_plan(measure, method):
+    case = problem(129)
+
+    def build():
+        return jax.tree.leaves(build_plan(*case.where, method=method, progress=False).densities)
+
+    measure(build, n=129, rounds=1 if method == "collocation" else 3)
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("inversion", ["fbp", "fourier"])
+@pytest.mark.parametrize("images", [1, BATCH])
+def bench_with_plan(measure, plans, images, inversion, precision):
+    case, plan = plans[precision]
+    stack = jnp.asarray(np.repeat(np.asarray(case.g)[None], images, axis=0))
+    measure(
+        lambda: reconstruct(plan, stack, inversion=inversion),
+        n=129,
+        images=images,
+        error=lambda found: case.error(found[0]),
+    )
+
+
+@pytest.fixture(scope="module")
+def plans():
+    case = problem(129)
+    names = ("double", "single")
+    return {p: (case, build_plan(*case.where, precision=p, progress=False)) for p in names}

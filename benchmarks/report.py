@@ -1,0 +1,67 @@
+"""The table and the growth plot of a benchmark run: python report.py results.json."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HEADER = "| benchmark | run per image | compile | max error | peak memory |"
+
+
+def main(path: Path) -> None:
+    runs = json.loads(path.read_text())["benchmarks"]
+    path.with_suffix(".md").write_text(table(runs) + "\n")
+    plot(runs, path.with_suffix(".png"))
+    print(table(runs))
+
+
+def table(runs: list[dict]) -> str:
+    lines = [HEADER, "| --- | --- | --- | --- | --- |"]
+    for run in runs:
+        info = run["extra_info"]
+        error = "" if np.isnan(info["max_error"]) else f"{info['max_error']:.1e}"
+        name = run["name"].removeprefix("bench_")
+        lines.append(
+            f"| {name} | {_seconds(info['median_s'])} | {info['compile_s']:.1f} s | {error} | "
+            f"{info['peak_mb']:.0f} MB |"
+        )
+    return "\n".join(lines)
+
+
+def growth(runs: list[dict]) -> dict[str, tuple[np.ndarray, np.ndarray, float]]:
+    """Sizes, times and exponent p of time ~ n^p, for each benchmark of three sizes or more."""
+    series: dict[str, list[tuple[int, float]]] = {}
+    for run in runs:
+        info = run["extra_info"]
+        if info["images"] == 1:
+            name = run["name"].replace(f"[{info['n']}", "[").replace(f"-{info['n']}]", "]")
+            series.setdefault(name, []).append((info["n"], info["median_s"]))
+    found = {}
+    for name, points in series.items():
+        n, seconds = np.array(sorted(points)).T
+        if len(n) >= 3:
+            found[name] = n, seconds, float(np.polyfit(np.log(n[-3:]), np.log(seconds[-3:]), 1)[0])
+    return found
+
+
+def plot(runs: list[dict], path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    axes = figure.subplots()
+    for name, (n, seconds, exponent) in growth(runs).items():
+        label = f"{name.removeprefix('bench_')}: $n^{{{exponent:.1f}}}$"
+        axes.loglog(n, seconds, "o-", label=label, ms=3)
+    axes.set_xlabel("pixels per axis n")
+    axes.set_ylabel("seconds per image (exponent of the last three sizes)")
+    axes.legend(fontsize=7)
+    figure.savefig(path, dpi=130)
+
+
+def _seconds(value: float) -> str:
+    return f"{1e3 * value:.3g} ms" if value < 1 else f"{value:.3g} s"
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

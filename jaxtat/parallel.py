@@ -1,0 +1,60 @@
+"""Several devices or machines: the same work on parts of an array, by `jax.shard_map`.
+
+A mesh is JAX's own, with one axis of any name: ``jax.make_mesh((8,), ("devices",))``. With several
+processes every process makes the same calls with the same arguments after
+``jax.distributed.initialize``, and reads what it holds of the result.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
+
+
+def checked_mesh(mesh: Any) -> Mesh | None:
+    """The mesh with shardings left to the compiler, or ValueError if it is none of one axis."""
+    if mesh is None:
+        return None
+    if not isinstance(mesh, Mesh) or len(mesh.axis_names) != 1:
+        raise ValueError(
+            f"mesh is {mesh!r}, expected a jax.sharding.Mesh of one axis: "
+            "jax.make_mesh((number_of_devices,), ('devices',))."
+        )
+    return Mesh(mesh.devices, mesh.axis_names, axis_types=(AxisType.Auto,))
+
+
+def replicated(tree: Any, mesh: Mesh | None) -> Any:
+    """The arrays of a tree on every device of the mesh."""
+    if mesh is None:
+        return tree
+    return jax.device_put(tree, NamedSharding(mesh, PartitionSpec()))
+
+
+def map_shards(work: Callable[[Any], Any], stack: Any, mesh: Mesh | None) -> Any:
+    """``work`` on arrays whose first axes are alike, each device doing its share of them.
+
+    Args:
+        work: from a tree of arrays (n, ...) to another, row by row, for any n.
+        stack: the tree; filled up with copies of the first row to a multiple of the devices.
+        mesh: None for a plain call.
+    """
+    if mesh is None:
+        return work(stack)
+    n = jax.tree.leaves(stack)[0].shape[0]
+    missing = -n % mesh.size
+
+    def deal(leaf: jax.Array) -> jax.Array:
+        # like cards: neighbours cost alike, so every device gets some of each
+        filled = jnp.concatenate([leaf, jnp.repeat(leaf[:1], missing, axis=0)])
+        return filled.reshape(-1, mesh.size, *leaf.shape[1:]).swapaxes(0, 1).reshape(filled.shape)
+
+    def collect(leaf: jax.Array) -> jax.Array:
+        dealt = leaf.reshape(mesh.size, -1, *leaf.shape[1:])
+        return dealt.swapaxes(0, 1).reshape(leaf.shape)[:n]
+
+    shard = PartitionSpec(mesh.axis_names[0])
+    # the check of what is replicated does not know loops of unknown length
+    spread = jax.shard_map(work, mesh=mesh, in_specs=shard, out_specs=shard, check_vma=False)
+    return jax.tree.map(collect, spread(jax.tree.map(deal, stack)))
