@@ -13,11 +13,8 @@ from jaxtyping import Array, Float
 # parabolas, third order. Keys, IEEE Trans. ASSP 29 (1981) 1153-1160.
 KEYS = np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]]) / 2
 
-# Cubic B-spline: twice continuously differentiable, fourth order; takes coefficients, which
-# follow from values by `spline_prefilter`. Unser, IEEE Signal Process. Mag. 16(6) (1999) 22-38.
-SPLINE = np.array([[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]]) / 6
-
-# Quintic B-spline: four times continuously differentiable, sixth order; ibid.
+# Quintic B-spline: four times continuously differentiable, sixth order; takes coefficients, which
+# follow from values by `quintic_prefilter`. Unser, IEEE Signal Process. Mag. 16(6) (1999) 22-38.
 QUINTIC = (
     np.array(
         [
@@ -52,15 +49,10 @@ def polynomial(coefficients: list, t: Array) -> Array:
     return total
 
 
-def spline_prefilter(phase: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """Transfer function 3 / (2 + cos(phase)) from values to B-spline coefficients.
+def quintic_prefilter(phase: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """Transfer function 60 / (33 + 26 cos(phase) + cos(2 phase)) from values to coefficients.
 
     Args:
         phase: angular frequency times the distance between nodes [rad].
     """
-    return 3 / (2 + jnp.cos(phase))
-
-
-def quintic_prefilter(phase: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-    """Transfer function 60 / (33 + 26 cos(phase) + cos(2 phase)) of the quintic B-spline."""
     return 60 / (33 + 26 * np.cos(phase) + np.cos(2 * phase))

@@ -239,13 +239,15 @@ def _collocation(
     single: bool,
     bar: tqdm,
 ) -> tuple[Densities, DensityReport]:
+    with jax.ensure_compile_time_eval():
+        mirror = find_mirror(curve, region)
     solve = partial(
         collocation_densities,
         angles=angles,
         curve=curve,
         region=region,
         regularization=regularization,
-        mirror=find_mirror(curve, region),
+        mirror=mirror,
     )
     return _sampled(solve, frequencies, unit_norms, single, bar)
 

@@ -67,7 +67,9 @@ def reconstruct(options: argparse.Namespace) -> None:
         chosen_plan = plan_for(options, where)
     last = {"low_pass": low_pass(options), "inversion": options.inversion}
     if chosen_plan is None:
-        alpha = options.alpha or (1e-3 if scan.kind == "pressure" else DEFAULT_ALPHA)
+        alpha = options.alpha
+        if alpha is None:
+            alpha = 1e-3 if scan.kind == "pressure" else DEFAULT_ALPHA
         found = reconstruct_direct(*where, g, alpha, max_frequency=options.max_frequency, **last)
         image = found.image
         _report(options, _solved(found), start)

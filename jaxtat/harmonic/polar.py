@@ -115,7 +115,9 @@ def polar_geometry(curve: DetectorCurve, region: Region) -> PolarGeometry:
 
 def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
     """The arc's own symmetry holds for all its parameters; whether the region shares it is seen."""
-    disk = _is_whole_disk(region) and np.array_equal(region.center, arc.center)
+    offset = np.abs(np.asarray(region.center) - np.asarray(arc.center)).max()
+    near = _ROUNDING * float(arc.radius) if is_concrete(arc.radius) else 0.0
+    disk = _is_whole_disk(region) and bool(offset <= near)
     half = None
     if not disk and is_concrete(arc, region):
         half = _one_side(region, arc.center, float(arc.angle))
