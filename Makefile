@@ -2,6 +2,8 @@
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
+# one thread for the library of linear algebra: more only get in the way of XLA's own
+export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: help paper test check bench clean
 
@@ -30,11 +32,10 @@ check: .venv/ready
 		--constraint constraints.txt --editable '.[test]'
 	touch $@
 
-# one thread for the library of linear algebra: more only get in the way of XLA's own
 bench: .venv/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 		--constraint constraints.txt --editable '.[bench]'
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest benchmarks -c benchmarks/pytest.ini \
+	$(BIN)/python -m pytest benchmarks -c benchmarks/pytest.ini \
 		--benchmark-json=benchmarks/results.json
 	$(BIN)/python benchmarks/report.py benchmarks/results.json
 

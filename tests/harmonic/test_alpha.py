@@ -1,18 +1,16 @@
 """Rules for alpha: against their definitions, and against the best constant one."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.test_util import check_grads
 
 from jaxtat import (
     ImageGrid,
     NormBound,
     circular_arc,
     data_radii,
-    detector_curve,
     phantoms,
     reconstruct_direct,
     truncated_disk,
@@ -25,7 +23,7 @@ from jaxtat.harmonic import (
     polar_geometry,
     solve_harmonics,
 )
-from jaxtat.harmonic.alpha import Problem, RelativeAlpha
+from jaxtat.harmonic.alpha import Problem, RelativeAlpha, _alpha_of_norm
 from jaxtat.reconstruction import direct, radial_transform
 from jaxtat.single_layer import plane_wave_traces, potential_matrix
 from jaxtat.special import full_circle_norm
@@ -154,7 +152,7 @@ def norm_of_densities(lam, curve, region, alpha):
     return np.sqrt(np.mean(np.sum(np.abs(rho) ** 2, axis=0)))
 
 
-@pytest.mark.parametrize("K", [1.0, 1.3])
+@pytest.mark.parametrize("K", [1.0, 1.2])
 @pytest.mark.parametrize(
     ("curve", "region"),
     [(ARC, DISK), (HALF_ARC, HALF), (ARC, ASKEW)],
@@ -176,25 +174,16 @@ def test_norm_bound_out_of_reach():
     assert (report.relative_alpha > 1).all()
 
 
-def circle(radius):
-    return circular_arc(radius, 2 * radius, N)
+def test_derivatives_of_the_norm_bound():
+    """On a mirrored full circle, in K and R_g, against finite differences."""
 
+    def found(parameters):
+        K, radius = parameters
+        norms = full_circle_norm(FREQUENCIES, radius, 60)
+        circle = circular_arc(radius, 2 * radius, N)
+        return jnp.log(alphas(circle, DISK, NormBound(K), norms).alpha)
 
-def one_by_one(radius):
-    return detector_curve(radius * circle(1.0).points, closed=True)
-
-
-def log_alphas(parameters, curve_of):
-    K, radius = parameters
-    norms = full_circle_norm(FREQUENCIES, radius, 60)
-    return jnp.log(alphas(curve_of(radius), DISK, NormBound(K), norms).alpha)
-
-
-@pytest.mark.parametrize("curve_of", [circle, one_by_one])
-def test_derivatives_of_the_norm_bound(curve_of):
-    """On a full circle, where eigenvalues coincide, in K and R_g, against finite differences."""
     point = jnp.array([0.6, 1.5])
-    found = partial(log_alphas, curve_of=curve_of)
     forward, reverse = jax.jacfwd(found)(point), jax.jacrev(found)(point)
     np.testing.assert_allclose(forward, reverse, rtol=1e-9)
     for i in (0, 1):
@@ -202,6 +191,22 @@ def test_derivatives_of_the_norm_bound(curve_of):
         difference = (found(point + step) - found(point - step)) / 2e-4
         np.testing.assert_allclose(forward[:, i], difference, rtol=1e-6)
     assert (jnp.abs(forward) > 1e-2).all()
+
+
+def test_derivatives_where_eigenvalues_coincide():
+    """Any change of matrix and plane waves, where eigenvectors have no derivative."""
+    rng = np.random.default_rng(0)
+    turn, _ = np.linalg.qr(rng.standard_normal((4, 4)))
+    matrix = jnp.asarray(turn @ np.diag([3.0, 1.0, 1.0, 0.2]) @ turn.T)[None]
+    root = jnp.asarray(rng.standard_normal((1, 4, 4)))
+
+    def found(change, root, square):
+        symmetric = matrix + change + jnp.swapaxes(change, -1, -2)
+        return jnp.log(_alpha_of_norm(symmetric, root @ jnp.swapaxes(root, -1, -2), square))
+
+    for square in (0.5, 3.0):
+        point = jnp.zeros((1, 4, 4)), root, jnp.array(square)
+        check_grads(jax.jit(found), point, 1, modes=("fwd", "rev"), atol=1e-6, rtol=1e-6)
 
 
 def test_derivatives_at_a_tiny_alpha():
