@@ -184,13 +184,12 @@ def test_derivatives_of_the_norm_bound():
         return jnp.log(alphas(circle, DISK, NormBound(K), norms).alpha)
 
     point = jnp.array([0.6, 1.5])
-    forward, reverse = jax.jacfwd(found)(point), jax.jacrev(found)(point)
-    np.testing.assert_allclose(forward, reverse, rtol=1e-9)
+    slopes = jax.jacfwd(found)(point)
     for i in (0, 1):
         step = jnp.zeros(2).at[i].set(1e-4)
         difference = (found(point + step) - found(point - step)) / 2e-4
-        np.testing.assert_allclose(forward[:, i], difference, rtol=1e-6)
-    assert (jnp.abs(forward) > 1e-2).all()
+        np.testing.assert_allclose(slopes[:, i], difference, rtol=1e-6)
+    assert (jnp.abs(slopes) > 1e-2).all()
 
 
 def test_derivatives_where_eigenvalues_coincide():

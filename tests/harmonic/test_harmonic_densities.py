@@ -97,8 +97,9 @@ def test_norm_bound_agrees_with_collocation(norm_bounded):
     agree(curve, region, NormBound(3.0), densities, reports)
 
 
-@pytest.mark.parametrize("rule", [FixedRank(24.4), SingularValueCutoff(3e-4)])
-@pytest.mark.parametrize("name", ["disk", "measured"])
+@pytest.mark.parametrize(
+    ("name", "rule"), [("disk", FixedRank(24.4)), ("measured", SingularValueCutoff(3e-4))]
+)
 def test_other_rules_agree_with_collocation(name, rule):
     curve, region = GEOMETRIES[name]
     agree(curve, region, rule, *densities_of(curve, region, rule))

@@ -23,8 +23,7 @@ def kind(polar):
     return polar.mirror, polar.disk, polar.on_circle
 
 
-@pytest.mark.parametrize("n", [40, 41])
-@pytest.mark.parametrize("right", [1.0, 0.0])
+@pytest.mark.parametrize(("n", "right"), [(40, 1.0), (41, 0.0)])
 @pytest.mark.parametrize("measured", [False, True])
 def test_arcs_anywhere(n, right, measured):
     """Known as an arc or by its points, an arc is on its circle and mirrored about its middle."""

@@ -23,7 +23,7 @@ from jaxtat.single_layer import plane_wave_traces, potential_matrix
 
 FREQUENCIES = jnp.array([2.0, 5.0, 9.0])
 ANGLES = jnp.array([0.0, 0.4, 1.1, 2.5])
-N = 40  # detectors
+N = 41  # detectors, of which one is on the axis of mirrored curves
 CENTER, TURN = jnp.array([0.3, -0.2]), 0.8
 PLACE = {"center": CENTER, "angle": TURN}
 
@@ -47,7 +47,7 @@ ASKEW = truncated_disk(0.9, 0.1, 200, center=CENTER + 0.05)
 # curve, region, and what kind it is: (mirror, disk, on_circle)
 GEOMETRIES = {
     "disk": (ARC, DISK, (True, True, True)),
-    "half disk, odd number": (circular_arc(1.5, 0.1, N + 1, **PLACE), HALF, (True, False, True)),
+    "half disk": (circular_arc(1.5, 0.1, N, **PLACE), HALF, (True, False, True)),
     "askew half disk": (ARC, ASKEW, (False, False, True)),
     "disk, measured detectors": (ellipse(0.02), DISK, (False, True, False)),
     "half disk, mirrored ellipse": (ellipse(0.0), HALF, (True, False, False)),

@@ -34,10 +34,11 @@ def waves_at(polar, steps, lam, points):
     return radial * angular(radial.shape[0] - 1, theta)
 
 
-def setup(region, lam):
+def setup(region, lam, n_max=None):
+    """The geometry, and the steps of all orders that potentials need, or of fewer."""
     polar = polar_geometry(ARC, region)
-    (n_max,) = harmonic_orders(polar, np.array([lam]))
-    return polar, wave_steps(int(n_max), jnp.array(lam), polar)
+    n_max = int(harmonic_orders(polar, np.array([lam]))[0]) if n_max is None else n_max
+    return polar, wave_steps(n_max, jnp.array(lam), polar)
 
 
 @pytest.fixture
@@ -48,7 +49,7 @@ def points():
     return CENTER + jnp.stack([radius * jnp.cos(theta), radius * jnp.sin(theta)], axis=1)
 
 
-@pytest.mark.parametrize("lam", [0.01, 1.0, 30.0])
+@pytest.mark.parametrize("lam", [0.01, 30.0])
 def test_sums_of_waves_are_potentials(lam, points):
     """Graf: J_0 and Y_0 of the distance to every detector, to the tolerance of the orders."""
     polar, steps = setup(DISK, lam)
@@ -62,7 +63,7 @@ def test_sums_of_waves_are_potentials(lam, points):
         np.testing.assert_allclose(potential, exact(distance), atol=3e-12 * size)
 
 
-@pytest.mark.parametrize("lam", [0.01, 1.0, 30.0])
+@pytest.mark.parametrize("lam", [0.01, 30.0])
 def test_sums_of_waves_are_plane_waves(lam, points):
     """Jacobi-Anger: exp(-i xi·(x - c)) in every direction."""
     polar, steps = setup(DISK, lam)
@@ -83,7 +84,7 @@ def test_sums_of_waves_are_plane_waves(lam, points):
 @pytest.mark.parametrize("lam", [0.5, 12.0])
 def test_traces_are_values_and_normal_derivatives(region, lam):
     """Against central differences of the waves, at all boundary points, also near the centre."""
-    polar, steps = setup(region, lam)
+    polar, steps = setup(region, lam, 40)
     side, m, h = polar.region, polar.region.points.shape[0], 1e-4
     found = boundary_traces(jnp.array(lam), steps, polar)
     assert found.shape == (2 * m, 2, steps.shape[0] - 1)
@@ -102,7 +103,7 @@ def test_traces_are_values_and_normal_derivatives(region, lam):
 @pytest.mark.parametrize("lam", [0.5, 12.0])
 def test_traces_on_a_disk_are_orthogonal_with_known_norms(lam):
     """Against sums over the boundary points, exact for orders below half their number."""
-    polar, steps = setup(DISK, lam)
+    polar, steps = setup(DISK, lam, 40)
     traces = boundary_traces(jnp.array(lam), steps, polar).reshape(480, -1)
     norms = disk_norms(jnp.array(lam), DISK.reach, steps).ravel()
     gram = np.asarray(traces.T @ traces)
