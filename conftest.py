@@ -20,6 +20,13 @@ def data_folder() -> Path:
     return Path(os.environ.get("JAXTAT_DATA", default))
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_programs():
+    """Each compiled program takes maps of memory, of which Linux grants a process 65530."""
+    yield
+    jax.clear_caches()
+
+
 @pytest.fixture
 def data_file(data_folder, request):
     """The file named by the test's parameter, or a skip that says what is missing."""
