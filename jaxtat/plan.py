@@ -208,25 +208,33 @@ def _harmonic(
         geometry = polar_geometry(curve, region)
         orders = harmonic_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
-        table = jax.tree.map(np.asarray, wave_table(geometry, frequencies, int(orders.max())))
-        local, offset = angles - geometry.axis, np.asarray(region.center - geometry.center)
+        table = wave_table(geometry, frequencies, int(orders.max()))
+        table: WaveTable = jax.tree.map(np.asarray, table)
+        offset = np.asarray(region.center - geometry.center)
+        local = jax.device_put(np.asarray(angles) - np.asarray(geometry.axis))
     groups, reports = [], []
     for part, n_max in frequency_groups(orders, _GROUPS):
         steps = []
         for start in range(part.start, part.stop, _FREQUENCIES_AT_A_TIME):
             chosen = slice(start, min(start + _FREQUENCIES_AT_A_TIME, part.stop))
-            few: WaveTable = jax.tree.map(lambda leaf: leaf[chosen], table)  # noqa: B023
+            few: WaveTable = jax.tree.map(lambda leaf: jax.device_put(leaf[chosen]), table)  # noqa: B023
             step, report = harmonic_densities(
-                geometry, few.up_to(n_max), unit_norms[chosen], local, regularization
+                geometry, few, n_max, unit_norms[chosen], local, regularization
             )
             steps.append(step)
             reports.append(report)
             bar.update(chosen.stop - chosen.start)
         groups.append(group_of(steps))
-    along = np.cos(angles) * offset[0] + np.sin(angles) * offset[1]
-    phases = jnp.asarray(np.exp(1j * np.asarray(frequencies)[:, None] * along))
+    phases = _phases(frequencies, angles, offset)
     densities = HarmonicDensities(tuple(groups), local, phases, geometry.mirror)
     return densities.in_single_precision() if single else densities, _joined(reports)
+
+
+def _phases(frequencies: Array, angles: Array, offset: np.ndarray) -> Array:
+    """exp(i xi·offset)."""
+    theta = np.asarray(angles)
+    along = np.cos(theta) * offset[0] + np.sin(theta) * offset[1]
+    return jax.device_put(np.exp(1j * np.asarray(frequencies)[:, None] * along))
 
 
 def _collocation(
@@ -320,4 +328,4 @@ def _joined(reports: list[DensityReport]) -> DensityReport:
         return eqx.tree_at(lambda tree: tree.singular_values, report, values)
 
     joined = jax.tree.map(lambda *parts: library.concatenate(parts), *map(padded, reports))
-    return jax.tree.map(jnp.asarray, joined)
+    return jax.device_put(joined)

@@ -6,7 +6,6 @@ Shared by the plan and by the reconstruction without one.
 import warnings
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
@@ -39,19 +38,21 @@ def polar_grid(
     nor image hold anything; d lambda <= π/(2 R) resolves projections up to |s| = 2 R.
     """
     if max_frequency is None:
-        spacing = jax.lax.stop_gradient(grid.spacing.max())
-        step = jax.lax.stop_gradient(jnp.diff(radii).max())
-        max_frequency = jnp.pi / jnp.maximum(spacing, step)
-    highest = real_array("max_frequency", max_frequency, ())
-    require_positive("max_frequency", highest)
-    waves = float(highest * jax.lax.stop_gradient(region.reach))  # radians across the radius
+        spacing, distances = jax.lax.stop_gradient((grid.spacing, radii))
+        highest = np.pi / max(np.asarray(spacing).max(), np.diff(distances).max())
+    else:
+        frequency = real_array("max_frequency", max_frequency, ())
+        require_positive("max_frequency", frequency)
+        highest = float(frequency)
+    waves = highest * float(jax.lax.stop_gradient(region.reach))  # radians across the radius
     n_frequencies = max(1, int(np.ceil(2 * waves / np.pi - 1e-6)))
     if n_directions is None:
         # projections and image turn through 2 * waves radians in half a turn; a quarter to spare
         n_directions = 32 * max(1, int(np.ceil(1.25 * waves / 32)))
     n_directions = whole_number("n_directions", n_directions, 1)
-    frequencies = highest / n_frequencies * jnp.arange(1, n_frequencies + 1)
-    return frequencies, jnp.linspace(0.0, jnp.pi, n_directions, endpoint=False)
+    frequencies = highest / n_frequencies * np.arange(1, n_frequencies + 1)
+    angles = np.arange(n_directions) * (np.pi / n_directions)
+    return jax.device_put(frequencies), jax.device_put(angles)
 
 
 def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid, radii: Array) -> None:
@@ -60,7 +61,7 @@ def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid, radii
     require_cover(curve, region, radii)
     if not is_concrete(curve, region, grid):
         return
-    if not bool(region.contains(grid.points).any()):
+    if not np.asarray(region.contains(grid.points)).any():
         raise ValueError(
             f"no node of the image grid (from {grid.points[0, 0]} to {grid.points[-1, -1]}) lies "
             f"in the region of interest, within {float(region.reach):.6g} of {region.center}: "

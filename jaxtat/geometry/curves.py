@@ -1,6 +1,7 @@
 """Acquisition curves: where the detectors are."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -62,19 +63,23 @@ class CircularArc(DetectorCurve):
         return 2 * jnp.pi - 2 * self.half_opening
 
     @property
+    @eqx.filter_jit
     def angles(self) -> Float[Array, " detectors"]:
         """Of the detectors, counted from the middle of the arc, opposite the opening [rad]."""
         return ((jnp.arange(self.n) + 0.5) / self.n - 0.5) * self.span
 
     @property
+    @eqx.filter_jit
     def points(self) -> Float[Array, "detectors 2"]:  # pyright: ignore[reportIncompatibleVariableOverride]
         return self.center + self.radius * self.normals
 
     @property
+    @eqx.filter_jit
     def weights(self) -> Float[Array, " detectors"]:  # pyright: ignore[reportIncompatibleVariableOverride]
         return jnp.broadcast_to(self.radius * self.span / self.n, (self.n,))
 
     @property
+    @eqx.filter_jit
     def normals(self) -> Float[Array, "detectors 2"]:  # pyright: ignore[reportIncompatibleVariableOverride]
         theta = self.angle + jnp.pi + self.angles
         return jnp.stack([jnp.cos(theta), jnp.sin(theta)], axis=-1)
@@ -190,6 +195,7 @@ def detector_curve(positions: Numbers, *, closed: bool | None = None) -> Sampled
     return SampledCurve(points, (ends + step) / 2, side * normals, bool(closed))
 
 
+@jax.jit
 def opening_angle(cosine: Array) -> Array:
     """arccos(cosine), and 0 with derivative 0 for a circle that is not cut, cosine >= 1."""
     cut = cosine < 1
@@ -216,15 +222,22 @@ def fit_circle(points: Numbers) -> Circle:
     """
     points = real_array("points", points, ("points", 2))
     _require_detectors(points.shape[0], least=3)
+    circle, size = _fit_circle(points)
+    if is_concrete(circle) and not float(circle.radius) < 1e4 * float(size):
+        raise ValueError("the points lie on a straight line, expected part of a circle.")
+    return circle
+
+
+@jax.jit
+def _fit_circle(points: Array) -> tuple[Circle, Array]:
+    """The circle, and how far the points reach from their middle."""
     middle = points.mean(axis=0)
     local = points - middle  # centred, so that the normal equations are well conditioned
     design = jnp.concatenate([2 * local, jnp.ones_like(local[:, :1])], axis=1)
     solution = jnp.linalg.solve(design.T @ design, design.T @ jnp.sum(local**2, axis=1))
     center = solution[:2]
     radius = jnp.sqrt(solution[2] + center @ center)
-    if is_concrete(radius) and not float(radius) < 1e4 * float(jnp.abs(local).max()):
-        raise ValueError("the points lie on a straight line, expected part of a circle.")
-    return Circle(center + middle, radius)
+    return Circle(center + middle, radius), jnp.abs(local).max()
 
 
 def _require_detectors(n_detectors: int, least: int = 2) -> None:

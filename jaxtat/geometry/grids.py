@@ -45,6 +45,7 @@ class ImageGrid(eqx.Module):
         require_positive("half_width", self.half_width)
 
     @property
+    @eqx.filter_jit
     def spacing(self) -> Float[Array, "2"]:
         """Distance h between neighbouring nodes along each axis [length]."""
         return 2 * self.half_width / (jnp.asarray(self.shape) - 1)
@@ -60,6 +61,7 @@ class ImageGrid(eqx.Module):
         return self._axis(1)
 
     @property
+    @eqx.filter_jit
     def points(self) -> Float[Array, "x1 x2 2"]:
         """All nodes [length]."""
         return jnp.stack(jnp.meshgrid(self.x1, self.x2, indexing="ij"), axis=-1)

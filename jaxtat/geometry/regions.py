@@ -59,6 +59,7 @@ class TruncatedDisk(Region):
     def reach(self) -> Float[Array, ""]:
         return self.radius
 
+    @eqx.filter_jit
     def level(self, points: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
         local = points - self.center
         along = local[..., 0] * jnp.cos(self.angle) + local[..., 1] * jnp.sin(self.angle)
@@ -116,8 +117,15 @@ def truncated_disk(
         raise ValueError("n_chord must be given when radius or x_right is traced.")
     if not 0 <= n_chord < n_collocation:
         raise ValueError(f"n_chord is {n_chord}, expected 0 to {n_collocation - 1} of the points.")
+    return _truncated_disk(radius, x_right, center, angle, n_collocation - n_chord, n_chord)
+
+
+@eqx.filter_jit
+def _truncated_disk(
+    radius: Array, x_right: Array, center: Array, angle: Array, n_arc: int, n_chord: int
+) -> TruncatedDisk:
     half_opening = jnp.zeros(()) if n_chord == 0 else opening_angle(x_right / radius)
-    arc = _arc_boundary(radius, half_opening, n_collocation - n_chord)
+    arc = _arc_boundary(radius, half_opening, n_arc)
     chord = _chord_boundary(radius, half_opening, x_right, n_chord)
     points, normals, weights = (jnp.concatenate(pair) for pair in zip(arc, chord, strict=True))
     turn = jnp.array([[jnp.cos(angle), -jnp.sin(angle)], [jnp.sin(angle), jnp.cos(angle)]])

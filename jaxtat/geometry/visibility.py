@@ -6,6 +6,7 @@ every line through the region does.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -69,22 +70,23 @@ def visibility(
     >>> print(float(visibility(half, truncated_disk(1.0, 1.0, 1000)).invisible_fraction) > 0.1)
     True
     """
-    angles = jnp.arange(n_angles) * jnp.pi / n_angles
-    w = jnp.stack([jnp.cos(angles), jnp.sin(angles)])
-    low, high = _shadow(region.points, w)
-    inner = (jnp.arange(n_offsets) + 0.5) / n_offsets
+    angles = np.arange(n_angles) * np.pi / n_angles
+    w = np.stack([np.cos(angles), np.sin(angles)])
+    low, high = _shadow(np.asarray(region.points), w)
+    inner = (np.arange(n_offsets) + 0.5) / n_offsets
     offsets = low[:, None] + (high - low)[:, None] * inner
-    seen = jnp.zeros(offsets.shape, bool)
+    seen = np.zeros(offsets.shape, bool)
     for piece in _pieces(curve):
-        first, last = _shadow(jnp.asarray(piece), w)
+        first, last = _shadow(piece, w)
         seen |= (offsets >= first[:, None]) & (offsets <= last[:, None])
     share = 1 - seen.mean(axis=1)
     # two lines in a thousand are the sampling of boundary and curve
-    missing = jnp.where(share * n_offsets <= 2, 0.0, share) * (high - low)
-    return Visibility(missing.sum() / (high - low).sum(), angles, missing)
+    missing = np.where(share * n_offsets <= 2, 0.0, share) * (high - low)
+    fraction = missing.sum() / (high - low).sum()
+    return Visibility(*jax.device_put((fraction, angles, missing)))
 
 
-def _shadow(points: Array, w: Array) -> tuple[Array, Array]:
+def _shadow(points: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     offsets = points @ w
     return offsets.min(axis=0), offsets.max(axis=0)
 

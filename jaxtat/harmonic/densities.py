@@ -132,6 +132,7 @@ class Step(eqx.Module):
 def harmonic_densities(
     geometry: PolarGeometry,
     table: WaveTable,
+    n_max: int,
     unit_norms: Float[Array, " f"],
     angles: Float[Array, " directions"],
     regularization: Regularization,
@@ -141,6 +142,7 @@ def harmonic_densities(
     Args:
         geometry: curve and region.
         table: the waves of the frequencies.
+        n_max: how many of their orders are used.
         unit_norms: N(lambda), the norm in which `NormBound` measures [1/length^(1/2)].
         angles: theta, counted from the axis [rad].
         regularization: which singular components are kept.
@@ -149,7 +151,7 @@ def harmonic_densities(
 
     @jax.checkpoint
     def at(arguments: tuple[WaveTable, Array]) -> tuple[Step, DensityReport]:
-        wave, unit_norm = arguments
+        wave, unit_norm = arguments[0].up_to(n_max), arguments[1]
         factor = region_factor(geometry, wave)
         matrix = detector_matrix(half, wave) * jnp.sqrt(half.weights)
         matrix = jnp.moveaxis(matrix, 0, -2)  # (blocks, r, J|Y, half)
@@ -196,9 +198,9 @@ def group_of(steps: Sequence[Step]) -> DensityGroup:
     n_extra = (weight > ROUNDING * largest).sum(axis=-1).max()
     first = np.argsort(-weight, axis=-1)[..., :n_extra, None]
     return DensityGroup(
-        rows=jnp.asarray(each.reshape(*rows.shape[:2], -1, rows.shape[-1])),
-        extra_rows=jnp.asarray(np.take_along_axis(right, first, axis=-2)),
-        extra=jnp.asarray(np.take_along_axis(extra, first, axis=-2)),
+        rows=jax.device_put(each.reshape(*rows.shape[:2], -1, rows.shape[-1])),
+        extra_rows=jax.device_put(np.take_along_axis(right, first, axis=-2)),
+        extra=jax.device_put(np.take_along_axis(extra, first, axis=-2)),
     )
 
 

@@ -37,13 +37,13 @@ class WaveTable(eqx.Module):
     norms: Float[Array, "*f 2 fewer"] | None
 
     def up_to(self, n_max: int) -> "WaveTable":
-        """Fewer orders. The table may be of numpy, the result never is."""
+        """Fewer orders."""
         on_circle, norms = self.on_circle, self.norms
         return WaveTable(
-            jnp.asarray(self.frequencies),
-            jnp.asarray(self.steps[..., : n_max + 2]),
-            None if on_circle is None else jnp.asarray(on_circle[..., : n_max + 1]),
-            None if norms is None else jnp.asarray(norms[..., : n_max + 1]),
+            self.frequencies,
+            self.steps[..., : n_max + 2],
+            None if on_circle is None else on_circle[..., : n_max + 1],
+            None if norms is None else norms[..., : n_max + 1],
         )
 
     @property

@@ -60,7 +60,7 @@ def densities_of(curve, region, rule):
     parts = [slice(i, i + 1) for i in range(len(FREQUENCIES))]
     tables = [jax.tree.map(operator.itemgetter(part), table) for part in parts]
     found = [
-        harmonic_densities(polar, one, NORMS[part], local, rule)
+        harmonic_densities(polar, one, n_max, NORMS[part], local, rule)
         for one, part in zip(tables, parts, strict=True)
     ]
     along = jnp.stack([jnp.cos(ANGLES), jnp.sin(ANGLES)], axis=-1) @ (region.center - polar.center)
