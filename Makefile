@@ -18,7 +18,7 @@ paper: .venv/ready
 	$(BIN)/jaxtat paper --out out/paper
 
 test: check
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
 check: .venv/ready
 	$(BIN)/ruff format --check .

@@ -84,14 +84,18 @@ def bench_direct_half_disk(measure):
     )
 
 
-@pytest.mark.parametrize("method", ["harmonic", "collocation"])
-def bench_plan(measure, method):
+@pytest.mark.parametrize("method", ["harmonic", "collocation", "collocation_without_mirror"])
+def bench_plan(measure, method, monkeypatch):
+    """The last one as for an arc and a region that share no line of symmetry."""
     case = problem(129)
+    if method == "collocation_without_mirror":
+        monkeypatch.setattr("jaxtat.plan.find_mirror", lambda *_: None)
+        method = "collocation"
 
     def build():
         return jax.tree.leaves(build_plan(*case.where, method=method, progress=False).densities)
 
-    measure(build, n=129, rounds=1 if method == "collocation" else 3)
+    measure(build, n=129, rounds=3 if method == "harmonic" else 1)
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])

@@ -3,6 +3,10 @@
 A mesh is JAX's own, with one axis of any name: ``jax.make_mesh((8,), ("devices",))``. With several
 processes every process makes the same calls with the same arguments after
 ``jax.distributed.initialize``, and reads what it holds of the result.
+
+Several host devices on one CPU wait for each other in threads of one pool, which has as many as the
+machine has cores. Where these are few the program can wait for ever: set the environment variable
+NPROC=8 (or more) before JAX starts.
 """
 
 from collections.abc import Callable
@@ -32,16 +36,18 @@ def replicated(tree: Any, mesh: Mesh | None) -> Any:
     return jax.device_put(tree, NamedSharding(mesh, PartitionSpec()))
 
 
-def map_shards(work: Callable[[Any], Any], stack: Any, mesh: Mesh | None) -> Any:
+def map_shards(work: Callable[[Any, Any], Any], common: Any, stack: Any, mesh: Mesh | None) -> Any:
     """``work`` on arrays whose first axes are alike, each device doing its share of them.
 
     Args:
-        work: from a tree of arrays (n, ...) to another, row by row, for any n.
+        work: from ``common`` and a tree of arrays (n, ...) to another, row by row, for any n.
+        common: a tree of arrays that every device needs whole. What derivatives are taken of must
+            come this way, not as a closure.
         stack: the tree; filled up with copies of the first row to a multiple of the devices.
         mesh: None for a plain call.
     """
     if mesh is None:
-        return work(stack)
+        return work(common, stack)
     n = jax.tree.leaves(stack)[0].shape[0]
     missing = -n % mesh.size
 
@@ -54,7 +60,9 @@ def map_shards(work: Callable[[Any], Any], stack: Any, mesh: Mesh | None) -> Any
         dealt = leaf.reshape(mesh.size, -1, *leaf.shape[1:])
         return dealt.swapaxes(0, 1).reshape(leaf.shape)[:n]
 
-    shard = PartitionSpec(mesh.axis_names[0])
+    whole, shard = PartitionSpec(), PartitionSpec(mesh.axis_names[0])
     # the check of what is replicated does not know loops of unknown length
-    spread = jax.shard_map(work, mesh=mesh, in_specs=shard, out_specs=shard, check_vma=False)
-    return jax.tree.map(collect, spread(jax.tree.map(deal, stack)))
+    spread = jax.shard_map(
+        work, mesh=mesh, in_specs=(whole, shard), out_specs=shard, check_vma=False
+    )
+    return jax.tree.map(collect, spread(common, jax.tree.map(deal, stack)))

@@ -104,7 +104,10 @@ def solve_harmonics(
         gram = circle_gram(geometry, n_max)
     method = _factorised if solver == "cholesky" else partial(_iterated, tolerance=tolerance)
 
-    def at(orders: int, wave: WaveTable, datum: Data) -> tuple[Array, SolveReport]:
+    def at(
+        orders: int, common: tuple[PolarGeometry, Any], wave: WaveTable, datum: Data
+    ) -> tuple[Array, SolveReport]:
+        geometry, gram = common
         wave = wave.up_to(orders)
         factor = region_factor(geometry, wave)
         alike = None if gram is None else cut_gram(geometry, gram, orders)
@@ -119,12 +122,15 @@ def solve_harmonics(
     group = np.repeat(np.arange(len(groups)), [stop - start for start, stop, _ in groups])
 
     @jax.checkpoint
-    def choose(given: tuple[Array, WaveTable, Data]) -> tuple[Array, SolveReport]:
+    def choose(common: Any, given: tuple[Array, WaveTable, Data]) -> tuple[Array, SolveReport]:
         number, wave, datum = given
-        return jax.lax.switch(number, programs, wave, datum)
+        return jax.lax.switch(number, programs, common, wave, datum)
 
     harmonics, report = map_shards(
-        lambda share: jax.lax.map(choose, share), (jnp.asarray(group), table, data), mesh
+        lambda common, share: jax.lax.map(partial(choose, common), share),
+        (geometry, gram),
+        (jnp.asarray(group), table, data),
+        mesh,
     )
     return jnp.moveaxis(harmonics, 1, 0), report
 

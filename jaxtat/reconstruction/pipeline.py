@@ -1,6 +1,7 @@
 """Steps 2 to 5 in a row: from circular integrals to the image. Only this file knows the plan."""
 
 from collections.abc import Callable
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -63,7 +64,7 @@ def reconstruct(
 def _reconstruct(
     plan: ReconstructionPlan, g: Array, eta: Array, inversion: str, mesh: Mesh | None
 ) -> Array:
-    def of_group(g: Array) -> Array:
+    def of_group(plan: ReconstructionPlan, eta: Array, g: Array) -> Array:
         transformed = radial_transform(g, plan.radii, plan.frequencies)
         mass = total_integrals(g, plan.radii)
         fhat = polar_fourier(transformed, plan.densities, plan.curve.weights, mass)
@@ -72,7 +73,12 @@ def _reconstruct(
         )
 
     stack = g.reshape(-1, *g.shape[-2:])
-    images = map_shards(lambda part: in_groups(of_group, part, IMAGES[inversion]), stack, mesh)
+    images = map_shards(
+        lambda common, part: in_groups(partial(of_group, *common), part, IMAGES[inversion]),
+        (plan, eta),
+        stack,
+        mesh,
+    )
     return images.reshape(*g.shape[:-2], *plan.grid.shape)
 
 
