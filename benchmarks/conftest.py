@@ -1,5 +1,6 @@
 """How a benchmark is measured: first call apart, median of the rest, error, peak memory."""
 
+import gc
 import re
 import time
 from pathlib import Path
@@ -16,6 +17,8 @@ def measure(benchmark):
     """Measure ``work()``: ``error`` of its result, ``n`` pixels per axis, ``images`` at once."""
 
     def run(work, *, n: int, images: int = 1, error=None, rounds: int = 7):
+        jax.clear_caches()
+        gc.collect()
         Path("/proc/self/clear_refs").write_text("5")  # the peak starts anew
         start = time.perf_counter()
         result = jax.block_until_ready(work())

@@ -74,6 +74,22 @@ class Data(eqx.Module):
     rule: AlphaRule
 
 
+class _Datum(eqx.Module):
+    """`Data`, summed over the detectors beforehand where that is alike at all frequencies.
+
+    Attributes:
+        values: Σ_k w_k (cos|sin)(n theta_k) G_k, (..., images, 2, 2, orders), or w G, (..., images,
+            2, detectors), if the detectors do not lie on a circle.
+        power: mean square of √w (G_J, G_Y).
+    """
+
+    values: Float[Array, "*f images 2 _ _"] | Float[Array, "*f images 2 detectors"]
+    power: Float[Array, "*f"]
+    noise_power: Float[Array, "*f"]
+    unit_norm: Float[Array, "*f"]
+    rule: AlphaRule
+
+
 def solve_harmonics(
     geometry: PolarGeometry,
     frequencies: Float[Array, " frequencies"],
@@ -105,7 +121,7 @@ def solve_harmonics(
     method = _factorised if solver == "cholesky" else partial(_iterated, tolerance=tolerance)
 
     def at(
-        orders: int, common: tuple[PolarGeometry, Any], wave: WaveTable, datum: Data
+        orders: int, common: tuple[PolarGeometry, Any], wave: WaveTable, datum: _Datum
     ) -> tuple[Array, SolveReport]:
         geometry, gram = common
         wave = wave.up_to(orders)
@@ -122,28 +138,36 @@ def solve_harmonics(
     group = np.repeat(np.arange(len(groups)), [stop - start for start, stop, _ in groups])
 
     @jax.checkpoint
-    def choose(common: Any, given: tuple[Array, WaveTable, Data]) -> tuple[Array, SolveReport]:
+    def choose(common: Any, given: tuple[Array, WaveTable, _Datum]) -> tuple[Array, SolveReport]:
         number, wave, datum = given
         return jax.lax.switch(number, programs, common, wave, datum)
 
     harmonics, report = map_shards(
         lambda common, share: jax.lax.map(partial(choose, common), share),
         (geometry, gram),
-        (jnp.asarray(group), table, data),
+        (jnp.asarray(group), table, _summed(geometry, data, n_max)),
         mesh,
     )
     return jnp.moveaxis(harmonics, 1, 0), report
 
 
+def _summed(geometry: PolarGeometry, data: Data, n_max: int) -> _Datum:
+    """One product of matrices for all frequencies, if the detectors lie on a circle."""
+    values = data.transformed * geometry.weights
+    power = jnp.mean(values * data.transformed, axis=(-3, -2, -1))
+    if geometry.on_circle:
+        waves = angular(n_max, geometry.detector_angles)
+        values = jnp.einsum("pnk,fijk->fijpn", waves, values)
+    return _Datum(values, power, data.noise_power, data.unit_norm, data.rule)
+
+
 def moments(
-    geometry: PolarGeometry, wave: WaveTable, transformed: Float[Array, "images 2 detectors"]
+    geometry: PolarGeometry, wave: WaveTable, values: Float[Array, "images 2 ..."]
 ) -> Float[Array, "images blocks r"]:
-    """M √w √w G, of one frequency."""
-    weighted = transformed * geometry.weights
+    """M √w √w G, of one frequency, from `_Datum.values`."""
     if wave.on_circle is None:
-        return jnp.einsum("jbrk,ijk->ibr", detector_matrix(geometry, wave), weighted)
-    n_max = wave.on_circle.shape[-1] - 1
-    harmonics = jnp.einsum("pnk,ijk->ijpn", angular(n_max, geometry.detector_angles), weighted)
+        return jnp.einsum("jbrk,ijk->ibr", detector_matrix(geometry, wave), values)
+    harmonics = values[..., : wave.on_circle.shape[-1]]
     return blocks(geometry, jnp.einsum("jn,ijpn->ipn", wave.on_circle, harmonics))
 
 
@@ -165,7 +189,7 @@ def normal_matrix(
 
 
 def _factorised(
-    geometry: PolarGeometry, wave: WaveTable, datum: Data, factor: RegionFactor, gram: Any
+    geometry: PolarGeometry, wave: WaveTable, datum: _Datum, factor: RegionFactor, gram: Any
 ) -> tuple[Array, SolveReport]:
     """By Cholesky decomposition, with implicit derivatives: one more solve each."""
     matrix = normal_matrix(geometry, wave, factor, gram)
@@ -175,7 +199,7 @@ def _factorised(
         plane = factor.around(_diagonal_matrix(blocks(geometry, _plane_power(wave))))
     alpha = datum.rule.absolute(_problem(geometry, datum, largest, matrix, plane))
     shifted = matrix + alpha * jnp.eye(matrix.shape[-1])
-    rhs = factor.times(moments(geometry, wave, datum.transformed))
+    rhs = factor.times(moments(geometry, wave, datum.values))
     triangle = jnp.linalg.cholesky(jax.lax.stop_gradient(shifted), symmetrize_input=False)
 
     def multiply(y: Array) -> Array:
@@ -197,7 +221,7 @@ def _factorised(
 def _iterated(
     geometry: PolarGeometry,
     wave: WaveTable,
-    datum: Data,
+    datum: _Datum,
     factor: RegionFactor,
     gram: Any,
     tolerance: float,
@@ -206,7 +230,7 @@ def _iterated(
     multiply, inner_diagonal = _products(geometry, wave)
     diagonal = _diagonal(geometry, wave, factor, inner_diagonal)
     alpha = datum.rule.absolute(_problem(geometry, datum, diagonal, None, None))
-    rhs = factor.times(moments(geometry, wave, datum.transformed))
+    rhs = factor.times(moments(geometry, wave, datum.values))
     precondition = factor.inverse_around(inner_diagonal, alpha)
 
     def system(y: Array) -> Array:
@@ -324,11 +348,14 @@ def _plane_power(wave: WaveTable) -> Float[Array, "2 orders"]:
 
 
 def _problem(
-    geometry: PolarGeometry, datum: Data, diagonal: Array, matrix: Array | None, plane: Array | None
+    geometry: PolarGeometry,
+    datum: _Datum,
+    diagonal: Array,
+    matrix: Array | None,
+    plane: Array | None,
 ) -> Problem:
-    power = jnp.mean(geometry.weights * datum.transformed**2)
     n_data = 2 * geometry.detector_angles.shape[0]
-    return Problem(matrix, plane, diagonal, datum.unit_norm, power, datum.noise_power, n_data)
+    return Problem(matrix, plane, diagonal, datum.unit_norm, datum.power, datum.noise_power, n_data)
 
 
 def _on_circle(geometry: PolarGeometry, wave: WaveTable) -> Float[Array, "2 blocks r"]:

@@ -34,7 +34,7 @@ from .radon import LowPass, low_pass_values
 
 DEFAULT_ALPHA = 1e-6
 GROUPS = 6  # of frequencies with as many orders; each is compiled by itself
-MOST_ORDERS = 1200  # up to which a Cholesky decomposition is faster than conjugate gradients
+MOST_ORDERS = 5000  # up to which Cholesky decompositions are faster: extrapolated, see benchmarks
 
 
 class DirectLayout(eqx.Module):
