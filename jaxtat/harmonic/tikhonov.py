@@ -83,7 +83,7 @@ class _Datum(eqx.Module):
         power: mean square of √w (G_J, G_Y).
     """
 
-    values: Float[Array, "*f images 2 _ _"] | Float[Array, "*f images 2 detectors"]
+    values: Array
     power: Float[Array, "*f"]
     noise_power: Float[Array, "*f"]
     unit_norm: Float[Array, "*f"]
