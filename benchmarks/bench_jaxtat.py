@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from problems import problem
 
-from jaxtat import build_plan, reconstruct, reconstruct_direct
+from jaxtat import build_plan, problem_layout, reconstruct, reconstruct_direct
 from jaxtat.harmonic import polar_geometry, wave_table
 from jaxtat.reconstruction import radial_transform
-from jaxtat.reconstruction.direct import direct_layout
 from jaxtat.reconstruction.inversion import invert
 
 SIZES = [65, 129, 257, 513]
@@ -26,7 +25,7 @@ def bench_radial_transform(measure, n):
 @pytest.mark.parametrize("n", SIZES)
 def bench_wave_table(measure, n):
     case = problem(n)
-    layout = direct_layout(*case.where)
+    layout = problem_layout(*case.where)
     frequencies = layout.max_frequency / layout.n_frequencies * jnp.arange(1, n)
     geometry = polar_geometry(case.curve, case.region)
     measure(lambda: wave_table(geometry, frequencies, layout.groups[-1][-1]).steps, n=n)
@@ -39,7 +38,7 @@ def bench_inversion(measure, n, images, inversion):
     if n > 129 and images > 1:
         pytest.skip("batches are measured at the paper's size")
     case = problem(n)
-    layout = direct_layout(*case.where)
+    layout = problem_layout(*case.where)
     angles = jnp.arange(layout.n_directions) * jnp.pi / layout.n_directions
     step = jnp.asarray(layout.max_frequency / layout.n_frequencies)
     fhat = case.phantom.fourier(step * jnp.arange(n), angles)

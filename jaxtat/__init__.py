@@ -16,13 +16,13 @@ from .geometry import (
 )
 from .harmonic import NoiseLevel
 from .io import load_plan, save_plan
+from .layout import Layout, problem_layout
 from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .pressure import condition_record, pressure_to_circular_integrals
 from .problem import AccuracyWarning
 from .reconstruction import (
     DirectReconstruction,
     cosine_filter,
-    direct_layout,
     reconstruct,
     reconstruct_direct,
     reconstruct_stack,
@@ -36,6 +36,7 @@ __all__ = [
     "DirectReconstruction",
     "FixedRank",
     "ImageGrid",
+    "Layout",
     "NoiseLevel",
     "NormBound",
     "ReconstructionPlan",
@@ -52,11 +53,11 @@ __all__ = [
     "cosine_filter",
     "data_radii",
     "detector_curve",
-    "direct_layout",
     "fit_circle",
     "load_plan",
     "phantoms",
     "pressure_to_circular_integrals",
+    "problem_layout",
     "reconstruct",
     "reconstruct_direct",
     "reconstruct_stack",

@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
+from .filtered_solve import filtered_solve
 from .full_circle import full_circle_densities
 from .geometry import Circle, DetectorCurve, Region
-from .regularization import Regularization, filtered_solve
+from .regularization import Regularization
 from .single_layer import plane_wave_traces, potential_matrix
 from .symmetry import Mirror
 
@@ -120,7 +121,7 @@ def collocation_densities(
             half = potential_matrix(frequency, curve, mirror.half_region(region))
             blocks, rhs = mirror.fold_matrix(half), mirror.fold_rhs(traces)
         found = filtered_solve(blocks, rhs, regularization, unit_norm)
-        solution = found.solution[0] if mirror is None else mirror.unfold(found.solution)
+        solution = found.q[0] if mirror is None else mirror.unfold(found.q)
         unknowns = solution.T.reshape(angles.shape[0], 2, curve.n_detectors)
         report = DensityReport(
             found.singular_values, found.terms, found.norm, found.residual, unit_norm

@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -23,14 +22,17 @@ from .densities import (
 from .geometry import Circle, DetectorCurve, ImageGrid, Region, fit_circle
 from .harmonic import (
     HarmonicDensities,
+    PolarGeometry,
     WaveTable,
     frequency_groups,
     group_of,
     harmonic_densities,
     harmonic_orders,
     polar_geometry,
+    sampled_harmonic_densities,
     wave_table,
 )
+from .layout import Layout, problem_layout
 from .problem import AccuracyWarning, polar_grid, require_boundary, require_problem
 from .regularization import NormBound, Regularization, Tikhonov
 from .special import full_circle_norm
@@ -84,6 +86,7 @@ def build_plan(
     n_directions: int | None = None,
     precision: str = "double",
     progress: bool = True,
+    layout: Layout | None = None,
 ) -> ReconstructionPlan:
     """Densities of the plane waves exp(-i xi·x) for all xi on a polar grid: step 1 of the paper.
 
@@ -107,9 +110,13 @@ def build_plan(
         n_directions: by default enough for lambda_max, a multiple of 32.
         precision: "single" halves the memory and costs about 1e-7 of accuracy.
         progress: show a progress bar.
+        layout: of `problem_layout`, which has decided max_frequency and n_directions; needed where
+            the geometry is traced by `jax.jit`.
 
     Returns:
-        ReconstructionPlan.
+        ReconstructionPlan: differentiable with respect to all positions and sizes of curve, region
+        and grid, to radii and to the number in the regularisation. Where the geometry is traced the
+        densities are stored one by one (as for "collocation").
 
     Raises:
         ValueError: for detectors in the region, radii that do not cover it, too few boundary
@@ -135,7 +142,11 @@ def build_plan(
         raise ValueError(f"precision is {precision!r}, expected 'double' or 'single'.")
     single = precision == "single"
     regularization = _rule(method, regularization)
-    _require_concrete(curve, region, grid, radii, max_frequency)
+    if layout is not None or not is_concrete(curve, region, grid, radii):
+        if layout is None:
+            options = {"max_frequency": max_frequency, "n_directions": n_directions}
+            layout = problem_layout(curve, region, grid, radii, method=method, **options)
+        return _traced(curve, region, grid, radii, regularization, method, layout, single)
     # inside jax.jit too: only the rule's number may be traced
     with jax.ensure_compile_time_eval():
         frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
@@ -171,14 +182,6 @@ def _rule(method: str, regularization: Regularization | None) -> Regularization 
     return NormBound(PAPER_K) if regularization is None else regularization
 
 
-def _require_concrete(*geometry: Any) -> None:
-    if not is_concrete(*geometry):
-        raise ValueError(
-            "build_plan got traced geometry: its sizes and checks need concrete values; only K, "
-            "j_max or sigma_min of the regularization may be traced."
-        )
-
-
 def _warn_of_residuals(report: DensityReport) -> None:
     """Say so if many plane waves were not reached: the image will be wrong there."""
     if not is_concrete(report):
@@ -191,6 +194,67 @@ def _warn_of_residuals(report: DensityReport) -> None:
             AccuracyWarning,
             stacklevel=3,
         )
+
+
+def _traced(
+    curve: DetectorCurve,
+    region: Region,
+    grid: ImageGrid,
+    radii: Array,
+    regularization: Regularization | None,
+    method: str,
+    layout: Layout,
+    single: bool,
+) -> ReconstructionPlan:
+    """A plan of sizes known beforehand; everything else may be traced."""
+    if regularization is None:
+        raise ValueError("method 'series' needs a geometry that is not traced.")
+    frequencies, angles = layout.frequencies, layout.angles
+    radius = fit_circle(curve.points).radius
+    unit_norms = full_circle_norm(frequencies, radius, layout.norm_orders)
+    if method == "collocation":
+        values, report = collocation_densities(
+            frequencies, unit_norms, angles, curve, region, regularization
+        )
+    else:
+        geometry = polar_geometry(curve, region)
+        offset = region.center - geometry.center
+        values, report = _traced_harmonic(geometry, offset, unit_norms, regularization, layout)
+    densities = SampledDensities(values)
+    return ReconstructionPlan(
+        curve,
+        region,
+        grid,
+        radii,
+        frequencies,
+        angles,
+        densities.in_single_precision() if single else densities,
+        regularization,
+        report,
+    )
+
+
+@eqx.filter_jit
+def _traced_harmonic(
+    geometry: PolarGeometry,
+    offset: Array,
+    unit_norms: Array,
+    regularization: Regularization,
+    layout: Layout,
+) -> tuple[Array, DensityReport]:
+    frequencies, angles = layout.frequencies, layout.angles
+    table = wave_table(geometry, frequencies, layout.groups[-1][-1])
+    pieces, reports = [], []
+    for start, stop, n_max in layout.groups:
+        few: WaveTable = jax.tree.map(lambda leaf: leaf[start:stop], table)  # noqa: B023
+        values, report = sampled_harmonic_densities(
+            geometry, few, n_max, unit_norms[start:stop], angles - geometry.axis, regularization
+        )
+        pieces.append(values)
+        reports.append(report)
+    along = jnp.cos(angles) * offset[0] + jnp.sin(angles) * offset[1]
+    phases = jnp.exp(1j * frequencies[:, None] * along)
+    return jnp.concatenate(pieces) * phases[..., None, None], _joined(reports)
 
 
 def _harmonic(
@@ -328,4 +392,4 @@ def _joined(reports: list[DensityReport]) -> DensityReport:
         return eqx.tree_at(lambda tree: tree.singular_values, report, values)
 
     joined = jax.tree.map(lambda *parts: library.concatenate(parts), *map(padded, reports))
-    return jax.device_put(joined)
+    return jax.device_put(joined) if library is np else joined

@@ -1,6 +1,6 @@
-"""Filter factors, and the one regularised solve that uses them. No physics in here.
+"""Filter factors: which singular components of a solution are kept. No physics in here.
 
-The system A q ≈ u is solved through A = P diag(sigma) Q^T with factors phi in [0, 1],
+With A = P diag(sigma) Q^T and phi in [0, 1] the system A q ≈ u is solved (see `filtered_solve`) by
 
     q = Q diag(phi_j / sigma_j) P^T u,
 
@@ -12,10 +12,9 @@ from abc import abstractmethod
 from typing import ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Float
 
 from .checks import Numbers, is_concrete, real_array
 
@@ -41,6 +40,10 @@ class Regularization(eqx.Module):
             unit_norm: the norm in which bounds on solutions are expressed, N(lambda).
             largest: diagonal entry of A A^T, the unit of alpha.
         """
+
+    def slope(self, sigma: Float[Array, "*k"], largest: Float[Array, ""]) -> Float[Array, "*k"]:
+        """dphi / d(sigma²) where phi is a smooth function of sigma; 0 for rules made of steps."""
+        return jnp.zeros_like(sigma)
 
 
 class NormBound(Regularization):
@@ -91,15 +94,30 @@ class FixedRank(Regularization):
 
 
 class SingularValueCutoff(Regularization):
-    """Singular values of at least sigma_min, those of `single_layer.potential_matrix` [length]."""
+    """Singular values of at least sigma_min, those of `single_layer.potential_matrix` [length].
+
+    Of the first value below it the fraction log(sigma_k / sigma_min) / log(sigma_k / sigma_{k+1})
+    is kept, which makes solutions continuous in sigma_min; ``fractional=False`` keeps none.
+    """
 
     sigma_min: Float[Array, ""]
+    fractional: bool = eqx.field(static=True)
 
-    def __init__(self, sigma_min: Numbers):
+    def __init__(self, sigma_min: Numbers, *, fractional: bool = True):
         self.sigma_min = _not_negative("sigma_min", sigma_min)
+        self.fractional = fractional
 
     def factors(self, sigma: Array, size: Array, unit_norm: Array, largest: Array) -> Array:
-        return jnp.broadcast_to((sigma >= self.sigma_min).astype(size.dtype)[:, None], size.shape)
+        kept = (sigma >= self.sigma_min).astype(size.dtype)
+        if self.fractional:
+            tiny = jnp.finfo(sigma.dtype).tiny
+            before = jnp.concatenate([jnp.zeros(1), sigma[:-1]])
+            first = (sigma < self.sigma_min) & (before >= self.sigma_min)
+            above = jnp.where(first, before, 1.0)
+            whole = jnp.log(above / jnp.where(first, jnp.maximum(sigma, tiny), 0.5))
+            part = jnp.log(above / jnp.where(first, self.sigma_min, 1.0))
+            kept = jnp.where(first, part / whole, kept)
+        return jnp.broadcast_to(kept[:, None], size.shape)
 
 
 class Tikhonov(Regularization):
@@ -115,111 +133,14 @@ class Tikhonov(Regularization):
 
     def factors(self, sigma: Array, size: Array, unit_norm: Array, largest: Array) -> Array:
         square = sigma**2
-        shrunk = square / jnp.maximum(square + self.alpha * largest, jnp.finfo(sigma.dtype).tiny)
+        total = square + self.alpha * largest
+        shrunk = square / jnp.where(total > 0, total, 1.0)
         return jnp.broadcast_to(shrunk[:, None], size.shape)
 
-
-class Components(eqx.Module):
-    """Singular components of a problem and how much of each is kept.
-
-    Attributes:
-        left, right: p_j and q_j, (blocks, equations, k) and (blocks, k, unknowns).
-        inverse: 1 / sigma_j, 0 below rounding, (blocks, k).
-        amplitudes: p_j·u / sigma_j, (blocks, k, rhs).
-        factors: phi_j, (blocks, k, rhs).
-        singular_values: sigma_j of all blocks, descending, (rank,).
-        terms: Σ_j phi_j, the number of terms kept (j_max), (rhs,).
-        norm: ||q||, (rhs,).
-        residual: ||A q - u|| / ||u||, (rhs,).
-    """
-
-    left: Float[Array, "blocks equations k"]
-    right: Float[Array, "blocks k unknowns"]
-    inverse: Float[Array, "blocks k"]
-    amplitudes: Complex[Array, "blocks k rhs"]
-    factors: Float[Array, "blocks k rhs"]
-    singular_values: Float[Array, " rank"]
-    terms: Float[Array, " rhs"]
-    norm: Float[Array, " rhs"]
-    residual: Float[Array, " rhs"]
-
-    @property
-    def solution(self) -> Complex[Array, "blocks unknowns rhs"]:
-        """q = Σ_j phi_j (p_j·u / sigma_j) q_j."""
-        kept = self.factors * self.amplitudes
-        transposed = jnp.swapaxes(self.right, -1, -2)
-        return jax.lax.complex(transposed @ kept.real, transposed @ kept.imag)
-
-
-def filtered_solve(
-    blocks: Float[Array, "blocks equations unknowns"],
-    rhs: Complex[Array, "blocks equations rhs"],
-    regularization: Regularization,
-    unit_norm: Float[Array, ""],
-) -> Components:
-    """q = Q diag(phi_j / sigma_j) P^T u with A = P diag(sigma) Q^T.
-
-    A is block diagonal, one block for a problem without symmetry; its singular values are ordered
-    over all blocks before the factors are chosen. Those below max(A.shape) · eps · sigma_1 are
-    rounding, and never used.
-
-    Args:
-        blocks: of A, real.
-        rhs: u, complex, one column per right-hand side.
-        regularization: gives the factors phi.
-        unit_norm: N(lambda), see `Regularization.factors`.
-
-    Returns:
-        Components, of which ``solution`` is q.
-
-    >>> a = jnp.diag(jnp.array([4.0, 2.0, 1.0]))[None]
-    >>> u = jnp.array([[[4.0], [4.0], [4.0]]]) + 0j
-    >>> found = filtered_solve(a, u, FixedRank(2.5), jnp.array(1.0))
-    >>> found.solution[0, :, 0].real.tolist(), found.terms.tolist()
-    ([1.0, 2.0, 2.0], [2.5])
-    """
-    n_blocks, n_rhs = blocks.shape[0], rhs.shape[-1]
-    left, sigma, right = jnp.linalg.svd(blocks, full_matrices=False)
-    floor = n_blocks * max(blocks.shape[1:]) * jnp.finfo(sigma.dtype).eps * sigma.max()
-    inverse = jnp.where(sigma > floor, 1 / jnp.where(sigma > floor, sigma, 1.0), 0.0)
-    # the matrix is real: real and imaginary parts are right-hand sides of their own
-    parts = jnp.concatenate([rhs.real, rhs.imag], axis=-1)
-    amplitudes = inverse[..., None] * (jnp.swapaxes(left, -1, -2) @ parts)
-    largest = jnp.sum(blocks**2, axis=-1).max()
-    order = jnp.argsort(-sigma, axis=None)
-    size = _modulus(amplitudes).reshape(-1, n_rhs)[order]
-    factors = regularization.factors(sigma.ravel()[order], size, unit_norm, largest)
-    factors *= (inverse > 0).ravel()[order][:, None]
-    unordered = factors[jnp.argsort(order)].reshape(n_blocks, -1, n_rhs)
-    kept = jnp.tile(unordered, 2) * amplitudes
-    misfit = left @ (sigma[..., None] * kept) - parts
-    return Components(
-        left=left,
-        right=right,
-        inverse=inverse,
-        amplitudes=_complex(amplitudes),
-        factors=unordered,
-        singular_values=sigma.ravel()[order],
-        terms=jnp.sum(factors, axis=0),
-        norm=_norm(_modulus(kept)),
-        residual=_norm(_modulus(misfit)) / _norm(_modulus(parts)),
-    )
-
-
-def _complex(parts: Array) -> Array:
-    """Columns (real parts, imaginary parts) as complex ones."""
-    real, imaginary = jnp.split(parts, 2, axis=-1)
-    return jax.lax.complex(real, imaginary)
-
-
-def _modulus(parts: Array) -> Array:
-    real, imaginary = jnp.split(parts, 2, axis=-1)
-    square = real**2 + imaginary**2
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
-
-
-def _norm(columns: Array) -> Array:
-    return jnp.sqrt(jnp.sum(columns**2, axis=tuple(range(columns.ndim - 1))))
+    def slope(self, sigma: Array, largest: Array) -> Array:
+        alpha = self.alpha * largest
+        total = sigma**2 + alpha
+        return jnp.where(total > 0, alpha / jnp.where(total > 0, total, 1.0) ** 2, 0.0)
 
 
 def _not_negative(name: str, value: Numbers) -> Array:

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.test_util import check_grads
 from numpy.testing import assert_allclose
 
 import jaxtat
@@ -23,6 +24,7 @@ from jaxtat import (
     data_radii,
     detector_curve,
     phantoms,
+    problem_layout,
     reconstruct,
     truncated_disk,
 )
@@ -237,10 +239,51 @@ def test_plans_can_be_built_under_jit_for_a_traced_K(small, method):
     assert np.allclose(jax.jit(image)(3.0), image(3.0), atol=1e-10)
 
 
-def test_traced_geometry_is_refused_in_one_line(small):
+def test_traced_geometry_without_a_layout_is_refused(small):
     curve, region, grid, radii = small
-    with pytest.raises(ValueError, match="traced geometry"):
-        jax.grad(lambda r: build_plan(curve, region, grid, r, progress=False).radii.sum())(radii)
+    with pytest.raises(ValueError, match=r"layout = problem_layout"):
+        jax.jit(lambda r: build_plan(curve, region, grid, r, progress=False).radii)(radii)
+    with pytest.raises(ValueError, match="series"):
+        full = circular_arc(1.3, 1.3, 130)
+        jax.grad(lambda r: build_plan(full, region, grid, r, method="series").radii.sum())(radii)
+
+
+# the paper's geometries in small: of the first one all singular values come nearly in pairs
+@pytest.mark.filterwarnings("ignore::jaxtat.AccuracyWarning")
+@pytest.mark.parametrize("right", [1.0, 0.0])
+@pytest.mark.parametrize("method", SOLVED)
+def test_derivatives_of_the_image_in_the_geometry(method, right, monkeypatch):
+    monkeypatch.setattr("jaxtat.layout.GROUPS", 1)
+    grid = ImageGrid(9)
+
+    def geometry(z_right, radius, x_right, turn):
+        curve = circular_arc(1.3 * radius, z_right, 24, angle=turn)
+        size = {"n_chord": 0 if right == 1.0 else 18}
+        return curve, truncated_disk(radius, x_right, 48, **size)
+
+    start = (right + 0.05, 1.0, right, 0.02)
+    radii = data_radii(*geometry(*start), grid.spacing[0])
+    g = BELL.circular_integrals(geometry(*start)[0], radii)
+    where = {"max_frequency": 7.0, "n_directions": 8}
+    layout = problem_layout(*geometry(*start), grid, radii, method=method, **where)
+    weights = jnp.asarray(np.random.default_rng(0).standard_normal((9, 9)))
+
+    @jax.jit
+    def loss(z_right, radius, x_right, turn, shift, K):
+        curve, region = geometry(z_right, radius, x_right, turn)
+        if right == 0.0:  # every detector by itself; else the arc remains one
+            curve = detector_curve(curve.points + shift, closed=False)
+        plan = build_plan(curve, region, grid, radii, NormBound(K), method=method, layout=layout)
+        return jnp.sum(weights * reconstruct(plan, g))
+
+    shift = jnp.asarray(0.01 * np.random.default_rng(1).standard_normal((24, 2)))
+    arguments = (*map(jnp.asarray, start), shift, jnp.array(3.3))
+    check_grads(loss, arguments, 1, modes=["fwd", "rev"], eps=1e-6, atol=1e-4, rtol=1e-4)
+    slopes = jax.grad(loss, range(6))(*arguments)
+    assert all(np.isfinite(slope).all() for slope in slopes)
+    moving = [bool(np.abs(slope).max() > 0) for slope in slopes]
+    # a disk has no chord to move, and an arc no single detectors
+    assert moving == [True, True, right == 0.0, True, right == 0.0, True]
 
 
 def test_too_few_detectors_are_reported():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from jax.test_util import check_grads
 
 from jaxtat import FixedRank, NormBound, SingularValueCutoff, Tikhonov
-from jaxtat.regularization import filtered_solve
+from jaxtat.filtered_solve import singular_components
 
 ONE = jnp.array(1.0)
 
@@ -26,7 +26,7 @@ def problem(m=12, n=8, rhs=3, spread=4.0, seed=0):
 @pytest.mark.parametrize("shape", [(12, 8), (8, 12), (9, 9)])
 def test_keeping_everything_is_least_squares(shape):
     *_, a, u = problem(*shape)
-    found = filtered_solve(a[None], u[None], SingularValueCutoff(0.0), ONE)
+    found = singular_components(a[None], u[None], SingularValueCutoff(0.0), ONE)
     exact, *_ = np.linalg.lstsq(np.asarray(a), np.asarray(u), rcond=None)
     assert np.allclose(found.solution[0], exact, atol=1e-9)
     misfit = np.linalg.norm(np.asarray(a) @ exact - u, axis=0) / np.linalg.norm(u, axis=0)
@@ -39,7 +39,7 @@ def test_keeping_everything_is_least_squares(shape):
 @settings(deadline=None, max_examples=25)
 def test_fixed_rank_interpolates_between_whole_ranks(j_max):
     left, sigma, right, a, u = problem()
-    found = filtered_solve(a[None], u[None], FixedRank(j_max), ONE)
+    found = singular_components(a[None], u[None], FixedRank(j_max), ONE)
     phi = np.clip(j_max - np.arange(8), 0, 1)
     exact = right @ ((phi / sigma)[:, None] * (left.T @ np.asarray(u)))
     assert np.allclose(found.solution[0], exact, rtol=1e-9, atol=1e-9)
@@ -50,8 +50,8 @@ def test_fixed_rank_interpolates_between_whole_ranks(j_max):
 @settings(deadline=None, max_examples=40)
 def test_norm_bound_is_reached_exactly_or_everything_is_kept(K, unit_norm):
     *_, a, u = problem()
-    found = filtered_solve(a[None], u[None], NormBound(K), jnp.array(unit_norm))
-    everything = filtered_solve(a[None], u[None], FixedRank(8), ONE)
+    found = singular_components(a[None], u[None], NormBound(K), jnp.array(unit_norm))
+    everything = singular_components(a[None], u[None], FixedRank(8), ONE)
     wanted = np.minimum(K * unit_norm, np.asarray(everything.norm))
     assert np.allclose(found.norm, wanted, rtol=1e-9)
 
@@ -61,7 +61,7 @@ def test_hard_norm_bound_keeps_the_most_whole_terms_that_fit():
     c = np.abs(left.T @ np.asarray(u)) / sigma[:, None]
     cumulative = np.sqrt(np.cumsum(c**2, axis=0))
     for K in (0.5, 10.0, 300.0, 1e6):
-        found = filtered_solve(a[None], u[None], NormBound(K, fractional=False), ONE)
+        found = singular_components(a[None], u[None], NormBound(K, fractional=False), ONE)
         assert np.array_equal(found.terms, (cumulative <= K).sum(axis=0))
 
 
@@ -69,7 +69,7 @@ def test_norm_bound_is_continuous_and_monotonic_in_K():
     *_, a, u = problem()
 
     def norms(K):
-        return filtered_solve(a[None], u[None], NormBound(K), ONE).norm
+        return singular_components(a[None], u[None], NormBound(K), ONE).norm
 
     values = jax.vmap(norms)(jnp.linspace(0.1, 2000.0, 4001))
     steps = np.diff(np.asarray(values), axis=0)
@@ -79,7 +79,9 @@ def test_norm_bound_is_continuous_and_monotonic_in_K():
 
 def test_singular_value_cutoff_keeps_what_reaches_it():
     left, sigma, right, a, u = problem()
-    found = filtered_solve(a[None], u[None], SingularValueCutoff(float(sigma[4]) * 0.999), ONE)
+    found = singular_components(
+        a[None], u[None], SingularValueCutoff(0.999 * float(sigma[4]), fractional=False), ONE
+    )
     exact = right[:, :5] @ ((left.T[:5] @ np.asarray(u)) / sigma[:5, None])
     assert np.allclose(found.solution[0], exact)
     assert np.all(np.asarray(found.terms) == 5)
@@ -88,7 +90,7 @@ def test_singular_value_cutoff_keeps_what_reaches_it():
 def test_rounding_of_a_singular_matrix_is_never_divided_by():
     _, _, _, a, u = problem()
     singular = a.at[:, 7].set(a[:, 6])
-    found = filtered_solve(singular[None], u[None], FixedRank(8), ONE)
+    found = singular_components(singular[None], u[None], FixedRank(8), ONE)
     exact = np.linalg.pinv(np.asarray(singular), rcond=1e-13) @ np.asarray(u)
     assert np.all(np.asarray(found.terms) == 7)
     assert np.allclose(found.solution[0], exact, rtol=1e-8)
@@ -98,7 +100,7 @@ def test_rounding_of_a_singular_matrix_is_never_divided_by():
 def test_tikhonov_solves_the_damped_normal_equations(alpha):
     """(A^T A + alpha a) q = A^T u, a the largest diagonal entry of A A^T; least squares for 0."""
     *_, a, u = problem()
-    found = filtered_solve(a[None], u[None], Tikhonov(alpha), ONE)
+    found = singular_components(a[None], u[None], Tikhonov(alpha), ONE)
     matrix = np.asarray(a)
     damping = alpha * np.sum(matrix**2, axis=1).max()
     # as least squares of [A; sqrt(damping)], which does not square the condition number
@@ -110,7 +112,7 @@ def test_tikhonov_solves_the_damped_normal_equations(alpha):
 
 
 def test_tikhonov_of_nothing_is_nothing():
-    found = filtered_solve(jnp.zeros((1, 4, 3)), jnp.ones((1, 4, 2)) + 0j, Tikhonov(0.0), ONE)
+    found = singular_components(jnp.zeros((1, 4, 3)), jnp.ones((1, 4, 2)) + 0j, Tikhonov(0.0), ONE)
     assert np.all(np.asarray(found.solution) == 0)
     assert np.all(np.asarray(found.terms) == 0)
     assert np.allclose(found.residual, 1)
@@ -125,7 +127,7 @@ def test_components_are_those_of_the_problem_and_of_the_solution(rule):
     *_, first, u1 = problem(seed=1)
     *_, second, u2 = problem(seed=2, spread=3.0)
     blocks, rhs = jnp.stack([first, second]), jnp.stack([u1, u2])
-    found = filtered_solve(blocks, rhs, rule, ONE)
+    found = singular_components(blocks, rhs, rule, ONE)
     sigma = 1 / np.asarray(found.inverse)
     assert np.allclose(np.asarray(found.left) * sigma[:, None] @ found.right, blocks, atol=1e-13)
     assert np.allclose(np.sort(sigma.ravel())[::-1], found.singular_values, rtol=1e-12)
@@ -144,7 +146,7 @@ def test_components_are_those_of_the_problem_and_of_the_solution(rule):
 @pytest.mark.parametrize("rule", RULES)
 def test_only_the_norm_bound_tells_right_hand_sides_apart(rule):
     *_, a, u = problem()
-    factors = np.asarray(filtered_solve(a[None], u[None], rule, ONE).factors)
+    factors = np.asarray(singular_components(a[None], u[None], rule, ONE).factors)
     assert np.all(factors == factors[..., :1]) == (not isinstance(rule, NormBound))
 
 
@@ -154,8 +156,8 @@ def test_blocks_are_the_block_diagonal_matrix(rule):
     *_, second, u2 = problem(seed=2, spread=3.0)
     dense = jax.scipy.linalg.block_diag(first, second)[None]
     both = jnp.concatenate([u1, u2])[None]
-    whole = filtered_solve(dense, both, rule, ONE)
-    blocks = filtered_solve(jnp.stack([first, second]), jnp.stack([u1, u2]), rule, ONE)
+    whole = singular_components(dense, both, rule, ONE)
+    blocks = singular_components(jnp.stack([first, second]), jnp.stack([u1, u2]), rule, ONE)
     assert np.allclose(blocks.solution.reshape(16, 3), whole.solution[0], atol=1e-9)
     for name in ("singular_values", "terms", "norm", "residual"):
         assert np.allclose(getattr(blocks, name), getattr(whole, name), atol=1e-9)
@@ -165,7 +167,7 @@ def test_derivatives_in_K_j_max_alpha_and_the_right_hand_side():
     *_, a, u = problem()
 
     def of_rule(rule):
-        found = filtered_solve(a[None], u[None], rule, ONE)
+        found = singular_components(a[None], u[None], rule, ONE)
         return found.solution.real, found.norm, found.residual
 
     check_grads(lambda K: of_rule(NormBound(K)), (jnp.array(33.0),), 1, modes=["fwd", "rev"])
@@ -173,7 +175,7 @@ def test_derivatives_in_K_j_max_alpha_and_the_right_hand_side():
     check_grads(lambda a: of_rule(Tikhonov(a)), (jnp.array(0.3),), 1, modes=["fwd", "rev"])
 
     def of_rhs(real):
-        return filtered_solve(
+        return singular_components(
             a[None], jnp.asarray(real)[None] + 0j, NormBound(33.0), ONE
         ).solution.real
 

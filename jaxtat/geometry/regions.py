@@ -1,8 +1,10 @@
 """Regions of interest: where the image is reconstructed, and their boundaries."""
 
 from abc import abstractmethod
+from functools import partial
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -117,28 +119,32 @@ def truncated_disk(
         raise ValueError("n_chord must be given when radius or x_right is traced.")
     if not 0 <= n_chord < n_collocation:
         raise ValueError(f"n_chord is {n_chord}, expected 0 to {n_collocation - 1} of the points.")
-    return _truncated_disk(radius, x_right, center, angle, n_collocation - n_chord, n_chord)
-
-
-@eqx.filter_jit
-def _truncated_disk(
-    radius: Array, x_right: Array, center: Array, angle: Array, n_arc: int, n_chord: int
-) -> TruncatedDisk:
-    half_opening = jnp.zeros(()) if n_chord == 0 else opening_angle(x_right / radius)
-    arc = _arc_boundary(radius, half_opening, n_arc)
-    chord = _chord_boundary(radius, half_opening, x_right, n_chord)
-    points, normals, weights = (jnp.concatenate(pair) for pair in zip(arc, chord, strict=True))
-    turn = jnp.array([[jnp.cos(angle), -jnp.sin(angle)], [jnp.sin(angle), jnp.cos(angle)]])
+    points, weights, normals = _boundary(
+        radius, x_right, center, angle, n_collocation - n_chord, n_chord
+    )
     return TruncatedDisk(
-        points=points @ turn.T + center,
+        points=points,
         weights=weights,
-        normals=normals @ turn.T,
+        normals=normals,
         center=center,
         radius=radius,
         x_right=x_right,
         angle=angle,
         whole=n_chord == 0,
     )
+
+
+@partial(jax.jit, static_argnums=(4, 5))
+def _boundary(
+    radius: Array, x_right: Array, center: Array, angle: Array, n_arc: int, n_chord: int
+) -> tuple[Array, Array, Array]:
+    """Points, weights and normals."""
+    half_opening = jnp.zeros(()) if n_chord == 0 else opening_angle(x_right / radius)
+    arc = _arc_boundary(radius, half_opening, n_arc)
+    chord = _chord_boundary(radius, half_opening, x_right, n_chord)
+    points, normals, weights = (jnp.concatenate(pair) for pair in zip(arc, chord, strict=True))
+    turn = jnp.array([[jnp.cos(angle), -jnp.sin(angle)], [jnp.sin(angle), jnp.cos(angle)]])
+    return points @ turn.T + center, weights, normals @ turn.T
 
 
 def require_outside(curve: DetectorCurve, region: Region) -> None:

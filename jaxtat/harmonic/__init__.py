@@ -6,6 +6,7 @@ from .densities import (
     HarmonicDensities,
     group_of,
     harmonic_densities,
+    sampled_harmonic_densities,
 )
 from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry
@@ -29,6 +30,7 @@ __all__ = [
     "harmonic_densities",
     "harmonic_orders",
     "polar_geometry",
+    "sampled_harmonic_densities",
     "solve_harmonics",
     "wave_table",
 ]

@@ -20,9 +20,10 @@ from jaxtyping import Array, Complex, Float
 
 from ..checks import is_concrete
 from ..densities import Densities, DensityReport
-from ..regularization import Regularization, filtered_solve
+from ..filtered_solve import filtered_solve, singular_components
+from ..regularization import Regularization
 from .polar import PolarGeometry, half_weights
-from .table import WaveTable, blocks, detector_matrix, pairs, region_factor
+from .table import RegionFactor, WaveTable, blocks, detector_matrix, pairs, region_factor
 from .waves import angular, circular_harmonics_at, minus_i_powers
 
 ROUNDING = 1e-11  # relative size of rows and components that are left out
@@ -85,13 +86,8 @@ class HarmonicDensities(Densities):
         waves = waves.reshape(*group.rows.shape[:2], -1)
         folded = jnp.einsum("brc,brd->dbc", group.rows, waves)
         folded += jnp.einsum("bec,bed->dbc", group.extra_rows, group.extra)
-        # rho·w G = folded·fold(G) for all G: the transpose of folding, for real and imaginary part
-        columns = jnp.moveaxis(folded, 0, -1)
-        shape = jax.ShapeDtypeStruct((2, weights.shape[0], columns.shape[-1]), jnp.float64)
-        unfold = jax.linear_transpose(lambda g: fold(g, weights, self.mirror), shape)
-        (real,), (imaginary,) = unfold(columns.real), unfold(columns.imag)
-        phases = self.phases[number][:, None, None]
-        return jnp.moveaxis(jax.lax.complex(real, imaginary), -1, 0) * phases / weights
+        found = unfold(jnp.moveaxis(folded, 0, -1), weights, self.mirror)
+        return found * self.phases[number][:, None, None] / weights
 
     def in_single_precision(self) -> "HarmonicDensities":
         def single(leaf: Array) -> Array:
@@ -118,6 +114,18 @@ def fold(
         parts = jnp.stack([here + there, here - there], axis=-4) / 2
     scaled = parts * jnp.sqrt(weights)[:, None]
     return scaled.reshape(*scaled.shape[:-3], -1, scaled.shape[-1])
+
+
+def unfold(
+    columns: Complex[Array, "blocks columns directions"],
+    weights: Float[Array, " detectors"],
+    mirror: bool,
+) -> Complex[Array, "directions 2 detectors"]:
+    """w rho with w rho·G = columns·fold(G) for all G: the transpose of folding."""
+    shape = jax.ShapeDtypeStruct((2, weights.shape[0], columns.shape[-1]), jnp.float64)
+    transpose = jax.linear_transpose(lambda g: fold(g, weights, mirror), shape)
+    (real,), (imaginary,) = transpose(columns.real), transpose(columns.imag)
+    return jnp.moveaxis(jax.lax.complex(real, imaginary), -1, 0)
 
 
 class Step(eqx.Module):
@@ -147,18 +155,13 @@ def harmonic_densities(
         angles: theta, counted from the axis [rad].
         regularization: which singular components are kept.
     """
-    half = geometry.one_side() if geometry.mirror else geometry
 
     @jax.checkpoint
     def at(arguments: tuple[WaveTable, Array]) -> tuple[Step, DensityReport]:
         wave, unit_norm = arguments[0].up_to(n_max), arguments[1]
         factor = region_factor(geometry, wave)
-        matrix = detector_matrix(half, wave) * jnp.sqrt(half.weights)
-        matrix = jnp.moveaxis(matrix, 0, -2)  # (blocks, r, J|Y, half)
-        matrix = factor.matrix_times(matrix.reshape(*matrix.shape[:2], -1))
-        plane = _plane_waves(geometry, wave, angles)
-        rhs = jax.lax.complex(factor.matrix_times(plane.real), factor.matrix_times(plane.imag))
-        found = filtered_solve(matrix, rhs, regularization, unit_norm)
+        matrix, rhs = _system(geometry, wave, factor, angles)
+        found = singular_components(matrix, rhs, regularization, unit_norm)
         common = found.factors.min(axis=-1) * found.inverse
         outward = factor.transposed_matrix_times(found.left)
         scale = blocks(geometry, jnp.broadcast_to(wave.plane_scale, (2, *wave.plane_scale.shape)))
@@ -202,6 +205,46 @@ def group_of(steps: Sequence[Step]) -> DensityGroup:
         extra_rows=jax.device_put(np.take_along_axis(right, first, axis=-2)),
         extra=jax.device_put(np.take_along_axis(extra, first, axis=-2)),
     )
+
+
+@eqx.filter_jit
+def sampled_harmonic_densities(
+    geometry: PolarGeometry,
+    table: WaveTable,
+    n_max: int,
+    unit_norms: Float[Array, " f"],
+    angles: Float[Array, " directions"],
+    regularization: Regularization,
+) -> tuple[Complex[Array, "f directions 2 detectors"], DensityReport]:
+    """The same densities at the detectors, phases counted from the centre of the waves.
+
+    More memory than `harmonic_densities`, but differentiable with respect to the geometry.
+    """
+
+    @jax.checkpoint
+    def at(arguments: tuple[WaveTable, Array]) -> tuple[Array, DensityReport]:
+        wave, unit_norm = arguments[0].up_to(n_max), arguments[1]
+        matrix, rhs = _system(geometry, wave, region_factor(geometry, wave), angles)
+        found = filtered_solve(matrix, rhs, regularization, unit_norm)
+        densities = unfold(found.q, geometry.weights, geometry.mirror) / geometry.weights
+        report = DensityReport(
+            found.singular_values, found.terms, found.norm, found.residual, unit_norm
+        )
+        return densities, report
+
+    return jax.lax.map(at, (table, unit_norms))
+
+
+def _system(
+    geometry: PolarGeometry, wave: WaveTable, factor: RegionFactor, angles: Array
+) -> tuple[Float[Array, "blocks m columns"], Complex[Array, "blocks m directions"]]:
+    """A and u_xi of one frequency."""
+    half = geometry.one_side() if geometry.mirror else geometry
+    matrix = detector_matrix(half, wave) * jnp.sqrt(half.weights)
+    matrix = jnp.moveaxis(matrix, 0, -2)  # (blocks, r, J|Y, half)
+    matrix = factor.matrix_times(matrix.reshape(*matrix.shape[:2], -1))
+    plane = _plane_waves(geometry, wave, angles)
+    return matrix, jax.lax.complex(factor.matrix_times(plane.real), factor.matrix_times(plane.imag))
 
 
 def _plane_waves(

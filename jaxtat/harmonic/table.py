@@ -172,4 +172,21 @@ def region_factor(geometry: PolarGeometry, wave: WaveTable) -> RegionFactor:
     if wave.norms is not None:
         return RegionFactor(blocks(geometry, wave.norms))
     traces = boundary_traces(wave.frequencies, wave.steps, geometry)
-    return RegionFactor(jnp.linalg.qr(jnp.swapaxes(blocks(geometry, traces), 0, 1), mode="r"))
+    return RegionFactor(_triangle(jnp.swapaxes(blocks(geometry, traces), 0, 1)))
+
+
+@jax.custom_jvp
+def _triangle(traces: Float[Array, "blocks traces r"]) -> Float[Array, "blocks m r"]:
+    """R of B = Q R, which may be singular."""
+    return jnp.linalg.qr(traces, mode="r")
+
+
+@_triangle.defjvp
+def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    # What R is used for depends on it only up to a rotation from the left. So let Q stand still,
+    # dR = Q^T dB: triangular no more, but without the inverse of R, which may not exist. What of dB
+    # leads out of the span of Q meets neither densities nor images to first order, since both see
+    # B through B^T f(B K B^T) B, in which it is multiplied with parts of B that are zero.
+    # (Second derivatives would see it, and are not correct with respect to the region's shape.)
+    q, r = jnp.linalg.qr(primals[0])
+    return r, jnp.swapaxes(q, -1, -2) @ tangents[0]

@@ -2,7 +2,7 @@
 
 from .cartesian_fourier import direct_fourier_inversion
 from .classical import classical_fbp
-from .direct import DirectLayout, DirectReconstruction, direct_layout, reconstruct_direct
+from .direct import DirectReconstruction, reconstruct_direct
 from .fbp import filtered_back_projection
 from .pipeline import reconstruct
 from .polar_fourier import polar_fourier
@@ -11,12 +11,10 @@ from .radon import cosine_filter, offset_step, polar_fourier_of_projections, rad
 from .stack import reconstruct_stack
 
 __all__ = [
-    "DirectLayout",
     "DirectReconstruction",
     "classical_fbp",
     "cosine_filter",
     "direct_fourier_inversion",
-    "direct_layout",
     "filtered_back_projection",
     "offset_step",
     "polar_fourier",

@@ -4,7 +4,6 @@ import warnings
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
@@ -19,14 +18,13 @@ from ..harmonic import (
     SolveReport,
     alpha_rule,
     circular_harmonics_at,
-    frequency_groups,
-    harmonic_orders,
     polar_geometry,
     solve_harmonics,
 )
+from ..layout import Layout, problem_layout
 from ..parallel import checked_mesh, replicated
-from ..problem import AccuracyWarning, polar_grid, require_boundary, require_problem
-from ..special import enough_orders, full_circle_norm
+from ..problem import AccuracyWarning
+from ..special import full_circle_norm
 from .inversion import invert, require_inversion
 from .polar_fourier import with_origin
 from .radial_transform import radial_kernels, radial_transform, total_integrals
@@ -35,25 +33,6 @@ from .radon import LowPass, low_pass_values
 DEFAULT_ALPHA = 1e-6
 GROUPS = 6  # of frequencies with as many orders; each is compiled by itself
 MOST_ORDERS = 5000  # up to which Cholesky decompositions are faster: extrapolated, see benchmarks
-
-
-class DirectLayout(eqx.Module):
-    """Everything about a direct reconstruction that is a size, and so cannot be traced.
-
-    Attributes:
-        max_frequency: lambda_max [rad/length].
-        n_frequencies, n_directions: of the polar grid.
-        groups: (first frequency, last + 1, orders) of frequencies that are solved alike.
-        norm_orders: that N(lambda) needs.
-        solver: "cholesky" or "cg".
-    """
-
-    max_frequency: float = eqx.field(static=True)
-    n_frequencies: int = eqx.field(static=True)
-    n_directions: int = eqx.field(static=True)
-    groups: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
-    norm_orders: int = eqx.field(static=True)
-    solver: str = eqx.field(static=True)
 
 
 class DirectReconstruction(eqx.Module):
@@ -73,60 +52,6 @@ class DirectReconstruction(eqx.Module):
         return self.report.converged.all()
 
 
-def direct_layout(
-    curve: DetectorCurve,
-    region: Region,
-    grid: ImageGrid,
-    radii: Numbers,
-    *,
-    max_frequency: Numbers | None = None,
-    n_directions: int | None = None,
-    solver: str = "auto",
-) -> DirectLayout:
-    """The sizes that `reconstruct_direct` would choose, checked, for use inside `jax.jit`.
-
-    Orders are rounded up to fours, so that small changes of the geometry keep the layout.
-
-    Args:
-        curve, region, grid, radii: concrete, as in `reconstruct_direct`.
-        max_frequency, n_directions, solver: likewise.
-
-    Raises:
-        ValueError: as `reconstruct_direct`, and for a traced geometry.
-    """
-    radii = real_array("radii", radii, ("radii",))
-    curve, region, grid, radii = jax.lax.stop_gradient((curve, region, grid, radii))
-    if not is_concrete(curve, region, grid, radii, max_frequency):
-        raise ValueError(
-            "curve, region, grid or radii are traced by jax.jit, and sizes depend on them: make "
-            "layout = direct_layout(...) of typical ones outside, and pass layout=layout."
-        )
-    if solver not in ("auto", "cholesky", "cg"):
-        raise ValueError(f"solver is {solver!r}, expected 'auto', 'cholesky' or 'cg'.")
-    frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
-    require_problem(curve, region, grid, radii)
-    geometry = polar_geometry(curve, region)
-    if not geometry.disk:
-        require_boundary(region, float(frequencies[-1]))
-    orders = harmonic_orders(geometry, np.asarray(frequencies))
-    groups = tuple(
-        (part.start, part.stop, -(-n // 4) * 4) for part, n in frequency_groups(orders, GROUPS)
-    )
-    if solver == "auto":
-        rows = groups[-1][-1] * (1 if geometry.mirror else 2)
-        cheap = geometry.on_circle and geometry.disk
-        solver = "cg" if cheap and rows > MOST_ORDERS else "cholesky"
-    farthest = float(frequencies[-1]) * float(geometry.detector_radius.max())
-    return DirectLayout(
-        max_frequency=float(frequencies[-1]),
-        n_frequencies=frequencies.shape[0],
-        n_directions=angles.shape[0],
-        groups=groups,
-        norm_orders=enough_orders(1.1 * farthest),
-        solver=solver,
-    )
-
-
 def reconstruct_direct(
     curve: DetectorCurve,
     region: Region,
@@ -141,7 +66,7 @@ def reconstruct_direct(
     solver: str = "auto",
     tolerance: float = 1e-10,
     inversion: str = "fbp",
-    layout: DirectLayout | None = None,
+    layout: Layout | None = None,
     mesh: Mesh | None = None,
 ) -> DirectReconstruction:
     """The image f from circular integrals g, with nothing computed beforehand.
@@ -166,7 +91,7 @@ def reconstruct_direct(
         solver: "cholesky", "cg" (preconditioned conjugate gradients), or by size ("auto").
         tolerance: relative residual at which conjugate gradients stop.
         inversion: "fbp" or "fourier", see `inversion.invert`.
-        layout: of `direct_layout`; needed where the geometry is traced by `jax.jit`. It has
+        layout: of `problem_layout`; needed where the geometry is traced by `jax.jit`. It has
             decided max_frequency, n_directions and solver.
         mesh: devices among which the frequencies are divided, see `jaxtat.parallel`.
 
@@ -200,7 +125,7 @@ def reconstruct_direct(
     radii = real_array("radii", radii, ("radii",))
     values = data_array(g, curve.n_detectors, radii.shape[0])
     if layout is None:
-        layout = direct_layout(
+        layout = problem_layout(
             curve,
             region,
             grid,
@@ -239,25 +164,16 @@ class _Arguments(eqx.Module):
 
 
 def _direct(
-    given: _Arguments, layout: DirectLayout, tolerance: float, inversion: str, mesh: Mesh | None
+    given: _Arguments, layout: Layout, tolerance: float, inversion: str, mesh: Mesh | None
 ) -> DirectReconstruction:
     # several programs: as one, XLA has been seen to wait for ever with two devices on one CPU
     data = _transformed(given, layout)
     harmonics, report = _solve(given.geometry, data, layout, tolerance, mesh)
     fhat = _polar_fourier(given, harmonics, layout)
     step = jnp.asarray(layout.max_frequency / layout.n_frequencies)
-    center, angles = given.geometry.region.center, _angles(layout)
+    center, angles = given.geometry.region.center, layout.angles
     image = invert(fhat, step, angles, given.grid, center, given.eta, inversion)
     return DirectReconstruction(image.reshape(*given.g.shape[:-2], *given.grid.shape), report)
-
-
-def _frequencies(layout: DirectLayout) -> Float[Array, " frequencies"]:
-    n = layout.n_frequencies
-    return layout.max_frequency / n * jnp.arange(1, n + 1)
-
-
-def _angles(layout: DirectLayout) -> Float[Array, " directions"]:
-    return jnp.arange(layout.n_directions) * (jnp.pi / layout.n_directions)
 
 
 def _images(g: Float[Array, "*batch detectors radii"]) -> Float[Array, "images detectors radii"]:
@@ -265,9 +181,9 @@ def _images(g: Float[Array, "*batch detectors radii"]) -> Float[Array, "images d
 
 
 @eqx.filter_jit
-def _transformed(given: _Arguments, layout: DirectLayout) -> Data:
+def _transformed(given: _Arguments, layout: Layout) -> Data:
     """Step 2."""
-    frequencies = _frequencies(layout)
+    frequencies = layout.frequencies
     found = radial_transform(_images(given.g), given.radii, frequencies)
     return Data(
         transformed=jnp.moveaxis(found, 1, 0),
@@ -279,10 +195,10 @@ def _transformed(given: _Arguments, layout: DirectLayout) -> Data:
 
 @eqx.filter_jit
 def _solve(
-    geometry: PolarGeometry, data: Data, layout: DirectLayout, tolerance: float, mesh: Mesh | None
+    geometry: PolarGeometry, data: Data, layout: Layout, tolerance: float, mesh: Mesh | None
 ) -> tuple[Float[Array, "images frequencies 2 orders"], SolveReport]:
     """Steps 1 and 3, up to the sum of the circular harmonics."""
-    frequencies = _frequencies(layout)
+    frequencies = layout.frequencies
     return solve_harmonics(
         geometry, frequencies, layout.groups, data, layout.solver, tolerance, mesh
     )
@@ -290,15 +206,15 @@ def _solve(
 
 @eqx.filter_jit
 def _polar_fourier(
-    given: _Arguments, harmonics: Array, layout: DirectLayout
+    given: _Arguments, harmonics: Array, layout: Layout
 ) -> Complex[Array, "images all_frequencies directions"]:
     """fhat on the polar grid, with frequency 0 in front."""
-    geometry, angles = given.geometry, _angles(layout)
+    geometry, angles = given.geometry, layout.angles
     fhat = circular_harmonics_at(harmonics, angles - geometry.axis)
     if not geometry.disk:  # phases count from the region's centre, waves from the arc's
         directions = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
         along = directions @ (geometry.region.center - geometry.center)
-        fhat = fhat * jnp.exp(1j * _frequencies(layout)[:, None] * along)
+        fhat = fhat * jnp.exp(1j * layout.frequencies[:, None] * along)
     mass = total_integrals(_images(given.g), given.radii)
     return with_origin(fhat, mass, geometry.weights)
 
@@ -310,7 +226,7 @@ def _noise_power(geometry: PolarGeometry, radii: Array, frequencies: Array) -> A
 
 
 def _unit_norm(
-    geometry: PolarGeometry, rule: AlphaRule, frequencies: Array, layout: DirectLayout
+    geometry: PolarGeometry, rule: AlphaRule, frequencies: Array, layout: Layout
 ) -> Array:
     """N(lambda), if alpha depends on it."""
     if not rule.needs_matrix:

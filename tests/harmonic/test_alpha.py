@@ -24,7 +24,7 @@ from jaxtat.harmonic import (
     solve_harmonics,
 )
 from jaxtat.harmonic.alpha import Problem, RelativeAlpha, _alpha_of_norm
-from jaxtat.reconstruction import direct, radial_transform
+from jaxtat.reconstruction import radial_transform
 from jaxtat.single_layer import plane_wave_traces, potential_matrix
 from jaxtat.special import full_circle_norm
 
@@ -40,7 +40,7 @@ ORDERS = int(harmonic_orders(polar_geometry(ARC, DISK), np.asarray(FREQUENCIES))
 @pytest.fixture(autouse=True)
 def one_group(monkeypatch):
     """All frequencies in one group: less to compile."""
-    monkeypatch.setattr(direct, "GROUPS", 1)
+    monkeypatch.setattr("jaxtat.layout.GROUPS", 1)
 
 
 @jax.jit
@@ -113,7 +113,7 @@ def test_noise_level_by_brute_force(noisy):
     """alpha of the whole pipeline from traces of the boundary matrix and sums over all data."""
     (curve, region, grid, radii, g), sigma = noisy
     report = reconstruct_direct(curve, region, grid, radii, g, NoiseLevel(sigma)).report
-    layout = direct.direct_layout(curve, region, grid, radii)
+    layout = problem_layout(curve, region, grid, radii)
     step = layout.max_frequency / layout.n_frequencies
     for i in (0, 9, 24):
         lam = jnp.array((i + 1) * step)

@@ -12,8 +12,8 @@ from jaxtat import (
     cosine_filter,
     data_radii,
     detector_curve,
-    direct_layout,
     phantoms,
+    problem_layout,
     reconstruct_direct,
     truncated_disk,
 )
@@ -27,7 +27,7 @@ BELL = phantoms.Bells([[0.2, 0.1], [-0.3, -0.2]], [0.6, 0.5], [1.0, 0.7])
 @pytest.fixture(autouse=True)
 def one_group(monkeypatch):
     """All frequencies in one group (test_tikhonov: that changes nothing): less to compile."""
-    monkeypatch.setattr(direct, "GROUPS", 1)
+    monkeypatch.setattr("jaxtat.layout.GROUPS", 1)
 
 
 def problem(right=1.0, unit=1.0, center=(0.0, 0.0), angle=0.0):
@@ -124,7 +124,7 @@ def test_low_pass_acts_on_the_fourier_transform(first):
     """The image is that of the exact transform times eta."""
     curve, region, grid, radii, g = first
     found = reconstruct_direct(curve, region, grid, radii, g, 1e-8, low_pass=cosine_filter).image
-    layout = direct_layout(curve, region, grid, radii)
+    layout = problem_layout(curve, region, grid, radii)
     n = layout.n_frequencies
     step = jnp.array(layout.max_frequency / n)
     angles = jnp.arange(layout.n_directions) * jnp.pi / layout.n_directions
@@ -185,7 +185,7 @@ def test_detectors_too_near_are_refused(first):
     near = circular_arc(1.005, 1.0, N)
     radii = data_radii(near, region, grid.spacing[0])
     with pytest.raises(ValueError, match="farther off than the region"):
-        direct_layout(near, region, grid, radii)
+        problem_layout(near, region, grid, radii)
 
 
 # ---- traced arguments: a small problem, whose parameters are all changed at once
@@ -226,7 +226,7 @@ def image_of(parameters, layout):
 @pytest.mark.parametrize("kind", PARAMETERS)
 def test_one_compiled_function_serves_all_geometries(kind):
     """Under jit images are those of plain calls, and new values of parameters compile nothing."""
-    layout = direct_layout(*SMALL, RADII)
+    layout = problem_layout(*SMALL, RADII)
     traces = []
 
     @jax.jit
@@ -266,20 +266,20 @@ def test_traced_geometry_needs_a_layout():
         moved = circular_arc(radius, 1.2, 30)
         return reconstruct_direct(moved, region, grid, RADII, DATA).image
 
-    with pytest.raises(ValueError, match=r"layout = direct_layout"):
+    with pytest.raises(ValueError, match=r"layout = problem_layout"):
         jax.jit(image)(1.5)
-    with pytest.raises(ValueError, match=r"layout = direct_layout"):
-        jax.jit(lambda radii: direct_layout(curve, region, grid, radii))(RADII)
+    with pytest.raises(ValueError, match=r"layout = problem_layout"):
+        jax.jit(lambda radii: problem_layout(curve, region, grid, radii))(RADII)
 
 
 def test_solver_follows_from_the_size(monkeypatch):
     """Conjugate gradients for very many orders, where they are cheap: disks and circles."""
     curve, _, grid = SMALL
-    assert direct_layout(*SMALL, RADII).solver == "cholesky"
-    monkeypatch.setattr(direct, "MOST_ORDERS", 10)
-    assert direct_layout(*SMALL, RADII).solver == "cg"
+    assert problem_layout(*SMALL, RADII).solver == "cholesky"
+    monkeypatch.setattr("jaxtat.layout.MOST_ORDERS", 10)
+    assert problem_layout(*SMALL, RADII).solver == "cg"
     half = truncated_disk(1.0, 0.0, 60)
-    assert direct_layout(curve, half, grid, RADII).solver == "cholesky"
+    assert problem_layout(curve, half, grid, RADII).solver == "cholesky"
 
 
 def step_along(name, value):
@@ -294,7 +294,7 @@ def step_along(name, value):
 @pytest.mark.parametrize("kind", PARAMETERS)
 def test_derivatives_of_the_image(kind, solver):
     """Reverse mode equals forward mode, and finite differences in every parameter."""
-    layout = direct_layout(*SMALL, RADII, solver=solver)
+    layout = problem_layout(*SMALL, RADII, solver=solver)
     parameters = PARAMETERS[kind]
 
     def energy(parameters):
@@ -314,7 +314,7 @@ def test_derivatives_of_the_image(kind, solver):
 
 def test_the_transpose_in_g():
     """<R g, f> = <g, R^T f>: images are linear in the data, and reverse mode is the transpose."""
-    layout = direct_layout(*SMALL, RADII)
+    layout = problem_layout(*SMALL, RADII)
     rng = np.random.default_rng(3)
     g, f = jnp.asarray(rng.standard_normal(DATA.shape)), jnp.asarray(rng.standard_normal((17, 17)))
     image, pull_back = jax.vjp(

@@ -1,0 +1,310 @@
+"""The regularised solve of A q ≈ u by singular values, and its derivative.
+
+With A = P diag(sigma) Q^T and filter factors phi in [0, 1] of a `Regularization`
+
+    q = Q diag(phi_j / sigma_j) P^T u.
+
+`singular_components` gives the parts of q; derivatives with respect to A do not exist for parts
+whose singular values coincide. `filtered_solve` gives q itself, for which they do.
+"""
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float
+
+from .regularization import Regularization
+
+# relative distance of squared singular values that count as one: no derivative can tell them apart
+_ALIKE = 1e-7
+
+
+class Components(eqx.Module):
+    """Singular components of a problem and how much of each is kept.
+
+    Attributes:
+        left, right: p_j and q_j, (blocks, equations, k) and (blocks, k, unknowns).
+        sigma: sigma_j of each block, descending, (blocks, k).
+        inverse: 1 / sigma_j, 0 below rounding, (blocks, k).
+        amplitudes: p_j·u / sigma_j, (blocks, k, rhs).
+        factors: phi_j, (blocks, k, rhs).
+        singular_values: sigma_j of all blocks, descending, (rank,).
+        terms: Σ_j phi_j, the number of terms kept (j_max), (rhs,).
+        norm: ||q||, (rhs,).
+        residual: ||A q - u|| / ||u||, (rhs,).
+    """
+
+    left: Float[Array, "blocks equations k"]
+    right: Float[Array, "blocks k unknowns"]
+    sigma: Float[Array, "blocks k"]
+    inverse: Float[Array, "blocks k"]
+    amplitudes: Complex[Array, "blocks k rhs"]
+    factors: Float[Array, "blocks k rhs"]
+    singular_values: Float[Array, " rank"]
+    terms: Float[Array, " rhs"]
+    norm: Float[Array, " rhs"]
+    residual: Float[Array, " rhs"]
+
+    @property
+    def solution(self) -> Complex[Array, "blocks unknowns rhs"]:
+        """q = Σ_j phi_j (p_j·u / sigma_j) q_j."""
+        kept = self.factors * self.amplitudes
+        return _real_times(jnp.swapaxes(self.right, -1, -2), kept)
+
+
+def singular_components(
+    blocks: Float[Array, "blocks equations unknowns"],
+    rhs: Complex[Array, "blocks equations rhs"],
+    regularization: Regularization,
+    unit_norm: Float[Array, ""],
+) -> Components:
+    """q = Q diag(phi_j / sigma_j) P^T u with A = P diag(sigma) Q^T.
+
+    A is block diagonal, one block for a problem without symmetry; its singular values are ordered
+    over all blocks before the factors are chosen. Those below max(A.shape) · eps · sigma_1 are
+    rounding, and never used.
+
+    Args:
+        blocks: of A, real.
+        rhs: u, complex, one column per right-hand side.
+        regularization: gives the factors phi.
+        unit_norm: N(lambda), see `Regularization.factors`.
+
+    Returns:
+        Components, of which ``solution`` is q.
+
+    >>> from jaxtat import FixedRank
+    >>> a = jnp.diag(jnp.array([4.0, 2.0, 1.0]))[None]
+    >>> u = jnp.array([[[4.0], [4.0], [4.0]]]) + 0j
+    >>> found = singular_components(a, u, FixedRank(2.5), jnp.array(1.0))
+    >>> found.solution[0, :, 0].real.tolist(), found.terms.tolist()
+    ([1.0, 2.0, 2.0], [2.5])
+    """
+    n_blocks, n_rhs = blocks.shape[0], rhs.shape[-1]
+    left, sigma, right = jnp.linalg.svd(blocks, full_matrices=False)
+    floor = n_blocks * max(blocks.shape[1:]) * jnp.finfo(sigma.dtype).eps * sigma.max()
+    inverse = jnp.where(sigma > floor, 1 / jnp.where(sigma > floor, sigma, 1.0), 0.0)
+    amplitudes = inverse[..., None] * _real_times(jnp.swapaxes(left, -1, -2), rhs)
+    order = jnp.argsort(-sigma, axis=None)
+    size = _modulus(amplitudes).reshape(-1, n_rhs)[order]
+    factors = regularization.factors(sigma.ravel()[order], size, unit_norm, _largest(blocks))
+    factors *= (inverse > 0).ravel()[order][:, None]
+    unordered = factors[jnp.argsort(order)].reshape(n_blocks, -1, n_rhs)
+    kept = unordered * amplitudes
+    misfit = _real_times(left, sigma[..., None] * kept) - rhs
+    return Components(
+        left=left,
+        right=right,
+        sigma=sigma,
+        inverse=inverse,
+        amplitudes=amplitudes,
+        factors=unordered,
+        singular_values=sigma.ravel()[order],
+        terms=jnp.sum(factors, axis=0),
+        norm=_column_norm(kept),
+        residual=_column_norm(misfit) / _column_norm(rhs),
+    )
+
+
+class Solution(eqx.Module):
+    """q and how it was come by, without anything that depends on the choice of singular vectors.
+
+    Attributes:
+        q: (blocks, unknowns, rhs).
+        singular_values, terms, norm, residual: as in `Components`.
+    """
+
+    q: Complex[Array, "blocks unknowns rhs"]
+    singular_values: Float[Array, " rank"]
+    terms: Float[Array, " rhs"]
+    norm: Float[Array, " rhs"]
+    residual: Float[Array, " rhs"]
+
+
+@jax.custom_jvp
+def filtered_solve(
+    blocks: Float[Array, "blocks equations unknowns"],
+    rhs: Complex[Array, "blocks equations rhs"],
+    regularization: Regularization,
+    unit_norm: Float[Array, ""],
+) -> Solution:
+    """q = Q diag(phi_j / sigma_j) P^T u, differentiable in everything.
+
+    Singular values may coincide, or be as small as rounding: derivatives are exact as long as the
+    cut of the regularisation does not fall between two that coincide (there is none then; what
+    that pair would contribute is left out).
+
+    Args, and what they mean: as `singular_components`.
+
+    >>> from jaxtat import FixedRank
+    >>> u = jnp.array([[[4.0], [4.0], [4.0]]]) + 0j
+    >>> def length(scale):  # all three singular values are the same
+    ...     found = filtered_solve(scale * jnp.eye(3)[None], u, FixedRank(3), jnp.array(1.0))
+    ...     return found.norm[0]
+    >>> round(float(jax.grad(length)(2.0)), 6)  # d/ds 4 √3 / s
+    -1.732051
+    """
+    found = singular_components(blocks, rhs, regularization, unit_norm)
+    return Solution(found.solution, found.singular_values, found.terms, found.norm, found.residual)
+
+
+@filtered_solve.defjvp
+def _(primals: tuple, tangents: tuple) -> tuple[Solution, Solution]:
+    # Let C = P^T dA Q. To first order, with gamma_ij = 1 / (sigma_i² - sigma_j²), the singular
+    # vectors turn by p_j·dp_i = gamma_ij (C_ji sigma_i + sigma_j C_ij), and inside their span
+    #
+    #     Q^T dq = Σ_j [(phi_i - phi_j) gamma_ij (C_ji + t_ij C_ij) - phi_m C_ij / sigma_i sigma_j]
+    #              β_j + phi P^T du / sigma + dphi β / sigma,                β = P^T u,
+    #
+    # where m is the later of i and j, and t_ij the smaller of sigma_i, sigma_j over the larger:
+    # the divided differences of phi / sigma, for A and A^T, put so that nothing cancels. Terms with
+    # gamma are absent where phi does not differ, so only a gap across the cut matters; for smooth
+    # phi, (phi_i - phi_j) gamma_ij tends to dphi / d(sigma²). The factors themselves change with
+    # sigma and with the sizes |β / sigma|. The parts of dA that lead out of the spans of P and Q
+    # follow from P^T dp = 0 likewise. See Noferini, SIAM J. Matrix Anal. Appl. 38 (2017) 436-457.
+    blocks, rhs, rule, unit_norm = primals
+    d_blocks, d_rhs, d_rule, d_unit_norm = tangents
+    found = singular_components(blocks, rhs, rule, unit_norm)
+    change = _Change(found, blocks, rhs, d_blocks, d_rhs)
+    d_factors = _factors_change(found, change, primals, (d_rule, d_unit_norm))
+    d_q = change.at_fixed_factors(rule) + _real_times(
+        jnp.swapaxes(found.right, -1, -2), d_factors * found.amplitudes
+    )
+    q = found.solution
+    misfit = _real_times(blocks, q) - rhs
+    d_misfit = _real_times(d_blocks, q) + _real_times(blocks, d_q) - d_rhs
+    size, d_size = jax.jvp(_column_norm, (rhs,), (d_rhs,))
+    order = jnp.argsort(-found.sigma, axis=None)
+    tangent = Solution(
+        q=d_q,
+        singular_values=change.d_sigma.ravel()[order],
+        terms=jnp.sum(d_factors, axis=(0, 1)),
+        norm=jax.jvp(_column_norm, (q,), (d_q,))[1],
+        residual=jax.jvp(_column_norm, (misfit,), (d_misfit,))[1] / size
+        - found.residual * d_size / size,
+    )
+    primal = Solution(q, found.singular_values, found.terms, found.norm, found.residual)
+    return primal, tangent
+
+
+class _Change:
+    """First-order change of the singular value decomposition and of P^T u."""
+
+    def __init__(
+        self, found: Components, blocks: Array, rhs: Array, d_blocks: Array, d_rhs: Array
+    ) -> None:
+        transposed = partial(jnp.swapaxes, axis1=-1, axis2=-2)
+        left, right = found.left, transposed(found.right)
+        self.found, self.transposed, self.d_blocks = found, transposed, d_blocks
+        turned = d_blocks @ right
+        self.inner = transposed(left) @ turned  # C
+        self.out_of_left = turned - left @ self.inner
+        back = transposed(d_blocks) @ left
+        self.out_of_right = back - right @ (found.right @ back)
+        self.coefficients = _real_times(transposed(left), rhs)  # β
+        self.direct = _real_times(transposed(left), d_rhs)
+        self.outward = _real_times(transposed(self.out_of_left), rhs)
+        self.sigma = jnp.where(found.inverse > 0, found.sigma, 0.0)  # those below rounding are 0
+        square = self.sigma**2
+        gap = square[..., :, None] - square[..., None, :]
+        larger = jnp.maximum(square[..., :, None], square[..., None, :])
+        self.alike = jnp.abs(gap) <= _ALIKE * larger
+        self.largest = _largest(blocks)
+        self.gamma = jnp.where(self.alike, 0.0, 1 / jnp.where(self.alike, 1.0, gap))
+        self.d_sigma = jnp.diagonal(self.inner, axis1=-2, axis2=-1)
+
+    def d_amplitudes(self) -> Array:
+        """Of β / sigma, for one choice of singular vectors."""
+        sigma, inverse = self.sigma, self.found.inverse[..., None]
+        turn = self.gamma * (
+            self.transposed(self.inner) * sigma[..., :, None] + self.inner * sigma[..., None, :]
+        )
+        d_beta = _real_times(turn, self.coefficients) + inverse * self.outward + self.direct
+        # equal ones do not turn, but change each other's share
+        both = (self.inner + self.transposed(self.inner)) / 2
+        shared = _real_times(jnp.where(self.alike, both, 0.0), inverse * self.coefficients)
+        return inverse * (d_beta - shared)
+
+    def at_fixed_factors(self, rule: Regularization) -> Array:
+        """dq, as if every component kept its factor."""
+        found, beta = self.found, self.coefficients
+        inverse, phi = found.inverse[..., None], found.factors
+        sigma, null = self.sigma, found.inverse == 0
+        # the smaller over the larger
+        ratio = jnp.minimum(sigma[..., :, None], sigma[..., None, :]) * jnp.where(
+            sigma[..., :, None] >= sigma[..., None, :],
+            found.inverse[..., :, None],
+            found.inverse[..., None, :],
+        )
+        both = self.transposed(self.inner) + ratio * self.inner
+        mixed = self.gamma * both
+        inside = phi * _real_times(mixed, beta) - _real_times(mixed, phi * beta)
+        # equal ones; those below rounding with themselves too, others are in `_factors_change`
+        pairs = self.alike & (~jnp.eye(phi.shape[-2], dtype=bool) | null[..., None])
+        slope = rule.slope(sigma, self.largest)[..., None]
+        inside += _real_times(jnp.where(pairs, both, 0.0), slope * beta)
+        inside -= inverse * _real_times(jnp.triu(self.inner), phi * inverse * beta)
+        inside -= phi * inverse * _real_times(jnp.tril(self.inner, -1), inverse * beta)
+        # phi / sigma², or what that tends to
+        weight = jnp.where(null[..., None], slope, phi * inverse**2)
+        inside += phi * inverse * self.direct + weight * self.outward
+        within = _real_times(self.transposed(found.right), inside)
+        return within + _real_times(self.out_of_right, weight * beta)
+
+
+def _factors_change(
+    found: Components, change: _Change, primals: tuple, d_parameters: tuple
+) -> Float[Array, "blocks k rhs"]:
+    """dphi through singular values, sizes, the largest diagonal entry and the rule's parameters."""
+    blocks, _, rule, unit_norm = primals
+    shape = found.factors.shape
+    order = jnp.argsort(-found.sigma, axis=None)
+
+    def ordered(values: Array) -> Array:
+        return values.reshape(-1, *values.shape[2:])[order]
+
+    size = jnp.abs(found.amplitudes)
+    d_size = jnp.zeros_like(size)
+    if rule.by_direction:
+        product = jnp.conj(found.amplitudes) * change.d_amplitudes()
+        d_size = jnp.where(size > 0, product.real / jnp.where(size > 0, size, 1.0), 0.0)
+    largest, d_largest = jax.jvp(_largest, (blocks,), (change.d_blocks,))
+    arguments = (ordered(found.sigma), ordered(size), unit_norm, largest)
+    d_rule, d_unit_norm = d_parameters
+    d_arguments = (ordered(change.d_sigma), ordered(d_size), d_unit_norm, d_largest)
+    _, found_change = jax.jvp(
+        lambda rule, *given: rule.factors(*given), (rule, *arguments), (d_rule, *d_arguments)
+    )
+    found_change *= ordered(found.inverse > 0)[:, None]
+    return found_change[jnp.argsort(order)].reshape(shape)
+
+
+def _largest(blocks: Float[Array, "blocks equations unknowns"]) -> Float[Array, ""]:
+    """The largest diagonal entry of A A^T."""
+    return jnp.sum(blocks**2, axis=-1).max()
+
+
+def _real_times(matrix: Float[Array, "*b m n"], columns: Complex[Array, "*b n c"]) -> Array:
+    """A real matrix times complex columns, without a complex copy of it."""
+    return jax.lax.complex(matrix @ columns.real, matrix @ columns.imag)
+
+
+def _column_norm(columns: Complex[Array, "blocks n c"]) -> Float[Array, " c"]:
+    return _norm(_modulus(columns))
+
+
+def _modulus(values: Complex[Array, "*n"]) -> Float[Array, "*n"]:
+    square = values.real**2 + values.imag**2
+    return _root(square)
+
+
+def _norm(columns: Float[Array, "blocks n c"]) -> Float[Array, " c"]:
+    return _root(jnp.sum(columns**2, axis=(0, 1)))
+
+
+def _root(square: Array) -> Array:
+    """√square, with derivative 0 at 0."""
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)

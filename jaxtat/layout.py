@@ -1,0 +1,104 @@
+"""What of a problem is a size: decided outside `jax.jit`, once for all geometries alike."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .checks import Numbers, is_concrete, real_array
+from .geometry import DetectorCurve, ImageGrid, Region
+from .harmonic import frequency_groups, harmonic_orders, polar_geometry
+from .problem import polar_grid, require_boundary, require_problem
+from .special import enough_orders
+
+GROUPS = 6  # of frequencies with as many orders; each is compiled by itself
+MOST_ORDERS = 5000  # up to which Cholesky decompositions are faster: extrapolated, see benchmarks/
+
+
+class Layout(eqx.Module):
+    """Everything about a reconstruction that is a size, and so cannot be traced.
+
+    Attributes:
+        max_frequency: lambda_max [rad/length].
+        n_frequencies, n_directions: of the polar grid.
+        groups: (first frequency, last + 1, orders) of frequencies that are solved alike; none for
+            collocation.
+        norm_orders: that N(lambda) needs.
+        solver: "cholesky" or "cg".
+    """
+
+    max_frequency: float = eqx.field(static=True)
+    n_frequencies: int = eqx.field(static=True)
+    n_directions: int = eqx.field(static=True)
+    groups: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
+    norm_orders: int = eqx.field(static=True)
+    solver: str = eqx.field(static=True)
+
+    @property
+    def frequencies(self) -> Float[Array, " frequencies"]:
+        """lambda_i [rad/length]."""
+        return self.max_frequency / self.n_frequencies * jnp.arange(1, self.n_frequencies + 1)
+
+    @property
+    def angles(self) -> Float[Array, " directions"]:
+        """theta [rad]."""
+        return jnp.arange(self.n_directions) * (jnp.pi / self.n_directions)
+
+
+def problem_layout(
+    curve: DetectorCurve,
+    region: Region,
+    grid: ImageGrid,
+    radii: Numbers,
+    *,
+    max_frequency: Numbers | None = None,
+    n_directions: int | None = None,
+    solver: str = "auto",
+    method: str = "harmonic",
+) -> Layout:
+    """The sizes that `reconstruct_direct` and `build_plan` would choose, checked, for `jax.jit`.
+
+    Orders are rounded up to fours, so that small changes of the geometry keep the layout.
+
+    Args:
+        curve, region, grid, radii: concrete, as in `reconstruct_direct`.
+        max_frequency, n_directions, solver: likewise.
+        method: of `build_plan`; "collocation" needs no waves about a centre.
+
+    Raises:
+        ValueError: as `reconstruct_direct`, and for a traced geometry.
+    """
+    radii = real_array("radii", radii, ("radii",))
+    curve, region, grid, radii = jax.lax.stop_gradient((curve, region, grid, radii))
+    if not is_concrete(curve, region, grid, radii, max_frequency):
+        raise ValueError(
+            "curve, region, grid or radii are traced by jax.jit, and sizes depend on them: make "
+            "layout = problem_layout(...) of typical ones outside, and pass layout=layout."
+        )
+    if solver not in ("auto", "cholesky", "cg"):
+        raise ValueError(f"solver is {solver!r}, expected 'auto', 'cholesky' or 'cg'.")
+    frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
+    require_problem(curve, region, grid, radii)
+    geometry = polar_geometry(curve, region)
+    if not geometry.disk:
+        require_boundary(region, float(frequencies[-1]))
+    groups = ()
+    if method == "harmonic":
+        orders = harmonic_orders(geometry, np.asarray(frequencies))
+        groups = tuple(
+            (part.start, part.stop, -(-n // 4) * 4) for part, n in frequency_groups(orders, GROUPS)
+        )
+    if solver == "auto" and groups:
+        rows = groups[-1][-1] * (1 if geometry.mirror else 2)
+        cheap = geometry.on_circle and geometry.disk
+        solver = "cg" if cheap and rows > MOST_ORDERS else "cholesky"
+    farthest = float(frequencies[-1]) * float(geometry.detector_radius.max())
+    return Layout(
+        max_frequency=float(frequencies[-1]),
+        n_frequencies=frequencies.shape[0],
+        n_directions=angles.shape[0],
+        groups=groups,
+        norm_orders=enough_orders(1.1 * farthest),
+        solver=solver,
+    )
