@@ -27,7 +27,13 @@ from .reconstruction import (
     reconstruct_direct,
     reconstruct_stack,
 )
-from .regularization import FixedRank, NormBound, SingularValueCutoff, Tikhonov
+from .regularization import (
+    FixedRank,
+    NormBound,
+    SingularValueCutoff,
+    Tikhonov,
+    TikhonovNormBound,
+)
 
 __all__ = [
     "PAPER_K",
@@ -43,6 +49,7 @@ __all__ = [
     "Region",
     "SingularValueCutoff",
     "Tikhonov",
+    "TikhonovNormBound",
     "VisibilityWarning",
     "build_plan",
     "circular_arc",

@@ -10,7 +10,7 @@ from jaxtyping import Array, Complex, Float
 from .filtered_solve import filtered_solve
 from .full_circle import full_circle_densities
 from .geometry import Circle, DetectorCurve, Region
-from .regularization import Regularization
+from .regularization import Regularization, per_frequency
 from .single_layer import plane_wave_traces, potential_matrix
 from .symmetry import Mirror
 
@@ -95,7 +95,7 @@ def collocation_densities(
         angles: theta [rad].
         curve: detectors, n.
         region: boundary points, its centre c.
-        regularization: which singular components are kept.
+        regularization: which singular components are kept, at all frequencies or at each.
         mirror: symmetry of curve and region, which makes the work four times less.
 
     Returns:
@@ -112,15 +112,15 @@ def collocation_densities(
     """
 
     @jax.checkpoint
-    def at(arguments: tuple[Array, Array]) -> tuple[Array, DensityReport]:
-        frequency, unit_norm = arguments
+    def at(arguments: tuple[Array, Array, Regularization]) -> tuple[Array, DensityReport]:
+        frequency, unit_norm, rule = arguments
         traces = plane_wave_traces(frequency, angles, region)
         if mirror is None:
             blocks, rhs = potential_matrix(frequency, curve, region)[None], traces[None]
         else:
             half = potential_matrix(frequency, curve, mirror.half_region(region))
             blocks, rhs = mirror.fold_matrix(half), mirror.fold_rhs(traces)
-        found = filtered_solve(blocks, rhs, regularization, unit_norm)
+        found = filtered_solve(blocks, rhs, rule, unit_norm)
         solution = found.q[0] if mirror is None else mirror.unfold(found.q)
         unknowns = solution.T.reshape(angles.shape[0], 2, curve.n_detectors)
         report = DensityReport(
@@ -128,7 +128,8 @@ def collocation_densities(
         )
         return unknowns / jnp.sqrt(curve.weights), report
 
-    return jax.lax.map(at, (frequencies, unit_norms))
+    rules = per_frequency(regularization, frequencies.shape[0])
+    return jax.lax.map(at, (frequencies, unit_norms, rules))
 
 
 @eqx.filter_jit

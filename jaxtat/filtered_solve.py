@@ -13,7 +13,7 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex, Float, Int
 
 from .regularization import Regularization
 
@@ -30,6 +30,7 @@ class Components(eqx.Module):
         inverse: 1 / sigma_j, 0 below rounding, (blocks, k).
         amplitudes: p_j·u / sigma_j, (blocks, k, rhs).
         factors: phi_j, (blocks, k, rhs).
+        rule: that gave them.
         singular_values: sigma_j of all blocks, descending, (rank,).
         terms: Σ_j phi_j, the number of terms kept (j_max), (rhs,).
         norm: ||q||, (rhs,).
@@ -42,16 +43,29 @@ class Components(eqx.Module):
     inverse: Float[Array, "blocks k"]
     amplitudes: Complex[Array, "blocks k rhs"]
     factors: Float[Array, "blocks k rhs"]
+    rule: Regularization
     singular_values: Float[Array, " rank"]
     terms: Float[Array, " rhs"]
     norm: Float[Array, " rhs"]
     residual: Float[Array, " rhs"]
 
     @property
+    def order(self) -> Int[Array, " rank"]:
+        """Numbers of the singular values of all blocks, in descending order."""
+        return jnp.argsort(-self.sigma, axis=None)
+
+    def ordered(self, values: Array) -> Array:
+        """(blocks, k, ...) as (rank, ...)."""
+        return values.reshape(-1, *values.shape[2:])[self.order]
+
+    @property
     def solution(self) -> Complex[Array, "blocks unknowns rhs"]:
         """q = Σ_j phi_j (p_j·u / sigma_j) q_j."""
-        kept = self.factors * self.amplitudes
-        return _real_times(jnp.swapaxes(self.right, -1, -2), kept)
+        return self.combined(self.factors)
+
+    def combined(self, factors: Float[Array, "blocks k rhs"]) -> Array:
+        """Σ_j factors_j (p_j·u / sigma_j) q_j."""
+        return _real_times(jnp.swapaxes(self.right, -1, -2), factors * self.amplitudes)
 
 
 def singular_components(
@@ -89,7 +103,8 @@ def singular_components(
     amplitudes = inverse[..., None] * _real_times(jnp.swapaxes(left, -1, -2), rhs)
     order = jnp.argsort(-sigma, axis=None)
     size = _modulus(amplitudes).reshape(-1, n_rhs)[order]
-    factors = regularization.factors(sigma.ravel()[order], size, unit_norm, _largest(blocks))
+    rule = regularization.chosen(sigma.ravel()[order], size, unit_norm)
+    factors = rule.factors(sigma.ravel()[order], size, unit_norm)
     factors *= (inverse > 0).ravel()[order][:, None]
     unordered = factors[jnp.argsort(order)].reshape(n_blocks, -1, n_rhs)
     kept = unordered * amplitudes
@@ -101,6 +116,7 @@ def singular_components(
         inverse=inverse,
         amplitudes=amplitudes,
         factors=unordered,
+        rule=rule,
         singular_values=sigma.ravel()[order],
         terms=jnp.sum(factors, axis=0),
         norm=_column_norm(kept),
@@ -163,23 +179,28 @@ def _(primals: tuple, tangents: tuple) -> tuple[Solution, Solution]:
     # gamma are absent where phi does not differ, so only a gap across the cut matters; for smooth
     # phi, (phi_i - phi_j) gamma_ij tends to dphi / d(sigma²). The factors themselves change with
     # sigma and with the sizes |β / sigma|. The parts of dA that lead out of the spans of P and Q
-    # follow from P^T dp = 0 likewise. See Noferini, SIAM J. Matrix Anal. Appl. 38 (2017) 436-457.
+    # follow from P^T dp = 0 likewise. A rule that chooses another by the norm of q changes its
+    # choice as much as is needed for the norm that dq, with the choice kept, leads to. See
+    # Noferini, SIAM J. Matrix Anal. Appl. 38 (2017) 436-457.
     blocks, rhs, rule, unit_norm = primals
     d_blocks, d_rhs, d_rule, d_unit_norm = tangents
     found = singular_components(blocks, rhs, rule, unit_norm)
     change = _Change(found, blocks, rhs, d_blocks, d_rhs)
-    d_factors = _factors_change(found, change, primals, (d_rule, d_unit_norm))
-    d_q = change.at_fixed_factors(rule) + _real_times(
-        jnp.swapaxes(found.right, -1, -2), d_factors * found.amplitudes
-    )
-    q = found.solution
+    q, chooses = found.solution, found.rule is not rule
+    d_used = jax.tree.map(jnp.zeros_like, found.rule) if chooses else d_rule
+    d_factors = _factors_change(found, change, unit_norm, d_used, d_unit_norm)
+    d_q = change.at_fixed_factors() + found.combined(d_factors)
+    if chooses:  # by the norm that the change above, with the choice kept, would lead to
+        d_square = jnp.mean(jax.jvp(_square_norm, (q,), (d_q,))[1])
+        d_used = _choice_change(found, (rule, unit_norm), (d_rule, d_unit_norm), d_square)
+        more = _factors_change(found, None, unit_norm, d_used, jnp.zeros_like(d_unit_norm))
+        d_factors, d_q = d_factors + more, d_q + found.combined(more)
     misfit = _real_times(blocks, q) - rhs
     d_misfit = _real_times(d_blocks, q) + _real_times(blocks, d_q) - d_rhs
     size, d_size = jax.jvp(_column_norm, (rhs,), (d_rhs,))
-    order = jnp.argsort(-found.sigma, axis=None)
     tangent = Solution(
         q=d_q,
-        singular_values=change.d_sigma.ravel()[order],
+        singular_values=found.ordered(change.d_sigma),
         terms=jnp.sum(d_factors, axis=(0, 1)),
         norm=jax.jvp(_column_norm, (q,), (d_q,))[1],
         residual=jax.jvp(_column_norm, (misfit,), (d_misfit,))[1] / size
@@ -211,7 +232,6 @@ class _Change:
         gap = square[..., :, None] - square[..., None, :]
         larger = jnp.maximum(square[..., :, None], square[..., None, :])
         self.alike = jnp.abs(gap) <= _ALIKE * larger
-        self.largest = _largest(blocks)
         self.gamma = jnp.where(self.alike, 0.0, 1 / jnp.where(self.alike, 1.0, gap))
         self.d_sigma = jnp.diagonal(self.inner, axis1=-2, axis2=-1)
 
@@ -227,7 +247,7 @@ class _Change:
         shared = _real_times(jnp.where(self.alike, both, 0.0), inverse * self.coefficients)
         return inverse * (d_beta - shared)
 
-    def at_fixed_factors(self, rule: Regularization) -> Array:
+    def at_fixed_factors(self) -> Array:
         """dq, as if every component kept its factor."""
         found, beta = self.found, self.coefficients
         inverse, phi = found.inverse[..., None], found.factors
@@ -243,7 +263,7 @@ class _Change:
         inside = phi * _real_times(mixed, beta) - _real_times(mixed, phi * beta)
         # equal ones; those below rounding with themselves too, others are in `_factors_change`
         pairs = self.alike & (~jnp.eye(phi.shape[-2], dtype=bool) | null[..., None])
-        slope = rule.slope(sigma, self.largest)[..., None]
+        slope = found.rule.slope(sigma)[..., None]
         inside += _real_times(jnp.where(pairs, both, 0.0), slope * beta)
         inside -= inverse * _real_times(jnp.triu(self.inner), phi * inverse * beta)
         inside -= phi * inverse * _real_times(jnp.tril(self.inner, -1), inverse * beta)
@@ -255,35 +275,40 @@ class _Change:
 
 
 def _factors_change(
-    found: Components, change: _Change, primals: tuple, d_parameters: tuple
+    found: Components,
+    change: _Change | None,
+    unit_norm: Array,
+    d_rule: Regularization,
+    d_unit_norm: Array,
 ) -> Float[Array, "blocks k rhs"]:
-    """dphi through singular values, sizes, the largest diagonal entry and the rule's parameters."""
-    blocks, _, rule, unit_norm = primals
-    shape = found.factors.shape
-    order = jnp.argsort(-found.sigma, axis=None)
-
-    def ordered(values: Array) -> Array:
-        return values.reshape(-1, *values.shape[2:])[order]
-
-    size = jnp.abs(found.amplitudes)
-    d_size = jnp.zeros_like(size)
-    if rule.by_direction:
-        product = jnp.conj(found.amplitudes) * change.d_amplitudes()
-        d_size = jnp.where(size > 0, product.real / jnp.where(size > 0, size, 1.0), 0.0)
-    largest, d_largest = jax.jvp(_largest, (blocks,), (change.d_blocks,))
-    arguments = (ordered(found.sigma), ordered(size), unit_norm, largest)
-    d_rule, d_unit_norm = d_parameters
-    d_arguments = (ordered(change.d_sigma), ordered(d_size), d_unit_norm, d_largest)
+    """dphi through singular values and sizes (if they change), N(lambda) and the rule's numbers."""
+    rule, size = found.rule, jnp.abs(found.amplitudes)
+    d_sigma, d_size = jnp.zeros_like(found.sigma), jnp.zeros_like(size)
+    if change is not None:
+        d_sigma = change.d_sigma
+        if rule.by_direction:
+            product = jnp.conj(found.amplitudes) * change.d_amplitudes()
+            d_size = jnp.where(size > 0, product.real / jnp.where(size > 0, size, 1.0), 0.0)
+    arguments = (found.ordered(found.sigma), found.ordered(size), unit_norm)
+    d_arguments = (found.ordered(d_sigma), found.ordered(d_size), d_unit_norm)
     _, found_change = jax.jvp(
         lambda rule, *given: rule.factors(*given), (rule, *arguments), (d_rule, *d_arguments)
     )
-    found_change *= ordered(found.inverse > 0)[:, None]
-    return found_change[jnp.argsort(order)].reshape(shape)
+    found_change *= found.ordered(found.inverse > 0)[:, None]
+    return found_change[jnp.argsort(found.order)].reshape(found.factors.shape)
 
 
-def _largest(blocks: Float[Array, "blocks equations unknowns"]) -> Float[Array, ""]:
-    """The largest diagonal entry of A A^T."""
-    return jnp.sum(blocks**2, axis=-1).max()
+def _choice_change(
+    found: Components, given: tuple, d_given: tuple, d_square: Array
+) -> Regularization:
+    """Of the rule chosen: the norm's mean square changes by d_square as long as that stays."""
+    sigma, size = found.ordered(found.sigma), found.ordered(jnp.abs(found.amplitudes))
+    _, change = jax.jvp(
+        lambda rule, unit_norm, excess: rule.chosen(sigma, size, unit_norm, excess),
+        (*given, jnp.zeros(())),
+        (*d_given, d_square),
+    )
+    return change
 
 
 def _real_times(matrix: Float[Array, "*b m n"], columns: Complex[Array, "*b n c"]) -> Array:
@@ -291,17 +316,16 @@ def _real_times(matrix: Float[Array, "*b m n"], columns: Complex[Array, "*b n c"
     return jax.lax.complex(matrix @ columns.real, matrix @ columns.imag)
 
 
+def _square_norm(columns: Complex[Array, "blocks n c"]) -> Float[Array, " c"]:
+    return jnp.sum(columns.real**2 + columns.imag**2, axis=(0, 1))
+
+
 def _column_norm(columns: Complex[Array, "blocks n c"]) -> Float[Array, " c"]:
-    return _norm(_modulus(columns))
+    return _root(_square_norm(columns))
 
 
 def _modulus(values: Complex[Array, "*n"]) -> Float[Array, "*n"]:
-    square = values.real**2 + values.imag**2
-    return _root(square)
-
-
-def _norm(columns: Float[Array, "blocks n c"]) -> Float[Array, " c"]:
-    return _root(jnp.sum(columns**2, axis=(0, 1)))
+    return _root(values.real**2 + values.imag**2)
 
 
 def _root(square: Array) -> Array:

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -23,7 +24,7 @@ from .geometry import Circle, DetectorCurve, ImageGrid, Region, fit_circle
 from .harmonic import (
     HarmonicDensities,
     PolarGeometry,
-    WaveTable,
+    alpha_units,
     frequency_groups,
     group_of,
     harmonic_densities,
@@ -34,7 +35,7 @@ from .harmonic import (
 )
 from .layout import Layout, problem_layout
 from .problem import AccuracyWarning, polar_grid, require_boundary, require_problem
-from .regularization import NormBound, Regularization, Tikhonov
+from .regularization import NormBound, Regularization, per_frequency
 from .special import full_circle_norm
 from .symmetry import find_mirror
 
@@ -99,8 +100,9 @@ def build_plan(
         grid: where the image is wanted.
         radii: r > 0 of the data, increasing, covering the region and all other sources, (radii,)
             [length]; see `data_radii`.
-        regularization: `NormBound`, `FixedRank`, `SingularValueCutoff` or `Tikhonov`; by default
-            the paper's bound, ``NormBound(PAPER_K)``.
+        regularization: `NormBound`, `FixedRank`, `SingularValueCutoff`, `Tikhonov` or
+            `TikhonovNormBound`, with a number or one for each frequency; by default the paper's
+            bound, ``NormBound(PAPER_K)``.
         method: "harmonic": singular value decomposition in cylindrical waves, for detectors that
             are all farther from the centre than the region; "collocation": of the potentials on
             the boundary, as in the paper, for any geometry, slower; "series": the closed form for
@@ -173,8 +175,6 @@ def _rule(method: str, regularization: Regularization | None) -> Regularization 
         raise ValueError(
             f"regularization is {regularization!r}, expected a rule such as NormBound(4.0)."
         )
-    if method == "collocation" and isinstance(regularization, Tikhonov):
-        raise ValueError("Tikhonov is for method='harmonic', in whose waves its alpha is measured.")
     if method == "series":
         if regularization is not None:
             raise ValueError("method 'series' is a closed form: it takes no regularization.")
@@ -213,6 +213,11 @@ def _traced(
     radius = fit_circle(curve.points).radius
     unit_norms = full_circle_norm(frequencies, radius, layout.norm_orders)
     if method == "collocation":
+        if regularization.has_unit:
+            raise ValueError(
+                "the unit of alpha is measured in cylindrical waves: with method 'collocation' "
+                "Tikhonov needs a geometry that is not traced."
+            )
         values, report = collocation_densities(
             frequencies, unit_norms, angles, curve, region, regularization
         )
@@ -244,11 +249,12 @@ def _traced_harmonic(
 ) -> tuple[Array, DensityReport]:
     frequencies, angles = layout.frequencies, layout.angles
     table = wave_table(geometry, frequencies, layout.groups[-1][-1])
+    each = table, unit_norms, per_frequency(regularization, frequencies.shape[0])
     pieces, reports = [], []
     for start, stop, n_max in layout.groups:
-        few: WaveTable = jax.tree.map(lambda leaf: leaf[start:stop], table)  # noqa: B023
+        few, norms, rules = jax.tree.map(lambda leaf: leaf[start:stop], each)  # noqa: B023
         values, report = sampled_harmonic_densities(
-            geometry, few, n_max, unit_norms[start:stop], angles - geometry.axis, regularization
+            geometry, few, n_max, norms, angles - geometry.axis, rules
         )
         pieces.append(values)
         reports.append(report)
@@ -273,18 +279,16 @@ def _harmonic(
         orders = harmonic_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
         table = wave_table(geometry, frequencies, int(orders.max()))
-        table: WaveTable = jax.tree.map(np.asarray, table)
         offset = np.asarray(region.center - geometry.center)
         local = jax.device_put(np.asarray(angles) - np.asarray(geometry.axis))
+    each = _divisible((table, unit_norms, per_frequency(regularization, len(frequencies))))
     groups, reports = [], []
     for part, n_max in frequency_groups(orders, _GROUPS):
         steps = []
         for start in range(part.start, part.stop, _FREQUENCIES_AT_A_TIME):
             chosen = slice(start, min(start + _FREQUENCIES_AT_A_TIME, part.stop))
-            few: WaveTable = jax.tree.map(lambda leaf: jax.device_put(leaf[chosen]), table)  # noqa: B023
-            step, report = harmonic_densities(
-                geometry, few, n_max, unit_norms[chosen], local, regularization
-            )
+            few, norms, rules = _part(each, chosen)
+            step, report = harmonic_densities(geometry, few, n_max, norms, local, rules)
             steps.append(step)
             reports.append(report)
             bar.update(chosen.stop - chosen.start)
@@ -311,17 +315,19 @@ def _collocation(
     single: bool,
     bar: tqdm,
 ) -> tuple[Densities, DensityReport]:
+    rules = per_frequency(regularization, len(frequencies))
     with jax.ensure_compile_time_eval():
         mirror = find_mirror(curve, region)
-    solve = partial(
-        collocation_densities,
-        angles=angles,
-        curve=curve,
-        region=region,
-        regularization=regularization,
-        mirror=mirror,
-    )
-    return _sampled(solve, frequencies, unit_norms, single, bar)
+        if regularization.has_unit:
+            geometry = polar_geometry(curve, region)
+            n_max = int(harmonic_orders(geometry, np.asarray(frequencies)).max())
+            units = alpha_units(geometry, frequencies, n_max)
+            rules = rules.in_units_of(units)
+
+    def solve(few: Array, norms: Array, rules: Regularization) -> tuple[Array, DensityReport]:
+        return collocation_densities(few, norms, angles, curve, region, rules, mirror)
+
+    return _sampled(solve, (frequencies, unit_norms, rules), single, bar)
 
 
 def _series(
@@ -345,7 +351,7 @@ def _series(
         circle=circle,
         n_orders=n_orders,
     )
-    return _sampled(solve, frequencies, unit_norms, single, bar)
+    return _sampled(solve, (frequencies, unit_norms), single, bar)
 
 
 def _full_circle(curve: DetectorCurve) -> Circle:
@@ -363,22 +369,30 @@ def _full_circle(curve: DetectorCurve) -> Circle:
 
 
 def _sampled(
-    solve: Callable[[Array, Array], tuple[Array, DensityReport]],
-    frequencies: Array,
-    unit_norms: Array,
+    solve: Callable[..., tuple[Array, DensityReport]],
+    each: tuple[Any, ...],
     single: bool,
     bar: tqdm,
 ) -> tuple[Densities, DensityReport]:
     """All frequencies, a few at a time: a progress bar, and little memory besides the result."""
+    each, n_frequencies = _divisible(each), len(each[0])
     pieces, reports = [], []
-    for start in range(0, len(frequencies), _FREQUENCIES_AT_A_TIME):
-        part = slice(start, start + _FREQUENCIES_AT_A_TIME)
-        values, report = solve(frequencies[part], unit_norms[part])
+    for start in range(0, n_frequencies, _FREQUENCIES_AT_A_TIME):
+        values, report = solve(*_part(each, slice(start, start + _FREQUENCIES_AT_A_TIME)))
         piece = SampledDensities(values)
         pieces.append(piece.in_single_precision() if single else piece)
         reports.append(report)
         bar.update(values.shape[0])
     return SampledDensities(jnp.concatenate([piece.values for piece in pieces])), _joined(reports)
+
+
+def _divisible(each: Any) -> Any:
+    """Arrays in numpy, unless traced: parts of those can be taken without a compilation each."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf) if is_concrete(leaf) else leaf, each)
+
+
+def _part(each: Any, chosen: slice) -> Any:
+    return jax.tree.map(lambda leaf: jax.device_put(leaf[chosen]), each)
 
 
 def _joined(reports: list[DensityReport]) -> DensityReport:

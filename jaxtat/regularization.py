@@ -5,15 +5,18 @@ With A = P diag(sigma) Q^T and phi in [0, 1] the system A q ≈ u is solved (see
     q = Q diag(phi_j / sigma_j) P^T u,
 
 where phi may depend on the singular values and on the coefficients |P^T u| of each right-hand
-side. A new regularisation is a class with a method `factors`.
+side. A new regularisation is a class with a method `factors`, which sees one frequency; its
+parameters are numbers, or arrays with one entry for each frequency of a plan.
 """
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from jaxtyping import Array, Float
 
 from .checks import Numbers, is_concrete, real_array
@@ -23,6 +26,7 @@ class Regularization(eqx.Module):
     """How much of each singular component is kept."""
 
     by_direction: ClassVar[bool] = False  # whether phi differs between right-hand sides
+    has_unit: ClassVar[bool] = False  # whether plans measure a parameter in that of A A^T
 
     @abstractmethod
     def factors(
@@ -30,7 +34,6 @@ class Regularization(eqx.Module):
         sigma: Float[Array, " rank"],
         size: Float[Array, "rank rhs"],
         unit_norm: Float[Array, ""],
-        largest: Float[Array, ""],
     ) -> Float[Array, "rank rhs"]:
         """phi_j for every right-hand side.
 
@@ -38,12 +41,30 @@ class Regularization(eqx.Module):
             sigma: singular values, descending.
             size: norms |p_j·u| / sigma_j that each component would add to the solution.
             unit_norm: the norm in which bounds on solutions are expressed, N(lambda).
-            largest: diagonal entry of A A^T, the unit of alpha.
         """
 
-    def slope(self, sigma: Float[Array, "*k"], largest: Float[Array, ""]) -> Float[Array, "*k"]:
+    def slope(self, sigma: Float[Array, "*k"]) -> Float[Array, "*k"]:
         """dphi / d(sigma²) where phi is a smooth function of sigma; 0 for rules made of steps."""
         return jnp.zeros_like(sigma)
+
+    def chosen(
+        self,
+        sigma: Float[Array, " rank"],
+        size: Float[Array, "rank rhs"],
+        unit_norm: Float[Array, ""],
+        excess: Array | float = 0.0,
+    ) -> "Regularization":
+        """The rule that is used, for one that chooses among others by the norm of the solution.
+
+        Args:
+            sigma, size, unit_norm: as in `factors`.
+            excess: to be added to the mean square of the norms.
+        """
+        return self
+
+    def in_units_of(self, square: Array) -> "Regularization":
+        """The rule for `factors` from the one of a plan, if that has a unit [length²]."""
+        return self
 
 
 class NormBound(Regularization):
@@ -61,14 +82,14 @@ class NormBound(Regularization):
     """
 
     by_direction = True
-    K: Float[Array, ""]
+    K: Float[Array, "*each"]
     fractional: bool = eqx.field(static=True)
 
     def __init__(self, K: Numbers, *, fractional: bool = True):
         self.K = _not_negative("K", K)
         self.fractional = fractional
 
-    def factors(self, sigma: Array, size: Array, unit_norm: Array, largest: Array) -> Array:
+    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
         square = size**2
         left = (self.K * unit_norm) ** 2 - (jnp.cumsum(square, axis=0) - square)
         fits = left >= square
@@ -83,12 +104,12 @@ class NormBound(Regularization):
 class FixedRank(Regularization):
     """The j_max largest singular values; of a real-valued j_max the remainder as a fraction."""
 
-    j_max: Float[Array, ""]
+    j_max: Float[Array, "*each"]
 
     def __init__(self, j_max: Numbers):
         self.j_max = _not_negative("j_max", j_max)
 
-    def factors(self, sigma: Array, size: Array, unit_norm: Array, largest: Array) -> Array:
+    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
         whole = jnp.clip(self.j_max - jnp.arange(sigma.shape[0]), 0.0, 1.0)
         return jnp.broadcast_to(whole[:, None], size.shape)
 
@@ -100,14 +121,14 @@ class SingularValueCutoff(Regularization):
     is kept, which makes solutions continuous in sigma_min; ``fractional=False`` keeps none.
     """
 
-    sigma_min: Float[Array, ""]
+    sigma_min: Float[Array, "*each"]
     fractional: bool = eqx.field(static=True)
 
     def __init__(self, sigma_min: Numbers, *, fractional: bool = True):
         self.sigma_min = _not_negative("sigma_min", sigma_min)
         self.fractional = fractional
 
-    def factors(self, sigma: Array, size: Array, unit_norm: Array, largest: Array) -> Array:
+    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
         kept = (sigma >= self.sigma_min).astype(size.dtype)
         if self.fractional:
             tiny = jnp.finfo(sigma.dtype).tiny
@@ -121,30 +142,130 @@ class SingularValueCutoff(Regularization):
 
 
 class Tikhonov(Regularization):
-    """phi = sigma² / (sigma² + alpha a), a the largest diagonal entry of A A^T in the waves' basis.
+    """phi = sigma² / (sigma² + alpha).
 
-    The rule of `reconstruct_direct`, as a plan; for plans in cylindrical waves only.
+    In plans alpha is relative, as in `reconstruct_direct`: in units of the largest diagonal entry
+    of A A^T in the basis of cylindrical waves, at each frequency. The functions that solve take it
+    as it is, in the unit of sigma² [length²].
+
+    Source: Tikhonov; e.g. Hansen, Rank-Deficient and Discrete Ill-Posed Problems (SIAM 1998).
     """
 
-    alpha: Float[Array, ""]
+    has_unit = True
+    alpha: Float[Array, "*each"]
 
     def __init__(self, alpha: Numbers):
         self.alpha = _not_negative("alpha", alpha)
 
-    def factors(self, sigma: Array, size: Array, unit_norm: Array, largest: Array) -> Array:
+    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
         square = sigma**2
-        total = square + self.alpha * largest
+        total = square + self.alpha
         shrunk = square / jnp.where(total > 0, total, 1.0)
         return jnp.broadcast_to(shrunk[:, None], size.shape)
 
-    def slope(self, sigma: Array, largest: Array) -> Array:
-        alpha = self.alpha * largest
-        total = sigma**2 + alpha
-        return jnp.where(total > 0, alpha / jnp.where(total > 0, total, 1.0) ** 2, 0.0)
+    def slope(self, sigma: Array) -> Array:
+        total = sigma**2 + self.alpha
+        return jnp.where(total > 0, self.alpha / jnp.where(total > 0, total, 1.0) ** 2, 0.0)
+
+    def in_units_of(self, square: Array) -> "Tikhonov":
+        return Tikhonov(self.alpha * square)
+
+
+class TikhonovNormBound(Regularization):
+    """`Tikhonov` with the alpha for which the root mean square of ||rho|| is K N(lambda).
+
+    The mean is that over all right-hand sides, directions in plans: alpha is one number for each
+    frequency. It is the rule of ``reconstruct_direct(alpha=NormBound(K))``, as a plan.
+
+    Source: the discrepancy principle's counterpart for the norm; Hansen, Rank-Deficient and
+    Discrete Ill-Posed Problems (SIAM 1998), section 5.1.
+    """
+
+    K: Float[Array, "*each"]
+
+    def __init__(self, K: Numbers):
+        self.K = _not_negative("K", K)
+
+    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
+        return self.chosen(sigma, size, unit_norm).factors(sigma, size, unit_norm)
+
+    def chosen(
+        self, sigma: Array, size: Array, unit_norm: Array, excess: Array | float = 0.0
+    ) -> Tikhonov:
+        weights = sigma**2 * jnp.mean(size**2, axis=-1)
+        square = (self.K * unit_norm) ** 2 - excess
+        return Tikhonov(alpha_of_norm(sigma**2, weights, square))
+
+
+@jax.custom_jvp
+def alpha_of_norm(
+    eigenvalues: Float[Array, "*k"], weights: Float[Array, "*k"], square: Float[Array, ""]
+) -> Float[Array, ""]:
+    """alpha with Σ_j l_j w_j / (l_j + alpha)² = square, between 1e-15 and 1e6 times the largest l.
+
+    Args:
+        eigenvalues: l_j of A A^T.
+        weights: w_j, mean squares of p_j·u.
+        square: of the norm. Where it is not reached alpha is one of the two bounds.
+    """
+    largest = eigenvalues.max()
+    largest = jnp.where(largest > 0, largest, 1.0)
+    lower, upper = jnp.log(1e-15 * largest), jnp.log(1e6 * largest)
+
+    def excess(log_alpha: Array, _: None) -> Array:
+        alpha = jnp.exp(log_alpha)
+        norm = jnp.sum(eigenvalues * weights / (eigenvalues + alpha) ** 2)
+        # at the bounds the sign is given, so that a bound is found where the norm is never reached
+        edge = jnp.where(log_alpha <= lower, 1.0, 0.0) - jnp.where(log_alpha >= upper, 1.0, 0.0)
+        return jnp.where(edge == 0, jnp.log(norm / square), edge)
+
+    solver = optx.Bisection(rtol=1e-12, atol=1e-12)
+    options = {"lower": lower, "upper": upper}
+    found = optx.root_find(
+        excess, solver, (lower + upper) / 2, options=options, max_steps=64, throw=False
+    )
+    return jnp.exp(found.value)
+
+
+@alpha_of_norm.defjvp
+def _(primals: tuple[Array, Array, Array], tangents: tuple[Array, Array, Array]):
+    # implicit differentiation of F(alpha, l, w) = square, but none at the bounds
+    eigenvalues, weights, square = primals
+    d_eigenvalues, d_weights, d_square = tangents
+    alpha = alpha_of_norm(*primals)
+    inverse = 1 / (eigenvalues + alpha)
+    terms = eigenvalues * weights * inverse**2
+    slope = -2 * jnp.sum(terms * inverse)
+    change = jnp.sum((alpha - eigenvalues) * inverse**3 * weights * d_eigenvalues)
+    change += jnp.sum(eigenvalues * inverse**2 * d_weights)
+    reached = jnp.abs(jnp.sum(terms) - square) < 1e-6 * square
+    slope = jnp.where(reached, slope, 1.0)
+    return alpha, jnp.where(reached, (d_square - change) / slope, 0.0)
+
+
+_Rule = TypeVar("_Rule", bound=eqx.Module | None)
+
+
+def per_frequency(rule: _Rule, n_frequencies: int) -> _Rule:
+    """The same rule with one entry per frequency in every array, as `jax.lax.map` takes it.
+
+    Raises:
+        ValueError: for arrays that are neither numbers nor of this length.
+    """
+    for path, leaf in jax.tree_util.tree_leaves_with_path(rule):
+        if leaf.shape not in ((), (n_frequencies,)):
+            raise ValueError(
+                f"{jax.tree_util.keystr(path, simple=True)} has shape {leaf.shape}, expected a "
+                f"number or one per frequency ({n_frequencies},)."
+            )
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (n_frequencies,)), rule)
 
 
 def _not_negative(name: str, value: Numbers) -> Array:
-    value = real_array(name, value, ())
-    if is_concrete(value) and float(np.asarray(value)) < 0:
-        raise ValueError(f"{name} is {float(value)}, expected a value of at least zero.")
+    """A number, or one per frequency."""
+    value = real_array(name, value, None)
+    if value.ndim > 1:
+        raise ValueError(f"{name} has shape {value.shape}, expected a number or one per frequency.")
+    if is_concrete(value) and np.asarray(value).min() < 0:
+        raise ValueError(f"{name} is {float(value.min())}, expected a value of at least zero.")
     return value

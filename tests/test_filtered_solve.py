@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from jaxtat import FixedRank, NormBound, SingularValueCutoff, Tikhonov
+from jaxtat import FixedRank, NormBound, SingularValueCutoff, Tikhonov, TikhonovNormBound
 from jaxtat.filtered_solve import filtered_solve, singular_components
 
 ONE = jnp.array(1.0)
@@ -26,6 +26,7 @@ RULES = {
     "rank": FixedRank(4),
     "cutoff": SingularValueCutoff(0.3, fractional=False),
     "Tikhonov": Tikhonov(0.05),
+    "Tikhonov by its norm": TikhonovNormBound(1.5),
 }
 
 
@@ -81,7 +82,13 @@ def test_derivatives_under_the_norm_bound(spectrum):
 
 def test_derivatives_in_the_numbers_of_the_rules():
     a, u = problem(SPECTRA["apart"])
-    for rule, at in ((FixedRank, 3.3), (SingularValueCutoff, 0.25), (Tikhonov, 0.1)):
+    at_values = (
+        (FixedRank, 3.3),
+        (SingularValueCutoff, 0.25),
+        (Tikhonov, 0.1),
+        (TikhonovNormBound, 1.5),
+    )
+    for rule, at in at_values:
         check_grads(
             lambda value, a, rule=rule: parts(a, u.real, u.imag, rule(value)),
             (jnp.array(at), a),

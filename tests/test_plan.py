@@ -95,6 +95,7 @@ def test_half_circle_and_half_disk(half_circle_plans, method):
     [
         ("half_circle", SingularValueCutoff(1e-2), 1e-9),
         ("small", FixedRank(80.3), 1e-6),  # keeps singular values 1e-9 times the largest
+        ("small", Tikhonov(np.geomspace(1e-3, 1e-5, 32)), 1e-6),
     ],
 )
 def test_both_methods_solve_the_same_problem(request, geometry, rule, tolerance):
@@ -205,6 +206,18 @@ def test_the_plan_keeps_the_rule_that_was_used(either_plan):
     assert type(either_plan.densities) is kinds[method_of(either_plan)]
 
 
+@pytest.mark.parametrize("method", SOLVED)
+def test_rules_may_differ_between_frequencies(small, method):
+    K = np.linspace(2.0, 5.0, 32)
+    few = {"method": method, "n_directions": 16, "progress": False}
+    varied = build_plan(*small, NormBound(K), **few)
+    for i in (0, 13, 31):
+        plain = build_plan(*small, NormBound(K[i]), **few)
+        for name in ("j_max", "norm", "residual"):
+            found, expected = getattr(varied.report, name)[i], getattr(plain.report, name)[i]
+            assert_allclose(found, expected, rtol=1e-9)
+
+
 def test_the_default_method_is_harmonic(small_plan):
     assert method_of(small_plan) == "harmonic"
 
@@ -214,7 +227,12 @@ def test_the_default_method_is_harmonic(small_plan):
     [
         (FixedRank(3), "series", "closed form"),
         (Tikhonov(1e-6), "series", "closed form"),
-        (Tikhonov(1e-6), "collocation", "Tikhonov is for method='harmonic'"),
+        (
+            FixedRank([3.0, 4.0]),
+            "harmonic",
+            r"j_max has shape \(2,\), expected a number or",
+        ),
+        (FixedRank([3.0, 4.0]), "collocation", "j_max has shape"),
     ],
 )
 def test_rules_that_a_method_cannot_use_are_refused(small, rule, method, message):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from jaxtat import FixedRank, NormBound, SingularValueCutoff, Tikhonov
+from jaxtat import FixedRank, NormBound, SingularValueCutoff, Tikhonov, TikhonovNormBound
 from jaxtat.filtered_solve import singular_components
 
 ONE = jnp.array(1.0)
@@ -98,17 +98,27 @@ def test_rounding_of_a_singular_matrix_is_never_divided_by():
 
 @pytest.mark.parametrize("alpha", [0.0, 1e-6, 1e-2, 10.0])
 def test_tikhonov_solves_the_damped_normal_equations(alpha):
-    """(A^T A + alpha a) q = A^T u, a the largest diagonal entry of A A^T; least squares for 0."""
+    """(A^T A + alpha) q = A^T u; least squares for 0."""
     *_, a, u = problem()
-    found = singular_components(a[None], u[None], Tikhonov(alpha), ONE)
     matrix = np.asarray(a)
     damping = alpha * np.sum(matrix**2, axis=1).max()
+    found = singular_components(a[None], u[None], Tikhonov(damping), ONE)
     # as least squares of [A; sqrt(damping)], which does not square the condition number
     stacked = np.concatenate([matrix, np.sqrt(damping) * np.eye(8)])
     exact, *_ = np.linalg.lstsq(stacked, np.concatenate([u, np.zeros((8, 3))]))
     assert np.allclose(found.solution[0], exact, rtol=1e-9, atol=1e-9)
     sigma = np.linalg.svd(matrix, compute_uv=False)
     assert np.allclose(found.terms, np.sum(sigma**2 / (sigma**2 + damping)))
+
+
+@pytest.mark.parametrize("K", [1e-3, 0.1, 2.0])
+def test_tikhonov_with_a_norm_has_that_norm(K):
+    """Or the least alpha, where least squares have less."""
+    *_, a, u = problem()
+    found = singular_components(a[None], u[None], TikhonovNormBound(K), jnp.array(3.0))
+    assert np.isclose(np.sqrt(np.mean(found.norm**2)), 3 * K, rtol=1e-9)
+    least = singular_components(a[None], u[None], TikhonovNormBound(1e30), ONE)
+    assert np.isclose(least.rule.alpha, 1e-15 * np.max(least.sigma) ** 2)
 
 
 def test_tikhonov_of_nothing_is_nothing():
@@ -118,7 +128,13 @@ def test_tikhonov_of_nothing_is_nothing():
     assert np.allclose(found.residual, 1)
 
 
-RULES = [NormBound(20.0), FixedRank(6.4), SingularValueCutoff(2e-3), Tikhonov(1e-5)]
+RULES = [
+    NormBound(20.0),
+    FixedRank(6.4),
+    SingularValueCutoff(2e-3),
+    Tikhonov(1e-5),
+    TikhonovNormBound(20.0),
+]
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -182,8 +198,8 @@ def test_derivatives_in_K_j_max_alpha_and_the_right_hand_side():
     check_grads(of_rhs, (u.real,), 1, modes=["fwd", "rev"])
 
 
-@pytest.mark.parametrize("rule", [NormBound, FixedRank, SingularValueCutoff, Tikhonov])
+@pytest.mark.parametrize("rule", [type(rule) for rule in RULES])
 def test_bad_parameters_are_refused(rule):
-    for bad, message in ((-1.0, "at least zero"), (np.nan, "NaN"), ([1.0, 2.0], "shape")):
+    for bad, message in ((-1.0, "at least zero"), (np.nan, "NaN"), ([[1.0, 2.0]], "shape")):
         with pytest.raises(ValueError, match=message):
             rule(bad)

@@ -4,6 +4,7 @@ from .alpha import AlphaRule, NoiseLevel, alpha_rule
 from .densities import (
     DensityGroup,
     HarmonicDensities,
+    alpha_units,
     group_of,
     harmonic_densities,
     sampled_harmonic_densities,
@@ -24,6 +25,7 @@ __all__ = [
     "SolveReport",
     "WaveTable",
     "alpha_rule",
+    "alpha_units",
     "circular_harmonics_at",
     "frequency_groups",
     "group_of",

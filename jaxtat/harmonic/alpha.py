@@ -10,11 +10,10 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array, Float
 
 from ..checks import Numbers, real_array, require_positive
-from ..regularization import NormBound
+from ..regularization import NormBound, alpha_of_norm, per_frequency
 
 
 class Problem(eqx.Module):
@@ -107,39 +106,18 @@ def alpha_rule(alpha: Any, n_frequencies: int) -> AlphaRule:
         value = real_array("alpha", alpha, None)
         require_positive("alpha", value)
         rule = RelativeAlpha(value)
-    for leaf in jax.tree.leaves(rule):
-        if leaf.shape not in ((), (n_frequencies,)):
-            raise ValueError(
-                f"alpha has shape {leaf.shape}, expected a number or one per frequency "
-                f"({n_frequencies},)."
-            )
-    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (n_frequencies,)), rule)
+    return per_frequency(rule, n_frequencies)
 
 
 @jax.custom_jvp
 def _alpha_of_norm(matrix: Array, plane: Array, square: Array) -> Array:
-    """alpha with tr(plane H^-1 matrix H^-1) = square, H = matrix + alpha, between two bounds.
+    """alpha with tr(plane H^-1 matrix H^-1) = square, H = matrix + alpha.
 
     With matrix = V diag(l) V^T the trace is Σ_j l_j (V^T plane V)_jj / (l_j + alpha)².
     """
     eigenvalues, vectors = jnp.linalg.eigh(matrix)
     weights = jnp.einsum("bij,bik,bkj->bj", vectors, plane, vectors)
-    largest = eigenvalues.max()
-    lower, upper = jnp.log(1e-15 * largest), jnp.log(10 * largest)
-
-    def excess(log_alpha: Array, _: None) -> Array:
-        alpha = jnp.exp(log_alpha)
-        norm = jnp.sum(jnp.maximum(eigenvalues, 0.0) * weights / (eigenvalues + alpha) ** 2)
-        # at the bounds the sign is given, so that a bound is found where the norm is never reached
-        edge = jnp.where(log_alpha <= lower, 1.0, 0.0) - jnp.where(log_alpha >= upper, 1.0, 0.0)
-        return jnp.where(edge == 0, jnp.log(norm / square), edge)
-
-    solver = optx.Bisection(rtol=1e-12, atol=1e-12)
-    options = {"lower": lower, "upper": upper}
-    found = optx.root_find(
-        excess, solver, (lower + upper) / 2, options=options, max_steps=64, throw=False
-    )
-    return jnp.exp(found.value)
+    return alpha_of_norm(jnp.maximum(eigenvalues, 0.0), weights, square)
 
 
 @_alpha_of_norm.defjvp

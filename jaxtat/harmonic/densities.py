@@ -21,9 +21,17 @@ from jaxtyping import Array, Complex, Float
 from ..checks import is_concrete
 from ..densities import Densities, DensityReport
 from ..filtered_solve import filtered_solve, singular_components
-from ..regularization import Regularization
+from ..regularization import Regularization, per_frequency
 from .polar import PolarGeometry, half_weights
-from .table import RegionFactor, WaveTable, blocks, detector_matrix, pairs, region_factor
+from .table import (
+    RegionFactor,
+    WaveTable,
+    blocks,
+    detector_matrix,
+    pairs,
+    region_factor,
+    wave_table,
+)
 from .waves import angular, circular_harmonics_at, minus_i_powers
 
 ROUNDING = 1e-11  # relative size of rows and components that are left out
@@ -153,15 +161,16 @@ def harmonic_densities(
         n_max: how many of their orders are used.
         unit_norms: N(lambda), the norm in which `NormBound` measures [1/length^(1/2)].
         angles: theta, counted from the axis [rad].
-        regularization: which singular components are kept.
+        regularization: which singular components are kept, at all frequencies or at each.
     """
 
     @jax.checkpoint
-    def at(arguments: tuple[WaveTable, Array]) -> tuple[Step, DensityReport]:
-        wave, unit_norm = arguments[0].up_to(n_max), arguments[1]
+    def at(arguments: tuple[WaveTable, Array, Regularization]) -> tuple[Step, DensityReport]:
+        wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
         factor = region_factor(geometry, wave)
         matrix, rhs = _system(geometry, wave, factor, angles)
-        found = singular_components(matrix, rhs, regularization, unit_norm)
+        rule = rule.in_units_of(_largest(matrix))
+        found = singular_components(matrix, rhs, rule, unit_norm)
         common = found.factors.min(axis=-1) * found.inverse
         outward = factor.transposed_matrix_times(found.left)
         scale = blocks(geometry, jnp.broadcast_to(wave.plane_scale, (2, *wave.plane_scale.shape)))
@@ -176,7 +185,7 @@ def harmonic_densities(
         )
         return step, report
 
-    return jax.lax.map(at, (table, unit_norms))
+    return jax.lax.map(at, (table, unit_norms, per_frequency(regularization, unit_norms.shape[0])))
 
 
 def group_of(steps: Sequence[Step]) -> DensityGroup:
@@ -208,6 +217,24 @@ def group_of(steps: Sequence[Step]) -> DensityGroup:
 
 
 @eqx.filter_jit
+def alpha_units(
+    geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: int
+) -> Float[Array, " f"]:
+    """The largest diagonal entry of A A^T at each frequency, the unit of `Tikhonov` [length²]."""
+
+    @jax.checkpoint
+    def at(wave: WaveTable) -> Array:
+        return _largest(_matrix(geometry, wave, region_factor(geometry, wave)))
+
+    return jax.lax.map(at, wave_table(geometry, frequencies, n_max))
+
+
+def _largest(matrix: Float[Array, "blocks m columns"]) -> Float[Array, ""]:
+    """The largest diagonal entry of A A^T."""
+    return jnp.sum(matrix**2, axis=-1).max()
+
+
+@eqx.filter_jit
 def sampled_harmonic_densities(
     geometry: PolarGeometry,
     table: WaveTable,
@@ -222,29 +249,37 @@ def sampled_harmonic_densities(
     """
 
     @jax.checkpoint
-    def at(arguments: tuple[WaveTable, Array]) -> tuple[Array, DensityReport]:
-        wave, unit_norm = arguments[0].up_to(n_max), arguments[1]
+    def at(arguments: tuple[WaveTable, Array, Regularization]) -> tuple[Array, DensityReport]:
+        wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
         matrix, rhs = _system(geometry, wave, region_factor(geometry, wave), angles)
-        found = filtered_solve(matrix, rhs, regularization, unit_norm)
+        rule = rule.in_units_of(_largest(matrix))
+        found = filtered_solve(matrix, rhs, rule, unit_norm)
         densities = unfold(found.q, geometry.weights, geometry.mirror) / geometry.weights
         report = DensityReport(
             found.singular_values, found.terms, found.norm, found.residual, unit_norm
         )
         return densities, report
 
-    return jax.lax.map(at, (table, unit_norms))
+    return jax.lax.map(at, (table, unit_norms, per_frequency(regularization, unit_norms.shape[0])))
+
+
+def _matrix(
+    geometry: PolarGeometry, wave: WaveTable, factor: RegionFactor
+) -> Float[Array, "blocks m columns"]:
+    """A of one frequency."""
+    half = geometry.one_side() if geometry.mirror else geometry
+    matrix = detector_matrix(half, wave) * jnp.sqrt(half.weights)
+    matrix = jnp.moveaxis(matrix, 0, -2)  # (blocks, r, J|Y, half)
+    return factor.matrix_times(matrix.reshape(*matrix.shape[:2], -1))
 
 
 def _system(
     geometry: PolarGeometry, wave: WaveTable, factor: RegionFactor, angles: Array
 ) -> tuple[Float[Array, "blocks m columns"], Complex[Array, "blocks m directions"]]:
     """A and u_xi of one frequency."""
-    half = geometry.one_side() if geometry.mirror else geometry
-    matrix = detector_matrix(half, wave) * jnp.sqrt(half.weights)
-    matrix = jnp.moveaxis(matrix, 0, -2)  # (blocks, r, J|Y, half)
-    matrix = factor.matrix_times(matrix.reshape(*matrix.shape[:2], -1))
     plane = _plane_waves(geometry, wave, angles)
-    return matrix, jax.lax.complex(factor.matrix_times(plane.real), factor.matrix_times(plane.imag))
+    rhs = jax.lax.complex(factor.matrix_times(plane.real), factor.matrix_times(plane.imag))
+    return _matrix(geometry, wave, factor), rhs
 
 
 def _plane_waves(

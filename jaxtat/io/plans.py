@@ -27,7 +27,14 @@ from ..densities import DensityReport, SampledDensities
 from ..geometry import CircularArc, ImageGrid, SampledCurve, TruncatedDisk
 from ..harmonic import DensityGroup, HarmonicDensities
 from ..plan import ReconstructionPlan
-from ..regularization import FixedRank, NormBound, SingularValueCutoff, Tikhonov
+from ..regularization import (
+    FixedRank,
+    NormBound,
+    SingularValueCutoff,
+    Tikhonov,
+    TikhonovNormBound,
+    per_frequency,
+)
 from .atomic import replacing
 
 FORMAT, VERSION = "jaxtat plan", 2
@@ -45,6 +52,7 @@ _KINDS: dict[str, type[eqx.Module]] = {
         FixedRank,
         SingularValueCutoff,
         Tikhonov,
+        TikhonovNormBound,
         SampledDensities,
         HarmonicDensities,
         DensityGroup,
@@ -193,6 +201,10 @@ def _require_consistent(path: str | Path, plan: Any) -> None:
     for member in _require_fields(path, plan, plan.frequencies, Float[Array, "*frequencies"]):
         _require_fields(path, member, plan.angles, Float[Array, " directions"])
     n, m, detectors = len(plan.frequencies), len(plan.angles), plan.curve.n_detectors
+    try:
+        per_frequency(plan.regularization, n)
+    except ValueError as error:
+        raise ValueError(f"{path} holds a rule whose {error}: build the plan again.") from error
     try:
         data, weights = jax.ShapeDtypeStruct((n, 2, detectors), float), plan.curve.weights
         fhat = jax.eval_shape(plan.densities.polar_fourier, data, weights)

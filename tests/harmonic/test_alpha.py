@@ -12,6 +12,7 @@ from jaxtat import (
     circular_arc,
     data_radii,
     phantoms,
+    problem_layout,
     reconstruct_direct,
     truncated_disk,
 )

@@ -13,6 +13,7 @@ from jaxtat import (
     NormBound,
     SingularValueCutoff,
     Tikhonov,
+    TikhonovNormBound,
     build_plan,
     circular_arc,
     data_radii,
@@ -132,7 +133,10 @@ def test_rows_are_few():
     assert group.rows.shape[-2] < 40
 
 
-def test_tikhonov_plan_is_the_direct_reconstruction(monkeypatch):
+@pytest.mark.parametrize(
+    ("rule", "alpha"), [(Tikhonov(1e-6), 1e-6), (TikhonovNormBound(2.0), NormBound(2.0))]
+)
+def test_tikhonov_plan_is_the_direct_reconstruction(monkeypatch, rule, alpha):
     """Two ways to the same image: singular values of A, and systems with A A^T + alpha."""
     monkeypatch.setattr(plan, "_GROUPS", 1)
     monkeypatch.setattr("jaxtat.layout.GROUPS", 1)
@@ -140,7 +144,7 @@ def test_tikhonov_plan_is_the_direct_reconstruction(monkeypatch):
     grid = ImageGrid(21)
     radii = data_radii(curve, region, grid.spacing[0])
     g = phantoms.Bells([[-0.4, 0.1]], [0.5]).circular_integrals(curve, radii)
-    built = build_plan(curve, region, grid, radii, Tikhonov(1e-6), progress=False)
+    built = build_plan(curve, region, grid, radii, rule, progress=False)
     found = reconstruct(built, g)
-    expected = reconstruct_direct(curve, region, grid, radii, g, 1e-6).image
+    expected = reconstruct_direct(curve, region, grid, radii, g, alpha).image
     np.testing.assert_allclose(found, expected, atol=1e-8)

@@ -18,6 +18,7 @@ from jaxtat import (
     NormBound,
     SingularValueCutoff,
     Tikhonov,
+    TikhonovNormBound,
     build_plan,
     circular_arc,
     data_radii,
@@ -152,7 +153,9 @@ def test_single_precision_halves_the_densities_and_keeps_six_digits(medium_plans
         NormBound(1 / 3, fractional=False),
         FixedRank(20.25),
         SingularValueCutoff(1e-7),
+        SingularValueCutoff(1e-7, fractional=False),
         Tikhonov(1e-9),
+        TikhonovNormBound(2.5),
         None,
     ],
 )
@@ -162,8 +165,19 @@ def test_every_regularization_comes_back(plans, tmp_path, rule):
     loaded = load_plan(tmp_path / "plan.h5")
     assert differences(loaded, plan) == []
     assert type(loaded.regularization) is type(rule)
-    if isinstance(rule, NormBound):
+    if hasattr(rule, "fractional"):
         assert loaded.regularization.fractional is rule.fractional
+
+
+def test_a_rule_for_every_frequency_comes_back(plans, tmp_path):
+    plan = plans["harmonic"]
+    each = np.linspace(1, 5, len(plan.frequencies))
+    save_plan(eqx.tree_at(lambda p: p.regularization, plan, NormBound(each)), tmp_path / "a.h5")
+    assert np.array_equal(load_plan(tmp_path / "a.h5").regularization.K, each)
+    rule = NormBound(each[1:])
+    save_plan(eqx.tree_at(lambda p: p.regularization, plan, rule), tmp_path / "b.h5")
+    with pytest.raises(ValueError, match=r"b\.h5 holds a rule whose K has shape .* one per freq"):
+        load_plan(tmp_path / "b.h5")
 
 
 def test_a_series_plan_comes_back(plans, files):
@@ -276,7 +290,7 @@ def test_a_failing_write_leaves_the_old_file_and_no_other(
 class Everything(Regularization):
     """A rule that files do not know."""
 
-    def factors(self, sigma, size, unit_norm, largest):
+    def factors(self, sigma, size, unit_norm):
         return jnp.ones_like(size)
 
 
