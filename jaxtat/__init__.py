@@ -1,6 +1,7 @@
 """jaxtat: thermo- and photoacoustic tomography with detectors on an open curve, in JAX."""
 
 from . import phantoms
+from .comparison import compare_regularizations
 from .forward import circular_integrals, circular_integrals_adjoint, circular_means
 from .geometry import (
     DetectorCurve,
@@ -56,6 +57,7 @@ __all__ = [
     "circular_integrals",
     "circular_integrals_adjoint",
     "circular_means",
+    "compare_regularizations",
     "condition_record",
     "cosine_filter",
     "data_radii",

@@ -17,7 +17,7 @@ from .geometry import DetectorCurve, ImageGrid
 from .special import j0, j1
 
 
-class _RadialParts(eqx.Module):
+class Phantom(eqx.Module):
     """Σ_m a_m b(|x - c_m| / r_m), see `Disks` for the arguments."""
 
     centers: Float[Array, "parts 2"]
@@ -136,7 +136,7 @@ class _RadialParts(eqx.Module):
         return jax.lax.scan(add, jnp.zeros(shape.shape, shape.dtype), parts)[0]
 
 
-class Disks(_RadialParts):
+class Disks(Phantom):
     """Sum of disks: f(x) = Σ_m a_m [|x - c_m| < r_m], all quantities in closed form.
 
     Args:
@@ -172,7 +172,7 @@ class Disks(_RadialParts):
         return jnp.where(small, 0.5 - k**2 / 16, j1(safe) / safe)
 
 
-class Bells(_RadialParts):
+class Bells(Phantom):
     """Sum of the paper's C_0^8 bells: f(x) = Σ_m a_m h(|x - c_m| / r_m).
 
     Arguments as for `Disks`.

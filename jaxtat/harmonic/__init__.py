@@ -7,7 +7,10 @@ from .densities import (
     alpha_units,
     group_of,
     harmonic_densities,
+    largest_diagonal,
     sampled_harmonic_densities,
+    unfold,
+    wave_system,
 )
 from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry
@@ -31,8 +34,11 @@ __all__ = [
     "group_of",
     "harmonic_densities",
     "harmonic_orders",
+    "largest_diagonal",
     "polar_geometry",
     "sampled_harmonic_densities",
     "solve_harmonics",
+    "unfold",
+    "wave_system",
     "wave_table",
 ]

@@ -167,9 +167,8 @@ def harmonic_densities(
     @jax.checkpoint
     def at(arguments: tuple[WaveTable, Array, Regularization]) -> tuple[Step, DensityReport]:
         wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
-        factor = region_factor(geometry, wave)
-        matrix, rhs = _system(geometry, wave, factor, angles)
-        rule = rule.in_units_of(_largest(matrix))
+        matrix, rhs, factor = wave_system(geometry, wave, angles)
+        rule = rule.in_units_of(largest_diagonal(matrix))
         found = singular_components(matrix, rhs, rule, unit_norm)
         common = found.factors.min(axis=-1) * found.inverse
         outward = factor.transposed_matrix_times(found.left)
@@ -224,12 +223,12 @@ def alpha_units(
 
     @jax.checkpoint
     def at(wave: WaveTable) -> Array:
-        return _largest(_matrix(geometry, wave, region_factor(geometry, wave)))
+        return largest_diagonal(_matrix(geometry, wave, region_factor(geometry, wave)))
 
     return jax.lax.map(at, wave_table(geometry, frequencies, n_max))
 
 
-def _largest(matrix: Float[Array, "blocks m columns"]) -> Float[Array, ""]:
+def largest_diagonal(matrix: Float[Array, "blocks m columns"]) -> Float[Array, ""]:
     """The largest diagonal entry of A A^T."""
     return jnp.sum(matrix**2, axis=-1).max()
 
@@ -251,8 +250,8 @@ def sampled_harmonic_densities(
     @jax.checkpoint
     def at(arguments: tuple[WaveTable, Array, Regularization]) -> tuple[Array, DensityReport]:
         wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
-        matrix, rhs = _system(geometry, wave, region_factor(geometry, wave), angles)
-        rule = rule.in_units_of(_largest(matrix))
+        matrix, rhs, _ = wave_system(geometry, wave, angles)
+        rule = rule.in_units_of(largest_diagonal(matrix))
         found = filtered_solve(matrix, rhs, rule, unit_norm)
         densities = unfold(found.q, geometry.weights, geometry.mirror) / geometry.weights
         report = DensityReport(
@@ -273,13 +272,14 @@ def _matrix(
     return factor.matrix_times(matrix.reshape(*matrix.shape[:2], -1))
 
 
-def _system(
-    geometry: PolarGeometry, wave: WaveTable, factor: RegionFactor, angles: Array
-) -> tuple[Float[Array, "blocks m columns"], Complex[Array, "blocks m directions"]]:
-    """A and u_xi of one frequency."""
+def wave_system(
+    geometry: PolarGeometry, wave: WaveTable, angles: Float[Array, " directions"]
+) -> tuple[Float[Array, "blocks m columns"], Complex[Array, "blocks m directions"], RegionFactor]:
+    """A and u_xi of one frequency, theta counted from the axis, and R."""
+    factor = region_factor(geometry, wave)
     plane = _plane_waves(geometry, wave, angles)
     rhs = jax.lax.complex(factor.matrix_times(plane.real), factor.matrix_times(plane.imag))
-    return _matrix(geometry, wave, factor), rhs
+    return _matrix(geometry, wave, factor), rhs, factor
 
 
 def _plane_waves(
