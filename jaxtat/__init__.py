@@ -18,6 +18,7 @@ from .geometry import (
 from .harmonic import NoiseLevel
 from .io import load_plan, save_plan
 from .layout import Layout, problem_layout
+from .noise import NoiseChoice, choose_regularization, image_power
 from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .pressure import condition_record, pressure_to_circular_integrals
 from .problem import AccuracyWarning
@@ -44,6 +45,7 @@ __all__ = [
     "FixedRank",
     "ImageGrid",
     "Layout",
+    "NoiseChoice",
     "NoiseLevel",
     "NormBound",
     "ReconstructionPlan",
@@ -53,6 +55,7 @@ __all__ = [
     "TikhonovNormBound",
     "VisibilityWarning",
     "build_plan",
+    "choose_regularization",
     "circular_arc",
     "circular_integrals",
     "circular_integrals_adjoint",
@@ -63,6 +66,7 @@ __all__ = [
     "data_radii",
     "detector_curve",
     "fit_circle",
+    "image_power",
     "load_plan",
     "phantoms",
     "pressure_to_circular_integrals",

@@ -27,7 +27,7 @@ from ..problem import AccuracyWarning
 from ..special import full_circle_norm
 from .inversion import invert, require_inversion
 from .polar_fourier import with_origin
-from .radial_transform import radial_kernels, radial_transform, total_integrals
+from .radial_transform import noise_power, radial_transform, total_integrals
 from .radon import LowPass, low_pass_values
 
 DEFAULT_ALPHA = 1e-6
@@ -187,7 +187,7 @@ def _transformed(given: _Arguments, layout: Layout) -> Data:
     found = radial_transform(_images(given.g), given.radii, frequencies)
     return Data(
         transformed=jnp.moveaxis(found, 1, 0),
-        noise_power=_noise_power(given.geometry, given.radii, frequencies),
+        noise_power=noise_power(given.radii, frequencies, given.geometry.weights),
         unit_norm=_unit_norm(given.geometry, given.rule, frequencies, layout),
         rule=given.rule,
     )
@@ -217,12 +217,6 @@ def _polar_fourier(
         fhat = fhat * jnp.exp(1j * layout.frequencies[:, None] * along)
     mass = total_integrals(_images(given.g), given.radii)
     return with_origin(fhat, mass, geometry.weights)
-
-
-def _noise_power(geometry: PolarGeometry, radii: Array, frequencies: Array) -> Array:
-    """Mean square of √w (G_J, G_Y) for white noise of variance 1 in g, per frequency."""
-    kernels = radial_kernels(radii, frequencies)
-    return jnp.mean(geometry.weights) * jnp.mean(jnp.sum(kernels**2, axis=-1), axis=-1)
 
 
 def _unit_norm(

@@ -43,6 +43,16 @@ def radial_kernels(
     return jnp.stack([j0(argument), y0(argument)], axis=1) * trapezoid_weights(radii)
 
 
+def noise_power(
+    radii: Float[Array, " radii"],
+    frequencies: Float[Array, " frequencies"],
+    weights: Float[Array, " detectors"],
+) -> Float[Array, " frequencies"]:
+    """Mean square of √w (G_J, G_Y) for white noise of variance 1 in g."""
+    kernels = radial_kernels(radii, frequencies)
+    return jnp.mean(weights) * jnp.mean(jnp.sum(kernels**2, axis=-1), axis=-1)
+
+
 def total_integrals(
     g: Float[Array, "*batch detectors radii"], radii: Float[Array, " radii"]
 ) -> Float[Array, "*batch detectors"]:
