@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from problems import problem
 
-from jaxtat import build_plan, problem_layout, reconstruct, reconstruct_direct
+from jaxtat import (
+    build_plan,
+    pixel_standard_deviation,
+    problem_layout,
+    reconstruct,
+    reconstruct_direct,
+)
 from jaxtat.harmonic import polar_geometry, wave_table
 from jaxtat.reconstruction import radial_transform
 from jaxtat.reconstruction.inversion import invert
@@ -105,6 +111,12 @@ def bench_with_plan(measure, plans, images, inversion, precision):
         images=images,
         error=lambda found: case.error(found[0]),
     )
+
+
+def bench_standard_deviations(measure, plans):
+    """Of all pixels in the region, exactly."""
+    plan = plans["double"][1]
+    measure(lambda: pixel_standard_deviation(plan, 1.0), n=129, rounds=1)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-HEADER = "| benchmark | run per image | compile | max error | peak memory |"
+HEADER = (
+    "| benchmark | run per image | compile | max error | relative L2 | iterations | peak memory |"
+)
 
 
 def main(path: Path) -> None:
@@ -17,14 +19,15 @@ def main(path: Path) -> None:
 
 
 def table(runs: list[dict]) -> str:
-    lines = [HEADER, "| --- | --- | --- | --- | --- |"]
+    lines = [HEADER, "|" + " --- |" * HEADER.count(" |")]
     for run in runs:
         info = run["extra_info"]
         error = "" if np.isnan(info["max_error"]) else f"{info['max_error']:.1e}"
+        relative = f"{info['relative_error']:.1e}" if "relative_error" in info else ""
         name = run["name"].removeprefix("bench_")
         lines.append(
             f"| {name} | {_seconds(info['median_s'])} | {info['compile_s']:.1f} s | {error} | "
-            f"{info['peak_mb']:.0f} MB |"
+            f"{relative} | {info.get('iterations', '')} | {info['peak_mb']:.0f} MB |"
         )
     return "\n".join(lines)
 

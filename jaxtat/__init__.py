@@ -17,6 +17,7 @@ from .geometry import (
 )
 from .harmonic import NoiseLevel
 from .io import load_plan, save_plan
+from .iterative import IterativeReconstruction, least_squares, total_variation
 from .layout import Layout, problem_layout
 from .noise import NoiseChoice, choose_regularization, image_power
 from .plan import PAPER_K, ReconstructionPlan, build_plan
@@ -36,6 +37,7 @@ from .regularization import (
     Tikhonov,
     TikhonovNormBound,
 )
+from .uncertainty import pixel_standard_deviation
 
 __all__ = [
     "PAPER_K",
@@ -44,6 +46,7 @@ __all__ = [
     "DirectReconstruction",
     "FixedRank",
     "ImageGrid",
+    "IterativeReconstruction",
     "Layout",
     "NoiseChoice",
     "NoiseLevel",
@@ -67,14 +70,17 @@ __all__ = [
     "detector_curve",
     "fit_circle",
     "image_power",
+    "least_squares",
     "load_plan",
     "phantoms",
+    "pixel_standard_deviation",
     "pressure_to_circular_integrals",
     "problem_layout",
     "reconstruct",
     "reconstruct_direct",
     "reconstruct_stack",
     "save_plan",
+    "total_variation",
     "truncated_disk",
     "visibility",
 ]

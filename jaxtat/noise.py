@@ -90,8 +90,9 @@ def choose_regularization(
     """K(lambda) or alpha(lambda) for which the expected error of the image is least.
 
     By gradient descent (Broyden, Fletcher, Goldfarb and Shanno) on the logarithm of the expected
-    error at each frequency, through filter factors and densities, from the best of some starts. Of all densities Tikhonov's, with the alpha found
-    here, have the least expected error: he is the Wiener filter of this problem.
+    error at each frequency, through filter factors and densities, from the best of some starts. Of
+    all densities Tikhonov's, with the alpha found here, have the least expected error: he is the
+    Wiener filter of this problem.
 
     Args:
         curve, region, grid, radii, max_frequency: as in `build_plan`, which takes the result's
