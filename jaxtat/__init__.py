@@ -1,6 +1,7 @@
 """jaxtat: thermo- and photoacoustic tomography with detectors on an open curve, in JAX."""
 
 from . import phantoms
+from .calibration import Calibration, calibrate
 from .comparison import compare_regularizations
 from .forward import circular_integrals, circular_integrals_adjoint, circular_means
 from .geometry import (
@@ -13,6 +14,7 @@ from .geometry import (
     detector_curve,
     fit_circle,
     truncated_disk,
+    turned_views,
     visibility,
 )
 from .harmonic import NoiseLevel
@@ -37,11 +39,13 @@ from .regularization import (
     Tikhonov,
     TikhonovNormBound,
 )
+from .sharpness import sharpness, sound_speed_by_sharpness
 from .uncertainty import pixel_standard_deviation
 
 __all__ = [
     "PAPER_K",
     "AccuracyWarning",
+    "Calibration",
     "DetectorCurve",
     "DirectReconstruction",
     "FixedRank",
@@ -58,6 +62,7 @@ __all__ = [
     "TikhonovNormBound",
     "VisibilityWarning",
     "build_plan",
+    "calibrate",
     "choose_regularization",
     "circular_arc",
     "circular_integrals",
@@ -80,7 +85,10 @@ __all__ = [
     "reconstruct_direct",
     "reconstruct_stack",
     "save_plan",
+    "sharpness",
+    "sound_speed_by_sharpness",
     "total_variation",
     "truncated_disk",
+    "turned_views",
     "visibility",
 ]

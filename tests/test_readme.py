@@ -7,10 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import nbformat
 import numpy as np
-import pytest
-from nbclient import NotebookClient
 
 from jaxtat import circular_arc, data_radii, phantoms, truncated_disk
 
@@ -56,15 +53,3 @@ def test_the_make_targets_are_there():
     for line in block.strip().splitlines():
         assert f"\n{line.split('#')[0].split()[1]}: " in makefile
     assert "make test" in (ROOT / ".ci" / "run").read_text()
-
-
-@pytest.mark.parametrize("name", sorted(path.name for path in (ROOT / "notebooks").glob("*.ipynb")))
-def test_notebooks_run_from_top_to_bottom(name):
-    """What a notebook claims it asserts itself, or prints as an error that is almost rounding."""
-    notebook = nbformat.read(ROOT / "notebooks" / name, as_version=4)
-    NotebookClient(notebook, timeout=900, kernel_name="python3").execute()
-    text = "".join(o.get("text", "") for c in notebook.cells for o in c.get("outputs", []))
-    errors = [float(v) for v in re.findall(r"largest error: (\S+)", text)]
-    code = "\n".join(c.source for c in notebook.cells if c.cell_type == "code")
-    assert errors or "\nassert " in code
-    assert max(errors, default=0.0) < 1e-7

@@ -12,6 +12,7 @@ from .curves import (
     circular_arc,
     detector_curve,
     fit_circle,
+    turned_views,
 )
 from .grids import ImageGrid
 from .radii import data_radii, require_cover
@@ -35,5 +36,6 @@ __all__ = [
     "require_cover",
     "require_outside",
     "truncated_disk",
+    "turned_views",
     "visibility",
 ]

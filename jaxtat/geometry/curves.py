@@ -195,6 +195,37 @@ def detector_curve(positions: Numbers, *, closed: bool | None = None) -> Sampled
     return SampledCurve(points, (ends + step) / 2, side * normals, bool(closed))
 
 
+def turned_views(curve: DetectorCurve, turns: Numbers) -> SampledCurve:
+    """One array in several positions: detectors of view 1, 2, ..., each turned about the origin.
+
+    An array that sees too little at once is turned about the object, or the object before it. The
+    weights are divided by the number of views, so that places visited twice count once.
+
+    Args:
+        curve: the array at turn 0, the axis of rotation at the origin.
+        turns: angles, (views,) [rad].
+
+    Returns:
+        DetectorCurve of views * detectors positions.
+
+    >>> import numpy as np
+    >>> half = circular_arc(1.3, 0.0, 40)
+    >>> both = turned_views(half, [0.0, np.pi])
+    >>> both.n_detectors, bool(abs(both.points[:40] + both.points[40:]).max() < 1e-12)
+    (80, True)
+    """
+    turns = real_array("turns", turns, ("views",))
+    n = whole_number("the number of views", turns.shape[0], 1)
+    c, s = jnp.cos(turns), jnp.sin(turns)
+    turn = jnp.stack([jnp.stack([c, -s], axis=-1), jnp.stack([s, c], axis=-1)], axis=-2)
+
+    def turned(vectors: Array) -> Array:
+        return jnp.einsum("vij,kj->vki", turn, vectors).reshape(-1, 2)
+
+    weights = jnp.tile(curve.weights / n, n)
+    return SampledCurve(turned(curve.points), weights, turned(curve.normals), False)
+
+
 @jax.jit
 def opening_angle(cosine: Array) -> Array:
     """arccos(cosine), and 0 with derivative 0 for a circle that is not cut, cosine >= 1."""

@@ -1,6 +1,7 @@
 """Cylindrical waves: step 1 without collocation, and reconstruction without step 1."""
 
 from .alpha import AlphaRule, NoiseLevel, alpha_rule
+from .consistency import unexplained
 from .densities import (
     DensityGroup,
     HarmonicDensities,
@@ -38,6 +39,7 @@ __all__ = [
     "polar_geometry",
     "sampled_harmonic_densities",
     "solve_harmonics",
+    "unexplained",
     "unfold",
     "wave_system",
     "wave_table",

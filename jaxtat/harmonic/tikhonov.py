@@ -155,10 +155,17 @@ def _summed(geometry: PolarGeometry, data: Data, n_max: int) -> _Datum:
     """One product of matrices for all frequencies, if the detectors lie on a circle."""
     values = data.transformed * geometry.weights
     power = jnp.mean(values * data.transformed, axis=(-3, -2, -1))
-    if geometry.on_circle:
-        waves = angular(n_max, geometry.detector_angles)
-        values = jnp.einsum("pnk,fijk->fijpn", waves, values)
+    values = summed_over_detectors(geometry, values, n_max)
     return _Datum(values, power, data.noise_power, data.unit_norm, data.rule)
+
+
+def summed_over_detectors(
+    geometry: PolarGeometry, values: Float[Array, "*batch detectors"], n_max: int
+) -> Array:
+    """`_Datum.values` from w G."""
+    if not geometry.on_circle:
+        return values
+    return jnp.einsum("pnk,...k->...pn", angular(n_max, geometry.detector_angles), values)
 
 
 def moments(
@@ -200,22 +207,30 @@ def _factorised(
     alpha = datum.rule.absolute(_problem(geometry, datum, largest, matrix, plane))
     shifted = matrix + alpha * jnp.eye(matrix.shape[-1])
     rhs = factor.times(moments(geometry, wave, datum.values))
-    triangle = jnp.linalg.cholesky(jax.lax.stop_gradient(shifted), symmetrize_input=False)
-
-    def multiply(y: Array) -> Array:
-        # block by block: products of batches do not reach the fast library routine
-        return jnp.stack([block @ columns for block, columns in zip(shifted, y, strict=True)])
-
-    def solve(_, right: Array) -> Array:
-        return jax.scipy.linalg.cho_solve((triangle, True), right)
-
     rhs = jnp.moveaxis(rhs, 0, -1)  # images last, as columns
-    y = jax.lax.custom_linear_solve(multiply, rhs, solve, symmetric=True)
-    residual = _relative(multiply(y) - rhs, rhs, axes=(0, 1))
+    y = cholesky_solve(shifted, rhs)
+    residual = _relative(_product(shifted, y) - rhs, rhs, axes=(0, 1))
     steps, finite = jnp.zeros((), int), jnp.isfinite(residual)
     return jnp.moveaxis(y, -1, 0), SolveReport(
         alpha, alpha / largest.max(), residual, steps, finite
     )
+
+
+def cholesky_solve(
+    matrix: Float[Array, "blocks r r"], rhs: Float[Array, "blocks r columns"]
+) -> Float[Array, "blocks r columns"]:
+    """matrix^-1 rhs of symmetric blocks, with implicit derivatives: one more solve each."""
+    triangle = jnp.linalg.cholesky(jax.lax.stop_gradient(matrix), symmetrize_input=False)
+
+    def solve(_, right: Array) -> Array:
+        return jax.scipy.linalg.cho_solve((triangle, True), right)
+
+    return jax.lax.custom_linear_solve(partial(_product, matrix), rhs, solve, symmetric=True)
+
+
+def _product(matrix: Float[Array, "blocks r r"], columns: Float[Array, "blocks r c"]) -> Array:
+    """Block by block: products of batches do not reach the fast library routine."""
+    return jnp.stack([block @ part for block, part in zip(matrix, columns, strict=True)])
 
 
 def _iterated(

@@ -6,7 +6,7 @@ from .direct import DirectReconstruction, reconstruct_direct
 from .fbp import filtered_back_projection
 from .pipeline import reconstruct
 from .polar_fourier import polar_fourier
-from .radial_transform import radial_transform, total_integrals
+from .radial_transform import delayed_transform, radial_transform, total_integrals
 from .radon import cosine_filter, offset_step, polar_fourier_of_projections, radon_projections
 from .stack import reconstruct_stack
 
@@ -14,6 +14,7 @@ __all__ = [
     "DirectReconstruction",
     "classical_fbp",
     "cosine_filter",
+    "delayed_transform",
     "direct_fourier_inversion",
     "filtered_back_projection",
     "offset_step",

@@ -31,8 +31,7 @@ from .radial_transform import noise_power, radial_transform, total_integrals
 from .radon import LowPass, low_pass_values
 
 DEFAULT_ALPHA = 1e-6
-GROUPS = 6  # of frequencies with as many orders; each is compiled by itself
-MOST_ORDERS = 5000  # up to which Cholesky decompositions are faster: extrapolated, see benchmarks
+DEFAULT_TOLERANCE = 1e-10  # of conjugate gradients
 
 
 class DirectReconstruction(eqx.Module):
@@ -64,7 +63,7 @@ def reconstruct_direct(
     max_frequency: Numbers | None = None,
     n_directions: int | None = None,
     solver: str = "auto",
-    tolerance: float = 1e-10,
+    tolerance: float = DEFAULT_TOLERANCE,
     inversion: str = "fbp",
     layout: Layout | None = None,
     mesh: Mesh | None = None,
@@ -138,7 +137,7 @@ def reconstruct_direct(
     n = layout.n_frequencies
     eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
     geometry = polar_geometry(curve, region)
-    arguments = replicated(_Arguments(geometry, grid, radii, values, rule, eta), mesh)
+    arguments = replicated(DirectArguments(geometry, grid, radii, values, rule, eta), mesh)
     found = _direct(arguments, layout, tolerance, inversion, mesh)
     if is_concrete(found) and not found.converged:
         bad = ~np.asarray(found.report.converged)
@@ -152,8 +151,8 @@ def reconstruct_direct(
     return found
 
 
-class _Arguments(eqx.Module):
-    """What is traced."""
+class DirectArguments(eqx.Module):
+    """What of a direct reconstruction is traced, checked beforehand."""
 
     geometry: PolarGeometry
     grid: ImageGrid
@@ -164,7 +163,7 @@ class _Arguments(eqx.Module):
 
 
 def _direct(
-    given: _Arguments, layout: Layout, tolerance: float, inversion: str, mesh: Mesh | None
+    given: DirectArguments, layout: Layout, tolerance: float, inversion: str, mesh: Mesh | None
 ) -> DirectReconstruction:
     # several programs: as one, XLA has been seen to wait for ever with two devices on one CPU
     data = _transformed(given, layout)
@@ -176,12 +175,17 @@ def _direct(
     return DirectReconstruction(image.reshape(*given.g.shape[:-2], *given.grid.shape), report)
 
 
+def direct_image(given: DirectArguments, layout: Layout) -> Float[Array, "*batch x1 x2"]:
+    """The image alone, of arguments that have been checked; everything may be traced."""
+    return _direct(given, layout, DEFAULT_TOLERANCE, "fbp", None).image
+
+
 def _images(g: Float[Array, "*batch detectors radii"]) -> Float[Array, "images detectors radii"]:
     return g.reshape(-1, *g.shape[-2:])
 
 
 @eqx.filter_jit
-def _transformed(given: _Arguments, layout: Layout) -> Data:
+def _transformed(given: DirectArguments, layout: Layout) -> Data:
     """Step 2."""
     frequencies = layout.frequencies
     found = radial_transform(_images(given.g), given.radii, frequencies)
@@ -206,7 +210,7 @@ def _solve(
 
 @eqx.filter_jit
 def _polar_fourier(
-    given: _Arguments, harmonics: Array, layout: Layout
+    given: DirectArguments, harmonics: Array, layout: Layout
 ) -> Complex[Array, "images all_frequencies directions"]:
     """fhat on the polar grid, with frequency 0 in front."""
     geometry, angles = given.geometry, layout.angles

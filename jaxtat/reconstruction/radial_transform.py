@@ -35,6 +35,31 @@ def radial_transform(
     return jnp.moveaxis(found, -1, 0).reshape(*g.shape[:-2], *found.shape[:-1])
 
 
+@jax.jit
+def delayed_transform(
+    g: Float[Array, "detectors radii"],
+    radii: Float[Array, " radii"],
+    frequencies: Float[Array, " frequencies"],
+    delays: Float[Array, " detectors"],
+) -> Float[Array, "frequencies 2 detectors"]:
+    """∫ g(z_k, r) (J_0|Y_0)(lambda (r - d_k)) dr: each detector's data read d_k nearer.
+
+    Args:
+        g, radii, frequencies: as in `radial_transform`.
+        delays: d_k below the least radius, (detectors,) [length].
+
+    Returns:
+        (G_J, G_Y), (frequencies, 2, detectors).
+
+    >>> r = jnp.linspace(0.5, 1.0, 100)
+    >>> delayed_transform(jnp.ones((7, 100)), r, jnp.array([1.0, 2.0]), jnp.zeros(7)).shape
+    (2, 2, 7)
+    """
+    argument = frequencies[:, None, None] * (radii - delays[:, None])
+    kernels = jnp.stack([j0(argument), y0(argument)], axis=1)
+    return jnp.sum(g * trapezoid_weights(radii) * kernels, axis=-1)
+
+
 def radial_kernels(
     radii: Float[Array, " radii"], frequencies: Float[Array, " frequencies"]
 ) -> Float[Array, "frequencies 2 radii"]:

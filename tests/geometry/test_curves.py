@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from jaxtat import circular_arc, detector_curve, fit_circle
+from jaxtat import circular_arc, detector_curve, fit_circle, turned_views
 
 unit = st.floats(-3.0, 3.0)
 
@@ -194,3 +194,29 @@ def test_straight_arrays_have_finite_derivatives():
 def test_traced_positions_need_to_be_told_whether_closed():
     with pytest.raises(ValueError, match="closed must be given"):
         jax.jit(lambda p: detector_curve(p).weights)(circular_arc(1.3, 0.5, 12).points)
+
+
+def test_turned_views_are_the_array_turned_about_the_origin():
+    arc = circular_arc(1.3, 0.4, 7, center=(0.1, -0.2), angle=0.3)
+    turns = np.array([0.0, 0.7, 2 * np.pi])
+    views = turned_views(arc, turns)
+    assert views.n_detectors == 21
+    for part, turn in enumerate(turns):
+        own = slice(7 * part, 7 * part + 7)
+        phase = np.exp(1j * turn)
+        for found, array in ((views.points, arc.points), (views.normals, arc.normals)):
+            turned = (np.asarray(array) @ [1, 1j]) * phase
+            assert np.allclose(np.asarray(found[own]) @ [1, 1j], turned, atol=1e-14)
+    # two of the views are the same place, and together count as one there
+    assert np.allclose(views.weights, np.tile(np.asarray(arc.weights) / 3, 3))
+    with pytest.raises(ValueError, match="number of views"):
+        turned_views(arc, np.zeros(0))
+
+
+def test_derivatives_of_turned_views():
+    def fields(center, turns):
+        moved = circular_arc(1.3, 0.4, 5, center=jnp.asarray(center))
+        views = turned_views(moved, jnp.asarray(turns))
+        return views.points, views.normals, views.weights
+
+    check_grads(fields, (jnp.array([0.1, 0.2]), jnp.array([0.3, 1.0])), 2, ["fwd", "rev"])

@@ -9,6 +9,7 @@ from jax.test_util import check_grads
 from jaxtat import ImageGrid, circular_arc, cosine_filter, phantoms
 from jaxtat.densities import SampledDensities
 from jaxtat.reconstruction import (
+    delayed_transform,
     filtered_back_projection,
     offset_step,
     polar_fourier,
@@ -43,6 +44,32 @@ def test_radial_transform_of_a_bell_is_known_by_the_addition_theorem():
     assert np.allclose(
         total_integrals(g, RADII), 2 * np.pi * at_origin.fourier([0.0], [0.0])[0, 0].real
     )
+
+
+def test_delayed_data_are_read_where_they_belong():
+    frequencies, delays = jnp.array([1.0, 10.0, 60.0]), jnp.linspace(-0.1, 0.1, 24)
+    exact = radial_transform(BELL.circular_integrals(CURVE, RADII), RADII, frequencies)
+    late = jnp.stack(
+        [
+            BELL.circular_integrals(CURVE, RADII - delay)[k]  # the same bell, farther out
+            for k, delay in enumerate(delays)
+        ]
+    )
+    found = delayed_transform(late, RADII, frequencies, delays)
+    assert np.abs(found - exact).max() < 1e-9
+    zero = delayed_transform(late, RADII, frequencies, jnp.zeros(24))
+    assert np.allclose(zero, radial_transform(late, RADII, frequencies), atol=1e-13)
+
+
+def test_derivatives_of_the_delayed_transform():
+    g = jax.random.normal(jax.random.key(0), (3, 9))
+    radii, delays = jnp.linspace(0.5, 1.3, 9), jnp.array([0.1, -0.1, 0.02])
+
+    def transformed(*values):
+        g, radii, delays = map(jnp.asarray, values)
+        return delayed_transform(g, radii, jnp.array([2.0, 5.0]), delays)
+
+    check_grads(transformed, (g, radii, delays), 2, ["fwd", "rev"], eps=1e-4)
 
 
 def test_polar_fourier_is_the_weighted_sum_it_states():

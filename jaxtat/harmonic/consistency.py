@@ -1,0 +1,62 @@
+"""How well data agree with themselves: what no image in the region can explain.
+
+At each frequency an image enters the data only by its coefficients y in cylindrical waves, and
+√w (G_J, G_Y) = A^T y without any error of discretisation, since Graf's expansion is exact (see
+`waves`). The best y for given data is that of the reconstruction itself, so what remains,
+
+    √w G - A^T y,   √alpha y,   y = (A A^T + alpha)^-1 A √w G,
+
+depends on geometry and data alone: the image is eliminated. Detectors on more than half a circle
+see many lines from both sides, J_0 and Y_0 see every source twice, and sources lie in the region;
+wrong positions, speeds or delays contradict one of these.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .polar import PolarGeometry
+from .table import WaveTable, circle_gram, detector_matrix, region_factor, wave_table
+from .tikhonov import cholesky_solve, moments, normal_matrix, summed_over_detectors
+
+
+def unexplained(
+    geometry: PolarGeometry,
+    frequencies: Float[Array, " frequencies"],
+    n_max: int,
+    transformed: Float[Array, "frequencies 2 detectors"],
+    alpha: Float[Array, ""],
+) -> tuple[Float[Array, "frequencies 2 detectors"], Float[Array, "frequencies blocks r"]]:
+    """(√w G - A^T y, √alpha y), whose squares add up to what the best image leaves.
+
+    Args:
+        geometry: curve and region.
+        frequencies: lambda [rad/length].
+        n_max: highest order of the waves.
+        transformed: (G_J, G_Y).
+        alpha: over the largest diagonal entry of A A^T.
+
+    Returns:
+        Both parts, differentiable in the geometry and the data.
+
+    Source: variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432.
+    """
+    gram = circle_gram(geometry, n_max) if geometry.on_circle else None
+    root = jnp.sqrt(geometry.weights)
+
+    def at(given: tuple[WaveTable, Array, Array]) -> tuple[Array, Array]:
+        wave, data, sums = given
+        factor = region_factor(geometry, wave)
+        matrix = normal_matrix(geometry, wave, factor, gram)
+        largest = jnp.diagonal(matrix, axis1=-2, axis2=-1).max()
+        absolute = alpha * largest
+        rhs = factor.times(moments(geometry, wave, sums[None]))
+        shifted = matrix + absolute * jnp.eye(matrix.shape[-1])
+        y = cholesky_solve(shifted, jnp.moveaxis(rhs, 0, -1))[..., 0]
+        waves = detector_matrix(geometry, wave)
+        explained = jnp.einsum("jbrk,br->jk", waves, factor.transposed_times(y))
+        return root * (data - explained), jnp.sqrt(absolute) * y
+
+    table = wave_table(geometry, frequencies, n_max)
+    sums = summed_over_detectors(geometry, transformed * geometry.weights, n_max)
+    return jax.lax.map(at, (table, transformed, sums))

@@ -1,0 +1,36 @@
+"""Notebooks run from top to bottom, and what they claim holds."""
+
+import re
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
+
+
+def run(name, cells=None):
+    """What all or some of a notebook's cells print, run where the notebook is, and its code."""
+    notebook = nbformat.read(FOLDER / name, as_version=4)
+    notebook.cells = [notebook.cells[i] for i in cells or range(len(notebook.cells))]
+    folder = {"metadata": {"path": str(FOLDER)}}
+    NotebookClient(notebook, timeout=900, kernel_name="python3", resources=folder).execute()
+    text = "".join(o.get("text", "") for c in notebook.cells for o in c.get("outputs", []))
+    return text, "\n".join(c.source for c in notebook.cells if c.cell_type == "code")
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in FOLDER.glob("*.ipynb")))
+def test_notebooks_run_from_top_to_bottom(name, data_folder, monkeypatch):
+    """What a notebook claims it asserts itself, or prints as an error that is almost rounding."""
+    monkeypatch.setenv("JAXTAT_DATA", str(data_folder))
+    text, code = run(name)
+    errors = [float(v) for v in re.findall(r"largest error: (\S+)", text)]
+    assert errors or "\nassert " in code
+    assert max(errors, default=0.0) < 1e-7
+
+
+def test_calibration_without_the_measured_scan_says_so(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAXTAT_DATA", str(tmp_path))
+    text, _ = run("04_calibration.ipynb", [1, 9, 11])
+    assert text == f"msot_scan9.npz is not in {tmp_path}: nothing is measured here.\n"

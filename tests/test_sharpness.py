@@ -1,0 +1,144 @@
+"""Sharpness against waves whose gradient is known, and the speed of sound where it is greatest."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+import jaxtat
+from jaxtat import (
+    ImageGrid,
+    circular_arc,
+    phantoms,
+    sharpness,
+    sound_speed_by_sharpness,
+    truncated_disk,
+)
+
+GRID = ImageGrid(65)
+STEP = float(GRID.spacing[0])
+CURVE = circular_arc(1.3, 1.0, 130)
+REGION = truncated_disk(0.95, 0.95, 260)
+RADII = 0.25 + STEP * jnp.arange(69)
+DISKS = phantoms.Disks([[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1]], [0.7, 0.2, 0.15], [1, 0.5, -0.5])
+
+
+def test_sharpness_of_a_plane_wave_is_half_its_wave_number_squared_times_the_area():
+    grid = ImageGrid(401)
+    wave = jnp.sin(grid.points @ jnp.array([3.0, 4.0]))
+    x1, x2 = np.meshgrid(*[np.linspace(-0.8, 0.8, 1601)] * 2, indexing="ij")
+    exact = 25 * np.sum((np.cos(3 * x1 + 4 * x2) ** 2)[np.hypot(x1, x2) < 0.8]) * 1e-6
+    found = sharpness(wave, grid, truncated_disk(0.8, 0.8, 64))
+    assert abs(found / exact - 1) < 2e-3  # the rim of the disk is as coarse as the grid
+    grid = ImageGrid(65)
+    whole = sharpness(jnp.stack([grid.points[..., 0], 3 * grid.points[..., 1]]), grid)
+    inner = (63 * grid.spacing[0]) ** 2
+    assert np.allclose(whole, [inner, 9 * inner], rtol=1e-12)  # exact for straight slopes
+
+
+def test_derivatives_of_sharpness():
+    image = jax.random.normal(jax.random.key(0), (11, 11))
+    grid, region = ImageGrid(11), truncated_disk(0.8, 0.8, 32)
+    check_grads(
+        lambda image: sharpness(jnp.asarray(image), grid, region), (image,), 2, ["fwd", "rev"]
+    )
+
+
+@pytest.fixture(scope="module")
+def scan():
+    """2 % noise, the nominal speed 2 % off."""
+    g = DISKS.circular_integrals(CURVE, RADII)
+    g = g + phantoms.noise_like(jax.random.key(0), g, 0.02)
+    speeds = np.linspace(1440.0, 1560.0, 13)
+    return g, sound_speed_by_sharpness(
+        CURVE, REGION, GRID, 0.98 * RADII, g, speeds, sound_speed=1470.0
+    )
+
+
+def test_the_image_is_sharpest_with_the_true_speed(scan):
+    _, found = scan
+    assert found.converged
+    assert abs(found.sound_speed / 1500 - 1) < 1e-3
+    best = int(np.argmax(found.sharpness))
+    assert found.sound_speeds[best] == 1500.0
+    # one peak, and no other place as high
+    others = np.abs(np.arange(13) - best) > 1
+    assert found.sharpness[others].max() < 0.9 * found.sharpness[best]
+
+
+def test_curve_and_image_are_those_of_reconstructions(scan):
+    g, found = scan
+
+    def image(speed):
+        return jaxtat.reconstruct_direct(
+            CURVE,
+            REGION,
+            GRID,
+            0.98 * RADII * speed / 1470,
+            g,
+            1e-3,
+            low_pass=jaxtat.cosine_filter,
+            layout=jaxtat.problem_layout(CURVE, REGION, GRID, 0.98 * RADII),
+        ).image
+
+    assert np.allclose(found.sharpness[3], sharpness(image(1470.0), GRID, REGION), rtol=1e-9)
+    assert np.allclose(
+        found.sharpness[0], (1440 / 1470) ** 2 * sharpness(image(1440.0), GRID, REGION), rtol=1e-9
+    )
+    assert np.allclose(found.image, image(found.sound_speed), atol=1e-9)
+    speeds = found.sound_speed + np.array([-0.5, 0.0, 0.5])
+    low, top, high = (float(c**2 * sharpness(image(c), GRID, REGION)) for c in speeds)
+    assert max(low, high) < top
+    assert abs(high - low) < 0.01 * (2 * top - low - high)  # the slope there is zero
+
+
+@pytest.mark.parametrize(
+    ("speeds", "message"),
+    [
+        ([1500.0, 1510.0], "at least 3"),
+        ([1500.0, 1490.0, 1510.0], "increasing"),
+        ([-1.0, 1490.0, 1510.0], "above zero"),
+        ([1510.0, 1520.0, 1530.0], "widen their range"),
+    ],
+)
+def test_speeds_that_will_not_do(scan, speeds, message):
+    with pytest.raises(ValueError, match=message):
+        sound_speed_by_sharpness(
+            CURVE, REGION, GRID, 0.98 * RADII, scan[0], speeds, sound_speed=1470.0
+        )
+
+
+def test_an_image_of_another_grid_is_refused():
+    with pytest.raises(ValueError, match="image has shape"):
+        sharpness(jnp.ones((5, 5)), GRID)
+
+
+@pytest.mark.parametrize("data_file", ["msot_scan9.npz"], indirect=True)
+def test_speed_of_sound_of_a_measured_scan(data_file):
+    """Two ways that share no assumption: the sharpest image, and data that agree best."""
+    file = np.load(data_file)
+    curve = jaxtat.detector_curve(file["geometry"])
+    circle = jaxtat.fit_circle(curve.points)
+    region = truncated_disk(14.6e-3, 14.6e-3, 512, center=circle.center)
+    grid = ImageGrid(101, 14.6e-3, circle.center)
+    times = np.arange(file["raw"].shape[1]) / file["fs"]
+    record = jaxtat.condition_record(
+        file["raw"].astype(float), times, dead_time=5e-6, band=(1e5, 7e6)
+    )
+    sources = truncated_disk(35e-3, 35e-3, 256, center=circle.center)
+    radii = jaxtat.data_radii(curve, region, np.pi / 8000, sources=sources)
+    g = jaxtat.pressure_to_circular_integrals(
+        record, times, radii, sound_speed=1500.0, model="in-plane"
+    )
+    speeds = np.arange(1440.0, 1521.0, 10.0)
+    found = sound_speed_by_sharpness(
+        curve, region, grid, radii, g, speeds, sound_speed=1500.0, max_frequency=8000.0
+    )
+    assert found.converged
+    agreeing = jaxtat.calibrate(
+        curve, region, grid, radii, g, sound_speed=1500.0, alpha=1e-3, max_frequency=2000.0
+    )
+    assert agreeing.converged
+    assert abs(found.sound_speed - agreeing.parameters.sound_speed) < 0.005 * 1480
+    assert 1465 < found.sound_speed < 1495
