@@ -19,6 +19,9 @@ from .regularization import Regularization
 
 # relative distance of squared singular values that count as one: no derivative can tell them apart
 _ALIKE = 1e-7
+# relative singular values of which what lies outside of the spans of P and Q is left out: over
+# sigma², rounding would hide it
+_FAINT = 1e-9
 
 
 class Components(eqx.Module):
@@ -221,12 +224,15 @@ class _Change:
         self.found, self.transposed, self.d_blocks = found, transposed, d_blocks
         turned = d_blocks @ right
         self.inner = transposed(left) @ turned  # C
-        self.out_of_left = turned - left @ self.inner
         back = transposed(d_blocks) @ left
         self.out_of_right = back - right @ (found.right @ back)
         self.coefficients = _real_times(transposed(left), rhs)  # β
         self.direct = _real_times(transposed(left), d_rhs)
-        self.outward = _real_times(transposed(self.out_of_left), rhs)
+        # What of u lies outside of P, unless it is rounding, which would be divided by sigma².
+        outside = rhs - _real_times(left, self.coefficients)
+        rounding = max(blocks.shape[1:]) * jnp.finfo(blocks.dtype).eps * _column_norm(rhs)
+        outside = jnp.where(_column_norm(outside) > rounding, outside, 0.0)
+        self.outward = _real_times(transposed(turned), outside)
         self.sigma = jnp.where(found.inverse > 0, found.sigma, 0.0)  # those below rounding are 0
         square = self.sigma**2
         gap = square[..., :, None] - square[..., None, :]
@@ -235,13 +241,18 @@ class _Change:
         self.gamma = jnp.where(self.alike, 0.0, 1 / jnp.where(self.alike, 1.0, gap))
         self.d_sigma = jnp.diagonal(self.inner, axis1=-2, axis2=-1)
 
+    def not_faint(self, weight: Array) -> Array:
+        """Weights 1 / sigma² that do not blow rounding up to the size of the solution."""
+        return jnp.where(weight * (_FAINT * self.sigma.max()) ** 2 > 1, 0.0, weight)
+
     def d_amplitudes(self) -> Array:
         """Of β / sigma, for one choice of singular vectors."""
         sigma, inverse = self.sigma, self.found.inverse[..., None]
         turn = self.gamma * (
             self.transposed(self.inner) * sigma[..., :, None] + self.inner * sigma[..., None, :]
         )
-        d_beta = _real_times(turn, self.coefficients) + inverse * self.outward + self.direct
+        d_beta = _real_times(turn, self.coefficients) + self.direct
+        d_beta += self.not_faint(inverse**2) * self.sigma[..., None] * self.outward
         # equal ones do not turn, but change each other's share
         both = (self.inner + self.transposed(self.inner)) / 2
         shared = _real_times(jnp.where(self.alike, both, 0.0), inverse * self.coefficients)
@@ -269,7 +280,7 @@ class _Change:
         inside -= phi * inverse * _real_times(jnp.tril(self.inner, -1), inverse * beta)
         # phi / sigma², or what that tends to
         weight = jnp.where(null[..., None], slope, phi * inverse**2)
-        inside += phi * inverse * self.direct + weight * self.outward
+        inside += phi * inverse * self.direct + self.not_faint(weight) * self.outward
         within = _real_times(self.transposed(found.right), inside)
         return within + _real_times(self.out_of_right, weight * beta)
 

@@ -113,6 +113,27 @@ def test_blocks_are_one_matrix():
     assert np.allclose(jax.grad(of_blocks)(together), jax.grad(of_one)(together), atol=1e-10)
 
 
+@pytest.mark.parametrize("shape", [(6, 9), (9, 9), (12, 9)])
+def test_derivatives_where_tiny_singular_values_are_kept(shape):
+    """Rows of A and dA fall off by twelve decades, as traces of high orders do, and u = A x moves
+    along: q = A^+ A x and its derivative follow from the rows' directions alone."""
+    rng = np.random.default_rng(3)
+    scale = 10.0 ** -np.linspace(0, 12, shape[0])[:, None]
+    rows, d_rows = rng.standard_normal((2, *shape))
+    x = rng.standard_normal((9, 2))
+
+    def solution(rows):
+        a = scale * rows
+        found = filtered_solve(a[None], (a @ x)[None] + 0j, FixedRank(min(shape)), ONE)
+        return found.q[0].real
+
+    q, d_q = jax.jvp(solution, (jnp.asarray(rows),), (jnp.asarray(d_rows),))
+    onto = np.linalg.pinv(rows) @ rows  # the projection on the rows' span, and its derivative
+    turn = (np.eye(9) - onto) @ d_rows.T @ np.linalg.pinv(rows).T
+    assert np.allclose(q, onto @ x, atol=1e-3)
+    assert np.allclose(d_q, (turn + turn.T) @ x, atol=1e-2)
+
+
 def test_no_gradient_is_ever_nan():
     rng = np.random.default_rng(0)
     for a in (jnp.eye(6), jnp.zeros((6, 6)), jnp.diag(jnp.array([1.0, 1, 1, 0, 0, 0]))):
