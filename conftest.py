@@ -1,12 +1,23 @@
 """64 bits, shapes and types of every call checked, and what several tests share."""
 
+import atexit
 import os
+import shutil
+import tempfile
 from pathlib import Path
 
 import jax
 import pytest
 from jaxtyping import install_import_hook
 
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    # many tests, commands and notebooks want the same programs: they are compiled once a session
+    folder = tempfile.mkdtemp(prefix="jaxtat-tests-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
+    jax.config.update("jax_compilation_cache_dir", folder)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
 jax.config.update("jax_enable_x64", True)
 # every annotation of an array in the package is checked, in every test
 with install_import_hook("jaxtat", "beartype.beartype"):

@@ -35,7 +35,7 @@ Kind = Callable[..., Regularization]  # made of one number
 
 # where the descent may start, at each frequency from the best of these
 _STARTS: dict[Kind, np.ndarray] = {
-    NormBound: np.geomspace(0.05, 12, 20),
+    NormBound: np.geomspace(0.05, 12, 60),
     Tikhonov: np.geomspace(1e-9, 1e4, 14),
     FixedRank: np.geomspace(1, 1000, 25),
 }
@@ -248,10 +248,13 @@ def _descended(
             return jnp.log(sum(_errors(kind, jnp.exp(logarithm), one, power, gain)) / power)
 
         trials = jax.lax.map(lambda start: error(start, None), jnp.log(starts))
-        first = jnp.log(starts[jnp.argmin(trials)])
+        best = jnp.argmin(trials)  # there are several valleys
+        first = jnp.log(starts[best])
         solver = optx.BFGS(rtol=1e-6, atol=1e-6)
         found = optx.minimise(error, solver, first, max_steps=100, throw=False)
-        return jnp.exp(found.value), found.result == optx.RESULTS.successful
+        gained = error(found.value, None) <= trials[best]
+        value = jnp.exp(jnp.where(gained, found.value, first))
+        return value, found.result == optx.RESULTS.successful
 
     values, converged = jax.lax.map(at, (spectra, power, gain))
     return values, jnp.all(converged)
