@@ -18,7 +18,7 @@ paper: .venv/ready
 	$(BIN)/jaxtat paper --out out/paper
 
 test: check
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
 check: .venv/ready
 	$(BIN)/ruff format --check .

@@ -1,5 +1,6 @@
 """Every stage and the whole, by size; single images and batches of 64."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 from problems import problem
 
 from jaxtat import (
+    PAPER_K,
+    NormBound,
     build_plan,
     pixel_standard_deviation,
     problem_layout,
@@ -124,3 +127,22 @@ def plans():
     case = problem(129)
     names = ("double", "single")
     return {p: (case, build_plan(*case.where, precision=p, progress=False)) for p in names}
+
+
+@pytest.mark.parametrize("geometry", [1, 2])
+@pytest.mark.parametrize("what", ["value", "gradient"])
+def bench_loss_of_K_radius_and_sound_speed(measure, geometry, what):
+    """Plan and image anew, and the squared error's derivatives in (K, R_g, c)."""
+    case = problem(129, 1.0 if geometry == 1 else 0.0)
+    layout = problem_layout(*case.where)
+    truth, inside = case.phantom.image(case.grid), case.region.contains(case.grid.points)
+
+    def loss(K, radius, speed):
+        moved = eqx.tree_at(lambda arc: arc.radius, case.curve, radius)
+        where = moved, case.region, case.grid, speed * case.radii
+        plan = build_plan(*where, NormBound(K), layout=layout, progress=False)
+        return jnp.sum(jnp.where(inside, reconstruct(plan, case.g) - truth, 0.0) ** 2)
+
+    compiled = jax.jit(loss if what == "value" else jax.value_and_grad(loss, (0, 1, 2)))
+    at = jnp.array(PAPER_K), jnp.array(1.3), jnp.array(1.001)
+    measure(lambda: compiled(*at), n=129, rounds=3)

@@ -56,8 +56,9 @@ def test_the_solution_is_that_of_the_components():
 
 
 @pytest.mark.parametrize("rule", RULES)
-@pytest.mark.parametrize("spectrum", SPECTRA)
-@pytest.mark.parametrize("shape", [(8, 7), (6, 9)])
+@pytest.mark.parametrize(
+    ("spectrum", "shape"), [*((name, (8, 7)) for name in SPECTRA), ("pairs", (6, 9))]
+)
 def test_derivatives_where_singular_values_coincide(spectrum, rule, shape):
     a, u = problem(SPECTRA[spectrum], shape)
     check_grads(lambda a, r, i: parts(a, r, i, RULES[rule]), (a, u.real, u.imag), **EVERY_WAY)

@@ -1,0 +1,124 @@
+"""Derivatives of an image through plan and reconstruction: everywhere finite, without retracing."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtat import (
+    FixedRank,
+    ImageGrid,
+    NormBound,
+    SingularValueCutoff,
+    Tikhonov,
+    build_plan,
+    circular_arc,
+    data_radii,
+    phantoms,
+    problem_layout,
+    reconstruct,
+    truncated_disk,
+)
+
+BELL = phantoms.Bells([[-0.5, 0.1]], [0.4])
+GRID = ImageGrid(11)
+RULES = {
+    "K": (NormBound, 2.34),
+    "j_max": (FixedRank, 20.3),
+    "sigma_min": (SingularValueCutoff, 0.05),
+    "alpha": (Tikhonov, 1e-3),
+}
+
+
+@pytest.fixture(scope="module")
+def one_group():
+    """All frequencies in one group: less to compile."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jaxtat.layout.GROUPS", 1)
+        yield
+
+
+@pytest.fixture(scope="module", params=[1.0, 0.0])
+def gradient(request, one_group):
+    """The paper's geometry 1 or 2, small: value and slopes of an image in a rule's number, radius
+    of the arc, speed of sound and filter, compiled once for each rule."""
+    right = request.param
+    curve, region = circular_arc(1.3, right, 40), truncated_disk(1.0, right, 80)
+    radii = data_radii(curve, region, 0.1)
+    layout = problem_layout(curve, region, GRID, radii, max_frequency=10.0, n_directions=8)
+    g = BELL.circular_integrals(curve, radii)
+    traced = []
+
+    @eqx.filter_jit
+    def of(kind, number, radius, speed, eta):
+        traced.append(kind)
+
+        def loss(number, radius, speed, eta):
+            moved = eqx.tree_at(lambda arc: arc.radius, curve, radius)
+            plan = build_plan(moved, region, GRID, speed * radii, kind(number), layout=layout)
+            image = reconstruct(plan, g, low_pass=lambda share: jnp.cos(jnp.pi / 2 * share * eta))
+            return 1e3 * jnp.mean(image**2)
+
+        return jax.value_and_grad(loss, (0, 1, 2, 3))(number, radius, speed, eta)
+
+    def at(kind, number, radius=1.3, speed=1.0, eta=0.7):
+        return of(kind, *map(jnp.asarray, (number, radius, speed, eta)))
+
+    at.traced, at.right = traced, right
+    return at
+
+
+def test_no_gradient_is_nan_along_K_and_j_max(gradient):
+    """Circles and mirror symmetry make singular values pair up, and low ranks cut between them."""
+    for kind, values in (
+        (NormBound, np.linspace(1.0, 10.0, 19)),
+        (FixedRank, np.linspace(1.0, 200.0, 40)),
+    ):
+        for value in values:
+            loss, slopes = gradient(kind, float(value))
+            assert np.isfinite(loss)
+            assert np.isfinite(slopes).all(), (kind, value)
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_slopes_are_those_of_differences(gradient, name):
+    kind, number = RULES[name]
+    if gradient.right == 1.0 and name in ("sigma_min", "alpha"):
+        return  # their programs take long to compile; geometry 2 is the harder one
+    at = np.array([number, 1.3, 1.0, 0.7])
+    _, slopes = gradient(kind, *at)
+    for i in range(4):
+        step = np.zeros(4)
+        step[i] = 1e-5 * at[i]
+        ahead, behind = (float(gradient(kind, *(at + s))[0]) for s in (step, -step))
+        difference = (ahead - behind) / (2 * step[i])
+        assert np.isclose(float(slopes[i]), difference, rtol=1e-3, atol=1e-6), (name, i)
+
+
+def test_new_numbers_need_no_new_program(gradient):
+    gradient.traced.clear()
+    for scale in (1.0, 1.01, 1.02):
+        gradient(NormBound, 3.0 * scale, 1.3 * scale, scale, 0.5 * scale)
+    assert len(gradient.traced) <= 1  # none if other tests have compiled it
+
+
+def test_positions_need_no_new_program(one_group):
+    """Detectors one by one, and all else about the geometry."""
+    curve, region = circular_arc(1.3, 0.0, 50), truncated_disk(1.0, 0.0, 100)
+    radii = data_radii(curve, region, 0.1)
+    layout = problem_layout(curve, region, GRID, radii, max_frequency=9.0, n_directions=16)
+    g = BELL.circular_integrals(curve, radii)
+
+    @jax.jit
+    def image(points, alpha):
+        moved = eqx.tree_at(
+            lambda arc: arc.center, curve, points.mean(axis=0) - curve.points.mean(axis=0)
+        )
+        return reconstruct(
+            build_plan(moved, region, GRID, radii, Tikhonov(alpha), layout=layout), g
+        )
+
+    for shift in (0.0, 0.01, 0.02):
+        assert np.isfinite(image(curve.points + shift, jnp.array(1e-3 + shift))).all()
+    assert image._cache_size() == 1
