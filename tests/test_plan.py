@@ -268,8 +268,9 @@ def test_traced_geometry_without_a_layout_is_refused(small):
 
 # the paper's geometries in small: of the first one all singular values come nearly in pairs
 @pytest.mark.filterwarnings("ignore::jaxtat.AccuracyWarning")
-@pytest.mark.parametrize("right", [1.0, 0.0])
-@pytest.mark.parametrize("method", SOLVED)
+@pytest.mark.parametrize(
+    ("method", "right"), [("harmonic", 1.0), ("harmonic", 0.0), ("collocation", 0.0)]
+)
 def test_derivatives_of_the_image_in_the_geometry(method, right, monkeypatch):
     monkeypatch.setattr("jaxtat.layout.GROUPS", 1)
     grid = ImageGrid(9)
