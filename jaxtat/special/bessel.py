@@ -142,7 +142,7 @@ def as_floating(x: Num[ArrayLike, "..."]) -> Float[Array, "..."]:
 @jax.custom_jvp
 @_compiled
 def _j0(x: Array) -> Array:
-    x = jnp.abs(x)
+    x = _size(x)
     return jnp.where(x < SWITCH_POINT, _scaled_j_below(0, x), _hankel_above(0, x)[0])
 
 
@@ -156,8 +156,8 @@ def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
 @jax.custom_jvp
 @_compiled
 def _j1(x: Array) -> Array:
-    size = jnp.abs(x)
-    below = jnp.minimum(size, SWITCH_POINT) * _scaled_j_below(1, size)
+    size = _size(x)
+    below = _at_most(size) * _scaled_j_below(1, size)
     value = jnp.where(size < SWITCH_POINT, below, _hankel_above(1, size)[0])
     return jnp.where(x < 0, -value, value)
 
@@ -173,10 +173,10 @@ def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
 @partial(_compiled, static_argnums=0)
 def _scaled_j(order: int, x: Array) -> Array:
     """J_n(x) / x^n for n >= 1: even and entire, 1 / (2^n n!) at 0."""
-    x = jnp.abs(x)
+    x = _size(x)
     below = _scaled_j_below(1, x) if order == 1 else _scaled_j_series(order, x)
     # Above, J_{n+1} / x^{n+1} = (2n J_n / x^n - J_{n-1} / x^{n-1}) / x^2 (DLMF 10.6.1).
-    above = jnp.maximum(x, SWITCH_POINT)
+    above = _at_least(x)
     previous, current = _hankel_above(0, x)[0], _hankel_above(1, x)[0] / above
     for n in range(1, order):
         previous, current = current, (2 * n * current - previous) / above**2
@@ -217,7 +217,24 @@ def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     return value, (_y0(x) - value / x) * x_dot
 
 
-# The two ranges, for x >= 0 and n = 0, 1.
+# The two ranges, for x >= 0 and n = 0, 1. JAX leaves derivative rules aside where it differentiates
+# what reverse mode has kept of a loop, so the formulas themselves must have the right slopes at
+# their seams too: abs, minimum and maximum would give half of it, or none. NaN goes through.
+
+
+def _size(x: Array) -> Array:
+    """|x|, at 0 with the slope from the right."""
+    return jnp.where(x < 0, -x, x)
+
+
+def _at_most(x: Array) -> Array:
+    """min(x, X), at X with the slope 0: there the upper range counts."""
+    return jnp.where(x >= SWITCH_POINT, SWITCH_POINT, x)
+
+
+def _at_least(x: Array) -> Array:
+    """max(x, X), at X with the slope 1."""
+    return jnp.where(x < SWITCH_POINT, SWITCH_POINT, x)
 
 
 def _horner(coefficients: Sequence[float], u: Array) -> Array:
@@ -230,7 +247,7 @@ def _horner(coefficients: Sequence[float], u: Array) -> Array:
 
 def _below(x: Array) -> tuple[Array, Array]:
     """min(x, X), and u = 2 (x/X)^2 - 1 in [-1, 1]."""
-    x = jnp.minimum(x, SWITCH_POINT)
+    x = _at_most(x)
     return x, x * x * (2 / SWITCH_POINT**2) - 1
 
 
@@ -254,7 +271,7 @@ def _scaled_j_series(order: int, x: Array) -> Array:
 
 def _y(order: int, x: Array) -> Array:
     """Y_n(x), -inf at 0 and NaN for x < 0."""
-    size = jnp.abs(x)
+    size = _size(x)
     below, u = _below(size)
     positive = jnp.where(below > 0, below, 1.0)
     # log(x/2) J_n - n/x, then the part that is entire after division by x^n.
@@ -271,7 +288,7 @@ def _y(order: int, x: Array) -> Array:
 
 def _hankel_above(order: int, x: Array) -> tuple[Array, Array]:
     """J_n(x) and Y_n(x) by modulus and phase."""
-    x = jnp.maximum(x, SWITCH_POINT)
+    x = _at_least(x)
     inverse = 1 / x
     u = 2 * (SWITCH_POINT * inverse) ** 2 - 1
     amplitude = jnp.sqrt(2 / math.pi * inverse) * _horner(MODULUS[order], u)

@@ -203,6 +203,17 @@ def test_forward_and_reverse_mode_agree_with_differences():
     check_grads(all_four, (x,), order=2, modes=("fwd", "rev"), atol=1e-6, rtol=1e-6)
 
 
+@each_function
+def test_second_derivatives_of_loops_at_the_seams(name):
+    """Forward mode over the reverse mode of a loop differentiates the formulas, not the rules."""
+    function, exact, order = FUNCTIONS[name]
+    x = np.array([0.0 if name[0] == "j" else 0.5, 2.4, SWITCH_POINT, 8.0])
+    slopes = jax.grad(lambda x: jnp.sum(jax.lax.map(function, x)))
+    _, second = jax.jit(lambda x: jax.jvp(slopes, (x,), (jnp.ones_like(x),)))(x)
+    expected = [float(mp.diff(lambda t: exact(order, t), mp.mpf(t), 2)) for t in x]
+    assert np.allclose(second, expected, rtol=1e-12, atol=1e-13)
+
+
 def test_hessian_of_a_sum_is_diagonal_and_float32_stays():
     x = jnp.array([0.5, 4.0, 9.0], jnp.float32)
     hessian = jax.jit(jax.jacfwd(jax.jacrev(lambda v: all_four(v).sum(axis=1))))(x)
