@@ -10,14 +10,22 @@ import jax
 import pytest
 from jaxtyping import install_import_hook
 
+if "XLA_FLAGS" not in os.environ:
+    # Most of the suite's time is the compiler's, for programs that run once: not worth optimising.
+    # Only here: the commands and notebooks that tests start get what users get.
+    os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
+    jax.devices()  # reads them
+    del os.environ["XLA_FLAGS"]
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    # many tests, commands and notebooks want the same programs: they are compiled once a session
+    # many tests want the same programs, and so do commands and notebooks: they are compiled once
     folder = tempfile.mkdtemp(prefix="jaxtat-tests-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
-    jax.config.update("jax_compilation_cache_dir", folder)
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+# in a folder of its own: the flags that are gone are not in a program's key
+own = os.path.join(os.environ["JAX_COMPILATION_CACHE_DIR"], "unoptimised")
+jax.config.update("jax_compilation_cache_dir", own)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 jax.config.update("jax_enable_x64", True)
 # every annotation of an array in the package is checked, in every test
 with install_import_hook("jaxtat", "beartype.beartype"):

@@ -1,8 +1,8 @@
 """Iterations with the forward operator, which users know, beside jaxtat's own reconstruction.
 
 The same data for all: the paper's size, exact or with 5 % of white noise, of the smooth phantom and
-of disks, whose edges are what total variation is for. Iterations know the region too, and where
-noise asks for a choice, the number of steps and the weight are those that come closest to the
+of disks, whose edges are what total variation is for. Iterations know the region too. Where noise
+asks for a choice, the number of steps and the weight are, of a few tried, those closest to the
 phantom, which in practice nobody knows; alpha of the direct reconstruction knows the noise's size.
 """
 

@@ -31,16 +31,8 @@ RULES = {
 }
 
 
-@pytest.fixture(scope="module")
-def one_group():
-    """All frequencies in one group: less to compile."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxtat.layout.GROUPS", 1)
-        yield
-
-
 @pytest.fixture(scope="module", params=[1.0, 0.0])
-def gradient(request, one_group):
+def gradient(request):
     """The paper's geometry 1 or 2, small: value and slopes of an image in a rule's number, radius
     of the arc, speed of sound and filter, compiled once for each rule."""
     right = request.param
@@ -101,7 +93,7 @@ def test_new_numbers_need_no_new_program(gradient):
     assert len(gradient.traced) <= 1  # none if other tests have compiled it
 
 
-def test_positions_need_no_new_program(one_group):
+def test_positions_need_no_new_program():
     """Detectors one by one, and all else about the geometry."""
     curve, region = circular_arc(1.3, 0.0, 50), truncated_disk(1.0, 0.0, 100)
     radii = data_radii(curve, region, 0.1)

@@ -9,14 +9,17 @@ from numpy.testing import assert_allclose
 from jaxtat import (
     PAPER_K,
     FixedRank,
+    ImageGrid,
     NormBound,
     SingularValueCutoff,
     Tikhonov,
     build_plan,
     choose_regularization,
+    circular_arc,
     image_power,
     phantoms,
     reconstruct,
+    truncated_disk,
 )
 from jaxtat.harmonic import (
     harmonic_orders,
@@ -55,6 +58,24 @@ def test_alpha_is_noise_over_signal(small, choices):
         size = jnp.mean(jnp.sum(jnp.abs(rhs) ** 2, axis=(0, 1)))  # alike for all on a disk
         alpha = gain[i] * size / POWER[i] / largest_diagonal(matrix)
         assert_allclose(choice.regularization.alpha[i], alpha, rtol=1e-2)
+
+
+def test_derivatives_of_the_choice():
+    """Implicit ones of the descent's end: alpha goes with sigma²/P(lambda), and nothing else."""
+    curve, region, grid = circular_arc(1.3, 1.0, 30), truncated_disk(1.0, 1.0, 60), ImageGrid(9)
+    radii = jnp.linspace(0.3, 2.3, 21)
+    power = 1e-3 * jnp.arange(1.0, 5.0) ** -3
+
+    def alpha(sigma, power):
+        found = choose_regularization(
+            curve, region, grid, radii, sigma, power, kind=Tikhonov, max_frequency=6.0
+        )
+        return found.regularization.alpha
+
+    value, slope = jax.jvp(lambda s: alpha(s, power), (jnp.array(0.02),), (jnp.array(1.0),))
+    assert_allclose(slope, 2 * value / 0.02, rtol=1e-3)
+    _, back = jax.vjp(lambda p: alpha(0.02, p), power)
+    assert_allclose(back(jnp.ones(4))[0], -value / power, rtol=1e-3)
 
 
 def test_no_other_K_is_better(small, choices):

@@ -271,8 +271,7 @@ def test_traced_geometry_without_a_layout_is_refused(small):
 @pytest.mark.parametrize(
     ("method", "right"), [("harmonic", 1.0), ("harmonic", 0.0), ("collocation", 0.0)]
 )
-def test_derivatives_of_the_image_in_the_geometry(method, right, monkeypatch):
-    monkeypatch.setattr("jaxtat.layout.GROUPS", 1)
+def test_derivatives_of_the_image_in_the_geometry(method, right):
     grid = ImageGrid(9)
 
     def geometry(z_right, radius, x_right, turn):
@@ -381,8 +380,7 @@ def test_gradient_runs_from_the_image_through_the_data_to_the_image(small, small
 
 @pytest.mark.filterwarnings("ignore::jaxtat.AccuracyWarning")
 @pytest.mark.parametrize("method", SOLVED)
-def test_derivatives_of_the_image_in_K_and_j_max(method, monkeypatch):
-    monkeypatch.setattr("jaxtat.plan._GROUPS", 1)
+def test_derivatives_of_the_image_in_K_and_j_max(method):
     grid = ImageGrid(9)
     curve, region = circular_arc(1.3, 0.6, 24), truncated_disk(1.0, 0.6, 48)
     radii = data_radii(curve, region, grid.spacing[0])

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 TOLERANCE = 1e-12  # of the potential of one detector, relative to its largest order
+WORTH_A_GROUP = 1.5e8  # Σ N³: what the paper's size has six times, compiled in a second or two
 
 
 def highest_orders(frequencies: np.ndarray, reach: float, distance: float) -> np.ndarray:
@@ -38,13 +39,15 @@ def highest_orders(frequencies: np.ndarray, reach: float, distance: float) -> np
         last *= 2
 
 
-def frequency_groups(orders: np.ndarray, n_groups: int) -> list[tuple[slice, int]]:
-    """Neighbouring frequencies in at most ``n_groups``, each with the orders of its last.
+def frequency_groups(orders: np.ndarray, most: int) -> list[tuple[slice, int]]:
+    """Neighbouring frequencies in at most ``most`` groups, each with the orders of its last.
 
     With g groups, padding to the last N costs (1 + 1/g)² times the work of every frequency having
-    its own, if that is like the cube of N; but every group is compiled by itself.
+    its own, if that is like the cube of N; but every group is compiled by itself, which small
+    problems do not repay.
     """
-    bounds = np.linspace(0, len(orders), min(n_groups, len(orders)) + 1).round().astype(int)
+    n_groups = min(most, len(orders), 1 + int(np.sum(orders**3.0) / WORTH_A_GROUP))
+    bounds = np.linspace(0, len(orders), n_groups + 1).round().astype(int)
     return [(slice(int(a), int(b)), int(orders[a:b].max())) for a, b in pairwise(bounds)]
 
 

@@ -38,12 +38,6 @@ NORMS = full_circle_norm(FREQUENCIES, 1.5)
 ORDERS = int(harmonic_orders(polar_geometry(ARC, DISK), np.asarray(FREQUENCIES)).max())
 
 
-@pytest.fixture(autouse=True)
-def one_group(monkeypatch):
-    """All frequencies in one group: less to compile."""
-    monkeypatch.setattr("jaxtat.layout.GROUPS", 1)
-
-
 @jax.jit
 def zeros_solved(polar, rule, norms):
     """alpha of a rule that does not look at the data."""

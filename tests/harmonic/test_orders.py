@@ -57,11 +57,16 @@ def test_close_detectors_need_orders_beyond_the_first_guess():
     assert term(found + 1, 1.0, 0.99, 1.0) < bound < term(found - 200, 1.0, 0.99, 1.0)
 
 
-@pytest.mark.parametrize(("n", "n_groups"), [(1, 6), (4, 6), (6, 6), (7, 3), (129, 6)])
-def test_groups_hold_every_frequency_once_with_orders_enough(n, n_groups):
-    orders = np.random.default_rng(n).integers(60, 300, n)
-    groups = frequency_groups(orders, n_groups)
-    assert len(groups) == min(n, n_groups)
+@pytest.mark.parametrize(("n", "most", "n_groups"), [(1, 6, 1), (4, 6, 4), (7, 3, 3), (129, 6, 6)])
+def test_groups_hold_every_frequency_once_with_orders_enough(n, most, n_groups):
+    orders = np.random.default_rng(n).integers(600, 3000, n)
+    groups = frequency_groups(orders, most)
+    assert len(groups) == n_groups
     assert np.array_equal(np.concatenate([np.arange(n)[part] for part, _ in groups]), np.arange(n))
-    for part, most in groups:
-        assert part.stop > part.start and most == orders[part].max()
+    for part, needed in groups:
+        assert part.stop > part.start and needed == orders[part].max()
+
+
+def test_small_problems_are_not_worth_a_second_program():
+    assert len(frequency_groups(np.full(32, 130), 6)) == 1
+    assert len(frequency_groups(np.full(64, 150), 6)) == 2

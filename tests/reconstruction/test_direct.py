@@ -24,12 +24,6 @@ N = 100  # detectors
 BELL = phantoms.Bells([[0.2, 0.1], [-0.3, -0.2]], [0.6, 0.5], [1.0, 0.7])
 
 
-@pytest.fixture(autouse=True)
-def one_group(monkeypatch):
-    """All frequencies in one group (test_tikhonov: that changes nothing): less to compile."""
-    monkeypatch.setattr("jaxtat.layout.GROUPS", 1)
-
-
 def problem(right=1.0, unit=1.0, center=(0.0, 0.0), angle=0.0):
     """Curve, region, grid, radii of the paper's geometry 1 (right = 1) or 2 (right = 0)."""
     curve = circular_arc(1.3 * unit, right * unit, N, center=center, angle=angle)
