@@ -1,4 +1,7 @@
-"""Calibration on data of images it does not know: exact integrals of phantoms, with 2 % noise."""
+"""Calibration on data of images it does not know: exact integrals of phantoms, with 2 % noise.
+
+Notebook 04 asserts sound speed and centre together, from 2 % and two pixels off.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +10,7 @@ import pytest
 from jax.test_util import check_grads
 
 import jaxtat
-from jaxtat import ImageGrid, calibrate, circular_arc, phantoms, truncated_disk, turned_views
+from jaxtat import ImageGrid, calibrate, circular_arc, phantoms, truncated_disk
 from jaxtat.calibration import _fit
 
 DETECTORS = 66
@@ -18,7 +21,6 @@ REGION = truncated_disk(0.95, 0.95, 132)
 RADII = 0.25 + STEP * jnp.arange(35)
 CENTERS = [[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1], [0.2, -0.4]]
 BELLS = phantoms.Bells(CENTERS, [0.7, 0.4, 0.3, 0.3], [1, 1.5, -1.5, 1])
-DISKS = phantoms.Disks(CENTERS, [0.7, 0.2, 0.15, 0.2], [1, 0.5, -0.5, 1])
 
 
 def noisy(g, seed=0):
@@ -32,29 +34,6 @@ def gains_and_delays(g, radii, detectors, rng):
     eighths = rng.integers(-8, 9, detectors)
     g = np.stack([row[8 - d :: 8][: len(radii)] for row, d in zip(g, eighths, strict=True)])
     return g * gains[:, None], gains, eighths * STEP / 8
-
-
-def test_sound_speed_and_centre_from_two_percent_and_two_pixels_off():
-    """The image is not known, and none of its disks is a sum of pixels or waves."""
-    views, offset = np.array([0.0, 2.0]), np.array([1.6, -1.2]) * STEP
-    true = turned_views(circular_arc(1.3, 1.0, DETECTORS, center=offset), views)
-    g = noisy(DISKS.circular_integrals(true, RADII)).reshape(2, DETECTORS, -1)
-    found = calibrate(
-        CURVE,
-        truncated_disk(0.85, 0.85, 132),
-        GRID,
-        0.98 * RADII,  # r = c t with the nominal c
-        g,
-        unknown=("sound_speed", "center"),
-        sound_speed=1470.0,
-        turns=views,
-        max_frequency=25.0,
-    )
-    assert found.converged
-    assert abs(found.parameters.sound_speed / 1500 - 1) < 5e-4
-    assert np.linalg.norm(found.parameters.center - offset) < 0.1 * STEP
-    assert np.allclose(found.radii, RADII, rtol=5e-4)
-    assert np.abs(found.curve.points - true.points).max() < 0.1 * STEP
 
 
 def test_gains_and_delays_of_every_detector():

@@ -379,8 +379,8 @@ def test_gradient_runs_from_the_image_through_the_data_to_the_image(small, small
 
 
 @pytest.mark.filterwarnings("ignore::jaxtat.AccuracyWarning")
-@pytest.mark.parametrize("method", SOLVED)
-def test_derivatives_of_the_image_in_K_and_j_max(method):
+def test_derivatives_of_the_image_in_K_and_j_max_by_collocation():
+    """In waves: test_gradients.py."""
     grid = ImageGrid(9)
     curve, region = circular_arc(1.3, 0.6, 24), truncated_disk(1.0, 0.6, 48)
     radii = data_radii(curve, region, grid.spacing[0])
@@ -389,7 +389,7 @@ def test_derivatives_of_the_image_in_K_and_j_max(method):
     def total(rule):
         plan = build_plan(
             *(curve, region, grid, radii, rule),
-            method=method,
+            method="collocation",
             max_frequency=7.0,
             n_directions=8,
             progress=False,
