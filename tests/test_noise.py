@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.test_util import check_grads
 from numpy.testing import assert_allclose
 
 from jaxtat import (
@@ -126,6 +127,16 @@ def test_power_of_the_data_is_that_of_the_phantom(small, small_plan):
     # beyond the bells' spectrum there is nothing but noise, most of which is subtracted
     raw = image_power(small_plan, noisy, 1e-9)
     assert np.sum(found[16:]) < 0.3 * np.sum(raw[16:])
+
+
+def test_derivatives_of_the_power(small, small_plan):
+    curve, _, _, radii = small
+    g = BELL.circular_integrals(curve, radii)
+
+    def power(scale, sigma):  # of the data and of their noise
+        return image_power(small_plan, jnp.asarray(scale) * g, jnp.asarray(sigma))[:8]
+
+    check_grads(power, (1.0, 0.01), 1, ["fwd", "rev"], rtol=1e-5)
 
 
 @pytest.mark.parametrize("kind", [NormBound, Tikhonov])
