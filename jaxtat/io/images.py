@@ -1,16 +1,44 @@
-"""Images out: PNG, NumPy and HDF5, chosen by the suffix of the file."""
+"""Images out, single ones and stacks; the suffix of the file chooses the format.
 
+Everywhere f[i, j] = f(x1_i, x2_j). A file that people look at (PNG, TIFF) shows x1 to the right and
+x2 upwards; HDF5, NIfTI and NumPy files keep the order of the array.
+"""
+
+import gzip
+import hashlib
+import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 
-from ..checks import Numbers
+from ..checks import Numbers, real_array
 from ..geometry import ImageGrid, Region
+from ..units import millimetres
 from .atomic import replacing
+from .optional import optional
+from .provenance import as_json, provenance
 
-SUFFIXES = (".png", ".npy", ".h5")
+FORMAT, VERSION = "jaxtat image", 1
+
+
+class _Output(NamedTuple):
+    """What a writer writes: all of it checked."""
+
+    image: np.ndarray  # (x1, x2) or (frames, x1, x2), zero outside the region
+    inside: np.ndarray  # (x1, x2)
+    grid: ImageGrid
+    frames: np.ndarray | None  # (frames,) of a stack
+    unit: str | None
+    settings: str  # JSON
+    provenance: str  # JSON
+
+    @property
+    def text(self) -> str:
+        """Settings and provenance for formats that have room for a comment."""
+        return f'{{"settings": {self.settings}, "provenance": {self.provenance}}}'
 
 
 def save_image(
@@ -19,46 +47,205 @@ def save_image(
     grid: ImageGrid,
     region: Region,
     settings: dict[str, Any],
+    *,
+    frames: Numbers | None = None,
+    unit: str | None = None,
+    inputs: Sequence[str | Path] = (),
 ) -> None:
-    """Write an image; outside the region of interest it is blank (PNG) or zero.
+    """Write an image or a stack; outside the region of interest it is blank (PNG) or zero.
+
+    - ``.png``: a picture with axes, colour bar and, if the unit is known, a scale bar in
+      millimetres; of a stack, up to 16 images evenly chosen;
+    - ``.npy``: the bare array;
+    - ``.h5``, ``.hdf5``: image, coordinates, whether each pixel is inside the region, frames, all
+      settings (`load_settings` gives them back) and provenance: date, versions, input files;
+    - ``.nii``, ``.nii.gz``: NIfTI in float64, first axis x1, second x2, third of length 1, fourth
+      the frames; the affine gives positions in mm. There is no anatomical orientation in it;
+    - ``.tif``, ``.tiff``: ImageJ's, float32, rows from the top (largest x2) downwards, columns
+      along x1, pixel size in mm.
+
+    NIfTI, TIFF and PNG files carry settings and provenance as text (JSON) too.
 
     Args:
-        path: ends in .png (a picture with axes), .npy (the bare array f[x1, x2]) or .h5 (image,
-            coordinates, whether each pixel is inside the region, and settings).
-        image: (x1, x2).
+        path: the file.
+        image: (x1, x2) or (frames, x1, x2).
         grid, region: where it is.
-        settings: names and values to be stored with an .h5 file.
+        settings: names and values with which the image was made, whatever JSON can hold.
+        frames: a number for every image of a stack, such as time or wavelength, (frames,); by
+            default 0, 1, 2...
+        unit: of length in grid and region: "m", "cm", "mm" or "um"; None if it is not known.
+        inputs: files from which the image was made; their names and SHA-256 are stored.
 
     Raises:
-        ValueError: for another suffix, a folder that does not exist, or an image whose shape is
-            not the grid's.
+        FileNotFoundError: for an input file that does not exist.
+        ValueError: for another suffix, a folder that does not exist, an image whose shape is not
+            the grid's, an unknown unit, settings that cannot be stored, or a format whose package
+            is not installed.
+
+    >>> import tempfile
+    >>> from jaxtat import truncated_disk
+    >>> path, grid = Path(tempfile.mkdtemp()) / "f.h5", ImageGrid(5)
+    >>> save_image(path, np.ones((5, 5)), grid, truncated_disk(1.0, 1.0, 16), {"alpha": 1e-3})
+    >>> load_settings(path)
+    {'alpha': 0.001}
     """
     suffix = require_suffix(path)
-    if np.shape(image) != grid.shape:
-        raise ValueError(f"the image has shape {np.shape(image)}, its grid has {grid.shape}.")
+    millimetres(unit)
+    values = np.asarray(real_array("image", image, None))
+    if values.shape[-2:] != grid.shape or values.ndim not in (2, 3) or values.size == 0:
+        raise ValueError(
+            f"the image has shape {values.shape}, its grid has {grid.shape}: expected that, or a "
+            "stack with one more axis in front."
+        )
     inside = np.asarray(region.contains(grid.points))
-    image = np.where(inside, np.asarray(image), 0.0)
+    output = _Output(
+        image=np.where(inside, values, 0.0),
+        inside=inside,
+        grid=grid,
+        frames=_frames(frames, values.shape[:-2]),
+        unit=unit,
+        settings=as_json("settings", settings),
+        provenance=as_json("provenance", provenance(inputs, unit)),
+    )
     with replacing(path) as temporary:
-        if suffix == ".png":
-            from ..plotting import save_picture  # matplotlib is slow to import
-
-            save_picture(temporary, np.where(inside, image, np.nan), grid)
-        elif suffix == ".npy":
-            np.save(temporary, image)
-        else:
-            with h5py.File(temporary, "w") as file:
-                file["image"], file["inside"], file["x1"], file["x2"] = (
-                    image,
-                    inside,
-                    grid.x1,
-                    grid.x2,
-                )
-                file.attrs.update(settings)
+        _FORMATS[suffix][0](temporary, output)
 
 
 def require_suffix(path: str | Path) -> str:
-    """The suffix of an image file, or ValueError: asked before hours of work, not after."""
-    suffix = Path(path).suffix
-    if suffix not in SUFFIXES:
-        raise ValueError(f"cannot write {path}: expected a name ending in {', '.join(SUFFIXES)}.")
-    return suffix
+    """The suffix of an image file, or ValueError: asked before hours of work, not after.
+
+    >>> require_suffix("scan.nii.gz")
+    '.nii.gz'
+    """
+    name = Path(path).name
+    for suffix, (_, package) in _FORMATS.items():
+        if name.endswith(suffix) and name != suffix:
+            if package is not None:
+                optional(package, f"writing {suffix} files")
+            return suffix
+    raise ValueError(f"cannot write {path}: expected a name ending in {', '.join(_FORMATS)}.")
+
+
+def load_settings(path: str | Path) -> dict[str, Any]:
+    """The settings with which an HDF5 image was made, as `save_image` was given them.
+
+    Tuples and arrays come back as lists, paths as text; numbers to the last bit.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: for a file that is damaged, of another kind, or of a later version.
+    """
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"there is no image file {path}.")
+    try:
+        with h5py.File(path, "r") as file:
+            kind, version = file.attrs.get("format"), file.attrs.get("version")
+            if kind != FORMAT or version != VERSION:
+                raise ValueError(
+                    f"{path} is of format {kind!r}, version {version}, expected {FORMAT!r}, "
+                    f"version {VERSION}: settings are in .h5 images written by save_image."
+                )
+            text = file["settings"][()]  # pyright: ignore[reportIndexIssue]
+            digest = file.attrs["settings_sha256"]
+    except (OSError, LookupError, TypeError, RuntimeError) as error:
+        raise ValueError(f"cannot read {path}: damaged, or no HDF5 file ({error}).") from error
+    if not isinstance(text, bytes) or hashlib.sha256(text).hexdigest() != digest:
+        raise ValueError(f"the settings in {path} are damaged (their digest does not match).")
+    return json.loads(text)
+
+
+def _frames(frames: Numbers | None, shape: tuple[int, ...]) -> np.ndarray | None:
+    if not shape:
+        if frames is not None:
+            raise ValueError("frames are given, but the image is a single one, no stack.")
+        return None
+    if frames is None:
+        return np.arange(shape[0], dtype=float)
+    return np.asarray(real_array("frames", frames, shape))
+
+
+def _write_png(path: Path, output: _Output) -> None:
+    from ..plotting import save_picture  # matplotlib is slow to import
+
+    blank = np.where(output.inside, output.image, np.nan)
+    comment = {"Description": output.text}
+    save_picture(path, blank, output.grid, output.frames, unit=output.unit, metadata=comment)
+
+
+def _write_npy(path: Path, output: _Output) -> None:
+    np.save(path, output.image)
+
+
+def _write_hdf5(path: Path, output: _Output) -> None:
+    with h5py.File(path, "w") as file:
+        file.attrs.update(
+            format=FORMAT,
+            version=VERSION,
+            settings_sha256=hashlib.sha256(output.settings.encode()).hexdigest(),
+        )
+        file["settings"], file["provenance"] = output.settings, output.provenance
+        # readers of HDF5 check these sums: a damaged image is an error, not another image
+        image = file.create_dataset("image", data=output.image, fletcher32=True)
+        file.create_dataset("inside", data=output.inside, fletcher32=True)
+        axes = {"x1": output.grid.x1, "x2": output.grid.x2}
+        if output.frames is not None:
+            axes = {"frames": output.frames, **axes}
+        for axis, (name, nodes) in enumerate(axes.items()):
+            file[name] = np.asarray(nodes)
+            file[name].make_scale(name)  # pyright: ignore[reportAttributeAccessIssue]
+            image.dims[axis].attach_scale(file[name])
+            image.dims[axis].label = name
+        for name in ("x1", "x2"):
+            file[name].attrs["unit"] = output.unit or "unknown"
+
+
+def _write_nifti(path: Path, output: _Output) -> None:
+    # the suffix of a temporary name ends in .gz alone, so compression is done here
+    data = _nifti(output).to_bytes()
+    path.write_bytes(gzip.compress(data, mtime=0) if path.suffix == ".gz" else data)
+
+
+def _nifti(output: _Output) -> Any:
+    nifti1 = optional("nibabel", "writing NIfTI files").nifti1
+    stack = output.image if output.frames is not None else output.image[None]
+    if max(stack.shape) > np.iinfo(np.int16).max:
+        raise ValueError(f"NIfTI files hold at most 32767 pixels or frames, here {stack.shape}.")
+    data = np.moveaxis(stack, 0, -1)[:, :, None, :]
+    scale, (x1, x2) = millimetres(output.unit), (output.grid.x1, output.grid.x2)
+    affine = np.diag([*(scale * np.asarray(output.grid.spacing)), 1.0, 1.0])
+    affine[:2, 3] = scale * float(x1[0]), scale * float(x2[0])
+    found = nifti1.Nifti1Image(data if output.frames is not None else data[..., 0], affine)
+    found.header.set_xyzt_units("unknown" if output.unit is None else "mm")
+    found.header["descrip"] = "i along x1, j along x2; no anatomical orientation"
+    if output.frames is not None and len(output.frames) > 1:
+        steps = np.diff(output.frames)
+        if np.allclose(steps, steps[0]) and steps[0] > 0:
+            found.header["pixdim"][4], found.header["toffset"] = steps[0], output.frames[0]
+    found.header.extensions.append(nifti1.Nifti1Extension("comment", output.text.encode()))
+    return found
+
+
+def _write_tiff(path: Path, output: _Output) -> None:
+    tifffile = optional("tifffile", "writing TIFF files")
+    step = millimetres(output.unit) * np.asarray(output.grid.spacing)
+    description: dict[str, Any] = {"axes": "YX", "Info": output.text}
+    if output.unit is not None:
+        description["unit"] = "mm"
+    if output.frames is not None:
+        description |= {"axes": "TYX", "Labels": [f"{frame:g}" for frame in output.frames]}
+    rows = np.swapaxes(output.image, -1, -2)[..., ::-1, :].astype(np.float32)
+    pixels = (1 / step[0], 1 / step[1])  # per millimetre, along x1 and x2
+    tifffile.imwrite(path, rows, imagej=True, resolution=pixels, metadata=description)
+
+
+# suffix: who writes it, and the package of the extra `io` that is needed for it
+_FORMATS = {
+    ".png": (_write_png, None),
+    ".npy": (_write_npy, None),
+    ".h5": (_write_hdf5, None),
+    ".hdf5": (_write_hdf5, None),
+    ".nii": (_write_nifti, "nibabel"),
+    ".nii.gz": (_write_nifti, "nibabel"),
+    ".tif": (_write_tiff, "tifffile"),
+    ".tiff": (_write_tiff, "tifffile"),
+}

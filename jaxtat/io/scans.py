@@ -1,114 +1,104 @@
-"""Scans in: measured or simulated data with whatever geometry the file holds."""
+"""Scans in: the formats that are read, and which of them a file has."""
 
-import os
-import zipfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import NamedTuple
 
-import h5py
-import numpy as np
+from ..checks import whole_number
+from .ipasc import is_ipasc, load_ipasc
+from .limits import MAX_BYTES, Allowance
+from .matlab import is_matlab5, is_matlab73, load_matlab5, load_matlab73
+from .msot import is_msot, load_msot
+from .numpy_files import is_npy, is_npz, load_npy, load_npz
+from .plain_hdf5 import is_plain_hdf5, load_plain_hdf5
+from .scan import Kind, Scan, require_kind
 
-Kind = Literal["pressure", "circular_integrals"]
-
-# names under which a file may hold each thing; the first found counts
-NAMES = {
-    "circular_integrals": ("circular_integrals", "g"),
-    "pressure": ("pressure", "raw"),
-    "detectors": ("detectors", "detector_positions", "positions", "geometry"),
-    "times": ("times", "t"),
-    "sampling_rate": ("sampling_rate", "fs"),
-    "radii": ("radii", "r"),
-    "sound_speed": ("sound_speed", "speed_of_sound"),
-}
-NAMES_OF_DATA = ("circular_integrals", "pressure")
+_START = 512  # [byte] from the beginning of a file, by which its format is told
 
 
-class Scan:
-    """The content of a scan file: ``data`` of a ``kind``, and a dict of what else it knows.
+class Format(NamedTuple):
+    """A format of scans: how it is told, from path and first bytes, and read."""
 
-    Attributes:
-        kind: "pressure" or "circular_integrals".
-        data: the array under that name, as stored.
-        known: "detectors", "times", "sampling_rate", "radii", "sound_speed", those that are there.
-    """
-
-    def __init__(self, kind: Kind, data: np.ndarray, known: dict[str, np.ndarray]):
-        self.kind, self.data, self.known = kind, data, known
+    name: str
+    suffixes: tuple[str, ...]
+    has_it: Callable[[Path, bytes], bool]
+    load: Callable[[Path, Kind | None, Allowance], Scan]
 
 
-def load_scan(path: str | Path) -> Scan:
-    """Read data and geometry from .npz (NumPy) or .h5/.hdf5 (datasets at the root).
+# where two share a suffix, the one that asks more of a file comes first
+FORMATS = (
+    Format("NumPy archive", (".npz",), is_npz, load_npz),
+    Format("NumPy array", (".npy",), is_npy, load_npy),
+    Format("MATLAB 7.3", (".mat",), is_matlab73, load_matlab73),
+    Format("MATLAB 5 to 7", (".mat",), is_matlab5, load_matlab5),
+    Format("IPASC", (".h5", ".hdf5"), is_ipasc, load_ipasc),
+    Format("HDF5", (".h5", ".hdf5"), is_plain_hdf5, load_plain_hdf5),
+    Format("iThera MSOT", (".msot",), is_msot, load_msot),
+)
+SUFFIXES = tuple(dict.fromkeys(suffix for format in FORMATS for suffix in format.suffixes))
 
-    Data are named ``circular_integrals`` (detectors, radii) or ``pressure`` (detectors, times);
-    beside them may be ``detectors`` (positions), ``times`` or ``sampling_rate``, ``radii`` and
-    ``sound_speed``; `NAMES` lists other names that are understood.
+
+def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MAX_BYTES) -> Scan:
+    """Read data, and what is known of them, from a file of one of `FORMATS`.
+
+    - .h5, .hdf5 of IPASC, and iThera's .msot with its .bin and .irf: all that they say;
+    - .npz, MATLAB's .mat, and .h5, .hdf5 with datasets at the root: data named
+      ``circular_integrals`` (detectors, radii) or ``pressure`` (detectors, times), of more frames
+      (frames, detectors, any), in MATLAB (detectors, any, frames); beside them what `Scan.known`
+      has a name for; `named_arrays.NAMES` lists other names that are understood;
+    - .npy: data alone.
+
+    Nothing in a file is run, no other file is read than those named here, and no array is made
+    before its size was compared with what the file can hold. Damage is found where the format has
+    a checksum; each format's own function says where it has none. What is read when asked for must
+    stay as it is until then.
+
+    Args:
+        path: of the file.
+        kind: "pressure" or "circular_integrals", of a file that holds both (the latter by default)
+            or does not say which (.npy, by default pressure).
+        max_bytes: the most that its arrays may take in memory [byte]; those that are read when
+            asked for do not count. Reading may take three times as much for a while.
+
+    Returns:
+        Scan.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: for a file that is damaged, of another kind, or without data.
+        ValueError: for a file that is damaged, of another format than its suffix says, without
+            data, or that would take more memory; the reason is named.
     """
     path = Path(path)
+    allowance = Allowance(whole_number("max_bytes", max_bytes, 1))
+    if kind is not None:
+        require_kind(kind)
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}.")
-    if path.suffix not in (".npz", ".h5", ".hdf5"):
-        raise ValueError(f"cannot read {path}: expected a name ending in .npz, .h5 or .hdf5.")
     try:
-        names, arrays = _read_npz(path) if path.suffix == ".npz" else _read_hdf5(path)
+        return _format_of(path).load(path, kind, allowance)
+    except ValueError as error:
+        raise ValueError(f"cannot read {path}: {error}") from error
     except PermissionError:
         raise
-    except Exception as error:  # zipfile, zlib, struct and h5py each raise their own for damage
+    except Exception as error:  # zipfile, zlib, struct, expat and h5py each have their own
         raise ValueError(
-            f"cannot read {path}: damaged, or no {path.suffix} file of plain numbers ({error})."
+            f"cannot read {path}: it is damaged ({type(error).__name__}: {error})."
         ) from error
-    found = {
-        thing: arrays[next(name for name in names if name in arrays)]
-        for thing, names in NAMES.items()
-        if any(name in arrays for name in names)
-    }
-    for kind in NAMES_OF_DATA:
-        if kind in found:
-            known = {name: value for name, value in found.items() if name not in NAMES_OF_DATA}
-            return Scan(kind, found[kind], known)
-    wanted = ", ".join(name for kind in NAMES_OF_DATA for name in NAMES[kind])
-    raise ValueError(
-        f"{path} holds {sorted(map(str, names))}, expected data under one of {wanted}."
-    )
 
 
-def _read_npz(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
-    """All names in the file, and the arrays under those that are understood."""
-    with path.open("rb") as handle:
-        _require_directory(handle)
-        with np.load(handle, allow_pickle=False) as file:
-            return file.files, {name: _plain(name, file[name]) for name in _wanted(file.files)}
-
-
-def _require_directory(handle: BinaryIO) -> None:
-    """Damage in a zip file's directory can hide a member, whose own checksum then tells nothing."""
-    with zipfile.ZipFile(handle) as archive:
-        for member in archive.infolist():
-            archive.open(member).close()  # compares the two places where its name is written
-        n = len(archive.infolist())
-    handle.seek(-22, os.SEEK_END)
-    end = handle.read()
-    if end[:4] == b"PK\5\6" and n != int.from_bytes(end[10:12], "little") != 0xFFFF:
-        raise ValueError("members are missing from its directory")
-    handle.seek(0)
-
-
-def _read_hdf5(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
-    """All names at the root, and the arrays under those that are understood."""
-    with h5py.File(path, "r") as file:
-        names = [name for name, item in file.items() if isinstance(item, h5py.Dataset)]
-        return names, {name: _plain(name, np.asarray(file[name])) for name in _wanted(names)}
-
-
-def _wanted(names: list[str]) -> list[str]:
-    understood = {name for alternatives in NAMES.values() for name in alternatives}
-    return [name for name in names if name in understood]
-
-
-def _plain(name: str, array: np.ndarray) -> np.ndarray:
-    if array.dtype.kind not in "fiu":
-        raise ValueError(f"{name} has dtype {array.dtype}, expected real numbers")
-    return array.astype(array.dtype.newbyteorder("="))  # JAX takes no foreign byte order
+def _format_of(path: Path) -> Format:
+    """The format that suffix and content agree on, or ValueError."""
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise ValueError(f"expected a name ending in {', '.join(SUFFIXES)}.")
+    with path.open("rb") as file:
+        start = file.read(_START)
+    found = [format for format in FORMATS if format.has_it(path, start)]
+    for format in found:
+        if suffix in format.suffixes:
+            return format
+    if found:
+        raise ValueError(
+            f"its content is {found[0].name}: give it a name ending in {found[0].suffixes[0]}."
+        )
+    raise ValueError(f"it is no {suffix} file, or its beginning is damaged.")

@@ -1,0 +1,263 @@
+"""The exchange format of the International Photoacoustic Standardisation Consortium, in HDF5.
+
+``/binary_time_series_data`` is (detectors, samples, wavelengths, measurements), in older files
+(detectors, samples, wavelengths or measurements). ``/meta_data`` and ``/meta_data_device`` hold a
+dataset for each thing known, in SI units; "None" (text) stands for what is not. Detectors are
+groups in ``/meta_data_device/detectors`` with a number each, in the order of the data's rows.
+
+Frame number m W + w of a scan is measurement m at the w-th of W wavelengths.
+
+Source: J. Groehl, L. Hacker, B. T. Cox et al., The IPASC data format: A consensus data format for
+photoacoustic imaging, Photoacoustics 26 (2022) 100339.
+"""
+
+import re
+import uuid
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from .atomic import replacing
+from .hdf5 import Hdf5File, is_hdf5, open_hdf5, read_part
+from .limits import Allowance
+from .scan import Kind, Scan
+
+_DATA, _META, _DEVICE = "binary_time_series_data", "meta_data", "meta_data_device"
+# texts that are kept, by their names in `Scan.about`
+_ABOUT = {
+    "device": f"{_DEVICE}/general/unique_identifier",
+    "uuid": f"{_META}/uuid",
+    "reference": f"{_META}/photoacoustic_imaging_device_reference",
+    "coupling agent": f"{_META}/acoustic_coupling_agent",
+    "scanning method": f"{_META}/scanning_method",
+}
+# things for which the format has no name of its own: further meta data, as it allows
+_FURTHER = ("times", "radii", "impulse_response")
+
+
+def is_ipasc(path: Path, start: bytes) -> bool:
+    if not is_hdf5(path):
+        return False
+    try:
+        with open_hdf5(path, Allowance()) as file:
+            return _DATA in file.datasets()
+    except (OSError, RuntimeError, LookupError):
+        return False  # damaged: whoever reads it next says how
+
+
+def load_ipasc(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
+    """Pressure with all that `Scan.known` has a name for; of many frames those asked for are read.
+
+    Zero, NaN and "None" stand for an unknown sampling rate or speed of sound. Wavelengths, metres
+    by the standard, are often nanometres: those below 1 mm are taken for metres, those from 100 up
+    for nanometres, others are left out, as are those whose number is not the data's.
+
+    What `save_ipasc` writes has a checksum over the data; otherwise, unless it is compressed, a
+    wrong number cannot be told.
+    """
+    if kind == "circular_integrals":
+        raise ValueError("IPASC files hold pressure, expected circular integrals.")
+    with open_hdf5(path, allowance) as file:
+        about = {"format": "IPASC"}
+        about |= {name: text for name, where in _ABOUT.items() if (text := file.text(where))}
+        n, wavelengths = _wavelengths(file)
+        shape = file.shape(_DATA)
+        if not 2 <= len(shape) <= 4:
+            raise ValueError(
+                f"{_DATA} has shape {shape}, expected (detectors, samples, wavelengths, "
+                "measurements)."
+            )
+        if len(shape) == 3 and shape[2] != n:  # measurements
+            shape = (*shape[:2], 1, shape[2])
+        rows, columns, colours, measurements = (*shape, 1, 1)[:4]
+        known = _detectors(file, rows)
+        for name in _FURTHER:
+            known |= _optional(name, file, f"{_META}/{name}")
+        for name, tag in (("sampling_rate", "ad_sampling_rate"), ("sound_speed", "speed_of_sound")):
+            found = _optional(name, file, f"{_META}/{tag}")
+            if found and np.isfinite(found[name]).all() and found[name].any():
+                known[name] = found[name].reshape(()) if found[name].size == 1 else found[name]
+        known |= _optional("field_of_view", file, f"{_DEVICE}/general/field_of_view")
+        if wavelengths is not None and n == colours:
+            known["wavelengths"] = np.tile(wavelengths, measurements)
+        elif n:
+            about["wavelengths"] = f"{n} left out: no wavelengths, or not of these data"
+        read = partial(_read_frames, (rows, columns, colours, measurements))
+        data = file.frames(_DATA, (colours * measurements, rows, columns), read)
+    # a single frame is an image's data, which the format cannot tell from a series of one
+    return Scan("pressure", data[0] if len(data) == 1 else data, known, about)
+
+
+def save_ipasc(path: str | Path, scan: Scan) -> None:
+    """Write pressure as IPASC HDF5, one frame after the other, with a checksum over the data.
+
+    All that `Scan.known` holds is kept; what the format has no name for (times, radii, impulse
+    response) stands beside its meta data. Of wavelengths the shortest series that repeats becomes
+    an axis. Detectors in the plane get a third coordinate 0, and of ``scan.about`` the device, its
+    identifiers, coupling agent and method are kept.
+
+    Args:
+        path: the file, whole or untouched.
+        scan: pressure with a sampling rate, or with times at equal steps.
+
+    Raises:
+        ValueError: for circular integrals, for a scan without either, and for a folder that does
+            not exist.
+
+    >>> import tempfile
+    >>> from jaxtat.io import load_scan
+    >>> path = Path(tempfile.mkdtemp()) / "scan.hdf5"
+    >>> data = np.arange(24.0).reshape(2, 3, 4)
+    >>> save_ipasc(path, Scan("pressure", data, {"sampling_rate": 4e7, "wavelengths": [700, 800]}))
+    >>> scan = load_scan(path)
+    >>> bool((scan.data[:] == data).all()), scan.known["wavelengths"]
+    (True, array([700., 800.]))
+    """
+    if scan.kind != "pressure":
+        raise ValueError(f"IPASC files hold pressure, this scan has {scan.kind}.")
+    rate = _rate(scan)
+    wavelengths = scan.known.get("wavelengths")
+    colours = 1 if wavelengths is None else _period(wavelengths)
+    rows, columns = scan.data.shape[-2:]
+    shape = (rows, columns, colours, scan.n_frames // colours)
+    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+        data = file.create_dataset(
+            _DATA, shape, scan.data.dtype, chunks=(rows, columns, 1, 1), fletcher32=True
+        )
+        for number in range(scan.n_frames):
+            data[:, :, number % colours, number // colours] = scan.frame(number)
+        meta = {
+            "ad_sampling_rate": rate,
+            "speed_of_sound": scan.known.get("sound_speed"),
+            "acquisition_wavelengths": None if wavelengths is None else wavelengths[:colours] / 1e9,
+            "data_type": str(scan.data.dtype),
+            "dimensionality": "time",
+            "sizes": np.array(shape),
+            "encoding": "UTF-8",
+            "compression": "raw",
+        }
+        meta |= {name: scan.known.get(name) for name in _FURTHER}
+        for name, value in meta.items():
+            _write(file, f"{_META}/{name}", value)
+        about = {"uuid": str(uuid.uuid4()), "device": "None", **scan.about}
+        for name, where in _ABOUT.items():
+            _write(file, where, about.get(name))
+        _write_device(file, scan)
+
+
+def _detectors(file: Hdf5File, rows: int) -> dict[str, np.ndarray]:
+    """Positions and frequency responses in the order of their numbers, as far as all have them."""
+    folder = f"{_DEVICE}/detectors"
+    names = sorted(file.names(folder), key=_number)
+    if not names:
+        return {}
+    if len({_number(name) for name in names}) < len(names) or len(names) != rows:
+        raise ValueError(
+            f"it has {len(names)} detectors, {names[0]} to {names[-1]}, but data of {rows}."
+        )
+    known = {}
+    for thing, tag in (("detectors", "detector_position"), ("frequency_response",) * 2):
+        places = [f"{folder}/{name}/{tag}" for name in names]
+        there = [file.has_numbers(place) for place in places]
+        if all(there):
+            found = [file.read(place) for place in places]
+            shapes = {array.shape for array in found}
+            if len(shapes) == 1 and (thing == "detectors" or found[0].ndim == 2):
+                known[thing] = np.stack(found)
+            elif thing == "detectors":
+                raise ValueError(f"its detector positions have shapes {sorted(shapes)}.")
+        elif any(there) and thing == "detectors":
+            raise ValueError(f"it has no position of detector {names[there.index(False)]}.")
+    if "frequency_response" in known and known["frequency_response"].shape[1] != 2:
+        del known["frequency_response"]  # no frequencies above responses
+    return known
+
+
+def _number(name: str) -> int:
+    """The number in a detector's name, by which they are in order: "detection_element_10" is 10."""
+    numbers = re.findall(r"\d+", name)
+    if not numbers:
+        raise ValueError(f"its detector {name!r} has no number.")
+    return int(numbers[-1])
+
+
+def _wavelengths(file: Hdf5File) -> tuple[int, np.ndarray | None]:
+    """How many wavelengths are named, and which [nm], or None."""
+    found = _optional("wavelengths", file, f"{_META}/acquisition_wavelengths")
+    values = found["wavelengths"].reshape(-1).astype(float) if found else np.empty(0)
+    if (values > 0).all() and (values < 1e-3).all():
+        return len(values), np.round(values * 1e9, 6)  # 700 was written as 7e-7: 700 again
+    usable = (values >= 100).all() and np.isfinite(values).all()
+    return len(values), values if usable else None
+
+
+def _optional(name: str, file: Hdf5File, where: str) -> dict[str, np.ndarray]:
+    return {name: file.read(where)} if file.has_numbers(where) else {}
+
+
+def _read_frames(
+    shape: tuple[int, int, int, int], dataset: h5py.Dataset, numbers: np.ndarray
+) -> np.ndarray:
+    """Frames in the order of measurements, and of wavelengths within each."""
+    rows, columns, colours, measurements = shape
+    found = np.empty((len(numbers), rows, columns), dataset.dtype.newbyteorder("="))
+    for place, number in enumerate(numbers.tolist()):
+        measurement, colour = divmod(number, colours)
+        ends = (slice(colour, colour + 1), slice(measurement, measurement + 1))
+        if dataset.ndim < 4:  # the axis that is not there has size 1
+            ends = ends[:1] if measurements == 1 else ends[1:]
+        box = (slice(0, rows), slice(0, columns), *ends)[: dataset.ndim]
+        found[place] = read_part(_DATA, dataset, box).reshape(rows, columns)
+    return found
+
+
+def _rate(scan: Scan) -> float:
+    """The sampling rate [Hz], which the format demands."""
+    if "sampling_rate" in scan.known:
+        return float(scan.known["sampling_rate"])
+    times = scan.known.get("times", np.zeros(1))
+    steps = np.diff(times)
+    if not steps.size or steps.min() <= 0 or np.ptp(steps) > 1e-6 * steps.mean():
+        raise ValueError("IPASC files need a sampling_rate, or times at equal steps.")
+    return float((len(times) - 1) / (times[-1] - times[0]))
+
+
+def _period(values: np.ndarray) -> int:
+    """The least p that divides the length and after which all values repeat.
+
+    >>> _period(np.array([700, 800, 700, 800])), _period(np.array([700, 800, 800]))
+    (2, 3)
+    """
+    n = len(values)
+    return next(
+        p for p in range(1, n + 1) if n % p == 0 and (values.reshape(-1, p) == values[:p]).all()
+    )
+
+
+def _write_device(file: h5py.File, scan: Scan) -> None:
+    """Detectors with their numbers in ten digits, so that they are in order as text too."""
+    general = f"{_DEVICE}/general"
+    _write(file, f"{general}/field_of_view", scan.known.get("field_of_view", "None"))
+    _write(file, f"{general}/num_detectors", scan.n_detectors)
+    _write(file, f"{general}/num_illuminators", 0)
+    file.create_group(f"{_DEVICE}/illuminators")
+    positions = scan.known.get("detectors")
+    if positions is not None and positions.shape[1] == 2:
+        positions = np.pad(positions, ((0, 0), (0, 1)))
+    responses = scan.known.get("frequency_response")
+    for number in range(scan.n_detectors):
+        place = f"{_DEVICE}/detectors/{number:010d}"
+        position = "None" if positions is None else positions[number]
+        _write(file, f"{place}/detector_position", position)
+        _write(
+            file, f"{place}/frequency_response", None if responses is None else responses[number]
+        )
+
+
+def _write(file: h5py.File, where: str, value: Any) -> None:
+    """What is known; "None" is only for what must be there."""
+    if value is not None:
+        file[where] = value

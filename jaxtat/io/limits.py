@@ -1,0 +1,44 @@
+"""What a file may claim: compared with what it holds before memory is given to it."""
+
+MAX_BYTES = 2**32  # [byte], what the arrays of one file may take in memory unless the caller says
+DEFLATE = 1032  # bytes that one byte of the deflate format gives at most: 258 for two bits, twice
+
+
+class Allowance:
+    """The memory that arrays of one file may still take.
+
+    Args:
+        max_bytes: for all of them together [byte].
+
+    >>> allowance = Allowance(1000)
+    >>> allowance.take("pressure", 800)
+    >>> allowance.take("detectors", 800)
+    Traceback (most recent call last):
+    ValueError: detectors takes 800 bytes, 200 of max_bytes = 1000 are left: if the file is to be \
+trusted, allow more (max_bytes=...).
+    """
+
+    def __init__(self, max_bytes: int = MAX_BYTES):
+        self.max_bytes = self.left = max_bytes
+
+    def take(self, name: str, nbytes: int) -> None:
+        """Count an array that stays, or raise ValueError."""
+        self.require(name, nbytes)
+        self.left -= nbytes
+
+    def require(self, name: str, nbytes: int) -> None:
+        """Raise ValueError for more than is left: of what is only there for a while."""
+        if nbytes > self.left:
+            raise ValueError(
+                f"{name} takes {nbytes} bytes, {self.left} of max_bytes = {self.max_bytes} are "
+                "left: if the file is to be trusted, allow more (max_bytes=...)."
+            )
+
+
+def require_held(name: str, claimed: int, held: int, ratio: int = 1) -> None:
+    """Raise ValueError if the bytes held by a file, each good for ``ratio``, are too few."""
+    if claimed > ratio * held:
+        raise ValueError(
+            f"{name} claims {claimed} bytes, but the file holds {held} for it: it is cut off, or "
+            "its header is damaged."
+        )
