@@ -117,7 +117,7 @@ def condition_record(
     """
     times = real_array("times", times, ("times",))
     pressure = real_array("pressure", pressure, ("...", "detectors", times.shape[0]))
-    _require_equispaced(times)
+    require_equispaced(times)
     dead_time = real_array("dead_time", dead_time, ())
     order = whole_number("order", order, 1)
     limits = None
@@ -184,7 +184,8 @@ def _samples_from_zero(times: Array) -> int:
     """How many samples [0, T] would have, also when the record starts late: one cosine for each."""
     if not is_concrete(times):
         raise ValueError("times are traced, expected concrete ones: trace sound_speed instead.")
-    return round(float(times[-1] / (times[1] - times[0]))) + 1
+    values = np.asarray(times)
+    return round(float(values[-1] / (values[1] - values[0]))) + 1
 
 
 def _baseline(pressure: Array) -> Array:
@@ -213,26 +214,29 @@ def _band_pass(record: Array, step: Array, low: Array, high: Array, order: int) 
     return jnp.fft.irfft(jnp.fft.rfft(record, padded) * gain, padded)[..., :n]
 
 
-def _require_equispaced(times: Array) -> None:
+def require_equispaced(times: Array) -> None:
+    """Raise ValueError unless concrete times have equal steps and start at 0 or later."""
     if times.shape[0] < 8:
         raise ValueError(f"got {times.shape[0]} time samples, expected at least 8.")
     if not is_concrete(times):
         return
-    steps = np.diff(np.asarray(times))
+    values = np.asarray(times)  # stays concrete inside jax.jit too
+    steps = np.diff(values)
     if not (steps > 0).all() or np.ptp(steps) > 1e-3 * steps.mean():
         raise ValueError(
             f"times have steps from {steps.min():.6g} to {steps.max():.6g}, expected equal "
             "positive steps: resample the record."
         )
-    if float(times[0]) < 0:
-        raise ValueError(f"times start at {float(times[0]):.6g}: drop the samples before t = 0.")
+    if values[0] < 0:
+        raise ValueError(f"times start at {values[0]:.6g}: drop the samples before t = 0.")
 
 
 def _require_units(times: Array, dead_time: Array, band: tuple[Array, Array] | None) -> None:
     """Dead time and band must make sense for these times: seconds with hertz, or µs with MHz."""
     if not is_concrete(times, dead_time, band):
         return
-    duration, step = float(times[-1] - times[0]), float(times[1] - times[0])
+    values = np.asarray(times)
+    duration, step = values[-1] - values[0], values[1] - values[0]
     if not 0 <= float(dead_time) < duration:
         raise ValueError(
             f"dead_time is {float(dead_time):.6g}, expected 0 to the record's {duration:.6g}, in "
@@ -249,10 +253,11 @@ def _require_units(times: Array, dead_time: Array, band: tuple[Array, Array] | N
 
 
 def _require_record(times: Array, radii: Array, sound_speed: Array) -> None:
-    _require_equispaced(times)
+    require_equispaced(times)
     if not is_concrete(times, radii, sound_speed):
         return
-    end, wanted = float(times[-1] * sound_speed), float(radii.max())
+    end = float(np.asarray(times)[-1]) * float(sound_speed)
+    wanted = float(np.asarray(radii).max())
     if wanted > end * (1 + 1e-9):
         raise ValueError(
             f"radii reach {wanted:.6g}, but with sound speed {float(sound_speed):.6g} the record "

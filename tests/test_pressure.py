@@ -186,3 +186,19 @@ def test_memory_does_not_grow_with_the_square_of_the_samples():
     times, radii = jnp.arange(20_000) / 1e4, jnp.linspace(0.5, 1.0, 9)
     lowered = _convert.lower(jnp.zeros((1, 20_000)), times, radii, 1.0, "2d", 20_000)
     assert lowered.compile().memory_analysis().temp_size_in_bytes < 200e6
+
+
+def test_records_are_checked_inside_jit_too():
+    times = np.linspace(0, 3.0, 60)
+
+    @jax.jit
+    def g(record):
+        clean = condition_record(record, times, dead_time=0.2, band=(0.5, 5.0))
+        return pressure_to_circular_integrals(clean, times, RADII, sound_speed=1.1)
+
+    record = np.random.default_rng(0).standard_normal((1, 60))
+    outside = condition_record(record, times, dead_time=0.2, band=(0.5, 5.0))
+    outside = pressure_to_circular_integrals(outside, times, RADII, sound_speed=1.1)
+    assert np.allclose(g(record), outside, atol=1e-12)
+    with pytest.raises(ValueError, match="the record ends at 3"):
+        jax.jit(lambda p: pressure_to_circular_integrals(p, times, RADII + 3))(record)

@@ -1,0 +1,140 @@
+"""Broken channels made on purpose, and records that are whole."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+from jaxtat import channel_quality, circular_arc, phantoms
+
+TIMES = np.arange(1, 401) / 160  # paths from 0 to 2.5
+BROKEN = {"constant": 2, "zero": 5, "top": 9, "hiss": 13, "clipped": 20, "stuck": 31, "loud": 44}
+
+
+def exact_record():
+    """(60, 400): in-plane pressure of two bells, d(g/r)/dr, zero before sound arrives."""
+    bells = phantoms.Bells([[0.3, 0.2], [-0.5, 0.1]], [0.35, 0.15])
+    g = np.asarray(bells.circular_integrals(circular_arc(1.3, 1.0, 60), TIMES))
+    return np.gradient(g / TIMES, TIMES, axis=1)
+
+
+def counts(record, rng, noise=3.0):
+    """As a converter gives it: whole counts, its own offset in every channel, noise, drift."""
+    scale = 2000 / np.abs(record).max()
+    offset = 32768 + 500 * rng.standard_normal((len(record), 1))
+    noisy = scale * record + offset + noise * rng.standard_normal(record.shape)
+    return np.round(noisy + 40 * TIMES)
+
+
+def numbers(mask):
+    return np.flatnonzero(np.asarray(mask)).tolist()
+
+
+def test_exact_data_raise_no_alarm():
+    record = exact_record()
+    quality = channel_quality(record, TIMES)
+    assert bool(quality.good.all()), str(quality)
+    assert str(quality) == "60 detectors: all good"
+    assert float(quality.noise.max()) < 1e-3 * float(quality.signal.min())
+
+
+@pytest.mark.parametrize("count", [1.0, 1e2, 1e3])
+def test_coarse_counts_raise_no_alarm(count):
+    """Down to a converter of which the whole signal takes four counts."""
+    whole = counts(exact_record(), np.random.default_rng(2))
+    assert bool(channel_quality(np.round(whole / count), TIMES).good.all())
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_each_kind_of_broken_channel_is_found_and_no_other(seed):
+    rng = np.random.default_rng(seed)
+    record = counts(exact_record(), rng)
+    record[BROKEN["constant"]] = 31234
+    record[BROKEN["zero"]] = 0
+    record[BROKEN["top"]] = 65535
+    record[BROKEN["hiss"]] = np.round(32768 + 3 * rng.standard_normal(400))
+    clipped = record[BROKEN["clipped"]]
+    middle, limit = np.median(clipped), np.ptp(clipped) / 4
+    record[BROKEN["clipped"]] = np.clip(clipped, np.round(middle - limit), np.round(middle + limit))
+    record[BROKEN["stuck"], 250:] = record[BROKEN["stuck"], 249] + 7
+    record[BROKEN["loud"]] += np.round(20 * 3.0 * rng.standard_normal(400))
+    quality = channel_quality(record, TIMES)
+    assert numbers(quality.dead) == [2, 5, 9, 13]
+    assert numbers(quality.saturated) == [20, 31]
+    assert numbers(quality.noisy) == [44]
+    assert np.array_equal(
+        quality.weights, np.where(np.isin(np.arange(60), list(BROKEN.values())), 0, 1)
+    )
+    assert str(quality) == "60 detectors: 4 dead (2, 5, 9, 13); 2 saturated (20, 31); 1 noisy (44)"
+
+
+def test_noise_is_that_of_the_record():
+    rng = np.random.default_rng(3)
+    record, sigma = exact_record(), np.linspace(0.01, 0.02, 60) * 0.1
+    quality = channel_quality(record + sigma[:, None] * rng.standard_normal(record.shape), TIMES)
+    ratio = np.asarray(quality.noise) / sigma
+    assert abs(ratio.mean() - 1) < 0.1 and ratio.min() > 0.6 and ratio.max() < 1.5
+
+
+def test_frames_are_judged_together_and_without_the_artefact_at_their_start():
+    record = counts(exact_record(), np.random.default_rng(4))
+    record[:, :30] = 65535
+    record[::2, 10:20] = 0
+    frames = np.stack([record, record])
+    assert bool(channel_quality(frames, TIMES, dead_time=0.19).good.all())
+    frames[1, 7] += 5000 * np.random.default_rng(5).standard_normal(400)
+    assert numbers(channel_quality(frames, TIMES, dead_time=0.19).noisy) == [7]
+
+
+def test_noise_and_signal_have_derivatives():
+    record = jnp.asarray(np.random.default_rng(7).standard_normal((3, 80)))
+
+    @jax.jit
+    def found(record):
+        quality = channel_quality(record, np.arange(80.0))
+        return quality.noise, quality.signal
+
+    check_grads(found, (record,), order=1, modes=["fwd", "rev"], rtol=1e-5)
+    (silent,) = jax.vjp(found, jnp.zeros((3, 80)))[1]((jnp.ones(3), jnp.ones(3)))
+    assert bool(jnp.isfinite(silent).all())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"pressure": np.zeros((3, 99))}, "pressure has shape"),
+        ({"pressure": np.full((3, 400), np.nan)}, "NaN"),
+        ({"dead_time": 2.3}, "32 samples are left after dead_time"),
+        ({"dead": 0.0}, "dead is 0"),
+        ({"noisy": -1.0}, "noisy is -1"),
+    ],
+)
+def test_bad_arguments_are_refused(change, message):
+    arguments = {"pressure": np.zeros((3, 400)), "times": TIMES} | change
+    with pytest.raises(ValueError, match=message):
+        channel_quality(**arguments)
+
+
+@pytest.mark.parametrize("data_file", ["msot_scan9.npz"], indirect=True)
+def test_a_tenth_of_a_measured_scan_broken_is_found(data_file):
+    file = np.load(data_file)
+    raw, times = file["raw"].astype(float), np.arange(2030) / float(file["fs"])
+    clean = channel_quality(raw, times, dead_time=5e-6)
+    noise = np.asarray(clean.noise)
+    assert bool(clean.good.all())
+    # how far the thresholds are from the worst good channel
+    assert noise.max() < 1.5 * np.median(noise) and np.asarray(clean.signal).min() > 1000
+    rng = np.random.default_rng(0)
+    record, shuffled = raw.copy(), rng.permutation(256)
+    still, zero, top, hiss, rails, loud = np.split(shuffled[:78], np.arange(13, 78, 13))
+    record[still], record[zero], record[top] = 34000, 0, 65535
+    record[hiss] = np.round(34000 + noise[hiss, None] * rng.standard_normal((13, 2030)))
+    middle = np.median(raw[rails], axis=1, keepdims=True)
+    spread = raw[rails, 200:].std(axis=1, keepdims=True)
+    record[rails] = np.clip(raw[rails], middle - 2 * spread, middle + 2 * spread)
+    record[loud] += np.round(20 * noise[loud, None] * rng.standard_normal((13, 2030)))
+    found = channel_quality(record, times, dead_time=5e-6)
+    assert numbers(found.dead) == sorted([*still, *zero, *top, *hiss])
+    assert numbers(found.saturated) == sorted(rails)
+    assert numbers(found.noisy) == sorted(loud)

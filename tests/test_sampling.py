@@ -1,0 +1,136 @@
+"""What record and detectors support, and an image that fails beyond it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+from jaxtat import (
+    ImageGrid,
+    NoiseLevel,
+    circular_arc,
+    detector_curve,
+    first_arrival,
+    keep_detectors,
+    phantoms,
+    problem_layout,
+    reconstruct_direct,
+    supported,
+    truncated_disk,
+)
+
+TIMES = np.linspace(0.0, 2.4, 481)
+
+
+@pytest.fixture(scope="module")
+def arc():
+    return circular_arc(1.3, 1.0, 64)
+
+
+@pytest.fixture(scope="module")
+def disk():
+    return truncated_disk(1.0, 1.0, 512)
+
+
+def test_circles_about_a_disk_follow_the_formula(arc, disk):
+    found = supported(arc, disk, TIMES, sound_speed=1.0)
+    step = 2 * 1.3 * np.sin(float(arc.span) / 64 / 2)
+    assert abs(found.frequency_of_detectors / (np.pi * 1.3 / step) - 1) < 1e-4
+    assert abs(found.frequency_of_times / (np.pi / 0.005) - 1) < 1e-12
+    assert abs(found.reach_of_end - 1.1) < 1e-9
+    assert abs(found.reach_of_start - 0.98 * 1.3) < 1e-9
+    assert found.shortfalls == ()
+    assert "at most 1.1" in str(found)
+
+
+def test_gaps_do_not_decide_and_few_missing_detectors_little(arc, disk):
+    def without(missing):
+        keep = ~np.isin(np.arange(64), missing)
+        return float(supported(keep_detectors(arc, keep), disk, TIMES).frequency_of_detectors)
+
+    whole = float(supported(arc, disk, TIMES).frequency_of_detectors)
+    assert abs(without(np.arange(20, 36)) / whole - 1) < 1e-6  # a gap
+    assert abs(without(np.arange(1, 64, 4)) / whole - 8 / 11) < 0.01  # 8 of them take 11 steps
+    assert abs(without(np.arange(1, 32, 2)) / whole - 0.5) < 1e-2  # half of the arc is coarser
+
+
+def test_a_straight_array_is_sampled_by_its_steepest_wave():
+    """A line at distance 1 from a disk of radius 1/2: its ends see waves the flattest."""
+    x = np.linspace(-2, 2, 48)
+    curve = detector_curve(np.stack([x, np.full(48, -1.0)], axis=1))
+    found = supported(curve, truncated_disk(0.5, 0.5, 512), TIMES)
+    angle = np.arctan2(np.abs(x), 1.0) + np.arcsin(0.5 / np.hypot(x, 1.0))
+    steepest = np.where(angle < np.pi / 2, np.sin(angle), 1.0)
+    expected = np.pi / np.quantile(4 / 47 * steepest, 0.9)
+    assert abs(found.frequency_of_detectors / expected - 1) < 1e-4
+
+
+def test_first_sound_arrives_from_the_nearest_point(arc):
+    region = truncated_disk(0.4, 0.4, 512, center=(-0.5, 0.0))
+    nearest = np.linalg.norm(np.asarray(arc.points) - [-0.5, 0.0], axis=1).min() - 0.4
+    assert abs(first_arrival(arc, region, sound_speed=2.0) - nearest / 2) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"sound_speed": 0.9}, ["the record ends 0.14 before", "up to 0.86 can be had"]),
+        ({"dead_time": 0.5}, ["the record starts 0.2 after", "up to 0.8 can be had"]),
+        (
+            {"max_frequency": 50.0},
+            ["detectors are too few", "details of 0.06283", "more detectors"],
+        ),
+        ({"max_frequency": 700.0}, ["too few", "samples are too slow", "higher sampling rate"]),
+    ],
+)
+def test_what_cannot_be_had_is_said_with_numbers(arc, disk, options, words):
+    found = supported(arc, disk, TIMES, **options)
+    assert all(word in str(found) for word in words), str(found)
+    assert len(found.shortfalls) == 1 + ("too slow" in str(found))
+
+
+def test_a_region_as_large_as_can_be_had_is_covered(arc, disk):
+    options = {"sound_speed": 0.9, "dead_time": 0.3}
+    most = float(supported(arc, disk, TIMES, **options).largest_reach)
+    for factor, ok in ((0.999, True), (1.001, False)):
+        region = truncated_disk(factor * most, factor * most, 512)
+        assert (supported(arc, region, TIMES, **options).shortfalls == ()) == ok
+
+
+def test_derivatives_in_geometry_and_sound_speed():
+    region = truncated_disk(0.9, 0.9, 41)
+
+    def found(speed, radius, center):
+        curve = circular_arc(radius, 1.0, 16, center=center)
+        seen = supported(curve, region, TIMES, sound_speed=speed)
+        return seen.largest_reach, seen.max_frequency, seen.covered
+
+    arguments = (jnp.asarray(0.9), jnp.asarray(1.31), jnp.array([0.13, 0.07]))
+    check_grads(jax.jit(found), arguments, order=1, modes=["fwd", "rev"], rtol=1e-4)
+
+
+def test_images_fail_beyond_the_supported_frequency_and_not_before(disk):
+    """Bells of radius r0, whose waves are all but 1e-4 below 30/r0, from 72 detectors.
+
+    The smallest comes out again in a region half as large, where the same detectors support twice
+    the frequency: it was they that failed, not frequencies, pixels or radii.
+    """
+    arc, grid = circular_arc(1.3, 1.0, 72), ImageGrid(33)
+    radii = np.arange(19, 149) / 64
+    limit = float(supported(arc, disk, TIMES).frequency_of_detectors)
+    layout = problem_layout(arc, disk, grid, radii, max_frequency=2 * limit)
+    hardly = NoiseLevel(jnp.full(layout.n_frequencies, 1e-8))
+
+    def error(ratio, region):
+        bell = phantoms.Bells([[0.15, 0.1]], [30 / (ratio * limit)])
+        g = bell.circular_integrals(arc, radii)
+        found = reconstruct_direct(
+            arc, region, grid, radii, g, hardly, layout=layout, inversion="fourier"
+        )
+        return float(jnp.abs(found.image - bell.image(grid))[region.contains(grid.points)].max())
+
+    errors = [error(ratio, disk) for ratio in (0.9, 1.4, 2.0)]
+    assert errors[0] < 1e-6
+    assert errors[1] > 10 * errors[0] and errors[2] > 30 * errors[1]
+    assert error(2.0, truncated_disk(0.5, 0.5, 512)) < 0.2 * errors[2]
