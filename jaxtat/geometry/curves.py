@@ -1,5 +1,8 @@
 """Acquisition curves: where the detectors are."""
 
+from functools import partial
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -173,26 +176,68 @@ def detector_curve(positions: Numbers, *, closed: bool | None = None) -> Sampled
     >>> np.allclose(curve.weights, 40.5e-3 * 4.7 / 255, rtol=1e-12)
     True
     """
-    points = _in_plane(positions)
+    points = in_plane(positions)
     _require_detectors(points.shape[0], least=3)
     if is_concrete(points):
-        closed = _is_closed(np.asarray(points)) if closed is None else closed
-        _require_sorted(np.asarray(points), closed)
+        closed = is_closed(np.asarray(points)) if closed is None else closed
+        require_sorted(np.asarray(points), closed)
     elif closed is None:
         raise ValueError(
             "closed must be given (True or False) when the detector positions are traced."
         )
+    return _sampled(points, bool(closed))
+
+
+def keep_detectors(curve: DetectorCurve, keep: Numbers | np.ndarray) -> SampledCurve:
+    """The curve without some detectors; each of the others owns half the arc to its neighbours.
+
+    So the gap of one missing detector is shared by those beside it. One of more than four median
+    steps is a gap in the curve: the detectors beside it are ends, and nobody stands for it. Data
+    keep the same rows, ``g[..., keep, :]``.
+
+    Args:
+        curve: any, its weights are not used.
+        keep: whether each detector stays, boolean, (detectors,), concrete; such as
+            ``channel_quality(...).good``.
+
+    Returns:
+        DetectorCurve, differentiable with respect to the positions.
+
+    Raises:
+        ValueError: for a mask that does not fit, is traced, or keeps fewer than 3.
+
+    >>> curve = circular_arc(1.3, 0.0, 100)
+    >>> keep = np.arange(100) != 40
+    >>> found = keep_detectors(curve, keep).weights * (100 / (np.pi * 1.3))
+    >>> [round(float(w), 9) for w in found[37:43]]
+    [1.0, 1.0, 1.5, 1.5, 1.0, 1.0]
+    """
+    if not is_concrete(keep):
+        raise ValueError("keep is traced, expected a concrete mask: sizes depend on it.")
+    mask = np.asarray(keep)
+    if mask.dtype != bool or mask.shape != (curve.n_detectors,):
+        raise ValueError(
+            f"keep has dtype {mask.dtype} and shape {mask.shape}, expected booleans "
+            f"({curve.n_detectors},)."
+        )
+    _require_detectors(int(mask.sum()), least=3)
+    return _sampled(curve.points[np.flatnonzero(mask)], curve.closed)
+
+
+@partial(jax.jit, static_argnums=1)
+def _sampled(points: Array, closed: bool) -> SampledCurve:
+    """Weights and normals from the circles through three neighbours."""
     before, here, after = _neighbours(points, closed)
     step = _arc_to_next(before, here, after)  # from each detector to the next one
     ends = jnp.roll(step, 1) if closed else jnp.concatenate([step[:1], step[:-1]])
     step = step if closed else step.at[-1].set(step[-2])
-    gap = 4 * jnp.median(step)
+    gap = (4 + 1e-9) * jnp.median(step)  # three missing of equal ones are not a gap yet
     ends, step = jnp.where(ends > gap, step, ends), jnp.where(step > gap, ends, step)
     tangents = _tangents(before, here, after)
     normals = jnp.stack([tangents[:, 1], -tangents[:, 0]], axis=-1)
     outward = jnp.sum(normals * (points - points.mean(axis=0)))
     side = jnp.where(outward < 0, -1.0, 1.0)  # of a straight array either is as good
-    return SampledCurve(points, (ends + step) / 2, side * normals, bool(closed))
+    return SampledCurve(points, (ends + step) / 2, side * normals, closed)
 
 
 def turned_views(curve: DetectorCurve, turns: Numbers) -> SampledCurve:
@@ -253,22 +298,26 @@ def fit_circle(points: Numbers) -> Circle:
     """
     points = real_array("points", points, ("points", 2))
     _require_detectors(points.shape[0], least=3)
-    circle, size = _fit_circle(points)
-    if is_concrete(circle) and not float(circle.radius) < 1e4 * float(size):
+    if not is_concrete(points):
+        return Circle(*_fit_circle(points, jnp)[:2])
+    center, radius, size = _fit_circle(np.asarray(points), np)  # no program for known positions
+    if not float(radius) < 1e4 * float(size):
         raise ValueError("the points lie on a straight line, expected part of a circle.")
-    return circle
+    return Circle(*jax.device_put((center, np.asarray(radius))))
 
 
-@jax.jit
-def _fit_circle(points: Array) -> tuple[Circle, Array]:
-    """The circle, and how far the points reach from their middle."""
+def _fit_circle(points: Any, xp: Any) -> tuple[Any, Any, Any]:
+    """Centre, radius, and how far the points reach from their middle, by numpy or jax.numpy."""
     middle = points.mean(axis=0)
     local = points - middle  # centred, so that the normal equations are well conditioned
-    design = jnp.concatenate([2 * local, jnp.ones_like(local[:, :1])], axis=1)
-    solution = jnp.linalg.solve(design.T @ design, design.T @ jnp.sum(local**2, axis=1))
+    design = xp.concatenate([2 * local, xp.ones_like(local[:, :1])], axis=1)
+    try:
+        solution = xp.linalg.solve(design.T @ design, design.T @ xp.sum(local**2, axis=1))
+    except np.linalg.LinAlgError:
+        solution = np.full(3, np.inf)
     center = solution[:2]
-    radius = jnp.sqrt(solution[2] + center @ center)
-    return Circle(center + middle, radius), jnp.abs(local).max()
+    radius = xp.sqrt(solution[2] + center @ center)
+    return center + middle, radius, xp.abs(local).max()
 
 
 def _require_detectors(n_detectors: int, least: int = 2) -> None:
@@ -276,7 +325,7 @@ def _require_detectors(n_detectors: int, least: int = 2) -> None:
         raise ValueError(f"got {n_detectors} detector(s), expected at least {least} on a curve.")
 
 
-def _in_plane(positions: Numbers) -> Float[Array, "detectors 2"]:
+def in_plane(positions: Numbers) -> Float[Array, "detectors 2"]:
     points = real_array("positions", positions, ("detectors", None))
     if points.shape[1] not in (2, 3):
         raise ValueError(f"positions has shape {points.shape}, expected (detectors, 2 or 3).")
@@ -294,12 +343,13 @@ def _in_plane(positions: Numbers) -> Float[Array, "detectors 2"]:
     return jnp.delete(points, flat, axis=1)
 
 
-def _is_closed(points: np.ndarray) -> bool:
+def is_closed(points: np.ndarray) -> bool:
+    """Whether the last detector is a neighbour of the first."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     return bool(np.linalg.norm(points[0] - points[-1]) <= 2 * np.median(steps))
 
 
-def _require_sorted(points: np.ndarray, closed: bool) -> None:
+def require_sorted(points: np.ndarray, closed: bool) -> None:
     """Neighbours in the array must be neighbours on the curve: no repeats, turns back or jumps."""
     steps = np.diff(np.concatenate([points, points[:1]]), axis=0)
     lengths = np.linalg.norm(steps, axis=1)

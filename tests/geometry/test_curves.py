@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from jaxtat import circular_arc, detector_curve, fit_circle, turned_views
+from jaxtat import circular_arc, detector_curve, fit_circle, keep_detectors, turned_views
 
 unit = st.floats(-3.0, 3.0)
 
@@ -220,3 +220,48 @@ def test_derivatives_of_turned_views():
         return views.points, views.normals, views.weights
 
     check_grads(fields, (jnp.array([0.1, 0.2]), jnp.array([0.3, 1.0])), 2, ["fwd", "rev"])
+
+
+def test_detectors_left_out_share_their_arc_with_those_beside_them():
+    curve = circular_arc(1.3, 1.0, 40)
+    step = float(curve.weights[0])
+    keep = ~np.isin(np.arange(40), [0, 7, 20, 21, 22])
+    found = keep_detectors(curve, keep)
+    expected = np.ones(40)
+    expected[[6, 8]] = 1.5
+    expected[[19, 23]] = 2.5  # three missing are shared
+    assert np.allclose(found.weights, step * expected[keep], rtol=1e-12)
+    assert np.array_equal(found.points, curve.points[keep])
+    assert np.allclose(found.normals, curve.normals[keep], atol=1e-12)
+    # the first was left out: the arc is shorter
+    assert abs(float(found.weights.sum()) - 39 * step) < 1e-12
+
+
+def test_a_wide_opening_among_detectors_is_nobodys():
+    theta = 2 * np.pi * np.arange(60) / 60
+    ring = detector_curve(np.stack([np.cos(theta), np.sin(theta)], axis=1))
+    assert ring.closed
+    keep = ~np.isin(np.arange(60), [30, 31, 32, 33])
+    found = keep_detectors(ring, keep)
+    assert np.allclose(found.weights, 2 * np.pi / 60, rtol=1e-12)
+    across = keep_detectors(ring, ~np.isin(np.arange(60), [0, 59]))  # over the seam
+    assert abs(float(across.weights.sum()) - 2 * np.pi) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("keep", "message"),
+    [
+        (np.ones(39, bool), r"expected booleans \(40,\)"),
+        (np.ones(40), "dtype float64"),
+        (np.arange(40) < 2, r"got 2 detector\(s\)"),
+    ],
+)
+def test_masks_that_do_not_fit_are_refused(keep, message):
+    with pytest.raises(ValueError, match=message):
+        keep_detectors(circular_arc(1.3, 1.0, 40), keep)
+
+
+def test_a_traced_mask_is_refused():
+    curve = circular_arc(1.3, 1.0, 40)
+    with pytest.raises(ValueError, match="keep is traced"):
+        jax.jit(lambda keep: keep_detectors(curve, keep).weights)(np.ones(40, bool))
