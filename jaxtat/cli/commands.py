@@ -1,8 +1,8 @@
 """The commands. Heavy imports wait until one is run, so that --help is quick."""
 
 import argparse
-import json
 import time
+from pathlib import Path
 
 
 def paper(options: argparse.Namespace) -> None:
@@ -19,78 +19,104 @@ def plan(options: argparse.Namespace) -> None:
     """``jaxtat plan``."""
     from ..io.atomic import require_place
     from ..io.plans import save_plan
-    from ..io.scans import load_scan
-    from .setup import geometry, plan_for
+    from .setup import geometry_of_plan, plan_for
 
     start = time.perf_counter()
     require_place(options.out)
-    scan = load_scan(options.detectors_from) if options.detectors_from else None
-    built = plan_for(options, geometry(options, scan))
+    built = plan_for(options, geometry_of_plan(options))
     save_plan(built, options.out)
     _report(options, _accuracy(built), start)
     _report(options, f"plan written to {options.out}", start)
+
+
+def info(options: argparse.Namespace) -> None:
+    """``jaxtat info``."""
+    from ..measured import choices_for, describe
+    from .setup import given, scan_of
+
+    scan = scan_of(options)
+    print(describe(scan, choices_for(scan, **given(options, scan))))
 
 
 def reconstruct(options: argparse.Namespace) -> None:
     """``jaxtat reconstruct``."""
     from ..io.atomic import require_place
     from ..io.images import require_suffix, save_image
-    from ..io.plans import load_plan
-    from ..io.scans import load_scan
-    from ..reconstruction import reconstruct as run
-    from ..reconstruction import reconstruct_direct
-    from ..reconstruction.direct import DEFAULT_ALPHA
-    from .setup import (
-        circular_integrals_of,
-        geometry,
-        low_pass,
-        plan_for,
-        require_free,
-        wants_plan,
-    )
+    from ..measured import reconstruct_scan
 
     start = time.perf_counter()
     require_suffix(options.out)
     require_place(options.out)
-    scan = load_scan(options.file)
-    # what can be wrong with the data is found before anything is computed
-    if options.plan:
-        require_free(options)
-        chosen_plan = load_plan(options.plan)
-        where = chosen_plan.curve, chosen_plan.region, chosen_plan.grid, chosen_plan.radii
-    else:
-        where = geometry(options, scan)
-        chosen_plan = None
-    curve, region, grid, radii = where
-    g = circular_integrals_of(scan, options, curve, radii)
-    if chosen_plan is None and wants_plan(options):
-        chosen_plan = plan_for(options, where)
-    last = {"low_pass": low_pass(options), "inversion": options.inversion}
-    if chosen_plan is None:
-        alpha = options.alpha
-        if alpha is None:
-            alpha = 1e-3 if scan.kind == "pressure" else DEFAULT_ALPHA
-        found = reconstruct_direct(*where, g, alpha, max_frequency=options.max_frequency, **last)
-        image = found.image
-        _report(options, _solved(found), start)
-    else:
-        _report(options, _accuracy(chosen_plan), start)
-        image = run(chosen_plan, g, **last)
-    settings = {
-        name: value if isinstance(value, str | int | float | bool) else json.dumps(value)
-        for name, value in vars(options).items()
-        if name != "run" and value is not None
-    }
-    save_image(options.out, image, grid, region, settings)
+    stored = dict(vars(options))  # before anything of them is used up
+    scan, choices, plan = _asked(options, start)
+    found = reconstruct_scan(scan, choices, plan=plan, progress=not options.quiet)
+    if found.report:
+        _report(options, found.report, start)
+    settings = {name: value for name, value in stored.items() if name != "run"}
+    save_image(
+        options.out,
+        found.images,
+        found.grid,
+        found.region,
+        settings | choices.settings(),
+        frames=found.frames,
+        unit=options.length_unit or found.unit,
+        inputs=[path for path in (options.file, options.plan) if path],
+    )
     _report(options, f"image written to {options.out}", start)
 
 
-def _solved(found) -> str:
-    report = found.report
-    return (
-        f"{report.alpha.shape[0]} frequencies, alpha {float(report.relative_alpha.max()):.1e}; "
-        f"systems solved to {float(report.residual.max()):.1e} (worst)"
+def report(options: argparse.Namespace) -> None:
+    """``jaxtat report``."""
+    from ..io.atomic import require_place
+    from ..reporting import report_scan
+
+    start = time.perf_counter()
+    if not options.out.endswith(".html"):
+        raise ValueError(f"cannot write {options.out}: expected a name ending in .html.")
+    require_place(options.out)
+    scan, choices, plan = _asked(options, start)
+    report_scan(
+        options.out,
+        scan,
+        choices,
+        plan=plan,
+        frame=options.frame,
+        sigma=options.noise,
+        uncertainty_pixels=options.uncertainty_pixels,
+        title=Path(options.file).name,
+        inputs=[path for path in (options.file, options.plan) if path],
+        unit=options.length_unit,
+        progress=not options.quiet,
     )
+    _report(options, f"page written to {options.out}", start)
+
+
+def _asked(options: argparse.Namespace, start: float):
+    """The scan, everything chosen for it, and the plan that is given or asked for, or None."""
+    from ..io.plans import load_plan
+    from ..measured import Where, choices_for, estimate_sound_speed, integrals
+    from .setup import given, plan_for, repeated, require_free, require_same, scan_of, wants_plan
+
+    choices = repeated(options) if options.repeat else None
+    if options.plan:
+        require_free(options)
+    plan = load_plan(options.plan) if options.plan else None
+    scan = scan_of(options, plan)
+    if choices is None:
+        choices = choices_for(scan, **given(options, scan, plan))
+        if plan is None:
+            choices = estimate_sound_speed(scan, choices)
+    _report(options, f"{options.file}\n{choices.table()}", start)
+    if plan is not None:
+        require_same(scan, choices, plan)
+    elif wants_plan(options):
+        where = Where.of(scan, choices)
+        integrals(scan, choices, where.radii, scan.frame(0))  # refused before anything is built
+        plan = plan_for(options, where)
+    if plan is not None:
+        _report(options, _accuracy(plan), start)
+    return scan, choices, plan
 
 
 def _accuracy(plan) -> str:

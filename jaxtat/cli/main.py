@@ -2,7 +2,7 @@
 
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 from threadpoolctl import threadpool_limits
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with threadpool_limits(1, user_api="blas"), warnings.catch_warnings():
         warnings.simplefilter("always", VisibilityWarning)
         warnings.simplefilter("always", AccuracyWarning)
-        warnings.showwarning = _show_warning
+        warnings.showwarning = _notes()
         try:
             options.run(options)
         except (ValueError, OSError) as error:
@@ -42,5 +42,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
-    print(f"jaxtat: note: {message}", file=sys.stderr)
+def _notes() -> Callable[..., None]:
+    """Shows each warning once, as a line."""
+    shown: set[str] = set()
+
+    def show(message, category, filename, lineno, file=None, line=None) -> None:
+        if str(message) not in shown:
+            shown.add(str(message))
+            print(f"jaxtat: note: {message}", file=sys.stderr)
+
+    return show

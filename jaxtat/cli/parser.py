@@ -2,8 +2,11 @@
 
 import argparse
 
+from ..measured.choices import LOW_PASSES
 from ..pressure import MODELS
 from ..reconstruction.inversion import INVERSIONS
+from ..scanners import SCANNERS
+from ..units import MILLIMETRES
 from . import commands
 
 _EXAMPLES = """examples:
@@ -13,9 +16,15 @@ _EXAMPLES = """examples:
       densities for a half circle of 500 detectors and a half disk (paper, geometry #2)
   jaxtat reconstruct data.npz --plan half.h5 --out image.png
       an image from circular integrals in data.npz
+  jaxtat info scan.hdf5
+      what is in a scan file, and what would be chosen for its reconstruction
+  jaxtat reconstruct scan.hdf5 --out scan.png
+      an image, everything chosen by the scan itself; options override
   jaxtat reconstruct scan.npz --model in-plane --sound-speed 1500 --region-radius 0.0146 \\
          --pixels 301 --band 1e5 7e6 --low-pass cosine --out scan.png
-      an image from a measured scan with detector positions and sampling rate in the file
+      the same with choices made by hand
+  jaxtat report scan.hdf5 --out report.html
+      a page to look at: image, choices, what can be trusted and what not
 """
 
 
@@ -31,6 +40,8 @@ def build_parser() -> argparse.ArgumentParser:
     _add_paper(subparsers)
     _add_plan(subparsers)
     _add_reconstruct(subparsers)
+    _add_info(subparsers)
+    _add_report(subparsers)
     return parser
 
 
@@ -72,36 +83,89 @@ def _add_reconstruct(subparsers) -> None:
     parser = _command(
         subparsers, "reconstruct", commands.reconstruct, "Reconstruct an image from a data file."
     )
-    parser.add_argument("file", metavar="FILE", help=".npz or .h5 (names: see jaxtat.io.scans)")
+    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
     parser.add_argument(
-        "--out", required=True, metavar="IMAGE", help="image to write: .png, .npy or .h5"
+        "--out",
+        required=True,
+        metavar="IMAGE",
+        help="image to write: .png, .npy, .h5, .nii, .nii.gz or .tif",
+    )
+    _add_unit_and_plan(parser)
+    _add_choices(parser)
+
+
+def _add_unit_and_plan(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--length-unit",
+        choices=MILLIMETRES,
+        help="of positions, radii and pixels: pictures and files are in millimetres then",
     )
     parser.add_argument("--plan", metavar="FILE", help="use this plan instead of building one")
-    parser.add_argument("--low-pass", choices=["none", "cosine"], default="none")
+    parser.add_argument(
+        "--repeat", metavar="IMAGE", help="choose what was chosen for this .h5 image"
+    )
+
+
+def _add_report(subparsers) -> None:
+    parser = _command(
+        subparsers, "report", commands.report, "A page about one image, with its diagnostics."
+    )
+    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    parser.add_argument("--out", required=True, metavar="PAGE", help=".html file to write")
+    parser.add_argument(
+        "--frame", type=int, default=0, metavar="N", help="of a scan of many (default: the first)"
+    )
+    parser.add_argument("--noise", type=float, metavar="SIGMA", help="of the circular integrals")
+    parser.add_argument(
+        "--uncertainty-pixels",
+        type=int,
+        default=25,
+        metavar="N",
+        help="standard deviations at N x N pixels (default 25), 0 for none",
+    )
+    _add_unit_and_plan(parser)
+    _add_choices(parser)
+
+
+def _add_info(subparsers) -> None:
+    parser = _command(
+        subparsers, "info", commands.info, "What is in a scan file, and what would be chosen."
+    )
+    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    _add_choices(parser)
+
+
+def _add_choices(parser: argparse.ArgumentParser) -> None:
+    """What is chosen by the scan where no option is given."""
+    parser.add_argument("--low-pass", choices=LOW_PASSES, help="default: by the noise")
     parser.add_argument(
         "--inversion",
         choices=INVERSIONS,
-        default="fbp",
-        help="last step: filtered back-projection, or the faster Fourier sum",
+        help="last step: filtered back-projection (default), or the faster Fourier sum",
     )
     parser.add_argument(
         "--alpha",
         type=float,
         metavar="A",
-        help="Tikhonov regularisation without a plan, the default: 1e-3 for pressure records, "
-        "1e-6 for circular integrals",
+        help="Tikhonov regularisation, of a reconstruction without a plan; default: noise over "
+        "signal power of a pressure record, 1e-6 for circular integrals",
     )
-    data = parser.add_argument_group("pressure records")
-    data.add_argument("--model", choices=MODELS, default="2d", help="acoustic model (default: 2d)")
+    data = parser.add_argument_group("pressure records (default: by the record)")
     data.add_argument(
-        "--sound-speed", type=float, metavar="C", help="default: from the file, else 1"
+        "--model", choices=MODELS, help="of detectors in space and metres in-plane, else 2d"
+    )
+    data.add_argument(
+        "--sound-speed",
+        type=float,
+        metavar="C",
+        help="default: from the file, else the sharpest image's, or 1 without metres and seconds",
     )
     times = data.add_mutually_exclusive_group()
     times.add_argument("--sampling-rate", type=float, metavar="F", help="samples at 0, 1/F, ...")
     times.add_argument("--duration", type=float, metavar="T", help="samples from 0 to T inclusive")
-    data.add_argument("--dead-time", type=float, default=0.0, metavar="T", help="silence the start")
+    data.add_argument("--dead-time", type=float, metavar="T", help="silence the start")
     data.add_argument(
-        "--band", type=float, nargs=2, metavar=("LOW", "HIGH"), help="band-pass [cycles/time]"
+        "--band", nargs="+", metavar="F", help="LOW HIGH of a band-pass [cycles/time], or none"
     )
     _add_geometry(parser)
 
@@ -123,13 +187,16 @@ def _add_geometry(parser: argparse.ArgumentParser) -> None:
         metavar=("R", "N"),
         help="detector k at the angle 2 pi k / N on |z| = R",
     )
+    kind.add_argument("--scanner", metavar="NAME", help=f"one of {', '.join(SCANNERS)}")
     where.add_argument(
         "--use",
         metavar="SLICES",
-        help="detectors to use, in order along the curve: 904:1024,0:616 or 0:500:2; "
+        help="detectors to use, good or bad: 904:1024,0:616 or 0:500:2; "
         "with a minus in front --use=-20:,0:80",
     )
-    region = parser.add_argument_group("region of interest (default: 3/4 of the arc, cut with it)")
+    region = parser.add_argument_group(
+        "region of interest (default: where sound comes from; 3/4 of the arc for integrals)"
+    )
     region.add_argument("--region-radius", type=float, metavar="R")
     region.add_argument("--region-cut", type=float, metavar="X", help="default: a whole disk")
     region.add_argument(
@@ -137,7 +204,9 @@ def _add_geometry(parser: argparse.ArgumentParser) -> None:
     )
     region.add_argument("--region-center", type=float, nargs=2, metavar=("X1", "X2"))
     image = parser.add_argument_group("image")
-    image.add_argument("--pixels", type=int, metavar="N", help="N x N (default 129)")
+    image.add_argument(
+        "--pixels", type=int, metavar="N", help="N x N (default: by what is resolved)"
+    )
     image.add_argument("--half-width", type=float, metavar="B", help="default: the region's radius")
     _add_method(parser)
 

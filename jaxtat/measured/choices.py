@@ -1,0 +1,200 @@
+"""Everything that decides an image, each with its reason; in a file, it gives the image again."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..geometry import (
+    DetectorCurve,
+    ImageGrid,
+    TruncatedDisk,
+    detector_curve,
+    keep_detectors,
+    truncated_disk,
+)
+from ..pressure import MODELS
+from ..reconstruction import cosine_filter
+from ..reconstruction.inversion import INVERSIONS, require_inversion
+from ..reconstruction.radon import LowPass
+
+LOW_PASSES: dict[str, LowPass | None] = {"none": None, "cosine": cosine_filter}
+
+
+class Choices(eqx.Module):
+    """What was chosen, or given, for the reconstruction of a scan.
+
+    Lengths are in the unit of the detectors' positions, times in that of the record.
+
+    Attributes:
+        order: rows of the data, in order along the curve.
+        left_out: those among them that are not used.
+        model: acoustic model of a pressure record, "2d" or "in-plane"; "none" for circular
+            integrals.
+        sound_speed: c [length/time].
+        dead_time: the start of the record is silenced [time].
+        band: pass band (f_lo, f_hi), or None for no filter [cycles/time].
+        impulse_response: whether the one in the file is divided out.
+        region_center, region_radius, region_cut, region_angle: of `truncated_disk`, angle in
+            degrees; a cut at or beyond the radius leaves the whole disk [length].
+        pixels, half_width: of `ImageGrid`, about the region's centre [length].
+        first_radius, radial_step, n_radii: of the circular integrals [length].
+        max_frequency: lambda_max [rad/length].
+        alpha: of `reconstruct_direct`.
+        low_pass: "none" or "cosine".
+        inversion: "fbp" or "fourier".
+        reasons: pairs of a name above and why it is as it is.
+    """
+
+    order: tuple[int, ...] = eqx.field(static=True)
+    left_out: tuple[int, ...] = eqx.field(static=True)
+    model: str = eqx.field(static=True)
+    sound_speed: float
+    dead_time: float
+    band: tuple[float, float] | None
+    impulse_response: bool = eqx.field(static=True)
+    region_center: tuple[float, float]
+    region_radius: float
+    region_cut: float
+    region_angle: float
+    pixels: int = eqx.field(static=True)
+    half_width: float
+    first_radius: float
+    radial_step: float
+    n_radii: int = eqx.field(static=True)
+    max_frequency: float
+    alpha: float
+    low_pass: str = eqx.field(static=True)
+    inversion: str = eqx.field(static=True)
+    reasons: tuple[tuple[str, str], ...] = eqx.field(static=True)
+
+    def __check_init__(self) -> None:
+        if self.model not in (*MODELS, "none"):
+            raise ValueError(f"model is {self.model!r}, expected one of {', '.join(MODELS)}.")
+        if self.low_pass not in LOW_PASSES:
+            raise ValueError(
+                f"low_pass is {self.low_pass!r}, expected one of {', '.join(LOW_PASSES)}."
+            )
+        if self.inversion not in INVERSIONS:
+            require_inversion(self.inversion)
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Rows of the data that are used, in order along the curve."""
+        return tuple(k for k in self.order if k not in self.left_out)
+
+    @property
+    def region(self) -> TruncatedDisk:
+        """Where the image is wanted."""
+        return truncated_disk(
+            self.region_radius,
+            min(self.region_cut, self.region_radius),
+            2 * len(self.order),
+            center=np.array(self.region_center),
+            angle=math.radians(self.region_angle),
+        )
+
+    @property
+    def grid(self) -> ImageGrid:
+        return ImageGrid(self.pixels, self.half_width, np.array(self.region_center))
+
+    @property
+    def radii(self) -> Float[Array, " radii"]:
+        return jax.device_put(self.first_radius + self.radial_step * np.arange(self.n_radii))
+
+    def curve(self, points: Float[np.ndarray, "detectors 2"]) -> DetectorCurve:
+        """The detectors that are used, of all of the scan in the order of its data."""
+        whole = detector_curve(points[list(self.order)])
+        if not self.left_out:
+            return whole
+        return keep_detectors(whole, ~np.isin(self.order, self.left_out))
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """What, how much, why."""
+        reasons = dict(self.reasons)
+        return [
+            (name, value, reasons[name]) for name, value in self._shown().items() if name in reasons
+        ]
+
+    def table(self) -> str:
+        """A line for each choice: what, how much, why."""
+        rows = self.rows()
+        widths = [max(len(row[i]) for row in rows) for i in range(2)]
+        return "\n".join(
+            f"{name:{widths[0]}}  {value:{widths[1]}}  {reason}".rstrip()
+            for name, value, reason in rows
+        )
+
+    def _shown(self) -> dict[str, str]:
+        cut = self.region_cut < self.region_radius
+        low, high = self.band or (0.0, 0.0)
+        # a middle that is found is off by rounding
+        center = [round(x / self.region_radius, 9) * self.region_radius for x in self.region_center]
+        return {
+            "channels": f"{len(self.channels)} of {len(self.order)}",
+            "model": self.model,
+            "sound_speed": f"{self.sound_speed:.6g}",
+            "impulse_response": "removed" if self.impulse_response else "kept",
+            "dead_time": f"{self.dead_time:.4g}",
+            "band": f"{low:.4g} {high:.4g}" if self.band else "none",
+            "region_radius": f"{self.region_radius:.4g}",
+            "region_cut": f"{self.region_cut:.4g}" if cut else "none",
+            "region_angle": f"{self.region_angle:.1f}",
+            "region_center": " ".join(f"{x + 0.0:.4g}" for x in center),
+            "max_frequency": f"{self.max_frequency:.5g}",
+            "pixels": f"{self.pixels}",
+            "half_width": f"{self.half_width:.4g}",
+            "n_radii": f"{self.n_radii}",
+            "alpha": f"{self.alpha:.1e}",
+            "low_pass": self.low_pass,
+            "inversion": self.inversion,
+        }
+
+    def settings(self) -> dict[str, Any]:
+        """As plain numbers and text, for a file; `from_settings` gives them back."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> "Choices":
+        """Choices from what `settings` gave, also after a journey through JSON.
+
+        Raises:
+            ValueError: for settings that are not those of choices.
+        """
+        names = {field.name for field in dataclasses.fields(cls)}
+        if set(settings) != names:
+            raise ValueError(
+                "the settings are not those of an automatic reconstruction: missing "
+                f"{sorted(names - set(settings))}, unknown {sorted(set(settings) - names)}."
+            )
+        try:
+            values = {name: _KINDS[name](settings[name]) for name in names}
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"the settings cannot be read ({error}).") from error
+        return cls(**values)
+
+
+def _pair(value: Any) -> tuple[float, float]:
+    first, second = value
+    return float(first), float(second)
+
+
+_KINDS: dict[str, Any] = {
+    **dict.fromkeys(("model", "low_pass", "inversion"), str),
+    **dict.fromkeys(("pixels", "n_radii"), int),
+    **dict.fromkeys(
+        ("sound_speed", "dead_time", "region_radius", "region_cut", "region_angle", "half_width"),
+        float,
+    ),
+    **dict.fromkeys(("first_radius", "radial_step", "max_frequency", "alpha"), float),
+    **dict.fromkeys(("order", "left_out"), lambda value: tuple(int(k) for k in value)),
+    "impulse_response": bool,
+    "region_center": _pair,
+    "band": lambda value: None if value is None else _pair(value),
+    "reasons": lambda value: tuple((str(name), str(why)) for name, why in value),
+}

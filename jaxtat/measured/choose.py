@@ -1,0 +1,437 @@
+"""What to do with a scan, decided by what it shows; every decision can be given instead.
+
+A function of the scan alone: nothing is remembered, nothing drawn by chance.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..channels import channel_quality, ranges
+from ..checks import real_array, require_positive, whole_number
+from ..geometry import ArcFit, data_radii, detector_curve, require_outside, truncated_disk
+from ..io import Scan
+from ..sampling import supported
+from .choices import Choices
+from .facts import SLOWEST, Facts, facts_of, typical_frame
+from .record import (
+    RecordPower,
+    artefact_end,
+    highest_frequency,
+    onsets,
+    record_power,
+    sounding_disk,
+)
+
+MARGIN = 1.25  # of the region beyond where sound comes from
+DEFAULT_SHARE = 0.75  # of the arc's radius, where the record does not tell
+SHARES = (0.1, 0.9)  # least and largest region radius over the arc's
+LONGEST = 100.0  # radii of the arc: no record of a scanner is that long
+RIM = 0.95  # of the arc's radius, up to which sources are reckoned with
+PIXELS = (65, 1025)
+SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
+PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
+DRIFT = 5.0  # periods within the record; what is slower is drift
+BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequency
+ALPHAS = (1e-6, 1e-1)
+CLEAN = 1e-5  # alpha below which no low-pass filter is needed
+INTEGRALS_ALPHA = 1e-6
+
+
+class _Found(NamedTuple):
+    """Choices as they are made: what was given counts."""
+
+    given: Mapping[str, Any]
+    values: dict[str, Any]
+    reasons: dict[str, str]
+
+    def take(self, name: str, value: Any, reason: str) -> Any:
+        if self.given.get(name) is not None:
+            value, reason = self.given[name], "given"
+        self.values[name], self.reasons[name] = value, reason
+        return value
+
+
+def choices_for(scan: Scan, **given: Any) -> Choices:
+    """All choices for a scan but an estimated speed of sound, which takes images.
+
+    Args:
+        scan: from `load_scan`.
+        given: choices by name, as in `Choices`; further ``use``, rows of the data to use (bad
+            channels among them too), ``radii`` of the circular integrals, and ``band="none"``.
+            What is None is chosen.
+
+    Returns:
+        Choices, with a reason for each.
+
+    Raises:
+        ValueError: for unknown names, what a scan lacks, and data that cannot be.
+    """
+    _require_known(given)
+    facts = facts_of(scan, given.get("use"))
+    found = _Found(given, {"order": tuple(int(k) for k in facts.order)}, {})
+    if scan.kind == "pressure":
+        _from_record(scan, facts, found)
+    else:
+        _from_integrals(scan, facts, found)
+    found.take("inversion", "fbp", "nothing is assumed beyond the region")
+    return Choices.from_settings(found.values | {"reasons": tuple(found.reasons.items())})
+
+
+NAMES = (
+    *("use", "model", "sound_speed", "dead_time", "band", "impulse_response", "alpha", "low_pass"),
+    *("region_radius", "region_cut", "region_angle", "region_center", "pixels", "half_width"),
+    *("max_frequency", "inversion", "radii"),
+)
+_POSITIVE = ("sound_speed", "region_radius", "half_width", "max_frequency", "alpha")
+
+
+def _require_known(given: Mapping[str, Any]) -> None:
+    unknown = [name for name in given if name not in NAMES]
+    if unknown:
+        raise ValueError(f"unknown options {unknown}, expected some of {', '.join(NAMES)}.")
+    for name in _POSITIVE:
+        if given.get(name) is not None:
+            require_positive(name, real_array(name, given[name], ()))
+    if given.get("pixels") is not None:
+        whole_number("pixels", given["pixels"], 4)
+
+
+def _from_record(scan: Scan, facts: Facts, found: _Found) -> None:
+    assert facts.times is not None
+    times, frame = facts.times, typical_frame(scan)[facts.order]
+    planar = facts.units.water is not None and facts.in_space
+    model = found.take(
+        "model",
+        "in-plane" if planar else "2d",
+        "detectors in space, of a scanner's size: focused into the plane"
+        if planar
+        else "positions in the plane: two-dimensional waves"
+        if not facts.in_space
+        else "sizes are not a scanner's: two-dimensional waves",
+    )
+    speed = _nominal_speed(scan, facts, found)
+    detrend = model == "in-plane"
+    whole = np.where(np.isfinite(frame), frame, 0.0)
+    power = record_power(whole, times, detrend)
+    middle = facts.arc.radius / speed if facts.arc else float(times[-1]) / 2
+    end = artefact_end(power, middle)
+    why = "the artefact at the start has died away" if end else "no artefact at the start"
+    dead_time = float(found.take("dead_time", end, why))
+    found.take(
+        "impulse_response",
+        "impulse_response" in scan.known,
+        "in the file" if "impulse_response" in scan.known else "none in the file",
+    )
+    good, floor = _channels(frame, times, dead_time, found)
+    power = power.after(2 * dead_time)  # what is silenced is faded in over as long again
+    sound = _Sound(RecordPower(power.times, power.power[good]), speed)
+    _region(scan, facts, found, sound, good)
+    start = int(np.searchsorted(times, 2 * dead_time))
+    arrival = _first_arrival(facts, found, speed)
+    quiet = slice(0, max(int(np.searchsorted(times, arrival)) - start, 0))
+    highest = highest_frequency(whole[good][:, start:], times[start:], quiet)
+    _resolution(facts, found, speed, highest)
+    _band(found, times, speed, highest)
+    _radii(facts, found, float(times[-1]) * speed)
+    _noise(found, sound.power, arrival, floor)
+
+
+class _Sound(NamedTuple):
+    power: RecordPower
+    speed: float
+
+
+def _nominal_speed(scan: Scan, facts: Facts, found: _Found) -> float:
+    if "sound_speed" in scan.known:
+        speed = float(np.mean(scan.known["sound_speed"]))
+        return float(found.take("sound_speed", speed, "from the file"))
+    if facts.units.water is not None:
+        return float(found.take("sound_speed", facts.units.water, TO_BE_ESTIMATED))
+    why = "none in the file, and sizes are not a scanner's: taken to be 1"
+    return float(found.take("sound_speed", 1.0, why))
+
+
+TO_BE_ESTIMATED = "none in the file: about that of water, to be estimated"
+
+
+def _slowest(found: _Found) -> float:
+    """The least speed that may be looked for, over the nominal one: the record has to do for it."""
+    return SLOWEST if found.reasons["sound_speed"] == TO_BE_ESTIMATED else 1.0
+
+
+def _channels(
+    frame: Float[np.ndarray, "detectors times"],
+    times: Float[np.ndarray, " times"],
+    dead_time: float,
+    found: _Found,
+) -> tuple[np.ndarray, float]:
+    """Which rows of the frame are used, and the power of their noise over that of their signal."""
+    order = np.array(found.values["order"])
+    blank = np.any(~np.isfinite(frame), axis=1, keepdims=True)
+    quality = channel_quality(np.where(blank, 0.0, frame), times, dead_time=dead_time)
+    good = np.logical_and(quality.good, ~blank[:, 0])
+    why = "all of them are good" if good.all() else _left_out(quality, order)
+    if found.given.get("use") is not None:
+        good, why = np.ones(len(order), bool), "given"
+    if good.sum() < 4:
+        raise ValueError(f"{good.sum()} of {len(good)} detectors are good, expected 4: {why}.")
+    found.values["left_out"] = tuple(sorted(int(k) for k in np.compress(~good, order)))
+    found.reasons["channels"] = why
+    noise, signal = np.asarray(quality.noise)[good], np.asarray(quality.signal)[good]
+    return good, float(np.median((noise / np.maximum(signal, 1e-300)) ** 2))
+
+
+def _left_out(quality: Any, order: np.ndarray) -> str:
+    named = [
+        f"{name} {ranges(np.sort(order[mask]))}"
+        for name in ("dead", "saturated", "noisy")
+        if (mask := np.asarray(getattr(quality, name))).any()
+    ]
+    return "left out: " + "; ".join(named)
+
+
+def _region(scan: Scan, facts: Facts, found: _Found, sound: _Sound, good: np.ndarray) -> None:
+    arc = facts.arc
+    if arc is None:
+        if found.given.get("region_radius") is None or found.given.get("region_center") is None:
+            raise ValueError(
+                "the detectors do not lie on a circle: give --region-radius and --region-center."
+            )
+        arc = _around(facts, found.given["region_center"])
+    assert facts.times is not None
+    center = found.take("region_center", arc.center, "the middle of the detectors' circle")
+    reach = arc.radius - sound.speed * onsets(sound.power)
+    offset = facts.points[facts.order][good] - np.array(arc.center)
+    middle, size = sounding_disk(offset / np.linalg.norm(offset, axis=1, keepdims=True), reach)
+    wanted = MARGIN * (size + float(np.linalg.norm(middle)))
+    why = f"sound comes from within {wanted / MARGIN:.4g}, and {MARGIN - 1:.0%} to spare"
+    view = _field_of_view(scan, center)
+    if view is not None and view < wanted:
+        wanted, why = view, "the field of view in the file"
+    path = float(facts.times[-1]) * sound.speed
+    if found.given.get("region_radius") is None:
+        _require_scale(path, arc.radius, sound.speed)
+    path *= _slowest(found)
+    least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
+    if wanted < least:
+        wanted, why = least, "a tenth of the arc: where sound comes from cannot be told"
+    if wanted > most:
+        why = f"of {wanted:.4g}, as much as detectors and record (path {path:.4g}) cover"
+        wanted = max(least, most)
+    radius = float(found.take("region_radius", wanted, why))
+    _cut(arc, found, radius, middle)
+    found.take("half_width", radius, "the region")
+
+
+def _require_scale(path: float, radius: float, speed: float) -> None:
+    """Raise ValueError for a record too short for anything, or so long that units must differ.
+
+    Args:
+        path: of sound, until the record ends [length].
+        radius: of the arc [length].
+    """
+    least = (1 + SHARES[0]) * radius
+    if not least <= path <= LONGEST * radius:
+        raise ValueError(
+            f"at a sound speed of {speed:.6g} the record ends after a path of {path:.4g}, while "
+            f"the detectors are {radius:.4g} from their middle: expected {least:.4g} to "
+            f"{LONGEST * radius:.4g}. Check that positions, times and sound speed are in units "
+            "that fit each other; for a part off the middle give region_center and region_radius."
+        )
+
+
+def _cut(arc: ArcFit, found: _Found, radius: float, middle: np.ndarray) -> None:
+    """The region ends at the chord of the opening, unless what sounds lies beyond it."""
+    toward = np.array([np.cos(arc.opening), np.sin(arc.opening)])
+    whole = found.given.get("region_radius") is not None or middle @ toward > arc.chord
+    beyond = arc.chord < radius and not whole
+    cut = arc.chord if beyond else radius
+    why = "what lies beyond the arc's ends is not seen" if beyond else "all of the disk"
+    found.take("region_cut", float(cut), why)
+    angle = float(np.degrees(arc.opening))
+    found.take("region_angle", angle, "closed ring" if arc.closed else "the arc opens there")
+
+
+def _field_of_view(scan: Scan, center: Any) -> float | None:
+    """Radius of the disk about the region's centre that holds the file's field of view."""
+    if "field_of_view" not in scan.known:
+        return None
+    low, high = np.asarray(scan.known["field_of_view"], float).reshape(3, 2).T
+    spread = np.ptp(np.asarray(scan.known["detectors"]), axis=0)
+    axes = [0, 1] if len(spread) == 2 else [k for k in range(3) if k != int(np.argmin(spread))]
+    half = np.maximum(high[axes] - np.array(center), np.array(center) - low[axes])
+    there = (half > 0).all() and (high > low)[axes].all()
+    return float(np.hypot(*half)) if there else None
+
+
+def _around(facts: Facts, center: Any) -> ArcFit:
+    """Of a curve that is no arc: the largest circle about the region's centre without detectors."""
+    middle = (float(center[0]), float(center[1]))
+    radius = float(np.hypot(*(facts.points[facts.order] - np.array(middle)).T).min())
+    return ArcFit(middle, radius, 0.0, 2 * np.pi, 0.0, 0.0, np.inf)
+
+
+def _first_arrival(facts: Facts, found: _Found, speed: float) -> float:
+    """When sound from the region first reaches a detector [time]."""
+    points, center = facts.points[facts.order], np.array(found.values["region_center"])
+    nearest = float(np.hypot(*(points - center).T).min())
+    return max(nearest - found.values["region_radius"], 0.0) / speed
+
+
+def _where(facts: Facts, found: _Found) -> tuple[Any, Any]:
+    """Curve of all detectors, good and bad, and region."""
+    values, curve = found.values, detector_curve(facts.points[facts.order])
+    radius = values["region_radius"]
+    region = truncated_disk(
+        radius,
+        min(values["region_cut"], radius),
+        2 * curve.n_detectors,
+        center=np.array(values["region_center"]),
+        angle=np.radians(values["region_angle"]),
+    )
+    require_outside(curve, region)
+    return curve, region
+
+
+def _resolution(facts: Facts, found: _Found, speed: float, highest: float) -> None:
+    """lambda_max by detectors, band and pixels, whichever is least, and the pixels by it."""
+    assert facts.times is not None
+    curve, region = _where(facts, found)
+    speed_at_least = speed * _slowest(found)
+    support = supported(curve, region, facts.times, sound_speed=speed_at_least)
+    if float(support.covered) < -1e-9 * float(support.reach):
+        raise ValueError(
+            f"{support.shortfalls[0]}. Check that positions, times and sound speed "
+            f"({speed_at_least:.6g}) are in units that fit each other."
+        )
+    limits = {
+        "the detectors' spacing in the inner half of the region": float(
+            support.frequency_of_detectors
+        )
+        / SAMPLED,
+        "what the record holds above its noise": 2 * np.pi * highest / speed,
+    }
+    _frequency_and_pixels(found, limits)
+
+
+def _frequency_and_pixels(found: _Found, limits: dict[str, float]) -> None:
+    half_width = float(found.values["half_width"])
+    if found.given.get("pixels") is not None:
+        limits["the pixels given"] = np.pi * max(found.given["pixels"] - 1, 1) / (2 * half_width)
+    limit = min(limits, key=lambda name: limits[name])
+    highest = found.take("max_frequency", limits[limit], limit)
+    if highest > limits[limit]:
+        found.reasons["max_frequency"] = f"given; {limit} supports {limits[limit]:.5g}"
+    across = 2 * half_width * highest / np.pi * PIXELS_PER_DETAIL
+    pixels = int(np.clip(2 * (int(np.ceil(across)) // 2) + 1, *PIXELS))
+    why = f"details of {np.pi / highest:.3g} in {PIXELS_PER_DETAIL:g} pixels"
+    found.take("pixels", pixels, why)
+
+
+def _band(found: _Found, times: np.ndarray, speed: float, highest: float) -> None:
+    if isinstance(found.given.get("band"), str):
+        found.values["band"], found.reasons["band"] = None, "given"
+        return
+    if found.values["model"] != "in-plane":
+        found.take("band", None, "the slow tail of two-dimensional waves is signal")
+        return
+    low = DRIFT / float(times[-1] - times[0])
+    needed = BAND_TO_SPARE * found.values["max_frequency"] * speed / (2 * np.pi)
+    high = min(max(needed, 2 * low), 0.45 / float(times[1] - times[0]))
+    why = f"slower is drift, faster is beyond {BAND_TO_SPARE:g} times what the image holds"
+    found.take("band", (low, high), why)
+
+
+def _radii(facts: Facts, found: _Found, end: float) -> None:
+    """All that the record covers: sources outside the region are heard too.
+
+    Their circles must not be cut, which would falsify the image inside.
+    """
+    if found.given.get("radii") is not None:
+        _keep_radii(found, np.asarray(found.given["radii"]))
+        return
+    curve, region = _where(facts, found)
+    step = 2 * float(found.values["half_width"]) / (int(found.values["pixels"]) - 1)
+    arc = facts.arc or _around(facts, found.values["region_center"])
+    # the last radius may lie a step beyond the farthest source
+    reach = min(RIM * arc.radius, end - step - arc.radius)
+    sources = truncated_disk(reach, reach, 256, center=np.array(arc.center)) if reach > 0 else None
+    radii = np.asarray(data_radii(curve, region, step, sources=sources))
+    _keep_radii(found, radii[radii <= end])
+
+
+def _keep_radii(found: _Found, radii: np.ndarray) -> None:
+    found.values.update(
+        first_radius=float(radii[0]), radial_step=float(radii[1] - radii[0]), n_radii=len(radii)
+    )
+
+
+def _noise(found: _Found, power: RecordPower, arrival: float, floor: float) -> None:
+    """alpha: power of the noise over that of the sound, as in Wiener's filter.
+
+    Args:
+        power: of the good detectors, without what is silenced.
+        arrival: of the first sound from the region; before it there is noise alone [time].
+        floor: noise over signal power by the differences of samples, which tell fast noise.
+    """
+    quiet = power.times < arrival - (power.times[1] - power.times[0])
+    if quiet.any() and not quiet.all():
+        noise = float(np.median(power.power[:, quiet].mean(axis=1)))
+        sound = float(np.median(power.power[:, ~quiet].mean(axis=1)))
+        ratio = noise / max(sound - noise, 0.01 * noise, 1e-300)
+        why = f"noise over signal power {ratio:.1e}, before sound from the region arrives"
+    else:
+        ratio, why = floor, f"noise over signal power {floor:.1e}, by differences of samples"
+    alpha = float(found.take("alpha", float(np.clip(ratio, *ALPHAS)), why))
+    noisy = alpha > CLEAN
+    found.take("low_pass", "cosine" if noisy else "none", "noise" if noisy else "hardly any noise")
+
+
+def _from_integrals(scan: Scan, facts: Facts, found: _Found) -> None:
+    """Circular integrals, as simulated: there is little to choose."""
+    for name, value in (("model", "none"), ("sound_speed", 1.0), ("dead_time", 0.0)):
+        found.values[name] = value
+    found.values.update(band=None, impulse_response=False, left_out=())
+    found.reasons["channels"] = "all"
+    arc = facts.arc
+    if arc is None:
+        if found.given.get("region_radius") is None or found.given.get("region_center") is None:
+            raise ValueError(
+                "the detectors do not lie on a circle: give --region-radius and --region-center."
+            )
+        arc = _around(facts, found.given["region_center"])
+    found.take("region_center", arc.center, "the middle of the detectors' circle")
+    share = DEFAULT_SHARE * arc.radius
+    radius = float(found.take("region_radius", share, "three quarters of the detectors' circle"))
+    _cut(arc, found, radius, np.zeros(2))
+    found.take("half_width", radius, "the region")
+    _own_radii(scan, facts, found)
+    found.take("alpha", INTEGRALS_ALPHA, "circular integrals are taken to be exact")
+    found.take("low_pass", "none", "circular integrals are taken to be exact")
+
+
+def _own_radii(scan: Scan, facts: Facts, found: _Found) -> None:
+    """Radii of the file, or those that go with pixels; pixels that go with them."""
+    half_width, curve_region = float(found.values["half_width"]), _where(facts, found)
+    own = scan.known.get("radii") if found.given.get("radii") is None else found.given["radii"]
+    pixels, why = 129, "as many as the paper's"
+    if own is not None:
+        step = float(np.diff(own).mean())
+        pixels, why = round(2 * half_width / step) + 1, "as far apart as the radii"
+    pixels = max(int(found.take("pixels", int(np.clip(pixels, *PIXELS)), why)), 2)
+    step = 2 * half_width / (pixels - 1)
+    radii = np.asarray(data_radii(*curve_region, step)) if own is None else np.asarray(own)
+    support = supported(*curve_region, np.arange(8.0))  # times are not asked for
+    limits = {
+        "pixel and radial step": np.pi / max(step, float(np.diff(radii).max())),
+        "the detectors' spacing in the inner half of the region": float(
+            support.frequency_of_detectors
+        )
+        / SAMPLED,
+    }
+    limit = min(limits, key=lambda name: limits[name])
+    found.take("max_frequency", limits[limit], limit)
+    _keep_radii(found, radii)

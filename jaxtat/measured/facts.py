@@ -1,0 +1,163 @@
+"""What a scan holds that is no choice: positions in the plane, their order, times, units."""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..checks import real_array
+from ..geometry import ArcFit, fit_arc, in_plane, order_along_curve
+from ..geometry.arcs import ROUND
+from ..io import Scan
+from ..pressure import require_equispaced
+from ..scanners import scanner_named
+
+WATER = 1500.0  # speed of sound, nominal [m/s]
+SLOWEST, FASTEST = 1400 / WATER, 1600 / WATER  # of water and tissue, over that
+# radii of scanners and sampling rates of theirs, by which units are told: (unit, least, greatest,
+# how many there are in a metre or second); a radius of 1 with 100 samples per time is of no unit
+LENGTHS = (("m", 1e-3, 2.0, 1.0), ("mm", 3.0, 1e3, 1e3))
+TIMES = (("s", 1e5, 1e10, 1.0), ("us", 0.5, 1e3, 1e6))
+
+
+class Units(NamedTuple):
+    """What lengths and times are in, by their size.
+
+    Attributes:
+        length: "m" or "mm"; None if it cannot be told.
+        water: the speed of sound in water in the scan's units; None likewise [length/time].
+    """
+
+    length: str | None
+    water: float | None
+
+
+class Facts(NamedTuple):
+    """A scan's geometry and times.
+
+    Attributes:
+        points: detector positions in the plane, in the order of the data, (detectors, 2) [length].
+        order: rows of the data, in order along the curve.
+        arc: the circle and arc that they lie on; None of another curve.
+        times: of a pressure record, (times,) [time].
+        units: of lengths and times.
+        in_space: whether positions have three coordinates.
+    """
+
+    points: Float[np.ndarray, "detectors 2"]
+    order: Int[np.ndarray, " used"]
+    arc: ArcFit | None
+    times: Float[np.ndarray, " times"] | None
+    units: Units
+    in_space: bool
+
+
+def with_facts(
+    scan: Scan,
+    *,
+    scanner: str | None = None,
+    detectors: Any = None,
+    sampling_rate: float | None = None,
+    times: Any = None,
+) -> Scan:
+    """The scan with what its file does not tell, or tells wrongly.
+
+    Args:
+        scan: from `load_scan`.
+        scanner: name in `SCANNERS`, for positions, and for the sampling rate if the file has none.
+        detectors: positions, (detectors, 2 or 3) [length]; data that are (samples, detectors) are
+            turned to fit.
+        sampling_rate: of a record that starts at time 0 [1/time].
+        times: of the record, (samples,) [time].
+
+    Raises:
+        ValueError: for an unknown scanner, and what does not fit the data.
+    """
+    known = dict(scan.known)
+    if scanner is not None:
+        preset = scanner_named(scanner)
+        detectors = preset.positions if detectors is None else detectors
+        if not {"times", "sampling_rate"} & set(known) and scan.kind == "pressure":
+            sampling_rate = preset.sampling_rate if sampling_rate is None else sampling_rate
+    if detectors is not None:
+        known["detectors"] = np.asarray(detectors)
+        if len(known["detectors"]) == scan.n_samples != scan.n_detectors:
+            scan = replace(scan, data=scan.data.swapaxes(-1, -2), known={})
+    if sampling_rate is not None:
+        known.pop("times", None)
+        known["sampling_rate"] = sampling_rate
+    if times is not None:
+        known["times"] = np.asarray(times)
+    return replace(scan, known=known)
+
+
+def facts_of(scan: Scan, use: Any = None) -> Facts:
+    """Geometry and times of a scan.
+
+    Args:
+        scan: with positions, and with times or a sampling rate if it is of pressure.
+        use: rows of the data to use, in any order, (used,); all by default.
+
+    Raises:
+        ValueError: if something is missing or does not fit, see `order_along_curve`.
+    """
+    if "detectors" not in scan.known:
+        raise ValueError(
+            "no detector positions: give --arc, --ring or --scanner (in Python detectors or "
+            "scanner), or name them in the file."
+        )
+    points = np.asarray(in_plane(scan.known["detectors"]))
+    rows = np.arange(len(points)) if use is None else np.asarray(use)
+    order = rows[order_along_curve(points[rows])]
+    times = times_of(scan)
+    arc = _arc(points[order])
+    return Facts(
+        points, order, arc, times, _units(arc, times), scan.known["detectors"].shape[1] == 3
+    )
+
+
+def _units(arc: ArcFit | None, times: np.ndarray | None) -> Units:
+    if arc is None or times is None:
+        return Units(None, None)
+    rate = 1 / float(times[1] - times[0])
+    for length, least, greatest, per_metre in LENGTHS:
+        for time, slowest, fastest, per_second in TIMES:
+            unlikely = (length, time) == ("m", "us")
+            if least <= arc.radius <= greatest and slowest <= rate <= fastest and not unlikely:
+                return Units(length, WATER * per_metre / per_second)
+    return Units(None, None)
+
+
+def times_of(scan: Scan) -> Float[np.ndarray, " times"] | None:
+    """Sample times of a pressure record, by themselves or by the sampling rate."""
+    if scan.kind != "pressure":
+        return None
+    if "times" in scan.known:
+        times = np.asarray(scan.known["times"], float)
+    elif "sampling_rate" in scan.known:
+        times = np.arange(scan.n_samples) / float(scan.known["sampling_rate"])
+    else:
+        raise ValueError(
+            "no sample times: give --sampling-rate or --duration (in Python sampling_rate or "
+            "times), or name times in the file."
+        )
+    require_equispaced(real_array("times", times, ("times",)))
+    return times
+
+
+def typical_frame(scan: Scan) -> Float[np.ndarray, "detectors samples"]:
+    """Of up to five frames, evenly chosen, the one of median power."""
+    numbers = np.unique(np.linspace(0, scan.n_frames - 1, 5).round().astype(int))
+    frames = [np.asarray(scan.frame(int(k)), float) for k in numbers]
+    heard = [frame[np.isfinite(frame)] for frame in frames]
+    power = [float(np.var(values)) if values.size else 0.0 for values in heard]
+    return frames[int(np.argsort(power)[len(power) // 2])]
+
+
+def _arc(points: Float[np.ndarray, "detectors 2"]) -> ArcFit | None:
+    try:
+        arc = fit_arc(points)
+    except ValueError:  # a straight line
+        return None
+    return arc if arc.deviation < ROUND * arc.radius else None

@@ -1,0 +1,182 @@
+"""The images of a scan, frame after frame, with what was chosen."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array, Float
+from tqdm import tqdm
+
+from ..geometry import ImageGrid, Region
+from ..io import Scan, load_scan
+from ..layout import Layout
+from ..plan import ReconstructionPlan
+from ..reconstruction import reconstruct
+from .choices import LOW_PASSES, Choices
+from .choose import choices_for
+from .facts import facts_of, with_facts
+from .frames import Where, integrals, layout_of, reconstructed
+from .speed import estimate_sound_speed
+
+AT_A_TIME = 2**26  # bytes of data, as float64, that are reconstructed together
+
+
+@dataclass(frozen=True, eq=False)
+class ScanImages:
+    """Images of a scan and how they were made.
+
+    Attributes:
+        images: (x1, x2), or (frames, x1, x2) of a scan of more than one frame.
+        grid, region: where they are; outside the region they mean nothing.
+        choices: with which they were made.
+        frames: wavelengths [nm], or numbers from 0, (frames,); None of a single frame.
+        unit: of length, "m" or "mm" if it is known.
+        report: how well the systems were solved, in words; nothing with a plan.
+    """
+
+    images: Any
+    grid: ImageGrid
+    region: Region
+    choices: Choices
+    frames: Float[np.ndarray, " frames"] | None
+    unit: str | None
+    report: str
+
+
+def reconstruct_file(
+    path: str | Path,
+    *,
+    scanner: str | None = None,
+    detectors: Any = None,
+    sampling_rate: float | None = None,
+    times: Any = None,
+    out: Any = None,
+    progress: bool = True,
+    report: Callable[[str], Any] | None = None,
+    **given: Any,
+) -> ScanImages:
+    """The image or images of a scan file, everything chosen that is not given.
+
+    Args:
+        path: a file that `load_scan` reads.
+        scanner, detectors, sampling_rate, times: what the file does not tell, see `with_facts`.
+        out: as in `reconstruct_scan`.
+        progress: whether to show a bar, if there is more than one frame.
+        report: what to do with the table of choices, such as ``print``.
+        given: choices by name, see `choices_for`.
+
+    Returns:
+        ScanImages.
+
+    Raises:
+        FileNotFoundError, ValueError: as `load_scan`, `choices_for` and `reconstruct_direct`.
+
+    >>> import tempfile
+    >>> from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, truncated_disk
+    >>> curve, region = circular_arc(1.3, 1.0, 24), truncated_disk(0.8, 0.8, 48)
+    >>> radii = data_radii(curve, region, 0.16)
+    >>> g = phantoms.Bells([[0.1, -0.15]], [0.6]).circular_integrals(curve, radii)
+    >>> path = Path(tempfile.mkdtemp()) / "scan.npz"
+    >>> np.savez(path, circular_integrals=g, radii=radii, detectors=curve.points)
+    >>> found = reconstruct_file(path, region_radius=0.8, pixels=11, max_frequency=7.85)
+    >>> found.images.shape, found.choices.alpha
+    ((11, 11), 1e-06)
+    """
+    scan = with_facts(
+        load_scan(path),
+        scanner=scanner,
+        detectors=detectors,
+        sampling_rate=sampling_rate,
+        times=times,
+    )
+    choices = estimate_sound_speed(scan, choices_for(scan, **given))
+    if report is not None:
+        report(choices.table())
+    return reconstruct_scan(scan, choices, out=out, progress=progress)
+
+
+def reconstruct_scan(
+    scan: Scan,
+    choices: Choices,
+    *,
+    plan: ReconstructionPlan | None = None,
+    out: Any = None,
+    progress: bool = True,
+) -> ScanImages:
+    """The images of all frames; few are in memory at a time, and the geometry is found once.
+
+    Args:
+        scan: its frames may be lazy.
+        choices: from `choices_for`.
+        plan: to use in place of a direct reconstruction; it has decided geometry and alpha.
+        out: where images go, (frames, x1, x2), or anything that slices can be assigned to; by
+            default a new array.
+        progress: whether to show a bar, if there is more than one frame.
+
+    Raises:
+        ValueError: for ``out`` of another shape, images that do not fit into memory, and data that
+            cannot be.
+    """
+    where = Where.of_plan(plan) if plan else Where.of(scan, choices)
+    layout, worst, size = None, 0.0, _frames_at_a_time(scan)
+    images = (scan.n_frames, *where.grid.shape)
+    out = _room(images) if out is None else out
+    if tuple(out.shape) != images:
+        raise ValueError(f"out has shape {tuple(out.shape)}, expected {images}.")
+    with tqdm(total=scan.n_frames, unit="image", disable=not progress or scan.n_frames == 1) as bar:
+        for start in range(0, scan.n_frames, size):
+            g = integrals(scan, choices, where.radii, _frames(scan, start, size))
+            if plan is None:
+                layout = layout or layout_of(choices, where)  # once the data were found good
+                found = reconstructed(where, layout, choices, g)
+                image, worst = found.image, max(worst, float(found.report.residual.max()))
+            else:
+                image = _by_plan(plan, choices, g)
+            n = min(size, scan.n_frames - start)
+            out[start : start + n] = np.asarray(image).reshape(-1, *where.grid.shape)[:n]
+            bar.update(n)
+    several = scan.n_frames > 1
+    numbers = scan.known.get("wavelengths", np.arange(scan.n_frames)) if several else None
+    frames = None if numbers is None else np.asarray(numbers, float)
+    unit = facts_of(scan).units.length
+    shown = out if several else out[0]
+    report = "" if layout is None else _solved(layout, choices, worst)
+    return ScanImages(shown, where.grid, where.region, choices, frames, unit, report)
+
+
+def _room(shape: tuple[int, ...]) -> np.ndarray:
+    """A new array, or ValueError: a file may hold, or claim, any number of frames."""
+    try:
+        return np.empty(shape)
+    except MemoryError as error:
+        raise ValueError(
+            f"the images of {shape[0]} frames do not fit into memory ({error}): choose fewer "
+            "pixels, or give out, a memory map or dataset of an HDF5 file."
+        ) from error
+
+
+def _by_plan(plan: ReconstructionPlan, choices: Choices, g: Array) -> Array:
+    low_pass = LOW_PASSES[choices.low_pass]
+    return reconstruct(plan, g, low_pass=low_pass, inversion=choices.inversion)
+
+
+def _solved(layout: Layout, choices: Choices, worst: float) -> str:
+    return (
+        f"{layout.n_frequencies} frequencies, alpha {choices.alpha:.1e}; systems solved to "
+        f"{worst:.1e} (worst)"
+    )
+
+
+def _frames_at_a_time(scan: Scan) -> int:
+    fit = AT_A_TIME // (8 * scan.n_detectors * scan.n_samples)
+    return int(np.clip(fit, 1, min(32, scan.n_frames)))
+
+
+def _frames(scan: Scan, start: int, size: int) -> np.ndarray:
+    """Frames from ``start`` on: one as (detectors, samples), else always as many, by zeros."""
+    if size == 1:
+        return scan.frame(start)
+    part = np.asarray(scan.data[start : start + size])
+    return np.pad(part, ((0, size - len(part)), (0, 0), (0, 0)))

@@ -1,0 +1,153 @@
+"""What a record shows before anything is reconstructed: artefact, silence, sound, and its band.
+
+Powers are variances about a straight line in short pieces of the record, which offset and drift do
+not enter. NumPy throughout: these are a few sums over one frame.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+PIECES = 100  # of a record, in each of which its power is measured
+LOUD = 4.0  # times the power of the quietest piece, in which the artefact of the laser ends
+ONSET = 0.03  # share of the highest power that counts as sound
+ABOVE_NOISE = 6.0  # times the power of quiet pieces, at least
+SILENCE, FIRST = 1e-6, 1e-4  # where quiet pieces have less power than that, the first share counts
+STANDS_OUT = 4.0  # times the noise spectrum, up to which a record holds sound
+FAINT = 1e-8  # share of the highest spectral power that counts as none
+
+
+class RecordPower(NamedTuple):
+    """Power of a record by detector and time.
+
+    Attributes:
+        times: middles of the pieces, (pieces,) [time].
+        power: mean square about a straight line, (detectors, pieces) [unit of the record squared].
+    """
+
+    times: Float[np.ndarray, " pieces"]
+    power: Float[np.ndarray, "detectors pieces"]
+
+    @property
+    def typical(self) -> Float[np.ndarray, " pieces"]:
+        """Median over the detectors."""
+        return np.median(self.power, axis=0)
+
+    def after(self, time: float) -> "RecordPower":
+        kept = self.times >= time
+        return RecordPower(self.times[kept], self.power[:, kept])
+
+
+def record_power(
+    record: Float[np.ndarray, "detectors times"],
+    times: Float[np.ndarray, " times"],
+    detrend: bool,
+) -> RecordPower:
+    """Mean squares in about 100 pieces, with or without a straight line taken off each.
+
+    >>> found = record_power(np.ones((2, 400)), np.arange(400.0), detrend=False)
+    >>> found.power.shape, float(found.times[0]), float(found.power.max())
+    ((2, 25), 7.5, 1.0)
+    """
+    size = max(16, len(times) // PIECES)
+    n = len(times) // size
+    pieces = np.asarray(record, float)[:, : n * size].reshape(len(record), n, size)
+    if detrend:
+        along = np.linspace(-1, 1, size)
+        along /= np.linalg.norm(along)
+        pieces = pieces - pieces.mean(axis=-1, keepdims=True)
+        pieces = pieces - (pieces @ along)[..., None] * along
+    middles = times[: n * size].reshape(n, size).mean(axis=-1)
+    return RecordPower(middles, np.mean(pieces**2, axis=-1))
+
+
+def artefact_end(power: RecordPower, before: float) -> float:
+    """When the laser's electrical artefact at the start of a record has died away; 0 without one.
+
+    Args:
+        power: of the record.
+        before: the latest it can be, since sound from the middle arrives then [time].
+    """
+    early = power.times < before
+    typical = power.typical[early]
+    if not len(typical):
+        return 0.0
+    loud = typical > LOUD * typical.min()
+    if not loud[0] or loud.all():
+        return 0.0
+    piece = power.times[1] - power.times[0]
+    return float(power.times[int(np.argmin(loud))] + piece / 2)  # one piece to spare
+
+
+def onsets(power: RecordPower) -> Float[np.ndarray, " detectors"]:
+    """When each detector first hears sound: 3 % of its highest power, and not its noise [time].
+
+    Holders and membranes sound too, faintly, where there is noise at all. In a record without noise
+    everything that sounds belongs to the image, and the first sound counts.
+    """
+    highest = power.power.max(axis=1, keepdims=True)
+    quiet = np.quantile(power.power, 0.1, axis=1, keepdims=True)
+    exact = np.median(quiet) < SILENCE * np.median(highest)
+    least = FIRST * highest if exact else np.maximum(ONSET * highest, ABOVE_NOISE * quiet)
+    return power.times[np.argmax(power.power > least, axis=1)]
+
+
+def sounding_disk(
+    directions: Float[np.ndarray, "detectors 2"], reach: Float[np.ndarray, " detectors"]
+) -> tuple[Float[np.ndarray, "2"], float]:
+    """Centre and radius of the disk that the onsets outline: reach_k ≈ radius + centre·u_k.
+
+    No source lies nearer to detector k than its onset says: in direction u_k the sources reach as
+    far as reach_k from the middle. The sum of absolute differences is minimised, so that up to half
+    of the detectors may hear something else first, a holder or a membrane.
+
+    Args:
+        directions: u_k, unit vectors from the middle of the array to the detectors.
+        reach: R_g - c t_k [length].
+
+    >>> theta = np.linspace(0.0, 5.0, 60)
+    >>> u = np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    >>> reach = 3.0 + u @ np.array([0.5, -0.2])
+    >>> reach[::4] = 9.0  # a quarter of the detectors
+    >>> center, radius = sounding_disk(u, reach)
+    >>> center.round(6).tolist(), round(radius, 6)
+    ([0.5, -0.2], 3.0)
+    """
+    design = np.column_stack([directions, np.ones(len(reach))])
+    weights, found = np.ones(len(reach)), np.zeros(3)
+    scale = max(float(np.abs(reach).max()), 1e-300)
+    for _ in range(60):  # weighted least squares with weights 1/|difference|
+        found = np.linalg.lstsq(design * weights[:, None], reach * weights, rcond=None)[0]
+        weights = 1 / np.sqrt(np.abs(design @ found - reach) + 1e-9 * scale)
+    return found[:2], float(found[2])
+
+
+def highest_frequency(
+    record: Float[np.ndarray, "detectors times"],
+    times: Float[np.ndarray, " times"],
+    quiet: slice,
+) -> float:
+    """Up to where the record's spectrum stands out of that of its quiet part [cycles/time].
+
+    Args:
+        record: all of it but the artefact.
+        times: of its samples.
+        quiet: samples without sound; an empty one counts as without noise.
+    """
+    step = times[1] - times[0]
+    whole = _spectrum(record)
+    frequencies = np.linspace(0, 0.5 / step, len(whole))
+    noise = np.zeros(len(whole))
+    if quiet.stop - quiet.start >= 16:
+        part = _spectrum(record[:, quiet])
+        noise = np.interp(frequencies, np.linspace(0, 0.5 / step, len(part)), part)
+    heard = whole > np.maximum(STANDS_OUT * noise, FAINT * whole[1:].max())
+    return float(frequencies[np.flatnonzero(heard)[-1]]) if heard.any() else float(frequencies[-1])
+
+
+def _spectrum(record: Float[np.ndarray, "detectors times"]) -> Float[np.ndarray, " frequencies"]:
+    """Median over detectors of the power in each frequency, for a record as long as it is."""
+    window = np.hanning(record.shape[1] + 2)[1:-1]
+    power = np.abs(np.fft.rfft((record - record.mean(axis=1, keepdims=True)) * window)) ** 2
+    return np.median(power, axis=0) / np.sum(window**2)

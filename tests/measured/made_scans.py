@@ -1,0 +1,57 @@
+"""Records of an in-plane scanner, exact but for the noise that is asked for."""
+
+import numpy as np
+
+from jaxtat import detector_curve, phantoms
+from jaxtat.io import Scan
+
+RADIUS, SPEED, RATE, N = 0.04, 1500.0, 4e6, 90
+BELLS = {"centers": [[2e-3, 3e-3], [-4e-3, -1e-3], [1e-3, -5e-3]], "radii": [4e-3, 3e-3, 2.5e-3]}
+TIMES = np.arange(230) / RATE
+
+
+def positions(turn=0.0, n=N, span=270.0):
+    """An arc in space that opens downwards, then turned [degrees]."""
+    theta = np.radians(90.0 + turn + np.linspace(-span / 2, span / 2, n))
+    return RADIUS * np.stack([np.cos(theta), np.sin(theta), 0 * theta], axis=1)
+
+
+def turned(points, turn):
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    return np.asarray(points) @ np.array([[c, s], [-s, c]])
+
+
+def truth(points, turn=0.0):
+    """f of the phantom, turned with the array."""
+    bells = phantoms.Bells(turned(BELLS["centers"], turn), BELLS["radii"], [1.0, 0.7, 0.5])
+    return np.asarray(bells(points))
+
+
+def record(turn=0.0):
+    """p with g = r ∫_0^r p dr': p = d(g/r)/dr, by differences of exact integrals."""
+    bells = phantoms.Bells(turned(BELLS["centers"], turn), BELLS["radii"], [1.0, 0.7, 0.5])
+    curve = detector_curve(positions(turn)[:, :2])
+    radii, h = np.maximum(SPEED * TIMES, 1e-3), 1e-6
+    both = np.concatenate([radii - h / 2, radii + h / 2])
+    means = np.asarray(bells.circular_integrals(curve, both)) / both
+    return (means[:, len(radii) :] - means[:, : len(radii)]) / h
+
+
+def scan(pressure, turn=0.0, **known):
+    facts = {"detectors": positions(turn), "sampling_rate": RATE, "sound_speed": SPEED}
+    return Scan("pressure", pressure, facts | known)
+
+
+def raw_counts(pressure, noise=0.01, seed=0):
+    """As a scanner writes them: an artefact at the start, offsets, drift and noise, whole numbers.
+
+    The artefact is alike in all detectors and 50 times as strong as the sound.
+    """
+    rng = np.random.default_rng(seed)
+    peak = np.abs(pressure).max()
+    artefact = 50 * np.cos(2e6 * TIMES) * np.exp(-((TIMES / 0.8e-6) ** 2))
+    drift = rng.normal(0, 2, (len(pressure), 1)) + rng.normal(0, 1, (len(pressure), 1)) * (
+        TIMES / TIMES[-1]
+    )
+    counts = pressure / peak + artefact + drift + noise * rng.standard_normal(pressure.shape)
+    return (32768 + 500 * counts).clip(0, 65535).astype(np.uint16)

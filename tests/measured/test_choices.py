@@ -1,0 +1,88 @@
+"""Choices keep what they are told, to the last bit, and refuse what they cannot be."""
+
+import json
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtat import Choices
+
+CHOICES = Choices(
+    order=tuple(range(40)),
+    left_out=(3, 17),
+    model="in-plane",
+    sound_speed=1481.1 / 3,
+    dead_time=1e-6 / 3,
+    band=(1e5 / 3, 7e6),
+    impulse_response=True,
+    region_center=(0.1, -1 / 3),
+    region_radius=0.7,
+    region_cut=0.5,
+    region_angle=-90.0,
+    pixels=21,
+    half_width=0.7,
+    first_radius=0.3,
+    radial_step=0.07,
+    n_radii=30,
+    max_frequency=12.0,
+    alpha=1e-3 / 3,
+    low_pass="cosine",
+    inversion="fbp",
+    reasons=(("model", "given"), ("channels", "left out: dead 3, 17"), ("alpha", "noise")),
+)
+
+
+def test_settings_give_the_choices_back_through_a_file():
+    found = Choices.from_settings(json.loads(json.dumps(CHOICES.settings())))
+    assert eqx.tree_equal(found, CHOICES) is True
+    without = eqx.tree_at(lambda tree: tree.band, CHOICES, None, is_leaf=lambda x: x is None)
+    found = Choices.from_settings(json.loads(json.dumps(without.settings())))
+    assert found.band is None
+
+
+def test_choices_are_a_frozen_tree_of_numbers():
+    assert all(isinstance(leaf, float) for leaf in jax.tree.leaves(CHOICES))
+    with pytest.raises(AttributeError):
+        CHOICES.alpha = 1.0
+
+
+def test_where_the_image_is():
+    assert CHOICES.channels == tuple(k for k in range(40) if k not in (3, 17))
+    assert CHOICES.region.points.shape == (80, 2)
+    inside = CHOICES.region.contains(jnp.array([[0.1, -0.9], [0.1, -0.8], [0.1, 0.3]]))
+    assert inside.tolist() == [False, True, True]  # the cut lies 0.5 below the centre
+    assert np.allclose(CHOICES.grid.points[10, 10], (0.1, -1 / 3))
+    assert np.allclose(CHOICES.radii, 0.3 + 0.07 * np.arange(30))
+    theta = np.linspace(0.0, 4.7, 40)
+    points = 1.3 * np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    curve = CHOICES.curve(points)
+    assert np.array_equal(curve.points, points[list(CHOICES.channels)])
+    assert np.isclose(curve.weights.sum(), 1.3 * 4.7 * 40 / 39)  # neighbours stand for the two
+
+
+def test_the_table_has_a_line_and_a_reason_for_each():
+    lines = CHOICES.table().splitlines()
+    assert [line.split()[0] for line in lines] == ["channels", "model", "alpha"]
+    assert "38 of 40" in lines[0]
+    assert lines[0].endswith("left out: dead 3, 17")
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"model": "3d"}, "model is '3d'"),
+        ({"low_pass": "hann"}, "low_pass is 'hann'"),
+        ({"inversion": "radon"}, "inversion"),
+        ({"band": [1.0]}, "cannot be read"),
+        ({"colour": "red"}, "unknown \\['colour'\\]"),
+    ],
+)
+def test_wrong_settings_are_refused(change, reason):
+    with pytest.raises(ValueError, match=reason):
+        Choices.from_settings(CHOICES.settings() | change)
+    short = {k: v for k, v in CHOICES.settings().items() if k != "alpha"}
+    with pytest.raises(ValueError, match="missing \\['alpha'\\]"):
+        Choices.from_settings(short)
