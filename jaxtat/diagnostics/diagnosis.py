@@ -1,0 +1,215 @@
+"""Everything that can be told of one reconstruction: what is seen, how well, and how surely."""
+
+import time
+import warnings
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..checks import Numbers, real_array, require_positive, require_x64
+from ..geometry import (
+    DetectorCurve,
+    ImageGrid,
+    Region,
+    Visibility,
+    VisibilityWarning,
+    visibility,
+    visibility_map,
+)
+from ..plan import ReconstructionPlan, build_plan
+from ..reconstruction import DirectReconstruction
+from ..reconstruction.radon import LowPass, low_pass_values
+from ..regularization import Tikhonov
+from ..uncertainty import pixel_standard_deviation
+from .residual import DataResidual, data_residual
+
+UNCERTAINTY_PIXELS = 25
+
+
+class WaveAccuracy(eqx.Module):
+    """How well plane waves are approximated by potentials of the curve, and what noise they let in.
+
+    Attributes:
+        frequencies: lambda, (frequencies,) [rad/length].
+        angles: theta, (directions,) [rad].
+        residual: relative L2 error of exp(-i xi·x) on the region's boundary, 1 where nothing of a
+            wave is left, (frequencies, directions).
+        noise_gain: norm of its densities over lambda √b / 2, b the breadth of the region across
+            the wave: about 1 for a wave that the curve records on both sides, √2 on one side only,
+            more where densities nearly cancel, (frequencies, directions).
+        low_pass: eta at the frequencies, by which fhat is multiplied besides, (frequencies,).
+    """
+
+    frequencies: Float[Array, " frequencies"]
+    angles: Float[Array, " directions"]
+    residual: Float[Array, "frequencies directions"]
+    noise_gain: Float[Array, "frequencies directions"]
+    low_pass: Float[Array, " frequencies"]
+
+
+class Uncertainty(eqx.Module):
+    """Standard deviations of pixels.
+
+    Attributes:
+        grid: its nodes, fewer than the image has.
+        deviation: (x1, x2), NaN outside the region [unit of f].
+        sigma: standard deviation that was taken for the noise of every sample of g.
+        assumed: whether that is the size of the residual, of a typical detector.
+        seconds: that it took.
+    """
+
+    grid: ImageGrid
+    deviation: Float[Array, "x1 x2"]
+    sigma: Float[Array, ""]
+    assumed: bool = eqx.field(static=True)
+    seconds: float = eqx.field(static=True)
+
+
+class Diagnosis(eqx.Module):
+    """What `diagnose` found.
+
+    Attributes:
+        curve, region, grid, radii, g: the geometry and the data.
+        image: NaN outside the region, (x1, x2).
+        lines: which lines through the region meet the curve.
+        visible: share of edge directions seen at each pixel, NaN outside the region, (x1, x2).
+        residual: what the image does not explain.
+        waves, uncertainty: None without a plan.
+    """
+
+    curve: DetectorCurve
+    region: Region
+    grid: ImageGrid
+    radii: Float[Array, " radii"]
+    g: Float[Array, "detectors radii"]
+    image: Float[Array, "x1 x2"]
+    lines: Visibility
+    visible: Float[Array, "x1 x2"]
+    residual: DataResidual
+    waves: WaveAccuracy | None
+    uncertainty: Uncertainty | None
+
+
+def diagnose(
+    curve: DetectorCurve,
+    region: Region,
+    grid: ImageGrid,
+    radii: Numbers,
+    g: Numbers,
+    image: Numbers,
+    *,
+    plan: ReconstructionPlan | None = None,
+    sigma: Numbers | None = None,
+    low_pass: LowPass | None = None,
+    inversion: str = "fbp",
+    uncertainty_pixels: int = UNCERTAINTY_PIXELS,
+    progress: bool = True,
+) -> Diagnosis:
+    """Visibility, residual, accuracy of plane waves and standard deviations of one image.
+
+    Args:
+        curve, region, grid, radii: as in `reconstruct_direct`, concrete.
+        g: circular integrals of one image, (detectors, radii).
+        image: what was reconstructed, (x1, x2).
+        plan: the plan of the reconstruction, or `plan_of_direct`. Without one there is nothing on
+            plane waves and uncertainty.
+        sigma: standard deviation of the noise in every sample of g; by default that of
+            a typical detector's residual, which holds all that the image does not explain.
+        low_pass, inversion: of the reconstruction.
+        uncertainty_pixels: nodes per axis at which standard deviations are computed, about 20 ms
+            each at the paper's size; 0 for none.
+        progress: show progress bars.
+
+    Returns:
+        Diagnosis.
+
+    Raises:
+        ValueError: for shapes that do not fit each other, NaN, or sigma not above zero.
+
+    >>> from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, truncated_disk
+    >>> curve, region, grid = circular_arc(1.3, 0.0, 12), truncated_disk(1, 1, 24), ImageGrid(33)
+    >>> radii = data_radii(curve, region, grid.spacing[0])
+    >>> bell = phantoms.Bells([[0.1, 0.2]], [0.6])
+    >>> g = bell.circular_integrals(curve, radii)
+    >>> found = diagnose(curve, region, grid, radii, g, bell.image(grid))
+    >>> bool(found.residual.relative < 2e-3), bool(jnp.nanmin(found.visible) < 0.8)
+    (True, True)
+    """
+    require_x64()
+    radii = real_array("radii", radii, ("radii",))
+    noise = None if sigma is None else real_array("sigma", sigma, ())
+    if noise is not None:
+        require_positive("sigma", noise)
+    residual = data_residual(image, grid, region, curve, radii, g)
+    inside = region.contains(grid.points)
+    uncertainty = None
+    if plan is not None and uncertainty_pixels:
+        options = {"low_pass": low_pass, "inversion": inversion, "progress": progress}
+        size = residual.typical if noise is None else noise
+        uncertainty = _uncertainty(plan, size, noise is None, uncertainty_pixels, options)
+    return Diagnosis(
+        curve=curve,
+        region=region,
+        grid=grid,
+        radii=radii,
+        g=jnp.asarray(g, float),
+        image=jnp.where(inside, jnp.asarray(image, float), jnp.nan),
+        lines=visibility(curve, region),
+        visible=jnp.where(inside, visibility_map(curve, grid), jnp.nan),
+        residual=residual,
+        waves=None if plan is None else wave_accuracy(plan, low_pass),
+        uncertainty=uncertainty,
+    )
+
+
+def wave_accuracy(plan: ReconstructionPlan, low_pass: LowPass | None = None) -> WaveAccuracy:
+    """What a plan's report says of every plane wave.
+
+    The least norm of densities is known for short waves: a line along the wave that crosses the
+    curve with the transverse weight W takes lambda²/(2 W) per unit of offset, and W is 2 for a line
+    that crosses it squarely on both sides.
+    """
+    report, n = plan.report, plan.frequencies.shape[0]
+    across = jnp.stack([-jnp.sin(plan.angles), jnp.cos(plan.angles)])
+    breadth = jnp.ptp(plan.region.points @ across, axis=0)
+    gain = report.norm / (plan.frequencies[:, None] * jnp.sqrt(breadth) / 2)
+    eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))[1:]
+    return WaveAccuracy(plan.frequencies, plan.angles, report.residual, gain, eta)
+
+
+def plan_of_direct(
+    found: DirectReconstruction,
+    curve: DetectorCurve,
+    region: Region,
+    grid: ImageGrid,
+    radii: Numbers,
+    *,
+    max_frequency: Numbers | None = None,
+    n_directions: int | None = None,
+    progress: bool = True,
+) -> ReconstructionPlan:
+    """The plan that makes the same images as a direct reconstruction did.
+
+    A direct reconstruction never forms densities, and so cannot tell their accuracy and norm; with
+    its alpha at every frequency a plan can. It takes as long as a plan takes.
+
+    Args:
+        found: from `reconstruct_direct`.
+        curve, region, grid, radii, max_frequency, n_directions: as given there.
+        progress: show a progress bar.
+    """
+    rule = Tikhonov(found.report.relative_alpha)
+    options = {"max_frequency": max_frequency, "n_directions": n_directions, "progress": progress}
+    with warnings.catch_warnings():  # given with the image
+        warnings.simplefilter("ignore", VisibilityWarning)
+        return build_plan(curve, region, grid, radii, rule, **options)
+
+
+def _uncertainty(
+    plan: ReconstructionPlan, sigma: Array, assumed: bool, n: int, options: dict
+) -> Uncertainty:
+    grid = ImageGrid(n, plan.grid.half_width, plan.grid.center)
+    start = time.perf_counter()
+    unit = pixel_standard_deviation(plan, 1.0, grid=grid, **options).block_until_ready()
+    return Uncertainty(grid, sigma * unit, sigma, assumed, time.perf_counter() - start)

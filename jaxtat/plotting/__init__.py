@@ -1,0 +1,30 @@
+"""Pictures: images, geometries, the frequency plane and data, on axes that say their units.
+
+Every function draws on axes that it is given; figures need no screen and no global state. Colour
+maps are readable without colour vision: grey, viridis, and blue to red through white.
+"""
+
+from .canvas import DIVERGING, GRAY, SEQUENTIAL, length_label, new_figure
+from .data import show_detectors, show_sinogram
+from .frequencies import show_frequencies, show_frequency_plane
+from .geometry import show_edges, show_geometry, show_opening
+from .images import add_scale_bar, picture, save_picture, show_image
+
+__all__ = [
+    "DIVERGING",
+    "GRAY",
+    "SEQUENTIAL",
+    "add_scale_bar",
+    "length_label",
+    "new_figure",
+    "picture",
+    "save_picture",
+    "show_detectors",
+    "show_edges",
+    "show_frequencies",
+    "show_frequency_plane",
+    "show_geometry",
+    "show_image",
+    "show_opening",
+    "show_sinogram",
+]

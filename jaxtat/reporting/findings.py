@@ -1,0 +1,202 @@
+"""Numbers in words: what can be trusted and what not."""
+
+from collections.abc import Iterable, Sequence
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from ..diagnostics import DataResidual, Diagnosis, Uncertainty, WaveAccuracy
+from ..units import millimetres
+from .figures import percentiles
+
+_REACHED = 0.1  # error up to which a plane wave counts as reached
+_NAMED = 12  # detectors, at most, that are listed by number
+
+
+class Level(Enum):
+    """How much a finding should worry the reader."""
+
+    GOOD = "good"
+    CAUTION = "caution"
+    BAD = "bad"
+
+
+class Finding(NamedTuple):
+    """One sentence or two, and how much they should worry."""
+
+    level: Level
+    text: str
+
+
+def findings(
+    diagnosis: Diagnosis, unit: str | None, channels: Sequence[int] | None = None
+) -> list[Finding]:
+    """What there is to say, in the order of the page.
+
+    Args:
+        diagnosis: from `diagnose`.
+        unit: of length; None if it is not known.
+        channels: number of every detector in its file; None if that is its number.
+    """
+    found = [_visibility(diagnosis, unit)]
+    if diagnosis.waves is not None:
+        found += [_reached(diagnosis.waves, unit), _noise_gain(diagnosis.waves)]
+    found += [_explained(diagnosis.residual), *_outside(diagnosis.residual)]
+    found.append(_unusual(diagnosis.residual, channels))
+    if diagnosis.uncertainty is not None:
+        found.append(_noise(diagnosis.uncertainty, np.asarray(diagnosis.image)))
+    return found
+
+
+def _level(value: float, caution: float, bad: float) -> Level:
+    """Of a number that had better be small."""
+    if value >= bad:
+        return Level.BAD
+    return Level.CAUTION if value >= caution else Level.GOOD
+
+
+def _percent(share: float) -> str:
+    """A share in words that do not round something to nothing, or nearly all to all.
+
+    >>> [_percent(share) for share in (0.0, 0.0004, 0.123, 0.9999, 1.0)]
+    ['0 %', 'less than 0.1 %', '12 %', 'more than 99.9 %', '100 %']
+    """
+    if 0 < share < 0.001:
+        return "less than 0.1 %"
+    if 0.999 < share < 1:
+        return "more than 99.9 %"
+    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.3g} %"
+
+
+def _length(length: float, unit: str | None) -> str:
+    """In millimetres, if the unit is known.
+
+    >>> _length(0.01234, "m"), _length(0.25, None)
+    ('12.3 mm', '0.25')
+    """
+    name = "" if unit is None else " mm"
+    return f"{millimetres(unit) * length:.3g}{name}"
+
+
+def _visibility(diagnosis: Diagnosis, unit: str | None) -> Finding:
+    seen = np.asarray(diagnosis.visible)
+    inside = np.isfinite(seen)
+    partly = float((seen[inside] < 1).mean())
+    missed = float(diagnosis.lines.invisible_fraction)
+    if partly == 0 and missed == 0:
+        return Finding(
+            Level.GOOD,
+            "Every edge in the region of interest sends its wave to the detectors, so that all of "
+            "them can be reconstructed.",
+        )
+    worst = np.unravel_index(np.nanargmin(seen), seen.shape)
+    x1, x2 = (_length(float(x), unit) for x in np.asarray(diagnosis.grid.points)[worst])
+    most = (
+        f"At {_percent(partly)} of the pixels some edge directions are not, or hardly, recorded: "
+        f"such edges are missing or smeared there. The least is seen at ({x1}, {x2}), "
+        f"{_percent(float(seen[worst]))} of the directions; on average "
+        f"{_percent(float(seen[inside].mean()))}."
+    )
+    if missed == 0:
+        return Finding(
+            Level.GOOD if seen[inside].mean() > 0.95 else Level.CAUTION,
+            f"Every line through the region meets the curve, though some do so at its ends. {most}",
+        )
+    lines = f" {_percent(missed)} of the lines through the region miss the detectors."
+    return Finding(_level(1 - float(seen[inside].mean()), 0.0, 0.05), most + lines)
+
+
+def _reached(waves: WaveAccuracy, unit: str | None) -> Finding:
+    error, frequencies = np.asarray(waves.residual), np.asarray(waves.frequencies)
+    area = np.broadcast_to(frequencies[:, None], error.shape)  # of the plane that a node stands for
+    good = float(np.sum(area * (error < _REACHED)) / area.sum())
+    mean = float(np.sqrt(np.sum(area * error**2) / area.sum()))
+    finest = _length(np.pi / float(frequencies[-1]), unit)
+    text = (
+        f"Of the plane waves that make up the image, down to details of {finest} (half a wave), "
+        f"{_percent(good)} are approximated to better than {_percent(_REACHED)}; the error is "
+        f"{mean:.2g} (root mean square)."
+    )
+    eta = np.asarray(waves.low_pass)
+    if eta.min() < 0.99:
+        half = frequencies[np.argmin(np.abs(eta - 0.5))]
+        text += f" The low pass halves those of {_length(np.pi / float(half), unit)}."
+    return Finding(_level(1 - good, 0.05, 0.3), text)
+
+
+def _noise_gain(waves: WaveAccuracy) -> Finding:
+    gain = np.asarray(waves.noise_gain)
+    area = np.broadcast_to(np.asarray(waves.frequencies)[:, None], gain.shape)
+    mean = float(np.sqrt(np.sum(area * gain**2) / area.sum()))
+    return Finding(
+        _level(mean, 3.0, 8.0),
+        f"Noise in the image's plane waves is {mean:.2g} times (root mean square) what it is for "
+        f"waves that are recorded on both sides of the region, {float(gain.max()):.2g} times at "
+        "worst; waves that are recorded on one side only have about 1.4.",
+    )
+
+
+def _explained(residual: DataResidual) -> Finding:
+    relative = float(residual.relative)
+    return Finding(
+        _level(relative, 0.15, 0.5),
+        f"The image explains {_percent(max(0.0, 1 - relative**2))} of the data's energy on circles "
+        f"that meet the region of interest; what is left has a relative norm of {relative:.2g}.",
+    )
+
+
+def _outside(residual: DataResidual) -> list[Finding]:
+    share = float(residual.outside)
+    if share < 0.01:
+        return []
+    return [
+        Finding(
+            Level.CAUTION,
+            f"{_percent(share)} of the data's energy lies on circles that miss the region of "
+            "interest: sources outside it, or noise. They do no harm as long as the data hold "
+            "all circles that meet them, and do harm if those are cut off.",
+        )
+    ]
+
+
+def _unusual(residual: DataResidual, channels: Sequence[int] | None) -> Finding:
+    unusual = residual.unusual
+    if not unusual.size:
+        text = "No detector's data differ from the image's more than those of the others."
+        return Finding(Level.GOOD, text)
+    one = unusual.size == 1
+    in_file = ""
+    if channels is not None:
+        in_file = (
+            f" ({'row' if one else 'rows'} {_listed(channels[k] for k in unusual)} of the file)"
+        )
+    return Finding(
+        _level(unusual.size / residual.gains.shape[0], 0.0, 0.05),
+        f"{'Detector' if one else 'Detectors'} {_listed(unusual)}{in_file} "
+        f"{'stands' if one else 'stand'} out, counted from 0: look at the data, and leave them out "
+        "if they are bad.",
+    )
+
+
+def _listed(numbers: Iterable[int]) -> str:
+    names = [str(number) for number in numbers]
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more
+
+
+def _noise(uncertainty: Uncertainty, image: np.ndarray) -> Finding:
+    deviation = np.asarray(uncertainty.deviation)
+    low, high = percentiles(image)
+    middle, most = float(np.nanmedian(deviation)), float(np.nanmax(deviation))
+    share = middle / (high - low) if high > low else np.inf
+    text = (
+        f"Noise moves a pixel by {middle:.2g} (median of the standard deviations; {most:.2g} at "
+        f"worst), that is {_percent(share)} of the range of the picture."
+    )
+    if uncertainty.assumed:
+        text += (
+            " The noise is not known: what is left of a typical detector's data was taken for it, "
+            "as if it were independent from sample to sample."
+        )
+    return Finding(_level(share, 0.05, 0.2), text)

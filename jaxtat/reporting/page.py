@@ -1,0 +1,230 @@
+"""The page: one HTML file with everything in it, no scripts, nothing loaded from elsewhere."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ..diagnostics import Diagnosis
+from . import figures
+from .findings import Finding, Level, findings
+from .html import Html, element, join, picture
+
+Rows = Sequence[Sequence[str]]
+
+_MARKS = {Level.GOOD: ("✓", "good"), Level.CAUTION: ("!", "caution"), Level.BAD: ("✗", "bad")}
+# nothing but what stands in the file itself, whatever text may have found its way into it
+_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+_STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
+       max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.6rem; margin-bottom: 0; overflow-wrap: anywhere; }
+h2 { font-size: 1.2rem; margin-top: 2.5rem; border-bottom: 1px solid #ccc; }
+.lead { color: #555; margin-top: 0.3rem; }
+ul.findings { list-style: none; padding: 0; }
+ul.findings li { margin: 0.5rem 0; padding: 0.4rem 0.8rem; border-left: 0.4rem solid; }
+ul.findings li.good { border-color: #0072b2; background: #f0f6fa; }
+ul.findings li.caution { border-color: #e69f00; background: #fdf6e7; }
+ul.findings li.bad { border-color: #b2182b; background: #fbeeee; }
+.mark { font-weight: bold; margin-right: 0.4rem; }
+figure { margin: 1rem 0; }
+img { max-width: 100%; height: auto; display: block; margin: 0 auto; }
+figcaption { color: #444; font-size: 0.9rem; margin-top: 0.3rem; }
+table { border-collapse: collapse; width: 100%; font-size: 0.9rem; }
+th, td { text-align: left; vertical-align: top; padding: 0.25rem 0.8rem 0.25rem 0;
+         border-bottom: 1px solid #eee; overflow-wrap: anywhere; }
+th { white-space: nowrap; }
+@media print { body { margin: 0; } figure, li { break-inside: avoid; } }
+"""
+
+
+class Page(NamedTuple):
+    """What a page holds besides the diagnosis.
+
+    Attributes:
+        title: of the page, as a rule the name of the file.
+        choices: rows of (name, value, reason).
+        provenance: rows of (name, value).
+        unit: of length, "m", "cm", "mm" or "um"; None if it is not known.
+        channels: number of every detector in the file; None if that is its number.
+    """
+
+    title: str
+    choices: Rows
+    provenance: Rows
+    unit: str | None
+    channels: Sequence[int] | None
+
+
+def html_page(diagnosis: Diagnosis, page: Page) -> str:
+    """The whole page as text."""
+    found = findings(diagnosis, page.unit, page.channels)
+    sections = [
+        _section("In short", _list(found)),
+        _section("The picture", *_image(diagnosis, page.unit)),
+        _section("What was chosen", _table(("", "value", "why"), page.choices))
+        if page.choices
+        else Html(),
+        _section("What can be seen from where the detectors are", *_geometry(diagnosis, page.unit)),
+        _section("How well plane waves are reached", *_waves(diagnosis, page.unit)),
+        _section("What the image does not explain", *_residual(diagnosis, page.unit)),
+        _section("How far noise moves a pixel", *_uncertainty(diagnosis, page.unit)),
+        _section("What this page cannot tell", *_limits()),
+        _section("Where it comes from", _table(("", ""), page.provenance)),
+    ]
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", http_equiv="Content-Security-Policy", content=_POLICY),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("title", page.title),
+        element("style", Html(_STYLE)),
+    )
+    lead = element("p", "What can be trusted in this reconstruction, and what not.", class_="lead")
+    body = element("body", element("h1", page.title), lead, *sections)
+    return "<!DOCTYPE html>\n" + element("html", head, "\n", body, lang="en") + "\n"
+
+
+def _section(title: str, *parts: str) -> Html:
+    return join(["\n", element("section", element("h2", title), *parts)])
+
+
+def _list(found: list[Finding]) -> Html:
+    def item(finding: Finding) -> Html:
+        mark, name = _MARKS[finding.level]
+        return element(
+            "li",
+            element("span", f"{mark} {name}: ", class_="mark"),
+            finding.text,
+            class_=name,
+        )
+
+    return element("ul", *map(item, found), class_="findings")
+
+
+def _table(titles: Sequence[str], rows: Rows) -> Html:
+    def row(cells: Sequence[str]) -> Html:
+        first, *others = cells
+        return element("tr", element("th", first, scope="row"), *(element("td", c) for c in others))
+
+    head = Html()
+    if any(titles):
+        head = element("tr", *(element("th", title, scope="col") for title in titles))
+    return element("table", head, *map(row, rows))
+
+
+def _figure(figure, caption: str) -> Html:
+    return element("figure", picture(figure, caption), element("figcaption", caption))
+
+
+def _image(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
+    caption = (
+        "The image inside the region of interest. Grey levels run from the 0.2th to the 99.8th "
+        "percentile; outside the region the image means nothing and is left blank."
+    )
+    return [_figure(figures.image(diagnosis, unit), caption)]
+
+
+def _geometry(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
+    text = element(
+        "p",
+        "An edge sends its wave along its normal, both ways, and can be reconstructed if a "
+        "detector is on that line. Edges that send their waves through the opening only are "
+        "missing or smeared, whatever the method.",
+    )
+    caption = (
+        "Left: detectors, region of interest and opening. In the small disks blue are the "
+        "directions in which an edge's normal may point for the edge to be seen. Right: share of "
+        "edge directions seen at each pixel, 1 where every edge is. Lines within about one "
+        "kernel width (three detector spacings) of the ends of the curve count as not seen."
+    )
+    return [text, _figure(figures.geometry(diagnosis, unit), caption)]
+
+
+def _waves(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
+    if diagnosis.waves is None:
+        return [element("p", "Not known: the image was made without densities of plane waves.")]
+    text = element(
+        "p",
+        "The image is a sum of plane waves, each approximated by waves that the detectors can "
+        "tell. Where the error is near 1 the image holds nothing of a wave; where the noise gain "
+        "is high, noise in the data is amplified. High frequencies are fine details; the "
+        "direction is that of the wave's normal.",
+    )
+    caption = (
+        "Above: error of the approximation, relative, on the boundary of the region. Below: noise "
+        "gain, about 1 for waves recorded on both sides of the region, 1.4 on one side. Left over "
+        "direction and frequency, right in the plane of the image's Fourier transform, lowest "
+        "frequencies in the middle."
+    )
+    return [text, _figure(figures.waves(diagnosis.waves, unit), caption)]
+
+
+def _residual(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
+    text = element(
+        "p",
+        "From the image its own data are computed and taken from the measured ones. A perfect "
+        "image leaves noise. Whole columns are bad channels; curves that run out of the dashed "
+        "lines are sources outside the region of interest; edges left double, dark beside bright, "
+        "are a wrong speed of sound or wrong positions. What the reconstruction left out on "
+        "purpose, high frequencies above all, is in it too.",
+    )
+    data, amplified = figures.sinograms(diagnosis, unit)
+    colours = "the same colours" if amplified == 1 else f"colours {amplified:g} times as strong"
+    caption = (
+        "Circular integrals over detectors and radii: measured, those of the image, and the "
+        f"difference in {colours}. Dashed: radii of the circles that meet the region of interest."
+    )
+    each = (
+        "Above: norm of the difference for each detector, relative to that of a typical detector's "
+        "data. Below: gain with which the image's data fit each detector's best, 1 for a perfect "
+        "channel, 0 for a dead one. Crosses: detectors that stand out from the others."
+    )
+    return [text, _figure(data, caption), _figure(figures.detectors(diagnosis.residual), each)]
+
+
+def _uncertainty(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
+    found = diagnosis.uncertainty
+    if found is None:
+        return [element("p", "Not computed.")]
+    source = "what is left of a typical detector's data" if found.assumed else "as given"
+    caption = (
+        "Standard deviation of each pixel for independent noise of standard deviation "
+        f"{float(found.sigma):.3g} in every sample of the circular integrals ({source}). Exact "
+        "propagation, nothing drawn at random; errors that are not noise are not in it."
+    )
+    n = int((~_nan(found.deviation)).sum())
+    wanted = int((~_nan(diagnosis.image)).sum())
+    cost = element(
+        "p",
+        f"Computed at {n} pixels in {found.seconds:.1f} s; all {wanted} pixels of the image would "
+        f"take about {max(1.0, found.seconds * wanted / max(n, 1)):.0f} s.",
+    )
+    return [_figure(figures.uncertainty(diagnosis, unit), caption), cost]
+
+
+def _nan(values):
+    return values != values
+
+
+def _limits() -> list[Html]:
+    return [
+        element(
+            "ul",
+            element(
+                "li",
+                "Whether the speed of sound is right to better than the difference shows. In "
+                "simulations of smooth objects a speed that is 1 % off leaves 6 to 9 % of the "
+                "norm of the data unexplained; noise or other errors of that size hide it. "
+                "Calibrate, or compare with a known object.",
+            ),
+            element(
+                "li",
+                "Errors of the model: sound that leaves the plane, varying speed, damping, the "
+                "size and response of detectors, unless they show in the residual.",
+            ),
+            element(
+                "li",
+                "What a quantity means: the image is proportional to absorbed energy only as far "
+                "as the data are to pressure.",
+            ),
+        )
+    ]

@@ -1,0 +1,126 @@
+"""From a reconstruction to a page."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..checks import Numbers
+from ..diagnostics import UNCERTAINTY_PIXELS, Diagnosis, diagnose
+from ..geometry import DetectorCurve, ImageGrid, Region
+from ..io.atomic import replacing, require_place
+from ..io.provenance import provenance
+from ..plan import ReconstructionPlan
+from ..reconstruction.radon import LowPass
+from ..units import millimetres
+
+
+def report(
+    path: str | Path,
+    curve: DetectorCurve,
+    region: Region,
+    grid: ImageGrid,
+    radii: Numbers,
+    g: Numbers,
+    image: Numbers,
+    *,
+    plan: ReconstructionPlan | None = None,
+    sigma: Numbers | None = None,
+    low_pass: LowPass | None = None,
+    inversion: str = "fbp",
+    uncertainty_pixels: int = UNCERTAINTY_PIXELS,
+    title: str = "Reconstruction",
+    choices: Sequence[tuple[str, str, str]] = (),
+    channels: Sequence[int] | None = None,
+    inputs: Sequence[str | Path] = (),
+    unit: str | None = None,
+    progress: bool = True,
+) -> Diagnosis:
+    """Write a page about one image: one HTML file with all figures in it, no scripts, no links.
+
+    Args:
+        path: the file to write.
+        curve, region, grid, radii, g, image: the geometry, the data of one image, and the image.
+        plan, sigma, low_pass, inversion, uncertainty_pixels, progress: as in `diagnose`.
+        title: of the page.
+        choices: what was chosen for the reconstruction, rows of (name, value, why).
+        channels: number of every detector in the file, if it is not its number along the curve.
+        inputs: files that the data come from; their names and SHA-256 go into the page.
+        unit: of length: "m", "cm", "mm" or "um", then the page is in millimetres; None if it is
+            not known.
+
+    Returns:
+        Diagnosis, the numbers behind the page.
+
+    Raises:
+        ValueError: as `diagnose`, and for a path where no file can be written, which is found out
+            before anything is computed.
+        FileNotFoundError: if there is no such input.
+    """
+    require_place(path)
+    millimetres(unit)
+    origin = provenance(inputs, unit)
+    diagnosis = diagnose(
+        curve,
+        region,
+        grid,
+        radii,
+        g,
+        image,
+        plan=plan,
+        sigma=sigma,
+        low_pass=low_pass,
+        inversion=inversion,
+        uncertainty_pixels=uncertainty_pixels,
+        progress=progress,
+    )
+    write_report(
+        path, diagnosis, title=title, choices=choices, channels=channels, origin=origin, unit=unit
+    )
+    return diagnosis
+
+
+def write_report(
+    path: str | Path,
+    diagnosis: Diagnosis,
+    *,
+    title: str = "Reconstruction",
+    choices: Sequence[tuple[str, str, str]] = (),
+    channels: Sequence[int] | None = None,
+    origin: dict[str, Any] | None = None,
+    unit: str | None = None,
+) -> None:
+    """Write the page about a diagnosis; the file is whole or untouched.
+
+    Args:
+        path: the file to write.
+        diagnosis: from `diagnose`.
+        title, choices, channels, unit: as in `report`.
+        origin: of `jaxtat.io.provenance`; by default without input files.
+    """
+    from .page import Page, html_page  # matplotlib is slow to import
+
+    origin = provenance((), unit) if origin is None else origin
+    rows = [*_of_problem(diagnosis), *_origin(origin)]
+    text = html_page(diagnosis, Page(title, choices, rows, unit, channels))
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _of_problem(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    detectors, radii = diagnosis.g.shape
+    rows = [
+        ("data", f"{detectors} detectors x {radii} radii"),
+        ("image", f"{diagnosis.grid.shape[0]} x {diagnosis.grid.shape[1]} pixels"),
+    ]
+    if diagnosis.waves is not None:
+        frequencies, directions = diagnosis.waves.residual.shape
+        rows.append(("plane waves", f"{frequencies} frequencies x {directions} directions"))
+    return rows
+
+
+def _origin(origin: dict[str, Any]) -> list[tuple[str, str]]:
+    """Rows of what `provenance` says."""
+    inputs = [(f"file {i['name']}", f"SHA-256 {i['sha256']}") for i in origin["inputs"]]
+    versions = ", ".join(f"{name} {number}" for name, number in origin["versions"].items())
+    made = [("made", origin["date"]), ("computed on", origin["platform"])]
+    return [*inputs, ("software", versions), *made]
