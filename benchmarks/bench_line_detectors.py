@@ -1,0 +1,140 @@
+"""Volumes of 129 x 129 x 129 voxels from integrating line detectors, exact data against the truth.
+
+The paper's arcs in the plane of the 2-D problem, both open: three quarters of a circle, open at the
+top of the axis, and half a circle at one side of it, with which the object takes a whole turn.
+"""
+
+import math
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtat import (
+    PAPER_K,
+    ImageGrid,
+    LineDetectorScan,
+    NormBound,
+    build_plan,
+    circular_arc,
+    cosine_filter,
+    data_radii,
+    phantoms,
+    reconstruct_volume,
+    reconstruct_volume_stack,
+    truncated_disk,
+)
+from jaxtat.line_detectors import Balls, invert_projections
+
+N = 129
+BELLS = Balls(
+    [[0.3, 0.1, 0.2], [-0.35, 0.25, -0.3], [0.1, -0.45, -0.1]],
+    [0.55, 0.45, 0.4],
+    [1.0, -0.7, 0.8],
+    exponent=8,
+)
+BALLS = Balls(
+    [[0, 0, 0], [0.3, 0.2, 0.25], [-0.35, 0.1, -0.3], [0.1, -0.45, -0.1], [-0.2, 0.3, 0.45]],
+    [0.85, 0.25, 0.2, 0.15, 0.1],
+    [0.5, 0.5, -0.3, 0.5, 0.5],
+)
+
+
+def geometry(arc: str) -> tuple:
+    """(curve, region, grid, radii)."""
+    # half a circle reaches a little beyond the axis, so that its region can hold the axis
+    arc_end, region_end, angle = (1.0, 1.0, math.pi / 2) if arc == "top" else (0.2, 0.1, 0.0)
+    curve, grid = circular_arc(1.3, arc_end, 500, angle=angle), ImageGrid(N)
+    whole = truncated_disk(1.0, 1.0, 1000)
+    region = truncated_disk(1.0, region_end, 1000, angle=angle)
+    return curve, region, grid, data_radii(curve, region, grid.spacing[0], sources=whole)
+
+
+@cache
+def plan_of(arc: str):
+    """What one side alone shows has a few directions that need larger densities."""
+    rule = NormBound(PAPER_K if arc == "top" else 12.0)
+    return build_plan(*geometry(arc), rule, progress=False)
+
+
+def scan_of(arc: str, n: int) -> LineDetectorScan:
+    """``n`` rotations for every half turn."""
+    turns = 1 if arc == "top" else 2
+    return LineDetectorScan(np.arange(turns * n) * np.pi / n)
+
+
+def exact(phantom: Balls) -> tuple[np.ndarray, np.ndarray]:
+    """The volume, and which of its voxels are at most 0.95 from the origin."""
+    grid = ImageGrid(N)
+    x = np.asarray(grid.x1)
+    inside = x[:, None, None] ** 2 + x[:, None] ** 2 + x**2 < 0.95**2
+    return np.asarray(phantom.volume(grid, grid.x2)), inside
+
+
+@pytest.fixture
+def compare(measure, benchmark):
+    """Measure ``work() -> volume``: largest and relative error."""
+
+    def run(work, phantom, rounds=1):
+        truth, inside = exact(phantom)
+        found = measure(
+            work,
+            n=N,
+            error=lambda volume: np.abs(np.asarray(volume) - truth)[inside],
+            rounds=rounds,
+        )
+        error = np.linalg.norm((np.asarray(found) - truth)[inside])
+        benchmark.extra_info.update(relative_error=float(error / np.linalg.norm(truth[inside])))
+
+    return run
+
+
+def bench_everything(compare):
+    """Plan and volume, as for a new scanner."""
+    where, scan = geometry("top"), scan_of("top", 256)
+    g = BELLS.circular_integrals(scan, where[0], where[3])
+
+    def work():
+        plan = build_plan(*where, progress=False)
+        return reconstruct_volume_stack(plan, g, scan, progress=False)
+
+    compare(work, BELLS)
+
+
+@pytest.mark.parametrize("inversion", ["fbp", "fourier"])
+@pytest.mark.parametrize("n_rotations", [128, 208, 256])
+def bench_rotations(compare, n_rotations, inversion):
+    plan, scan = plan_of("top"), scan_of("top", n_rotations)
+    g = BELLS.circular_integrals(scan, plan.curve, plan.radii)
+    compare(lambda: reconstruct_volume(plan, g, scan, inversion=inversion), BELLS)
+
+
+def bench_slices_alone(compare):
+    """From exact projections."""
+    plan, scan = plan_of("top"), scan_of("top", 256)
+    p = np.stack([BELLS.projection(a).image(plan.grid) for a in np.asarray(scan.angles)])
+    compare(lambda: invert_projections(p, scan, plan.grid, plan.region), BELLS)
+
+
+def bench_arc_at_one_side(compare):
+    """From half the projections of a whole turn."""
+    plan, scan = plan_of("side"), scan_of("side", 256)
+    g = BELLS.circular_integrals(scan, plan.curve, plan.radii)
+    compare(lambda: reconstruct_volume(plan, g, scan), BELLS)
+
+
+def narrow(relative_frequency):
+    """A cosine that ends at half the Nyquist frequency: details of four voxels and more."""
+    return jnp.cos(jnp.pi * jnp.minimum(relative_frequency, 0.5))
+
+
+@pytest.mark.parametrize("low_pass", [None, cosine_filter, narrow])
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.15])
+def bench_balls(compare, noise, low_pass):
+    """Sharp edges, whose voxels alone make most of the error without noise."""
+    plan, scan = plan_of("top"), scan_of("top", 256)
+    g = BALLS.circular_integrals(scan, plan.curve, plan.radii)
+    g = jnp.asarray(g + phantoms.noise_like(jax.random.key(0), g, noise))
+    compare(lambda: reconstruct_volume(plan, g, scan, low_pass=low_pass), BALLS)
