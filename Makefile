@@ -5,12 +5,16 @@ BIN := .venv/bin
 # one thread for the library of linear algebra: more only get in the way of XLA's own
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help paper test check bench clean
+.PHONY: help paper test test-lowest check bench docs pictures package clean
 
 help:
 	@echo "make paper   reproduce the paper: table, figures and metrics.json in out/paper"
 	@echo "make test    style, types and all tests, the paper's run among them"
+	@echo "make test-lowest   a part of the tests with the oldest versions that are supported"
 	@echo "make bench   time, error and memory of everything, into benchmarks/results.json and .md"
+	@echo "make docs    the documentation, in out/site"
+	@echo "make pictures   the pictures in it, in docs/pictures"
+	@echo "make package wheel and source distribution in dist, installed and tried"
 	@echo "make check   style and types alone"
 	@echo "make clean   remove the environment and all results"
 
@@ -39,5 +43,44 @@ bench: .venv/ready
 		--benchmark-json=benchmarks/results.json
 	$(BIN)/python benchmarks/report.py benchmarks/results.json
 
+# code of every kind that depends on JAX: kernels, solvers, loops, custom derivatives, files
+LOWEST := tests/test_filtered_solve.py tests/test_iterative.py tests/test_parallel.py \
+	tests/test_comparison.py tests/reconstruction/test_steps.py tests/special \
+	tests/io/test_images.py tests/io/test_plans.py \
+	jaxtat/reconstruction jaxtat/plan.py jaxtat/uncertainty.py
+
+# old packages may use what newer ones among them deprecate: that is no error here
+test-lowest: .venv-lowest/ready
+	.venv-lowest/bin/python -m pytest --numprocesses 2 --dist loadfile \
+		-W default::DeprecationWarning $(LOWEST)
+
+.venv-lowest/ready: pyproject.toml constraints-lowest.txt
+	$(PYTHON) -m venv .venv-lowest
+	.venv-lowest/bin/python -m pip install --quiet --disable-pip-version-check \
+		--constraint constraints-lowest.txt --editable '.[test]'
+	touch $@
+
+docs: .venv/docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+.venv/docs: .venv/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		--constraint constraints.txt --editable '.[docs]'
+	touch $@
+
+pictures: .venv/ready
+	$(BIN)/python scripts/docs_pictures.py
+
+# from the source distribution, as others will: what it lacks is missing in the wheel
+package: .venv/ready
+	rm -rf dist out/package
+	$(PYTHON) -m venv out/package
+	out/package/bin/python -m pip install --quiet --disable-pip-version-check build
+	out/package/bin/python -m build --outdir dist .
+	out/package/bin/python -m pip install --quiet --disable-pip-version-check \
+		--constraint constraints.txt dist/*.whl
+	cd out/package && bin/jaxtat --help > help.txt && bin/python -c \
+		'import jaxtat; print(jaxtat.__version__, jaxtat.__file__)'
+
 clean:
-	rm -rf .venv out
+	rm -rf .venv .venv-lowest out dist

@@ -10,10 +10,11 @@ import jax
 import pytest
 from jaxtyping import install_import_hook
 
+UNOPTIMISED = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
 if "XLA_FLAGS" not in os.environ:
     # Most of the suite's time is the compiler's, for programs that run once: not worth optimising.
     # Only here: the commands and notebooks that tests start get what users get.
-    os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=0"
+    os.environ["XLA_FLAGS"] = UNOPTIMISED
     jax.devices()  # reads them
     del os.environ["XLA_FLAGS"]
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
@@ -37,6 +38,12 @@ def data_folder() -> Path:
     """Data made by others: JAXTAT_DATA, or ../shared/data beside the checkout."""
     default = Path(__file__).resolve().parents[1] / "shared" / "data"
     return Path(os.environ.get("JAXTAT_DATA", default))
+
+
+@pytest.fixture
+def unoptimised(monkeypatch):
+    """For processes that compile longer than they compute."""
+    monkeypatch.setenv("XLA_FLAGS", UNOPTIMISED)
 
 
 @pytest.fixture(scope="module", autouse=True)

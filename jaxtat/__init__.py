@@ -1,8 +1,10 @@
 """jaxtat: thermo- and photoacoustic tomography with detectors on an open curve, in JAX."""
 
-from . import phantoms
+from . import datasets, line_detectors, phantoms, scanners
 from .calibration import Calibration, calibrate
+from .channels import ChannelQuality, channel_quality
 from .comparison import compare_regularizations
+from .diagnostics import data_residual, diagnose
 from .forward import circular_integrals, circular_integrals_adjoint, circular_means
 from .geometry import (
     DetectorCurve,
@@ -12,15 +14,22 @@ from .geometry import (
     circular_arc,
     data_radii,
     detector_curve,
+    edge_weight,
     fit_circle,
+    keep_detectors,
+    transverse_weight,
     truncated_disk,
     turned_views,
     visibility,
+    visibility_map,
 )
 from .harmonic import NoiseLevel
-from .io import load_plan, save_plan
+from .impulse_response import remove_impulse_response
+from .io import load_plan, load_settings, save_image, save_plan
 from .iterative import IterativeReconstruction, least_squares, total_variation
 from .layout import Layout, problem_layout
+from .line_detectors import LineDetectorScan, reconstruct_volume, reconstruct_volume_stack
+from .measured import Choices, ScanImages, choices_for, reconstruct_file, reconstruct_scan
 from .noise import NoiseChoice, choose_regularization, image_power
 from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .pressure import condition_record, pressure_to_circular_integrals
@@ -32,6 +41,7 @@ from .reconstruction import (
     reconstruct_direct,
     reconstruct_stack,
 )
+from .record_noise import RecordNoise, noise_of_record, record_noise_level
 from .regularization import (
     FixedRank,
     NormBound,
@@ -39,30 +49,42 @@ from .regularization import (
     Tikhonov,
     TikhonovNormBound,
 )
+from .reporting import report
+from .sampling import Supported, first_arrival, supported
 from .sharpness import sharpness, sound_speed_by_sharpness
 from .uncertainty import pixel_standard_deviation
+from .version import __version__
 
 __all__ = [
     "PAPER_K",
     "AccuracyWarning",
     "Calibration",
+    "ChannelQuality",
+    "Choices",
     "DetectorCurve",
     "DirectReconstruction",
     "FixedRank",
     "ImageGrid",
     "IterativeReconstruction",
     "Layout",
+    "LineDetectorScan",
     "NoiseChoice",
     "NoiseLevel",
     "NormBound",
     "ReconstructionPlan",
+    "RecordNoise",
     "Region",
+    "ScanImages",
     "SingularValueCutoff",
+    "Supported",
     "Tikhonov",
     "TikhonovNormBound",
     "VisibilityWarning",
+    "__version__",
     "build_plan",
     "calibrate",
+    "channel_quality",
+    "choices_for",
     "choose_regularization",
     "circular_arc",
     "circular_integrals",
@@ -72,23 +94,44 @@ __all__ = [
     "condition_record",
     "cosine_filter",
     "data_radii",
+    "data_residual",
+    "datasets",
     "detector_curve",
+    "diagnose",
+    "edge_weight",
+    "first_arrival",
     "fit_circle",
     "image_power",
+    "keep_detectors",
     "least_squares",
+    "line_detectors",
     "load_plan",
+    "load_settings",
+    "noise_of_record",
     "phantoms",
     "pixel_standard_deviation",
     "pressure_to_circular_integrals",
     "problem_layout",
     "reconstruct",
     "reconstruct_direct",
+    "reconstruct_file",
+    "reconstruct_scan",
     "reconstruct_stack",
+    "reconstruct_volume",
+    "reconstruct_volume_stack",
+    "record_noise_level",
+    "remove_impulse_response",
+    "report",
+    "save_image",
     "save_plan",
+    "scanners",
     "sharpness",
     "sound_speed_by_sharpness",
+    "supported",
     "total_variation",
+    "transverse_weight",
     "truncated_disk",
     "turned_views",
     "visibility",
+    "visibility_map",
 ]

@@ -79,7 +79,7 @@ class Calibration(eqx.Module):
     Attributes:
         parameters: the best ones.
         standard_errors: to first order, for white noise in g as large as what no image explains;
-            0 for what was not unknown.
+            0 for what was not unknown. Constants for derivatives.
         curve: the detectors, those of all views.
         radii: r = c t of the data, (radii,) [length].
         g: the data without gains and delays, (detectors of all views, radii).
@@ -168,7 +168,9 @@ def calibrate(
     for highest in _cutoffs(layout):
         free, stage = _fit(problem, free, highest, layout)
         stages.append(stage)
-    found, errors, corrected = _finish(problem, free, layout)
+    found, corrected = _finish(problem, free)
+    # third derivatives of the residuals would be needed for theirs
+    errors = _standard_errors(*jax.lax.stop_gradient((problem, free)), layout)
     moved = _moved(curve, found)
     return Calibration(
         parameters=found,
@@ -307,10 +309,15 @@ def _fit(problem: _Problem, free: Free, highest: Array, layout: Layout) -> tuple
 
 
 @eqx.filter_jit
-def _finish(
-    problem: _Problem, free: Free, layout: Layout
-) -> tuple[Parameters, Parameters, Float[Array, "detectors radii"]]:
-    """Parameters, their standard errors, and the data without gains and delays.
+def _finish(problem: _Problem, free: Free) -> tuple[Parameters, Float[Array, "detectors radii"]]:
+    """Parameters, and the data without gains and delays."""
+    found = _parameters(problem, free)
+    return found, _corrected(problem, found)
+
+
+@eqx.filter_jit
+def _standard_errors(problem: _Problem, free: Free, layout: Layout) -> Parameters:
+    """To first order, by the change of the optimum with the data.
 
     Where the slope s(p, g) of half the sum of squares is zero, dp = -(ds/dp)^-1 (ds/dg) dg. The
     variance of dg is that of white noise of which as much is left as of the data. Second
@@ -338,9 +345,7 @@ def _finish(
     curvature, mixed = jax.lax.map(along, jnp.eye(flat.size), batch_size=AT_ONCE)
     change = jnp.linalg.solve(curvature, mixed.reshape(flat.size, -1))
     errors = deviation * jnp.linalg.norm(jax.jacfwd(physical)(flat) @ change, axis=1)
-    found = _parameters(problem, free)
-    _, unravel_parameters = ravel_pytree(found)
-    return found, unravel_parameters(errors), _corrected(problem, found)
+    return ravel_pytree(_parameters(problem, free))[1](errors)
 
 
 def _corrected(problem: _Problem, found: Parameters) -> Float[Array, "detectors radii"]:

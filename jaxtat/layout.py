@@ -56,6 +56,7 @@ def problem_layout(
     n_directions: int | None = None,
     solver: str = "auto",
     method: str = "harmonic",
+    n_groups: int = GROUPS,
 ) -> Layout:
     """The sizes that `reconstruct_direct` and `build_plan` would choose, checked, for `jax.jit`.
 
@@ -65,6 +66,7 @@ def problem_layout(
         curve, region, grid, radii: concrete, as in `reconstruct_direct`.
         max_frequency, n_directions, solver: likewise.
         method: of `build_plan`; "collocation" needs no waves about a centre.
+        n_groups: of frequencies that are solved alike: fewer compile sooner and run longer.
 
     Raises:
         ValueError: as `reconstruct_direct`, and for a traced geometry.
@@ -87,7 +89,8 @@ def problem_layout(
     if method == "harmonic":
         orders = harmonic_orders(geometry, np.asarray(frequencies))
         groups = tuple(
-            (part.start, part.stop, -(-n // 4) * 4) for part, n in frequency_groups(orders, GROUPS)
+            (part.start, part.stop, -(-n // 4) * 4)
+            for part, n in frequency_groups(orders, n_groups)
         )
     if solver == "auto" and groups:
         rows = groups[-1][-1] * (1 if geometry.mirror else 2)

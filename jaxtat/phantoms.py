@@ -5,6 +5,7 @@ all four quantities are sums over parts of one function of the distance to the p
 """
 
 from abc import abstractmethod
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -17,15 +18,17 @@ from .geometry import DetectorCurve, ImageGrid
 from .special import j0, j1
 
 
-class Phantom(eqx.Module):
-    """Σ_m a_m b(|x - c_m| / r_m), see `Disks` for the arguments."""
+class RadialParts(eqx.Module):
+    """Σ_m a_m b(|x - c_m| / r_m) in the plane or in space, see `Disks` for the arguments."""
 
-    centers: Float[Array, "parts 2"]
+    centers: Float[Array, "parts dimension"]
     radii: Float[Array, " parts"]
     amplitudes: Float[Array, " parts"]
 
+    dimension: ClassVar[int]
+
     def __init__(self, centers: Numbers, radii: Numbers, amplitudes: Numbers | None = None):
-        self.centers = real_array("centers", centers, ("parts", 2))
+        self.centers = real_array("centers", centers, ("parts", self.dimension))
         n = whole_number("the number of parts", self.centers.shape[0], 1)
         self.radii = real_array("radii", radii, (n,))
         self.amplitudes = real_array(
@@ -36,6 +39,33 @@ class Phantom(eqx.Module):
     @abstractmethod
     def _profile(self, t: Array) -> Array:
         """b(t), t >= 0."""
+
+    @eqx.filter_jit
+    def __call__(self, points: Numbers) -> Array:
+        """f at any points, (..., dimension) [length]; returns (...)."""
+        points = jnp.asarray(points)
+
+        def one(center: Array, radius: Array, amplitude: Array) -> Array:
+            return amplitude * self._profile(_distance(points - center) / radius)
+
+        return self._sum_over_parts(one)
+
+    def _sum_over_parts(self, one) -> Array:
+        def add(total, part):
+            return total + one(*part), None
+
+        parts = (self.centers, self.radii, self.amplitudes)
+        shape = jax.eval_shape(one, *(leaf[0] for leaf in parts))
+        return jax.lax.scan(add, jnp.zeros(shape.shape, shape.dtype), parts)[0]
+
+
+class Phantom(RadialParts):
+    """Σ_m a_m b(|x - c_m| / r_m) in the plane, see `Disks` for the arguments."""
+
+    dimension = 2
+
+    def __init__(self, centers: Numbers, radii: Numbers, amplitudes: Numbers | None = None):
+        super().__init__(centers, radii, amplitudes)
 
     @abstractmethod
     def _arc_integral(self, distance: Array, r: Array, part_radius: Array) -> Array:
@@ -53,16 +83,6 @@ class Phantom(eqx.Module):
     def image(self, grid: ImageGrid) -> Float[Array, "x1 x2"]:
         """f at the nodes of the grid, (x1, x2)."""
         return self(grid.points)
-
-    @eqx.filter_jit
-    def __call__(self, points: Numbers) -> Array:
-        """f at any points, (..., 2) [length]; returns (...)."""
-        points = jnp.asarray(points)
-
-        def one(center: Array, radius: Array, amplitude: Array) -> Array:
-            return amplitude * self._profile(_distance(points - center) / radius)
-
-        return self._sum_over_parts(one)
 
     def circular_integrals(
         self, curve: DetectorCurve, radii: Numbers
@@ -126,14 +146,6 @@ class Phantom(eqx.Module):
             return amplitude * radial[:, None] * phase
 
         return self._sum_over_parts(one)
-
-    def _sum_over_parts(self, one) -> Array:
-        def add(total, part):
-            return total + one(*part), None
-
-        parts = (self.centers, self.radii, self.amplitudes)
-        shape = jax.eval_shape(one, *(leaf[0] for leaf in parts))
-        return jax.lax.scan(add, jnp.zeros(shape.shape, shape.dtype), parts)[0]
 
 
 class Disks(Phantom):

@@ -43,8 +43,8 @@ METHODS = ("harmonic", "collocation", "series")
 _FREQUENCIES_AT_A_TIME = 4
 _GROUPS = 4  # of frequencies with as many orders; each is compiled by itself
 
-# Kunyansky's K = 1.5 at R_g = 1.3, in the true norm of the full circle (see NormBound)
 PAPER_K = 1.5 * float(np.sqrt(2 * np.pi * 1.3))
+"""Kunyansky's K = 1.5 at R_g = 1.3, in the true norm of the full circle, see `NormBound`."""
 
 
 class ReconstructionPlan(eqx.Module):

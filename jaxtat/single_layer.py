@@ -17,7 +17,7 @@ from .special import j0, j1, y0, y1
 def potential_matrix(
     frequency: Float[Array, ""], curve: DetectorCurve, region: Region
 ) -> Float[Array, "traces unknowns"]:
-    """A = [[J_0, Y_0], [-c J_1, -c Y_1]](lambda |x - z|), c = (x - z)·n / |x - z|.
+    """A = [[J_0, Y_0], [-c J_1, -c Y_1]] of lambda |x - z|, c = (x - z)·n / |x - z|.
 
     The rows are (u, (1/lambda) du/dn) at the boundary points, the columns (rho_J, rho_Y) at the
     detectors. Rows are scaled by √w_x and columns by √w_z, so that 2-norms of traces and unknowns

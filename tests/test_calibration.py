@@ -13,11 +13,11 @@ import jaxtat
 from jaxtat import ImageGrid, calibrate, circular_arc, phantoms, truncated_disk
 from jaxtat.calibration import _fit
 
-DETECTORS = 66
+DETECTORS = 50
 GRID = ImageGrid(33)
 STEP = float(GRID.spacing[0])
 CURVE = circular_arc(1.3, 1.0, DETECTORS)
-REGION = truncated_disk(0.95, 0.95, 132)
+REGION = truncated_disk(0.95, 0.95, 2 * DETECTORS)
 RADII = 0.25 + STEP * jnp.arange(35)
 CENTERS = [[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1], [0.2, -0.4]]
 BELLS = phantoms.Bells(CENTERS, [0.7, 0.4, 0.3, 0.3], [1, 1.5, -1.5, 1])
@@ -61,11 +61,11 @@ def test_gains_and_delays_of_every_detector():
 
 def test_standard_errors_are_the_scatter_of_many_draws():
     g = BELLS.circular_integrals(CURVE, RADII)
-    found = [calibrate(CURVE, REGION, GRID, RADII, noisy(g, i)) for i in range(8)]
+    found = [calibrate(CURVE, REGION, GRID, RADII, noisy(g, i)) for i in range(5)]
     speed = np.array([calibration.parameters.sound_speed for calibration in found])
     error = np.array([calibration.standard_errors.sound_speed for calibration in found])
     chi_square = np.sum(((speed - 1.0) / error) ** 2)
-    assert 1.3 < chi_square < 22.0  # 0.5 and 99.5 % of chi square for 8
+    assert 0.41 < chi_square < 16.8  # 0.5 and 99.5 % of chi square for 5
     assert np.ptp(error) < 0.3 * error.mean()
 
 

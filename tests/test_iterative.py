@@ -73,7 +73,7 @@ def test_steps_are_counted_and_bounded():
 @pytest.fixture(scope="module")
 def larger():
     """(curve, grid, radii), of which programs are compiled once."""
-    return circular_arc(1.3, 1.0, 80), ImageGrid(33), 0.3 + jnp.arange(33) / 16
+    return circular_arc(1.3, 1.0, 70), ImageGrid(29), 0.3 + jnp.arange(29) / 14
 
 
 def test_a_smooth_phantom_comes_back_from_exact_data(larger):
@@ -97,7 +97,15 @@ ARGUMENTS = DATA, jnp.array(0.05), RADII, CURVE.radius
 
 
 def test_least_squares_can_be_differentiated_by_data_and_geometry():
-    check_grads(image_of, ARGUMENTS, 1, modes=["fwd", "rev"], eps=1e-5, atol=1e-6, rtol=1e-6)
+    """And reverse mode is the transpose of forward mode."""
+    check_grads(image_of, ARGUMENTS, 1, modes=["fwd"], eps=1e-5, atol=1e-6, rtol=1e-6)
+    rng = np.random.default_rng(4)
+    tangents = [jnp.asarray(rng.standard_normal(argument.shape)) for argument in ARGUMENTS]
+    c = jnp.asarray(rng.standard_normal((8, 7)))
+    forward = jax.jvp(image_of, ARGUMENTS, tuple(tangents))[1]
+    slopes = jax.vjp(image_of, *ARGUMENTS)[1](c)
+    backward = sum(jnp.vdot(*pair) for pair in zip(slopes, tangents, strict=True))
+    assert_allclose(jnp.vdot(c, forward), backward, rtol=1e-9)
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-15])
@@ -152,8 +160,12 @@ def test_total_variation_is_the_minimum_found_by_scipy(matrix, region):
     found = minimise(region=region)
     assert found.converged
     assert_allclose(found.image.ravel(), expected.x, atol=1e-4 * abs(expected.x).max())
-    again = minimise(region=region, initial=found.image)
-    assert again.iterations < found.iterations
+    # a search that stops early stays near where it began, here at the minimum
+    early, again = (
+        minimise(region=region, tolerance=1e-2, initial=start).image - found.image
+        for start in (None, found.image)
+    )
+    assert abs(again).max() < 1e-3 * abs(early).max()
 
 
 def test_total_variation_can_be_differentiated():
@@ -173,7 +185,7 @@ def test_total_variation_is_better_than_least_squares_for_edges_in_noise(larger)
     disk, region = phantoms.Disks([[0.1, 0.1]], [0.5]), truncated_disk(1.0, 1.0, 100)
     g = disk.circular_integrals(curve, radii)
     given = curve, grid, radii, g + phantoms.noise_like(jax.random.key(0), g, 0.1)
-    plain = [least_squares(*given, region=region, max_steps=n).image for n in (2, 3, 4, 6, 8)]
+    plain = [least_squares(*given, region=region, max_steps=n).image for n in (2, 4, 6)]
     edges = total_variation(*given, 0.1, region=region).image
     from_edge = jnp.abs(jnp.linalg.norm(grid.points - 0.1, axis=-1) - 0.5)
     flat = region.contains(grid.points) & (from_edge > 2 * grid.spacing[0])

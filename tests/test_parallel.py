@@ -87,13 +87,13 @@ def finish(process: subprocess.Popen) -> str:
     return output
 
 
-def test_two_devices_share_frequencies_and_images():
+def test_two_devices_share_frequencies_and_images(unoptimised):
     output = finish(run(DIRECT + GRADIENT + PLAN, "2"))
     for what in ("direct", "gradient", "plan"):
         assert f"{what}: the same" in output
 
 
-def test_two_processes_share_the_frequencies():
+def test_two_processes_share_the_frequencies(unoptimised):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"

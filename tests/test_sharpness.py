@@ -45,24 +45,6 @@ def test_derivatives_of_sharpness():
     )
 
 
-def test_derivatives_of_the_sharpest_speed_with_respect_to_data():
-    """Implicit ones, of the place where the slope of the sharpness is zero."""
-    curve, region, grid = circular_arc(1.3, 1.0, 24), truncated_disk(0.8, 0.8, 48), ImageGrid(11)
-    radii = 0.3 + 0.1 * jnp.arange(22)
-    bell = phantoms.Bells([[0.1, -0.1]], [0.5])
-    g = bell.circular_integrals(curve, radii)
-    change = 0.01 * jax.random.normal(jax.random.key(1), g.shape)
-    speeds = np.linspace(0.8, 1.2, 5)
-
-    def speed(size):
-        changed = g + jnp.asarray(size) * change
-        return sound_speed_by_sharpness(
-            curve, region, grid, radii, changed, speeds, max_frequency=12.0
-        ).sound_speed
-
-    check_grads(speed, (0.0,), 1, ["fwd", "rev"], rtol=5e-2, atol=1e-4, eps=0.1)
-
-
 @pytest.fixture(scope="module")
 def scan():
     """2 % noise, the nominal speed 2 % off."""

@@ -237,7 +237,7 @@ def _ramp_samples(n: int) -> Float[np.ndarray, " n"]:
 
     k(0) = π / (2 h²), and for j != 0 the integral is 0 (j even) or -2 / (π j² h²) (j odd).
     """
-    j = np.fft.fftfreq(n, 1 / n)
+    j = np.fft.ifftshift(np.arange(n) - n // 2)  # fftfreq(n, 1 / n) is not always whole
     odd = np.abs(j) % 2 == 1
     samples = np.where(odd, -2 / (np.pi * np.where(odd, j, 1.0) ** 2), 0.0)
     samples[0] = np.pi / 2

@@ -60,6 +60,7 @@ def delayed_transform(
     return jnp.sum(g * trapezoid_weights(radii) * kernels, axis=-1)
 
 
+@jax.jit
 def radial_kernels(
     radii: Float[Array, " radii"], frequencies: Float[Array, " frequencies"]
 ) -> Float[Array, "frequencies 2 radii"]:
@@ -68,6 +69,7 @@ def radial_kernels(
     return jnp.stack([j0(argument), y0(argument)], axis=1) * trapezoid_weights(radii)
 
 
+@jax.jit
 def noise_power(
     radii: Float[Array, " radii"],
     frequencies: Float[Array, " frequencies"],

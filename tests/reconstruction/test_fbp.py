@@ -10,7 +10,13 @@ from scipy.interpolate import BSpline
 
 from jaxtat import ImageGrid, phantoms
 from jaxtat.reconstruction import filtered_back_projection
-from jaxtat.reconstruction.fbp import OVERSAMPLING, back_project, project, ramp_matrix
+from jaxtat.reconstruction.fbp import (
+    OVERSAMPLING,
+    _ramp_samples,
+    back_project,
+    project,
+    ramp_matrix,
+)
 
 CENTER, WIDTH = np.array([0.3, -0.2]), 0.5
 STEP = jnp.array(1 / 64)
@@ -150,3 +156,12 @@ def test_derivatives_through_jit_and_vmap():
     p, *_ = arguments(3)
     centers = jnp.array([[0.0, 0.0], [0.02, 0.03], [-0.05, 0.01]])
     check_grads(energy, (p, centers), 1, ["fwd", "rev"], rtol=1e-5, eps=1e-5)
+
+
+def test_the_ramp_has_every_other_sample_at_any_length():
+    """At 412 of them, among others, numpy's frequencies are whole numbers but for rounding."""
+    for n in (8, 196, 412):
+        samples = _ramp_samples(n)
+        assert np.all(samples[1::2] < 0) and not samples[2::2].any()
+        # a constant passes but for what the cut ends leave: -Σ 2 / (π j²) beyond n / 2
+        assert abs(samples.sum()) < 2 / n

@@ -1,0 +1,104 @@
+"""What the documentation shows is run as it stands there, and names what there is."""
+
+import importlib
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import jax
+import pytest
+
+import jaxtat
+from jaxtat.cli.parser import build_parser
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(path for path in DOCS.rglob("*.md") if "notebooks" not in path.parts)
+
+
+def shown(page, language):
+    """The code blocks of a page, with what they include."""
+    blocks = re.findall(rf"^```{language}\n(.*?)^```", page.read_text(), flags=re.S | re.M)
+
+    def included(match):
+        return (DOCS / "snippets" / match[1]).read_text()
+
+    return [re.sub(r'^--8<-- "(.*)"$', included, block, flags=re.M) for block in blocks]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if shown(page, "python")], ids=str)
+def test_python_runs_from_top_to_bottom(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("jaxtat.layout.GROUPS", 1)  # less to compile
+    monkeypatch.setattr("jaxtat.plan._GROUPS", 1)
+    program = "\n".join(shown(page, "python"))
+    exec(compile(program, page.name, "exec"), {"__name__": page.stem})
+    assert jax.config.jax_enable_x64
+
+
+def lines(page):
+    return [line for block in shown(page, "sh") for line in block.strip().splitlines()]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if lines(page)], ids=str)
+def test_commands_parse(page):
+    for line in lines(page):
+        program, *arguments = shlex.split(line)
+        assert program in ("jaxtat", "pip")
+        if program == "pip":
+            extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+            for extra in re.findall(r"\[(.*)\]", line):
+                assert extra in extras["optional-dependencies"]
+        elif arguments != ["--help"]:
+            assert callable(build_parser().parse_args(arguments).run)
+
+
+def test_make_targets_that_texts_name_are_there():
+    makefile = (ROOT / "Makefile").read_text()
+    texts = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "README.md"]
+    named = {name for text in texts for name in re.findall(r"`make ([a-z-]+)`", text.read_text())}
+    assert {"test", "docs", "package"} <= named
+    assert {name for name in named if f"\n{name}:" not in makefile} == set()
+
+
+def test_every_page_is_in_the_navigation_and_every_notebook():
+    navigation = re.findall(
+        r"^ +- ([\w/-]+\.(?:md|ipynb))$", (ROOT / "mkdocs.yml").read_text(), re.M
+    )
+    notebooks = (ROOT / "notebooks").glob("*.ipynb")
+    wanted = [str(page.relative_to(DOCS)) for page in PAGES]
+    wanted += [f"notebooks/{path.name}" for path in notebooks]
+    assert sorted(navigation) == sorted(wanted)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_names_of_the_package_in_texts_exist(page):
+    for name in re.findall(r"`(jaxtat(?:\.\w+)+)", page.read_text()):
+        found, parts = jaxtat, name.split(".")
+        for i, part in enumerate(parts[1:], 2):
+            if not hasattr(found, part):
+                importlib.import_module(".".join(parts[:i]))
+            found = getattr(found, part)
+
+
+def test_versions_are_said_alike():
+    """In the package, the citation, and the bounds that `make test-lowest` tests."""
+    assert f"version: {jaxtat.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    stated = [*project["dependencies"], *extras["io"]]
+    lowest = (ROOT / "constraints-lowest.txt").read_text().splitlines()[1:]
+    bounds = {text.replace(">=", "==") for text in stated}
+
+    def filled(text):  # 1.14 is 1.14.0
+        name, _, version = text.partition("==")
+        return name, [*version.split("."), "0"][:3]
+
+    others = [filled(text) for text in lowest if not text.startswith("jaxlib")]
+    assert sorted(others) == sorted(map(filled, bounds))
+    newest = re.search(r"^jax==(.*)$", (ROOT / "constraints.txt").read_text(), re.M)
+    oldest = re.search(r"^jax==(.*)$", "\n".join(lowest), re.M)
+    assert newest and oldest
+    assert f"JAX {oldest[1]} to {newest[1]}" in (DOCS / "accuracy.md").read_text()
+    assert f"JAX {oldest[1]} to {newest[1]}" in (ROOT / "CHANGELOG.md").read_text()
