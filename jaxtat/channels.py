@@ -15,6 +15,7 @@ from scipy.special import ndtri
 
 from .checks import Numbers, is_concrete, real_array, require_positive
 from .pressure import require_equispaced
+from .special import root
 
 BLOCKS = 16  # pieces of the record, of which the quietest tells the noise
 SHORTEST_BLOCK = 64  # samples: the noise of a block is then known to a seventh
@@ -150,7 +151,7 @@ def _noise(record: Float[Array, "frames detectors times"]) -> Float[Array, " det
     differences = jnp.diff(record, 4, axis=-1)[..., : blocks * size]
     pieces = differences.reshape(*record.shape[:2], blocks, size)
     quietest = jnp.min(jnp.mean(pieces**2, axis=-1), axis=-1) / 70  # 1 + 16 + 36 + 16 + 1
-    return _root(jnp.mean(quietest, axis=0)) / _least_of(blocks, size)
+    return root(jnp.mean(quietest, axis=0)) / _least_of(blocks, size)
 
 
 def _least_of(blocks: int, size: int) -> float:
@@ -168,7 +169,7 @@ def _signal(record: Float[Array, "frames detectors times"]) -> Float[Array, " de
     centred = record - jnp.mean(record, axis=-1, keepdims=True)
     slope = (centred @ along) / (along @ along)
     rest = centred - slope[..., None] * along
-    return _root(jnp.mean(rest**2, axis=(0, -1)))
+    return root(jnp.mean(rest**2, axis=(0, -1)))
 
 
 def _held(
@@ -198,12 +199,6 @@ def _count(record: Float[Array, "frames detectors times"]) -> Float[Array, ""]:
     steps = jnp.abs(jnp.diff(record, axis=-1))
     least = jnp.min(jnp.where(steps > 0, steps, jnp.inf))
     return jnp.where(jnp.isfinite(least), least, 0.0)
-
-
-def _root(square: Array) -> Array:
-    """√ with derivative 0 at 0."""
-    some = square > 0
-    return jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0)
 
 
 def ranges(numbers: np.ndarray) -> str:

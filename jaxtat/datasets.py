@@ -19,6 +19,10 @@ from .io.provenance import sha256
 
 FOLDER = "JAXTAT_DATA"
 _PATATO = "https://github.com/BohndiekLab/patato"
+_ELLER_HOSKINS_KUNYANSKY = (
+    "M. Eller, P. Hoskins and L. Kunyansky, Microlocally accurate solution of the inverse source "
+    "problem of thermoacoustic tomography, Inverse Problems 36 (2020) 094004"
+)
 _FAST_HANKEL = "https://github.com/leonidak/Fast_Hankel-based_solver"
 _RAW = "https://raw.githubusercontent.com/BohndiekLab/patato"
 _SCAN = "tests/test_data_ithera/Scan_9"
@@ -107,9 +111,7 @@ DATA_SETS = {
             "of the unit circle, those in a quarter of it missing), speed of sound 1; truth "
             "(257, 257) on [-1, 1]^2, rows along x2.",
             licence="MIT",
-            citation="M. Eller, P. Hoskins and L. Kunyansky, Microlocally accurate solution of the "
-            "inverse source problem of thermoacoustic tomography, Inverse Problems 36 (2020) "
-            "094004",
+            citation=_ELLER_HOSKINS_KUNYANSKY,
             page=_FAST_HANKEL,
             files=(
                 DataFile(
@@ -125,9 +127,7 @@ DATA_SETS = {
             "6 inclusive, 64 detectors at the angles 2 pi k/64 of the unit circle), truth "
             "(257, 257).",
             licence="MIT",
-            citation="M. Eller, P. Hoskins and L. Kunyansky, Microlocally accurate solution of the "
-            "inverse source problem of thermoacoustic tomography, Inverse Problems 36 (2020) "
-            "094004",
+            citation=_ELLER_HOSKINS_KUNYANSKY,
             page=_FAST_HANKEL,
             files=(
                 DataFile(

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float, Int
 
 from .regularization import Regularization
+from .special import root
 
 # relative distance of squared singular values that count as one: no derivative can tell them apart
 _ALIKE = 1e-7
@@ -332,14 +333,8 @@ def _square_norm(columns: Complex[Array, "blocks n c"]) -> Float[Array, " c"]:
 
 
 def _column_norm(columns: Complex[Array, "blocks n c"]) -> Float[Array, " c"]:
-    return _root(_square_norm(columns))
+    return root(_square_norm(columns))
 
 
 def _modulus(values: Complex[Array, "*n"]) -> Float[Array, "*n"]:
-    return _root(values.real**2 + values.imag**2)
-
-
-def _root(square: Array) -> Array:
-    """√square, with derivative 0 at 0."""
-    positive = square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+    return root(values.real**2 + values.imag**2)

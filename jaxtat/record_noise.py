@@ -23,6 +23,7 @@ from .geometry import DetectorCurve
 from .harmonic import NoiseLevel
 from .pressure import pressure_to_circular_integrals, require_equispaced
 from .reconstruction.radial_transform import noise_power, radial_kernels
+from .special import root
 
 LEAST_SAMPLES = 16  # of a quiet part
 _PERIODOGRAMS = 64  # over which a spectrum is averaged, if there are as many
@@ -195,7 +196,7 @@ def _of_quiet(record: Float[Array, "frames detectors quiet"]) -> RecordNoise:
     spectrum = jnp.median(scaled, axis=(0, 1, 2))
     total = jnp.mean(spectrum)
     spectrum = jnp.where(total > 0, spectrum / jnp.where(total > 0, total, 1.0), 1.0)
-    return RecordNoise(jnp.where(some, jnp.sqrt(jnp.where(some, of_detector, 1.0)), 0.0), spectrum)
+    return RecordNoise(root(of_detector), spectrum)
 
 
 def _inner(power: Float[Array, "*n frequencies"]) -> Float[Array, "*n frequencies"]:

@@ -27,6 +27,7 @@ from .plan import ReconstructionPlan
 from .reconstruction.inversion import require_inversion
 from .reconstruction.pipeline import reconstruct
 from .reconstruction.radon import LowPass, low_pass_values
+from .special import root
 
 BLOCK = 8  # pixels along each side: rows enough for matrix products, 33 MB at the paper's size
 
@@ -161,6 +162,4 @@ def _of_block(
     options = {"low_pass": lambda _: eta, "inversion": inversion}
     adjoint = jax.linear_transpose(lambda g: reconstruct(here, g, **options), data)
     (rows,) = adjoint(jnp.eye(n).reshape(n, *block.shape))
-    total = jnp.einsum("ijk,jk->i", rows**2, variance).reshape(block.shape)
-    noisy = total > 0
-    return jnp.where(noisy, jnp.sqrt(jnp.where(noisy, total, 1.0)), 0.0)
+    return root(jnp.einsum("ijk,jk->i", rows**2, variance)).reshape(block.shape)

@@ -20,7 +20,7 @@ from ..geometry import (
 )
 from ..pressure import MODELS
 from ..reconstruction import cosine_filter
-from ..reconstruction.inversion import INVERSIONS, require_inversion
+from ..reconstruction.inversion import require_inversion
 from ..reconstruction.radon import LowPass
 
 LOW_PASSES: dict[str, LowPass | None] = {"none": None, "cosine": cosine_filter}
@@ -80,8 +80,7 @@ class Choices(eqx.Module):
             raise ValueError(
                 f"low_pass is {self.low_pass!r}, expected one of {', '.join(LOW_PASSES)}."
             )
-        if self.inversion not in INVERSIONS:
-            require_inversion(self.inversion)
+        require_inversion(self.inversion)
 
     @property
     def channels(self) -> tuple[int, ...]:

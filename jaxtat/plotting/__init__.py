@@ -4,7 +4,16 @@ Every function draws on axes that it is given; figures need no screen and no glo
 maps are readable without colour vision: grey, viridis, and blue to red through white.
 """
 
-from .canvas import DIVERGING, GRAY, SEQUENTIAL, length_label, new_figure
+from .canvas import (
+    DIVERGING,
+    GRAY,
+    SEQUENTIAL,
+    gray_levels,
+    greatest,
+    label_axes,
+    length_label,
+    new_figure,
+)
 from .data import show_detectors, show_sinogram
 from .frequencies import show_frequencies, show_frequency_plane
 from .geometry import show_edges, show_geometry, show_opening
@@ -15,6 +24,9 @@ __all__ = [
     "GRAY",
     "SEQUENTIAL",
     "add_scale_bar",
+    "gray_levels",
+    "greatest",
+    "label_axes",
     "length_label",
     "new_figure",
     "picture",

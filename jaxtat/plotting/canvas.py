@@ -1,7 +1,11 @@
 """Figures without a screen, colour maps, and units on axes."""
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from ..checks import Numbers
 
 GRAY, SEQUENTIAL, DIVERGING = "gray", "viridis", "RdBu_r"
 
@@ -11,6 +15,25 @@ def new_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def label_axes(axes: Axes, title: str, horizontal: str, vertical: str) -> None:
+    """A title and the names of both axes, all of the sizes of every plot here."""
+    axes.set_title(title, fontsize=9)
+    axes.set_xlabel(horizontal, fontsize=8)
+    axes.set_ylabel(vertical, fontsize=8)
+    axes.tick_params(labelsize=7)
+
+
+def gray_levels(image: np.ndarray) -> tuple[float, float]:
+    """The 0.2th and 99.8th percentile, so that one bright pixel does not darken the rest."""
+    low, high = np.nanpercentile(image, [0.2, 99.8])
+    return float(low), float(high)
+
+
+def greatest(values: Numbers, otherwise: float = 1.0) -> float:
+    """The 99.8th percentile of |values|, a limit for colours about zero; another if it is 0."""
+    return float(np.percentile(np.abs(np.asarray(values)), 99.8)) or otherwise
 
 
 def length_label(symbol: str, unit: str | None) -> str:

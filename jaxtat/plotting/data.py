@@ -6,7 +6,7 @@ from matplotlib.cm import ScalarMappable
 
 from ..checks import Numbers
 from ..units import millimetres
-from .canvas import DIVERGING, length_label
+from .canvas import DIVERGING, greatest, label_axes, length_label
 
 
 def show_sinogram(
@@ -35,7 +35,7 @@ def show_sinogram(
     """
     values, radii = np.asarray(values), millimetres(unit) * np.asarray(radii)
     if limit is None:
-        limit = float(np.percentile(np.abs(values), 99.8)) or 1.0
+        limit = greatest(values)
     numbers = np.arange(values.shape[0] + 1) - 0.5
     middles = (radii[1:] + radii[:-1]) / 2
     edges = np.concatenate([2 * radii[:1] - middles[:1], middles, 2 * radii[-1:] - middles[-1:]])
@@ -45,10 +45,7 @@ def show_sinogram(
         inside = np.asarray(meets)
         for bound in (inside.argmax(axis=1), inside.shape[1] - 1 - inside[:, ::-1].argmax(axis=1)):
             axes.plot(radii[bound], "--", color="0.3", lw=0.8)
-    axes.set_title(title, fontsize=9)
-    axes.set_xlabel("detector", fontsize=8)
-    axes.set_ylabel(length_label("radius $r$", unit), fontsize=8)
-    axes.tick_params(labelsize=7)
+    label_axes(axes, title, "detector", length_label("radius $r$", unit))
     return shown
 
 
@@ -75,7 +72,5 @@ def show_detectors(axes: Axes, values: Numbers, *, marked: Numbers = (), label: 
         )
     axes.set_xlim(-0.5, len(values) - 0.5)
     axes.set_ylim(bottom=min(0.0, 1.05 * float(values.min())))
-    axes.set_xlabel("detector", fontsize=8)
-    axes.set_ylabel(label, fontsize=8)
+    label_axes(axes, "", "detector", label)
     axes.grid(alpha=0.3)
-    axes.tick_params(labelsize=7)

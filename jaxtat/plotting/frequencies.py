@@ -8,7 +8,7 @@ from matplotlib.cm import ScalarMappable
 
 from ..checks import Numbers
 from ..units import millimetres
-from .canvas import SEQUENTIAL, frequency_label
+from .canvas import SEQUENTIAL, frequency_label, label_axes
 
 
 def show_frequencies(
@@ -39,11 +39,9 @@ def show_frequencies(
     edges, theta = _edges(frequencies, angles, unit)
     options = {"norm": norm, "cmap": cmap, "rasterized": True}
     shown = axes.pcolormesh(np.degrees(theta), edges, np.asarray(values), **options)
-    axes.set_title(title, fontsize=9)
-    axes.set_xlabel("direction $\\theta$ [degrees]", fontsize=8)
+    frequency = frequency_label("frequency $\\lambda$", unit)
+    label_axes(axes, title, "direction $\\theta$ [degrees]", frequency)
     axes.set_xticks([0, 45, 90, 135, 180])
-    axes.set_ylabel(frequency_label("frequency $\\lambda$", unit), fontsize=8)
-    axes.tick_params(labelsize=7)
     return shown
 
 
@@ -74,10 +72,8 @@ def show_frequency_plane(
         **options,
     )
     axes.set_aspect("equal")
-    axes.set_title(title, fontsize=9)
-    axes.set_xlabel(frequency_label("$\\xi_1$", unit), fontsize=8)
-    axes.set_ylabel(frequency_label("$\\xi_2$", unit), fontsize=8)
-    axes.tick_params(labelsize=7)
+    horizontal, vertical = (frequency_label(f"$\\xi_{i}$", unit) for i in (1, 2))
+    label_axes(axes, title, horizontal, vertical)
     return shown
 
 

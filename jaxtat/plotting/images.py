@@ -12,7 +12,7 @@ from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from ..checks import Numbers
 from ..geometry import ImageGrid
 from ..units import millimetres
-from .canvas import GRAY, length_label, new_figure
+from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure
 
 MOST_PANELS = 16  # images of a stack that one picture shows
 
@@ -54,10 +54,7 @@ def show_image(
         cmap=cmap,
         interpolation="nearest",
     )
-    axes.set_title(title, fontsize=9)
-    axes.set_xlabel(length_label("$x_1$", unit), fontsize=8)
-    axes.set_ylabel(length_label("$x_2$", unit), fontsize=8)
-    axes.tick_params(labelsize=7)
+    label_axes(axes, title, length_label("$x_1$", unit), length_label("$x_2$", unit))
     return mappable
 
 
@@ -84,8 +81,7 @@ def picture(
 ) -> Figure:
     """One image, or up to 16 of a stack, evenly chosen, with axes and a common colour bar.
 
-    The colours run between the 0.2th and 99.8th percentile, so that one bright pixel does not
-    darken the rest.
+    The grey levels are those of `gray_levels`.
 
     Args:
         image: (x1, x2), or (frames, x1, x2); NaN stays blank.
@@ -101,11 +97,11 @@ def picture(
     rows = -(-n // columns)
     figure = new_figure(6.4, 5.6) if n == 1 else new_figure(2.4 * columns + 0.8, 2.4 * rows)
     panels = figure.subplots(rows, columns, squeeze=False)
-    low, high = (float(v) for v in np.nanpercentile(stack[chosen], [0.2, 99.8]))
+    limits = gray_levels(stack[chosen])
     shown = None
     for axes, k in zip(panels.flat, chosen, strict=False):
         title = "" if frames is None else f"{np.asarray(frames)[k]:g}"
-        shown = show_image(axes, stack[k], grid, limits=(low, high), title=title, unit=unit)
+        shown = show_image(axes, stack[k], grid, limits=limits, title=title, unit=unit)
         if unit is not None:
             add_scale_bar(axes)
     for axes in panels.flat[n:]:

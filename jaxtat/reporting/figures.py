@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from ..diagnostics import DataResidual, Diagnosis, WaveAccuracy
 from ..plotting import (
     SEQUENTIAL,
+    greatest,
+    label_axes,
     length_label,
     new_figure,
     picture,
@@ -27,12 +29,6 @@ from ..plotting import (
 _DISKS = 7  # across the region, of edges that are seen
 
 
-def percentiles(image: np.ndarray) -> tuple[float, float]:
-    """Between which a picture's grey levels run."""
-    low, high = np.nanpercentile(image, [0.2, 99.8])
-    return float(low), float(high)
-
-
 def image(diagnosis: Diagnosis, unit: str | None) -> Figure:
     """The picture."""
     return picture(diagnosis.image, diagnosis.grid, unit=unit)
@@ -47,9 +43,7 @@ def geometry(diagnosis: Diagnosis, unit: str | None) -> Figure:
     show_opening(left, diagnosis.curve, unit=unit)
     show_edges(left, diagnosis.curve, points, radius, unit=unit)
     left.legend(fontsize=7, loc="upper right")
-    left.set_xlabel(length_label("$x_1$", unit), fontsize=8)
-    left.set_ylabel(length_label("$x_2$", unit), fontsize=8)
-    left.tick_params(labelsize=7)
+    label_axes(left, "", length_label("$x_1$", unit), length_label("$x_2$", unit))
     least = float(np.nanmin(np.asarray(diagnosis.visible)))
     shown = show_image(
         right,
@@ -109,8 +103,8 @@ def sinograms(diagnosis: Diagnosis, unit: str | None) -> tuple[Figure, float]:
     figure = new_figure(11, 4.6)
     panels = figure.subplots(1, 3, sharey=True)
     residual = diagnosis.residual
-    limit = float(np.percentile(np.abs(np.asarray(diagnosis.g)), 99.8)) or 1.0
-    left = float(np.percentile(np.abs(np.asarray(residual.values)), 99.8)) or limit
+    limit = greatest(diagnosis.g)
+    left = greatest(residual.values, otherwise=limit)
     amplified = 10.0 ** max(0.0, np.floor(np.log10(limit / left)))
     each = {
         "measured": (diagnosis.g, limit),

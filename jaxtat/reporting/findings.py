@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..diagnostics import DataResidual, Diagnosis, Uncertainty, WaveAccuracy
+from ..plotting import gray_levels
 from ..units import millimetres
-from .figures import percentiles
 
 _REACHED = 0.1  # error up to which a plane wave counts as reached
 _NAMED = 12  # detectors, at most, that are listed by number
@@ -187,7 +187,7 @@ def _listed(numbers: Iterable[int]) -> str:
 
 def _noise(uncertainty: Uncertainty, image: np.ndarray) -> Finding:
     deviation = np.asarray(uncertainty.deviation)
-    low, high = percentiles(image)
+    low, high = gray_levels(image)
     middle, most = float(np.nanmedian(deviation)), float(np.nanmax(deviation))
     share = middle / (high - low) if high > low else np.inf
     text = (

@@ -1,9 +1,10 @@
-"""Bessel functions of integer order for JAX, and the full-circle norm built from them."""
+"""Bessel functions of integer order for JAX, the full-circle norm built from them, and a root."""
 
 from .bessel import j0 as j0
 from .bessel import j1 as j1
 from .bessel import y0 as y0
 from .bessel import y1 as y1
+from .root import root as root
 from .sequences import decay_steps as decay_steps
 from .sequences import enough_orders as enough_orders
 from .sequences import full_circle_norm as full_circle_norm
