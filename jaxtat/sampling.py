@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from .checks import Numbers, real_array, require_positive
 from .geometry import DetectorCurve, Region
+from .geometry.curves import behind_gap
 from .pressure import require_equispaced
 
 _BESIDE = 4  # detectors to either side, over which spacing is averaged
@@ -217,9 +218,7 @@ def _sampled_frequency(curve: DetectorCurve, region: Region) -> Array:
 def _spacing(curve: DetectorCurve) -> Float[Array, " detectors"]:
     """Mean of the steps about each detector, four to either side, gaps in the curve apart."""
     step = _lengths(jnp.roll(curve.points, -1, axis=0) - curve.points)
-    counts = step <= (4 + 1e-9) * jnp.median(step)
-    if not curve.closed:
-        counts = counts.at[-1].set(False)
+    counts = ~behind_gap(step, curve.closed, jnp)
     around = np.arange(-_BESIDE, _BESIDE) + np.arange(curve.n_detectors)[:, None]
     around %= curve.n_detectors
     total, n = jnp.sum((counts * step)[around], axis=1), jnp.sum(counts[around], axis=1)

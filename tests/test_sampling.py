@@ -14,6 +14,7 @@ from jaxtat import (
     first_arrival,
     keep_detectors,
     phantoms,
+    polyline,
     problem_layout,
     reconstruct_direct,
     supported,
@@ -53,6 +54,18 @@ def test_gaps_do_not_decide_and_few_missing_detectors_little(arc, disk):
     assert abs(without(np.arange(20, 36)) / whole - 1) < 1e-6  # a gap
     assert abs(without(np.arange(1, 64, 4)) / whole - 8 / 11) < 0.01  # 8 of them take 11 steps
     assert abs(without(np.arange(1, 32, 2)) / whole - 0.5) < 1e-2  # half of the arc is coarser
+
+
+def test_two_densities_are_both_sampled():
+    """The sparse side of an L decides, first or last: its steps are no gaps."""
+    region = truncated_disk(0.3, 0.3, 64)
+    corners = [(-1, 1), (-1, -1), (1, -1)]
+    first, last = (
+        float(supported(polyline(corners, n), region, TIMES).frequency_of_detectors)
+        for n in ((15, 90), (90, 15))
+    )
+    assert abs(first / last - 1) < 1e-9
+    assert np.pi / (2 / 15) < first < 0.5 * np.pi / (2 / 90)
 
 
 def test_a_straight_array_is_sampled_by_its_steepest_wave():

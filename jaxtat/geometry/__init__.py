@@ -15,14 +15,17 @@ from .curves import (
     fit_circle,
     in_plane,
     keep_detectors,
+    near_circle,
     turned_views,
 )
-from .grids import ImageGrid
+from .grids import Grid, ImageGrid, VolumeGrid
+from .polygons import Polygon, RegionUnion, polygon, rectangle, union_of_regions
 from .radii import data_radii, require_cover
 from .regions import Region, TruncatedDisk, require_outside, truncated_disk
+from .shapes import elliptic_arc, join_curves, parametric_curve, polyline
 from .transverse_weight import transverse_weight
 from .visibility import Visibility, VisibilityWarning, visibility
-from .visible_edges import VISIBLE, edge_weight, visibility_map
+from .visible_edges import VISIBLE, edge_weight, visibility_map, visible_disk
 
 __all__ = [
     "VISIBLE",
@@ -30,26 +33,39 @@ __all__ = [
     "Circle",
     "CircularArc",
     "DetectorCurve",
+    "Grid",
     "ImageGrid",
+    "Polygon",
     "Region",
+    "RegionUnion",
     "SampledCurve",
     "TruncatedDisk",
     "Visibility",
     "VisibilityWarning",
+    "VolumeGrid",
     "circular_arc",
     "data_radii",
     "detector_curve",
     "edge_weight",
+    "elliptic_arc",
     "fit_arc",
     "fit_circle",
     "in_plane",
+    "join_curves",
     "keep_detectors",
+    "near_circle",
     "order_along_curve",
+    "parametric_curve",
+    "polygon",
+    "polyline",
+    "rectangle",
     "require_cover",
     "require_outside",
     "transverse_weight",
     "truncated_disk",
     "turned_views",
+    "union_of_regions",
     "visibility",
     "visibility_map",
+    "visible_disk",
 ]

@@ -8,9 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from .curves import fit_circle, is_closed, require_sorted
-
-ROUND = 0.05  # of the radius: detectors farther off the circle than that are no arc
+from .curves import ROUND, fit_circle, is_closed, require_sorted
 
 
 class ArcFit(NamedTuple):

@@ -1,6 +1,6 @@
-"""Image grids: where the pixels are."""
+"""Grids of images and volumes: where the nodes are."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,7 +9,58 @@ from jaxtyping import Array, Float
 from ..checks import Numbers, real_array, require_positive, whole_number
 
 
-class ImageGrid(eqx.Module):
+class Grid(eqx.Module):
+    """Nodes x_i = c + b (2 i/(n-1) - 1), i = 0..n-1, along each axis; see `ImageGrid`."""
+
+    half_width: Float[Array, " dimension"]
+    center: Float[Array, " dimension"]
+    shape: tuple[int, ...] = eqx.field(static=True)
+
+    dimension: ClassVar[int]
+
+    def __init__(self, n: Any, half_width: Numbers, center: Numbers):
+        d = self.dimension
+        shape = n if isinstance(n, tuple) else (n,) * d
+        if len(shape) != d:
+            raise ValueError(f"n is {n!r}, expected a number or {d} of them.")
+        self.shape = tuple(whole_number("n", size, 4) for size in shape)
+        width = real_array("half_width", half_width, None)
+        if width.shape not in ((), (d,)):
+            raise ValueError(f"half_width has shape {width.shape}, expected a number or {d}.")
+        self.half_width = jnp.broadcast_to(width, (d,))
+        self.center = real_array("center", center, (d,))
+        require_positive("half_width", self.half_width)
+
+    @property
+    @eqx.filter_jit
+    def spacing(self) -> Float[Array, " dimension"]:
+        """Distance h between neighbouring nodes along each axis [length]."""
+        return 2 * self.half_width / (jnp.asarray(self.shape) - 1)
+
+    @property
+    @eqx.filter_jit
+    def points(self) -> Float[Array, "*nodes dimension"]:
+        """All nodes [length]."""
+        axes = [self.axis(i) for i in range(self.dimension)]
+        return jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1)
+
+    @property
+    def x1(self) -> Float[Array, " x1"]:
+        """First coordinates of the nodes [length]."""
+        return self.axis(0)
+
+    @property
+    def x2(self) -> Float[Array, " x2"]:
+        """Second coordinates of the nodes [length]."""
+        return self.axis(1)
+
+    def axis(self, number: int) -> Array:
+        """Coordinates of the nodes along one axis [length]."""
+        unit = jnp.linspace(-1.0, 1.0, self.shape[number])
+        return self.center[number] + self.half_width[number] * unit
+
+
+class ImageGrid(Grid):
     """Nodes x_i = c + b (2 i/(n-1) - 1), i = 0..n-1, along each axis; images are f[i, j] = f(x_ij).
 
     Args:
@@ -25,47 +76,35 @@ class ImageGrid(eqx.Module):
     ((129, 129, 2), 0.015625)
     """
 
-    half_width: Float[Array, "2"]
-    center: Float[Array, "2"]
     shape: tuple[int, int] = eqx.field(static=True)
 
-    def __init__(
-        self,
-        n: Any,
-        half_width: Numbers = 1.0,
-        center: Numbers = (0.0, 0.0),
-    ):
-        n1, n2 = n if isinstance(n, tuple) else (n, n)
-        self.shape = (whole_number("n", n1, 4), whole_number("n", n2, 4))
-        width = real_array("half_width", half_width, None)
-        if width.shape not in ((), (2,)):
-            raise ValueError(f"half_width has shape {width.shape}, expected a number or a pair.")
-        self.half_width = jnp.broadcast_to(width, (2,))
-        self.center = real_array("center", center, (2,))
-        require_positive("half_width", self.half_width)
+    dimension = 2
+
+    def __init__(self, n: Any, half_width: Numbers = 1.0, center: Numbers = (0.0, 0.0)):
+        super().__init__(n, half_width, center)
+
+
+class VolumeGrid(Grid):
+    """Nodes of a volume f[i, j, k] = f(x_ijk), as those of an `ImageGrid`, with three axes.
+
+    Args:
+        n: number of nodes per axis, an int or three, at least 4.
+        half_width: b, from the centre to the last node, a number or three [length].
+        center: c, (3,) [length].
+
+    >>> grid = VolumeGrid((9, 9, 5), half_width=(1.0, 1.0, 0.5))
+    >>> grid.points.shape, grid.spacing.tolist()
+    ((9, 9, 5, 3), [0.25, 0.25, 0.25])
+    """
+
+    shape: tuple[int, int, int] = eqx.field(static=True)
+
+    dimension = 3
+
+    def __init__(self, n: Any, half_width: Numbers = 1.0, center: Numbers = (0.0, 0.0, 0.0)):
+        super().__init__(n, half_width, center)
 
     @property
-    @eqx.filter_jit
-    def spacing(self) -> Float[Array, "2"]:
-        """Distance h between neighbouring nodes along each axis [length]."""
-        return 2 * self.half_width / (jnp.asarray(self.shape) - 1)
-
-    @property
-    def x1(self) -> Float[Array, " x1"]:
-        """First coordinates of the nodes [length]."""
-        return self._axis(0)
-
-    @property
-    def x2(self) -> Float[Array, " x2"]:
-        """Second coordinates of the nodes [length]."""
-        return self._axis(1)
-
-    @property
-    @eqx.filter_jit
-    def points(self) -> Float[Array, "x1 x2 2"]:
-        """All nodes [length]."""
-        return jnp.stack(jnp.meshgrid(self.x1, self.x2, indexing="ij"), axis=-1)
-
-    def _axis(self, axis: int) -> Array:
-        unit = jnp.linspace(-1.0, 1.0, self.shape[axis])
-        return self.center[axis] + self.half_width[axis] * unit
+    def x3(self) -> Float[Array, " x3"]:
+        """Third coordinates of the nodes [length]."""
+        return self.axis(2)

@@ -36,6 +36,11 @@ class Region(eqx.Module):
     def reach(self) -> Float[Array, ""]:
         """Radius of a disk about ``center`` that holds the region [length]."""
 
+    @property
+    def components(self) -> tuple["Region", ...]:
+        """Its connected parts: a line meets the region if it meets one of them."""
+        return (self,)
+
     @abstractmethod
     def level(self, points: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
         """Below zero inside, zero on the boundary, above zero outside [length]."""

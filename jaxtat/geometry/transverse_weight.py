@@ -8,12 +8,14 @@ the arc length that each stands for.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..checks import Numbers, real_array, require_positive
 from .curves import DetectorCurve
 
 WIDTH = 3.0  # of the Gaussian, in detector spacings: wide enough to see no single detectors
+_BESIDE = 8  # detectors to either side, over which arc length is averaged
 _LINES_AT_ONCE = 1024
 
 
@@ -31,7 +33,8 @@ def transverse_weight(
         curve: the detectors, in any order, of any shape.
         angles: theta of the lines' normals [rad].
         offsets: s [length], of the same shape as angles or one that fits by broadcasting.
-        width: eps [length], by default three times the median arc length of a detector.
+        width: eps [length], by default three times the median arc length of a detector; wider for
+            those among sparser ones, 1.5 times the mean arc length about them.
 
     Returns:
         W, of the common shape of angles and offsets.
@@ -57,13 +60,27 @@ def transverse_weight(
     return _weights(curve, angles, offsets, kernel_width(curve, width))
 
 
-def kernel_width(curve: DetectorCurve, width: Numbers | None) -> Float[Array, ""]:
-    """eps [length], checked, or the one that suits the curve."""
+def kernel_width(curve: DetectorCurve, width: Numbers | None) -> Float[Array, "*detectors"]:
+    """eps [length], checked, or those that suit the curve: one for each detector."""
     if width is None:
-        return WIDTH * jnp.median(curve.weights)
+        return _widths(curve)
     width = real_array("width", width, ())
     require_positive("width", width)
     return width
+
+
+@jax.jit
+def _widths(curve: DetectorCurve) -> Float[Array, " detectors"]:
+    """One for all, unless that would show single detectors where they are sparse.
+
+    It is a lower bound only, and of a mean: widths that vary from one detector to the next give
+    weights that do.
+    """
+    n = curve.n_detectors
+    beside = np.arange(n)[:, None] + np.arange(-_BESIDE, _BESIDE + 1)
+    beside = beside % n if curve.closed else np.clip(beside, 0, n - 1)
+    local = jnp.mean(curve.weights[beside], axis=1)
+    return WIDTH * jnp.maximum(jnp.median(curve.weights), local / 2)
 
 
 @jax.jit
@@ -81,5 +98,17 @@ def weight_of_line(
 ) -> Float[Array, "*n"]:
     """W of lines with one direction."""
     along = curve.points[:, 0] * jnp.cos(angle) + curve.points[:, 1] * jnp.sin(angle)
-    t = (offset[..., None] - along) / width
-    return jnp.exp(-(t**2) / 2) @ curve.weights / (width * jnp.sqrt(2 * jnp.pi))
+    return weight_at(curve, offset[..., None] - along, width)
+
+
+def weight_at(
+    curve: DetectorCurve, distances: Float[Array, "*n detectors"], width: Array
+) -> Float[Array, "*n"]:
+    """Σ_k w_k delta_eps(d_k) of lines at distances d_k from the detectors."""
+    t = distances / width
+    return jnp.exp(-(t**2) / 2) @ (curve.weights / (width * jnp.sqrt(2 * jnp.pi)))
+
+
+def line_normals(angles: Float[Array, "*n"]) -> Float[Array, "2 *n"]:
+    """Unit normals of lines in the given directions."""
+    return jnp.stack([-jnp.sin(angles), jnp.cos(angles)])

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .curves import DetectorCurve
+from .curves import DetectorCurve, behind_gap
 from .regions import Region
 
 
@@ -52,8 +52,8 @@ def visibility(
 
     A connected piece of the curve meets the line exactly if min z·w <= s <= max z·w over its
     detectors (intermediate values), so for each direction w only shadows on an axis are compared.
-    The curve falls into pieces at steps of more than four median steps; each piece is taken to
-    reach half a detector spacing beyond its end detectors.
+    The curve falls into pieces at steps more than four times as wide as those beside them; each
+    piece is taken to reach half a detector spacing beyond its end detectors.
 
     Args:
         curve, region: the geometry, concrete.
@@ -75,15 +75,22 @@ def visibility(
     low, high = _shadow(np.asarray(region.points), w)
     inner = (np.arange(n_offsets) + 0.5) / n_offsets
     offsets = low[:, None] + (high - low)[:, None] * inner
-    seen = np.zeros(offsets.shape, bool)
-    for piece in _pieces(curve):
-        first, last = _shadow(piece, w)
-        seen |= (offsets >= first[:, None]) & (offsets <= last[:, None])
-    share = 1 - seen.mean(axis=1)
+    through = _covered(offsets, [np.asarray(part.points) for part in region.components], w)
+    missed = through & ~_covered(offsets, connected_pieces(curve), w)
+    share = missed.mean(axis=1)
     # two lines in a thousand are the sampling of boundary and curve
     missing = np.where(share * n_offsets <= 2, 0.0, share) * (high - low)
-    fraction = missing.sum() / (high - low).sum()
+    fraction = missing.sum() / (through.mean(axis=1) * (high - low)).sum()
     return Visibility(*jax.device_put((fraction, angles, missing)))
+
+
+def _covered(offsets: np.ndarray, parts: list[np.ndarray], w: np.ndarray) -> np.ndarray:
+    """Which lines meet one of several connected parts."""
+    found = np.zeros(offsets.shape, bool)
+    for part in parts:
+        first, last = _shadow(part, w)
+        found |= (offsets >= first[:, None]) & (offsets <= last[:, None])
+    return found
 
 
 def _shadow(points: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -91,14 +98,13 @@ def _shadow(points: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return offsets.min(axis=0), offsets.max(axis=0)
 
 
-def _pieces(curve: DetectorCurve) -> list[np.ndarray]:
+def connected_pieces(curve: DetectorCurve) -> list[np.ndarray]:
     """Connected pieces of the curve, each with its two tips."""
     points = np.asarray(curve.points)
     steps = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    wide = steps > 4 * np.median(steps)
-    if curve.closed and not wide.any():
+    wide = behind_gap(steps, curve.closed)
+    if not wide.any():
         return [np.concatenate([points, points[:1]])]
-    wide[-1] |= not curve.closed
     after = (np.flatnonzero(wide) + 1) % len(points)
     turned = np.roll(points, -after[-1], axis=0)
     return [_with_tips(p) for p in np.split(turned, np.sort((after - after[-1]) % len(points))[1:])]

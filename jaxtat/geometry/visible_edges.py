@@ -11,11 +11,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import KDTree
 
 from ..checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from .curves import DetectorCurve
 from .grids import ImageGrid
-from .transverse_weight import kernel_width, transverse_weight, weight_of_line
+from .transverse_weight import kernel_width, line_normals, transverse_weight, weight_of_line
+from .visibility import connected_pieces
 
 VISIBLE = 0.75  # least transverse weight of a line whose wave is reconstructed stably
 _STEPS = 8.0  # of the table of offsets within the Gaussian's width
@@ -46,7 +49,7 @@ def edge_weight(
     """
     points = real_array("points", points, ("...", 2))
     angles = real_array("angles", angles, ("angles",))
-    offsets = points @ _across(angles)
+    offsets = points @ line_normals(angles)
     return transverse_weight(curve, angles + jnp.pi / 2, offsets, width=width)
 
 
@@ -95,8 +98,68 @@ def visibility_map(
     n_angles = whole_number("n_angles", n_angles, 1)
     angles = np.arange(n_angles) * (np.pi / n_angles)
     diagonal = 2 * np.hypot(*np.asarray(grid.half_width))
-    n_offsets = 256 * (int(_STEPS * diagonal / float(width)) // 256 + 1)  # few programs
+    n_offsets = 256 * (int(_STEPS * diagonal / np.asarray(width).min()) // 256 + 1)  # few programs
     return _share(curve, grid, jax.device_put(angles), width, least, n_offsets)
+
+
+def visible_disk(
+    curve: DetectorCurve, *, center: Numbers | None = None, n: int = 65
+) -> tuple[np.ndarray, float] | None:
+    """Centre and radius of the largest disk of which every edge can be seen; None if there is none.
+
+    Found on the n x n pixels of the box around the detectors, and smaller by up to two of them. It
+    keeps clear of detectors by a tenth of its radius.
+
+    Args:
+        curve: the detectors, concrete.
+        center: of the disk, if only its radius is wanted, (2,) [length].
+        n: pixels on each side of the box.
+
+    >>> from jaxtat import polyline
+    >>> middle, radius = visible_disk(polyline([(-1, 1), (-1, -1), (1, -1)], 90))
+    >>> bool(np.abs(middle + 1 - radius).max() < 0.2)  # it keeps clear of both sides alike
+    True
+    >>> 0.4 < radius < 0.59  # 2 - √2 is that of the whole triangle
+    True
+    """
+    points = np.asarray(curve.points)
+    half = np.maximum(np.ptp(points, axis=0).max() / 2, 1e-300)
+    grid = ImageGrid(n, half, (points.max(axis=0) + points.min(axis=0)) / 2)
+    nodes = np.asarray(grid.points)
+    # the transverse weight looks past the ends of the curve by its width, and is not enough alone
+    seen = np.asarray(visibility_map(curve, grid, n_angles=90)) > 0.99
+    seen &= _meets_every_line(curve, nodes)
+    nearest, which = KDTree(points).query(nodes)
+    seen &= nearest > np.asarray(kernel_width(curve, None))[which]  # points on the curve itself
+    # what is not seen may begin up to a pixel before the first one that is not
+    radius = (np.asarray(distance_transform_edt(seen)) - 1) * float(grid.spacing[0])
+    radius = np.minimum(radius, nearest / 1.1)
+    if center is None:
+        place = np.unravel_index(np.argmax(radius), radius.shape)
+    else:
+        off = np.linalg.norm(nodes - np.asarray(center, float), axis=-1)
+        place = np.unravel_index(np.argmin(off), off.shape)
+    if not radius[place] > 0:
+        return None
+    return (nodes[place] if center is None else np.asarray(center, float)), float(radius[place])
+
+
+def _meets_every_line(curve: DetectorCurve, points: np.ndarray) -> np.ndarray:
+    """Whether every line through a point meets the curve, by the order of the detectors.
+
+    From a point each piece of the curve covers the directions between its least and its greatest
+    bearing; lines are directions modulo half a turn. If any is left free, some free range begins
+    where a piece's range ends.
+    """
+    ends = []
+    for piece in connected_pieces(curve):
+        local = piece - points[..., None, :]
+        bearing = np.unwrap(np.arctan2(local[..., 1], local[..., 0]))
+        ends.append((bearing.min(axis=-1), bearing.max(axis=-1)))
+    covered = [
+        np.any([(end - low) % np.pi < high - low for low, high in ends], axis=0) for _, end in ends
+    ]
+    return np.all(covered, axis=0)
 
 
 @partial(jax.jit, static_argnames="n_offsets")
@@ -108,7 +171,7 @@ def _share(
     local = grid.points - grid.center
 
     def count(total: Array, angle: Array) -> tuple[Array, None]:
-        across = _across(angle)
+        across = line_normals(angle)
         weights = weight_of_line(curve, angle + jnp.pi / 2, grid.center @ across + table, width)
         position = (local @ across + reach) / (table[1] - table[0])
         first = jnp.clip(position.astype(int), 0, n_offsets - 2)
@@ -118,8 +181,3 @@ def _share(
 
     total, _ = jax.lax.scan(count, jnp.zeros(grid.shape, int), angles)
     return total / angles.shape[0]
-
-
-def _across(angles: Float[Array, "*n"]) -> Float[Array, "2 *n"]:
-    """Unit normals of lines in the given directions."""
-    return jnp.stack([-jnp.sin(angles), jnp.cos(angles)])

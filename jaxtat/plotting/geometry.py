@@ -2,11 +2,23 @@
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 
 from ..checks import Numbers
-from ..geometry import VISIBLE, DetectorCurve, Region, edge_weight, fit_circle
+from ..geometry import (
+    VISIBLE,
+    DetectorCurve,
+    ImageGrid,
+    Region,
+    edge_weight,
+    fit_circle,
+    visibility_map,
+)
+from ..geometry.curves import behind_gap
 from ..units import millimetres
+from .canvas import SEQUENTIAL
+from .images import show_image
 
 _DIRECTIONS = 90  # over half a turn
 
@@ -21,11 +33,12 @@ def show_geometry(
         curve, region: the geometry.
         unit: of length, as in `show_image`; labels are the caller's.
     """
-    scale = millimetres(unit)
-    boundary = scale * np.asarray(region.points)
-    order = np.argsort(np.arctan2(*(boundary - boundary.mean(axis=0)).T[::-1]))
-    outline = boundary[np.append(order, order[0])]
-    axes.plot(*outline.T, "-", color="tab:orange", lw=1, label="region of interest")
+    scale, label = millimetres(unit), "region of interest"
+    for part in region.components:
+        boundary = scale * np.asarray(part.points)
+        outline = np.concatenate([boundary, boundary[:1]])
+        axes.plot(*outline.T, "-", color="tab:orange", lw=1, label=label)
+        label = ""
     axes.plot(*scale * np.asarray(curve.points).T, ".", color="tab:blue", ms=1.5, label="detectors")
     axes.set_aspect("equal")
     axes.autoscale()  # an image drawn before has fixed the limits to itself
@@ -36,9 +49,8 @@ def show_opening(axes: Axes, curve: DetectorCurve, *, unit: str | None = None) -
     points = millimetres(unit) * np.asarray(curve.points)
     after = np.roll(points, -1, axis=0)
     steps = np.linalg.norm(after - points, axis=1)
-    gaps = steps > 4 * np.median(steps)
-    gaps[-1] |= not curve.closed
-    for number, gap in enumerate(np.flatnonzero(gaps).tolist()):
+    gaps = np.flatnonzero(behind_gap(steps, curve.closed))
+    for number, gap in enumerate(gaps.tolist()):
         label = "" if number else "opening"
         axes.plot(*_bridge(points, gap).T, "--", color="0.5", lw=1, label=label)
 
@@ -58,6 +70,24 @@ def _bridge(points: np.ndarray, gap: int) -> np.ndarray:
     first, last = np.arctan2(*(ends - center).T[::-1])
     turn = np.linspace(0, (sense * (last - first)) % (2 * np.pi), 100)
     return center + radius * _unit(first + sense * turn)
+
+
+def show_visibility(
+    axes: Axes, curve: DetectorCurve, grid: ImageGrid, *, unit: str | None = None
+) -> ScalarMappable:
+    """Draw which share of edge directions can be seen at each pixel, dark for 0, bright for 1.
+
+    Args:
+        axes: where to draw.
+        curve: the detectors.
+        grid: where `visibility_map` is wanted.
+        unit: of length, as in `show_image`.
+
+    Returns:
+        What a colour bar needs.
+    """
+    seen = visibility_map(curve, grid)
+    return show_image(axes, seen, grid, limits=(0.0, 1.0), cmap=SEQUENTIAL, unit=unit)
 
 
 def show_edges(

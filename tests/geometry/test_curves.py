@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from jax.test_util import check_grads
 
 from jaxtat import circular_arc, detector_curve, fit_circle, keep_detectors, turned_views
+from jaxtat.geometry import SampledCurve, near_circle
+from jaxtat.geometry.curves import behind_gap
 
 unit = st.floats(-3.0, 3.0)
 
@@ -94,6 +96,51 @@ def test_coarse_and_broken_arcs_are_in_order():
 def test_collinear_points_have_no_circle():
     with pytest.raises(ValueError, match="straight line"):
         fit_circle(np.stack([np.linspace(0, 1, 9), np.zeros(9)], axis=1))
+
+
+def known(points):
+    arrays = points, np.ones(len(points)), points
+    return SampledCurve(*jax.device_put(arrays), False)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_what_counts_as_on_a_circle(turn):
+    """Five per cent of the radius, or of the height of a shallow arc."""
+    scatter = np.random.default_rng(0).uniform(-1, 1, 100)
+    for size in (1e-4, 1e-3, 1e-2):  # a line, with jitter
+        line = np.linspace(-2, 2, 100) + 1j * size * scatter
+        line = line * np.exp(1j * turn)
+        assert not near_circle(known(np.stack([line.real, line.imag], axis=1)))
+    middle = turn + np.linspace(-1, 1, 100) * np.radians(10)
+    height = 5 * (1 - np.cos(np.radians(10)))
+    for off, circle in ((0.0, True), (0.02, True), (0.5, False)):
+        radius = (5 + off * height * scatter)[:, None]
+        assert near_circle(known(points_on_arc(radius, (1, 2), middle))) == circle
+    ring = 2 * np.pi * np.arange(100) / 100
+    for off, circle in ((0.04, True), (0.07, False)):
+        radius = (1 + off * np.cos(5 * ring))[:, None]
+        assert near_circle(known(points_on_arc(radius, (1, 2), ring))) == circle
+
+
+def test_a_gap_is_one_by_the_steps_beside_it():
+    def gaps(*steps, closed=False):
+        return np.flatnonzero(behind_gap(np.array(steps, float), closed)).tolist()
+
+    ones = [1.0] * 5
+    assert gaps(*ones, 4, *ones) == [10] and gaps(*ones, 5, *ones) == [5, 10]
+    assert gaps(*ones, 5, *ones, closed=True) == [5] and gaps(*ones, 5, closed=True) == [5]
+    assert gaps(*ones, 9, 9, *ones) == [5, 6, 11], "one detector alone"
+    assert gaps(9, *ones, 1) == [0, 6], "the first detector alone"
+    assert gaps(*ones, 5.5, 10, 10, 10, 1) == [9], "another density"
+    assert gaps(*ones, 30, 10, 10, 10, 1) == [9] and gaps(*ones, 50, 10, 10, 10, 1) == [5, 9]
+    assert gaps(1, 9) == [1] and gaps(1, 1, 9) == [2]
+
+
+def test_a_detector_alone_between_gaps_owns_what_others_own():
+    ring = circular_arc(1.0, 1.0, 60)
+    missing = [20, 21, 22, 23, 24, 26, 27, 28, 29, 30]
+    found = keep_detectors(ring, ~np.isin(np.arange(60), missing))
+    np.testing.assert_allclose(found.weights, 2 * np.pi / 60, rtol=1e-12)
 
 
 def test_straight_array_has_straight_weights():

@@ -10,7 +10,7 @@ from jax.test_util import check_grads
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from jaxtat import circular_arc, transverse_weight
+from jaxtat import circular_arc, detector_curve, join_curves, transverse_weight
 from jaxtat.geometry import SampledCurve
 
 N, ANGLES = 800, np.arange(24) * np.pi / 24  # one size of curve, and of lines: (24, 15)
@@ -63,6 +63,28 @@ def test_it_asks_for_no_order_and_no_normals():
     other = SampledCurve(arc.points[shuffled], arc.weights[shuffled], 0 * arc.normals, False)
     lines = ANGLES[:, None], np.linspace(-1.3, 1.3, 15)
     assert_allclose(transverse_weight(other, *lines), transverse_weight(arc, *lines), atol=1e-12)
+
+
+@pytest.mark.parametrize("sparse", [N // 2, N // 16])
+def test_lines_across_two_arcs_of_different_density(sparse):
+    """Each is met at normal incidence, 1 + eps²/(2 R²) as above, however sparse one of them is.
+
+    eps is three times the steps of most detectors, and at least 1.5 times those of the arc.
+    """
+    arcs = circular_arc(1.3, -0.4, N - sparse), circular_arc(1.3, -0.4, sparse, angle=np.pi)
+    across = np.pi / 2 + np.linspace(-0.3, 0.3, 360).reshape(24, 15)
+    found = transverse_weight(join_curves(*arcs), across, 0.0)
+    dense, own = (float(arc.weights[0]) / 1.3 for arc in arcs)
+    eps = np.array([3 * dense, max(3 * dense, 1.5 * own)])
+    assert_allclose(found, 2 + np.sum(eps**2) / 2, atol=3 * np.sum(eps**4))
+
+
+def test_uneven_steps_do_not_show():
+    """Steps between a half and one and a half, on a line: 1 but for the sum over detectors."""
+    x = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, N))
+    curve = detector_curve(np.stack([x, 0 * x], axis=1), closed=False)
+    found = transverse_weight(curve, 0.0, np.linspace(20, 700, 360).reshape(24, 15))
+    assert_allclose(found, 1, atol=0.01)
 
 
 def test_the_width_is_taken():

@@ -6,8 +6,17 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from jaxtat import ImageGrid, circular_arc, edge_weight, visibility_map
-from jaxtat.geometry import VISIBLE, SampledCurve
+from jaxtat import (
+    ImageGrid,
+    circular_arc,
+    detector_curve,
+    edge_weight,
+    join_curves,
+    polyline,
+    visibility_map,
+)
+from jaxtat.geometry import VISIBLE, SampledCurve, visible_disk
+from jaxtat.geometry.visibility import connected_pieces
 
 N_ANGLES = 360
 ANGLES = np.arange(360) * np.pi / 360
@@ -108,6 +117,31 @@ def test_the_map_counts_the_edges_of_every_pixel():
     assert_allclose(found, share, atol=2 / 360)
 
 
+@pytest.mark.parametrize("counts", [(50, 50, 50), (90, 30, 30)], ids=["even", "uneven"])
+def test_the_disk_seen_by_three_arcs(counts):
+    """Arcs of 100 degrees with openings of 20 between them. Lines that miss all go from opening to
+    opening: the nearest join corners 140 degrees apart, and leave a triangle about the middle."""
+    arcs = [
+        circular_arc(1.3, 1.3 * np.cos(np.radians(130)), n, angle=2 * np.pi * k / 3)
+        for k, n in enumerate(counts)
+    ]
+    curve, inner = join_curves(*arcs), 1.3 * np.cos(np.radians(70))
+    # two pixels, and the distance from an end at which W is enough
+    short = 2 * 2.6 / 32 + 0.7 * 3 * np.radians(2) * 1.3
+    middle, radius = visible_disk(curve, n=33)
+    assert np.linalg.norm(middle) < 0.1
+    assert inner - short < radius < inner
+    if counts[0] == 90:
+        center, radius = visible_disk(curve, center=(0.1, 0.0), n=33)
+        off = max(0.1 * np.cos(a.angle + np.pi) for a in arcs)
+        assert np.array_equal(center, [0.1, 0.0])
+        assert inner - off - short < radius < inner - off
+
+
+def test_no_disk_is_seen_by_a_straight_array():
+    assert visible_disk(polyline([(-1, -1), (1, -1)], 40), n=17) is None
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -127,3 +161,11 @@ def test_points_of_another_shape_and_traced_maps_are_refused():
         edge_weight(curve, [0.0, 1.0, 2.0], ANGLES)
     with pytest.raises(ValueError, match="use edge_weight"):
         jax.jit(lambda w: visibility_map(curve, GRID, width=w))(0.1)
+
+
+def test_scattered_positions_are_one_curve():
+    """Among them three short steps in a row, beside a long one, are no gap."""
+    arc = np.asarray(circular_arc(1.3, 1.0, 500).points)
+    off = 1 + 0.02 * np.random.default_rng(5).standard_normal((500, 1))
+    curve = detector_curve(arc * off, closed=False, smooth=12)
+    assert len(connected_pieces(curve)) == 1

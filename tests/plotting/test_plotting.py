@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jaxtat import ImageGrid, circular_arc, truncated_disk
+from jaxtat import ImageGrid, VolumeGrid, circular_arc, truncated_disk, visibility_map
 from jaxtat.geometry import SampledCurve
 from jaxtat.plotting import (
     new_figure,
@@ -17,7 +17,11 @@ from jaxtat.plotting import (
     show_image,
     show_opening,
     show_sinogram,
+    show_slices,
+    show_space,
+    show_visibility,
 )
+from jaxtat.spherical import spherical_cap
 
 FREQUENCIES, ANGLES = 100.0 * np.arange(1, 7), np.arange(8) * np.pi / 8
 VALUES = np.random.default_rng(0).uniform(1, 2, (6, 8))
@@ -153,3 +157,35 @@ def test_disks_are_filled_as_far_as_edges_are_seen(axes):
     middle = (first + last)[np.linalg.norm(apex - points[1], axis=1) < 1e-9] / 2 - points[1]
     steep = np.abs(np.arctan2(middle[:, 1], middle[:, 0]))
     assert np.abs(steep - np.pi / 2).min() > 0.3, "normals along the opening are not seen"
+
+
+def test_what_is_seen_is_bright(axes):
+    curve, grid = circular_arc(0.0013, 0.0, 60), ImageGrid(7, 0.001)
+    shown = show_visibility(axes, curve, grid, unit="m")
+    drawn = np.asarray(shown.get_array())
+    assert_allclose(drawn, np.asarray(visibility_map(curve, grid)).T)
+    assert drawn[3, 0] > 0.9 > 0.6 > drawn[3, -1], "the half circle is on the left"
+    assert shown.get_clim() == (0, 1)
+    assert_allclose(shown.get_extent(), np.array([-1, 1, -1, 1]) * 7 / 6)
+    low, high = shown.to_rgba([0.0, 1.0])[:, :3].sum(axis=1)
+    assert low < high
+
+
+def test_slices_of_a_volume_lie_where_its_grid_says():
+    """x_1 = const in the plane (x_2, x_3) and so on; in space with the detectors around."""
+    grid = VolumeGrid((5, 6, 7), (1.0, 0.5, 0.6), (2.0, 0.0, 0.0))
+    volume = np.random.default_rng(1).random(grid.shape)
+    figure = new_figure(9, 3)
+    show_slices(figure, volume, grid, at=(1.5, 0.1, -0.6), unit="m", title="a volume")
+    for k, (cut, shown) in enumerate(
+        zip((volume[1], volume[:, 3], volume[:, :, 0]), figure.axes[:3], strict=True)
+    ):
+        assert_allclose(shown.images[0].get_array(), cut.T)
+        names = [f"$x_{j + 1}$ [mm]" for j in range(3) if j != k]
+        assert [shown.get_xlabel(), shown.get_ylabel()] == names
+    assert figure.axes[1].get_title() == "$x_2$ = 100"
+    assert_allclose(figure.axes[2].images[0].get_extent()[:2], (750, 3250))
+    space = new_figure(4, 4)
+    show_space(space, volume, grid, spherical_cap(3.0, 1.0, 4, 8), most=4)
+    (axes,) = space.axes
+    assert len(axes.collections) == 3 and len(axes.lines[0].get_data_3d()[0]) == 32
