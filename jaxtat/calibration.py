@@ -135,7 +135,8 @@ def calibrate(
 
     Raises:
         ValueError: for unknowns that no data can tell apart, names that are none, a radius or
-            centre of a curve that is no arc, and as `reconstruct_direct`.
+            centre of a curve that is no arc, detectors that cylindrical waves do not reach, and as
+            `reconstruct_direct`.
 
     Source: variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432.
 
@@ -153,7 +154,9 @@ def calibrate(
     views = real_array("turns", [0.0] if turns is None else turns, ("views",))
     placed = curve if turns is None else turned_views(curve, views)
     values = _flat(g, views.shape[0], turns is not None, curve.n_detectors, radii.shape[0])
-    layout = problem_layout(placed, region, grid, radii, max_frequency=max_frequency)
+    layout = problem_layout(
+        placed, region, grid, radii, max_frequency=max_frequency, method="harmonic"
+    )
     problem = _Problem(
         geometry=polar_geometry(placed, region),
         curve=curve,

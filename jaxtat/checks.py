@@ -7,7 +7,7 @@ of shape and dtype still apply and those of values are left to the concrete call
 import operator
 from collections.abc import Sequence
 from contextlib import nullcontext
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike
 
+T = TypeVar("T")
 # what public functions take for real numbers: arrays, numbers, nested lists and tuples of them
 Numbers = ArrayLike | Sequence[Any]
 
@@ -22,6 +23,13 @@ Numbers = ArrayLike | Sequence[Any]
 def is_concrete(*values: Any) -> bool:
     """True if no array among ``values`` (pytrees) is being traced."""
     return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
+
+
+def constants(values: T) -> T:
+    """``values`` (a pytree) without derivatives; what is concrete stays so inside jax.jit too."""
+    return jax.tree.map(
+        lambda leaf: jax.lax.stop_gradient(leaf) if isinstance(leaf, Tracer) else leaf, values
+    )
 
 
 def require_x64() -> None:
@@ -54,15 +62,18 @@ def real_array(name: str, value: Numbers, shape: tuple[int | str | None, ...] | 
     return array
 
 
-def data_array(g: Numbers, n_detectors: int, n_radii: int) -> Array:
-    """Circular integrals as float64, refused if they are raw counts or of another shape."""
+def data_array(g: Numbers, *shape: int, kind: str = "circular") -> Array:
+    """Integrals (..., *shape) as float64, refused if they are raw counts or of another shape."""
     dtype = dtype_of("g", g)
     if not jnp.issubdtype(dtype, jnp.floating):
         raise ValueError(
-            f"g has dtype {dtype}, expected float64 or float32 circular integrals; "
-            "raw counts go through condition_record and pressure_to_circular_integrals first."
+            f"g has dtype {dtype}, expected float64 or float32 {kind} integrals; raw "
+            f"counts go through condition_record and pressure_to_{kind}_integrals first."
         )
-    return real_array("g", g, ("...", n_detectors, n_radii))
+    array = real_array("g", g, ("...", *shape))
+    if not array.size:
+        raise ValueError(f"g has shape {array.shape}: a stack of no images at all.")
+    return array
 
 
 def dtype_of(name: str, value: Any) -> np.dtype:

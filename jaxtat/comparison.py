@@ -30,7 +30,7 @@ from .problem import polar_grid, require_problem
 from .reconstruction.radial_transform import radial_transform
 from .regularization import NormBound, Tikhonov
 from .ridge import ridge
-from .special import full_circle_norm
+from .unit_norm import unit_norms
 
 
 class TradeOff(eqx.Module):
@@ -108,7 +108,8 @@ def compare_regularizations(
         Comparison.
 
     Raises:
-        ValueError: for parameters that are not positive, and as `build_plan`.
+        ValueError: for parameters that are not positive, detectors that cylindrical waves do not
+            reach, and as `build_plan`.
 
     >>> from jaxtat import circular_arc, data_radii, phantoms, truncated_disk
     >>> curve, region, grid = circular_arc(1.3, 1.0, 60), truncated_disk(1, 1, 120), ImageGrid(21)
@@ -133,7 +134,7 @@ def compare_regularizations(
     n_max = int(harmonic_orders(geometry, np.asarray(frequency)[None]).max())
     wave = jax.tree.map(lambda leaf: leaf[0], wave_table(geometry, frequency[None], n_max))
     matrix, rhs, _ = wave_system(geometry, wave, angles - geometry.axis)
-    norm = full_circle_norm(frequency[None], jnp.mean(geometry.detector_radius))[0]
+    norm = unit_norms(curve, region, frequency[None], angles=angles)[0]
     data = phantom.circular_integrals(curve, radii)
     data = jnp.stack([data, data + noise_like(jax.random.key(seed), data, noise)])
     judge = _Judge(
@@ -167,7 +168,7 @@ class _Judge(eqx.Module):
     exact: Complex[Array, " directions"]
     waves: Complex[Array, "points directions"]
     shift: Complex[Array, " directions"]
-    unit_norm: Float[Array, ""]
+    unit_norm: Float[Array, "*one_or_directions"]
 
     def trade_off(
         self,
@@ -189,7 +190,7 @@ class _Judge(eqx.Module):
         """residual, norm, clean, noisy."""
         misfit = self.matrix @ q - self.rhs
         residual = jnp.sqrt(_square(misfit) / _square(self.rhs))
-        norm = jnp.sqrt(jnp.mean(_square(q))) / self.unit_norm
+        norm = jnp.sqrt(jnp.mean(_square(q)) / jnp.mean(self.unit_norm**2))
         weighted = unfold(q, self.geometry.weights, self.geometry.mirror)
         fhat = jnp.einsum("djk,ijk->id", weighted, self.transformed) / (2 * jnp.pi)
         image = jnp.real((self.shift * fhat) @ self.waves.T)
@@ -206,7 +207,7 @@ def _truncated(judge: _Judge, bound: Array) -> tuple[Array, Array, Array]:
 
 @eqx.filter_jit
 def _damped(judge: _Judge, alpha: Array) -> tuple[Array, Array, Array]:
-    rule = Tikhonov(alpha).in_units_of(largest_diagonal(judge.matrix))
+    rule = Tikhonov(alpha * largest_diagonal(judge.matrix))
     found = filtered_solve(judge.matrix, judge.rhs, rule, judge.unit_norm)
     return found.q, jnp.zeros((), int), jnp.ones((), bool)
 

@@ -62,7 +62,8 @@ class DensityReport(eqx.Module):
         norm: L2 norm of (rho_J, rho_Y) on the curve: the noise gain, (frequencies, directions)
             [1/length^(1/2)].
         residual: relative L2 error of the traces on the boundary, (frequencies, directions).
-        unit_norm: N(lambda) of the full circle, (frequencies,) [1/length^(1/2)].
+        unit_norm: N(lambda), its root mean square where it differs between directions,
+            (frequencies,) [1/length^(1/2)].
     """
 
     singular_values: Float[Array, "*frequencies rank"]
@@ -72,10 +73,15 @@ class DensityReport(eqx.Module):
     unit_norm: Float[Array, "*frequencies"]
 
 
+def mean_norm(unit_norm: Float[Array, "*one_or_directions"]) -> Float[Array, ""]:
+    """Root mean square over directions."""
+    return unit_norm if unit_norm.ndim == 0 else jnp.sqrt(jnp.mean(unit_norm**2))
+
+
 @eqx.filter_jit
 def collocation_densities(
     frequencies: Float[Array, " frequencies"],
-    unit_norms: Float[Array, " frequencies"],
+    unit_norms: Float[Array, "frequencies *one_or_directions"],
     angles: Float[Array, " directions"],
     curve: DetectorCurve,
     region: Region,
@@ -124,7 +130,7 @@ def collocation_densities(
         solution = found.q[0] if mirror is None else mirror.unfold(found.q)
         unknowns = solution.T.reshape(angles.shape[0], 2, curve.n_detectors)
         report = DensityReport(
-            found.singular_values, found.terms, found.norm, found.residual, unit_norm
+            found.singular_values, found.terms, found.norm, found.residual, mean_norm(unit_norm)
         )
         return unknowns / jnp.sqrt(curve.weights), report
 

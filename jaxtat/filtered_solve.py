@@ -76,7 +76,7 @@ def singular_components(
     blocks: Float[Array, "blocks equations unknowns"],
     rhs: Complex[Array, "blocks equations rhs"],
     regularization: Regularization,
-    unit_norm: Float[Array, ""],
+    unit_norm: Float[Array, "*one_or_rhs"],
 ) -> Components:
     """q = Q diag(phi_j / sigma_j) P^T u with A = P diag(sigma) Q^T.
 
@@ -148,7 +148,7 @@ def filtered_solve(
     blocks: Float[Array, "blocks equations unknowns"],
     rhs: Complex[Array, "blocks equations rhs"],
     regularization: Regularization,
-    unit_norm: Float[Array, ""],
+    unit_norm: Float[Array, "*one_or_rhs"],
 ) -> Solution:
     """q = Q diag(phi_j / sigma_j) P^T u, differentiable in everything.
 

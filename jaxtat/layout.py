@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .checks import Numbers, is_concrete, real_array
-from .geometry import DetectorCurve, ImageGrid, Region
-from .harmonic import frequency_groups, harmonic_orders, polar_geometry
+from .checks import Numbers, constants, is_concrete, real_array
+from .geometry import DetectorCurve, ImageGrid, Region, near_circle, visibility
+from .harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
 from .problem import polar_grid, require_boundary, require_problem
 from .special import enough_orders
 
@@ -22,10 +22,13 @@ class Layout(eqx.Module):
     Attributes:
         max_frequency: lambda_max [rad/length].
         n_frequencies, n_directions: of the polar grid.
-        groups: (first frequency, last + 1, orders) of frequencies that are solved alike; none for
-            collocation.
-        norm_orders: that N(lambda) needs.
+        groups: (first frequency, last + 1, orders) of frequencies that are solved alike; none on
+            the boundary.
+        norm_orders: that N(lambda) needs; 0 for detectors off a circle, see `unit_norm`.
         solver: "cholesky" or "cg".
+        basis: "cylindrical", or "boundary" where cylindrical waves do not reach.
+        reached: whether they do, whatever the basis.
+        as_in_the_paper: see the function.
     """
 
     max_frequency: float = eqx.field(static=True)
@@ -34,6 +37,9 @@ class Layout(eqx.Module):
     groups: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
     norm_orders: int = eqx.field(static=True)
     solver: str = eqx.field(static=True)
+    basis: str = eqx.field(static=True)
+    reached: bool = eqx.field(static=True)
+    as_in_the_paper: bool = eqx.field(static=True)
 
     @property
     def frequencies(self) -> Float[Array, " frequencies"]:
@@ -55,7 +61,7 @@ def problem_layout(
     max_frequency: Numbers | None = None,
     n_directions: int | None = None,
     solver: str = "auto",
-    method: str = "harmonic",
+    method: str = "auto",
     n_groups: int = GROUPS,
 ) -> Layout:
     """The sizes that `reconstruct_direct` and `build_plan` would choose, checked, for `jax.jit`.
@@ -65,14 +71,15 @@ def problem_layout(
     Args:
         curve, region, grid, radii: concrete, as in `reconstruct_direct`.
         max_frequency, n_directions, solver: likewise.
-        method: of `build_plan`; "collocation" needs no waves about a centre.
+        method: of `build_plan`; "collocation" needs no waves about a centre, "auto" goes without
+            them where it must.
         n_groups: of frequencies that are solved alike: fewer compile sooner and run longer.
 
     Raises:
         ValueError: as `reconstruct_direct`, and for a traced geometry.
     """
     radii = real_array("radii", radii, ("radii",))
-    curve, region, grid, radii = jax.lax.stop_gradient((curve, region, grid, radii))
+    curve, region, grid, radii = constants((curve, region, grid, radii))
     if not is_concrete(curve, region, grid, radii, max_frequency):
         raise ValueError(
             "curve, region, grid or radii are traced by jax.jit, and sizes depend on them: make "
@@ -80,28 +87,45 @@ def problem_layout(
         )
     if solver not in ("auto", "cholesky", "cg"):
         raise ValueError(f"solver is {solver!r}, expected 'auto', 'cholesky' or 'cg'.")
-    frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
-    require_problem(curve, region, grid, radii)
-    geometry = polar_geometry(curve, region)
-    if not geometry.disk:
-        require_boundary(region, float(frequencies[-1]))
-    groups = ()
-    if method == "harmonic":
-        orders = harmonic_orders(geometry, np.asarray(frequencies))
-        groups = tuple(
-            (part.start, part.stop, -(-n // 4) * 4)
-            for part, n in frequency_groups(orders, n_groups)
+    with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
+        frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
+        require_problem(curve, region, grid, radii)
+        geometry = polar_geometry(curve, region)
+        reached = waves_reach(curve, region)
+        harmonic = method == "harmonic" or (method == "auto" and reached)
+        if not (harmonic and geometry.disk):
+            require_boundary(region, float(frequencies[-1]))
+        groups = ()
+        if harmonic:
+            orders = harmonic_orders(geometry, np.asarray(frequencies))
+            groups = tuple(
+                (part.start, part.stop, -(-n // 4) * 4)
+                for part, n in frequency_groups(orders, n_groups)
+            )
+        if solver == "auto" and not harmonic:
+            solver = "cholesky"
+        elif solver == "auto" and groups:
+            rows = groups[-1][-1] * (1 if geometry.mirror else 2)
+            cheap = geometry.on_circle and geometry.disk
+            solver = "cg" if cheap and rows > MOST_ORDERS else "cholesky"
+        farthest = float(frequencies[-1]) * float(geometry.detector_radius.max())
+        return Layout(
+            max_frequency=float(frequencies[-1]),
+            n_frequencies=frequencies.shape[0],
+            n_directions=angles.shape[0],
+            groups=groups,
+            norm_orders=enough_orders(1.1 * farthest) if near_circle(curve) else 0,
+            solver=solver,
+            basis="cylindrical" if harmonic else "boundary",
+            reached=reached,
+            as_in_the_paper=as_in_the_paper(curve, region),
         )
-    if solver == "auto" and groups:
-        rows = groups[-1][-1] * (1 if geometry.mirror else 2)
-        cheap = geometry.on_circle and geometry.disk
-        solver = "cg" if cheap and rows > MOST_ORDERS else "cholesky"
-    farthest = float(frequencies[-1]) * float(geometry.detector_radius.max())
-    return Layout(
-        max_frequency=float(frequencies[-1]),
-        n_frequencies=frequencies.shape[0],
-        n_directions=angles.shape[0],
-        groups=groups,
-        norm_orders=enough_orders(1.1 * farthest),
-        solver=solver,
-    )
+
+
+def as_in_the_paper(curve: DetectorCurve, region: Region) -> bool:
+    """Whether detectors are on a circle and see all of the region: what its rule assumes.
+
+    Its norm N(lambda) is that of a circle, and a bound on the norm admits noise without limit in
+    directions that are not seen.
+    """
+    return near_circle(curve) and float(visibility(curve, region).invisible_fraction) == 0

@@ -23,13 +23,14 @@ from jaxtyping import Array, Bool, Float
 
 from .checks import Numbers, data_array, real_array, require_positive, require_x64
 from .filtered_solve import singular_components
-from .geometry import DetectorCurve, ImageGrid, Region, fit_circle
+from .geometry import DetectorCurve, ImageGrid, Region
 from .harmonic import PolarGeometry, largest_diagonal, polar_geometry, wave_system, wave_table
 from .layout import Layout, problem_layout
 from .plan import ReconstructionPlan
 from .reconstruction.radial_transform import noise_power, radial_transform
 from .regularization import FixedRank, NormBound, Regularization, Tikhonov
-from .special import full_circle_norm
+from .special import root
+from .unit_norm import unit_norms
 
 Kind = Callable[..., Regularization]  # made of one number
 
@@ -107,7 +108,8 @@ def choose_regularization(
 
     Raises:
         ValueError: for a kind that has no parameter to choose, sigma or power that are not
-            positive, and as `build_plan`.
+            positive, detectors that cylindrical waves do not reach (around an L, say), and as
+            `build_plan`.
 
     Source: the bias-variance trade-off; the paper leaves K to experience (section 3.2).
 
@@ -124,11 +126,13 @@ def choose_regularization(
         raise ValueError(f"kind is {kind!r}, expected NormBound, Tikhonov or FixedRank.")
     radii = real_array("radii", radii, ("radii",))
     sigma = real_array("sigma", sigma, ())
-    layout = problem_layout(curve, region, grid, radii, max_frequency=max_frequency)
+    options = {"max_frequency": max_frequency, "method": "harmonic"}
+    layout = problem_layout(curve, region, grid, radii, **options)
     power = real_array("power", power, (layout.n_frequencies,))
     require_positive("sigma", sigma)
     require_positive("power", power)
-    spectra = _spectra(polar_geometry(curve, region), fit_circle(curve.points).radius, layout)
+    norms = unit_norms(curve, region, layout.frequencies, layout.norm_orders, _directions())
+    spectra = _spectra(polar_geometry(curve, region), norms, layout)
     gain = sigma**2 * noise_power(radii, layout.frequencies, curve.weights) / (4 * jnp.pi**2)
     starts = jax.device_put(_STARTS[kind])
     values, converged = _descended(kind, starts, spectra, power, gain)
@@ -184,15 +188,19 @@ class _Spectra(eqx.Module):
     sigma: Float[Array, "*f rank"]
     parts: Float[Array, "*f rank directions"]  # |p_j·u|²; nothing for sigma below rounding
     total: Float[Array, "*f directions"]  # ||u||²
-    unit_norm: Float[Array, "*f"]
+    unit_norm: Float[Array, "*f_and_directions"]
     unit: Float[Array, "*f"]  # of alpha
+    frequency: Float[Array, "*f"]
+
+
+def _directions() -> Float[Array, " directions"]:
+    return jnp.arange(_DIRECTIONS) * (jnp.pi / _DIRECTIONS)
 
 
 @eqx.filter_jit
-def _spectra(geometry: PolarGeometry, distance: Array, layout: Layout) -> _Spectra:
+def _spectra(geometry: PolarGeometry, norms: Array, layout: Layout) -> _Spectra:
     table = wave_table(geometry, layout.frequencies, layout.groups[-1][-1])
-    norms = full_circle_norm(layout.frequencies, distance, layout.norm_orders)
-    angles = jnp.arange(_DIRECTIONS) * (jnp.pi / _DIRECTIONS) - geometry.axis
+    angles = _directions() - geometry.axis
     pieces = []
     for start, stop, n_max in layout.groups:
 
@@ -203,7 +211,8 @@ def _spectra(geometry: PolarGeometry, distance: Array, layout: Layout) -> _Spect
             parts = (found.sigma[..., None] * jnp.abs(found.amplitudes)) ** 2
             total = jnp.sum(jnp.abs(rhs) ** 2, axis=(0, 1))
             unit = largest_diagonal(matrix)
-            return _Spectra(found.singular_values, found.ordered(parts), total, norm, unit)
+            singular = found.singular_values
+            return _Spectra(singular, found.ordered(parts), total, norm, unit, wave.frequencies)
 
         few = jax.tree.map(lambda leaf: leaf[start:stop], (table, norms))  # noqa: B023
         pieces.append(jax.lax.map(at, few))
@@ -216,7 +225,7 @@ def _padded(spectra: _Spectra, rank: int) -> _Spectra:
     short = rank - spectra.sigma.shape[1]
     sigma = jnp.pad(spectra.sigma, ((0, 0), (0, short)))
     parts = jnp.pad(spectra.parts, ((0, 0), (0, short), (0, 0)))
-    return _Spectra(sigma, parts, spectra.total, spectra.unit_norm, spectra.unit)
+    return eqx.tree_at(lambda tree: (tree.sigma, tree.parts), spectra, (sigma, parts))
 
 
 @eqx.filter_jit
@@ -224,10 +233,10 @@ def _errors(
     kind: Kind, value: Array, one: _Spectra, power: Array, gain: Array
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """What is left and what noise adds, mean over directions, at one frequency."""
-    rule = kind(value).in_units_of(one.unit)
+    rule = kind(value).in_units_of(one.unit, one.frequency)
     sigma = jnp.where(one.sigma > 0, one.sigma, 1.0)[:, None]
     square = one.parts / sigma**2  # of what each component adds to the norm
-    size = jnp.sqrt(jnp.where(square > 0, square, 1.0)) * (square > 0)
+    size = root(square)
     factors = rule.factors(one.sigma, size, one.unit_norm)
     unreached = one.total - one.parts.sum(axis=0)
     left = (jnp.sum((1 - factors) ** 2 * one.parts, axis=0) + unreached) / one.total

@@ -32,14 +32,22 @@ from .harmonic import (
     polar_geometry,
     sampled_harmonic_densities,
     wave_table,
+    waves_reach,
 )
-from .layout import Layout, problem_layout
+from .layout import Layout, as_in_the_paper, problem_layout
 from .problem import AccuracyWarning, polar_grid, require_boundary, require_problem
-from .regularization import NormBound, Regularization, per_frequency
-from .special import full_circle_norm
+from .regularization import (
+    DEFAULT_KAPPA,
+    NormBound,
+    Regularization,
+    RelativeCutoff,
+    per_frequency,
+    seen_once,
+)
 from .symmetry import find_mirror
+from .unit_norm import unit_norms
 
-METHODS = ("harmonic", "collocation", "series")
+METHODS = ("auto", "harmonic", "collocation", "series")
 _FREQUENCIES_AT_A_TIME = 4
 _GROUPS = 4  # of frequencies with as many orders; each is compiled by itself
 
@@ -82,7 +90,7 @@ def build_plan(
     radii: Numbers,
     regularization: Regularization | None = None,
     *,
-    method: str = "harmonic",
+    method: str = "auto",
     max_frequency: Numbers | None = None,
     n_directions: int | None = None,
     precision: str = "double",
@@ -100,13 +108,16 @@ def build_plan(
         grid: where the image is wanted.
         radii: r > 0 of the data, increasing, covering the region and all other sources, (radii,)
             [length]; see `data_radii`.
-        regularization: `NormBound`, `FixedRank`, `SingularValueCutoff`, `Tikhonov` or
-            `TikhonovNormBound`, with a number or one for each frequency; by default the paper's
-            bound, ``NormBound(PAPER_K)``.
+        regularization: `NormBound`, `FixedRank`, `SingularValueCutoff`, `RelativeCutoff`,
+            `RelativeTikhonov`, `ResidualTarget`, `Tikhonov` or `TikhonovNormBound`, with a number
+            or one for each frequency. By default the paper's bound, ``NormBound(PAPER_K)``, where
+            its assumptions hold: detectors on a circle (within 5 % of its radius) that see all of
+            the region. Else ``RelativeCutoff(0.1)``: it asks for no norm, and leaves out what no
+            detector records instead of magnifying it.
         method: "harmonic": singular value decomposition in cylindrical waves, for detectors that
-            are all farther from the centre than the region; "collocation": of the potentials on
-            the boundary, as in the paper, for any geometry, slower; "series": the closed form for
-            a full circle of equispaced detectors.
+            are all farther from some centre than the region; "collocation": of the potentials on
+            the boundary, as in the paper, for any geometry, slower; "auto": the first if it can,
+            else the second; "series": the closed form for a full circle of equispaced detectors.
         max_frequency: lambda_max [rad/length]; by default π over the larger of pixel and radial
             step, beyond which neither data nor image hold anything.
         n_directions: by default enough for lambda_max, a multiple of 32.
@@ -143,23 +154,35 @@ def build_plan(
     if precision not in ("double", "single"):
         raise ValueError(f"precision is {precision!r}, expected 'double' or 'single'.")
     single = precision == "single"
-    regularization = _rule(method, regularization)
+    if not (regularization is None or isinstance(regularization, Regularization)):
+        raise ValueError(
+            f"regularization is {regularization!r}, expected a rule such as NormBound(4.0)."
+        )
+    if method not in METHODS:
+        raise ValueError(f"method is {method!r}, expected one of {', '.join(METHODS)}.")
     if layout is not None or not is_concrete(curve, region, grid, radii):
         if layout is None:
             options = {"max_frequency": max_frequency, "n_directions": n_directions}
             layout = problem_layout(curve, region, grid, radii, method=method, **options)
-        return _traced(curve, region, grid, radii, regularization, method, layout, single)
+        if method == "auto":
+            method = "harmonic" if layout.basis == "cylindrical" else "collocation"
+        rule = _rule(method, regularization, layout.as_in_the_paper)
+        return _traced(curve, region, grid, radii, rule, method, layout, single)
     # inside jax.jit too: only the rule's number may be traced
     with jax.ensure_compile_time_eval():
         frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
         require_problem(curve, region, grid, radii)
         require_boundary(region, float(frequencies[-1]))
-        unit_norms = full_circle_norm(frequencies, fit_circle(curve.points).radius)
+        norms = unit_norms(curve, region, frequencies, angles=angles)
+        if method == "auto":
+            method = "harmonic" if waves_reach(curve, region) else "collocation"
+        by_paper = as_in_the_paper(curve, region)
+        regularization = _rule(method, regularization, by_paper)
     build = {"harmonic": _harmonic, "collocation": _collocation, "series": _series}[method]
     bar = tqdm(total=len(frequencies), desc="densities", unit="freq", disable=not progress)
     with bar:
         densities, report = build(
-            curve, region, frequencies, unit_norms, angles, regularization, single, bar
+            curve, region, frequencies, norms, angles, regularization, single, bar
         )
     if all(leaf.ndim == 0 for leaf in jax.tree.leaves(regularization)):
         _warn_of_residuals(report)  # a rule made for every frequency leaves out what it wants to
@@ -168,19 +191,17 @@ def build_plan(
     )
 
 
-def _rule(method: str, regularization: Regularization | None) -> Regularization | None:
+def _rule(
+    method: str, regularization: Regularization | None, as_in_the_paper: bool
+) -> Regularization | None:
     """The regularisation that will be used, None for the closed form."""
-    if method not in METHODS:
-        raise ValueError(f"method is {method!r}, expected one of {', '.join(METHODS)}.")
-    if not (regularization is None or isinstance(regularization, Regularization)):
-        raise ValueError(
-            f"regularization is {regularization!r}, expected a rule such as NormBound(4.0)."
-        )
     if method == "series":
         if regularization is not None:
             raise ValueError("method 'series' is a closed form: it takes no regularization.")
         return None
-    return NormBound(PAPER_K) if regularization is None else regularization
+    if regularization is None:
+        return NormBound(PAPER_K) if as_in_the_paper else RelativeCutoff(DEFAULT_KAPPA)
+    return regularization
 
 
 def _warn_of_residuals(report: DensityReport) -> None:
@@ -211,21 +232,20 @@ def _traced(
     if regularization is None:
         raise ValueError("method 'series' needs a geometry that is not traced.")
     frequencies, angles = layout.frequencies, layout.angles
-    radius = fit_circle(curve.points).radius
-    unit_norms = full_circle_norm(frequencies, radius, layout.norm_orders)
+    norms = unit_norms(curve, region, frequencies, layout.norm_orders, angles)
     if method == "collocation":
-        if regularization.has_unit:
+        if regularization.has_unit and layout.reached:
             raise ValueError(
                 "the unit of alpha is measured in cylindrical waves: with method 'collocation' "
                 "Tikhonov needs a geometry that is not traced."
             )
-        values, report = collocation_densities(
-            frequencies, unit_norms, angles, curve, region, regularization
-        )
+        units = seen_once(frequencies) ** 2
+        rules = per_frequency(regularization, len(frequencies)).in_units_of(units, frequencies)
+        values, report = collocation_densities(frequencies, norms, angles, curve, region, rules)
     else:
         geometry = polar_geometry(curve, region)
         offset = region.center - geometry.center
-        values, report = _traced_harmonic(geometry, offset, unit_norms, regularization, layout)
+        values, report = _traced_harmonic(geometry, offset, norms, regularization, layout)
     densities = SampledDensities(values)
     return ReconstructionPlan(
         curve,
@@ -244,18 +264,18 @@ def _traced(
 def _traced_harmonic(
     geometry: PolarGeometry,
     offset: Array,
-    unit_norms: Array,
+    norms: Array,
     regularization: Regularization,
     layout: Layout,
 ) -> tuple[Array, DensityReport]:
     frequencies, angles = layout.frequencies, layout.angles
     table = wave_table(geometry, frequencies, layout.groups[-1][-1])
-    each = table, unit_norms, per_frequency(regularization, frequencies.shape[0])
+    each = table, norms, per_frequency(regularization, frequencies.shape[0])
     pieces, reports = [], []
     for start, stop, n_max in layout.groups:
-        few, norms, rules = jax.tree.map(lambda leaf: leaf[start:stop], each)  # noqa: B023
+        few, its_norms, rules = jax.tree.map(lambda leaf: leaf[start:stop], each)  # noqa: B023
         values, report = sampled_harmonic_densities(
-            geometry, few, n_max, norms, angles - geometry.axis, rules
+            geometry, few, n_max, its_norms, angles - geometry.axis, rules
         )
         pieces.append(values)
         reports.append(report)
@@ -268,7 +288,7 @@ def _harmonic(
     curve: DetectorCurve,
     region: Region,
     frequencies: Array,
-    unit_norms: Array,
+    norms: Array,
     angles: Array,
     regularization: Regularization,
     single: bool,
@@ -282,14 +302,14 @@ def _harmonic(
         table = wave_table(geometry, frequencies, int(orders.max()))
         offset = np.asarray(region.center - geometry.center)
         local = jax.device_put(np.asarray(angles) - np.asarray(geometry.axis))
-    each = _divisible((table, unit_norms, per_frequency(regularization, len(frequencies))))
+    each = _divisible((table, norms, per_frequency(regularization, len(frequencies))))
     groups, reports = [], []
     for part, n_max in frequency_groups(orders, _GROUPS):
         steps = []
         for start in range(part.start, part.stop, _FREQUENCIES_AT_A_TIME):
             chosen = slice(start, min(start + _FREQUENCIES_AT_A_TIME, part.stop))
-            few, norms, rules = _part(each, chosen)
-            step, report = harmonic_densities(geometry, few, n_max, norms, local, rules)
+            few, its_norms, rules = _part(each, chosen)
+            step, report = harmonic_densities(geometry, few, n_max, its_norms, local, rules)
             steps.append(step)
             reports.append(report)
             bar.update(chosen.stop - chosen.start)
@@ -310,7 +330,7 @@ def _collocation(
     curve: DetectorCurve,
     region: Region,
     frequencies: Array,
-    unit_norms: Array,
+    norms: Array,
     angles: Array,
     regularization: Regularization,
     single: bool,
@@ -319,23 +339,24 @@ def _collocation(
     rules = per_frequency(regularization, len(frequencies))
     with jax.ensure_compile_time_eval():
         mirror = find_mirror(curve, region)
-        if regularization.has_unit:
+        units = seen_once(frequencies) ** 2
+        if regularization.has_unit and waves_reach(curve, region):
             geometry = polar_geometry(curve, region)
             n_max = int(harmonic_orders(geometry, np.asarray(frequencies)).max())
             units = alpha_units(geometry, frequencies, n_max)
-            rules = rules.in_units_of(units)
+        rules = rules.in_units_of(units, frequencies)
 
     def solve(few: Array, norms: Array, rules: Regularization) -> tuple[Array, DensityReport]:
         return collocation_densities(few, norms, angles, curve, region, rules, mirror)
 
-    return _sampled(solve, (frequencies, unit_norms, rules), single, bar)
+    return _sampled(solve, (frequencies, norms, rules), single, bar)
 
 
 def _series(
     curve: DetectorCurve,
     region: Region,
     frequencies: Array,
-    unit_norms: Array,
+    norms: Array,
     angles: Array,
     regularization: None,
     single: bool,
@@ -352,7 +373,7 @@ def _series(
         circle=circle,
         n_orders=n_orders,
     )
-    return _sampled(solve, (frequencies, unit_norms), single, bar)
+    return _sampled(solve, (frequencies, norms), single, bar)
 
 
 def _full_circle(curve: DetectorCurve) -> Circle:

@@ -12,6 +12,7 @@ from jaxtyping import Array
 from .checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from .geometry import (
     DetectorCurve,
+    Grid,
     ImageGrid,
     Region,
     VisibilityWarning,
@@ -27,7 +28,7 @@ class AccuracyWarning(UserWarning):
 
 def polar_grid(
     region: Region,
-    grid: ImageGrid,
+    grid: Grid,
     radii: Array,
     max_frequency: Numbers | None,
     n_directions: int | None,

@@ -26,21 +26,22 @@ class Regularization(eqx.Module):
     """How much of each singular component is kept."""
 
     by_direction: ClassVar[bool] = False  # whether phi differs between right-hand sides
-    has_unit: ClassVar[bool] = False  # whether plans measure a parameter in that of A A^T
+    has_unit: ClassVar[bool] = False  # whether plans measure alpha in that of A A^T
 
     @abstractmethod
     def factors(
         self,
         sigma: Float[Array, " rank"],
         size: Float[Array, "rank rhs"],
-        unit_norm: Float[Array, ""],
+        unit_norm: Float[Array, "*one_or_rhs"],
     ) -> Float[Array, "rank rhs"]:
         """phi_j for every right-hand side.
 
         Args:
             sigma: singular values, descending.
             size: norms |p_j·u| / sigma_j that each component would add to the solution.
-            unit_norm: the norm in which bounds on solutions are expressed, N(lambda).
+            unit_norm: the norm in which bounds on solutions are expressed, N(lambda), for all or
+                each of the right-hand sides.
         """
 
     def slope(self, sigma: Float[Array, "*k"]) -> Float[Array, "*k"]:
@@ -51,7 +52,7 @@ class Regularization(eqx.Module):
         self,
         sigma: Float[Array, " rank"],
         size: Float[Array, "rank rhs"],
-        unit_norm: Float[Array, ""],
+        unit_norm: Float[Array, "*one_or_rhs"],
         excess: Array | float = 0.0,
     ) -> "Regularization":
         """The rule that is used, for one that chooses among others by the norm of the solution.
@@ -62,8 +63,13 @@ class Regularization(eqx.Module):
         """
         return self
 
-    def in_units_of(self, square: Array) -> "Regularization":
-        """The rule for `factors` from the one of a plan, if that has a unit [length²]."""
+    def in_units_of(self, square: Array, frequency: Array) -> "Regularization":
+        """The rule for `factors` from the one of a plan, if that has a unit.
+
+        Args:
+            square: the unit of alpha at one or all frequencies [length²].
+            frequency: lambda [rad/length].
+        """
         return self
 
 
@@ -71,8 +77,9 @@ class NormBound(Regularization):
     """The paper's rule: the most terms for which ||rho|| <= K N(lambda), for each direction.
 
     N(lambda) is the norm of the least densities on a full circle (`special.full_circle_norm`), so
-    K is dimensionless. On an open arc most wave fronts pass the curve once instead of twice and
-    K must exceed √2. The formula printed in the paper lacks a factor 1/(2π R_g) under the root;
+    K is dimensionless; for detectors that lie on no circle it is `microlocal_norm`, by direction.
+    On an open arc most wave fronts pass the curve once instead of twice and K must exceed √2. The
+    formula printed in the paper lacks a factor 1/(2π R_g) under the root;
     its K = 1.5 at R_g = 1.3 is K = 1.5 √(2π·1.3) = 4.287 here.
 
     The first term that would exceed the bound is admitted with the fraction that reaches it, which
@@ -145,8 +152,8 @@ class Tikhonov(Regularization):
     """phi = sigma² / (sigma² + alpha).
 
     In plans alpha is relative, as in `reconstruct_direct`: in units of the largest diagonal entry
-    of A A^T in the basis of cylindrical waves, at each frequency. The functions that solve take it
-    as it is, in the unit of sigma² [length²].
+    of A A^T in the basis of cylindrical waves, at each frequency, or of 8 / lambda² where these do
+    not reach. The functions that solve take it as it is, in the unit of sigma² [length²].
 
     Source: Tikhonov; e.g. Hansen, Rank-Deficient and Discrete Ill-Posed Problems (SIAM 1998).
     """
@@ -167,8 +174,89 @@ class Tikhonov(Regularization):
         total = sigma**2 + self.alpha
         return jnp.where(total > 0, self.alpha / jnp.where(total > 0, total, 1.0) ** 2, 0.0)
 
-    def in_units_of(self, square: Array) -> "Tikhonov":
+    def in_units_of(self, square: Array, frequency: Array) -> "Tikhonov":
         return Tikhonov(self.alpha * square)
+
+
+DEFAULT_KAPPA = 0.1
+"""Of `RelativeCutoff`, the default where the paper's assumptions do not hold, see `build_plan`."""
+
+
+def seen_once(frequency: Array) -> Array:
+    """2 √2 / lambda: the singular value of a wave that crosses the curve once and squarely.
+
+    A wave packet on lines of transverse weight W has 2 √(2 W) / lambda: its traces on the boundary
+    have the mean square 4, where it enters and where it leaves, its densities lambda² / (2 W).
+    """
+    return 2 * jnp.sqrt(2.0) / frequency
+
+
+class RelativeCutoff(Regularization):
+    """Singular values above kappa 2 √2 / lambda: waves crossing the curve with a weight > kappa².
+
+    2 √2 / lambda is the singular value of a wave that crosses the curve once and squarely, whatever
+    the curve and the region. So kappa asks for no norm, and means the same where part of the region
+    is not seen: what no detector records is left out, and the rest is kept. kappa = 0.1 suits noise
+    of some per cent, more noise of which nothing is known (it loses up to half of what can be won
+    at 15 %; `NoiseLevel` does not), and regions not wholly seen; 0.01 exact data and regions that
+    are.
+    `reconstruct_direct` takes it as `RelativeTikhonov`.
+    """
+
+    kappa: Float[Array, "*each"]
+
+    def __init__(self, kappa: Numbers):
+        self.kappa = _not_negative("kappa", kappa)
+
+    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
+        raise ValueError("RelativeCutoff needs the frequency: call in_units_of beforehand.")
+
+    def in_units_of(self, square: Array, frequency: Array) -> "SingularValueCutoff":
+        return SingularValueCutoff(self.kappa * seen_once(frequency))
+
+
+class RelativeTikhonov(Regularization):
+    """`RelativeCutoff` without a step: phi = sigma² / (sigma² + 8 kappa² / lambda²)."""
+
+    kappa: Float[Array, "*each"]
+
+    def __init__(self, kappa: Numbers):
+        self.kappa = _not_negative("kappa", kappa)
+
+    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
+        raise ValueError("RelativeTikhonov needs the frequency: call in_units_of beforehand.")
+
+    def in_units_of(self, square: Array, frequency: Array) -> "Tikhonov":
+        return Tikhonov((self.kappa * seen_once(frequency)) ** 2)
+
+
+class ResidualTarget(Regularization):
+    """The fewest terms whose residual is small enough, but no norm above K N(lambda).
+
+    For each direction by itself. A residual alone, the discrepancy principle, explodes where a
+    direction is not seen, and a bound on the norm alone lets through noise that nothing asks for
+    where all is seen well. Of the last term the fraction that reaches residual or bound is kept.
+
+    Source: the discrepancy principle, Morozov, Soviet Math. Dokl. 7 (1966) 414-417, with a bound.
+    """
+
+    by_direction = True
+    residual: Float[Array, "*each"]
+    K: Float[Array, "*each"]
+
+    def __init__(self, residual: Numbers = 1e-3, K: Numbers = 2.0):
+        """residual: ||A q - u|| / ||u||, of what singular vectors can write of u."""
+        self.residual, self.K = _not_negative("residual", residual), _not_negative("K", K)
+
+    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
+        part = (sigma[:, None] * size) ** 2
+        behind = jnp.cumsum(part[::-1], axis=0)[::-1] - part  # what is left if it is kept whole
+        spare = self.residual**2 * jnp.sum(part, axis=0) - behind
+        # (1 - phi)² part = spare; beyond the target nothing more is asked for
+        short = (spare > 0) & (spare < part)
+        left = jnp.sqrt(jnp.where(short, spare / jnp.where(short, part, 1.0), 0.0))
+        wanted = jnp.where(spare >= part, 0.0, jnp.where(short, 1 - left, 1.0))
+        return jnp.minimum(wanted, NormBound(self.K).factors(sigma, size, unit_norm))
 
 
 class TikhonovNormBound(Regularization):
@@ -193,7 +281,7 @@ class TikhonovNormBound(Regularization):
         self, sigma: Array, size: Array, unit_norm: Array, excess: Array | float = 0.0
     ) -> Tikhonov:
         weights = sigma**2 * jnp.mean(size**2, axis=-1)
-        square = (self.K * unit_norm) ** 2 - excess
+        square = jnp.mean((self.K * unit_norm) ** 2) - excess
         return Tikhonov(alpha_of_norm(sigma**2, weights, square))
 
 

@@ -15,11 +15,10 @@ from jaxtyping import Array, Bool, Float
 
 from .checks import Numbers, data_array, real_array, require_positive
 from .geometry import DetectorCurve, ImageGrid, Region
-from .harmonic import alpha_rule, polar_geometry
 from .layout import Layout, problem_layout
 from .reconstruction import cosine_filter
-from .reconstruction.direct import DirectArguments, direct_image
-from .reconstruction.radon import LowPass, low_pass_values
+from .reconstruction.direct import DirectArguments, direct_arguments, direct_image
+from .reconstruction.radon import LowPass
 
 TOLERANCE = 1e-4  # of the place, as a share of the distance between two candidates
 
@@ -116,15 +115,7 @@ def sound_speed_by_sharpness(
     radii = real_array("radii", radii, ("radii",))
     values = data_array(g, curve.n_detectors, radii.shape[0])
     layout = problem_layout(curve, region, grid, radii, max_frequency=max_frequency)
-    n = layout.n_frequencies
-    given = DirectArguments(
-        polar_geometry(curve, region),
-        grid,
-        radii,
-        values,
-        alpha_rule(alpha, n),
-        real_array("low_pass", low_pass_values(low_pass, n), (n + 1,)),
-    )
+    given = direct_arguments(curve, region, grid, radii, values, alpha, low_pass, layout)
     found = _scan(given, speeds / nominal, region, layout)
     best = int(jnp.argmax(found))
     if best in (0, len(found) - 1):

@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+import jaxtat
 from jaxtat.checks import (
+    constants,
     is_concrete,
     real_array,
     require_finite,
@@ -192,3 +194,10 @@ def test_concrete_values_deep_inside_are_seen():
     found = []
     jax.jit(lambda x: found.append(is_concrete({"a": [jnp.ones(2), (x, None)]})))(1.0)
     assert found == [False]
+
+
+def test_a_fixed_geometry_is_no_traced_one(small):
+    """Inside jit of the data alone sizes can be had; derivatives are taken off what has them."""
+    found = jax.jit(lambda x: x * jaxtat.problem_layout(*small).max_frequency)(1.0)
+    assert float(found) == jaxtat.problem_layout(*small).max_frequency
+    assert jax.grad(lambda x: x * constants(x))(2.0) == 2.0

@@ -20,7 +20,7 @@ from ..geometry import (
 from ..plan import ReconstructionPlan, build_plan
 from ..reconstruction import DirectReconstruction
 from ..reconstruction.radon import LowPass, low_pass_values
-from ..regularization import Tikhonov
+from ..regularization import RelativeTikhonov, Tikhonov
 from ..uncertainty import pixel_standard_deviation
 from .residual import DataResidual, data_residual
 
@@ -199,8 +199,16 @@ def plan_of_direct(
         curve, region, grid, radii, max_frequency, n_directions: as given there.
         progress: show a progress bar.
     """
-    rule = Tikhonov(found.report.relative_alpha)
-    options = {"max_frequency": max_frequency, "n_directions": n_directions, "progress": progress}
+    relative = found.report.relative_alpha
+    cylindrical = found.basis == "cylindrical"
+    rule = Tikhonov(relative) if cylindrical else RelativeTikhonov(jnp.sqrt(relative))
+    method = "harmonic" if cylindrical else "collocation"
+    options = {
+        "method": method,
+        "max_frequency": max_frequency,
+        "n_directions": n_directions,
+        "progress": progress,
+    }
     with warnings.catch_warnings():  # given with the image
         warnings.simplefilter("ignore", VisibilityWarning)
         return build_plan(curve, region, grid, radii, rule, **options)

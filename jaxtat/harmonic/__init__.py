@@ -1,6 +1,6 @@
 """Cylindrical waves: step 1 without collocation, and reconstruction without step 1."""
 
-from .alpha import AlphaRule, NoiseLevel, alpha_rule
+from .alpha import AlphaRule, NoiseLevel, Problem, alpha_rule
 from .consistency import unexplained
 from .densities import (
     DensityGroup,
@@ -14,9 +14,9 @@ from .densities import (
     wave_system,
 )
 from .orders import frequency_groups
-from .polar import PolarGeometry, harmonic_orders, polar_geometry
+from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
 from .table import WaveTable, wave_table
-from .tikhonov import Data, SolveReport, solve_harmonics
+from .tikhonov import Data, SolveReport, cholesky_solve, conjugate_gradients, solve_harmonics
 from .waves import circular_harmonics_at
 
 __all__ = [
@@ -26,11 +26,14 @@ __all__ = [
     "HarmonicDensities",
     "NoiseLevel",
     "PolarGeometry",
+    "Problem",
     "SolveReport",
     "WaveTable",
     "alpha_rule",
     "alpha_units",
+    "cholesky_solve",
     "circular_harmonics_at",
+    "conjugate_gradients",
     "frequency_groups",
     "group_of",
     "harmonic_densities",
@@ -43,4 +46,5 @@ __all__ = [
     "unfold",
     "wave_system",
     "wave_table",
+    "waves_reach",
 ]

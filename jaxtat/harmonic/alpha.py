@@ -1,7 +1,8 @@
 """How much to regularise: alpha of (A A^T + alpha) y = A G, for each frequency.
 
-A number is relative to the largest diagonal entry of A A^T at its frequency. A new rule is a class
-with a method `absolute`.
+A number is relative to the largest diagonal entry of A A^T in cylindrical waves at its frequency,
+or, on boundary traces, to 8 / lambda² (`seen_once`, squared). A new rule is a class with a method
+`absolute`.
 """
 
 from abc import abstractmethod
@@ -13,7 +14,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..checks import Numbers, real_array, require_positive
-from ..regularization import NormBound, alpha_of_norm, per_frequency
+from ..regularization import (
+    NormBound,
+    Regularization,
+    RelativeCutoff,
+    RelativeTikhonov,
+    alpha_of_norm,
+    per_frequency,
+    seen_once,
+)
 
 
 class Problem(eqx.Module):
@@ -26,6 +35,8 @@ class Problem(eqx.Module):
         unit_norm: N(lambda) of the full circle [1/length^(1/2)].
         data_power: of √w (G_J, G_Y), mean square over detectors and images.
         noise_power: the same for white noise of unit standard deviation in g.
+        frequency: lambda [rad/length].
+        unit: what a number as alpha is relative to.
         n_data: how many numbers √w (G_J, G_Y) are.
     """
 
@@ -35,6 +46,8 @@ class Problem(eqx.Module):
     unit_norm: Float[Array, ""]
     data_power: Float[Array, ""]
     noise_power: Float[Array, ""]
+    frequency: Float[Array, ""]
+    unit: Float[Array, ""]
     n_data: int = eqx.field(static=True)
 
 
@@ -49,12 +62,21 @@ class AlphaRule(eqx.Module):
 
 
 class RelativeAlpha(AlphaRule):
-    """alpha times the largest diagonal entry of A A^T."""
+    """alpha times the problem's unit."""
 
     alpha: Float[Array, "*frequencies"]
 
     def absolute(self, problem: Problem) -> Array:
-        return self.alpha * problem.diagonal.max()
+        return self.alpha * problem.unit
+
+
+class SeenShare(AlphaRule):
+    """alpha = 8 kappa² / lambda², see `RelativeCutoff`."""
+
+    kappa: Float[Array, "*frequencies"]
+
+    def absolute(self, problem: Problem) -> Array:
+        return (self.kappa * seen_once(problem.frequency)) ** 2
 
 
 class NoiseLevel(AlphaRule):
@@ -90,8 +112,9 @@ class MeanNorm(AlphaRule):
     def absolute(self, problem: Problem) -> Array:
         if problem.matrix is None or problem.plane is None:
             raise ValueError(
-                "alpha from a norm bound needs the matrix of every frequency: use "
-                "solver='cholesky', or give alpha as a number or a NoiseLevel."
+                "alpha from a norm bound needs the matrix of every frequency in cylindrical waves: "
+                "use solver='cholesky' and a region that they reach, or build_plan, or give alpha "
+                "as a number, a NoiseLevel or a RelativeCutoff."
             )
         return _alpha_of_norm(problem.matrix, problem.plane, (self.K * problem.unit_norm) ** 2)
 
@@ -100,8 +123,16 @@ def alpha_rule(alpha: Any, n_frequencies: int) -> AlphaRule:
     """The rule for what a user gives as alpha, with one entry per frequency in every array."""
     if isinstance(alpha, NormBound):
         rule: AlphaRule = MeanNorm(alpha.K)
+    elif isinstance(alpha, RelativeCutoff | RelativeTikhonov):
+        require_positive("kappa", alpha.kappa)
+        rule = SeenShare(alpha.kappa)
     elif isinstance(alpha, AlphaRule):
         rule = alpha
+    elif isinstance(alpha, Regularization):
+        raise ValueError(
+            f"alpha is a {type(alpha).__name__}, expected a number, RelativeCutoff(kappa), "
+            "RelativeTikhonov(kappa), NoiseLevel(sigma) or NormBound(K); other rules are for plans."
+        )
     else:
         value = real_array("alpha", alpha, None)
         require_positive("alpha", value)

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..checks import is_concrete
-from ..densities import Densities, DensityReport
+from ..densities import Densities, DensityReport, mean_norm
 from ..filtered_solve import filtered_solve, singular_components
 from ..regularization import Regularization, per_frequency
 from .polar import PolarGeometry, half_weights
@@ -149,7 +149,7 @@ def harmonic_densities(
     geometry: PolarGeometry,
     table: WaveTable,
     n_max: int,
-    unit_norms: Float[Array, " f"],
+    unit_norms: Float[Array, "f *one_or_directions"],
     angles: Float[Array, " directions"],
     regularization: Regularization,
 ) -> tuple[Step, DensityReport]:
@@ -168,7 +168,7 @@ def harmonic_densities(
     def at(arguments: tuple[WaveTable, Array, Regularization]) -> tuple[Step, DensityReport]:
         wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
         matrix, rhs, factor = wave_system(geometry, wave, angles)
-        rule = rule.in_units_of(largest_diagonal(matrix))
+        rule = rule.in_units_of(largest_diagonal(matrix), wave.frequencies)
         found = singular_components(matrix, rhs, rule, unit_norm)
         common = found.factors.min(axis=-1) * found.inverse
         outward = factor.transposed_matrix_times(found.left)
@@ -180,7 +180,7 @@ def harmonic_densities(
             extra=beyond * found.amplitudes,
         )
         report = DensityReport(
-            found.singular_values, found.terms, found.norm, found.residual, unit_norm
+            found.singular_values, found.terms, found.norm, found.residual, mean_norm(unit_norm)
         )
         return step, report
 
@@ -238,7 +238,7 @@ def sampled_harmonic_densities(
     geometry: PolarGeometry,
     table: WaveTable,
     n_max: int,
-    unit_norms: Float[Array, " f"],
+    unit_norms: Float[Array, "f *one_or_directions"],
     angles: Float[Array, " directions"],
     regularization: Regularization,
 ) -> tuple[Complex[Array, "f directions 2 detectors"], DensityReport]:
@@ -251,11 +251,11 @@ def sampled_harmonic_densities(
     def at(arguments: tuple[WaveTable, Array, Regularization]) -> tuple[Array, DensityReport]:
         wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
         matrix, rhs, _ = wave_system(geometry, wave, angles)
-        rule = rule.in_units_of(largest_diagonal(matrix))
+        rule = rule.in_units_of(largest_diagonal(matrix), wave.frequencies)
         found = filtered_solve(matrix, rhs, rule, unit_norm)
         densities = unfold(found.q, geometry.weights, geometry.mirror) / geometry.weights
         report = DensityReport(
-            found.singular_values, found.terms, found.norm, found.residual, unit_norm
+            found.singular_values, found.terms, found.norm, found.residual, mean_norm(unit_norm)
         )
         return densities, report
 

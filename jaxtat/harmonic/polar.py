@@ -5,17 +5,23 @@ from c than every point of the region. The axis is the line in which the geometr
 is: then cosines and sines do not mix.
 """
 
+from typing import Any
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..checks import is_concrete
-from ..geometry import CircularArc, DetectorCurve, Region, TruncatedDisk, fit_circle
+from ..geometry import CircularArc, DetectorCurve, Region, TruncatedDisk, fit_circle, near_circle
 from ..symmetry import mirrored_pairs
 from .orders import highest_orders
 
 _ROUNDING = 1e-9  # relative, for positions that are called equal
+FARTHER = 1.2  # nearest detector over farthest point of the region, from which waves are worth it
+_REACHED = 0.99  # the same, inverted, up to which they can be used at all
+_CANDIDATES = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 17)] * 2), axis=-1).reshape(-1, 2)
 
 
 class PolarGeometry(eqx.Module):
@@ -69,13 +75,25 @@ class PolarGeometry(eqx.Module):
 def harmonic_orders(geometry: PolarGeometry, frequencies: np.ndarray) -> np.ndarray:
     """N(lambda) of a concrete geometry; ValueError if waves about the centre do not reach."""
     reach, distance = float(geometry.reach), float(geometry.detector_radius.min())
-    if reach >= 0.99 * distance:
+    if reach >= _REACHED * distance:
         raise ValueError(
             f"the region reaches {reach:.6g} from {np.asarray(geometry.center)}, a detector is "
             f"only {distance:.6g} away: cylindrical waves need every detector farther off than "
-            "the region. Use a smaller region, or build_plan(..., method='collocation')."
+            "the region. Use a smaller region, or method='auto' or 'collocation' of build_plan and "
+            "problem_layout; what asks for these waves itself is for detectors that they reach."
         )
     return highest_orders(frequencies, reach, distance)
+
+
+def waves_reach(curve: DetectorCurve, region: Region) -> bool:
+    """Whether cylindrical waves write the potentials of a concrete geometry with few orders.
+
+    For detectors off a circle they are asked to reach with a ratio of 1.2; below it orders, and
+    products over detectors, grow until direct kernels are cheaper.
+    """
+    geometry = polar_geometry(curve, region)
+    least = 1 / _REACHED if near_circle(curve) else FARTHER * (1 - _ROUNDING)
+    return float(geometry.detector_radius.min()) > least * float(geometry.reach)
 
 
 def half_weights(weights: Float[Array, " detectors"]) -> Float[Array, " half"]:
@@ -92,17 +110,19 @@ def polar_geometry(curve: DetectorCurve, region: Region) -> PolarGeometry:
     """The best centre and axis that curve and region allow.
 
     Detectors on a circle are expanded about its centre, which makes the waves at all of them alike.
-    Traced positions are taken one by one, about the centre of the region, and without symmetry,
-    since a derivative may move any of them; a `CircularArc` remains an arc when its radius or
-    opening is traced.
+    Others are about the centre of the region, or, if a detector is hardly farther from it than the
+    region reaches, about the point for which that ratio is best. Traced positions are taken one by
+    one, and without symmetry, since a derivative may move any of them; a `CircularArc` remains an
+    arc when its radius or opening is traced.
     """
     if isinstance(curve, CircularArc) and is_concrete(curve.center, region.center):
         return _about_arc(curve, region)
     if is_concrete(curve, region):
         return _about_points(curve, region)
-    local = curve.points - region.center
+    center = _best_center(curve, region, jnp)
+    local = curve.points - center
     return PolarGeometry(
-        center=region.center,
+        center=center,
         axis=jnp.zeros(()),
         detector_radius=jnp.linalg.norm(local, axis=1),
         detector_angles=jnp.arctan2(local[:, 1], local[:, 0]),
@@ -166,11 +186,36 @@ def _circle(curve: DetectorCurve, region: Region) -> tuple[Array, Array | None]:
     try:
         circle = fit_circle(curve.points)
     except ValueError:  # a straight line
-        return region.center, None
+        return jax.device_put(_best_center(curve, region, np)), None
     distance = jnp.linalg.norm(curve.points - circle.center, axis=1)
     if jnp.abs(distance - circle.radius).max() > _ROUNDING * circle.radius:
-        return region.center, None
+        return jax.device_put(_best_center(curve, region, np)), None
     return circle.center, circle.radius
+
+
+def _best_center(curve: DetectorCurve, region: Region, xp: Any) -> Any:
+    """c with the largest min |z_k - c| / max |x - c|, or the region's centre if that does.
+
+    No image depends on c but by rounding, so that its derivatives are left out. Of a disk the best
+    centre is its own: whoever moves by d has detectors at most d farther off, and the rim just d.
+
+    Args:
+        xp: numpy, or jax.numpy for what is traced.
+    """
+    if _is_whole_disk(region):
+        return region.center
+    points = jax.lax.stop_gradient((curve.points, region.points, region.center))
+    detectors, boundary, own = (xp.asarray(part) for part in points)
+
+    def ratio(c: Any) -> Any:
+        nearest = xp.linalg.norm(detectors - c[:, None], axis=-1).min(axis=-1)
+        return nearest / xp.linalg.norm(boundary - c[:, None], axis=-1).max(axis=-1)
+
+    best, step = own, xp.linalg.norm(boundary - own, axis=-1).max()
+    for _ in range(4):
+        candidates = best + step * xp.concatenate([_CANDIDATES, np.zeros((1, 2))])
+        best, step = candidates[xp.argmax(ratio(candidates))], step / 6
+    return xp.where(ratio(own[None]) >= FARTHER, own, best)
 
 
 def _is_whole_disk(region: Region) -> bool:

@@ -167,21 +167,34 @@ class RegionFactor(eqx.Module):
         return lambda v: jax.scipy.linalg.cho_solve((triangle, True), v[..., None])[..., 0]
 
 
+def gram_matrix(
+    a: Float[Array, "blocks r"],
+    b: Float[Array, "blocks r"],
+    gram: Float[Array, "blocks r r"],
+    factor: RegionFactor,
+) -> Float[Array, "blocks m m"]:
+    """R [(a a^T + b b^T) ∘ T] R^T."""
+    if factor.is_diagonal:
+        a, b = factor.times(a), factor.times(b)
+    inner = (a[:, :, None] * a[:, None, :] + b[:, :, None] * b[:, None, :]) * gram
+    return inner if factor.is_diagonal else factor.around(inner)
+
+
 def region_factor(geometry: PolarGeometry, wave: WaveTable) -> RegionFactor:
     """R of one frequency: norms on a disk, else from a QR decomposition of the traces."""
     if wave.norms is not None:
         return RegionFactor(blocks(geometry, wave.norms))
     traces = boundary_traces(wave.frequencies, wave.steps, geometry)
-    return RegionFactor(_triangle(jnp.swapaxes(blocks(geometry, traces), 0, 1)))
+    return RegionFactor(triangle(jnp.swapaxes(blocks(geometry, traces), 0, 1)))
 
 
 @jax.custom_jvp
-def _triangle(traces: Float[Array, "blocks traces r"]) -> Float[Array, "blocks m r"]:
+def triangle(traces: Float[Array, "blocks traces r"]) -> Float[Array, "blocks m r"]:
     """R of B = Q R, which may be singular."""
     return jnp.linalg.qr(traces, mode="r")
 
 
-@_triangle.defjvp
+@triangle.defjvp
 def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     # What R is used for depends on it only up to a rotation from the left. So let Q stand still,
     # dR = Q^T dB: triangular no more, but without the inverse of R, which may not exist. What of dB

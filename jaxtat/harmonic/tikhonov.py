@@ -31,6 +31,7 @@ from .table import (
     circle_gram,
     cut_gram,
     detector_matrix,
+    gram_matrix,
     pairs,
     region_factor,
     wave_table,
@@ -45,7 +46,7 @@ class SolveReport(eqx.Module):
 
     Attributes:
         alpha: in the unit of A A^T [length²].
-        relative_alpha: over the largest diagonal entry of A A^T.
+        relative_alpha: in the unit in which numbers are given, see `AlphaRule`.
         residual: largest ||(A A^T + alpha) y - A G|| / ||A G|| of the images.
         iterations: of conjugate gradients, the most of all images; 0 for a factorisation.
         converged: whether the residual is as small as was asked (all finite for a factorisation).
@@ -189,10 +190,7 @@ def normal_matrix(
         waves = detector_matrix(geometry, wave)
         return factor.around(jnp.einsum("jbrk,jbsk->brs", waves * geometry.weights, waves))
     a, b = _on_circle(geometry, wave)
-    if factor.is_diagonal:
-        a, b = factor.times(a), factor.times(b)
-    inner = (a[:, :, None] * a[:, None, :] + b[:, :, None] * b[:, None, :]) * gram
-    return inner if factor.is_diagonal else factor.around(inner)
+    return gram_matrix(a, b, gram, factor)
 
 
 def _factorised(
@@ -204,7 +202,7 @@ def _factorised(
     plane = None
     if datum.rule.needs_matrix:
         plane = factor.around(_diagonal_matrix(blocks(geometry, _plane_power(wave))))
-    alpha = datum.rule.absolute(_problem(geometry, datum, largest, matrix, plane))
+    alpha = datum.rule.absolute(_problem(geometry, wave, datum, largest, matrix, plane))
     shifted = matrix + alpha * jnp.eye(matrix.shape[-1])
     rhs = factor.times(moments(geometry, wave, datum.values))
     rhs = jnp.moveaxis(rhs, 0, -1)  # images last, as columns
@@ -244,7 +242,7 @@ def _iterated(
     """By conjugate gradients; derivatives are one more solve each, not those of the iteration."""
     multiply, inner_diagonal = _products(geometry, wave)
     diagonal = _diagonal(geometry, wave, factor, inner_diagonal)
-    alpha = datum.rule.absolute(_problem(geometry, datum, diagonal, None, None))
+    alpha = datum.rule.absolute(_problem(geometry, wave, datum, diagonal, None, None))
     rhs = factor.times(moments(geometry, wave, datum.values))
     precondition = factor.inverse_around(inner_diagonal, alpha)
 
@@ -364,13 +362,24 @@ def _plane_power(wave: WaveTable) -> Float[Array, "2 orders"]:
 
 def _problem(
     geometry: PolarGeometry,
+    wave: WaveTable,
     datum: _Datum,
     diagonal: Array,
     matrix: Array | None,
     plane: Array | None,
 ) -> Problem:
     n_data = 2 * geometry.detector_angles.shape[0]
-    return Problem(matrix, plane, diagonal, datum.unit_norm, datum.power, datum.noise_power, n_data)
+    return Problem(
+        matrix=matrix,
+        plane=plane,
+        diagonal=diagonal,
+        unit_norm=datum.unit_norm,
+        data_power=datum.power,
+        noise_power=datum.noise_power,
+        frequency=wave.frequencies,
+        unit=diagonal.max(),
+        n_data=n_data,
+    )
 
 
 def _on_circle(geometry: PolarGeometry, wave: WaveTable) -> Float[Array, "2 blocks r"]:

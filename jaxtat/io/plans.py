@@ -24,12 +24,22 @@ from jaxtyping import Array, Float, jaxtyped
 
 from ..checks import require_x64
 from ..densities import DensityReport, SampledDensities
-from ..geometry import CircularArc, ImageGrid, SampledCurve, TruncatedDisk
+from ..geometry import (
+    CircularArc,
+    ImageGrid,
+    Polygon,
+    RegionUnion,
+    SampledCurve,
+    TruncatedDisk,
+)
 from ..harmonic import DensityGroup, HarmonicDensities
 from ..plan import ReconstructionPlan
 from ..regularization import (
     FixedRank,
     NormBound,
+    RelativeCutoff,
+    RelativeTikhonov,
+    ResidualTarget,
     SingularValueCutoff,
     Tikhonov,
     TikhonovNormBound,
@@ -46,11 +56,16 @@ _KINDS: dict[str, type[eqx.Module]] = {
         CircularArc,
         SampledCurve,
         TruncatedDisk,
+        Polygon,
+        RegionUnion,
         ImageGrid,
         DensityReport,
         NormBound,
         FixedRank,
         SingularValueCutoff,
+        RelativeCutoff,
+        RelativeTikhonov,
+        ResidualTarget,
         Tikhonov,
         TikhonovNormBound,
         SampledDensities,

@@ -9,6 +9,7 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Complex, Float
 
+from ..boundary import BoundaryGeometry, geometry_for, solve_on_boundary
 from ..checks import Numbers, data_array, is_concrete, real_array, require_x64
 from ..geometry import DetectorCurve, ImageGrid, Region
 from ..harmonic import (
@@ -18,19 +19,19 @@ from ..harmonic import (
     SolveReport,
     alpha_rule,
     circular_harmonics_at,
-    polar_geometry,
     solve_harmonics,
 )
 from ..layout import Layout, problem_layout
 from ..parallel import checked_mesh, replicated
 from ..problem import AccuracyWarning
-from ..special import full_circle_norm
+from ..regularization import DEFAULT_KAPPA, RelativeTikhonov
+from ..unit_norm import unit_norms
 from .inversion import invert, require_inversion
 from .polar_fourier import with_origin
 from .radial_transform import noise_power, radial_transform, total_integrals
 from .radon import LowPass, low_pass_values
 
-DEFAULT_ALPHA = 1e-6
+DEFAULT_ALPHA = 1e-6  # of detectors on a circle that see all of the region
 DEFAULT_TOLERANCE = 1e-10  # of conjugate gradients
 
 
@@ -40,10 +41,12 @@ class DirectReconstruction(eqx.Module):
     Attributes:
         image: f, (..., x1, x2), the unit of g per length.
         report: alpha, residual and convergence at every frequency.
+        basis: in which the densities were found: "cylindrical" waves, or the "boundary" itself.
     """
 
     image: Float[Array, "*batch x1 x2"]
     report: SolveReport
+    basis: str = eqx.field(static=True)
 
     @property
     def converged(self) -> Bool[Array, ""]:
@@ -57,7 +60,7 @@ def reconstruct_direct(
     grid: ImageGrid,
     radii: Numbers,
     g: Numbers,
-    alpha: Any = DEFAULT_ALPHA,
+    alpha: Any = None,
     *,
     low_pass: LowPass | None = None,
     max_frequency: Numbers | None = None,
@@ -71,20 +74,24 @@ def reconstruct_direct(
     """The image f from circular integrals g, with nothing computed beforehand.
 
     In cylindrical waves the potentials of the curve are a small matrix A(lambda), and one solution
-    of (A A^T + alpha) y = A √w G serves all directions: fhat(xi) = (1/2π) y·u_xi. Steps 4 and 5
-    follow as in `reconstruct`. Linear in g; differentiable, through implicit derivatives, with
-    respect to g, alpha, radii, and all positions and sizes of curve, region and grid.
+    of (A A^T + alpha) y = A √w G serves all directions: fhat(xi) = (1/2π) y·u_xi. Around detectors
+    that are too near for waves about a centre, on an L or U, A is taken on the boundary itself, see
+    `boundary`; the result tells its basis. Steps 4 and 5 follow as in `reconstruct`. Linear in g;
+    differentiable, through implicit derivatives, with respect to g, alpha, radii, and all positions
+    and sizes of curve, region and grid.
 
     Args:
-        curve: the detectors, each farther from the centre than all of the region.
+        curve: the detectors, all outside the region.
         region: region of interest; outside it the image means nothing.
         grid: where the image is wanted.
         radii: r > 0 of the data, increasing, covering region and sources, (radii,) [length].
         g: circular integrals, float32 or float64, (..., detectors, radii).
-        alpha: above zero, relative to the largest diagonal entry of A A^T at each frequency; a
-            number or one per frequency. 1e-12 for exact data, 1e-3 for poor ones. Or a rule:
-            ``NoiseLevel(sigma)`` for data with noise of known size, ``NormBound(K)`` for densities
-            with root mean square norm K N(lambda).
+        alpha: above zero, relative to the largest diagonal entry of A A^T at each frequency (on the
+            boundary: to 8/lambda²); a number or one per frequency. 1e-12 for exact data, 1e-3 for
+            poor ones. Or a rule: ``RelativeCutoff(kappa)``, alpha = 8 kappa²/lambda², ``NoiseLevel(
+            sigma)`` for data with noise of known size, ``NormBound(K)`` for densities with root
+            mean square norm K N(lambda). By default 1e-6 for detectors on a circle that see all of
+            the region, else ``RelativeCutoff(0.1)``, which holds whatever they see: `build_plan`.
         low_pass: eta(lambda / lambda_max), for instance `cosine_filter`; none by default.
         max_frequency, n_directions: as in `build_plan`.
         solver: "cholesky", "cg" (preconditioned conjugate gradients), or by size ("auto").
@@ -133,11 +140,8 @@ def reconstruct_direct(
             n_directions=n_directions,
             solver=solver,
         )
-    rule = alpha_rule(alpha, layout.n_frequencies)
-    n = layout.n_frequencies
-    eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
-    geometry = polar_geometry(curve, region)
-    arguments = replicated(DirectArguments(geometry, grid, radii, values, rule, eta), mesh)
+    given = direct_arguments(curve, region, grid, radii, values, alpha, low_pass, layout)
+    arguments = replicated(given, mesh)
     found = _direct(arguments, layout, tolerance, inversion, mesh)
     if is_concrete(found) and not found.converged:
         bad = ~np.asarray(found.report.converged)
@@ -154,12 +158,36 @@ def reconstruct_direct(
 class DirectArguments(eqx.Module):
     """What of a direct reconstruction is traced, checked beforehand."""
 
-    geometry: PolarGeometry
+    geometry: PolarGeometry | BoundaryGeometry
     grid: ImageGrid
     radii: Float[Array, " radii"]
     g: Float[Array, "*batch detectors radii"]
     rule: AlphaRule
     eta: Float[Array, " frequencies"]
+    unit_norm: Float[Array, " fewer"]
+
+
+def direct_arguments(
+    curve: DetectorCurve,
+    region: Region,
+    grid: ImageGrid,
+    radii: Array,
+    g: Array,
+    alpha: Any,
+    low_pass: LowPass | None,
+    layout: Layout,
+) -> DirectArguments:
+    """Rules made of what a user gives as alpha and low_pass; the other arguments are checked."""
+    n = layout.n_frequencies
+    if alpha is None:
+        alpha = DEFAULT_ALPHA if layout.as_in_the_paper else RelativeTikhonov(DEFAULT_KAPPA)
+    rule = alpha_rule(alpha, n)
+    eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
+    unit_norm = jnp.ones(n)  # not asked for
+    if rule.needs_matrix:
+        unit_norm = unit_norms(curve, region, layout.frequencies, layout.norm_orders)
+    geometry = geometry_for(curve, region, layout)
+    return DirectArguments(geometry, grid, radii, g, rule, eta, unit_norm)
 
 
 def _direct(
@@ -167,12 +195,17 @@ def _direct(
 ) -> DirectReconstruction:
     # several programs: as one, XLA has been seen to wait for ever with two devices on one CPU
     data = _transformed(given, layout)
-    harmonics, report = _solve(given.geometry, data, layout, tolerance, mesh)
-    fhat = _polar_fourier(given, harmonics, layout)
+    if isinstance(given.geometry, BoundaryGeometry):
+        fhat, report = _solve_on_boundary(given.geometry, data, layout, tolerance, mesh)
+    else:
+        harmonics, report = _solve(given.geometry, data, layout, tolerance, mesh)
+        fhat = _on_polar_grid(given.geometry, harmonics, layout)
+    fhat = _with_origin(given, fhat)
     step = jnp.asarray(layout.max_frequency / layout.n_frequencies)
     center, angles = given.geometry.region.center, layout.angles
     image = invert(fhat, step, angles, given.grid, center, given.eta, inversion)
-    return DirectReconstruction(image.reshape(*given.g.shape[:-2], *given.grid.shape), report)
+    image = image.reshape(*given.g.shape[:-2], *given.grid.shape)
+    return DirectReconstruction(image, report, layout.basis)
 
 
 def direct_image(given: DirectArguments, layout: Layout) -> Float[Array, "*batch x1 x2"]:
@@ -192,7 +225,7 @@ def _transformed(given: DirectArguments, layout: Layout) -> Data:
     return Data(
         transformed=jnp.moveaxis(found, 1, 0),
         noise_power=noise_power(given.radii, frequencies, given.geometry.weights),
-        unit_norm=_unit_norm(given.geometry, given.rule, frequencies, layout),
+        unit_norm=given.unit_norm,
         rule=given.rule,
     )
 
@@ -209,24 +242,33 @@ def _solve(
 
 
 @eqx.filter_jit
-def _polar_fourier(
-    given: DirectArguments, harmonics: Array, layout: Layout
-) -> Complex[Array, "images all_frequencies directions"]:
-    """fhat on the polar grid, with frequency 0 in front."""
-    geometry, angles = given.geometry, layout.angles
+def _solve_on_boundary(
+    geometry: BoundaryGeometry, data: Data, layout: Layout, tolerance: float, mesh: Mesh | None
+) -> tuple[Complex[Array, "images frequencies directions"], SolveReport]:
+    """Steps 1 and 3."""
+    return solve_on_boundary(
+        geometry, layout.frequencies, layout.angles, data, layout.solver, tolerance, mesh
+    )
+
+
+@eqx.filter_jit
+def _on_polar_grid(
+    geometry: PolarGeometry, harmonics: Array, layout: Layout
+) -> Complex[Array, "images frequencies directions"]:
+    """fhat on the polar grid, phases counted from the region's centre."""
+    angles = layout.angles
     fhat = circular_harmonics_at(harmonics, angles - geometry.axis)
-    if not geometry.disk:  # phases count from the region's centre, waves from the arc's
+    if not geometry.disk:  # the harmonics count them from the centre of the waves
         directions = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
         along = directions @ (geometry.region.center - geometry.center)
         fhat = fhat * jnp.exp(1j * layout.frequencies[:, None] * along)
+    return fhat
+
+
+@eqx.filter_jit
+def _with_origin(
+    given: DirectArguments, fhat: Array
+) -> Complex[Array, "images all_frequencies directions"]:
+    """With frequency 0 in front."""
     mass = total_integrals(_images(given.g), given.radii)
-    return with_origin(fhat, mass, geometry.weights)
-
-
-def _unit_norm(
-    geometry: PolarGeometry, rule: AlphaRule, frequencies: Array, layout: Layout
-) -> Array:
-    """N(lambda), if alpha depends on it."""
-    if not rule.needs_matrix:
-        return jnp.ones_like(frequencies)
-    return full_circle_norm(frequencies, jnp.mean(geometry.detector_radius), layout.norm_orders)
+    return with_origin(fhat, mass, given.geometry.weights)

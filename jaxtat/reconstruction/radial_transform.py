@@ -76,7 +76,13 @@ def noise_power(
     weights: Float[Array, " detectors"],
 ) -> Float[Array, " frequencies"]:
     """Mean square of √w (G_J, G_Y) for white noise of variance 1 in g."""
-    kernels = radial_kernels(radii, frequencies)
+    return kernel_noise_power(radial_kernels(radii, frequencies), weights)
+
+
+def kernel_noise_power(
+    kernels: Float[Array, "frequencies 2 radii"], weights: Float[Array, "..."]
+) -> Float[Array, " frequencies"]:
+    """`noise_power` of any two kernels, times the weights of the quadrature."""
     return jnp.mean(weights) * jnp.mean(jnp.sum(kernels**2, axis=-1), axis=-1)
 
 

@@ -58,7 +58,7 @@ def test_the_plan_of_a_direct_reconstruction_has_its_alphas(plan, monkeypatch):
     monkeypatch.setattr("jaxtat.diagnostics.diagnosis.build_plan", build)
     alphas = jnp.array([1e-3, 2e-3, 4e-3, 8e-3])
     solved = SolveReport(2 * alphas, alphas, 0 * alphas, jnp.zeros(4, int), jnp.ones(4, bool))
-    found = DirectReconstruction(jnp.zeros(GRID.shape), solved)
+    found = DirectReconstruction(jnp.zeros(GRID.shape), solved, "cylindrical")
     plan_of_direct(found, *PROBLEM, max_frequency=MAX_FREQUENCY, progress=False)
     *problem, rule = asked["arguments"]
     assert all(one is other for one, other in zip(problem, PROBLEM, strict=True))

@@ -62,6 +62,8 @@ def diagonal_problem(values):
         unit_norm=jnp.array(2.0),
         data_power=jnp.array(5.0),
         noise_power=jnp.array(0.25),
+        frequency=jnp.array(3.0),
+        unit=values.max(),
         n_data=8,
     )
 
