@@ -13,6 +13,9 @@ from jaxtyping import Array, Float
 # parabolas, third order. Keys, IEEE Trans. ASSP 29 (1981) 1153-1160.
 KEYS = np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]]) / 2
 
+# Straight lines between neighbours; 2 x 2, for nodes 0 and 1.
+LINEAR = np.array([[1.0, -1.0], [0.0, 1.0]])
+
 # Quintic B-spline: four times continuously differentiable, sixth order; takes coefficients, which
 # follow from values by `quintic_prefilter`. Unser, IEEE Signal Process. Mag. 16(6) (1999) 22-38.
 QUINTIC = (

@@ -203,10 +203,10 @@ class Bells(Phantom):
         super().__init__(centers, radii, amplitudes)
 
     def _profile(self, t: Array) -> Array:
-        return jnp.where(t < 1, _sin8_integral(1 - jnp.minimum(t, 1.0)), 0.0)
+        return jnp.where(t < 1, sin8_integral(1 - jnp.minimum(t, 1.0)), 0.0)
 
     def _arc_integral(self, distance: Array, r: Array, part_radius: Array) -> Array:
-        nodes, weights = _gauss_legendre(96)
+        nodes, weights = gauss_legendre(96)
         a = _half_angle(distance, r, part_radius)
         phi = a[:, None] * (nodes + 1) / 2
         # |x - c|² = (d - r)² + 4 d r sin²(phi/2), free of cancellation
@@ -215,13 +215,13 @@ class Bells(Phantom):
         return 2 * r * (a / 2) * (values @ weights)
 
     def _line_integral(self, t: Array) -> Array:
-        nodes, weights = _gauss_legendre(96)
+        nodes, weights = gauss_legendre(96)
         half = _safe_sqrt(jnp.maximum(1 - t**2, 0.0))
         y = half[..., None] * (nodes + 1) / 2
         return half * (self._profile(_safe_sqrt(t[..., None] ** 2 + y**2)) @ weights)
 
     def _hankel(self, k: Array) -> Array:
-        nodes, weights = _gauss_legendre(512)  # resolves k up to several hundred
+        nodes, weights = gauss_legendre(512)  # resolves k up to several hundred
         t = jnp.asarray((nodes + 1) / 2)
         return j0(k[:, None] * t) @ (weights * self._profile(t) * t / 2)
 
@@ -241,7 +241,7 @@ def noise_like(key: Array, data: Array, level: float) -> Array:
     return noise * (level * jnp.linalg.norm(data.ravel()) / jnp.linalg.norm(noise.ravel()))
 
 
-def _sin8_integral(u: Array) -> Array:
+def sin8_integral(u: Array) -> Array:
     """I(u)/I(1) from sin^8 a = (35 - 56 cos 2a + 28 cos 4a - 8 cos 6a + cos 8a) / 128.
 
     Where u is small the terms cancel; the exact value is below (πu)^9 and so is the rounding.
@@ -273,5 +273,5 @@ def _safe_sqrt(square: Array) -> Array:
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
-def _gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
+def gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
     return np.polynomial.legendre.leggauss(n)

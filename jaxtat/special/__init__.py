@@ -1,4 +1,4 @@
-"""Bessel functions of integer order for JAX, the full-circle norm built from them, and a root."""
+"""Bessel and Legendre functions for JAX, the full-circle norm built from them, and a root."""
 
 from .bessel import j0 as j0
 from .bessel import j1 as j1
@@ -10,3 +10,6 @@ from .sequences import enough_orders as enough_orders
 from .sequences import full_circle_norm as full_circle_norm
 from .sequences import hankel_sequence as hankel_sequence
 from .sequences import scaled_hankel_sequence as scaled_hankel_sequence
+from .spherical import legendre_functions as legendre_functions
+from .spherical import scaled_spherical_sequence as scaled_spherical_sequence
+from .spherical import spherical_sequence as spherical_sequence

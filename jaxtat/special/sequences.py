@@ -42,7 +42,7 @@ def hankel_sequence(
     3.918973e-19 -4.081651e+16
     """
     x = as_floating(x)
-    n_max = _order_count(n_max, "n_max")
+    n_max = order_count(n_max, "n_max")
     return _sequence(n_max, x, jnp.ones((n_max + 1, *[1] * x.ndim), x.dtype))
 
 
@@ -60,10 +60,10 @@ def decay_steps(n_max: int, x: Float[Array, "*shape"]) -> Float[Array, "orders *
         0 < delta_n <= 1, n = 0 .. n_max.
     """
     x = jax.lax.stop_gradient(x)
-    ratios = _ratios(n_max, x)
-    ratios = jnp.concatenate([jnp.ones((1, *x.shape)), x[None] / (2 - x * ratios[:1]), ratios])
+    high = ratios(n_max, x)
+    steps = jnp.concatenate([jnp.ones((1, *x.shape)), x[None] / (2 - x * high[:1]), high])
     order = jnp.arange(n_max + 1).reshape(-1, *[1] * x.ndim)
-    return jnp.where(order > x, ratios[: n_max + 1], 1.0)
+    return jnp.where(order > x, steps[: n_max + 1], 1.0)
 
 
 def scaled_hankel_sequence(
@@ -140,7 +140,7 @@ def full_circle_norm(
     """
     frequency, radius = as_floating(frequency), as_floating(radius)
     argument = frequency * radius
-    n_orders = _orders_for(argument) if n_orders is None else _order_count(n_orders, "n_orders")
+    n_orders = _orders_for(argument) if n_orders is None else order_count(n_orders, "n_orders")
     return _norm(n_orders, argument, radius)
 
 
@@ -150,12 +150,12 @@ def _norm(n_orders: int, argument: Array, radius: Array) -> Array:
     j, y = hankel_sequence(n_orders, argument)
     square = j**2 + y**2
     # Terms below 1/cap are far below rounding, and their derivatives would overflow.
-    kept = square < _cap(square)
+    kept = square < largest_value(square)
     terms = jnp.where(kept, 1 / jnp.where(kept, square, 1.0), 0.0)
     return jnp.sqrt((terms[0] + 2 * terms[1:].sum(axis=0)) / (2 * math.pi * radius))
 
 
-def _order_count(n: int, name: str) -> int:
+def order_count(n: int, name: str) -> int:
     n = operator.index(n)
     if n < 0:
         raise ValueError(f"{name} is {n}: pass a non-negative integer.")
@@ -190,13 +190,13 @@ def _evanescent_orders(x: int | float) -> int:
     return 10 + math.ceil(8 * x ** (1 / 3))
 
 
-def _cap(x: Array) -> float:
+def largest_value(x: Array) -> float:
     """Size at which Y_n saturates: its square, and its quotient by a small x, are finite."""
     return 1e18 if x.dtype == jnp.float32 else 1e150
 
 
-def _ratios(n_max: int, x: Array) -> Array:
-    """R_n = J_n / J_{n-1} for n = 2 .. n_max + 2, of use for n > x.
+def ratios(n_max: int, x: Array, half: float = 0.0) -> Array:
+    """R_n = J_n / J_{n-1} for n = 2 .. n_max + 2, of use for n > x; orders are n + ``half``.
 
     The downward recurrence starts from R = 0 at an order N beyond n_max. An error in R_{n+1} enters
     R_n with the factor R_n^2, so the start is forgotten like (J_N / J_{n_max})^2. For x > n_max the
@@ -209,9 +209,9 @@ def _ratios(n_max: int, x: Array) -> Array:
         ratio = x / (2 * n - x * following)
         return ratio, ratio
 
-    orders = jnp.arange(start, last, -1, dtype=x.dtype)
+    orders = jnp.arange(start, last, -1, dtype=x.dtype) + half
     ratio, _ = jax.lax.scan(lambda r, n: (downward(r, n)[0], None), jnp.zeros_like(x), orders)
-    orders = jnp.arange(2, last + 1, dtype=x.dtype)
+    orders = jnp.arange(2, last + 1, dtype=x.dtype) + half
     return jax.lax.scan(downward, ratio, orders, reverse=True)[1]
 
 
@@ -220,23 +220,44 @@ def _ratios(n_max: int, x: Array) -> Array:
 def _sequence(n_max: int, x: Array, steps: Array) -> tuple[Array, Array]:
     """J_n / Delta_n and Delta_n Y_n; ``steps`` are delta_n, constants to differentiation."""
     x = jnp.where(x >= 0, x, jnp.nan)
-    cap = _cap(x)
+    return carried_upward(n_max, x, steps, (j0(x), j1(x), y0(x), y1(x)), ratios(n_max, x))
+
+
+def carried_upward(
+    n_max: int,
+    x: Array,
+    steps: Array,
+    first: tuple[Array, Array, Array, Array],
+    high: Array,
+    half: float = 0.0,
+) -> tuple[Array, Array]:
+    """J_n / Delta_n and Delta_n Y_n of orders n + ``half``, n = 0 .. n_max.
+
+    Args:
+        n_max: highest n.
+        x: positive or NaN.
+        steps: delta_n, which are constants to differentiation.
+        first: J_0, J_1, Y_0, Y_1.
+        high: `ratios`, used for n > x.
+        half: 0 for cylindrical, 1/2 for spherical functions.
+    """
+    cap = largest_value(x)
 
     def upward(carry: tuple[Array, ...], item: tuple[Array, ...]):
         # Orders n - 2 and n - 1 come in; n - 2 goes to the result, n to the next step.
         j_before, j, y_before, y = carry
         n, ratio, step_before, step = item
-        factor = 2 * (n - 1) / x
+        factor = 2 * (n - 1 + half) / x
         j_next = jnp.where(n <= x, factor * j - j_before / step_before, ratio * j) / step
         y_next = jnp.maximum((factor * y - y_before * step_before) * step, -cap)
         return (j, j_next, y, y_next), (j_before, y_before)
 
     # two orders more than wanted pass through, with any scale
     steps = jnp.concatenate([steps, jnp.ones((2, *steps.shape[1:]), steps.dtype)])
-    first = j0(x), j1(x) / steps[1], jnp.maximum(y0(x), -cap), jnp.maximum(y1(x) * steps[1], -cap)
+    j_0, j_1, y_0, y_1 = first
+    start = j_0, j_1 / steps[1], jnp.maximum(y_0, -cap), jnp.maximum(y_1 * steps[1], -cap)
     orders = jnp.arange(2, n_max + 3, dtype=x.dtype)
-    items = (orders, _ratios(n_max, x), steps[1:-1], steps[2:])
-    return jax.lax.scan(upward, first, items)[1]
+    return jax.lax.scan(upward, start, (orders, high, steps[1:-1], steps[2:]))[1]
 
 
 @_sequence.defjvp
@@ -253,5 +274,5 @@ def _(n_max: int, primals: tuple[Array, Array], tangents: tuple[Array, Array]):
     y_before = jnp.concatenate([-y[1:2] / steps[1], y[:-2] * steps[1:-1]])
     y = y[:-1]
     orders = jnp.arange(n_max + 1, dtype=x.dtype).reshape(-1, *[1] * x.ndim)
-    y_slope = jnp.where(y <= -_cap(y), 0.0, y_before - orders / x * y)
+    y_slope = jnp.where(y <= -largest_value(y), 0.0, y_before - orders / x * y)
     return (j[:-1], y), (j_slope * x_dot, y_slope * x_dot)

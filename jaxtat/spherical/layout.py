@@ -1,0 +1,236 @@
+"""What of a problem in space is a size: decided outside `jax.jit`, as in `jaxtat.layout`."""
+
+import warnings
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..checks import Numbers, constants, is_concrete, real_array
+from ..geometry import VolumeGrid, data_radii, require_cover, require_outside
+from ..harmonic.orders import highest_orders
+from ..problem import AccuracyWarning, polar_grid
+from .caps import DetectorPoints, Detectors, SphericalCap
+from .regions import BallPart, enough_boundary
+from .visible import warn_of_visibility
+
+MOST_GROUPS = 4  # of frequencies: one table of detectors' moments is in memory for each
+MOST_SIZES = 10  # of systems; each is compiled by itself, which small problems do not repay
+TABLE = 2**22  # entries of a table of Legendre functions, of some orders m at a time
+LEAST_FREQUENCIES = 8  # with fewer the projections between the stages of step 5 are cut short
+PLANES = 64  # meridian planes inverted together, which bounds the memory
+
+
+class CapLayout(eqx.Module):
+    """Everything about a reconstruction in space that is a size, and so cannot be traced.
+
+    Attributes:
+        max_frequency: lambda_max [rad/length].
+        groups: highest degree l of each group of neighbouring frequencies.
+        in_group: frequencies in each group.
+        n_directions: of the meridian planes, and in each of them, over half a turn.
+        n_orders: m = 0 .. n_orders - 1.
+        piece: how many orders m are worked on together.
+        n_sizes: of the systems; numbers of degrees are rounded up to one of them.
+    """
+
+    max_frequency: float = eqx.field(static=True)
+    groups: tuple[int, ...] = eqx.field(static=True)
+    in_group: int = eqx.field(static=True)
+    n_directions: int = eqx.field(static=True)
+    n_orders: int = eqx.field(static=True)
+    piece: int = eqx.field(static=True)
+    n_sizes: int = eqx.field(static=True)
+
+    @property
+    def n_frequencies(self) -> int:
+        return len(self.groups) * self.in_group
+
+    @property
+    def frequency_step(self) -> float:
+        """d lambda [rad/length]."""
+        return self.max_frequency / self.n_frequencies
+
+    @property
+    def frequencies(self) -> Float[Array, " frequencies"]:
+        """lambda_i = i d lambda, i >= 1 [rad/length]."""
+        return self.frequency_step * jnp.arange(1, self.n_frequencies + 1)
+
+    @property
+    def n_pieces(self) -> int:
+        return -(-self.n_orders // self.piece)
+
+    @property
+    def degrees(self) -> tuple[tuple[int, ...], ...]:
+        """How many degrees l = m, m + 1, ... there are, for every group and piece; 0 for none."""
+        most = self.groups[-1] + 1
+        step = -(-self.n_pieces // self.n_sizes) * self.piece
+
+        def rounded(needed: int) -> int:
+            smaller = min((most - needed) // step, self.n_sizes - 1)
+            return most - smaller * step if needed > 0 else 0
+
+        firsts = range(0, self.n_pieces * self.piece, self.piece)
+        return tuple(tuple(rounded(l_max + 1 - m) for m in firsts) for l_max in self.groups)
+
+
+def cap_layout(
+    detectors: Detectors,
+    region: BallPart,
+    grid: VolumeGrid,
+    radii: Numbers,
+    *,
+    max_frequency: Numbers | None = None,
+) -> CapLayout:
+    """The sizes that `reconstruct_cap` would choose, checked, for `jax.jit`.
+
+    Args:
+        detectors, region, grid, radii: concrete, as in `reconstruct_cap`.
+        max_frequency: likewise.
+
+    Raises:
+        ValueError: as `reconstruct_cap`, and for a traced geometry.
+
+    Warns:
+        VisibilityWarning, AccuracyWarning: as `reconstruct_cap`.
+
+    >>> from jaxtat.spherical import ball_part, spherical_cap
+    >>> cap, ball, grid = spherical_cap(1.3, 1.0, 48, 128), ball_part(1.0), VolumeGrid(33)
+    >>> layout = cap_layout(cap, ball, grid, cap_radii(cap, ball, grid.spacing[0] / 2))
+    >>> layout.n_frequencies, round(layout.max_frequency / jnp.pi, 9), layout.n_orders
+    (32, 16.0, 64)
+    """
+    radii = real_array("radii", radii, ("radii",))
+    detectors, region, grid, radii = constants((detectors, region, grid, radii))
+    if not is_concrete(detectors, region, grid, radii, max_frequency):
+        raise ValueError(
+            "detectors, region, grid or radii are traced by jax.jit, and sizes depend on them: "
+            "make layout = cap_layout(...) of typical ones outside, and pass layout=layout."
+        )
+    require_fitting(detectors, region)
+    with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
+        arc, disk = detectors.meridian, region.meridian
+        require_outside(arc, disk)
+        require_cover(arc, disk, radii)
+        _require_nodes(region, grid)
+        warn_of_visibility(detectors, region)
+        frequencies, angles = polar_grid(disk, grid, radii, max_frequency, None)
+        n, highest, reach = len(frequencies), float(frequencies[-1]), float(region.radius)
+        _require_boundary(region, highest)
+        n_groups = min(MOST_GROUPS, max(1, n // 8))
+        ends = highest * np.arange(1, n_groups + 1) / n_groups
+        distance = float(np.linalg.norm(np.asarray(arc.points), axis=1).min())
+        if reach >= 0.99 * distance:
+            raise ValueError(
+                f"the region reaches {reach:.6g} from the centre, a detector is only "
+                f"{distance:.6g} away: spherical waves need every detector farther off than the "
+                "region."
+            )
+        orders = highest_orders(ends, reach, distance)
+        n_orders = int(orders[-1]) + 1
+        if isinstance(detectors, SphericalCap):
+            _warn_of_sampling(detectors, highest, reach)
+            n_orders = min(n_orders, detectors.n_azimuths // 2)
+    n_degrees, points = int(orders[-1]) + 1, max(detectors.shape[0], len(angles) // 2 + 1)
+    sizes = min(MOST_SIZES, max(1, n_degrees // 24 - 4))
+    pieces = max(sizes, -(-n_orders * n_degrees * points // TABLE))
+    return CapLayout(
+        max_frequency=highest,
+        groups=tuple(int(order) for order in orders),
+        in_group=max(-(-n // n_groups), LEAST_FREQUENCIES),
+        n_directions=len(angles),
+        n_orders=n_orders,
+        piece=-(-n_orders // pieces),
+        n_sizes=sizes,
+    )
+
+
+def cap_radii(
+    detectors: Detectors, region: BallPart, step: Numbers, *, sources: BallPart | None = None
+) -> Float[Array, " radii"]:
+    """Equispaced radii that the data need, see `jaxtat.data_radii`.
+
+    Half the step of the grid is right: G takes the product of the data and a kernel that both
+    oscillate as fast as the grid allows.
+
+    Args:
+        detectors, region: the geometry, concrete.
+        step: distance between radii [length].
+        sources: where f may differ from zero, if that is not inside the region of interest.
+
+    Raises:
+        ValueError: for a step that is not above zero.
+
+    >>> from jaxtat.spherical import ball_part, spherical_cap
+    >>> radii = cap_radii(spherical_cap(1.3, 1.0, 48, 64), ball_part(1.0), 1 / 64)
+    >>> radii.shape, round(float(radii[0]), 3), round(float(radii[-1]), 3)
+    ((129,), 0.3, 2.3)
+    """
+    more = None if sources is None else sources.meridian
+    return data_radii(detectors.meridian, region.meridian, step, sources=more)
+
+
+def require_fitting(detectors: Detectors, region: BallPart) -> None:
+    """Raise ValueError unless region and detectors share their centre, and waves fit both."""
+    if isinstance(detectors, DetectorPoints) and not region.whole:
+        raise ValueError("a cut region needs detectors on rings: use ball_part(radius).")
+    if not is_concrete(detectors.center, region.center, region.radius):
+        return
+    offset = np.abs(np.asarray(detectors.center) - np.asarray(region.center)).max()
+    if offset > 1e-9 * float(region.radius):
+        raise ValueError(
+            f"the region is centred at {np.asarray(region.center)}, the detectors at "
+            f"{np.asarray(detectors.center)}: give both the same center."
+        )
+
+
+def _require_nodes(region: BallPart, grid: VolumeGrid) -> None:
+    center = np.asarray(region.center)
+    local = [np.asarray(grid.axis(k)) - center[k] for k in range(3)]
+    low, high = (center + [f(x) for x in local] for f in (np.min, np.max))
+    local[2] = local[2][local[2] < float(region.x_top)]
+    # the node nearest to the centre, axis by axis: all nodes of a large grid are many
+    if sum(np.min(x**2, initial=np.inf) for x in local) >= float(region.radius) ** 2:
+        raise ValueError(
+            f"no node of the grid (from {low} to {high}) lies in the region of interest, within "
+            f"{float(region.radius):.6g} of {center} and below {float(region.x_top):.6g}: move or "
+            "widen the grid."
+        )
+
+
+def _require_boundary(region: BallPart, highest: float) -> None:
+    if region.n_boundary is None:
+        return
+    n, least = (
+        sum(region.n_boundary),
+        enough_boundary(float(region.radius), float(region.x_top), highest),
+    )
+    if n < least:
+        raise ValueError(
+            f"a meridian of the region's boundary has {n} points where {least} are needed: use "
+            f"n_boundary >= {least} or a lower max_frequency."
+        )
+
+
+def resolved_frequency(cap: SphericalCap, reach: float) -> tuple[float, float]:
+    """Up to which lambda the detectors sample waves from within ``reach`` [rad/length].
+
+    And the widest gap between rings, or from the lowest one to the end of its area [rad].
+    """
+    theta = np.append(float(cap.lowest_angle), np.arccos(np.asarray(cap.cosines)))
+    gap = float(np.abs(np.diff(theta)).max())
+    return min(cap.n_azimuths / (2 * reach), 1.1 * np.pi / (gap * reach)), gap
+
+
+def _warn_of_sampling(cap: SphericalCap, highest: float, reach: float) -> None:
+    possible, gap = resolved_frequency(cap, reach)
+    if highest > possible * (1 + 1e-3):  # the bound is not as sharp as that
+        warnings.warn(
+            f"rings up to {gap:.3g} rad apart with {cap.n_azimuths} azimuths resolve frequencies "
+            f"up to {possible:.4g}, but max_frequency is {highest:.4g}: use more detectors, or "
+            f"pass max_frequency={possible:.4g}.",
+            AccuracyWarning,
+            stacklevel=4,
+        )

@@ -1,0 +1,206 @@
+"""Caps, regions and layouts: quadrature, meridian sections, and what is refused."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxtat
+from jaxtat import AccuracyWarning, VisibilityWarning, VolumeGrid
+from jaxtat.spherical import (
+    DetectorPoints,
+    ball_part,
+    cap_layout,
+    cap_radii,
+    enough_boundary,
+    find_rings,
+    spherical_cap,
+)
+from jaxtat.spherical.layout import resolved_frequency
+from jaxtat.spherical.visible import missed_share
+
+
+@pytest.mark.parametrize(("rule", "order"), [("gauss", 13), ("equal", 2)])
+def test_weights_integrate_over_the_cap(rule, order):
+    """∫ z_3² dS and ∫ z_1² dS of |z| = 2, z_3 < 1, to the order of the rule."""
+    errors = []
+    for n in (8, 16):
+        cap = spherical_cap(2.0, 1.0, n, 16, center=(0.1, 0.2, 0.3), rule=rule)
+        local = np.asarray(cap.points) - np.array([0.1, 0.2, 0.3])
+        assert np.allclose(np.linalg.norm(local, axis=-1), 2.0) and local[..., 2].max() < 1.0
+        assert np.all(np.diff(local[:, 0, 2]) > 0) and np.allclose(local[:, 0, 1], 0.0)
+        weights = np.asarray(cap.weights)
+        np.testing.assert_allclose(weights.sum(), 2 * np.pi * 2 * 3.0, rtol=1e-13)
+        third = 4 * np.pi * (1 + 8) / 3
+        first = (2 * np.pi * 2 * 3.0 * 4 - third) / 2
+        found = [(weights * local[..., k] ** 2).sum() for k in (2, 0)]
+        errors.append(np.abs(np.subtract(found, [third, first])))
+    assert (errors[1] < np.maximum(1e-12, 1.2 * errors[0] / 2**order)).all()
+
+
+def test_the_meridian_section_is_the_paper_geometry():
+    """Rings lie on the arc, and what is seen at which distances is as in the plane."""
+    cap, region = spherical_cap(1.3, 1.0, 32, 64), ball_part(1.0)
+    arc = cap.meridian
+    assert np.isclose(np.asarray(arc.points)[:, 0].max(), 1.0, atol=0.05)
+    assert np.allclose(np.linalg.norm(np.asarray(arc.points), axis=1), 1.3)
+    radii = cap_radii(cap, region, 1 / 16)
+    flat = jaxtat.data_radii(arc, region.meridian, 1 / 16)
+    np.testing.assert_array_equal(radii, flat)
+    points = DetectorPoints(np.asarray(cap.points).reshape(-1, 3))
+    near = np.linalg.norm(np.asarray(points.meridian.points), axis=1)
+    assert np.allclose(near, 1.3) and points.meridian.n_detectors == 2 * 32 * 64
+
+
+def test_boundary_of_a_cut_ball_integrates_exactly():
+    """Area, ∫ x_3 dS and the divergence theorem for the field (0, 0, x_3)."""
+    radius, top = 1.5, 0.4
+    part = ball_part(radius, top, 40)
+    edge = part.boundary()
+    x3, flat = np.asarray(edge.distance * edge.cosine), np.asarray(edge.flat)
+    weights = np.asarray(edge.weights)
+    curved, disk = 2 * np.pi * radius * (top + radius), np.pi * (radius**2 - top**2)
+    np.testing.assert_allclose(weights.sum(), curved + disk, rtol=1e-12)
+    np.testing.assert_allclose(weights[flat > 0].sum(), disk, rtol=1e-12)
+    normal3 = np.where(flat > 0, 1.0, np.asarray(edge.cosine))
+    volume = np.pi * (2 * radius**3 / 3 + radius**2 * top - top**3 / 3)
+    np.testing.assert_allclose((weights * normal3 * x3).sum(), volume, rtol=1e-12)
+
+
+SOME = 1.5 * np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+
+
+def problem(**changes):
+    given = {
+        "detectors": spherical_cap(1.5, 1.1, 24, 48),
+        "region": ball_part(1.0),
+        "grid": VolumeGrid(13),
+        "radii": 0.5 + 0.1 * np.arange(21),
+    }
+    return cap_layout(**{**given, **changes})
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: spherical_cap(1.3, -1.4, 8, 16), "is empty"),
+        (lambda: spherical_cap(1.3, 1.0, 8, 15), "even number"),
+        (lambda: spherical_cap(1.3, 1.0, 1, 16), "n_rings is 1"),
+        (lambda: spherical_cap(1.3, 1.0, 8, 16, rule="lobatto"), "rule is 'lobatto'"),
+        (lambda: spherical_cap(-1.3, 1.0, 8, 16), "radius is"),
+        (lambda: ball_part(1.0, 1.0, 40), "x_top is 1.0"),
+        (lambda: ball_part(1.0, 0.0), "n_boundary is missing"),
+        (lambda: DetectorPoints(np.zeros((3, 2))), r"expected \(detectors, 3\)"),
+        (lambda: DetectorPoints(np.ones((2, 3)), [1.0, -1.0]), "weights is"),
+        (lambda: problem(region=ball_part(1.0, center=(0.1, 0, 0))), "same center"),
+        (lambda: problem(detectors=spherical_cap(0.9, 0.7, 24, 48)), "lie inside or on"),
+        (lambda: problem(detectors=spherical_cap(1.005, 1.0, 24, 48)), "radii run from"),
+        (lambda: problem(radii=0.5 + 0.1 * np.arange(12)), "radii run from"),
+        (lambda: problem(grid=VolumeGrid(13, 1.0, (5.0, 0.0, 0.0))), "no node of the grid"),
+        (lambda: problem(region=ball_part(1.0, 0.0, 16)), "use n_boundary >="),
+        # inside the ball, and so is the corner of the grid's box, but above the cut
+        (
+            lambda: problem(
+                region=ball_part(1.0, 0.0, 60),
+                grid=VolumeGrid(5, 0.2, (0, 0, 0.6)),
+                max_frequency=9,
+            ),
+            "no node of the grid",
+        ),
+        (
+            lambda: problem(detectors=DetectorPoints(SOME), region=ball_part(1.0, 0.0, 60)),
+            "needs detectors on rings",
+        ),
+        (lambda: jax.jit(lambda r: problem(radii=r))(0.5 + 0.1 * np.arange(21)), "layout = cap_"),
+        (lambda: VolumeGrid((4, 4)), "expected a number or 3"),
+    ],
+)
+def test_what_cannot_work_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_warnings_of_sampling_and_visibility():
+    with pytest.warns(AccuracyWarning, match=r"pass max_frequency=\d"):
+        problem(detectors=spherical_cap(1.5, 1.1, 24, 20))
+    with pytest.warns(VisibilityWarning, match="in a meridian plane"):
+        problem(detectors=spherical_cap(1.5, 0.5, 24, 48))
+
+
+def test_a_bowl_without_a_bottom_is_flagged_and_keeps_its_frequencies():
+    """Rings .036 apart with a hole of 1.9 rad below: the hole is not their spacing."""
+    theta, phi = np.linspace(2.2, 0.8, 40)[:, None], 2 * np.pi / 96 * np.arange(96)
+    parts = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi
+    rings = find_rings(1.5 * np.stack(parts, axis=-1).reshape(-1, 3)).rings
+    with pytest.warns(VisibilityWarning, match="in a meridian plane 3") as caught:
+        problem(detectors=rings, region=ball_part(0.9))
+    assert len(caught) == 1  # and none of sampling
+    step = 1.4 / 39
+    possible, gap = resolved_frequency(rings, 0.5)
+    assert np.isclose(gap, step) and np.isclose(possible, min(96, 2.2 * np.pi / step))
+    weights = np.asarray(rings.meridian.weights)
+    np.testing.assert_allclose(weights, 1.5 * step)
+    # down to the pole the lowest ring stands for what is below it, and its distance counts
+    down = find_rings(
+        np.asarray(spherical_cap(1.5, 1.1, 24, 48, rule="equal").points).reshape(-1, 3)
+    )
+    assert np.isclose(down.rings.lowest_angle, np.pi)
+    problem(detectors=down.rings, max_frequency=20.0)
+
+
+def test_points_that_see_half_of_the_lines_are_flagged():
+    rng = np.random.default_rng(0)
+    unit = rng.standard_normal((120, 3))
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    problem(detectors=DetectorPoints(1.5 * unit), max_frequency=9.0)
+    unit[:, 2] = -abs(unit[:, 2])
+    with pytest.warns(VisibilityWarning, match=r"% of the lines .* miss the detectors"):
+        problem(detectors=DetectorPoints(1.5 * unit), max_frequency=9.0)
+    # those that end within 60 degrees of the only one count as seen, half of all
+    assert abs(missed_share(DetectorPoints([[0.0, 0.0, -1.5]]), ball_part(0.01)) - 0.5) < 0.02
+
+
+def test_boundary_points_suffice_wherever_the_ball_is_cut():
+    """As many as the quadrature needs on each part, and no other number does."""
+    for top in (-0.7, -0.2, 0.0, 0.3, 0.9):
+        n = enough_boundary(1.0, top, 40.0)
+        curved, flat = ball_part(1.0, top, n).n_boundary
+        angle = np.pi - np.arccos(top)
+        assert curved >= 20 * angle + 8 and flat >= 20 * np.sin(angle) + 8
+        assert n < 20 * max(5 / 3 * angle, 5 / 2 * np.sin(angle)) + 24
+
+
+def test_a_fixed_geometry_needs_no_layout_inside_jit():
+    cap, grid = spherical_cap(1.5, 1.1, 24, 48), VolumeGrid(13)
+    where = cap, ball_part(1.0), grid, 0.5 + 0.1 * np.arange(21)
+    found = jax.jit(lambda g: g * cap_layout(*where).max_frequency)(1.0)
+    assert float(found) == cap_layout(*where).max_frequency
+
+
+def test_layout_covers_every_degree_of_every_order():
+    """Sizes are at least N + 1 - m for the first m of a piece, and never more than the largest."""
+    for n, rings, azimuths in ((13, 24, 48), (65, 96, 256), (129, 192, 512)):
+        cap, region = spherical_cap(1.3, 1.0, rings, azimuths), ball_part(1.0)
+        layout = cap_layout(cap, region, VolumeGrid(n), cap_radii(cap, region, 1 / (n - 1)))
+        assert (
+            layout.n_pieces * layout.piece
+            >= layout.n_orders
+            == min(azimuths // 2, layout.groups[-1] + 1)
+        )
+        np.testing.assert_allclose(layout.frequencies[-1], np.pi * (n - 1) / 2)
+        assert layout.frequency_step <= np.pi / 2 * (1 + 1e-12)
+        sizes = {size for row in layout.degrees for size in row if size}
+        assert len(sizes) <= layout.n_sizes and max(sizes) == layout.groups[-1] + 1
+        for l_max, row in zip(layout.groups, layout.degrees, strict=True):
+            for piece, size in enumerate(row):
+                needed = l_max + 1 - piece * layout.piece
+                assert size >= needed if needed > 0 else size == 0
+                assert size + piece * layout.piece + layout.piece <= (
+                    layout.groups[-1] + 1 + layout.n_pieces * layout.piece
+                )
+
+
+def test_grids_under_jit_and_points_keep_their_types():
+    grid = VolumeGrid(5)
+    moved = jax.jit(lambda c: VolumeGrid(5, 1.0, c).points)(jnp.array([1.0, 0.0, 0.0]))
+    np.testing.assert_allclose(moved[..., 0], grid.points[..., 0] + 1)
