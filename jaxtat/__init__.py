@@ -1,6 +1,6 @@
 """jaxtat: thermo- and photoacoustic tomography with detectors on an open curve, in JAX."""
 
-from . import datasets, line_detectors, phantoms, scanners
+from . import datasets, line_detectors, phantoms, scanners, spherical
 from .calibration import Calibration, calibrate
 from .channels import ChannelQuality, channel_quality
 from .comparison import compare_regularizations
@@ -11,15 +11,23 @@ from .geometry import (
     ImageGrid,
     Region,
     VisibilityWarning,
+    VolumeGrid,
     circular_arc,
     data_radii,
     detector_curve,
     edge_weight,
+    elliptic_arc,
     fit_circle,
+    join_curves,
     keep_detectors,
+    parametric_curve,
+    polygon,
+    polyline,
+    rectangle,
     transverse_weight,
     truncated_disk,
     turned_views,
+    union_of_regions,
     visibility,
     visibility_map,
 )
@@ -31,6 +39,7 @@ from .layout import Layout, problem_layout
 from .line_detectors import LineDetectorScan, reconstruct_volume, reconstruct_volume_stack
 from .measured import Choices, ScanImages, choices_for, reconstruct_file, reconstruct_scan
 from .noise import NoiseChoice, choose_regularization, image_power
+from .noise_law import predict_noise
 from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .pressure import condition_record, pressure_to_circular_integrals
 from .problem import AccuracyWarning
@@ -45,6 +54,9 @@ from .record_noise import RecordNoise, noise_of_record, record_noise_level
 from .regularization import (
     FixedRank,
     NormBound,
+    RelativeCutoff,
+    RelativeTikhonov,
+    ResidualTarget,
     SingularValueCutoff,
     Tikhonov,
     TikhonovNormBound,
@@ -53,6 +65,7 @@ from .reporting import report
 from .sampling import Supported, first_arrival, supported
 from .sharpness import sharpness, sound_speed_by_sharpness
 from .uncertainty import pixel_standard_deviation
+from .unit_norm import microlocal_norm
 from .version import __version__
 
 __all__ = [
@@ -74,12 +87,16 @@ __all__ = [
     "ReconstructionPlan",
     "RecordNoise",
     "Region",
+    "RelativeCutoff",
+    "RelativeTikhonov",
+    "ResidualTarget",
     "ScanImages",
     "SingularValueCutoff",
     "Supported",
     "Tikhonov",
     "TikhonovNormBound",
     "VisibilityWarning",
+    "VolumeGrid",
     "__version__",
     "build_plan",
     "calibrate",
@@ -99,17 +116,24 @@ __all__ = [
     "detector_curve",
     "diagnose",
     "edge_weight",
+    "elliptic_arc",
     "first_arrival",
     "fit_circle",
     "image_power",
+    "join_curves",
     "keep_detectors",
     "least_squares",
     "line_detectors",
     "load_plan",
     "load_settings",
+    "microlocal_norm",
     "noise_of_record",
+    "parametric_curve",
     "phantoms",
     "pixel_standard_deviation",
+    "polygon",
+    "polyline",
+    "predict_noise",
     "pressure_to_circular_integrals",
     "problem_layout",
     "reconstruct",
@@ -120,6 +144,7 @@ __all__ = [
     "reconstruct_volume",
     "reconstruct_volume_stack",
     "record_noise_level",
+    "rectangle",
     "remove_impulse_response",
     "report",
     "save_image",
@@ -127,11 +152,13 @@ __all__ = [
     "scanners",
     "sharpness",
     "sound_speed_by_sharpness",
+    "spherical",
     "supported",
     "total_variation",
     "transverse_weight",
     "truncated_disk",
     "turned_views",
+    "union_of_regions",
     "visibility",
     "visibility_map",
 ]

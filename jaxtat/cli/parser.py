@@ -88,7 +88,7 @@ def _add_reconstruct(subparsers) -> None:
         "--out",
         required=True,
         metavar="IMAGE",
-        help="image to write: .png, .npy, .h5, .nii, .nii.gz or .tif",
+        help="image or volume to write: .png, .npy, .h5, .nii, .nii.gz or .tif",
     )
     _add_unit_and_plan(parser)
     _add_choices(parser)

@@ -11,7 +11,7 @@ from ..io import Scan, load_scan, load_settings
 from ..io.frames import LazyFrames
 from ..measured import Choices, Where, choices_for, with_facts
 from ..measured.facts import facts_of
-from ..plan import PAPER_K, ReconstructionPlan, build_plan
+from ..plan import ReconstructionPlan, build_plan
 from ..regularization import FixedRank, NormBound, Regularization, SingularValueCutoff
 
 FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use")
@@ -210,7 +210,7 @@ def _band(texts: list[str]) -> tuple[float, float]:
 def _method(options: argparse.Namespace) -> str:
     if options.series:
         return "series"
-    return "collocation" if options.collocation else "harmonic"
+    return "collocation" if options.collocation else "auto"
 
 
 def _count(option: str, value: float) -> int:
@@ -228,4 +228,4 @@ def _regularization(options: argparse.Namespace) -> Regularization | None:
         return FixedRank(options.j_max)
     if options.sigma_min is not None:
         return SingularValueCutoff(options.sigma_min)
-    return NormBound(PAPER_K if options.K is None else options.K)
+    return None if options.K is None else NormBound(options.K)

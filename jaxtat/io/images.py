@@ -1,7 +1,7 @@
-"""Images out, single ones and stacks; the suffix of the file chooses the format.
+"""Images and volumes out, single ones and stacks; the suffix of the file chooses the format.
 
-Everywhere f[i, j] = f(x1_i, x2_j). A file that people look at (PNG, TIFF) shows x1 to the right and
-x2 upwards; HDF5, NIfTI and NumPy files keep the order of the array.
+Everywhere f[i, j] = f(x1_i, x2_j), of volumes f[i, j, k]. A file that people look at (PNG, TIFF)
+shows x1 to the right and x2 upwards; HDF5, NIfTI and NumPy files keep the order of the array.
 """
 
 import gzip
@@ -9,13 +9,13 @@ import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import h5py
 import numpy as np
 
 from ..checks import Numbers, real_array
-from ..geometry import ImageGrid, Region
+from ..geometry import ImageGrid, VolumeGrid
 from ..units import millimetres
 from .atomic import replacing
 from .optional import optional
@@ -24,12 +24,21 @@ from .provenance import as_json, provenance
 FORMAT, VERSION = "jaxtat image", 1
 
 
+@runtime_checkable
+class HasInside(Protocol):
+    """A region of images or volumes."""
+
+    def contains(self, points: Any) -> Any:
+        """Whether each point, (..., 2 or 3), lies inside."""
+        ...
+
+
 class _Output(NamedTuple):
     """What a writer writes: all of it checked."""
 
-    image: np.ndarray  # (x1, x2) or (frames, x1, x2), zero outside the region
-    inside: np.ndarray  # (x1, x2)
-    grid: ImageGrid
+    image: np.ndarray  # (x1, x2) or (frames, x1, x2), with x3 of volumes; zero outside the region
+    inside: np.ndarray  # (x1, x2) or (x1, x2, x3)
+    grid: ImageGrid | VolumeGrid
     frames: np.ndarray | None  # (frames,) of a stack
     unit: str | None
     settings: str  # JSON
@@ -44,31 +53,32 @@ class _Output(NamedTuple):
 def save_image(
     path: str | Path,
     image: Numbers,
-    grid: ImageGrid,
-    region: Region,
+    grid: ImageGrid | VolumeGrid,
+    region: HasInside,
     settings: dict[str, Any],
     *,
     frames: Numbers | None = None,
     unit: str | None = None,
     inputs: Sequence[str | Path] = (),
 ) -> None:
-    """Write an image or a stack; outside the region of interest it is blank (PNG) or zero.
+    """Write an image, a volume or a stack; outside the region it is blank (PNG) or zero.
 
     - ``.png``: a picture with axes, colour bar and, if the unit is known, a scale bar in
-      millimetres; of a stack, up to 16 images evenly chosen;
+      millimetres; of a stack, up to 16 images evenly chosen; of a volume, three slices through its
+      middle, of up to four frames;
     - ``.npy``: the bare array;
     - ``.h5``, ``.hdf5``: image, coordinates, whether each pixel is inside the region, frames, all
       settings (`load_settings` gives them back) and provenance: date, versions, input files;
-    - ``.nii``, ``.nii.gz``: NIfTI in float64, first axis x1, second x2, third of length 1, fourth
-      the frames; the affine gives positions in mm. There is no anatomical orientation in it;
+    - ``.nii``, ``.nii.gz``: NIfTI in float64, first axis x1, second x2, third x3 or of length 1,
+      fourth the frames; the affine gives positions in mm. There is no anatomical orientation in it;
     - ``.tif``, ``.tiff``: ImageJ's, float32, rows from the top (largest x2) downwards, columns
-      along x1, pixel size in mm.
+      along x1, of volumes slices along x3, pixel size in mm.
 
     NIfTI, TIFF and PNG files carry settings and provenance as text (JSON) too.
 
     Args:
         path: the file.
-        image: (x1, x2) or (frames, x1, x2).
+        image: (x1, x2) or (frames, x1, x2), of a `VolumeGrid` with a last axis x3.
         grid, region: where it is.
         settings: names and values with which the image was made, whatever JSON can hold.
         frames: a number for every image of a stack, such as time or wavelength, (frames,); by
@@ -92,7 +102,8 @@ def save_image(
     suffix = require_suffix(path)
     millimetres(unit)
     values = np.asarray(real_array("image", image, None))
-    if values.shape[-2:] != grid.shape or values.ndim not in (2, 3) or values.size == 0:
+    d = len(grid.shape)
+    if values.shape[-d:] != grid.shape or values.ndim not in (d, d + 1) or values.size == 0:
         raise ValueError(
             f"the image has shape {values.shape}, its grid has {grid.shape}: expected that, or a "
             "stack with one more axis in front."
@@ -102,7 +113,7 @@ def save_image(
         image=np.where(inside, values, 0.0),
         inside=inside,
         grid=grid,
-        frames=_frames(frames, values.shape[:-2]),
+        frames=_frames(frames, values.shape[:-d]),
         unit=unit,
         settings=as_json("settings", settings),
         provenance=as_json("provenance", provenance(inputs, unit)),
@@ -165,11 +176,14 @@ def _frames(frames: Numbers | None, shape: tuple[int, ...]) -> np.ndarray | None
 
 
 def _write_png(path: Path, output: _Output) -> None:
-    from ..plotting import save_picture  # matplotlib is slow to import
+    from ..plotting import save_picture, save_slices  # matplotlib is slow to import
 
     blank = np.where(output.inside, output.image, np.nan)
     comment = {"Description": output.text}
-    save_picture(path, blank, output.grid, output.frames, unit=output.unit, metadata=comment)
+    if isinstance(output.grid, VolumeGrid):
+        save_slices(path, blank, output.grid, output.frames, unit=output.unit, metadata=comment)
+    else:
+        save_picture(path, blank, output.grid, output.frames, unit=output.unit, metadata=comment)
 
 
 def _write_npy(path: Path, output: _Output) -> None:
@@ -187,15 +201,16 @@ def _write_hdf5(path: Path, output: _Output) -> None:
         # readers of HDF5 check these sums: a damaged image is an error, not another image
         image = file.create_dataset("image", data=output.image, fletcher32=True)
         file.create_dataset("inside", data=output.inside, fletcher32=True)
-        axes = {"x1": output.grid.x1, "x2": output.grid.x2}
+        nodes = {f"x{k + 1}": output.grid.axis(k) for k in range(len(output.grid.shape))}
+        axes = nodes
         if output.frames is not None:
-            axes = {"frames": output.frames, **axes}
-        for axis, (name, nodes) in enumerate(axes.items()):
-            file[name] = np.asarray(nodes)
+            axes = {"frames": output.frames, **nodes}
+        for axis, (name, values) in enumerate(axes.items()):
+            file[name] = np.asarray(values)
             file[name].make_scale(name)  # pyright: ignore[reportAttributeAccessIssue]
             image.dims[axis].attach_scale(file[name])
             image.dims[axis].label = name
-        for name in ("x1", "x2"):
+        for name in nodes:
             file[name].attrs["unit"] = output.unit or "unknown"
 
 
@@ -210,13 +225,15 @@ def _nifti(output: _Output) -> Any:
     stack = output.image if output.frames is not None else output.image[None]
     if max(stack.shape) > np.iinfo(np.int16).max:
         raise ValueError(f"NIfTI files hold at most 32767 pixels or frames, here {stack.shape}.")
-    data = np.moveaxis(stack, 0, -1)[:, :, None, :]
-    scale, (x1, x2) = millimetres(output.unit), (output.grid.x1, output.grid.x2)
-    affine = np.diag([*(scale * np.asarray(output.grid.spacing)), 1.0, 1.0])
-    affine[:2, 3] = scale * float(x1[0]), scale * float(x2[0])
+    data, d = np.moveaxis(stack, 0, -1), len(output.grid.shape)
+    data = data if d == 3 else data[:, :, None, :]
+    scale = millimetres(output.unit)
+    affine = np.eye(4)
+    affine[range(d), range(d)] = scale * np.asarray(output.grid.spacing)
+    affine[:d, 3] = [scale * float(output.grid.axis(k)[0]) for k in range(d)]
     found = nifti1.Nifti1Image(data if output.frames is not None else data[..., 0], affine)
     found.header.set_xyzt_units("unknown" if output.unit is None else "mm")
-    found.header["descrip"] = "i along x1, j along x2; no anatomical orientation"
+    found.header["descrip"] = "i along x1, j along x2, k along x3; no anatomical orientation"
     if output.frames is not None and len(output.frames) > 1:
         steps = np.diff(output.frames)
         if np.allclose(steps, steps[0]) and steps[0] > 0:
@@ -231,9 +248,15 @@ def _write_tiff(path: Path, output: _Output) -> None:
     description: dict[str, Any] = {"axes": "YX", "Info": output.text}
     if output.unit is not None:
         description["unit"] = "mm"
+    image = output.image
+    if len(step) == 3:
+        image = np.moveaxis(image, -1, -3)
+        description |= {"axes": "ZYX", "spacing": float(step[2])}
     if output.frames is not None:
-        description |= {"axes": "TYX", "Labels": [f"{frame:g}" for frame in output.frames]}
-    rows = np.swapaxes(output.image, -1, -2)[..., ::-1, :].astype(np.float32)
+        n = 1 if len(step) == 2 else len(output.grid.axis(2))  # a label for every slice
+        labels = [f"{frame:g}" for frame in np.repeat(output.frames, n)]
+        description |= {"axes": f"T{description['axes']}", "Labels": labels}
+    rows = np.swapaxes(image, -1, -2)[..., ::-1, :].astype(np.float32)
     pixels = (1 / step[0], 1 / step[1])  # per millimetre, along x1 and x2
     tifffile.imwrite(path, rows, imagej=True, resolution=pixels, metadata=description)
 

@@ -10,7 +10,7 @@ from .scan import Kind, Scan
 
 # names under which a file may hold each thing; the first found counts
 NAMES = {
-    "circular_integrals": ("circular_integrals", "g"),
+    "circular_integrals": ("circular_integrals", "spherical_integrals", "g"),
     "pressure": ("pressure", "raw"),
     "detectors": ("detectors", "detector_positions", "positions", "geometry"),
     "times": ("times", "t"),

@@ -17,7 +17,7 @@ class Scan:
     """Data of one or more frames, and what is known of how they were recorded.
 
     Attributes:
-        kind: "pressure" or "circular_integrals".
+        kind: "pressure" or "circular_integrals", over spheres if detectors surround a volume.
         data: (detectors, samples), or (frames, detectors, samples); samples are times or radii.
             Many frames may be `LazyFrames` or a memory map, which read only the frames that are
             asked for. Numbers are those of the file, NaN too: whoever uses them refuses those, for

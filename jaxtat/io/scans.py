@@ -43,7 +43,8 @@ def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MA
 
     - .h5, .hdf5 of IPASC, and iThera's .msot with its .bin and .irf: all that they say;
     - .npz, MATLAB's .mat, and .h5, .hdf5 with datasets at the root: data named
-      ``circular_integrals`` (detectors, radii) or ``pressure`` (detectors, times), of more frames
+      ``circular_integrals`` (detectors, radii), in space ``spherical_integrals``, or ``pressure``
+      (detectors, times), of more frames
       (frames, detectors, any), in MATLAB (detectors, any, frames); beside them what `Scan.known`
       has a name for; `named_arrays.NAMES` lists other names that are understood;
     - .npy: data alone.

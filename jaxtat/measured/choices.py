@@ -23,6 +23,7 @@ from ..reconstruction import cosine_filter
 from ..reconstruction.inversion import require_inversion
 from ..reconstruction.radon import LowPass
 
+IN_SPACE = "in-space"  # the model of point-like detectors around a volume
 LOW_PASSES: dict[str, LowPass | None] = {"none": None, "cosine": cosine_filter}
 
 
@@ -34,15 +35,16 @@ class Choices(eqx.Module):
     Attributes:
         order: rows of the data, in order along the curve.
         left_out: those among them that are not used.
-        model: acoustic model of a pressure record, "2d" or "in-plane"; "none" for circular
-            integrals.
+        model: acoustic model of a pressure record, "2d", "in-plane" or, of a volume, "in-space";
+            "none" for circular or spherical integrals.
         sound_speed: c [length/time].
         dead_time: the start of the record is silenced [time].
         band: pass band (f_lo, f_hi), or None for no filter [cycles/time].
         impulse_response: whether the one in the file is divided out.
         region_center, region_radius, region_cut, region_angle: of `truncated_disk`, angle in
-            degrees; a cut at or beyond the radius leaves the whole disk [length].
-        pixels, half_width: of `ImageGrid`, about the region's centre [length].
+            degrees; a cut at or beyond the radius leaves the whole disk. Of a volume, with a centre
+            in space, of `spherical.ball_part` [length].
+        pixels, half_width: of `ImageGrid` or `VolumeGrid`, about the region's centre [length].
         first_radius, radial_step, n_radii: of the circular integrals [length].
         max_frequency: lambda_max [rad/length].
         alpha: of `reconstruct_direct`.
@@ -58,7 +60,7 @@ class Choices(eqx.Module):
     dead_time: float
     band: tuple[float, float] | None
     impulse_response: bool = eqx.field(static=True)
-    region_center: tuple[float, float]
+    region_center: tuple[float, ...]
     region_radius: float
     region_cut: float
     region_angle: float
@@ -74,8 +76,9 @@ class Choices(eqx.Module):
     reasons: tuple[tuple[str, str], ...] = eqx.field(static=True)
 
     def __check_init__(self) -> None:
-        if self.model not in (*MODELS, "none"):
-            raise ValueError(f"model is {self.model!r}, expected one of {', '.join(MODELS)}.")
+        models = *MODELS, IN_SPACE, "none"
+        if self.model not in models:
+            raise ValueError(f"model is {self.model!r}, expected one of {', '.join(models)}.")
         if self.low_pass not in LOW_PASSES:
             raise ValueError(
                 f"low_pass is {self.low_pass!r}, expected one of {', '.join(LOW_PASSES)}."
@@ -193,7 +196,7 @@ _KINDS: dict[str, Any] = {
     **dict.fromkeys(("first_radius", "radial_step", "max_frequency", "alpha"), float),
     **dict.fromkeys(("order", "left_out"), lambda value: tuple(int(k) for k in value)),
     "impulse_response": bool,
-    "region_center": _pair,
+    "region_center": lambda value: tuple(float(x) for x in value),
     "band": lambda value: None if value is None else _pair(value),
     "reasons": lambda value: tuple((str(name), str(why)) for name, why in value),
 }

@@ -11,47 +11,42 @@ from jaxtyping import Float
 
 from ..channels import channel_quality, ranges
 from ..checks import real_array, require_positive, whole_number
-from ..geometry import ArcFit, data_radii, detector_curve, require_outside, truncated_disk
+from ..geometry import (
+    ArcFit,
+    DetectorCurve,
+    TruncatedDisk,
+    data_radii,
+    detector_curve,
+    require_outside,
+    truncated_disk,
+    visible_disk,
+)
 from ..io import Scan
+from ..pressure import MODELS
 from ..sampling import supported
-from .choices import Choices
-from .facts import SLOWEST, Facts, facts_of, typical_frame
+from .choices import IN_SPACE, Choices
+from .choose_in_space import choices_in_space
+from .facts import SLOWEST, Facts, facts_of, in_space, typical_frame
+from .found import ALPHAS, CLEAN, DEFAULT_SHARE, INTEGRALS_ALPHA, RIM, Found
 from .record import (
     RecordPower,
     artefact_end,
     highest_frequency,
+    noise_before,
     onsets,
     record_power,
     sounding_disk,
 )
 
 MARGIN = 1.25  # of the region beyond where sound comes from
-DEFAULT_SHARE = 0.75  # of the arc's radius, where the record does not tell
 SHARES = (0.1, 0.9)  # least and largest region radius over the arc's
 LONGEST = 100.0  # radii of the arc: no record of a scanner is that long
-RIM = 0.95  # of the arc's radius, up to which sources are reckoned with
 PIXELS = (65, 1025)
 SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
 PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
 DRIFT = 5.0  # periods within the record; what is slower is drift
+SPACING = "the detectors' spacing in the inner half of the region"
 BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequency
-ALPHAS = (1e-6, 1e-1)
-CLEAN = 1e-5  # alpha below which no low-pass filter is needed
-INTEGRALS_ALPHA = 1e-6
-
-
-class _Found(NamedTuple):
-    """Choices as they are made: what was given counts."""
-
-    given: Mapping[str, Any]
-    values: dict[str, Any]
-    reasons: dict[str, str]
-
-    def take(self, name: str, value: Any, reason: str) -> Any:
-        if self.given.get(name) is not None:
-            value, reason = self.given[name], "given"
-        self.values[name], self.reasons[name] = value, reason
-        return value
 
 
 def choices_for(scan: Scan, **given: Any) -> Choices:
@@ -70,14 +65,21 @@ def choices_for(scan: Scan, **given: Any) -> Choices:
         ValueError: for unknown names, what a scan lacks, and data that cannot be.
     """
     _require_known(given)
+    if in_space(scan):
+        return choices_in_space(scan, given)
+    if given.get("model") == IN_SPACE:
+        raise ValueError(
+            f"model is {IN_SPACE!r}, but the detectors lie in a plane: expected one of "
+            f"{', '.join(MODELS)}."
+        )
     facts = facts_of(scan, given.get("use"))
-    found = _Found(given, {"order": tuple(int(k) for k in facts.order)}, {})
+    found = Found(given, {"order": tuple(int(k) for k in facts.order)}, {})
     if scan.kind == "pressure":
         _from_record(scan, facts, found)
     else:
         _from_integrals(scan, facts, found)
     found.take("inversion", "fbp", "nothing is assumed beyond the region")
-    return Choices.from_settings(found.values | {"reasons": tuple(found.reasons.items())})
+    return found.choices()
 
 
 NAMES = (
@@ -99,7 +101,7 @@ def _require_known(given: Mapping[str, Any]) -> None:
         whole_number("pixels", given["pixels"], 4)
 
 
-def _from_record(scan: Scan, facts: Facts, found: _Found) -> None:
+def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     assert facts.times is not None
     times, frame = facts.times, typical_frame(scan)[facts.order]
     planar = facts.units.water is not None and facts.in_space
@@ -133,9 +135,10 @@ def _from_record(scan: Scan, facts: Facts, found: _Found) -> None:
     arrival = _first_arrival(facts, found, speed)
     quiet = slice(0, max(int(np.searchsorted(times, arrival)) - start, 0))
     highest = highest_frequency(whole[good][:, start:], times[start:], quiet)
-    _resolution(facts, found, speed, highest)
+    where = _where(facts, found)
+    _resolution(where, times, found, speed, highest)
     _band(found, times, speed, highest)
-    _radii(facts, found, float(times[-1]) * speed)
+    _radii(where, facts, found, float(times[-1]) * speed)
     _noise(found, sound.power, arrival, floor)
 
 
@@ -144,7 +147,7 @@ class _Sound(NamedTuple):
     speed: float
 
 
-def _nominal_speed(scan: Scan, facts: Facts, found: _Found) -> float:
+def _nominal_speed(scan: Scan, facts: Facts, found: Found) -> float:
     if "sound_speed" in scan.known:
         speed = float(np.mean(scan.known["sound_speed"]))
         return float(found.take("sound_speed", speed, "from the file"))
@@ -157,7 +160,7 @@ def _nominal_speed(scan: Scan, facts: Facts, found: _Found) -> float:
 TO_BE_ESTIMATED = "none in the file: about that of water, to be estimated"
 
 
-def _slowest(found: _Found) -> float:
+def _slowest(found: Found) -> float:
     """The least speed that may be looked for, over the nominal one: the record has to do for it."""
     return SLOWEST if found.reasons["sound_speed"] == TO_BE_ESTIMATED else 1.0
 
@@ -166,7 +169,7 @@ def _channels(
     frame: Float[np.ndarray, "detectors times"],
     times: Float[np.ndarray, " times"],
     dead_time: float,
-    found: _Found,
+    found: Found,
 ) -> tuple[np.ndarray, float]:
     """Which rows of the frame are used, and the power of their noise over that of their signal."""
     order = np.array(found.values["order"])
@@ -193,14 +196,11 @@ def _left_out(quality: Any, order: np.ndarray) -> str:
     return "left out: " + "; ".join(named)
 
 
-def _region(scan: Scan, facts: Facts, found: _Found, sound: _Sound, good: np.ndarray) -> None:
+def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndarray) -> None:
     arc = facts.arc
     if arc is None:
-        if found.given.get("region_radius") is None or found.given.get("region_center") is None:
-            raise ValueError(
-                "the detectors do not lie on a circle: give --region-radius and --region-center."
-            )
-        arc = _around(facts, found.given["region_center"])
+        _seen_region(facts, found)
+        return
     assert facts.times is not None
     center = found.take("region_center", arc.center, "the middle of the detectors' circle")
     reach = arc.radius - sound.speed * onsets(sound.power)
@@ -243,7 +243,24 @@ def _require_scale(path: float, radius: float, speed: float) -> None:
         )
 
 
-def _cut(arc: ArcFit, found: _Found, radius: float, middle: np.ndarray) -> None:
+def _seen_region(facts: Facts, found: Found) -> None:
+    """Around detectors on no circle: the largest disk that they see from all sides."""
+    center, radius = (found.given.get(name) for name in ("region_center", "region_radius"))
+    if center is None or radius is None:
+        disk = visible_disk(detector_curve(facts.points[facts.order]), center=center)
+        if disk is None:
+            raise ValueError(
+                "the detectors lie on no circle, and see no point from all sides: give "
+                "--region-radius and --region-center; jaxtat warns of what is not seen."
+            )
+        center, radius = tuple(float(x) for x in disk[0]), disk[1]
+    center = found.take("region_center", center, "the middle of the largest disk that is seen")
+    radius = float(found.take("region_radius", radius, "that disk"))
+    _cut(_around(facts, center), found, radius, np.zeros(2))
+    found.take("half_width", radius, "the region")
+
+
+def _cut(arc: ArcFit, found: Found, radius: float, middle: np.ndarray) -> None:
     """The region ends at the chord of the opening, unless what sounds lies beyond it."""
     toward = np.array([np.cos(arc.opening), np.sin(arc.opening)])
     whole = found.given.get("region_radius") is not None or middle @ toward > arc.chord
@@ -274,14 +291,17 @@ def _around(facts: Facts, center: Any) -> ArcFit:
     return ArcFit(middle, radius, 0.0, 2 * np.pi, 0.0, 0.0, np.inf)
 
 
-def _first_arrival(facts: Facts, found: _Found, speed: float) -> float:
+def _first_arrival(facts: Facts, found: Found, speed: float) -> float:
     """When sound from the region first reaches a detector [time]."""
     points, center = facts.points[facts.order], np.array(found.values["region_center"])
     nearest = float(np.hypot(*(points - center).T).min())
     return max(nearest - found.values["region_radius"], 0.0) / speed
 
 
-def _where(facts: Facts, found: _Found) -> tuple[Any, Any]:
+_Where = tuple[DetectorCurve, TruncatedDisk]
+
+
+def _where(facts: Facts, found: Found) -> _Where:
     """Curve of all detectors, good and bad, and region."""
     values, curve = found.values, detector_curve(facts.points[facts.order])
     radius = values["region_radius"]
@@ -296,28 +316,25 @@ def _where(facts: Facts, found: _Found) -> tuple[Any, Any]:
     return curve, region
 
 
-def _resolution(facts: Facts, found: _Found, speed: float, highest: float) -> None:
+def _resolution(
+    where: _Where, times: np.ndarray, found: Found, speed: float, highest: float
+) -> None:
     """lambda_max by detectors, band and pixels, whichever is least, and the pixels by it."""
-    assert facts.times is not None
-    curve, region = _where(facts, found)
     speed_at_least = speed * _slowest(found)
-    support = supported(curve, region, facts.times, sound_speed=speed_at_least)
+    support = supported(*where, times, sound_speed=speed_at_least)
     if float(support.covered) < -1e-9 * float(support.reach):
         raise ValueError(
             f"{support.shortfalls[0]}. Check that positions, times and sound speed "
             f"({speed_at_least:.6g}) are in units that fit each other."
         )
     limits = {
-        "the detectors' spacing in the inner half of the region": float(
-            support.frequency_of_detectors
-        )
-        / SAMPLED,
+        SPACING: float(support.frequency_of_detectors) / SAMPLED,
         "what the record holds above its noise": 2 * np.pi * highest / speed,
     }
     _frequency_and_pixels(found, limits)
 
 
-def _frequency_and_pixels(found: _Found, limits: dict[str, float]) -> None:
+def _frequency_and_pixels(found: Found, limits: dict[str, float]) -> None:
     half_width = float(found.values["half_width"])
     if found.given.get("pixels") is not None:
         limits["the pixels given"] = np.pi * max(found.given["pixels"] - 1, 1) / (2 * half_width)
@@ -331,7 +348,7 @@ def _frequency_and_pixels(found: _Found, limits: dict[str, float]) -> None:
     found.take("pixels", pixels, why)
 
 
-def _band(found: _Found, times: np.ndarray, speed: float, highest: float) -> None:
+def _band(found: Found, times: np.ndarray, speed: float, highest: float) -> None:
     if isinstance(found.given.get("band"), str):
         found.values["band"], found.reasons["band"] = None, "given"
         return
@@ -345,7 +362,7 @@ def _band(found: _Found, times: np.ndarray, speed: float, highest: float) -> Non
     found.take("band", (low, high), why)
 
 
-def _radii(facts: Facts, found: _Found, end: float) -> None:
+def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:
     """All that the record covers: sources outside the region are heard too.
 
     Their circles must not be cut, which would falsify the image inside.
@@ -353,23 +370,22 @@ def _radii(facts: Facts, found: _Found, end: float) -> None:
     if found.given.get("radii") is not None:
         _keep_radii(found, np.asarray(found.given["radii"]))
         return
-    curve, region = _where(facts, found)
     step = 2 * float(found.values["half_width"]) / (int(found.values["pixels"]) - 1)
     arc = facts.arc or _around(facts, found.values["region_center"])
     # the last radius may lie a step beyond the farthest source
     reach = min(RIM * arc.radius, end - step - arc.radius)
     sources = truncated_disk(reach, reach, 256, center=np.array(arc.center)) if reach > 0 else None
-    radii = np.asarray(data_radii(curve, region, step, sources=sources))
+    radii = np.asarray(data_radii(*where, step, sources=sources))
     _keep_radii(found, radii[radii <= end])
 
 
-def _keep_radii(found: _Found, radii: np.ndarray) -> None:
+def _keep_radii(found: Found, radii: np.ndarray) -> None:
     found.values.update(
         first_radius=float(radii[0]), radial_step=float(radii[1] - radii[0]), n_radii=len(radii)
     )
 
 
-def _noise(found: _Found, power: RecordPower, arrival: float, floor: float) -> None:
+def _noise(found: Found, power: RecordPower, arrival: float, floor: float) -> None:
     """alpha: power of the noise over that of the sound, as in Wiener's filter.
 
     Args:
@@ -377,20 +393,16 @@ def _noise(found: _Found, power: RecordPower, arrival: float, floor: float) -> N
         arrival: of the first sound from the region; before it there is noise alone [time].
         floor: noise over signal power by the differences of samples, which tell fast noise.
     """
-    quiet = power.times < arrival - (power.times[1] - power.times[0])
-    if quiet.any() and not quiet.all():
-        noise = float(np.median(power.power[:, quiet].mean(axis=1)))
-        sound = float(np.median(power.power[:, ~quiet].mean(axis=1)))
-        ratio = noise / max(sound - noise, 0.01 * noise, 1e-300)
-        why = f"noise over signal power {ratio:.1e}, before sound from the region arrives"
-    else:
-        ratio, why = floor, f"noise over signal power {floor:.1e}, by differences of samples"
+    ratio, how = noise_before(power, arrival), "before sound from the region arrives"
+    if ratio is None:
+        ratio, how = floor, "by differences of samples"
+    why = f"noise over signal power {ratio:.1e}, {how}"
     alpha = float(found.take("alpha", float(np.clip(ratio, *ALPHAS)), why))
     noisy = alpha > CLEAN
     found.take("low_pass", "cosine" if noisy else "none", "noise" if noisy else "hardly any noise")
 
 
-def _from_integrals(scan: Scan, facts: Facts, found: _Found) -> None:
+def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
     """Circular integrals, as simulated: there is little to choose."""
     for name, value in (("model", "none"), ("sound_speed", 1.0), ("dead_time", 0.0)):
         found.values[name] = value
@@ -398,24 +410,22 @@ def _from_integrals(scan: Scan, facts: Facts, found: _Found) -> None:
     found.reasons["channels"] = "all"
     arc = facts.arc
     if arc is None:
-        if found.given.get("region_radius") is None or found.given.get("region_center") is None:
-            raise ValueError(
-                "the detectors do not lie on a circle: give --region-radius and --region-center."
-            )
-        arc = _around(facts, found.given["region_center"])
-    found.take("region_center", arc.center, "the middle of the detectors' circle")
-    share = DEFAULT_SHARE * arc.radius
-    radius = float(found.take("region_radius", share, "three quarters of the detectors' circle"))
-    _cut(arc, found, radius, np.zeros(2))
-    found.take("half_width", radius, "the region")
+        _seen_region(facts, found)
+    else:
+        found.take("region_center", arc.center, "the middle of the detectors' circle")
+        share = DEFAULT_SHARE * arc.radius
+        why = "three quarters of the detectors' circle"
+        radius = float(found.take("region_radius", share, why))
+        _cut(arc, found, radius, np.zeros(2))
+        found.take("half_width", radius, "the region")
     _own_radii(scan, facts, found)
     found.take("alpha", INTEGRALS_ALPHA, "circular integrals are taken to be exact")
     found.take("low_pass", "none", "circular integrals are taken to be exact")
 
 
-def _own_radii(scan: Scan, facts: Facts, found: _Found) -> None:
+def _own_radii(scan: Scan, facts: Facts, found: Found) -> None:
     """Radii of the file, or those that go with pixels; pixels that go with them."""
-    half_width, curve_region = float(found.values["half_width"]), _where(facts, found)
+    half_width, where = float(found.values["half_width"]), _where(facts, found)
     own = scan.known.get("radii") if found.given.get("radii") is None else found.given["radii"]
     pixels, why = 129, "as many as the paper's"
     if own is not None:
@@ -423,14 +433,11 @@ def _own_radii(scan: Scan, facts: Facts, found: _Found) -> None:
         pixels, why = round(2 * half_width / step) + 1, "as far apart as the radii"
     pixels = max(int(found.take("pixels", int(np.clip(pixels, *PIXELS)), why)), 2)
     step = 2 * half_width / (pixels - 1)
-    radii = np.asarray(data_radii(*curve_region, step)) if own is None else np.asarray(own)
-    support = supported(*curve_region, np.arange(8.0))  # times are not asked for
+    radii = np.asarray(data_radii(*where, step)) if own is None else np.asarray(own)
+    support = supported(*where, np.arange(8.0))  # times are not asked for
     limits = {
         "pixel and radial step": np.pi / max(step, float(np.diff(radii).max())),
-        "the detectors' spacing in the inner half of the region": float(
-            support.frequency_of_detectors
-        )
-        / SAMPLED,
+        SPACING: float(support.frequency_of_detectors) / SAMPLED,
     }
     limit = min(limits, key=lambda name: limits[name])
     found.take("max_frequency", limits[limit], limit)

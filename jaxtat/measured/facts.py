@@ -13,6 +13,7 @@ from ..io import Scan
 from ..pressure import require_equispaced
 from ..scanners import scanner_named
 
+FLAT = 1e-3  # least extent over largest, from which detectors are not in a plane
 WATER = 1500.0  # speed of sound, nominal [m/s]
 SLOWEST, FASTEST = 1400 / WATER, 1600 / WATER  # of water and tissue, over that
 # radii of scanners and sampling rates of theirs, by which units are told: (unit, least, greatest,
@@ -92,6 +93,36 @@ def with_facts(
     return replace(scan, known=known)
 
 
+def in_space(scan: Scan) -> bool:
+    """Whether detectors have three coordinates and lie in none of the coordinate planes."""
+    points = scan.known.get("detectors")
+    if points is None or points.shape[1] != 3:
+        return False
+    spread = np.ptp(points, axis=0)
+    return bool(spread.min() > FLAT * spread.max())
+
+
+def rows_used(scan: Scan, use: Any) -> Int[np.ndarray, " used"]:
+    """Rows of the data to use, each at most once; all if none are given.
+
+    Raises:
+        ValueError: for anything but numbers of rows, and rows that the data do not have.
+    """
+    if use is None:
+        return np.arange(scan.n_detectors)
+    rows = np.asarray(use)
+    if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer):
+        raise ValueError(
+            f"use has dtype {rows.dtype} and shape {rows.shape}, expected whole numbers (used,)."
+        )
+    bad = rows[(rows < 0) | (rows >= scan.n_detectors)]
+    if bad.size:
+        raise ValueError(f"use holds {bad[0]}, but the data have rows 0 to {scan.n_detectors - 1}.")
+    if len(np.unique(rows)) < len(rows):
+        raise ValueError("use holds a row more than once.")
+    return rows
+
+
 def facts_of(scan: Scan, use: Any = None) -> Facts:
     """Geometry and times of a scan.
 
@@ -100,31 +131,42 @@ def facts_of(scan: Scan, use: Any = None) -> Facts:
         use: rows of the data to use, in any order, (used,); all by default.
 
     Raises:
-        ValueError: if something is missing or does not fit, see `order_along_curve`.
+        ValueError: for detectors around a volume, and if something is missing or does not fit, see
+            `rows_used` and `order_along_curve`.
     """
     if "detectors" not in scan.known:
         raise ValueError(
             "no detector positions: give --arc, --ring or --scanner (in Python detectors or "
             "scanner), or name them in the file."
         )
-    points = np.asarray(in_plane(scan.known["detectors"]))
-    rows = np.arange(len(points)) if use is None else np.asarray(use)
+    if in_space(scan):
+        raise ValueError(
+            "the detectors surround a volume, and plans and reports are for images: use jaxtat "
+            "reconstruct, without a plan and what asks for one (in Python reconstruct_scan)."
+        )
+    points, rows = np.asarray(in_plane(scan.known["detectors"])), rows_used(scan, use)
     order = rows[order_along_curve(points[rows])]
     times = times_of(scan)
     arc = _arc(points[order])
     return Facts(
-        points, order, arc, times, _units(arc, times), scan.known["detectors"].shape[1] == 3
+        points,
+        order,
+        arc,
+        times,
+        units_of(arc and arc.radius, times),
+        scan.known["detectors"].shape[1] == 3,
     )
 
 
-def _units(arc: ArcFit | None, times: np.ndarray | None) -> Units:
-    if arc is None or times is None:
+def units_of(radius: float | None, times: np.ndarray | None) -> Units:
+    """By the radius on which detectors lie, and the sampling rate."""
+    if radius is None or times is None:
         return Units(None, None)
     rate = 1 / float(times[1] - times[0])
     for length, least, greatest, per_metre in LENGTHS:
         for time, slowest, fastest, per_second in TIMES:
             unlikely = (length, time) == ("m", "us")
-            if least <= arc.radius <= greatest and slowest <= rate <= fastest and not unlikely:
+            if least <= radius <= greatest and slowest <= rate <= fastest and not unlikely:
                 return Units(length, WATER * per_metre / per_second)
     return Units(None, None)
 

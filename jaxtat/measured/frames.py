@@ -12,7 +12,8 @@ from ..layout import Layout, problem_layout
 from ..plan import ReconstructionPlan
 from ..pressure import condition_record, pressure_to_circular_integrals
 from ..reconstruction import DirectReconstruction, reconstruct_direct
-from .choices import LOW_PASSES, Choices
+from ..spherical import pressure_to_spherical_integrals
+from .choices import IN_SPACE, LOW_PASSES, Choices
 from .facts import facts_of, times_of
 
 GROUPS = 2  # of frequencies, at most: for few images, compiling is what takes time
@@ -40,7 +41,7 @@ class Where(eqx.Module):
 
 
 def integrals(scan: Scan, choices: Choices, radii: Array, frames: np.ndarray) -> Array:
-    """Circular integrals of frames, at the detectors that are used."""
+    """Integrals of frames over circles, or spheres, about the detectors that are used."""
     part = real_array(scan.kind, frames[..., list(choices.channels), :], None)
     times = times_of(scan)
     if times is None:
@@ -58,8 +59,11 @@ def integrals(scan: Scan, choices: Choices, radii: Array, frames: np.ndarray) ->
     if choices.impulse_response:
         response = scan.known["impulse_response"]  # its time 0 is in the middle
         part = remove_impulse_response(part, times, response, origin=len(response) // 2)
+    speed = choices.sound_speed
+    if choices.model == IN_SPACE:
+        return pressure_to_spherical_integrals(part, times, radii, sound_speed=speed)
     return pressure_to_circular_integrals(
-        part, times, radii, sound_speed=choices.sound_speed, model=choices.model
+        part, times, radii, sound_speed=speed, model=choices.model
     )
 
 

@@ -9,15 +9,19 @@ import numpy as np
 from jaxtyping import Array, Float
 from tqdm import tqdm
 
-from ..geometry import ImageGrid, Region
+from ..geometry import ImageGrid, VolumeGrid
+from ..harmonic.tikhonov import SolveReport
 from ..io import Scan, load_scan
+from ..io.images import HasInside
 from ..layout import Layout
 from ..plan import ReconstructionPlan
 from ..reconstruction import reconstruct
+from ..spherical import CapLayout
 from .choices import LOW_PASSES, Choices
 from .choose import choices_for
-from .facts import facts_of, with_facts
+from .facts import facts_of, in_space, with_facts
 from .frames import Where, integrals, layout_of, reconstructed
+from .space import Space, facts_in_space
 from .speed import estimate_sound_speed
 
 AT_A_TIME = 2**26  # bytes of data, as float64, that are reconstructed together
@@ -28,7 +32,8 @@ class ScanImages:
     """Images of a scan and how they were made.
 
     Attributes:
-        images: (x1, x2), or (frames, x1, x2) of a scan of more than one frame.
+        images: (x1, x2), or (frames, x1, x2) of a scan of more than one frame; of detectors in
+            space volumes, with a third axis x3.
         grid, region: where they are; outside the region they mean nothing.
         choices: with which they were made.
         frames: wavelengths [nm], or numbers from 0, (frames,); None of a single frame.
@@ -37,8 +42,8 @@ class ScanImages:
     """
 
     images: Any
-    grid: ImageGrid
-    region: Region
+    grid: ImageGrid | VolumeGrid
+    region: HasInside
     choices: Choices
     frames: Float[np.ndarray, " frames"] | None
     unit: str | None
@@ -110,7 +115,8 @@ def reconstruct_scan(
     Args:
         scan: its frames may be lazy.
         choices: from `choices_for`.
-        plan: to use in place of a direct reconstruction; it has decided geometry and alpha.
+        plan: to use in place of a direct reconstruction; it has decided geometry and alpha. There
+            are none in space.
         out: where images go, (frames, x1, x2), or anything that slices can be assigned to; by
             default a new array.
         progress: whether to show a bar, if there is more than one frame.
@@ -119,7 +125,7 @@ def reconstruct_scan(
         ValueError: for ``out`` of another shape, images that do not fit into memory, and data that
             cannot be.
     """
-    where = Where.of_plan(plan) if plan else Where.of(scan, choices)
+    where = Where.of_plan(plan) if plan else _where(scan, choices)
     layout, worst, size = None, 0.0, _frames_at_a_time(scan)
     images = (scan.n_frames, *where.grid.shape)
     out = _room(images) if out is None else out
@@ -129,9 +135,9 @@ def reconstruct_scan(
         for start in range(0, scan.n_frames, size):
             g = integrals(scan, choices, where.radii, _frames(scan, start, size))
             if plan is None:
-                layout = layout or layout_of(choices, where)  # once the data were found good
-                found = reconstructed(where, layout, choices, g)
-                image, worst = found.image, max(worst, float(found.report.residual.max()))
+                layout = layout or _layout(where, choices)  # once the data were found good
+                image, solved = _images(where, layout, choices, g)
+                worst = max(worst, float(solved.residual.max()))
             else:
                 image = _by_plan(plan, choices, g)
             n = min(size, scan.n_frames - start)
@@ -140,10 +146,32 @@ def reconstruct_scan(
     several = scan.n_frames > 1
     numbers = scan.known.get("wavelengths", np.arange(scan.n_frames)) if several else None
     frames = None if numbers is None else np.asarray(numbers, float)
-    unit = facts_of(scan).units.length
     shown = out if several else out[0]
     report = "" if layout is None else _solved(layout, choices, worst)
-    return ScanImages(shown, where.grid, where.region, choices, frames, unit, report)
+    if isinstance(where, Space):
+        unit, region = facts_in_space(scan, choices.order).units.length, where.shown_region
+    else:
+        unit, region = facts_of(scan).units.length, where.region
+    return ScanImages(shown, where.grid, region, choices, frames, unit, report)
+
+
+def _where(scan: Scan, choices: Choices) -> Where | Space:
+    return (Space if in_space(scan) else Where).of(scan, choices)
+
+
+def _layout(where: Where | Space, choices: Choices) -> Layout | CapLayout:
+    return where.layout(choices) if isinstance(where, Space) else layout_of(choices, where)
+
+
+def _images(
+    where: Where | Space, layout: Layout | CapLayout, choices: Choices, g: Array
+) -> tuple[Array, SolveReport]:
+    if isinstance(layout, CapLayout):
+        assert isinstance(where, Space)
+        return where.volumes(layout, choices, g)
+    assert isinstance(where, Where)
+    found = reconstructed(where, layout, choices, g)
+    return found.image, found.report
 
 
 def _room(shape: tuple[int, ...]) -> np.ndarray:
@@ -162,7 +190,7 @@ def _by_plan(plan: ReconstructionPlan, choices: Choices, g: Array) -> Array:
     return reconstruct(plan, g, low_pass=low_pass, inversion=choices.inversion)
 
 
-def _solved(layout: Layout, choices: Choices, worst: float) -> str:
+def _solved(layout: Layout | CapLayout, choices: Choices, worst: float) -> str:
     return (
         f"{layout.n_frequencies} frequencies, alpha {choices.alpha:.1e}; systems solved to "
         f"{worst:.1e} (worst)"

@@ -6,12 +6,13 @@ from ..geometry import visibility
 from ..io import Scan
 from ..sampling import supported
 from .choices import Choices
-from .facts import facts_of
+from .facts import Facts, facts_of, in_space
+from .space import FactsInSpace, facts_in_space
 
 
 def describe(scan: Scan, choices: Choices) -> str:
     """Data, detectors, and what would be chosen for a reconstruction, as lines of text."""
-    facts = facts_of(scan)
+    facts = facts_in_space(scan, choices.order) if in_space(scan) else facts_of(scan)
     lines = [f"{key}: {value}" for key, value in scan.about.items()]
     lines.append(
         f"{scan.kind.replace('_', ' ')}: {scan.n_frames} frames of {scan.n_detectors} detectors, "
@@ -28,7 +29,17 @@ def describe(scan: Scan, choices: Choices) -> str:
     if "wavelengths" in scan.known:
         shown = np.unique(np.asarray(scan.known["wavelengths"]))
         lines.append("wavelengths: " + ", ".join(f"{w:g}" for w in shown))
-    arc = facts.arc
+    more = _of_sphere(facts) if isinstance(facts, FactsInSpace) else _of_curve(facts, choices)
+    return "\n".join([*lines, *more, "", "A reconstruction would use", choices.table()])
+
+
+def _of_sphere(facts: FactsInSpace) -> list[str]:
+    center = ", ".join(f"{x:.3g}" for x in np.asarray(facts.detectors.center))
+    return [f"detectors: {facts.arrangement}, radius {facts.radius:.6g} about ({center})"]
+
+
+def _of_curve(facts: Facts, choices: Choices) -> list[str]:
+    arc, lines = facts.arc, []
     if arc is None:
         lines.append("detectors: not on a circle")
     else:
@@ -45,4 +56,4 @@ def describe(scan: Scan, choices: Choices) -> str:
         lines.append(
             f"sampling: {supported(curve, choices.region, facts.times, sound_speed=speed)}"
         )
-    return "\n".join([*lines, "", "A reconstruction would use", choices.table()])
+    return lines

@@ -123,6 +123,21 @@ def sounding_disk(
     return found[:2], float(found[2])
 
 
+def noise_before(power: RecordPower, arrival: float) -> float | None:
+    """Power of the noise over that of the sound; None without a time before the sound.
+
+    Args:
+        power: of the record, without an artefact at its start.
+        arrival: of the first sound; before it there is noise alone [time].
+    """
+    quiet = power.times < arrival - (power.times[1] - power.times[0])
+    if quiet.all() or not quiet.any():
+        return None
+    noise = float(np.median(power.power[:, quiet].mean(axis=1)))
+    sound = float(np.median(power.power[:, ~quiet].mean(axis=1)))
+    return noise / max(sound - noise, 0.01 * noise, 1e-300)
+
+
 def highest_frequency(
     record: Float[np.ndarray, "detectors times"],
     times: Float[np.ndarray, " times"],

@@ -1,4 +1,4 @@
-"""Pictures: images, geometries, the frequency plane and data, on axes that say their units.
+"""Pictures: images, volumes, geometries, the frequency plane, data, on axes that say their units.
 
 Every function draws on axes that it is given; figures need no screen and no global state. Colour
 maps are readable without colour vision: grey, viridis, and blue to red through white.
@@ -16,8 +16,9 @@ from .canvas import (
 )
 from .data import show_detectors, show_sinogram
 from .frequencies import show_frequencies, show_frequency_plane
-from .geometry import show_edges, show_geometry, show_opening
+from .geometry import show_edges, show_geometry, show_opening, show_visibility
 from .images import add_scale_bar, picture, save_picture, show_image
+from .volumes import save_slices, show_slices, show_space
 
 __all__ = [
     "DIVERGING",
@@ -31,6 +32,7 @@ __all__ = [
     "new_figure",
     "picture",
     "save_picture",
+    "save_slices",
     "show_detectors",
     "show_edges",
     "show_frequencies",
@@ -39,4 +41,7 @@ __all__ = [
     "show_image",
     "show_opening",
     "show_sinogram",
+    "show_slices",
+    "show_space",
+    "show_visibility",
 ]

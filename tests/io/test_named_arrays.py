@@ -125,7 +125,8 @@ def test_missing_data_are_explained(tmp_path, suffix):
         load_scan(path)
     path = write_named(tmp_path / f"b{suffix}", pressure=DATA)
     with pytest.raises(
-        ValueError, match=r"holds \['pressure'\], expected .* circular_integrals, g"
+        ValueError,
+        match=r"holds \['pressure'\], expected .* circular_integrals, spherical_integrals, g",
     ):
         load_scan(path, kind="circular_integrals")
 

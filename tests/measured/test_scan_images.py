@@ -8,7 +8,13 @@ import scipy.ndimage
 from made_scans import RATE, SPEED, N, positions, raw_counts, record, scan, truth
 
 import jaxtat.measured.images
-from jaxtat import choices_for, reconstruct_file, reconstruct_scan
+from jaxtat import (
+    choices_for,
+    phantoms,
+    polyline,
+    reconstruct_file,
+    reconstruct_scan,
+)
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_settings, save_ipasc
 from jaxtat.io.frames import LazyFrames
@@ -69,6 +75,19 @@ def test_everything_chosen_the_image_is_that_of_the_phantom(counts, tmp_path):
     assert found.frames is None
     assert like(found.images[inside], truth(found.grid.points)[inside]) > 0.98
     assert "region_radius" in lines[0]
+
+
+def test_around_an_l_the_largest_disk_that_is_seen(tmp_path):
+    """On no circle, and too near for waves about a centre; the rest of the error is band limit."""
+    curve = polyline([(-0.8, 1.2), (-0.8, -0.8), (1.2, -0.8)], 60)
+    bell, radii = phantoms.Bells([[-0.15, -0.15]], [0.45]), 0.04 * np.arange(1, 60)
+    g = bell.circular_integrals(curve, radii)
+    np.savez(tmp_path / "l.npz", circular_integrals=g, radii=radii, detectors=curve.points)
+    found = reconstruct_file(tmp_path / "l.npz", pixels=21, max_frequency=30.0)
+    inscribed = 2 * (1 - 0.5**0.5)  # of the triangle
+    assert 0.75 * inscribed < found.choices.region_radius < inscribed
+    inside = np.asarray(found.region.contains(found.grid.points))
+    assert relative(found.images[inside], np.asarray(bell(found.grid.points))[inside]) < 0.05
 
 
 def test_shuffled_detectors_give_the_same_image(counts, clean):

@@ -1,0 +1,141 @@
+"""Pictures of volumes: three slices, and the same slices in space with the detectors around."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure, SubFigure
+
+from ..checks import Numbers
+from ..geometry import ImageGrid, VolumeGrid
+from ..spherical.caps import Detectors
+from ..units import millimetres
+from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure
+from .images import show_image
+
+MOST_ROWS = 4  # frames of a stack that one picture shows
+_NAMES = ("$x_1$", "$x_2$", "$x_3$")
+
+
+def show_slices(
+    figure: Figure | SubFigure,
+    volume: Numbers,
+    grid: VolumeGrid,
+    *,
+    at: tuple[float, float, float] | None = None,
+    limits: tuple[float, float] | None = None,
+    cmap: str = GRAY,
+    title: str = "",
+    unit: str | None = None,
+) -> None:
+    """The slices x_1 = a, x_2 = b and x_3 = c side by side, one scale for all.
+
+    Args:
+        figure: where to draw, three pictures in a row.
+        volume: (x1, x2, x3).
+        grid: its nodes.
+        at: (a, b, c), the nearest nodes are shown; by default the centre of the grid [length].
+        limits: values shown as darkest and brightest; by default those of the volume.
+        cmap: matplotlib's name of a colour map.
+        title: above all three.
+        unit: of length of the grid, "m", "cm", "mm" or "um"; axes are in millimetres then.
+    """
+    values = np.asarray(volume)
+    index = _nearest(grid, at)
+    limits = limits or (float(np.nanmin(values)), float(np.nanmax(values)))
+    for axis, axes in enumerate(np.ravel(figure.subplots(1, 3))):
+        i, j = (k for k in range(3) if k != axis)
+        half, center = np.asarray(grid.half_width), np.asarray(grid.center)
+        plane = ImageGrid((grid.shape[i], grid.shape[j]), half[[i, j]], center[[i, j]])
+        height = float(grid.axis(axis)[index[axis]])
+        shown = show_image(
+            axes,
+            np.take(values, index[axis], axis=axis),
+            plane,
+            limits=limits,
+            cmap=cmap,
+            unit=unit,
+        )
+        label = f"{_NAMES[axis]} = {millimetres(unit) * height:.3g}"
+        label_axes(axes, label, *(length_label(_NAMES[k], unit) for k in (i, j)))
+        if axis == 2:
+            figure.colorbar(shown, ax=axes, shrink=0.8)
+    if title:
+        figure.suptitle(title, fontsize=10)
+
+
+def show_space(
+    figure: Figure | SubFigure,
+    volume: Numbers,
+    grid: VolumeGrid,
+    detectors: Detectors | None = None,
+    *,
+    at: tuple[float, float, float] | None = None,
+    limits: tuple[float, float] | None = None,
+    cmap: str = GRAY,
+    most: int = 65,
+) -> None:
+    """The three slices where they are in space, and the detectors as dots.
+
+    Args:
+        figure, volume, grid, at, limits, cmap: as in `show_slices`.
+        detectors: drawn thinned out, none by default.
+        most: nodes drawn along each axis; more are thinned out.
+    """
+    values = np.asarray(volume)
+    low, high = limits or (float(np.nanmin(values)), float(np.nanmax(values)))
+    axes = figure.add_subplot(projection="3d")
+    steps = [slice(None, None, -(-size // most)) for size in grid.shape]
+    lines = [np.asarray(grid.axis(axis))[steps[axis]] for axis in range(3)]
+    for axis, index in enumerate(_nearest(grid, at)):
+        i, j = (k for k in range(3) if k != axis)
+        part = np.take(values, index, axis=axis)[steps[i], steps[j]]
+        first, second = np.meshgrid(lines[i], lines[j], indexing="ij")
+        corners = {axis: np.full(part.shape, float(grid.axis(axis)[index])), i: first, j: second}
+        colors = colormaps[cmap](Normalize(low, high)(part))
+        axes.plot_surface(
+            corners[0], corners[1], corners[2], facecolors=colors, rstride=1, cstride=1, shade=False
+        )  # pyright: ignore[reportAttributeAccessIssue]
+    if detectors is not None:
+        dots = np.asarray(detectors.points).reshape(-1, 3)
+        axes.plot(*dots[:: -(-len(dots) // 1500)].T, ".", color="tab:blue", ms=1.5)
+    axes.set_box_aspect((1, 1, 1))  # pyright: ignore[reportArgumentType]
+    for name, label in zip("xyz", _NAMES, strict=True):
+        getattr(axes, f"set_{name}label")(label, fontsize=8)
+    axes.tick_params(labelsize=7)
+
+
+def save_slices(
+    path: str | Path,
+    volume: Numbers,
+    grid: VolumeGrid,
+    frames: Numbers | None = None,
+    *,
+    unit: str | None = None,
+    metadata: dict[str, str] | None = None,
+) -> None:
+    """`show_slices` through the centre as a PNG file, one row for each of up to four frames.
+
+    Args:
+        path: the file.
+        volume: (x1, x2, x3) or (frames, x1, x2, x3); NaN stays blank.
+        grid: its nodes.
+        frames: a number above every row, (frames,).
+        unit: as in `show_slices`.
+        metadata: texts in the file.
+    """
+    stack = np.asarray(volume).reshape(-1, *grid.shape)
+    chosen = np.unique(np.linspace(0, len(stack) - 1, MOST_ROWS).round().astype(int))
+    figure = new_figure(9.6, 3.4 * len(chosen))
+    limits = gray_levels(stack[chosen])
+    rows = figure.subfigures(len(chosen), 1, squeeze=False)[:, 0]
+    for row, k in zip(rows, chosen, strict=True):
+        title = "" if frames is None else f"{np.asarray(frames)[k]:g}"
+        show_slices(row, stack[k], grid, limits=limits, title=title, unit=unit)
+    figure.savefig(path, dpi=150, metadata=metadata)
+
+
+def _nearest(grid: VolumeGrid, at: tuple[float, float, float] | None) -> list[int]:
+    point = np.asarray(grid.center) if at is None else np.asarray(at)
+    return [int(np.abs(np.asarray(grid.axis(k)) - point[k]).argmin()) for k in range(3)]
