@@ -29,10 +29,11 @@ check: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/pyright
 
+# --no-compile: Python compiles what is imported, which is a small part
 .venv/ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "jaxtat needs Python 3.11")'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
 		--constraint constraints.txt --editable '.[test]'
 	touch $@
 

@@ -13,7 +13,7 @@ from jaxtyping import install_import_hook
 UNOPTIMISED = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
 if "XLA_FLAGS" not in os.environ:
     # Most of the suite's time is the compiler's, for programs that run once: not worth optimising.
-    # Only here: the commands and notebooks that tests start get what users get.
+    # Only here: the commands that tests start get what users get.
     os.environ["XLA_FLAGS"] = UNOPTIMISED
     jax.devices()  # reads them
     del os.environ["XLA_FLAGS"]
@@ -44,6 +44,12 @@ def data_folder() -> Path:
 def unoptimised(monkeypatch):
     """For processes that compile longer than they compute."""
     monkeypatch.setenv("XLA_FLAGS", UNOPTIMISED)
+
+
+@pytest.fixture
+def little_optimised(monkeypatch):
+    """For processes that compile as long as they compute."""
+    monkeypatch.setenv("XLA_FLAGS", UNOPTIMISED.replace("level=0", "level=1"))
 
 
 @pytest.fixture(scope="module", autouse=True)

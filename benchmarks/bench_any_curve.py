@@ -1,0 +1,180 @@
+"""Curves that are no arc, regions that are no disk: error on smooth bells, noise, and time.
+
+At 129 x 129 pixels and 500 detectors, by `reconstruct_direct`. ``clean`` is the largest error with
+kappa = 0.01 on exact data. With noise the relative L2 errors of `NoiseLevel`, which is told its
+standard deviation, and of the default for noise of which nothing is known, stand beside that of the
+best of fixed rules, chosen for each case and noise by its own error.
+
+Run as a script, with the names of cases or none for all, it prints the tables of docs/accuracy.md.
+"""
+
+import sys
+import time
+import warnings
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from curve_cases import CASES
+
+from jaxtat import (
+    ImageGrid,
+    NoiseLevel,
+    RelativeCutoff,
+    RelativeTikhonov,
+    VisibilityWarning,
+    build_plan,
+    phantoms,
+    pixel_standard_deviation,
+    predict_noise,
+    problem_layout,
+    reconstruct_direct,
+    visibility,
+)
+
+jax.config.update("jax_enable_x64", True)
+
+N, DETECTORS = 129, 500
+NOISE = (0.05, 0.15)
+CLEAN, DEFAULT = RelativeCutoff(0.01), None
+# a number is alpha over the largest diagonal entry, or over 8 / lambda² on the boundary
+FIXED = {f"kappa {x}": RelativeCutoff(x) for x in (0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)}
+FIXED |= {f"alpha {alpha}": alpha for alpha in (1e-2, 3e-2, 1e-1, 3e-1)}
+WANTED = [name for name, case in CASES.items() if case.visible]
+POKING = [name for name, case in CASES.items() if not case.visible]
+LAW = ["ellipse, half disk", "jagged arc, disk", "two arcs, polygon"]
+
+
+class Trial:
+    """A case, its exact and noisy data, and the layout that all of its images share."""
+
+    def __init__(self, name: str):
+        *self.where, bells = CASES[name].setup(N, DETECTORS)
+        curve, region, grid, radii = self.where
+        g = bells.circular_integrals(curve, radii)
+        noise = [phantoms.noise_like(jax.random.key(k), g, x) for k, x in enumerate(NOISE)]
+        self.data = jnp.stack([g, *(g + one for one in noise)])
+        self.truth = np.asarray(bells.image(grid))
+        self.inside = np.asarray(region.contains(grid.points))
+        self.lost = float(visibility(curve, region).invisible_fraction)
+        with warnings.catch_warnings(record=True) as raised:
+            warnings.simplefilter("always", VisibilityWarning)
+            self.layout = problem_layout(*self.where)
+        self.flagged = bool(raised)
+
+    def misfit(self, rule, data=None):
+        """Image less truth on the region's pixels: of exact data, and of both noises."""
+        data = self.data if data is None else data
+        found = reconstruct_direct(*self.where, data, rule, layout=self.layout)
+        return (np.asarray(found.image) - self.truth)[:, self.inside]
+
+    def relative(self, misfit):
+        """Relative L2 errors."""
+        return np.linalg.norm(misfit, axis=1) / np.linalg.norm(self.truth[self.inside])
+
+    def with_known_noise(self):
+        """Relative L2 errors with both noises, each image by itself."""
+        noisy = self.data[1:]
+        levels = [NoiseLevel(float(jnp.std(one - self.data[0]))) for one in noisy]
+        found = [self.misfit(*pair) for pair in zip(levels, noisy[:, None], strict=True)]
+        return self.relative(np.concatenate(found))
+
+
+@cache
+def trial(name: str) -> Trial:
+    return Trial(name)
+
+
+def law_ratio(name: str) -> np.ndarray:
+    """Exact standard deviations over predicted ones, on every eighth pixel of the inner region."""
+    (curve, region, grid, radii), few = trial(name).where, ImageGrid(17, 0.96)
+    inner = np.asarray(region.level(few.points) < -0.1 * float(region.reach))
+    plan = build_plan(curve, region, grid, radii, RelativeTikhonov(0.1), progress=False)
+    exact = pixel_standard_deviation(plan, 1.0, grid=few, where=inner, progress=False)
+    law = predict_noise(curve, few, 1.0, radial_step=float(grid.spacing[0]))
+    return np.asarray(exact / law)[inner]
+
+
+@pytest.mark.parametrize("name", WANTED)
+def bench_clean(measure, benchmark, name):
+    """Exact data of regions that are wholly seen."""
+    case = trial(name)
+    assert not case.flagged
+    data = case.data[0]
+    measure(
+        lambda: reconstruct_direct(*case.where, data, CLEAN, layout=case.layout).image,
+        n=N,
+        error=lambda image: np.abs(np.asarray(image) - case.truth)[case.inside],
+        rounds=1,
+    )
+    benchmark.extra_info.update(basis=case.layout.basis)
+    assert np.abs(case.misfit(CLEAN)[0]).max() <= 5e-4
+
+
+@pytest.mark.parametrize("name", list(CASES))
+def bench_noise(measure, benchmark, name):
+    """The default against the best fixed rule; regions that poke out are flagged, and bounded."""
+    case = trial(name)
+    assert case.flagged == (name in POKING)
+    misfit = measure(lambda: case.misfit(DEFAULT), n=N, images=3, rounds=1)
+    default = case.relative(misfit[1:])
+    best = np.min([case.relative(case.misfit(rule)[1:]) for rule in FIXED.values()], axis=0)
+    known = case.with_known_noise()
+    assert (known <= 1.15 * best).all()
+    benchmark.extra_info.update(
+        noise=NOISE,
+        known=known.tolist(),
+        default=default.tolist(),
+        best=best.tolist(),
+        largest_error=float(np.abs(misfit[0]).max()),
+    )
+
+
+@pytest.mark.parametrize("name", LAW)
+def bench_noise_law(measure, benchmark, name):
+    """`predict_noise` beside the exact deviations, the time being that of both and of a plan."""
+    ratio = measure(lambda: law_ratio(name), n=17, rounds=1)
+    assert np.all(np.abs(ratio - 1) < 0.1)
+    benchmark.extra_info.update(
+        median=float(np.median(ratio)), percentiles=np.percentile(ratio, [5, 95]).tolist()
+    )
+
+
+def print_case(name: str) -> None:
+    """One row of the table."""
+    case = trial(name)
+    start = time.perf_counter()
+    clean = case.misfit(CLEAN)
+    middle = time.perf_counter()
+    unknown = case.misfit(DEFAULT)
+    seconds = time.perf_counter() - middle
+    misfits = {label: case.misfit(rule) for label, rule in FIXED.items()}
+    errors = {label: case.relative(misfit[1:]) for label, misfit in misfits.items()}
+    known = case.with_known_noise()
+    default, worst = case.relative(unknown[1:]), np.abs(unknown[0]).max()
+    best = [min(errors, key=lambda label: errors[label][k]) for k in range(len(NOISE))]
+    beside = " | ".join(
+        f"{known[k]:.3f} / {default[k]:.3f} / {errors[label][k]:.3f} ({label})"
+        for k, label in enumerate(best)
+    )
+    print(
+        f"| {name} | {case.layout.basis} | {100 * case.lost:.1f} % | {np.abs(clean[0]).max():.1e} "
+        f"| {worst:.1e} | {beside} |  # compiled {middle - start:.0f} s, again {seconds:.1f} s",
+        flush=True,
+    )
+
+
+def print_law(name: str) -> None:
+    ratio = law_ratio(name)
+    low, middle, high = np.percentile(ratio, [5, 50, 95])
+    print(f"| {name} | {middle:.3f} | {low:.3f} to {high:.3f} | {ratio.size} pixels", flush=True)
+
+
+if __name__ == "__main__":
+    for chosen in sys.argv[1:] or CASES:
+        print_case(chosen)
+        if chosen in LAW:
+            print_law(chosen)
+        trial.cache_clear()
