@@ -1,10 +1,14 @@
 """Writing files so that a reader never sees half of one."""
 
 import os
-import tempfile
+import platform
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from hashlib import blake2b
 from pathlib import Path
+from uuid import uuid4
+
+from .limits import name_of, one_line
 
 
 @contextmanager
@@ -12,10 +16,12 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place when the block ends without error.
 
     The temporary name keeps the suffix, since some writers choose the format by it. Of a symbolic
-    link the file it points to is replaced.
+    link the file it points to is replaced. A process that is killed cannot clean up: what it left
+    is removed by the next that writes the same file.
 
     Raises:
         ValueError: for a place where no file can be written, see `require_place`.
+        OSError: if there is no more room, or whatever else the system says, with the file's name.
 
     >>> import tempfile
     >>> target = Path(tempfile.mkdtemp()) / "note.txt"
@@ -26,17 +32,47 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """
     require_place(path)
     target = Path(path).resolve()
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=".", suffix=target.suffix)
-    os.close(handle)
-    temporary = Path(name)
+    _sweep(target)
+    temporary = target.with_name(f"{_mark(target)}{os.getpid()}-{uuid4().hex[:8]}{target.suffix}")
     try:
+        temporary.touch(exist_ok=False)
         yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)  # mkstemp's own mode is for private files
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())  # a disk may find only now that it is full
         temporary.replace(target)
+    except OSError as error:
+        reason = one_line(f"cannot write {name_of(target)}: ", error.strerror or str(error))
+        raise type(error)(*([error.errno] if error.errno else []), reason) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _mark(target: Path) -> str:
+    """How temporary names for a file begin, on this computer; the writer's process id follows."""
+    host = blake2b(platform.node().encode(), digest_size=4).hexdigest()
+    return f".{target.name[:40]}.{host}-"
+
+
+def _sweep(target: Path) -> None:
+    """Remove what writers of this file left that were killed: their processes are no more."""
+    if os.name != "posix":  # elsewhere to ask for a process may end it
+        return
+    mark = _mark(target)
+    for name in os.listdir(target.parent):
+        writer = name.removeprefix(mark).partition("-")[0]
+        if name.startswith(mark) and writer.isdecimal() and not _is_running(int(writer)):
+            with suppress(OSError):  # of another user, or swept by another
+                (target.parent / name).unlink()
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)  # sends nothing
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        pass
+    return True
 
 
 def require_place(path: str | Path) -> None:

@@ -1,30 +1,34 @@
 """Reading numbers from HDF5 files of others with a claim checked before each.
 
 HDF5 trusts what it reads. So a dataset is read only if it is one of plain numbers, in this very
-file, whole, compressed (if at all) by gzip, and of a size that its bytes in the file can give; and
-compressed pieces are inflated here first, within bounds. Strings of variable length, in which one
-wrong bit makes the library loop, crash or fill the memory, are read without it.
+file, whole, compressed (if at all) by gzip, and of a size that its bytes in the file can give.
+Pieces ("chunks") are fetched as they are stored and decoded here, within bounds: the library's own
+filters crash on a piece shorter than its checksum, and inflate without end. Strings of variable
+length, in which one wrong bit makes it loop, crash or fill the memory, are read without it too.
 """
 
 import itertools
 import math
 import os
+import struct
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import Any, cast
 
 import h5py
 import numpy as np
 
 from .frames import LazyFrames
-from .limits import DEFLATE, Allowance, require_held
-from .scan import require_real
+from .limits import DEFLATE, Allowance, name_of, refusing, require_held
+from .scan import REAL, require_numbers
 
 _GZIP, _SHUFFLE, _CHECKSUM = 1, 2, 3  # numbers of HDF5's own filters
 _LONGEST_TEXT = 4096  # [byte]
+_LONGEST_HEAP = 2**20  # [byte], of strings; the library writes 4096
+_Filter = tuple[int, tuple[int, ...]]  # its number, and its parameters
 
 
 class Hdf5File:
@@ -56,9 +60,9 @@ class Hdf5File:
         """Of a dataset of numbers that can be read, else ValueError."""
         return self._checked(name).shape
 
-    def read(self, name: str) -> np.ndarray:
-        """All of a dataset of numbers, in native byte order."""
-        dataset = self._checked(name)
+    def read(self, name: str, kinds: str = REAL) -> np.ndarray:
+        """All of a dataset of numbers of some kinds (as NumPy calls them), in native byte order."""
+        dataset = self._checked(name, kinds)
         self.allowance.take(name, math.prod(dataset.shape) * dataset.dtype.itemsize)
         return read_part(name, dataset, tuple(slice(0, size) for size in dataset.shape))
 
@@ -81,8 +85,8 @@ class Hdf5File:
         path = self.path.absolute()  # the working folder may change
         return LazyFrames(shape, native, partial(_read_again, path, _stamp(path), name, read))
 
-    def text(self, name: str) -> str | None:
-        """A short text, or None if there is none, or one that cannot be read."""
+    def text(self, name: str, longest: int = _LONGEST_TEXT) -> str | None:
+        """A text, or None if there is none, or one that cannot be read."""
         dataset = self._dataset(name)
         if dataset is None or dataset.shape != () or _is_elsewhere(dataset):
             return None
@@ -93,22 +97,55 @@ class Hdf5File:
             offset = dataset.id.get_offset()
             found = None if offset is None else _text_of_heap(self.path, offset)
         else:
-            found = dataset[()] if dataset.dtype.itemsize <= _LONGEST_TEXT else None
+            held = min(longest, dataset.id.get_storage_size(), self._size)
+            found = dataset[()] if dataset.dtype.itemsize <= held else None
         text = None if found is None else bytes(found).split(b"\0")[0].decode(errors="replace")
         return None if text in (None, "", "None") else text
 
     def mark(self, name: str, attribute: str) -> str | None:
         """An attribute of a dataset or group if it is a text of fixed length, else None."""
+        try:
+            found = self.attribute(name, attribute)
+        except ValueError:
+            return None
+        return found if isinstance(found, str) else None
+
+    def attribute(self, name: str, attribute: str) -> Any:
+        """A text of fixed length, a number, a tuple of numbers, or None where that is stored.
+
+        Raises:
+            ValueError: if there is none, or one of another kind.
+        """
         item = self._own(name)
         if item is None or attribute not in item.attrs:
-            return None
+            raise ValueError(f"{name} has no {attribute}.")
         value = item.attrs.get_id(attribute)
-        if value.dtype.kind != "S" or value.shape != () or value.dtype.itemsize > _LONGEST_TEXT:
+        if value.get_space().get_simple_extent_type() == h5py.h5s.NULL:
             return None
-        return cast(bytes, item.attrs[attribute]).decode(errors="replace")
+        text = value.dtype.kind == "S" and value.shape == ()
+        size = math.prod(value.shape) * value.dtype.itemsize
+        if not (text or value.dtype.kind in "biuf") or size > _LONGEST_TEXT:
+            raise ValueError(f"{attribute} of {name} is no text of fixed length and no number.")
+        found = item.attrs[attribute].tolist()
+        if text:
+            return found.decode(errors="replace")
+        return tuple(found) if isinstance(found, list) else found
+
+    def has(self, name: str) -> bool:
+        """Whether there is a group or dataset under that path, in this very file."""
+        return self._own(name) is not None
+
+    def identity(self, name: str) -> int:
+        """A number that two names share if they stand for one and the same thing in the file."""
+        return h5py.h5o.get_info(self._file[name].id).addr
+
+    def is_group(self, name: str) -> bool:
+        return isinstance(self._own(name), h5py.Group)
 
     def _own(self, name: str) -> h5py.Group | h5py.Dataset | None:
         """What is under that path if every step of it leads to something in this file."""
+        if name == "/":
+            return self._file
         if name not in self._found:
             above, _, last = name.rpartition("/")
             group = self._own(above) if above else self._file
@@ -124,21 +161,26 @@ class Hdf5File:
         item = self._own(name)
         return item if isinstance(item, h5py.Dataset) else None
 
-    def _checked(self, name: str) -> h5py.Dataset:
+    def _checked(self, name: str, kinds: str = REAL) -> h5py.Dataset:
         """A dataset whose claims the file can meet, or ValueError."""
         dataset = self._dataset(name)
         if dataset is None:
             raise ValueError(f"it has no dataset {name}.")
-        require_real(name, dataset.dtype)
+        require_numbers(name, dataset.dtype, kinds)
         if dataset.shape is None or _is_elsewhere(dataset):
             raise ValueError(f"{name} has no numbers of its own in this file.")
+        if dataset.id.get_type() != h5py.h5t.py_create(dataset.dtype, logical=True):
+            raise ValueError(f"{name} has numbers of an unusual kind, expected {dataset.dtype}.")
         filters = _filters(dataset)
-        if not {*filters} <= {_GZIP, _SHUFFLE, _CHECKSUM} or len({*filters}) < len(filters):
-            raise ValueError(f"{name} has filters {filters}, expected gzip or none.")
+        numbers = [number for number, _ in filters]
+        if not {*numbers} <= {_GZIP, _SHUFFLE, _CHECKSUM} or len({*numbers}) < len(numbers):
+            raise ValueError(f"{name} has filters {numbers}, expected gzip or none.")
+        if any(n == _SHUFFLE and p[:1] != (dataset.dtype.itemsize,) for n, p in filters):
+            raise ValueError(f"{name} is shuffled in numbers of another size than its own.")
         claimed = math.prod(dataset.shape) * dataset.dtype.itemsize
         held, offset = dataset.id.get_storage_size(), dataset.id.get_offset() or 0
         require_held(name, offset + held, self._size)
-        require_held(name, claimed, held, DEFLATE if _GZIP in filters else 1)
+        require_held(name, claimed, held, DEFLATE if _GZIP in numbers else 1)
         if dataset.chunks is not None:
             piece = math.prod(dataset.chunks) * dataset.dtype.itemsize
             self.allowance.require(f"a piece of {name}", piece)
@@ -152,6 +194,16 @@ def open_hdf5(path: Path, allowance: Allowance) -> Iterator[Hdf5File]:
         yield Hdf5File(path, file, allowance)
 
 
+@contextmanager
+def creating_hdf5(path: Path, **options: Any) -> Iterator[h5py.File]:
+    """A file to write to; where there is no more room, HDF5's RuntimeError is an OSError too."""
+    try:
+        with h5py.File(path, "w", **options) as file:
+            yield file
+    except RuntimeError as error:
+        raise OSError(str(error)) from error
+
+
 def is_hdf5(path: Path) -> bool:
     """Whether a file has HDF5's signature."""
     return bool(h5py.is_hdf5(path))
@@ -161,36 +213,87 @@ def read_part(name: str, dataset: h5py.Dataset, part: tuple[slice, ...]) -> np.n
     """A box of a checked dataset, in native byte order.
 
     Raises:
-        ValueError: for a compressed piece that is not the size it should be, or missing.
+        ValueError: for a piece that is not the size it should be, damaged, or missing.
     """
-    _require_pieces(name, dataset, part)
-    return np.asarray(dataset[part]).astype(dataset.dtype.newbyteorder("="), copy=False)
-
-
-def _require_pieces(name: str, dataset: h5py.Dataset, part: tuple[slice, ...]) -> None:
-    """Compressed pieces must give as many bytes as a piece has: HDF5 would inflate without end."""
+    native = dataset.dtype.newbyteorder("=")
     if dataset.chunks is None:
-        return
-    size, filters = math.prod(dataset.chunks) * dataset.dtype.itemsize, _filters(dataset)
-    gzip = 1 << filters.index(_GZIP) if _GZIP in filters else 0
-    edges = zip(part, dataset.chunks, strict=True)
-    steps = [range(of.start // step * step, of.stop, step) for of, step in edges]
-    for origin in itertools.product(*steps):
-        held = dataset.id.get_chunk_info_by_coord(origin)
-        if held.byte_offset is None:
-            raise ValueError(f"{name}: the piece at {origin} is missing.")
-        if held.size > size + size // 1000 + 64:  # what deflate may add to noise
-            raise ValueError(f"{name}: the piece at {origin} claims {held.size} bytes for {size}.")
-        if gzip & ~held.filter_mask:  # a piece that gzip does not make shorter may be as it is
-            _, content = dataset.id.read_direct_chunk(origin)
-            if len(zlib.decompressobj().decompress(content, size + 16)) > size + 8:
-                raise ValueError(f"{name}: the piece at {origin} has more than its {size} bytes.")
+        return np.asarray(dataset[part]).astype(native, copy=False)
+    found = np.empty([of.stop - of.start for of in part], native)
+    edges, filters = list(zip(part, dataset.chunks, strict=True)), _filters(dataset)
+    for origin in itertools.product(
+        *(range(of.start // step * step, of.stop, step) for of, step in edges)
+    ):
+        try:
+            piece = _piece(dataset, filters, origin)
+        except (ValueError, OSError, RuntimeError, zlib.error) as error:
+            raise ValueError(
+                f"{name}: the piece at {origin} is missing or damaged: {error}"
+            ) from error
+        common = [
+            (max(of.start, at), min(of.stop, at + step))
+            for (of, step), at in zip(edges, origin, strict=True)
+        ]
+        into = [slice(a - of.start, b - of.start) for (a, b), of in zip(common, part, strict=True)]
+        of_it = [slice(a - at, b - at) for (a, b), at in zip(common, origin, strict=True)]
+        found[tuple(into)] = piece[tuple(of_it)]
+    return found
 
 
-def _filters(dataset: h5py.Dataset) -> list[int]:
-    """Numbers of the filters that its pieces went through, in that order."""
+def _piece(dataset: h5py.Dataset, filters: list[_Filter], origin: tuple[int, ...]) -> np.ndarray:
+    """One piece, its filters undone from the last to the first."""
+    n, itemsize = math.prod(dataset.chunks), dataset.dtype.itemsize
+    # what deflate may add to noise; h5py refuses what does not fit
+    room = bytearray(n * itemsize + n * itemsize // 1000 + 64)
+    mask, content = dataset.id.read_direct_chunk(origin, out=room)
+    content = bytes(content)
+    for place, (number, _) in reversed(list(enumerate(filters))):
+        if mask >> place & 1:  # a piece that a filter did not make shorter may be as it is
+            continue
+        if number == _CHECKSUM:
+            content, stored = content[:-4], int.from_bytes(content[-4:], "little")
+            if len(content) == 0 or stored not in _checksums(content):
+                raise ValueError("its checksum is another.")
+        elif number == _GZIP:
+            stream = zlib.decompressobj()
+            content = stream.decompress(content, n * itemsize + 8)  # and a checksum
+            if not stream.eof and len(content) <= n * itemsize + 4:
+                raise ValueError("it is cut off.")
+        elif number == _SHUFFLE:
+            end = len(content) // itemsize * itemsize
+            planes = np.frombuffer(content[:end], np.uint8).reshape(itemsize, -1)
+            content = planes.T.tobytes() + content[end:]
+    if len(content) != n * itemsize:
+        more = "more" if len(content) > n * itemsize else "less"
+        raise ValueError(f"it has {more} than its {n * itemsize} bytes.")
+    return np.frombuffer(content, dataset.dtype).reshape(dataset.chunks)
+
+
+def _checksums(content: bytes) -> tuple[int, int]:
+    """Fletcher's checksum of 32 bits as HDF5 has it, and as its first versions wrote it.
+
+    Of words w_1 ... w_n of 16 bits, the higher byte first, it is the sum of w_k, and above it that
+    of (n + 1 - k) w_k, both modulo 2^16 - 1, where only a sum of zeros is 0, not 2^16 - 1.
+
+    >>> [hex(value) for value in _checksums(b"abcde")]
+    ['0x29f0c5ca', '0xf029cac5']
+    """
+    words = np.frombuffer(content + b"\0" * (len(content) % 2), ">u2")
+    low, high, any_word = 0, 0, False
+    for start in range(0, len(words), 2**16):  # sums of 2^16 products of 2^32 fit in 64 bits
+        block = words[start : start + 2**16].astype(np.uint64)
+        total = int(block.sum())
+        high += len(block) * low + int(block @ np.arange(len(block), 0, -1, dtype=np.uint64))
+        low, any_word = low + total, any_word or total > 0
+    low, high = ((value % 0xFFFF or 0xFFFF) if any_word else 0 for value in (low, high))
+    swapped = [(value & 0xFF) << 8 | value >> 8 for value in (low, high)]
+    return high << 16 | low, swapped[1] << 16 | swapped[0]
+
+
+def _filters(dataset: h5py.Dataset) -> list[_Filter]:
+    """Numbers and parameters of the filters that its pieces went through, in that order."""
     creation = dataset.id.get_create_plist()
-    return [creation.get_filter(number)[0] for number in range(creation.get_nfilters())]
+    found = (creation.get_filter(place) for place in range(creation.get_nfilters()))
+    return [(number, parameters) for number, _, parameters, _ in found]
 
 
 def _is_elsewhere(dataset: h5py.Dataset) -> bool:
@@ -206,12 +309,9 @@ def _read_again(
 ) -> np.ndarray:
     """Frames of a file that has not changed since it had that stamp."""
     if _stamp(path) != stamp:
-        raise ValueError(f"{path} has changed since it was loaded: load it again.")
-    try:
-        with h5py.File(path, "r") as file:
-            return read(cast(h5py.Dataset, file[name]), numbers)
-    except (OSError, RuntimeError, ValueError, zlib.error) as error:
-        raise ValueError(f"cannot read {name} of {path}: {error}") from error
+        raise ValueError(f"{name_of(path)} has changed since it was loaded: load it again.")
+    with refusing(f"cannot read {name} of {name_of(path)}: "), h5py.File(path, "r") as file:
+        return read(cast(h5py.Dataset, file[name]), numbers)
 
 
 def _stamp(path: Path) -> tuple[int, int]:
@@ -227,25 +327,19 @@ def _text_of_heap(path: Path, offset: int) -> bytes | None:
     number (2), count of users (2), reserved (4), size (8), content filled up to 8 bytes.
     """
     with path.open("rb") as file:
-        length, address, number = (
-            _whole(file, offset + at, n) for at, n in ((0, 4), (4, 8), (12, 4))
-        )
-        if length > _LONGEST_TEXT:
-            return None
+        file.seek(offset)
+        length, address, number = struct.unpack("<IQI", file.read(16))
         file.seek(address)
-        if file.read(5) != b"GCOL\1":
+        start = file.read(16)
+        size = min(int.from_bytes(start[8:], "little"), _LONGEST_HEAP)
+        if start[:5] != b"GCOL\1" or length > _LONGEST_TEXT:
             return None
-        end = min(address + _whole(file, address + 8, 8), os.fstat(file.fileno()).st_size)
-        at = address + 16
-        while at + 16 <= end:
-            size = _whole(file, at + 8, 8)
-            if _whole(file, at, 2) == number:
-                file.seek(at + 16)
-                return file.read(length) if length <= size <= end - at - 16 else None
-            at += 16 + (size + 7) // 8 * 8
+        heap = start + file.read(size - 16)
+    at = 16
+    while at + 16 <= len(heap):
+        member, size = struct.unpack_from("<H6xQ", heap, at)
+        at += 16
+        if member == number:
+            return heap[at : at + length] if length <= size <= len(heap) - at else None
+        at += (size + 7) // 8 * 8
     return None
-
-
-def _whole(file: BinaryIO, offset: int, size: int) -> int:
-    file.seek(offset)
-    return int.from_bytes(file.read(size), "little")

@@ -18,10 +18,12 @@ from ..checks import Numbers, real_array
 from ..geometry import ImageGrid, VolumeGrid
 from ..units import millimetres
 from .atomic import replacing
+from .hdf5 import creating_hdf5, open_hdf5
+from .limits import MAX_BYTES, Allowance, name_of, refusing
 from .optional import optional
 from .provenance import as_json, provenance
 
-FORMAT, VERSION = "jaxtat image", 1
+FORMAT, VERSION = "jaxtat image", 2
 
 
 @runtime_checkable
@@ -146,23 +148,27 @@ def load_settings(path: str | Path) -> dict[str, Any]:
         FileNotFoundError: if there is no such file.
         ValueError: for a file that is damaged, of another kind, or of a later version.
     """
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"there is no image file {path}.")
-    try:
-        with h5py.File(path, "r") as file:
-            kind, version = file.attrs.get("format"), file.attrs.get("version")
-            if kind != FORMAT or version != VERSION:
-                raise ValueError(
-                    f"{path} is of format {kind!r}, version {version}, expected {FORMAT!r}, "
-                    f"version {VERSION}: settings are in .h5 images written by save_image."
-                )
-            text = file["settings"][()]  # pyright: ignore[reportIndexIssue]
-            digest = file.attrs["settings_sha256"]
-    except (OSError, LookupError, TypeError, RuntimeError) as error:
-        raise ValueError(f"cannot read {path}: damaged, or no HDF5 file ({error}).") from error
-    if not isinstance(text, bytes) or hashlib.sha256(text).hexdigest() != digest:
-        raise ValueError(f"the settings in {path} are damaged (their digest does not match).")
-    return json.loads(text)
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no image file {name_of(path)}.")
+    with (
+        refusing(f"cannot read {name_of(path)}: ", "damaged, or no HDF5 file"),
+        open_hdf5(path, Allowance()) as file,
+    ):
+        kind, version = file.mark("/", "format"), file.mark("/", "version")
+        if (kind, version) != (FORMAT, str(VERSION)):
+            raise ValueError(
+                f"it is of format {kind!r}, version {version}, expected {FORMAT!r}, version "
+                f"{VERSION}: settings are in .h5 images written by save_image."
+            )
+        text = file.text("settings", MAX_BYTES) or ""
+        if _digest(text) != file.mark("/", "settings_sha256"):
+            raise ValueError("its settings are damaged (their digest does not match).")
+        return json.loads(text)
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _frames(frames: Numbers | None, shape: tuple[int, ...]) -> np.ndarray | None:
@@ -191,13 +197,14 @@ def _write_npy(path: Path, output: _Output) -> None:
 
 
 def _write_hdf5(path: Path, output: _Output) -> None:
-    with h5py.File(path, "w") as file:
-        file.attrs.update(
-            format=FORMAT,
-            version=VERSION,
-            settings_sha256=hashlib.sha256(output.settings.encode()).hexdigest(),
-        )
-        file["settings"], file["provenance"] = output.settings, output.provenance
+    with creating_hdf5(path) as file:
+        # texts of fixed length: those of variable length are kept in a heap, in which one wrong bit
+        # can lead the library round in circles
+        marks = {"format": FORMAT, "version": VERSION, "settings_sha256": _digest(output.settings)}
+        file.attrs.update({name: np.bytes_(str(mark)) for name, mark in marks.items()})
+        for name in ("settings", "provenance"):
+            text = getattr(output, name).encode()
+            file.create_dataset(name, data=text, dtype=h5py.string_dtype("utf-8", len(text)))
         # readers of HDF5 check these sums: a damaged image is an error, not another image
         image = file.create_dataset("image", data=output.image, fletcher32=True)
         file.create_dataset("inside", data=output.inside, fletcher32=True)

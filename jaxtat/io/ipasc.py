@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 
 from .atomic import replacing
-from .hdf5 import Hdf5File, is_hdf5, open_hdf5, read_part
+from .hdf5 import Hdf5File, creating_hdf5, is_hdf5, open_hdf5, read_part
 from .limits import Allowance
 from .scan import Kind, Scan
 
@@ -123,7 +123,7 @@ def save_ipasc(path: str | Path, scan: Scan) -> None:
     colours = 1 if wavelengths is None else _period(wavelengths)
     rows, columns = scan.data.shape[-2:]
     shape = (rows, columns, colours, scan.n_frames // colours)
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+    with replacing(path) as temporary, creating_hdf5(temporary) as file:
         data = file.create_dataset(
             _DATA, shape, scan.data.dtype, chunks=(rows, columns, 1, 1), fletcher32=True
         )

@@ -1,5 +1,14 @@
-"""What a file may claim: compared with what it holds before memory is given to it."""
+"""What a file may claim: compared with what it holds before memory is given to it.
 
+And what is said of one that is refused: one short line, whatever a library said of it.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+LONGEST_MESSAGE = 300  # characters
+_LONGEST_NAME = 100
 MAX_BYTES = 2**32  # [byte], what the arrays of one file may take in memory unless the caller says
 DEFLATE = 1032  # bytes that one byte of the deflate format gives at most: 258 for two bits, twice
 
@@ -42,3 +51,52 @@ def require_held(name: str, claimed: int, held: int, ratio: int = 1) -> None:
             f"{name} claims {claimed} bytes, but the file holds {held} for it: it is cut off, or "
             "its header is damaged."
         )
+
+
+def name_of(path: str | Path) -> str:
+    """A path for messages: of a long one, its end.
+
+    >>> name_of("/data/" + 50 * "deep/" + "scan.npz")[:12]
+    '...eep/deep/'
+    """
+    name = _in_one_line(str(path))
+    return name if len(name) <= _LONGEST_NAME else f"...{name[3 - _LONGEST_NAME :]}"
+
+
+@contextmanager
+def refusing(before: str, damaged: str = "it is damaged", after: str = ".") -> Iterator[None]:
+    """Whatever goes wrong in the block is a ValueError of one line, `LONGEST_MESSAGE` at most.
+
+    Libraries have errors of their own for damaged files, some of many lines, and with content of
+    the file in them. Only what the system refuses (`PermissionError`) stays as it is.
+
+    Args:
+        before: what every message begins with.
+        damaged: what an error means that is no ValueError; its kind and text follow in brackets.
+        after: what the message ends with then.
+
+    >>> with refusing("cannot read a.h5: "):
+    ...     raise RuntimeError("no such \\n node")
+    Traceback (most recent call last):
+    ValueError: cannot read a.h5: it is damaged (RuntimeError: no such node).
+    """
+    try:
+        yield
+    except PermissionError:
+        raise
+    except ValueError as error:
+        raise ValueError(one_line(before, str(error))) from error
+    except Exception as error:
+        reason = f"{damaged} ({type(error).__name__}: {error}"
+        raise ValueError(one_line(before, reason, f"){after}")) from error
+
+
+def one_line(before: str, reason: str, after: str = "") -> str:
+    """A message of at most `LONGEST_MESSAGE` signs, of whose reason as much is kept as has room."""
+    reason, room = _in_one_line(reason), LONGEST_MESSAGE - len(before) - len(after)
+    return before + (reason if len(reason) <= room else f"{reason[: room - 3]}...") + after
+
+
+def _in_one_line(text: str) -> str:
+    """Without what would begin a line or command a terminal."""
+    return " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())

@@ -13,7 +13,7 @@ import hashlib
 from dataclasses import fields
 from io import BufferedRandom, BufferedReader
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, cast, get_args, get_origin
 
 import equinox as eqx
 import h5py
@@ -46,8 +46,11 @@ from ..regularization import (
     per_frequency,
 )
 from .atomic import replacing
+from .hdf5 import Hdf5File, creating_hdf5, open_hdf5
+from .limits import Allowance, name_of, refusing
+from .scan import REAL
 
-FORMAT, VERSION = "jaxtat plan", 2
+FORMAT, VERSION = "jaxtat plan", 3
 _BLOCK = 512  # [byte], the least HDF5 allows
 _KINDS: dict[str, type[eqx.Module]] = {
     kind.__name__: kind
@@ -95,7 +98,7 @@ def save_plan(plan: ReconstructionPlan, path: str | Path, *, precision: str = "a
         single = plan.densities.in_single_precision()
         plan = eqx.tree_at(lambda tree: tree.densities, plan, single)
     with replacing(path) as temporary:
-        with h5py.File(temporary, "w", userblock_size=_BLOCK) as file:
+        with creating_hdf5(temporary, userblock_size=_BLOCK) as file:
             _write(file.create_group("plan"), plan)
         _seal(temporary)
 
@@ -115,17 +118,15 @@ def load_plan(path: str | Path) -> ReconstructionPlan:
             fit each other; nothing of it is used.
     """
     require_x64()
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"there is no plan file {path}.")
-    _require_whole(path)
-    try:
-        with h5py.File(path, "r") as file:
-            plan = _read(file["plan"])
-    except (OSError, LookupError, TypeError, AttributeError) as error:
-        raise ValueError(
-            f"{path} holds a plan that this jaxtat cannot read ({error}): build the plan again."
-        ) from error
-    _require_consistent(path, plan)
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no plan file {name_of(path)}.")
+    cannot = "holds a plan that this jaxtat cannot read"
+    with refusing(f"{name_of(path)} ", cannot, "): build the plan again."):
+        _require_whole(path)
+        with open_hdf5(path, Allowance(path.stat().st_size)) as file:
+            plan = _read(file, "plan", set())
+        _require_consistent(plan)
     return plan
 
 
@@ -135,7 +136,7 @@ def _write(group: h5py.Group, module: eqx.Module) -> None:
         raise ValueError(
             f"plans with a {kind} cannot be saved: add it to the kinds in io/plans.py."
         )
-    group.attrs["kind"] = kind
+    group.attrs["kind"] = np.bytes_(kind)  # of fixed length: it cannot lead anywhere
     for field in fields(module):  # pyright: ignore[reportArgumentType]
         value = getattr(module, field.name)
         if isinstance(value, eqx.Module):
@@ -154,27 +155,37 @@ def _is_list_of_modules(value: Any) -> bool:
     return isinstance(value, tuple) and any(isinstance(member, eqx.Module) for member in value)
 
 
-def _read(group: Any) -> Any:
-    kind = _KINDS[group.attrs["kind"]]
+def _read(file: Hdf5File, where: str, seen: set[int]) -> Any:
+    """The module in a group.
+
+    Args:
+        file: the file.
+        where: path of the group.
+        seen: which groups and arrays were read: each is read once, so that links neither lead
+            round in a circle nor make much of little.
+    """
+    kind = _KINDS.get(file.attribute(where, "kind"))
+    if kind is None:
+        raise ValueError(f"holds a {file.attribute(where, 'kind')!r}, which plans have not.")
     # the fields are those of a finished module: __init__, which computes them, is not for files
     module = object.__new__(kind)
     for field in fields(kind):  # pyright: ignore[reportArgumentType]
-        object.__setattr__(module, field.name, _read_field(group, field.name))
+        object.__setattr__(module, field.name, _read_field(file, where, field.name, seen))
     return module
 
 
-def _read_field(group: Any, name: str) -> Any:
-    if name in group:
-        item = group[name]
-        if not isinstance(item, h5py.Group):
-            return jnp.asarray(item[()])
-        if "kind" in item.attrs:
-            return _read(item)
-        return tuple(_read(item[str(number)]) for number in range(len(item)))
-    value = group.attrs[name]
-    if isinstance(value, h5py.Empty):
-        return None
-    return tuple(value.tolist()) if isinstance(value, np.ndarray) else value.item()
+def _read_field(file: Hdf5File, where: str, name: str, seen: set[int]) -> Any:
+    place = f"{where}/{name}"
+    if not file.has(place):
+        return file.attribute(where, name)
+    if file.identity(place) in seen:
+        raise ValueError(f"has {place} under two names.")
+    seen.add(file.identity(place))
+    if not file.is_group(place):
+        return jnp.asarray(file.read(place, REAL + "c"))
+    if file.mark(place, "kind"):
+        return _read(file, place, seen)
+    return tuple(_read(file, f"{place}/{k}", seen) for k in range(len(file.names(place))))
 
 
 def _seal(path: Path) -> None:
@@ -191,57 +202,72 @@ def _digest(file: BufferedReader | BufferedRandom) -> str:
     return hashlib.file_digest(file, hashlib.blake2b).hexdigest()
 
 
-def _require_whole(path: str | Path) -> None:
-    with Path(path).open("rb") as file:
+def _require_whole(path: Path) -> None:
+    with path.open("rb") as file:
         line = file.read(_BLOCK).split(b"\n")[0].decode(errors="replace")
         if not line.startswith(f"{FORMAT} "):
-            raise ValueError(f"{path} is not a jaxtat plan, or its beginning is damaged.")
+            raise ValueError("is not a jaxtat plan, or its beginning is damaged.")
         version, _, digest = line.removeprefix(f"{FORMAT} ").partition(" ")
         if version != str(VERSION):
             raise ValueError(
-                f"{path} is a jaxtat plan of version {version!r}, this jaxtat reads version "
+                f"is a jaxtat plan of version {version!r:.20}, this jaxtat reads version "
                 f"{VERSION}: build the plan again."
             )
         if digest != _digest(file):
-            raise ValueError(
-                f"{path} is damaged (its digest does not match): build the plan again."
-            )
+            raise ValueError("is damaged (its digest does not match): build the plan again.")
 
 
-def _require_consistent(path: str | Path, plan: Any) -> None:
+def _require_consistent(plan: Any) -> None:
     """Every field against its annotation, and the densities against those who use them."""
     if not isinstance(plan, ReconstructionPlan):
-        raise ValueError(f"{path} holds a {type(plan).__name__}, expected a plan.")
+        raise ValueError(f"holds a {type(plan).__name__}, expected a plan.")
     # reports may be of one frequency or many, and so name their number in a way of their own
-    for member in _require_fields(path, plan, plan.frequencies, Float[Array, "*frequencies"]):
-        _require_fields(path, member, plan.angles, Float[Array, " directions"])
+    for member in _require_fields(plan, plan.frequencies, Float[Array, "*frequencies"]):
+        _require_fields(member, plan.angles, Float[Array, " directions"])
+    ImageGrid(plan.grid.shape, plan.grid.half_width, plan.grid.center)  # refuses what is no grid
+    _require_one_precision(plan)
     n, m, detectors = len(plan.frequencies), len(plan.angles), plan.curve.n_detectors
+    if min(n, m, len(plan.radii)) == 0:
+        raise ValueError("holds no frequencies, directions or radii: build the plan again.")
     try:
         per_frequency(plan.regularization, n)
     except ValueError as error:
-        raise ValueError(f"{path} holds a rule whose {error}: build the plan again.") from error
+        raise ValueError(f"holds a rule whose {error}: build the plan again.") from error
     try:
-        data, weights = jax.ShapeDtypeStruct((n, 2, detectors), float), plan.curve.weights
+        data = jax.ShapeDtypeStruct((n, 2, detectors), float)
+        weights = jax.eval_shape(lambda: plan.curve.weights)
         fhat = jax.eval_shape(plan.densities.polar_fourier, data, weights)
         last = jax.eval_shape(lambda w: plan.densities.of_frequency(n - 1, w), weights)
         if (fhat.shape, last.shape) != ((n, m), (m, 2, detectors)):
             raise ValueError(f"they give {fhat} and {last}")
     except (TypeError, ValueError, IndexError, ArithmeticError, AttributeError) as error:
         raise ValueError(
-            f"{path} holds densities whose shape does not fit its {n} frequencies, {m} directions "
-            f"and {detectors} detectors ({error}): build the plan again."
+            f"holds densities whose shape does not fit its {n} frequencies, {m} directions "
+            f"and {detectors} detectors: build the plan again ({error})."
         ) from error
 
 
-def _require_fields(
-    path: str | Path, module: eqx.Module, known: Array, sizes: Any
-) -> list[eqx.Module]:
+def _require_one_precision(plan: ReconstructionPlan) -> None:
+    """Arrays of 64 bits, or densities of 32 bits among them, as `save_plan` has it."""
+
+    def double(leaf: Array) -> jax.ShapeDtypeStruct:
+        return jax.ShapeDtypeStruct(leaf.shape, complex if jnp.iscomplexobj(leaf) else float)
+
+    def types(tree: Any) -> list[Any]:
+        return [leaf.dtype for leaf in jax.tree.leaves(tree)]
+
+    whole = jax.tree.map(double, plan)
+    half = jax.eval_shape(lambda densities: densities.in_single_precision(), whole.densities)
+    if types(plan) not in (types(whole), types(eqx.tree_at(lambda p: p.densities, whole, half))):
+        raise ValueError("holds arrays of different precision: build the plan again.")
+
+
+def _require_fields(module: eqx.Module, known: Array, sizes: Any) -> list[eqx.Module]:
     """Every field of a tree of modules, where one name stands for one size throughout.
 
     Members of tuples have sizes of their own: they are returned, not looked into.
 
     Args:
-        path: of the file, for messages.
         module: the root of the tree.
         known, sizes: an array and the names of its sizes, which hold for the tree.
     """
@@ -251,16 +277,29 @@ def _require_fields(
         for part in modules:  # grows
             for field in fields(part):  # pyright: ignore[reportArgumentType]
                 value, wanted = getattr(part, field.name), cast(Any, field.type)
-                if isinstance(value, tuple):
-                    members.extend(member for member in value if isinstance(member, eqx.Module))
-                    continue
-                if not isinstance(value, wanted):
+                if not _is_of(value, wanted):
                     array = isinstance(value, Array)
-                    found = f"of shape {value.shape} ({value.dtype})" if array else repr(value)
+                    found = f"of shape {value.shape} ({value.dtype})" if array else f"{value!r:.60}"
                     raise ValueError(
-                        f"{path} holds {field.name} {found}, which does not fit its other arrays, "
+                        f"holds {field.name} {found}, which does not fit its other arrays, "
                         f"expected ({getattr(wanted, 'dim_str', wanted)}): build the plan again."
                     )
-                if isinstance(value, eqx.Module):
+                if isinstance(value, tuple):
+                    members.extend(member for member in value if isinstance(member, eqx.Module))
+                elif isinstance(value, eqx.Module):
                     modules.append(value)
     return members
+
+
+def _is_of(value: Any, wanted: Any) -> bool:
+    """Whether a value is of an annotated type, which may be a tuple of types."""
+    if get_origin(wanted) is not tuple:
+        return isinstance(value, wanted)
+    members = get_args(wanted)
+    if members[-1] is Ellipsis:
+        members = members[:1] * len(value) if isinstance(value, tuple) else members
+    return (
+        isinstance(value, tuple)
+        and len(value) == len(members) > 0
+        and all(isinstance(member, of) for member, of in zip(value, members, strict=True))
+    )

@@ -10,6 +10,7 @@ import numpy as np
 from .frames import LazyFrames
 
 Kind = Literal["pressure", "circular_integrals"]
+REAL = "fiu"  # NumPy's kinds of real numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,5 +136,12 @@ def _printable(text: str) -> str:
 
 def require_real(name: str, dtype: np.dtype) -> None:
     """Raise ValueError for numbers that JAX does not take, or none at all."""
-    if dtype.kind not in "fiu" or dtype.itemsize > 8:
-        raise ValueError(f"{name} has dtype {dtype}, expected real numbers of 64 bits at most.")
+    require_numbers(name, dtype, REAL)
+
+
+def require_numbers(name: str, dtype: np.dtype, kinds: str) -> None:
+    """Raise ValueError for what is not of these kinds, or longer than JAX's numbers."""
+    if dtype.kind not in kinds or dtype.itemsize > (16 if dtype.kind == "c" else 8):
+        raise ValueError(
+            f"{name} has dtype {dtype!s:.80}, expected real numbers of 64 bits at most."
+        )

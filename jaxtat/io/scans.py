@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from ..checks import whole_number
 from .ipasc import is_ipasc, load_ipasc
-from .limits import MAX_BYTES, Allowance
+from .limits import MAX_BYTES, Allowance, name_of, refusing
 from .matlab import is_matlab5, is_matlab73, load_matlab5, load_matlab73
 from .msot import is_msot, load_msot
 from .numpy_files import is_npy, is_npz, load_npy, load_npz
@@ -74,17 +74,9 @@ def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MA
     if kind is not None:
         require_kind(kind)
     if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}.")
-    try:
+        raise FileNotFoundError(f"there is no file {name_of(path)}.")
+    with refusing(f"cannot read {name_of(path)}: "):
         return _format_of(path).load(path, kind, allowance)
-    except ValueError as error:
-        raise ValueError(f"cannot read {path}: {error}") from error
-    except PermissionError:
-        raise
-    except Exception as error:  # zipfile, zlib, struct, expat and h5py each have their own
-        raise ValueError(
-            f"cannot read {path}: it is damaged ({type(error).__name__}: {error})."
-        ) from error
 
 
 def _format_of(path: Path) -> Format:

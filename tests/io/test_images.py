@@ -99,8 +99,8 @@ def test_damaged_and_foreign_files_have_no_settings(tmp_path):
             load_settings(path)
     path.write_bytes(whole)
     with h5py.File(path, "r+") as file:
-        file.attrs["version"] = 2
-    with pytest.raises(ValueError, match="version 2, expected 'jaxtat image', version 1"):
+        file.attrs["version"] = np.bytes_("3")
+    with pytest.raises(ValueError, match="version 3, expected 'jaxtat image', version 2"):
         load_settings(path)
     with h5py.File(path, "w") as file:
         file["image"] = IMAGE
