@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from hostile_files import Case, seeds_of  # noqa: E402
+from hostile_files import Case, seeds_of
 
 MEMORY = 2**30  # [byte]
 SECONDS = 10  # of the processor, for one file

@@ -2,6 +2,7 @@
 
 import io
 import struct
+import subprocess
 import sys
 import zipfile
 import zlib
@@ -19,9 +20,9 @@ from scan_writers import write_everything, write_matlab73, write_msot, write_nam
 Rng = np.random.Generator
 KINDS = ("npz", "npy", "matlab 5", "matlab 7.3", "hdf5", "ipasc", "msot", "image", "plan")
 # what HDF5 begins its structures with
-_SIGNATURES = (b"TREE", b"SNOD", b"HEAP", b"GCOL", b"OHDR", b"OCHK", b"BTHD", b"BTLF", b"BTIN",
-               b"FRHP", b"FHDB", b"FHIB", b"FSHD", b"FSSE", b"FAHD", b"FADB", b"EAHD", b"EAIB",
-               b"EADB", b"EASB", b"\x89HDF", b"PK\1\2", b"PK\3\4", b"PK\5\6", b"\x93NUMPY")  # fmt: skip
+_OF_HDF5 = (b"TREE", b"SNOD", b"HEAP", b"GCOL", b"OHDR", b"OCHK", b"BTHD", b"BTLF", b"BTIN", b"FRHP",
+            b"FHDB", b"FHIB", b"FSHD", b"FSSE", b"FAHD", b"FADB", b"EAHD", b"EAIB", b"EADB")  # fmt: skip
+_SIGNATURES = (*_OF_HDF5, b"\x89HDF", b"PK\1\2", b"PK\3\4", b"PK\5\6", b"\x93NUMPY")
 _NUMBERS = (0, 1, 2, 3, 4, 7, 8, 255, 256, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**32,
             2**40, 2**62, 2**63 - 1, 2**63, 2**64 - 1)  # fmt: skip
 _TEXTS = ("", "0", "-1", "1e308", "nan", "inf", "1e-320", "0x10", "None", "9" * 400, "1,5", "\x07",
@@ -103,11 +104,15 @@ def seeds_of(folder: Path, names: Sequence[str]) -> list[Case]:
             "ipasc", whole(paths["ipasc"], foreign_ipasc(folder)), [edited_hdf5, looped]
         ),
         "msot": lambda: Case("msot", whole(paths["msot"], msot), [edited_xml, bomb_xml]),
-        "image": lambda: Case("image", whole(*images(folder)), [edited_hdf5, looped]),
+        "image": lambda: Case(
+            "image", whole(*sorted(folder.glob("image *"))), [edited_hdf5, looped]
+        ),
         "plan": lambda: Case(
-            "plan", [{"a.h5": content} for content in plans(folder)], [edited_hdf5, looped], sealed
+            "plan", whole(*sorted(folder.glob("plan *"))), [edited_hdf5, looped], sealed
         ),
     }
+    if {"image", "plan"} & set(names):
+        written_by_jaxtat(folder)
     return [cases[name]() for name in names]
 
 
@@ -159,34 +164,24 @@ def foreign_ipasc(folder: Path) -> Path:
     return path
 
 
-def images(folder: Path) -> list[Path]:
-    from jaxtat import ImageGrid, save_image, truncated_disk
-
-    region, grid, paths = truncated_disk(1.0, 1.0, 16), ImageGrid(5), []
-    for number, shape in enumerate(((5, 5), (3, 5, 5))):
-        paths.append(folder / f"image{number}.h5")
-        settings = {"alpha": 0.1, "use": list(range(200 * number)), "file": "scan.npz"}
-        save_image(paths[-1], np.ones(shape), grid, region, settings, unit="mm")
-    return paths
-
-
-def plans(folder: Path) -> list[bytes]:
-    """Made by a process of its own: children of one in which JAX has computed cannot compute."""
-    import subprocess
-
-    made = f"""
+def written_by_jaxtat(folder: Path) -> None:
+    """Images and plans, by a process of its own: children of one that has computed cannot."""
+    program = f"""
 import warnings; warnings.simplefilter("ignore")
 import jax; jax.config.update("jax_enable_x64", True)
+import numpy as np
 from jaxtat import *
+region, grid = truncated_disk(0.8, 0.8, 48), ImageGrid(5)
 for name, arc, method in (("h", circular_arc(1.3, 1.0, 16), "harmonic"),
                           ("s", circular_arc(1.3, 1.3, 16), "series")):
-    region, grid = truncated_disk(0.8, 0.8, 48), ImageGrid(5)
     plan = build_plan(arc, region, grid, data_radii(arc, region, 0.5), method=method,
                       max_frequency=5, n_directions=4, progress=False)
-    save_plan(plan, {str(folder)!r} + f"/{{name}}.h5")
+    save_plan(plan, {str(folder)!r} + f"/plan {{name}}.h5")
+for name, shape in (("one", (5, 5)), ("many", (3, 5, 5))):
+    settings = {{"alpha": 0.1, "use": list(range(80 * len(shape) - 160)), "file": "scan.npz"}}
+    save_image({str(folder)!r} + f"/image {{name}}.h5", np.ones(shape), grid, region, settings)
 """
-    subprocess.run([sys.executable, "-c", made], check=True, cwd=ROOT)
-    return [(folder / f"{name}.h5").read_bytes() for name in "hs"]
+    subprocess.run([sys.executable, "-c", program], check=True, cwd=ROOT)
 
 
 def sealed(content: bytes) -> bytes:
@@ -253,7 +248,7 @@ def looped(files: dict[str, bytes], rng: Rng) -> None:
     name, content = next(iter(files.items()))
     base = max(0, content.find(b"\x89HDF"))
     places = []
-    for mark in _SIGNATURES[:20]:
+    for mark in _OF_HDF5:
         at = -1
         while (at := content.find(mark, at + 1)) >= 0:
             places.append(at - base)
@@ -303,7 +298,9 @@ def _edit(file: h5py.File, rng: Rng) -> None:
         _edit_mark(item, rng)
         return
     if isinstance(item, h5py.Dataset) and item.chunks and rng.random() < 0.5:
-        origin = tuple(int(rng.integers(n)) // c * c for n, c in zip(item.shape, item.chunks))
+        origin = tuple(
+            int(rng.integers(n)) // c * c for n, c in zip(item.shape, item.chunks, strict=True)
+        )
         pieces = (b"", b"\1", b"abc", b"abcd", zlib.compress(bytes(10**5)), rng.bytes(50))
         mask = int(rng.integers(4)) if rng.random() < 0.3 else 0
         item.id.write_direct_chunk(origin, pieces[rng.integers(len(pieces))], filter_mask=mask)

@@ -73,7 +73,7 @@ def refusing(before: str, damaged: str = "it is damaged", after: str = ".") -> I
     Args:
         before: what every message begins with.
         damaged: what an error means that is no ValueError; its kind and text follow in brackets.
-        after: what the message ends with then.
+        after: what every message ends with.
 
     >>> with refusing("cannot read a.h5: "):
     ...     raise RuntimeError("no such \\n node")
@@ -84,11 +84,11 @@ def refusing(before: str, damaged: str = "it is damaged", after: str = ".") -> I
         yield
     except PermissionError:
         raise
-    except ValueError as error:
-        raise ValueError(one_line(before, str(error))) from error
     except Exception as error:
-        reason = f"{damaged} ({type(error).__name__}: {error}"
-        raise ValueError(one_line(before, reason, f"){after}")) from error
+        reason = str(error)
+        if not isinstance(error, ValueError):
+            reason = f"{damaged} ({type(error).__name__}: {reason})"
+        raise ValueError(one_line(before, reason.rstrip("."), after)) from error
 
 
 def one_line(before: str, reason: str, after: str = "") -> str:

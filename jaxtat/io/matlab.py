@@ -79,7 +79,8 @@ def load_matlab5(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
         matrices = {matrix.name: matrix for matrix in _matrices(file)}
         names = chosen_names(matrices, kind)
         for name in set(matrices).difference(names.values()):
-            matrices[name].content(file).require_whole()  # its name may be what is damaged
+            # its name may be what is damaged
+            matrices[name].content(file).require_whole(name, allowance)
         arrays = {thing: _numbers(file, matrices[name], allowance) for thing, name in names.items()}
     for name in NAMES_OF_DATA:
         if name in arrays and arrays[name].ndim == 3:
@@ -138,12 +139,16 @@ class _Stream:
         if len(rest) > 8 or not self._inflate.eof:
             raise ValueError("a compressed element does not end where it should.")
 
-    def require_whole(self) -> None:
+    def require_whole(self, name: str, allowance: Allowance) -> None:
         """Raise ValueError or zlib.error unless a compressed element is undamaged to its end."""
+        inflated = 0
         while self._inflate is not None and not self._inflate.eof:
             packed = self._inflate.unconsumed_tail or self._take(2**16)
-            if not self._inflate.decompress(packed, 2**18) and not packed:
+            part = self._inflate.decompress(packed, 2**18)
+            if not part and not packed:
                 raise ValueError("a compressed element is cut off.")
+            inflated += len(part)
+            allowance.require(name, inflated)  # time, not memory, is what it takes
 
     def _take(self, n: int) -> bytes:
         part = self._file.read(min(n, self._left))

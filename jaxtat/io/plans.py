@@ -121,11 +121,15 @@ def load_plan(path: str | Path) -> ReconstructionPlan:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"there is no plan file {name_of(path)}.")
-    cannot = "holds a plan that this jaxtat cannot read"
-    with refusing(f"{name_of(path)} ", cannot, "): build the plan again."):
+    name, again = name_of(path), ": build the plan again."
+    with refusing(f"{name} ", "cannot be read"):
         _require_whole(path)
-        with open_hdf5(path, Allowance(path.stat().st_size)) as file:
-            plan = _read(file, "plan", set())
+    with (
+        refusing(f"{name} holds a plan that this jaxtat cannot read: ", after=again),
+        open_hdf5(path, Allowance(path.stat().st_size)) as file,
+    ):
+        plan = _read(file, "plan", set())
+    with refusing(f"{name} holds ", "what no plan can hold", again):
         _require_consistent(plan)
     return plan
 
@@ -166,7 +170,7 @@ def _read(file: Hdf5File, where: str, seen: set[int]) -> Any:
     """
     kind = _KINDS.get(file.attribute(where, "kind"))
     if kind is None:
-        raise ValueError(f"holds a {file.attribute(where, 'kind')!r}, which plans have not.")
+        raise ValueError(f"no plan has a {file.attribute(where, 'kind')!r:.60}.")
     # the fields are those of a finished module: __init__, which computes them, is not for files
     module = object.__new__(kind)
     for field in fields(kind):  # pyright: ignore[reportArgumentType]
@@ -179,7 +183,7 @@ def _read_field(file: Hdf5File, where: str, name: str, seen: set[int]) -> Any:
     if not file.has(place):
         return file.attribute(where, name)
     if file.identity(place) in seen:
-        raise ValueError(f"has {place} under two names.")
+        raise ValueError(f"{place} is there under two names.")
     seen.add(file.identity(place))
     if not file.is_group(place):
         return jnp.asarray(file.read(place, REAL + "c"))
@@ -220,7 +224,7 @@ def _require_whole(path: Path) -> None:
 def _require_consistent(plan: Any) -> None:
     """Every field against its annotation, and the densities against those who use them."""
     if not isinstance(plan, ReconstructionPlan):
-        raise ValueError(f"holds a {type(plan).__name__}, expected a plan.")
+        raise ValueError(f"a {type(plan).__name__}, expected a plan.")
     # reports may be of one frequency or many, and so name their number in a way of their own
     for member in _require_fields(plan, plan.frequencies, Float[Array, "*frequencies"]):
         _require_fields(member, plan.angles, Float[Array, " directions"])
@@ -228,11 +232,11 @@ def _require_consistent(plan: Any) -> None:
     _require_one_precision(plan)
     n, m, detectors = len(plan.frequencies), len(plan.angles), plan.curve.n_detectors
     if min(n, m, len(plan.radii)) == 0:
-        raise ValueError("holds no frequencies, directions or radii: build the plan again.")
+        raise ValueError("no frequencies, directions or radii.")
     try:
         per_frequency(plan.regularization, n)
     except ValueError as error:
-        raise ValueError(f"holds a rule whose {error}: build the plan again.") from error
+        raise ValueError(f"a rule whose {error}.") from error
     try:
         data = jax.ShapeDtypeStruct((n, 2, detectors), float)
         weights = jax.eval_shape(lambda: plan.curve.weights)
@@ -242,8 +246,8 @@ def _require_consistent(plan: Any) -> None:
             raise ValueError(f"they give {fhat} and {last}")
     except (TypeError, ValueError, IndexError, ArithmeticError, AttributeError) as error:
         raise ValueError(
-            f"holds densities whose shape does not fit its {n} frequencies, {m} directions "
-            f"and {detectors} detectors: build the plan again ({error})."
+            f"densities whose shape does not fit its {n} frequencies, {m} directions "
+            f"and {detectors} detectors ({error})."
         ) from error
 
 
@@ -259,7 +263,7 @@ def _require_one_precision(plan: ReconstructionPlan) -> None:
     whole = jax.tree.map(double, plan)
     half = jax.eval_shape(lambda densities: densities.in_single_precision(), whole.densities)
     if types(plan) not in (types(whole), types(eqx.tree_at(lambda p: p.densities, whole, half))):
-        raise ValueError("holds arrays of different precision: build the plan again.")
+        raise ValueError("arrays of different precision.")
 
 
 def _require_fields(module: eqx.Module, known: Array, sizes: Any) -> list[eqx.Module]:
@@ -281,8 +285,8 @@ def _require_fields(module: eqx.Module, known: Array, sizes: Any) -> list[eqx.Mo
                     array = isinstance(value, Array)
                     found = f"of shape {value.shape} ({value.dtype})" if array else f"{value!r:.60}"
                     raise ValueError(
-                        f"holds {field.name} {found}, which does not fit its other arrays, "
-                        f"expected ({getattr(wanted, 'dim_str', wanted)}): build the plan again."
+                        f"{field.name} {found}, which does not fit its other arrays, "
+                        f"expected ({getattr(wanted, 'dim_str', wanted)})."
                     )
                 if isinstance(value, tuple):
                     members.extend(member for member in value if isinstance(member, eqx.Module))
