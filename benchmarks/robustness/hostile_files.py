@@ -20,8 +20,10 @@ from scan_writers import write_everything, write_matlab73, write_msot, write_nam
 Rng = np.random.Generator
 KINDS = ("npz", "npy", "matlab 5", "matlab 7.3", "hdf5", "ipasc", "msot", "image", "plan")
 # what HDF5 begins its structures with
-_OF_HDF5 = (b"TREE", b"SNOD", b"HEAP", b"GCOL", b"OHDR", b"OCHK", b"BTHD", b"BTLF", b"BTIN", b"FRHP",
-            b"FHDB", b"FHIB", b"FSHD", b"FSSE", b"FAHD", b"FADB", b"EAHD", b"EAIB", b"EADB")  # fmt: skip
+_OF_HDF5 = (
+    *(b"TREE", b"SNOD", b"HEAP", b"GCOL", b"OHDR", b"OCHK", b"BTHD", b"BTLF", b"BTIN"),
+    *(b"FRHP", b"FHDB", b"FHIB", b"FSHD", b"FSSE", b"FAHD", b"FADB", b"EAHD", b"EAIB"),
+)
 _SIGNATURES = (*_OF_HDF5, b"\x89HDF", b"PK\1\2", b"PK\3\4", b"PK\5\6", b"\x93NUMPY")
 _NUMBERS = (0, 1, 2, 3, 4, 7, 8, 255, 256, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**32,
             2**40, 2**62, 2**63 - 1, 2**63, 2**64 - 1)  # fmt: skip
@@ -36,6 +38,7 @@ class Case(NamedTuple):
     seeds: list[dict[str, bytes]]
     edits: list[Callable[[dict[str, bytes], Rng], None]]
     seal: Callable[[bytes], bytes] | None = None  # gives a changed file a digest that fits again
+    changes: Sequence[Callable[[bytes, Rng, bytes], bytes]] | None = None  # by default all
 
     def write(self, folder: Path, rng: Rng) -> Path:
         """A changed file into an empty folder, and what belongs beside it."""
@@ -48,8 +51,9 @@ class Case(NamedTuple):
         else:
             name = first if rng.random() < 0.8 else list(files)[rng.integers(len(files))]
             other = self.seeds[rng.integers(len(self.seeds))].get(name, b"")
-            for _ in range(rng.integers(1, 4)):
-                change = _CHANGES[rng.integers(len(_CHANGES))]
+            changes = _CHANGES if self.changes is None else self.changes
+            for _ in range(rng.integers(1, 4) if changes else 0):
+                change = changes[rng.integers(len(changes))]
                 files[name] = change(files[name], rng, other)
         if self.seal is not None and rng.random() < 0.9:
             files[first] = self.seal(files[first])

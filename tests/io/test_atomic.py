@@ -1,7 +1,11 @@
 """Files that are whole or untouched, whatever happens while they are written."""
 
+import errno
 import os
 import stat
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -74,3 +78,37 @@ def test_places_that_cannot_be_files_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     with pytest.raises(ValueError, match="may not be written"):
         require_place(tmp_path / "a.h5")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes are not asked for elsewhere")
+def test_what_a_killed_writer_left_is_removed_by_the_next(tmp_path):
+    """And nothing else: not what another writer has in hand, nor other files with such a name."""
+    target = tmp_path / "image.png"
+    writer = "from pathlib import Path\nfrom jaxtat.io.atomic import replacing\nimport os\n"
+    writer += f"with replacing(Path({str(target)!r})) as path: os.kill(os.getpid(), 9)"
+    done = subprocess.run([sys.executable, "-c", writer], cwd=Path(__file__).parents[2])
+    assert done.returncode == -9
+    (left,) = names(tmp_path)
+    assert left.startswith(".image.png.")
+    (tmp_path / ".image.png.notes").write_text("the user's own")
+    with replacing(tmp_path / "other.png") as temporary:
+        temporary.write_bytes(b"new")
+    with replacing(target) as first:
+        assert left not in names(tmp_path)
+        with replacing(target) as second:
+            assert first.exists()
+            second.write_bytes(b"second")
+        first.write_bytes(b"first")
+    assert target.read_bytes() == b"first"
+    assert names(tmp_path) == [".image.png.notes", "image.png", "other.png"]
+
+
+def test_a_full_disk_is_said_of_the_file_itself_in_one_line(tmp_path):
+    full = OSError(errno.ENOSPC, "No space left\non device", "/tmp/.a.h5.1")
+    with (
+        pytest.raises(OSError, match=r"cannot write .*a\.h5: No space left") as refused,
+        replacing(tmp_path / "a.h5"),
+    ):
+        raise full
+    assert refused.value.errno == errno.ENOSPC
+    assert "\n" not in str(refused.value)

@@ -8,6 +8,7 @@ import pytest
 
 from jaxtat.io import load_scan
 from jaxtat.io.frames import LazyFrames
+from jaxtat.io.hdf5 import _checksums
 
 DATA = np.random.default_rng(3).standard_normal((4, 6, 9))
 
@@ -162,3 +163,43 @@ def test_empty_datasets_and_strings_are_no_data(tmp_path):
             file["raw"] = value
         with pytest.raises(ValueError, match=r"cannot read .*a.h5: "):
             load_scan(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("stored", [0, 1, 2, 3, 4])
+def test_a_piece_shorter_than_its_checksum_is_refused(tmp_path, stored):
+    """One wrong byte in the index of the pieces; HDF5 itself takes the process down."""
+    write(tmp_path / "a.h5", chunks=(1, 6, 9), compression="gzip", fletcher32=True)
+    with h5py.File(tmp_path / "a.h5") as file:
+        size = file["raw"].id.get_chunk_info(1).size
+    content = (tmp_path / "a.h5").read_bytes()
+    entry = (size.to_bytes(4, "little") + bytes(4)) + (1).to_bytes(8, "little")  # and its origin
+    assert content.count(entry) == 1
+    damaged = content.replace(entry, bytes([stored]) + bytes(3) + entry[4:])
+    (tmp_path / "a.h5").write_bytes(damaged)
+    scan = load_scan(tmp_path / "a.h5")
+    assert np.array_equal(scan.frame(0), DATA[0])
+    with pytest.raises(ValueError, match=r"the piece at \(1, 0, 0\) is missing or damaged"):
+        scan.frame(1)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 8, 1001, 2**18 + 1])
+@pytest.mark.parametrize("value", [None, 0, 255])
+def test_checksums_are_those_of_hdf5(tmp_path, size, value):
+    """Of noise, of zeros, and of ones, whose sums are multiples of 2^16 - 1."""
+    noise = np.random.default_rng(size).integers(0, 256, size, np.uint8)
+    content = noise if value is None else np.full(size, value, np.uint8)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        data = file.create_dataset("raw", data=content, chunks=(size,), fletcher32=True)
+        stored = data.id.read_direct_chunk((0,))[1]
+    assert _checksums(content.tobytes())[0] == int.from_bytes(stored[-4:], "little")
+
+
+def test_numbers_of_an_unusual_kind_are_refused(tmp_path):
+    """Of 12 bits in 16, for instance, which only the library can tell apart."""
+    kind = h5py.h5t.STD_U16LE.copy()
+    kind.set_precision(12)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        h5py.h5d.create(file.id, b"raw", kind, h5py.h5s.create_simple((6, 9)))
+        file["raw"][...] = 1
+    with pytest.raises(ValueError, match="raw has numbers of an unusual kind, expected uint16"):
+        load_scan(tmp_path / "a.h5")

@@ -600,3 +600,65 @@ def require_misfit(plan, folder, part, shorten):
 def test_plans_are_not_loaded_in_32_bits(tiny_file):
     with jax.enable_x64(False), pytest.raises(ValueError, match="jax_enable_x64"):
         load_plan(tiny_file)
+
+
+def require_refused(path, reason):
+    with pytest.raises(ValueError, match=reason) as refused:
+        load_plan(path)
+    assert len(str(refused.value)) <= 300
+    assert str(refused.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("name", "to"), [("curve", "."), ("region", "region"), ("radii", "frequencies")]
+)
+def test_links_that_loop_or_lead_to_the_same_are_refused(files, tmp_path, name, to):
+    """To itself, to what is above it, or two names for one array, which could be a thousand."""
+
+    def link(plan):
+        there = plan if to == "." else plan[to]
+        if name == to:
+            del there["center"]
+            there["center"] = there
+        else:
+            del plan[name]
+            plan[name] = there
+
+    require_refused(altered(files["harmonic"], tmp_path / "a.h5", link), "a.h5 holds .*build the")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("frequencies", np.ones(3, "f4"), "arrays of different precision"),
+        ("frequencies", np.ones(3, int), "frequencies of shape"),
+        ("frequencies", ["a" * 1000] * 3, "frequencies has dtype"),
+        ("radii", np.ones(0), "no frequencies, directions or radii"),
+        ("radii", h5py.Empty("f8"), "has no numbers of its own"),
+    ],
+)
+def test_arrays_of_another_type_are_refused(files, tmp_path, name, value, reason):
+    def change(plan):
+        del plan[name]
+        plan[name] = value
+
+    require_refused(altered(files["series"], tmp_path / "a.h5", change), reason)
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "value", "reason"),
+    [
+        ("grid", "shape", np.array([5.0, 5.0]), "shape"),
+        ("grid", "shape", np.array([5, 5, 5]), "shape"),
+        ("grid", "shape", np.array([-5, 5]), "expected"),
+        ("grid", "shape", np.array([True, True]), "expected"),
+        ("curve", "kind", "CircularArc", "no text of fixed length"),
+        ("curve", "n", 10**12, "does not fit its"),
+        ("curve", "n", np.zeros(10**3), "no text of fixed length and no number"),
+    ],
+)
+def test_attributes_of_another_type_are_refused(files, tmp_path, group, name, value, reason):
+    def change(plan):
+        plan[group].attrs[name] = value
+
+    require_refused(altered(files["harmonic"], tmp_path / "a.h5", change), reason)
