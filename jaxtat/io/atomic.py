@@ -32,7 +32,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """
     require_place(path)
     target = Path(path).resolve()
-    _sweep(target)
+    with suppress(OSError):  # a folder that may not be listed, a file of another user
+        _sweep(target)
     temporary = target.with_name(f"{_mark(target)}{os.getpid()}-{uuid4().hex[:8]}{target.suffix}")
     try:
         temporary.touch(exist_ok=False)
@@ -42,7 +43,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
         temporary.replace(target)
     except OSError as error:
         reason = one_line(f"cannot write {name_of(target)}: ", error.strerror or str(error))
-        raise type(error)(*([error.errno] if error.errno else []), reason) from error
+        raise OSError(*([error.errno] if error.errno else []), reason) from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -61,8 +62,7 @@ def _sweep(target: Path) -> None:
     for name in os.listdir(target.parent):
         writer = name.removeprefix(mark).partition("-")[0]
         if name.startswith(mark) and writer.isdecimal() and not _is_running(int(writer)):
-            with suppress(OSError):  # of another user, or swept by another
-                (target.parent / name).unlink()
+            (target.parent / name).unlink(missing_ok=True)
 
 
 def _is_running(process: int) -> bool:
