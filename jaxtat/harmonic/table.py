@@ -269,7 +269,7 @@ def _(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Array, A
     leading = jnp.where(alone[:, None] & alone, r[:, :n][:n], jnp.eye(n))
     still = tangents[1][:, :n]  # Q^T dB
     of_i = jax.scipy.linalg.solve_triangular(leading, (number[:n] == i) * 1.0)
-    before = jnp.where(alone & (number[:n] < i), still[i], 0.0)
-    before = jax.scipy.linalg.solve_triangular(leading, before, trans=1)
+    of_row = jax.scipy.linalg.solve_triangular(leading, jnp.where(alone, still[i], 0.0), trans=1)
+    before = jnp.where(number[:n] < i, of_row, 0.0)
     turn = jnp.pad(before, (0, len(number) - n)) - jnp.where(number > i, still @ of_i, 0.0)
     return entry, tangents[0] - 2 * turn @ column
