@@ -79,7 +79,10 @@ def of_curves(rng: np.random.Generator) -> Iterator[Case]:
             ),
             points,
         )
-    for name, ends in (("any", rng.uniform((0, 3), (2, 6))), ("symmetric", (np.pi / 2, np.pi * 1.5))):
+    for name, ends in (
+        ("any", rng.uniform((0, 3), (2, 6))),
+        ("symmetric", (np.pi / 2, np.pi * 1.5)),
+    ):
         for what in ("points", "weights", "normals"):
             yield (
                 f"elliptic_arc, {name} ends, {what}",
@@ -133,9 +136,9 @@ def of_images(rng: np.random.Generator) -> Iterator[Case]:
         for alpha in (1e-3, 1e-6, RelativeTikhonov(0.1)):
             yield (
                 f"reconstruct_direct, chord {right}, alpha {alpha}",
-                lambda p, m=moved, r=radii, g=g, a=alpha, lay=layout: reconstruct_direct(
-                    *m(p), grid, r, g, a, layout=lay
-                ).image,
+                lambda p, m=moved, r=radii, g=g, a=alpha, lay=layout: (
+                    reconstruct_direct(*m(p), grid, r, g, a, layout=lay).image
+                ),
                 np.zeros(4),
             )
         yield (

@@ -211,9 +211,7 @@ def _factorised(
     y = cholesky_solve(shifted, rhs)
     residual = _relative(_product(shifted, y) - rhs, rhs, axes=(0, 1))
     steps, finite = jnp.zeros((), int), jnp.isfinite(residual)
-    return jnp.moveaxis(y, -1, 0), SolveReport(
-        alpha, alpha / unit, residual, steps, finite
-    )
+    return jnp.moveaxis(y, -1, 0), SolveReport(alpha, alpha / unit, residual, steps, finite)
 
 
 def cholesky_solve(
