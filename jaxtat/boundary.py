@@ -38,6 +38,9 @@ from .regularization import seen_once
 from .single_layer import plane_wave_traces, potential_matrix
 
 MAX_ITERATIONS = 2000  # of conjugate gradients
+# relative alpha: below it the rounding of A^T A, over alpha, is more than 1e-7 of the traces, and
+# derivatives lose more
+_CARRIED = 1e-10
 
 
 class BoundaryGeometry(eqx.Module):
@@ -92,8 +95,10 @@ def solve_on_boundary(
         y, report = _traces(matrix, rhs, alpha, solver, tolerance)
         waves = plane_wave_traces(frequency, angles, geometry.region)
         fhat = jax.lax.complex(y.T @ waves.real, y.T @ waves.imag) / (2 * jnp.pi)
+        relative = alpha / seen_once(frequency) ** 2
+        converged = report.converged & (relative >= _CARRIED)
         return fhat, eqx.tree_at(
-            lambda tree: tree.relative_alpha, report, alpha / seen_once(frequency) ** 2
+            lambda tree: (tree.relative_alpha, tree.converged), report, (relative, converged)
         )
 
     fhat, report = map_shards(

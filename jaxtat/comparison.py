@@ -19,9 +19,9 @@ from .geometry import DetectorCurve, ImageGrid, Region
 from .harmonic import (
     PolarGeometry,
     harmonic_orders,
-    largest_diagonal,
     polar_geometry,
     unfold,
+    unit_of,
     wave_system,
     wave_table,
 )
@@ -133,13 +133,14 @@ def compare_regularizations(
     geometry = polar_geometry(curve, region)
     n_max = int(harmonic_orders(geometry, np.asarray(frequency)[None]).max())
     wave = jax.tree.map(lambda leaf: leaf[0], wave_table(geometry, frequency[None], n_max))
-    matrix, rhs, _ = wave_system(geometry, wave, angles - geometry.axis)
+    matrix, rhs, factor = wave_system(geometry, wave, angles - geometry.axis)
     norm = unit_norms(curve, region, frequency[None], angles=angles)[0]
     data = phantom.circular_integrals(curve, radii)
     data = jnp.stack([data, data + noise_like(jax.random.key(seed), data, noise)])
     judge = _Judge(
         geometry=geometry,
         matrix=matrix,
+        unit=unit_of(matrix, factor),
         rhs=rhs,
         transformed=radial_transform(data, radii, frequency[None])[:, 0],
         exact=phantom.fourier(frequency[None], angles)[0],
@@ -163,6 +164,7 @@ class _Judge(eqx.Module):
 
     geometry: PolarGeometry
     matrix: Float[Array, "blocks m columns"]
+    unit: Float[Array, ""]
     rhs: Complex[Array, "blocks m directions"]
     transformed: Float[Array, "2 2 detectors"]  # clean and noisy, J and Y
     exact: Complex[Array, " directions"]
@@ -207,7 +209,7 @@ def _truncated(judge: _Judge, bound: Array) -> tuple[Array, Array, Array]:
 
 @eqx.filter_jit
 def _damped(judge: _Judge, alpha: Array) -> tuple[Array, Array, Array]:
-    rule = Tikhonov(alpha * largest_diagonal(judge.matrix))
+    rule = Tikhonov(alpha * judge.unit)
     found = filtered_solve(judge.matrix, judge.rhs, rule, judge.unit_norm)
     return found.q, jnp.zeros((), int), jnp.ones((), bool)
 
@@ -216,7 +218,7 @@ def _damped(judge: _Judge, alpha: Array) -> tuple[Array, Array, Array]:
 def _iterated(
     judge: _Judge, alpha: Array, tolerance: float, max_steps: int
 ) -> tuple[Array, Array, Array]:
-    alpha = alpha * largest_diagonal(judge.matrix)
+    alpha = alpha * judge.unit
     found = ridge(judge.matrix, judge.rhs, alpha, tolerance=tolerance, max_steps=max_steps)
     return found.q, found.iterations, found.converged
 

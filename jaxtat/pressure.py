@@ -97,14 +97,18 @@ def condition_record(
     Args:
         pressure: raw counts or pascals, (..., detectors, times).
         times: equispaced, (times,) [time].
-        dead_time: [time].
+        dead_time: [time]; 0 silences nothing.
         band: (f_lo, f_hi) [cycles/time], or None for none; f_lo may be 0.
         order: n >= 1.
         baseline: whether to subtract offset and drift; not for records whose slow tail is signal,
             such as simulated 2-D waves.
 
     Returns:
-        (..., detectors, times), differentiable in the record, dead_time and band.
+        (..., detectors, times), differentiable in the record, dead_time and band, with two
+        exceptions of the function itself. A median has a kink where samples are equal, as in counts
+        and silence: there its derivative is the mean over the equal ones, exact for changes that
+        all of them share. And the first samples are silenced at once when dead_time leaves 0: there
+        its derivative is 0.
 
     Raises:
         ValueError: for shapes that do not fit, times that are not equispaced, or an empty band.
@@ -192,10 +196,22 @@ def _baseline(pressure: Array) -> Array:
     """Straight lines through the medians of the first and last third, which pulses do not move."""
     n = pressure.shape[-1]
     third = n // 3
-    first = jnp.median(pressure[..., :third], axis=-1, keepdims=True)
-    last = jnp.median(pressure[..., n - third :], axis=-1, keepdims=True)
+    first, last = _median(pressure[..., :third]), _median(pressure[..., n - third :])
     along = (jnp.arange(n) - (third - 1) / 2) / (n - third)  # 0 and 1 in the middle of the thirds
     return first + (last - first) * along
+
+
+def _median(values: Float[Array, "*batch n"]) -> Float[Array, "*batch 1"]:
+    """Over the last axis, as a mean of the samples that equal it: their derivative is shared."""
+    ranked, n = jnp.sort(jax.lax.stop_gradient(values), axis=-1), values.shape[-1]
+
+    def of_rank(k: int) -> Array:
+        rank = ranked[..., k : k + 1]
+        equal = values == rank
+        excess = jnp.where(equal, values - rank, 0.0)  # 0, but for its derivative
+        return rank + jnp.sum(excess, axis=-1, keepdims=True) / equal.sum(axis=-1, keepdims=True)
+
+    return (of_rank((n - 1) // 2) + of_rank(n // 2)) / 2
 
 
 def _rise(t: Array) -> Array:

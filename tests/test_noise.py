@@ -24,8 +24,8 @@ from jaxtat import (
 )
 from jaxtat.harmonic import (
     harmonic_orders,
-    largest_diagonal,
     polar_geometry,
+    unit_of,
     wave_system,
     wave_table,
 )
@@ -55,9 +55,9 @@ def test_alpha_is_noise_over_signal(small, choices):
         n_max = int(harmonic_orders(geometry, np.asarray(one)).max())
         wave = jax.tree.map(lambda leaf: leaf[0], wave_table(geometry, one, n_max))
         angles = jnp.arange(32) * jnp.pi / 32 - geometry.axis
-        matrix, rhs, _ = wave_system(geometry, wave, angles)
+        matrix, rhs, factor = wave_system(geometry, wave, angles)
         size = jnp.mean(jnp.sum(jnp.abs(rhs) ** 2, axis=(0, 1)))  # alike for all on a disk
-        alpha = gain[i] * size / POWER[i] / largest_diagonal(matrix)
+        alpha = gain[i] * size / POWER[i] / unit_of(matrix, factor)
         assert_allclose(choice.regularization.alpha[i], alpha, rtol=1e-2)
 
 

@@ -130,6 +130,21 @@ def test_conditioning_has_derivatives():
     check_grads(clean, (record, jnp.array(2.0), jnp.array(20.0)), order=1, modes=["fwd", "rev"])
 
 
+def test_equal_samples_share_the_derivative_of_a_median():
+    """An offset that counts or silence have in common is taken away, whatever its derivative."""
+    times = jnp.arange(48) / 48.0
+    for record in (np.zeros((1, 48)), np.random.default_rng(3).integers(0, 9, (1, 48))):
+        slope = jax.jvp(lambda p: condition_record(p, times), (record * 1.0,), (np.ones((1, 48)),))[
+            1
+        ]
+        assert np.abs(slope).max() < 1e-12
+        back = jax.grad(lambda p: condition_record(p, times)[0, 0])(record * 1.0)
+        third = back[0, 1:16]
+        assert (
+            len(np.unique(np.round(third[record[0, 1:16] == np.median(record[0, :16])], 12))) <= 1
+        )
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -33,8 +33,9 @@ def transverse_weight(
         curve: the detectors, in any order, of any shape.
         angles: theta of the lines' normals [rad].
         offsets: s [length], of the same shape as angles or one that fits by broadcasting.
-        width: eps [length], by default three times the median arc length of a detector; wider for
-            those among sparser ones, 1.5 times the mean arc length about them.
+        width: eps [length], by default three times the geometric mean of the detectors' arc
+            lengths, which follows the curve smoothly; wider for those among sparser ones, 1.5 times
+            the mean arc length about them.
 
     Returns:
         W, of the common shape of angles and offsets.
@@ -74,13 +75,17 @@ def _widths(curve: DetectorCurve) -> Float[Array, " detectors"]:
     """One for all, unless that would show single detectors where they are sparse.
 
     It is a lower bound only, and of a mean: widths that vary from one detector to the next give
-    weights that do.
+    weights that do. The one for all is a geometric mean, which a few sparse detectors hardly move;
+    a median would have no derivative where all arc lengths are equal, in every regular array.
     """
     n = curve.n_detectors
     beside = np.arange(n)[:, None] + np.arange(-_BESIDE, _BESIDE + 1)
     beside = beside % n if curve.closed else np.clip(beside, 0, n - 1)
     local = jnp.mean(curve.weights[beside], axis=1)
-    return WIDTH * jnp.maximum(jnp.median(curve.weights), local / 2)
+    used = curve.weights > 0
+    logarithms = jnp.where(used, jnp.log(jnp.where(used, curve.weights, 1.0)), 0.0)
+    typical = jnp.exp(jnp.sum(logarithms) / jnp.sum(used))
+    return WIDTH * jnp.maximum(typical, local / 2)
 
 
 @jax.jit

@@ -28,6 +28,7 @@ from .table import (
     WaveTable,
     blocks,
     detector_matrix,
+    largest_diagonal,
     pairs,
     region_factor,
     wave_table,
@@ -168,7 +169,7 @@ def harmonic_densities(
     def at(arguments: tuple[WaveTable, Array, Regularization]) -> tuple[Step, DensityReport]:
         wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
         matrix, rhs, factor = wave_system(geometry, wave, angles)
-        rule = rule.in_units_of(largest_diagonal(matrix), wave.frequencies)
+        rule = rule.in_units_of(unit_of(matrix, factor), wave.frequencies)
         found = singular_components(matrix, rhs, rule, unit_norm)
         common = found.factors.min(axis=-1) * found.inverse
         outward = factor.transposed_matrix_times(found.left)
@@ -223,14 +224,16 @@ def alpha_units(
 
     @jax.checkpoint
     def at(wave: WaveTable) -> Array:
-        return largest_diagonal(_matrix(geometry, wave, region_factor(geometry, wave)))
+        factor = region_factor(geometry, wave)
+        return unit_of(_matrix(geometry, wave, factor), factor)
 
     return jax.lax.map(at, wave_table(geometry, frequencies, n_max))
 
 
-def largest_diagonal(matrix: Float[Array, "blocks m columns"]) -> Float[Array, ""]:
-    """The largest diagonal entry of A A^T."""
-    return jnp.sum(matrix**2, axis=-1).max()
+def unit_of(matrix: Float[Array, "blocks m columns"], factor: RegionFactor) -> Float[Array, ""]:
+    """The largest diagonal entry of A A^T, of A."""
+    diagonal = jnp.sum(matrix**2, axis=-1)
+    return largest_diagonal(diagonal, factor, lambda block, i: matrix[block] @ matrix[block, i])
 
 
 @eqx.filter_jit
@@ -250,8 +253,8 @@ def sampled_harmonic_densities(
     @jax.checkpoint
     def at(arguments: tuple[WaveTable, Array, Regularization]) -> tuple[Array, DensityReport]:
         wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
-        matrix, rhs, _ = wave_system(geometry, wave, angles)
-        rule = rule.in_units_of(largest_diagonal(matrix), wave.frequencies)
+        matrix, rhs, factor = wave_system(geometry, wave, angles)
+        rule = rule.in_units_of(unit_of(matrix, factor), wave.frequencies)
         found = filtered_solve(matrix, rhs, rule, unit_norm)
         densities = unfold(found.q, geometry.weights, geometry.mirror) / geometry.weights
         report = DensityReport(

@@ -196,7 +196,7 @@ def _circle(curve: DetectorCurve, region: Region) -> tuple[Array, Array | None]:
 def _best_center(curve: DetectorCurve, region: Region, xp: Any) -> Any:
     """c with the largest min |z_k - c| / max |x - c|, or the region's centre if that does.
 
-    No image depends on c but by rounding, so that its derivatives are left out. Of a disk the best
+    No image depends on c but by rounding and by the unit of alpha. Of a disk the best
     centre is its own: whoever moves by d has detectors at most d farther off, and the rim just d.
 
     Args:
@@ -204,7 +204,7 @@ def _best_center(curve: DetectorCurve, region: Region, xp: Any) -> Any:
     """
     if _is_whole_disk(region):
         return region.center
-    points = jax.lax.stop_gradient((curve.points, region.points, region.center))
+    points = curve.points, region.points, region.center
     detectors, boundary, own = (xp.asarray(part) for part in points)
 
     def ratio(c: Any) -> Any:

@@ -32,6 +32,7 @@ from .table import (
     cut_gram,
     detector_matrix,
     gram_matrix,
+    largest_diagonal,
     pairs,
     region_factor,
     wave_table,
@@ -198,20 +199,19 @@ def _factorised(
 ) -> tuple[Array, SolveReport]:
     """By Cholesky decomposition, with implicit derivatives: one more solve each."""
     matrix = normal_matrix(geometry, wave, factor, gram)
-    largest = jnp.diagonal(matrix, axis1=-2, axis2=-1)
+    diagonal = jnp.diagonal(matrix, axis1=-2, axis2=-1)
+    unit = largest_diagonal(diagonal, factor, lambda block, i: matrix[block, :, i])
     plane = None
     if datum.rule.needs_matrix:
         plane = factor.around(_diagonal_matrix(blocks(geometry, _plane_power(wave))))
-    alpha = datum.rule.absolute(_problem(geometry, wave, datum, largest, matrix, plane))
+    alpha = datum.rule.absolute(_problem(geometry, wave, datum, diagonal, unit, matrix, plane))
     shifted = matrix + alpha * jnp.eye(matrix.shape[-1])
     rhs = factor.times(moments(geometry, wave, datum.values))
     rhs = jnp.moveaxis(rhs, 0, -1)  # images last, as columns
     y = cholesky_solve(shifted, rhs)
     residual = _relative(_product(shifted, y) - rhs, rhs, axes=(0, 1))
     steps, finite = jnp.zeros((), int), jnp.isfinite(residual)
-    return jnp.moveaxis(y, -1, 0), SolveReport(
-        alpha, alpha / largest.max(), residual, steps, finite
-    )
+    return jnp.moveaxis(y, -1, 0), SolveReport(alpha, alpha / unit, residual, steps, finite)
 
 
 def cholesky_solve(
@@ -242,12 +242,20 @@ def _iterated(
     """By conjugate gradients; derivatives are one more solve each, not those of the iteration."""
     multiply, inner_diagonal = _products(geometry, wave)
     diagonal = _diagonal(geometry, wave, factor, inner_diagonal)
-    alpha = datum.rule.absolute(_problem(geometry, wave, datum, diagonal, None, None))
+
+    def normal(y: Array) -> Array:
+        return factor.times(multiply(factor.transposed_times(y)))
+
+    def column(block: Array, i: Array) -> Array:
+        return normal(jnp.zeros(diagonal.shape).at[block, i].set(1.0))[block]
+
+    unit = largest_diagonal(diagonal, factor, column)
+    alpha = datum.rule.absolute(_problem(geometry, wave, datum, diagonal, unit, None, None))
     rhs = factor.times(moments(geometry, wave, datum.values))
     precondition = factor.inverse_around(inner_diagonal, alpha)
 
     def system(y: Array) -> Array:
-        return factor.times(multiply(factor.transposed_times(y))) + alpha * y
+        return normal(y) + alpha * y
 
     def solve(product: Callable[[Array], Array], right: Array) -> tuple[Array, Array]:
         return conjugate_gradients(product, precondition, right, tolerance, MAX_ITERATIONS)
@@ -258,7 +266,7 @@ def _iterated(
     residual = _relative(jax.vmap(system)(y) - rhs, rhs, axes=(1, 2))
     # the residual of the recurrence drifts off the true one by rounding
     converged = residual <= 10 * tolerance
-    return y, SolveReport(alpha, alpha / diagonal.max(), residual, steps, converged)
+    return y, SolveReport(alpha, alpha / unit, residual, steps, converged)
 
 
 def conjugate_gradients(
@@ -365,6 +373,7 @@ def _problem(
     wave: WaveTable,
     datum: _Datum,
     diagonal: Array,
+    unit: Array,
     matrix: Array | None,
     plane: Array | None,
 ) -> Problem:
@@ -377,7 +386,7 @@ def _problem(
         data_power=datum.power,
         noise_power=datum.noise_power,
         frequency=wave.frequencies,
-        unit=diagonal.max(),
+        unit=unit,
         n_data=n_data,
     )
 

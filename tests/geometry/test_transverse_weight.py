@@ -107,6 +107,12 @@ def test_derivatives():
     numbers = (jnp.array(0.4), jnp.array([0.1, 0.8]), jnp.array(0.3))
     check_grads(weight, (arc.points, arc.weights, *numbers), 1, ["fwd", "rev"])
 
+    @jax.jit
+    def by_itself(points):  # of a regular array, where all arc lengths are equal
+        return transverse_weight(detector_curve(points, closed=False), 0.4, numbers[1])
+
+    check_grads(by_itself, (arc.points,), 1, ["fwd", "rev"], atol=1e-7, rtol=1e-7, eps=1e-4)
+
 
 def test_a_new_geometry_is_no_new_program():
     counted = []

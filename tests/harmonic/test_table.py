@@ -15,7 +15,9 @@ from jaxtat.harmonic.table import (
     cut_gram,
     detector_matrix,
     pairs,
+    _turning,
     region_factor,
+    triangle,
 )
 from jaxtat.harmonic.waves import boundary_traces
 from jaxtat.single_layer import potential_matrix
@@ -159,3 +161,24 @@ def test_blocks_and_pairs_are_inverse():
         polar = polar_geometry(*GEOMETRIES[name])
         assert blocks(polar, waves).shape == shape
         np.testing.assert_array_equal(pairs(blocks(polar, waves)), waves)
+
+
+@pytest.mark.parametrize("i", [0, 2, 4])
+def test_the_unit_of_alpha_turns_with_the_boundary(i):
+    """Its slope is that of an entry of H = R K R^T with R of numpy's QR, whatever Q is called."""
+    rng = np.random.default_rng(0)
+    traces, change = rng.normal(size=(2, 1, 9, 5))
+    half = rng.normal(size=(5, 5))
+
+    def entry(t):
+        r = triangle(traces + t * change)[0]
+        matrix = r @ half @ half.T @ r.T
+        return _turning(matrix[i, i], r, jax.lax.stop_gradient(matrix[:, i]), jnp.array(i))
+
+    def exact(t):
+        row = np.linalg.qr(traces[0] + t * change[0])[1][i] @ half
+        return row @ row
+
+    difference = (exact(1e-5) - exact(-1e-5)) / 2e-5
+    found = jax.jvp(entry, (0.0,), (1.0,))[1], jax.grad(entry)(0.0)
+    np.testing.assert_allclose(found, difference, rtol=1e-7)
