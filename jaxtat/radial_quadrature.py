@@ -68,3 +68,18 @@ def trapezoid_weights(nodes: Float[Array, " n"]) -> Float[Array, " n"]:
     """
     half = jnp.diff(nodes) / 2
     return jnp.pad(half, (0, 1)) + jnp.pad(half, (1, 0))
+
+
+def wave_error(radii: Float[np.ndarray, " radii"], frequency: float) -> float:
+    """Root mean square error with which a wave of one lambda is read at the equispaced radii.
+
+    >>> wave_error(np.linspace(1.0, 2.0, 30), 60.0) < 1e-12
+    True
+    """
+    n, half = len(radii), min(HALF_STENCIL, (len(radii) - 1) // 2)
+    nodes = np.linspace(radii[0], radii[-1], n)[half : n - half]  # waves do not vanish at the ends
+    if nodes.size == 0:
+        return 0.0
+    matrix = np.asarray(interpolation_matrix(jnp.asarray(radii), jnp.asarray(nodes)))
+    error = matrix @ np.exp(1j * frequency * radii) - np.exp(1j * frequency * nodes)
+    return float(np.sqrt(np.mean(np.abs(error) ** 2)))
