@@ -22,7 +22,6 @@ from .geometry import (
 )
 from .radial_quadrature import wave_error
 
-
 UNSAMPLED = 0.05  # of a wave, or of the data, that is lost without a word
 
 

@@ -24,7 +24,6 @@ from jaxtat import (  # noqa: E402
     truncated_disk,
 )
 
-
 CENTERS = [[0.3, 0.3], [-0.4, 0.2]]
 
 

@@ -95,9 +95,7 @@ def draw(seed: int) -> Problem:
         radii[1:-1] += rng.uniform(-0.2, 0.2, len(radii) - 2) * (radii[1] - radii[0])
     wanted = np.pi / np.diff(radii).max() * 2 if rng.random() < 0.1 else None
     alpha = [None, None, 1e-10, 1e-3][rng.integers(4)]
-    return Problem(
-        str(kind), curve, region, grid, radii, _bells(region, pixel, rng), alpha, wanted
-    )
+    return Problem(str(kind), curve, region, grid, radii, _bells(region, pixel, rng), alpha, wanted)
 
 
 def _curve(kind: str, n: int, rng: np.random.Generator) -> DetectorCurve:

@@ -96,7 +96,8 @@ def reconstruct_direct(
             poor ones. Or a rule: ``RelativeCutoff(kappa)``, alpha = 8 kappa²/lambda², ``NoiseLevel(
             sigma)`` for data with noise of known size, ``NormBound(K)`` for densities with root
             mean square norm K N(lambda). By default 1e-6 for detectors on a circle that see all of
-            the region (1e-3 at frequencies that they do not sample), else ``RelativeCutoff(0.1)``, which holds whatever they see: `build_plan`.
+            the region (1e-3 at frequencies that they do not sample), else
+            ``RelativeCutoff(0.1)``, which holds whatever they see: `build_plan`.
         low_pass: eta(lambda / lambda_max), for instance `cosine_filter`; none by default.
         max_frequency, n_directions: as in `build_plan`.
         solver: "cholesky", "cg" (preconditioned conjugate gradients), or by size ("auto").
