@@ -22,7 +22,8 @@ from .geometry import (
 )
 from .radial_quadrature import wave_error
 
-UNSAMPLED = 0.05  # of a wave, or of the data, that is lost without a word
+UNSAMPLED = 0.05  # of the data that is too fine for the detectors without a word
+_SHORTEST = 0.2  # error of the shortest wave, read between the radii; longer ones are much better
 
 
 class AccuracyWarning(UserWarning):
@@ -48,7 +49,8 @@ def polar_grid(
         frequency = real_array("max_frequency", max_frequency, ())
         require_positive("max_frequency", frequency)
         highest = float(frequency)
-        _warn_of_radii(np.asarray(jax.lax.stop_gradient(radii)), highest)
+    if is_concrete(radii):
+        _warn_of_radii(np.asarray(radii), highest)
     waves = highest * float(jax.lax.stop_gradient(region.reach))  # radians across the radius
     n_frequencies = max(1, int(np.ceil(2 * waves / np.pi - 1e-6)))
     if n_directions is None:
@@ -90,15 +92,17 @@ def require_pixels(grid: Grid, reach: float) -> None:
 
 def _warn_of_radii(radii: np.ndarray, highest: float) -> None:
     """Warn of waves that the radii do not sample."""
-    step = float(np.diff(radii).mean())
-    error = 2.0  # two waves that are alike on the radii may be opposite between them
-    if highest <= (1 + 1e-3) * np.pi / step:
+    steps = np.diff(radii)
+    error = 0.0
+    if highest > (1 + 1e-3) * np.pi / steps.mean():
+        error = 2.0  # waves that are alike on the radii may be opposite between them
+    elif np.ptp(steps) > 1e-6 * steps.mean():
         error = wave_error(radii, highest)
-    if error > UNSAMPLED:
+    if error > _SHORTEST:
         warnings.warn(
-            f"radii {step:.4g} apart (up to {np.diff(radii).max():.4g}) do not sample waves of "
-            f"lambda = {highest:.4g}, they come out wrong by {100 * error:.0f} %: pass "
-            f"max_frequency={np.pi / np.diff(radii).max():.4g} or less.",
+            f"radii {steps.mean():.4g} apart (up to {steps.max():.4g}) do not sample waves of "
+            f"lambda = {highest:.4g}, they come out wrong by {100 * error:.0f} %: pass a lower "
+            "max_frequency, or data on equispaced radii.",
             AccuracyWarning,
             stacklevel=4,
         )

@@ -38,6 +38,7 @@ def radial_quadrature(
     return nodes, trapezoid_weights(nodes)[:, None] * interpolation_matrix(radii, nodes)
 
 
+@jax.jit
 def interpolation_matrix(
     radii: Float[Array, " radii"], nodes: Float[Array, " nodes"]
 ) -> Float[Array, "nodes radii"]:
