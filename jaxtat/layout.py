@@ -10,6 +10,7 @@ from .checks import Numbers, constants, is_concrete, real_array
 from .geometry import DetectorCurve, ImageGrid, Region, near_circle, visibility
 from .harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
 from .problem import polar_grid, require_boundary, require_problem
+from .sampling import sampled_frequency
 from .special import enough_orders
 
 GROUPS = 6  # of frequencies with as many orders; each is compiled by itself
@@ -29,6 +30,8 @@ class Layout(eqx.Module):
         basis: "cylindrical", or "boundary" where cylindrical waves do not reach.
         reached: whether they do, whatever the basis.
         as_in_the_paper: see the function.
+        sampled: share of max_frequency up to which the detectors sample waves of the region, in
+            quarters of an octave; at most 1.
     """
 
     max_frequency: float = eqx.field(static=True)
@@ -40,6 +43,7 @@ class Layout(eqx.Module):
     basis: str = eqx.field(static=True)
     reached: bool = eqx.field(static=True)
     as_in_the_paper: bool = eqx.field(static=True)
+    sampled: float = eqx.field(static=True)
 
     @property
     def frequencies(self) -> Float[Array, " frequencies"]:
@@ -119,7 +123,14 @@ def problem_layout(
             basis="cylindrical" if harmonic else "boundary",
             reached=reached,
             as_in_the_paper=as_in_the_paper(curve, region),
+            sampled=_sampled_share(curve, region, float(frequencies[-1])),
         )
+
+
+def _sampled_share(curve: DetectorCurve, region: Region, highest: float) -> float:
+    """Rounded down, so that small changes of the geometry keep the layout."""
+    octaves = np.log2(float(sampled_frequency(curve, region, np)) / highest)
+    return float(2 ** (np.floor(4 * min(octaves, 0.0) + 1e-9) / 4))
 
 
 def as_in_the_paper(curve: DetectorCurve, region: Region) -> bool:

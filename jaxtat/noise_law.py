@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from .checks import Numbers, is_concrete, real_array, require_positive
 from .geometry import DetectorCurve, ImageGrid
 from .geometry.transverse_weight import kernel_width, weight_at
-from .reconstruction.radial_transform import trapezoid_weights
+from .radial_quadrature import trapezoid_weights
 from .reconstruction.radon import low_pass_values
 from .regularization import DEFAULT_KAPPA
 

@@ -20,6 +20,10 @@ from .geometry import (
     require_outside,
     visibility,
 )
+from .radial_quadrature import wave_error
+
+UNSAMPLED = 0.05  # of the data that is too fine for the detectors without a word
+_SHORTEST = 0.2  # error of the shortest wave, read between the radii; longer ones are much better
 
 
 class AccuracyWarning(UserWarning):
@@ -45,6 +49,8 @@ def polar_grid(
         frequency = real_array("max_frequency", max_frequency, ())
         require_positive("max_frequency", frequency)
         highest = float(frequency)
+    if is_concrete(radii):
+        _warn_of_radii(np.asarray(radii), highest)
     waves = highest * float(jax.lax.stop_gradient(region.reach))  # radians across the radius
     n_frequencies = max(1, int(np.ceil(2 * waves / np.pi - 1e-6)))
     if n_directions is None:
@@ -62,6 +68,7 @@ def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid, radii
     require_cover(curve, region, radii)
     if not is_concrete(curve, region, grid):
         return
+    require_pixels(grid, float(region.reach))
     if not np.asarray(region.contains(grid.points)).any():
         raise ValueError(
             f"no node of the image grid (from {grid.points[0, 0]} to {grid.points[-1, -1]}) lies "
@@ -71,6 +78,52 @@ def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid, radii
     seen = visibility(curve, region)
     if seen.invisible_fraction > 0:
         warnings.warn(str(seen), VisibilityWarning, stacklevel=4)
+
+
+def require_pixels(grid: Grid, reach: float) -> None:
+    """Raise ValueError for pixels larger than the region."""
+    pixel = float(grid.spacing.max())
+    if pixel > reach:
+        raise ValueError(
+            f"pixels are {pixel:.6g} apart, but the region reaches only {reach:.6g} from its "
+            f"centre: use a half_width of about {reach:.6g}, or more pixels."
+        )
+
+
+def _warn_of_radii(radii: np.ndarray, highest: float) -> None:
+    """Warn of waves that the radii do not sample."""
+    steps = np.diff(radii)
+    error = 0.0
+    if highest > (1 + 1e-3) * np.pi / steps.mean():
+        error = 2.0  # waves that are alike on the radii may be opposite between them
+    elif np.ptp(steps) > 1e-6 * steps.mean():
+        error = wave_error(radii, highest)
+    if error > _SHORTEST:
+        warnings.warn(
+            f"radii {steps.mean():.4g} apart (up to {steps.max():.4g}) do not sample waves of "
+            f"lambda = {highest:.4g}, they come out wrong by {100 * error:.0f} %: pass a lower "
+            "max_frequency, or data on equispaced radii.",
+            AccuracyWarning,
+            stacklevel=4,
+        )
+
+
+def warn_of_detectors(highest: float, possible: float, found: str, stacklevel: int) -> None:
+    """Warn of waves that the detectors do not sample, for curves and for detectors in space.
+
+    Args:
+        highest: max_frequency [rad/length].
+        possible: up to which frequency they do [rad/length].
+        found: what was seen of it.
+        stacklevel: of `warnings.warn`, counted from the caller.
+    """
+    warnings.warn(
+        f"detectors are too few: they resolve frequencies up to {possible:.4g}, details of "
+        f"{np.pi / possible:.4g}, but max_frequency is {highest:.4g}; {found}: use more "
+        f"detectors, a smaller region, or pass max_frequency={possible:.4g}.",
+        AccuracyWarning,
+        stacklevel=stacklevel + 1,
+    )
 
 
 def require_boundary(region: Region, highest: float) -> None:

@@ -11,6 +11,8 @@
 The smallest detail at lambda is half a wave, π/lambda, which is also the pixel that samples it.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -203,31 +205,38 @@ def _supported(
         covered=end - jnp.max(lengths),
         free=jnp.min(lengths) - start,
         asked_frequency=asked,
-        frequency_of_detectors=_sampled_frequency(curve, region),
+        frequency_of_detectors=sampled_frequency(curve, region),
         frequency_of_times=jnp.pi / (sound_speed * (times[1] - times[0])),
     )
 
 
-def _sampled_frequency(curve: DetectorCurve, region: Region) -> Array:
-    between = _from_boundary(curve, region)
-    tangents = curve.normals[:, ::-1] * jnp.array([-1.0, 1.0])
-    along = jnp.abs(jnp.einsum("kd,kxd->kx", tangents, between)) / _lengths(between)
-    return jnp.pi / jnp.quantile(jnp.max(along, axis=1) * _spacing(curve), 0.9)
+def sampled_frequency(curve: DetectorCurve, region: Region, xp: Any = jnp) -> Any:
+    """lambda up to which nine in ten detectors sample waves of the region, see `supported`.
+
+    Args:
+        curve, region: the geometry.
+        xp: jax.numpy, or numpy for a concrete geometry.
+    """
+    points, boundary, normals = map(xp.asarray, (curve.points, region.points, curve.normals))
+    between = points[:, None] - boundary
+    tangents = normals[:, ::-1] * np.array([-1.0, 1.0])
+    along = xp.abs(xp.einsum("kd,kxd->kx", tangents, between)) / _lengths(between, xp)
+    return np.pi / xp.quantile(xp.max(along, axis=1) * _spacing(points, curve.closed, xp), 0.9)
 
 
-def _spacing(curve: DetectorCurve) -> Float[Array, " detectors"]:
+def _spacing(points: Any, closed: bool, xp: Any) -> Any:
     """Mean of the steps about each detector, four to either side, gaps in the curve apart."""
-    step = _lengths(jnp.roll(curve.points, -1, axis=0) - curve.points)
-    counts = ~behind_gap(step, curve.closed, jnp)
-    around = np.arange(-_BESIDE, _BESIDE) + np.arange(curve.n_detectors)[:, None]
-    around %= curve.n_detectors
-    total, n = jnp.sum((counts * step)[around], axis=1), jnp.sum(counts[around], axis=1)
-    return total / jnp.maximum(n, 1)
+    step = _lengths(xp.roll(points, -1, axis=0) - points, xp)
+    counts = ~behind_gap(step, closed, xp)
+    around = np.arange(-_BESIDE, _BESIDE) + np.arange(len(points))[:, None]
+    around %= len(points)
+    total, n = xp.sum((counts * step)[around], axis=1), xp.sum(counts[around], axis=1)
+    return total / xp.maximum(n, 1)
 
 
 def _from_boundary(curve: DetectorCurve, region: Region) -> Float[Array, "detectors boundary 2"]:
     return curve.points[:, None] - region.points
 
 
-def _lengths(vectors: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
-    return jnp.sqrt(jnp.sum(vectors**2, axis=-1))
+def _lengths(vectors: Any, xp: Any = jnp) -> Any:
+    return xp.sqrt(xp.sum(vectors**2, axis=-1))

@@ -23,7 +23,7 @@ from ..harmonic import (
 )
 from ..layout import Layout, problem_layout
 from ..parallel import checked_mesh, replicated
-from ..problem import AccuracyWarning
+from ..problem import UNSAMPLED, AccuracyWarning, warn_of_detectors
 from ..regularization import DEFAULT_KAPPA, RelativeTikhonov
 from ..unit_norm import unit_norms
 from .inversion import invert, require_inversion
@@ -32,6 +32,11 @@ from .radial_transform import noise_power, radial_transform, total_integrals
 from .radon import LowPass, low_pass_values
 
 DEFAULT_ALPHA = 1e-6  # of detectors on a circle that see all of the region
+# Where there are about as many data as unknown waves, a smaller one magnifies all errors: the
+# worst number of detectors is neither the least nor the largest.
+UNSAMPLED_ALPHA = 1e-3
+FINER = 2  # waves that the detectors sample in the inner half of the region only
+MAGNIFIED = 3  # times as much detail as the data hold
 DEFAULT_TOLERANCE = 1e-10  # of conjugate gradients
 
 
@@ -91,7 +96,8 @@ def reconstruct_direct(
             poor ones. Or a rule: ``RelativeCutoff(kappa)``, alpha = 8 kappa²/lambda², ``NoiseLevel(
             sigma)`` for data with noise of known size, ``NormBound(K)`` for densities with root
             mean square norm K N(lambda). By default 1e-6 for detectors on a circle that see all of
-            the region, else ``RelativeCutoff(0.1)``, which holds whatever they see: `build_plan`.
+            the region (1e-3 at frequencies that they do not sample), else
+            ``RelativeCutoff(0.1)``, which holds whatever they see: `build_plan`.
         low_pass: eta(lambda / lambda_max), for instance `cosine_filter`; none by default.
         max_frequency, n_directions: as in `build_plan`.
         solver: "cholesky", "cg" (preconditioned conjugate gradients), or by size ("auto").
@@ -110,7 +116,8 @@ def reconstruct_direct(
 
     Warns:
         VisibilityWarning: if lines through the region miss the curve.
-        AccuracyWarning: if a frequency was not solved.
+        AccuracyWarning: if a frequency was not solved, if the data hold finer detail than the
+            detectors sample, or alpha is too small for that.
 
     Source: Kunyansky 2008 for the method; the basis: DLMF 10.23.7.
 
@@ -142,17 +149,47 @@ def reconstruct_direct(
         )
     given = direct_arguments(curve, region, grid, radii, values, alpha, low_pass, layout)
     arguments = replicated(given, mesh)
-    found = _direct(arguments, layout, tolerance, inversion, mesh)
-    if is_concrete(found) and not found.converged:
-        bad = ~np.asarray(found.report.converged)
+    found, energies = _direct(arguments, layout, tolerance, inversion, mesh)
+    if is_concrete(found):
+        _warn_of_solution(found)
+        if energies is not None:
+            _warn_of_detail(layout, np.asarray(energies))
+    return found
+
+
+def _warn_of_solution(found: DirectReconstruction) -> None:
+    bad = ~np.asarray(found.report.converged)
+    if bad.any():
         warnings.warn(
             f"{int(bad.sum())} of {bad.size} frequencies were not solved to the tolerance "
             f"(worst residual {float(found.report.residual.max()):.1e}): use solver='cholesky' or "
             "a larger alpha.",
             AccuracyWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
-    return found
+
+
+def _warn_of_detail(layout: Layout, energies: np.ndarray) -> None:
+    """Say so if detectors are too few for the data, or for so small an alpha.
+
+    Waves that they sample in less than the inner half of the region come out wrong, those between
+    do if nothing holds their densities down.
+    """
+    highest, frequencies = layout.max_frequency, np.asarray(layout.frequencies)
+    of_data, of_image = energies / np.maximum(energies.sum(axis=1, keepdims=True), 1e-300)
+    possible = layout.sampled * highest
+    beyond = frequencies > possible
+    finer = np.sqrt(of_data[frequencies > FINER * possible].sum())
+    in_data, in_image = np.sqrt([of_data[beyond].sum(), of_image[beyond].sum()])
+    if finer > UNSAMPLED:
+        said = f"{100 * finer:.0f} % of what the data hold is at least {FINER} times as fine"
+        warn_of_detectors(highest, possible, said, stacklevel=3)
+    elif in_image > MAGNIFIED * in_data + UNSAMPLED:
+        said = (
+            f"of detail beyond that the image holds {100 * in_image:.0f} %, the data "
+            f"{100 * in_data:.0f} % (a larger alpha magnifies it less)"
+        )
+        warn_of_detectors(highest, possible, said, stacklevel=3)
 
 
 class DirectArguments(eqx.Module):
@@ -180,7 +217,10 @@ def direct_arguments(
     """Rules made of what a user gives as alpha and low_pass; the other arguments are checked."""
     n = layout.n_frequencies
     if alpha is None:
-        alpha = DEFAULT_ALPHA if layout.as_in_the_paper else RelativeTikhonov(DEFAULT_KAPPA)
+        alpha = RelativeTikhonov(DEFAULT_KAPPA)
+        if layout.as_in_the_paper:
+            sampled = layout.frequencies <= layout.sampled * layout.max_frequency * (1 + 1e-9)
+            alpha = jnp.where(sampled, DEFAULT_ALPHA, UNSAMPLED_ALPHA)
     rule = alpha_rule(alpha, n)
     eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
     unit_norm = jnp.ones(n)  # not asked for
@@ -192,7 +232,8 @@ def direct_arguments(
 
 def _direct(
     given: DirectArguments, layout: Layout, tolerance: float, inversion: str, mesh: Mesh | None
-) -> DirectReconstruction:
+) -> tuple[DirectReconstruction, Array | None]:
+    """And the energies of data and image at every frequency, if detectors do not sample all."""
     # several programs: as one, XLA has been seen to wait for ever with two devices on one CPU
     data = _transformed(given, layout)
     if isinstance(given.geometry, BoundaryGeometry):
@@ -200,17 +241,28 @@ def _direct(
     else:
         harmonics, report = _solve(given.geometry, data, layout, tolerance, mesh)
         fhat = _on_polar_grid(given.geometry, harmonics, layout)
+    energies = None if layout.sampled == 1 else _energies(data, fhat, layout)
     fhat = _with_origin(given, fhat)
     step = jnp.asarray(layout.max_frequency / layout.n_frequencies)
     center, angles = given.geometry.region.center, layout.angles
     image = invert(fhat, step, angles, given.grid, center, given.eta, inversion)
     image = image.reshape(*given.g.shape[:-2], *given.grid.shape)
-    return DirectReconstruction(image, report, layout.basis)
+    return DirectReconstruction(image, report, layout.basis), energies
+
+
+@eqx.filter_jit
+def _energies(data: Data, fhat: Array, layout: Layout) -> Float[Array, "2 frequencies"]:
+    """Of the image, ∫ |fhat|² lambda dtheta, up to a factor: as the data tell, and as it came out.
+
+    A wave's integrals (G_J, G_Y) have the mean square |fhat|²/lambda, times what of it is seen.
+    """
+    of_data = layout.frequencies**2 * jnp.mean(data.transformed**2, axis=(1, 2, 3))
+    return jnp.stack([of_data, layout.frequencies * jnp.mean(jnp.abs(fhat) ** 2, axis=(0, 2))])
 
 
 def direct_image(given: DirectArguments, layout: Layout) -> Float[Array, "*batch x1 x2"]:
     """The image alone, of arguments that have been checked; everything may be traced."""
-    return _direct(given, layout, DEFAULT_TOLERANCE, "fbp", None).image
+    return _direct(given, layout, DEFAULT_TOLERANCE, "fbp", None)[0].image
 
 
 def _images(g: Float[Array, "*batch detectors radii"]) -> Float[Array, "images detectors radii"]:

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..radial_quadrature import radial_quadrature
 from ..special import j0, y0
 
 
@@ -13,11 +14,11 @@ def radial_transform(
     radii: Float[Array, " radii"],
     frequencies: Float[Array, " frequencies"],
 ) -> Float[Array, "*batch frequencies 2 detectors"]:
-    """G_J(lambda, z) = ∫ g(z, r) J_0(lambda r) dr, and G_Y with Y_0, by the trapezoid rule.
+    """G_J(lambda, z) = ∫ g(z, r) J_0(lambda r) dr, and G_Y with Y_0, by `radial_quadrature`.
 
     Args:
         g: circular integrals, (..., detectors, radii).
-        radii: r > 0, increasing, (radii,) [length].
+        radii: r > 0, increasing, at any distances, (radii,) [length].
         frequencies: lambda > 0, (frequencies,) [rad/length].
 
     Returns:
@@ -55,18 +56,20 @@ def delayed_transform(
     >>> delayed_transform(jnp.ones((7, 100)), r, jnp.array([1.0, 2.0]), jnp.zeros(7)).shape
     (2, 2, 7)
     """
-    argument = frequencies[:, None, None] * (radii - delays[:, None])
+    nodes, weights = radial_quadrature(radii)
+    argument = frequencies[:, None, None] * (nodes - delays[:, None])
     kernels = jnp.stack([j0(argument), y0(argument)], axis=1)
-    return jnp.sum(g * trapezoid_weights(radii) * kernels, axis=-1)
+    return jnp.sum((g @ weights.T) * kernels, axis=-1)
 
 
 @jax.jit
 def radial_kernels(
     radii: Float[Array, " radii"], frequencies: Float[Array, " frequencies"]
 ) -> Float[Array, "frequencies 2 radii"]:
-    """J_0(lambda r) and Y_0(lambda r) times the weights of the trapezoid rule."""
-    argument = frequencies[:, None] * radii
-    return jnp.stack([j0(argument), y0(argument)], axis=1) * trapezoid_weights(radii)
+    """k of G = Σ_i k_i g(z, r_i): J_0(lambda r) and Y_0(lambda r) with the quadrature's weights."""
+    nodes, weights = radial_quadrature(radii)
+    argument = frequencies[:, None] * nodes
+    return jnp.stack([j0(argument), y0(argument)], axis=1) @ weights
 
 
 @jax.jit
@@ -90,14 +93,5 @@ def total_integrals(
     g: Float[Array, "*batch detectors radii"], radii: Float[Array, " radii"]
 ) -> Float[Array, "*batch detectors"]:
     """∫ g(z, r) dr = ∫ f dx, the total mass, once per detector."""
-    return g @ trapezoid_weights(radii)
-
-
-def trapezoid_weights(nodes: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Weights of the trapezoid rule on increasing nodes.
-
-    >>> trapezoid_weights(jnp.array([0.0, 1.0, 3.0])).tolist()
-    [0.5, 1.5, 1.0]
-    """
-    half = jnp.diff(nodes) / 2
-    return jnp.pad(half, (0, 1)) + jnp.pad(half, (1, 0))
+    _, weights = radial_quadrature(radii)
+    return g @ jnp.sum(weights, axis=0)

@@ -1,7 +1,5 @@
 """What of a problem in space is a size: decided outside `jax.jit`, as in `jaxtat.layout`."""
 
-import warnings
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,7 +9,7 @@ from jaxtyping import Array, Float
 from ..checks import Numbers, constants, is_concrete, real_array
 from ..geometry import VolumeGrid, data_radii, require_cover, require_outside
 from ..harmonic.orders import highest_orders
-from ..problem import AccuracyWarning, polar_grid
+from ..problem import polar_grid, require_pixels, warn_of_detectors
 from .caps import DetectorPoints, Detectors, SphericalCap
 from .regions import BallPart, enough_boundary
 from .visible import warn_of_visibility
@@ -187,6 +185,7 @@ def require_fitting(detectors: Detectors, region: BallPart) -> None:
 
 
 def _require_nodes(region: BallPart, grid: VolumeGrid) -> None:
+    require_pixels(grid, float(region.radius))
     center = np.asarray(region.center)
     local = [np.asarray(grid.axis(k)) - center[k] for k in range(3)]
     low, high = (center + [f(x) for x in local] for f in (np.min, np.max))
@@ -227,10 +226,5 @@ def resolved_frequency(cap: SphericalCap, reach: float) -> tuple[float, float]:
 def _warn_of_sampling(cap: SphericalCap, highest: float, reach: float) -> None:
     possible, gap = resolved_frequency(cap, reach)
     if highest > possible * (1 + 1e-3):  # the bound is not as sharp as that
-        warnings.warn(
-            f"rings up to {gap:.3g} rad apart with {cap.n_azimuths} azimuths resolve frequencies "
-            f"up to {possible:.4g}, but max_frequency is {highest:.4g}: use more detectors, or "
-            f"pass max_frequency={possible:.4g}.",
-            AccuracyWarning,
-            stacklevel=4,
-        )
+        found = f"rings are up to {gap:.3g} rad apart, with {cap.n_azimuths} azimuths"
+        warn_of_detectors(highest, possible, found, stacklevel=4)

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..reconstruction.radial_transform import trapezoid_weights
+from ..radial_quadrature import radial_quadrature
 
 
 def spherical_kernels(
@@ -12,11 +12,12 @@ def spherical_kernels(
 ) -> Float[Array, "frequencies 2 radii"]:
     """j_0(lambda r) = sin(lambda r)/(lambda r) and y_0 = -cos(lambda r)/(lambda r), weighted.
 
-    With the weights of the trapezoid rule, G = Σ_r kernel g is ∫ g(z, r) (j_0|y_0)(lambda r) dr.
+    With the weights of `radial_quadrature`, G = Σ_r kernel g is ∫ g(z, r) (j_0|y_0)(lambda r) dr.
     """
-    argument = frequencies[:, None] * radii
+    nodes, weights = radial_quadrature(radii)
+    argument = frequencies[:, None] * nodes
     kernels = jnp.stack([jnp.sin(argument), -jnp.cos(argument)], axis=1) / argument[:, None]
-    return kernels * trapezoid_weights(radii)
+    return kernels @ weights
 
 
 def azimuthal_transform(
