@@ -92,7 +92,7 @@ def reconstruct_direct(
             sigma)`` for data with noise of known size, ``NormBound(K)`` for densities with root
             mean square norm K N(lambda). By default 1e-6 for detectors on a circle that see all of
             the region, else ``RelativeCutoff(0.1)``, which holds whatever they see: `build_plan`.
-        low_pass: eta(lambda / lambda_max), for instance `cosine_filter`; none by default.
+        low_pass: eta(lambda / lambda_max), such as `cosine_filter` or "cosine"; none by default.
         max_frequency, n_directions: as in `build_plan`.
         solver: "cholesky", "cg" (preconditioned conjugate gradients), or by size ("auto").
         tolerance: relative residual at which conjugate gradients stop.
@@ -182,7 +182,7 @@ def direct_arguments(
     if alpha is None:
         alpha = DEFAULT_ALPHA if layout.as_in_the_paper else RelativeTikhonov(DEFAULT_KAPPA)
     rule = alpha_rule(alpha, n)
-    eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
+    eta = low_pass_values(low_pass, n)
     unit_norm = jnp.ones(n)  # not asked for
     if rule.needs_matrix:
         unit_norm = unit_norms(curve, region, layout.frequencies, layout.norm_orders)
