@@ -135,6 +135,8 @@ def _require_folder(cache: str) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ValueError(f"--cache {cache}: the folder cannot be made ({error.strerror}).") from None
+        raise ValueError(
+            f"--cache {cache}: the folder cannot be made ({error.strerror})."
+        ) from None
     if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
         raise ValueError(f"--cache {cache}: the folder may not be read and written.")
