@@ -5,7 +5,7 @@ BIN := .venv/bin
 # one thread for the library of linear algebra: more only get in the way of XLA's own
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help paper test test-lowest test-newest check bench docs pictures package clean
+.PHONY: help paper test test-lowest test-newest has-newest check bench docs pictures package clean
 
 help:
 	@echo "make paper   reproduce the paper: table, figures and metrics.json in out/paper"
@@ -72,6 +72,9 @@ NEWEST :=  # of the tests; all by default
 test-newest: .venv-newest/ready
 	.venv-newest/bin/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder \
 		-W default -W error:::jaxtat $(NEWEST)
+
+has-newest:
+	@test -n '$(NEWEST_PYTHON)'
 
 .venv-newest/ready: pyproject.toml
 	@test -n '$(NEWEST_PYTHON)' || { echo 'no Python 3.12 or later was found' >&2; exit 1; }

@@ -51,7 +51,7 @@ _OBJECTS = {
 
 
 def require_objects(**given: Any) -> None:
-    """Raise ValueError for positions in place of a curve, a number in place of a grid, and alike."""
+    """Raise ValueError for positions in place of a curve, a number in place of a grid, ..."""
     for name, value in given.items():
         mark, kind, how = _OBJECTS[name]
         if not hasattr(type(value), mark):

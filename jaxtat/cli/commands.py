@@ -96,13 +96,14 @@ def _asked(options: argparse.Namespace, start: float):
     """The scan, everything chosen for it, and the plan that is given or asked for, or None."""
     from ..io.plans import load_plan
     from ..measured import Where, choices_for, estimate_sound_speed, integrals
-    from .setup import given, plan_for, repeated, require_same, scan_of
+    from .setup import given, plan_for, repeated, require_same, require_size, scan_of
 
     choices = repeated(options) if options.repeat else None
     plan = load_plan(options.plan) if options.plan else None
     scan = scan_of(options, plan)
     if choices is None:
         choices = choices_for(scan, **given(options, scan, plan))
+        require_size(choices)
         if plan is None:
             choices = estimate_sound_speed(scan, choices)
     _report(options, f"{options.file}\n{choices.table()}", start)

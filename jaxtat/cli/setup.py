@@ -12,6 +12,7 @@ from ..io.frames import LazyFrames
 from ..measured import Choices, Where, choices_for, with_facts
 from ..measured.facts import facts_of
 from ..plan import ReconstructionPlan, build_plan
+from ..problem import polar_grid
 from ..regularization import FixedRank, NormBound, Regularization, SingularValueCutoff
 from .refusals import CHOICES, OF_PLANS, band, is_given, slices
 
@@ -94,6 +95,13 @@ def plan_for(options: argparse.Namespace, where: Where) -> ReconstructionPlan:
         precision="single" if options.single else "double",
         progress=not options.quiet,
     )
+
+
+def require_size(choices: Choices) -> None:
+    """Raise ValueError for more pixels than fit into memory, before any work; warn of long work."""
+    if len(choices.region_center) == 2:  # in space nothing is done before
+        limits = choices.radii, choices.max_frequency, None
+        polar_grid(choices.region, choices.grid, *limits)
 
 
 def require_same(scan: Scan, choices: Choices, plan: ReconstructionPlan) -> None:
