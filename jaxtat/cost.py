@@ -129,7 +129,7 @@ def group_memory(root: Path) -> float:
         inner = Path(path.lstrip("/"))
         for group in (inner, *inner.parents):
             try:
-                limit = int((root / folder / group / most).read_text())
+                limit = float(int((root / folder / group / most).read_text()))
                 left = min(
                     left, limit - int((root / folder / group / f"memory.{used}").read_text())
                 )

@@ -3,4 +3,13 @@
 MODELS = ("2d", "in-plane")  # of sound, see `pressure`
 INVERSIONS = ("fbp", "fourier")  # see `reconstruction.inversion`
 LOW_PASSES = ("none", "cosine")  # see `reconstruction.radon`
-IMAGE_SUFFIXES = (".png", ".npy", ".h5", ".hdf5", ".nii", ".nii.gz", ".tif", ".tiff")  # `io.images`
+IMAGE_SUFFIXES: tuple[str, ...] = (
+    ".png",
+    ".npy",
+    ".h5",
+    ".hdf5",
+    ".nii",
+    ".nii.gz",
+    ".tif",
+    ".tiff",
+)  # `io.images`

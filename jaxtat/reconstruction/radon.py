@@ -24,7 +24,7 @@ def cosine_filter(relative_frequency: Float[Array, "*n"]) -> Float[Array, "*n"]:
 
 
 _EXPECTED = f"{', '.join(map(repr, names.LOW_PASSES))}, or a function such as cosine_filter"
-LOW_PASSES: dict[str, LowPass | None] = dict(
+LOW_PASSES: dict[str, Callable[[Array], Array] | None] = dict(
     zip(names.LOW_PASSES, (None, cosine_filter), strict=True)
 )
 
@@ -48,7 +48,8 @@ def low_pass_values(low_pass: Any, n: int) -> Float[Array, " frequencies"]:
         return jnp.ones_like(relative)
     if not callable(low_pass):
         raise ValueError(f"low_pass is {low_pass!r}, expected {_EXPECTED}.")
-    return real_array("low_pass", low_pass(relative), (n + 1,))
+    values: Any = low_pass(relative)
+    return real_array("low_pass", values, (n + 1,))
 
 
 @jax.jit
