@@ -5,12 +5,13 @@ BIN := .venv/bin
 # one thread for the library of linear algebra: more only get in the way of XLA's own
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: help paper test test-lowest check bench docs pictures package clean
+.PHONY: help paper test test-lowest test-newest has-newest check bench docs pictures package clean
 
 help:
 	@echo "make paper   reproduce the paper: table, figures and metrics.json in out/paper"
 	@echo "make test    style, types and all tests, the paper's run among them"
 	@echo "make test-lowest   a part of the tests with the oldest versions that are supported"
+	@echo "make test-newest   all tests with the newest Python that is found, and the newest packages"
 	@echo "make bench   time, error and memory of everything, into benchmarks/results.json and .md"
 	@echo "make docs    the documentation, in out/site"
 	@echo "make pictures   the pictures in it, in docs/pictures"
@@ -61,6 +62,27 @@ test-lowest: .venv-lowest/ready
 		--constraint constraints-lowest.txt --editable '.[test]'
 	touch $@
 
+# what `pip install` gives most people. The newest Python on the path or among pyenv's versions
+NEWEST_PYTHON ?= $(lastword $(foreach v,3.12 3.13 3.14,$(firstword $(shell \
+	for p in $$(command -v python$(v)) $(HOME)/.pyenv/versions/$(v).*/bin/python; do \
+	$$p -c pass 2>/dev/null && echo $$p; done))))
+NEWEST :=  # of the tests; all by default
+
+# new packages may deprecate what others among them use: warnings of theirs are no errors here
+test-newest: .venv-newest/ready
+	.venv-newest/bin/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder \
+		-W default -W error:::jaxtat $(NEWEST)
+
+has-newest:
+	@test -n '$(NEWEST_PYTHON)'
+
+.venv-newest/ready: pyproject.toml
+	@test -n '$(NEWEST_PYTHON)' || { echo 'no Python 3.12 or later was found' >&2; exit 1; }
+	$(NEWEST_PYTHON) -m venv --clear .venv-newest
+	.venv-newest/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
+		--upgrade --editable '.[test]'
+	touch $@
+
 docs: .venv/docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
@@ -84,4 +106,4 @@ package: .venv/ready
 		'import jaxtat; print(jaxtat.__version__, jaxtat.__file__)'
 
 clean:
-	rm -rf .venv .venv-lowest out dist
+	rm -rf .venv .venv-lowest .venv-newest out dist

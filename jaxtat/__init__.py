@@ -1,72 +1,14 @@
 """jaxtat: thermo- and photoacoustic tomography with detectors on an open curve, in JAX."""
 
-from . import datasets, line_detectors, phantoms, scanners, spherical
-from .calibration import Calibration, calibrate
-from .channels import ChannelQuality, channel_quality
-from .comparison import compare_regularizations
-from .diagnostics import data_residual, diagnose
-from .forward import circular_integrals, circular_integrals_adjoint, circular_means
-from .geometry import (
-    DetectorCurve,
-    ImageGrid,
-    Region,
-    VisibilityWarning,
-    VolumeGrid,
-    circular_arc,
-    data_radii,
-    detector_curve,
-    edge_weight,
-    elliptic_arc,
-    fit_circle,
-    join_curves,
-    keep_detectors,
-    parametric_curve,
-    polygon,
-    polyline,
-    rectangle,
-    transverse_weight,
-    truncated_disk,
-    turned_views,
-    union_of_regions,
-    visibility,
-    visibility_map,
-)
-from .harmonic import NoiseLevel
-from .impulse_response import remove_impulse_response
-from .io import load_plan, load_settings, save_image, save_plan
-from .iterative import IterativeReconstruction, least_squares, total_variation
-from .layout import Layout, problem_layout
-from .line_detectors import LineDetectorScan, reconstruct_volume, reconstruct_volume_stack
-from .measured import Choices, ScanImages, choices_for, reconstruct_file, reconstruct_scan
-from .noise import NoiseChoice, choose_regularization, image_power
-from .noise_law import predict_noise
-from .plan import PAPER_K, ReconstructionPlan, build_plan
-from .pressure import condition_record, pressure_to_circular_integrals
-from .problem import AccuracyWarning
-from .reconstruction import (
-    DirectReconstruction,
-    cosine_filter,
-    reconstruct,
-    reconstruct_direct,
-    reconstruct_stack,
-)
-from .record_noise import RecordNoise, noise_of_record, record_noise_level
-from .regularization import (
-    FixedRank,
-    NormBound,
-    RelativeCutoff,
-    RelativeTikhonov,
-    ResidualTarget,
-    SingularValueCutoff,
-    Tikhonov,
-    TikhonovNormBound,
-)
-from .reporting import report
-from .sampling import Supported, first_arrival, supported
-from .sharpness import sharpness, sound_speed_by_sharpness
-from .uncertainty import pixel_standard_deviation
-from .unit_norm import microlocal_norm
+# ruff: noqa: F405
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
 from .version import __version__
+
+if TYPE_CHECKING:
+    from .everything import *  # noqa: F403
 
 __all__ = [
     "PAPER_K",
@@ -162,3 +104,18 @@ __all__ = [
     "visibility",
     "visibility_map",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Imported when the first of it is asked for, since ``jaxtat --help`` needs no JAX."""
+    if not name.startswith("_") and find_spec(f".{name}", __name__):
+        return import_module(f".{name}", __name__)
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    everything = vars(import_module(".everything", __name__))
+    globals().update({public: everything[public] for public in __all__ if public in everything})
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -42,6 +42,30 @@ def require_x64() -> None:
         )
 
 
+# argument: what its class has, what it is, and how it is made
+_OBJECTS = {
+    "curve": ("n_detectors", "a DetectorCurve", "detector_curve(positions), positions in order"),
+    "region": ("contains", "a Region", "truncated_disk(radius, radius, n) for a disk"),
+    "grid": ("spacing", "an ImageGrid", "ImageGrid(n) for n x n nodes"),
+}
+
+
+def require_objects(**given: Any) -> None:
+    """Raise ValueError for positions in place of a curve, a number in place of a grid, ..."""
+    for name, value in given.items():
+        mark, kind, how = _OBJECTS[name]
+        if not hasattr(type(value), mark):
+            raise ValueError(f"{name} is {_shown(value)}, expected {kind}: {how}.")
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, int | float | str | None):
+        return repr(value)
+    if hasattr(value, "shape"):
+        return f"an array of shape {value.shape}"
+    return f"a {type(value).__name__}"
+
+
 def real_array(name: str, value: Numbers, shape: tuple[int | str | None, ...] | None) -> Array:
     """``value`` as a float64 array, refused if it is not real, finite and of the given shape.
 

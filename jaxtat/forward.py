@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .checks import Numbers, is_concrete, real_array, require_positive
+from .checks import Numbers, is_concrete, real_array, require_objects, require_positive
 from .geometry import DetectorCurve, ImageGrid
 from .interpolation import KEYS, cell_polynomials, polynomial
 
@@ -54,6 +54,7 @@ def circular_integrals(
     >>> bool(jnp.abs(g - bell.circular_integrals(curve, radii)).max() < 1e-3)
     True
     """
+    require_objects(grid=grid, curve=curve)
     image = real_array("image", image, ("...", *grid.shape))
     radii = _radii(radii)
     n_points = n_points or default_points(grid)
@@ -91,6 +92,7 @@ def circular_integrals_adjoint(
     Returns:
         (..., x1, x2).
     """
+    require_objects(grid=grid, curve=curve)
     radii = _radii(radii)
     data = real_array("data", data, ("...", curve.n_detectors, radii.shape[0]))
     n_points = n_points or default_points(grid)

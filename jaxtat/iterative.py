@@ -15,7 +15,15 @@ import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from .checks import Numbers, data_array, is_concrete, real_array, require_positive, whole_number
+from .checks import (
+    Numbers,
+    data_array,
+    is_concrete,
+    real_array,
+    require_objects,
+    require_positive,
+    whole_number,
+)
 from .forward import circular_integrals, circular_integrals_adjoint, default_points
 from .geometry import DetectorCurve, ImageGrid, Region
 
@@ -186,6 +194,7 @@ def _model(
     curve: DetectorCurve, grid: ImageGrid, radii: Numbers, g: Numbers, region: Region | None
 ) -> tuple[_Model, Float[Array, "detectors radii"]]:
     """The operator and the data, checked."""
+    require_objects(curve=curve, grid=grid)
     radii = real_array("radii", radii, ("radii",))
     require_positive("radii", radii)
     data = data_array(g, curve.n_detectors, radii.shape[0])

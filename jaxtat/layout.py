@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .checks import Numbers, constants, is_concrete, real_array
+from .checks import Numbers, constants, is_concrete, real_array, require_objects
 from .geometry import DetectorCurve, ImageGrid, Region, near_circle, visibility
 from .harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
 from .problem import polar_grid, require_boundary, require_problem
@@ -82,6 +82,7 @@ def problem_layout(
     Raises:
         ValueError: as `reconstruct_direct`, and for a traced geometry.
     """
+    require_objects(curve=curve, region=region, grid=grid)
     radii = real_array("radii", radii, ("radii",))
     curve, region, grid, radii = constants((curve, region, grid, radii))
     if not is_concrete(curve, region, grid, radii, max_frequency):

@@ -84,7 +84,7 @@ def predict_noise(
     if max_frequency is not None:
         highest = real_array("max_frequency", max_frequency, ())
         require_positive("max_frequency", highest)
-    eta = real_array("low_pass", low_pass_values(low_pass, _FREQUENCIES), (_FREQUENCIES + 1,))
+    eta = low_pass_values(low_pass, _FREQUENCIES)
     deviation = _deviation(
         curve, grid.points.reshape(-1, 2), sigma, kappa, kernel_width(curve, width)
     )

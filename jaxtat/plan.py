@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from tqdm import tqdm
 
-from .checks import Numbers, is_concrete, real_array, require_x64
+from .checks import Numbers, is_concrete, real_array, require_objects, require_x64
 from .densities import (
     Densities,
     DensityReport,
@@ -22,6 +22,7 @@ from .densities import (
 )
 from .geometry import Circle, DetectorCurve, ImageGrid, Region, fit_circle
 from .harmonic import (
+    AlphaRule,
     HarmonicDensities,
     PolarGeometry,
     alpha_units,
@@ -150,10 +151,17 @@ def build_plan(
     True
     """
     require_x64()
+    require_objects(curve=curve, region=region, grid=grid)
     radii = real_array("radii", radii, ("radii",))
     if precision not in ("double", "single"):
         raise ValueError(f"precision is {precision!r}, expected 'double' or 'single'.")
     single = precision == "single"
+    if isinstance(regularization, AlphaRule):
+        raise ValueError(
+            f"regularization is a {type(regularization).__name__}, which looks at the data: it is "
+            "for alpha of reconstruct_direct. A plan for noise of known size takes the rule that "
+            "choose_regularization finds."
+        )
     if not (regularization is None or isinstance(regularization, Regularization)):
         raise ValueError(
             f"regularization is {regularization!r}, expected a rule such as NormBound(4.0)."

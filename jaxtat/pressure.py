@@ -20,9 +20,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from .names import MODELS
 from .special import j0
 
-MODELS = ("2d", "in-plane")
 _WAVES_AT_A_TIME = 256
 
 

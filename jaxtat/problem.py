@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from .cost import Cost, image_cost, require_room
 from .geometry import (
     DetectorCurve,
     Grid,
@@ -42,21 +43,32 @@ def polar_grid(
     lambda_max is by default π over the larger of pixel and radial step, beyond which neither data
     nor image hold anything; d lambda <= π/(2 R) resolves projections up to |s| = 2 R.
     """
-    if max_frequency is None:
-        spacing, distances = jax.lax.stop_gradient((grid.spacing, radii))
-        highest = np.pi / max(np.asarray(spacing).max(), np.diff(distances).max())
-    else:
-        frequency = real_array("max_frequency", max_frequency, ())
-        require_positive("max_frequency", frequency)
-        highest = float(frequency)
+    spacing, distances, reach = jax.lax.stop_gradient((grid.spacing, radii, region.reach))
+    pixel, step = float(np.asarray(spacing).max()), float(np.diff(distances).max())
+    if max_frequency is not None:
+        max_frequency = real_array("max_frequency", max_frequency, ())
+        require_positive("max_frequency", max_frequency)
+    if n_directions is not None:
+        n_directions = whole_number("n_directions", n_directions, 1)
+
+    def sizes(coarser: float) -> tuple[float, int, int]:
+        """Of the polar grid for pixels that are so many times larger."""
+        highest = np.pi / max(pixel * coarser, step)
+        highest = highest if max_frequency is None else float(max_frequency)
+        waves = highest * float(reach)  # radians across the radius
+        # projections and image turn through 2 * waves radians in half a turn; a quarter to spare
+        turned = 32 * max(1, int(np.ceil(1.25 * waves / 32)))
+        return highest, max(1, int(np.ceil(2 * waves / np.pi - 1e-6))), n_directions or turned
+
+    def cost(n: int) -> Cost:
+        """With n pixels along the longest side."""
+        coarser = max(grid.shape) / n
+        return image_cost(tuple(size / coarser for size in grid.shape), *sizes(coarser)[1:])
+
+    require_room(cost, max(grid.shape))
+    highest, n_frequencies, n_directions = sizes(1.0)
     if is_concrete(radii):
         _warn_of_radii(np.asarray(radii), highest)
-    waves = highest * float(jax.lax.stop_gradient(region.reach))  # radians across the radius
-    n_frequencies = max(1, int(np.ceil(2 * waves / np.pi - 1e-6)))
-    if n_directions is None:
-        # projections and image turn through 2 * waves radians in half a turn; a quarter to spare
-        n_directions = 32 * max(1, int(np.ceil(1.25 * waves / 32)))
-    n_directions = whole_number("n_directions", n_directions, 1)
     frequencies = highest / n_frequencies * np.arange(1, n_frequencies + 1)
     angles = np.arange(n_directions) * (np.pi / n_directions)
     return jax.device_put(frequencies), jax.device_put(angles)

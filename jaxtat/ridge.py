@@ -112,9 +112,16 @@ def _minimiser(
 
 
 def _jaxopt() -> ModuleType:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        import jaxopt
+    """The package, or ImportError in one line: it asks JAX for names that may be gone one day."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)
+            import jaxopt
+    except (ImportError, AttributeError) as error:
+        raise ImportError(
+            f"jaxopt, which is no longer maintained, does not work beside JAX {jax.__version__} "
+            f"({error}): use Tikhonov(alpha) in build_plan, which needs no iterations."
+        ) from error
     return jaxopt
 
 

@@ -4,10 +4,8 @@ Elements are numbered anticlockwise from one end of the opening to the other; an
 clockwise gives the mirror image.
 """
 
-from typing import NamedTuple
-
-import numpy as np
-from jaxtyping import Float
+import math
+from typing import Any, NamedTuple
 
 
 class Scanner(NamedTuple):
@@ -30,13 +28,18 @@ class Scanner(NamedTuple):
     source: str
 
     @property
-    def positions(self) -> Float[np.ndarray, "detectors 3"]:
+    def positions(self) -> Any:  # the command's help lists scanners, and waits for no NumPy
         """Element k at the angle -90° + (360° - span)/2 + k span/(n - 1): the arc opens downwards.
+
+        Returns:
+            NumPy array, (detectors, 3) [m].
 
         >>> first = SCANNERS["msot-invision-256"].positions[0]
         >>> (1e3 * first).round(2).tolist()  # the scan of PATATO begins at (28.90, -28.37, 0) mm
         [28.9, -28.37, 0.0]
         """
+        import numpy as np
+
         along = np.linspace(-self.span / 2, self.span / 2, self.n_detectors)
         angles = np.radians(90.0 + along)
         x1, x2 = self.radius * np.cos(angles), self.radius * np.sin(angles)
@@ -57,7 +60,7 @@ SCANNERS = {
     "msot-acuity-echo": Scanner(
         "iThera MSOT Acuity Echo",
         radius=40e-3,
-        span=float(np.degrees(255 * 0.34e-3 / 40e-3)),
+        span=math.degrees(255 * 0.34e-3 / 40e-3),
         n_detectors=256,
         sampling_rate=40e6,
         source="256 elements with a pitch of 0.34 mm on 40 mm, 40 MHz: SIMPA, "

@@ -78,7 +78,7 @@ def pixel_standard_deviation(
     variance = _variance(sigma, plan.curve, plan.radii)
     wanted = _wanted(where, plan.region, grid)
     n = plan.frequencies.shape[0]
-    eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
+    eta = low_pass_values(low_pass, n)
     require_inversion(inversion)
     of_block = partial(_of_block, plan, eta, variance, inversion=inversion)
     return _map(of_block, grid, wanted, progress)

@@ -1,5 +1,8 @@
 """Checks at the entry: what is let through, and that refusals say what, where and what to do."""
 
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +17,7 @@ from jaxtat.checks import (
     is_concrete,
     real_array,
     require_finite,
+    require_objects,
     require_positive,
     require_x64,
 )
@@ -201,3 +205,60 @@ def test_a_fixed_geometry_is_no_traced_one(small):
     found = jax.jit(lambda x: x * jaxtat.problem_layout(*small).max_frequency)(1.0)
     assert float(found) == jaxtat.problem_layout(*small).max_frequency
     assert jax.grad(lambda x: x * constants(x))(2.0) == 2.0
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            {"curve": np.zeros((24, 2))},
+            r"curve is an array of shape \(24, 2\), expected a DetectorCurve: detector_curve\(pos",
+        ),
+        ({"curve": [[0.0, 1.0]]}, "curve is a list, expected a DetectorCurve"),
+        ({"region": 1.0}, r"region is 1.0, expected a Region: truncated_disk\("),
+        ({"grid": 129}, r"grid is 129, expected an ImageGrid: ImageGrid\(n\)"),
+        ({"grid": None}, "grid is None, expected"),
+    ],
+)
+def test_what_is_no_curve_region_or_grid_is_named_with_what_makes_one(given, message):
+    with pytest.raises(ValueError, match=message):
+        require_objects(**given)
+
+
+def test_public_functions_say_it(tmp_path):
+    """In a process of its own: here every annotation is checked before the functions are."""
+    program = """
+import jax
+jax.config.update("jax_enable_x64", True)
+import numpy as np
+import jaxtat as jt
+
+points, radii = np.asarray([[1.3, 0.0], [0.0, 1.3], [-1.3, 0.0], [0.0, -1.3]]), np.ones(5)
+curve, grid, region = jt.detector_curve(points), jt.ImageGrid(5), jt.truncated_disk(1.0, 1.0, 8)
+image, g = np.zeros((5, 5)), np.zeros((4, 5))
+for wrong in (
+    lambda: jt.reconstruct_direct(points, region, grid, radii, g),
+    lambda: jt.build_plan(points, region, grid, radii),
+    lambda: jt.problem_layout(points, region, grid, radii),
+    lambda: jt.data_radii(points, region, 0.1),
+    lambda: jt.circular_integrals(image, grid, points, radii),
+    lambda: jt.least_squares(points, grid, radii, g),
+    lambda: jt.reconstruct_direct(curve, region, 129, radii, g),
+    lambda: jt.build_plan(curve, region, grid, radii, jt.NoiseLevel(0.1)),
+    lambda: jt.build_plan(curve, region, grid, radii, 4.0),
+):
+    try:
+        wrong()
+    except ValueError as error:
+        print(error)
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    *curves, grid, level, number = run.stdout.splitlines()
+    assert len(curves) == 6
+    for line in curves:
+        assert line.startswith("curve is an array of shape (4, 2), expected a DetectorCurve")
+    assert grid.startswith("grid is 129, expected an ImageGrid")
+    assert "NoiseLevel, which looks at the data: it is for alpha of reconstruct_direct." in level
+    assert number == "regularization is 4.0, expected a rule such as NormBound(4.0)."

@@ -1,11 +1,14 @@
 """The command: the same images as from Python, and one line of reason for what it refuses."""
 
 import json
+import os
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import h5py
+import jax
 import jax.numpy as jnp
 import matplotlib.image
 import numpy as np
@@ -31,6 +34,8 @@ from jaxtat import (
     truncated_disk,
 )
 from jaxtat.cli import main
+from jaxtat.cli.cache import keep_programs, remove_oldest, user_folder
+from jaxtat.cli.parser import build_parser
 from jaxtat.cli.setup import chosen
 from jaxtat.io import load_plan, load_settings
 
@@ -370,7 +375,7 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"some.npz {REGION} --out a.png", "the data have 24 detectors"),
         (f"good.npz {ARC} --region-radius 1.4 --out a.png", "inside or on the region"),
         (f"good.npz {GEOMETRY} --region-center 30 0 --out a.png", "inside or on the region|radii"),
-        (f"good.npz {GEOMETRY} --half-width 0 --out a.png", "half_width"),
+        (f"good.npz {GEOMETRY} --half-width 0 --out a.png", "--half-width is 0.0"),
         (f"good.npz {ARC} --region-radius 0.8 --pixels 0 --out a.png", "expected at least 4"),
         (f"good.npz {GEOMETRY} --use 0:30 --out a.png", "there are 24 detectors"),
         (f"good.npz {GEOMETRY} --K -1 --out a.png", "K is -1.0"),
@@ -510,21 +515,61 @@ def test_wrong_arguments_exit_with_2_and_the_usage(capsys, line):
     assert capsys.readouterr().err.startswith("usage: jaxtat")
 
 
-@pytest.mark.parametrize("command", ["", "paper", "plan", "reconstruct", "info", "report"])
-def test_help_shows_examples_that_parse(capsys, command):
+@pytest.mark.parametrize("command", ["paper", "plan", "reconstruct", "info", "report"])
+def test_help_shows_examples_of_the_command_that_parse(capsys, command):
     with pytest.raises(SystemExit) as caught:
-        main([*command.split(), "--help"])
+        main([command, "--help"])
     assert caught.value.code == 0
-    text = capsys.readouterr().out
-    assert "examples:" in text
-    examples = text.split("examples:")[1].replace("\\\n", " ").splitlines()
+    examples = capsys.readouterr().out.split("examples:")[1].replace("\\\n", " ").splitlines()
     lines = [line.strip() for line in examples if line.strip().startswith("jaxtat ")]
-    assert {line.split()[1] for line in lines} == {"paper", "plan", "reconstruct", "info", "report"}
+    assert lines[0].split()[1] == command
     for line in lines:
-        assert callable(jaxtat.cli.parser.build_parser().parse_args(shlex.split(line)[1:]).run)
+        assert command in line
+        assert callable(build_parser().parse_args(shlex.split(line)[1:]).run)
 
 
-def test_the_module_is_the_command(tmp_path):
+QUICK = """
+import sys
+from jaxtat.cli import main
+try:
+    print("returned", main(sys.argv[1:]))
+except SystemExit as end:
+    print("exited", end.code)
+print(sorted({"jax", "numpy", "scipy", "matplotlib", "h5py"} & set(sys.modules)))
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "ending", "said"),
+    [
+        ("--help", "exited 0", "COMMAND --help"),
+        ("--version", "exited 0", f"jaxtat {jaxtat.__version__}\n"),
+        ("reconstruct --help", "exited 0", "msot-invision-256"),
+        ("reconstruct a.npz --out a.png --model 3d", "exited 2", "invalid choice: '3d'"),
+        ("reconstruct a.npz --out a.png --alpha nan", "returned 2", "--alpha is nan"),
+        ("reconstruct a.npz --out a.gif", "returned 2", "expected a name ending in .png"),
+        ("info a.npz --scanner ct", "returned 2", "expected one of msot-invision-256"),
+        ("info a.npz --use 3", "returned 2", "expected slices such as"),
+        ("report a.npz --out a.html --K 3 --alpha 1", "returned 2", "leave out the others"),
+        ("plan --ring 1 2.5 --out a.h5", "returned 2", "number of detectors is 2.5"),
+        ("paper --out a --cache /dev/null/x", "returned 2", "--cache /dev/null/x: the folder"),
+    ],
+)
+def test_help_and_refusals_wait_for_no_library(line, ending, said, tmp_path):
+    """JAX takes seconds to import, NumPy tenths of a second."""
+    done = subprocess.run(
+        [sys.executable, "-c", QUICK, *shlex.split(line)],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=120,
+    )
+    assert done.stdout.endswith(f"{ending}\n[]\n"), done.stderr
+    assert said in done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_the_module_is_the_command():
     done = subprocess.run(
         [sys.executable, "-m", "jaxtat", "--help"],
         capture_output=True,
@@ -533,5 +578,51 @@ def test_the_module_is_the_command(tmp_path):
         timeout=120,
     )
     assert done.stdout.startswith("usage: jaxtat ")
-    assert "jaxtat plan --arc 1.3 0 500" in done.stdout
     assert done.stderr == ""
+
+
+@pytest.fixture
+def settings_of_jax():
+    """What the command sets for its process is taken back."""
+    names = ("jax_compilation_cache_dir", "jax_enable_compilation_cache")
+    before = {name: getattr(jax.config, name) for name in names}
+    yield
+    for name, value in before.items():
+        jax.config.update(name, value)
+
+
+def test_programs_are_kept_in_the_users_folder_by_default(settings_of_jax, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(sys, "platform", "linux")
+    keep_programs(None)
+    assert jax.config.jax_compilation_cache_dir != str(tmp_path / "jaxtat"), "JAX has one already"
+    jax.config.update("jax_compilation_cache_dir", None)
+    keep_programs(None)
+    assert jax.config.jax_compilation_cache_dir == str(tmp_path / "jaxtat")
+    assert (tmp_path / "jaxtat").is_dir()
+    keep_programs(str(tmp_path / "own"))
+    assert jax.config.jax_compilation_cache_dir == str(tmp_path / "own")
+    keep_programs(None, off=True)
+    assert jax.config.jax_enable_compilation_cache is False
+
+
+@pytest.mark.parametrize(
+    ("platform", "environment", "wanted"),
+    [
+        ("linux", {"XDG_CACHE_HOME": "/a"}, "/a/jaxtat"),
+        ("linux", {"XDG_CACHE_HOME": ""}, "/home/me/.cache/jaxtat"),
+        ("darwin", {}, "/home/me/Library/Caches/jaxtat"),
+        ("win32", {"LOCALAPPDATA": "/local"}, "/local/jaxtat"),
+    ],
+)
+def test_the_users_folder_is_that_of_the_platform(monkeypatch, platform, environment, wanted):
+    monkeypatch.setattr(Path, "home", lambda: Path("/home/me"))
+    assert user_folder(environment, platform).as_posix() == wanted
+
+
+def test_the_oldest_programs_go(tmp_path):
+    for i in range(5):
+        (tmp_path / str(i)).write_bytes(bytes(100))
+        os.utime(tmp_path / str(i), (i, i))
+    remove_oldest(tmp_path, 250)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["3", "4"]

@@ -11,7 +11,7 @@ from jax.test_util import check_grads
 
 from jaxtat import Tikhonov
 from jaxtat.filtered_solve import filtered_solve
-from jaxtat.ridge import ridge
+from jaxtat.ridge import _jaxopt, ridge
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +65,20 @@ def test_bad_arguments_are_refused(problem):
         ridge(*problem, 1.0, max_steps=0)
 
 
+@pytest.mark.parametrize("asks_for", ["jax.tree_map", "jax.experimental.host_callback"])
+def test_a_jaxopt_that_no_longer_works_is_named(tmp_path, monkeypatch, asks_for):
+    """One that asks JAX for what it has dropped: a name, or a module."""
+    module, name = asks_for.rsplit(".", 1)
+    (tmp_path / "jaxopt.py").write_text(f"from {module} import {name}\nimport jax\njax.{name}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "jaxopt", raising=False)
+    with pytest.raises(
+        ImportError, match=r"jaxopt.* does not work beside JAX .*Tikhonov"
+    ) as caught:
+        _jaxopt()
+    assert "\n" not in str(caught.value)
+
+
 def test_jaxopt_is_imported_by_those_who_use_it_and_its_warning_seen_by_nobody():
     program = """
 import sys
@@ -72,8 +86,9 @@ import jax
 jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
 import jaxtat
+assert jaxtat.compare_regularizations  # which uses it, and all else, is imported
 assert "jaxopt" not in sys.modules
-from jaxtat.ridge import ridge
+from jaxtat.ridge import _jaxopt, ridge
 assert "jaxopt" not in sys.modules
 ridge(jnp.ones((1, 2, 2)), jnp.ones((1, 2, 1)) + 0j, 1.0)
 assert "jaxopt" in sys.modules

@@ -4,6 +4,8 @@ import argparse
 import time
 from pathlib import Path
 
+from .refusals import wants_plan
+
 
 def paper(options: argparse.Namespace) -> None:
     """``jaxtat paper``."""
@@ -45,7 +47,7 @@ def reconstruct(options: argparse.Namespace) -> None:
     from ..measured import reconstruct_scan
 
     start = time.perf_counter()
-    require_suffix(options.out)
+    require_suffix(options.out)  # and the package that writes it
     require_place(options.out)
     stored = dict(vars(options))  # before anything of them is used up
     scan, choices, plan = _asked(options, start)
@@ -72,8 +74,6 @@ def report(options: argparse.Namespace) -> None:
     from ..reporting import report_scan
 
     start = time.perf_counter()
-    if not options.out.endswith(".html"):
-        raise ValueError(f"cannot write {options.out}: expected a name ending in .html.")
     require_place(options.out)
     scan, choices, plan = _asked(options, start)
     report_scan(
@@ -96,15 +96,14 @@ def _asked(options: argparse.Namespace, start: float):
     """The scan, everything chosen for it, and the plan that is given or asked for, or None."""
     from ..io.plans import load_plan
     from ..measured import Where, choices_for, estimate_sound_speed, integrals
-    from .setup import given, plan_for, repeated, require_free, require_same, scan_of, wants_plan
+    from .setup import given, plan_for, repeated, require_same, require_size, scan_of
 
     choices = repeated(options) if options.repeat else None
-    if options.plan:
-        require_free(options)
     plan = load_plan(options.plan) if options.plan else None
     scan = scan_of(options, plan)
     if choices is None:
         choices = choices_for(scan, **given(options, scan, plan))
+        require_size(choices)
         if plan is None:
             choices = estimate_sound_speed(scan, choices)
     _report(options, f"{options.file}\n{choices.table()}", start)

@@ -1,15 +1,12 @@
 """Entry: read the arguments, run the command, turn errors into one line and an exit code."""
 
+import argparse
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 
-import jax
-from threadpoolctl import threadpool_limits
-
-from ..geometry import VisibilityWarning
-from ..problem import AccuracyWarning
 from .parser import build_parser
+from .refusals import require_options
 
 BAD_INPUT, INTERRUPTED = 2, 130
 
@@ -22,24 +19,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
         interrupted.
     """
     options = build_parser().parse_args(arguments)
+    try:
+        require_options(options)
+        _run(options)
+    except (ValueError, OSError) as error:
+        print(f"jaxtat: error: {' '.join(str(error).split())}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("jaxtat: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    return 0
+
+
+def _run(options: argparse.Namespace) -> None:
+    """The command itself; only now is JAX imported, for which help and refusals need not wait."""
+    import jax
+    from threadpoolctl import threadpool_limits
+
+    from ..geometry import VisibilityWarning
+    from ..problem import AccuracyWarning
+    from .cache import keep_programs
+
     jax.config.update("jax_enable_x64", True)  # the command is the program: its flag to set
-    if options.cache:
-        jax.config.update("jax_compilation_cache_dir", options.cache)
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    keep_programs(options.cache, off=options.no_cache)
     # small matrices: threads of the linear algebra library only get in the way of XLA's
     with threadpool_limits(1, user_api="blas"), warnings.catch_warnings():
         warnings.simplefilter("always", VisibilityWarning)
         warnings.simplefilter("always", AccuracyWarning)
         warnings.showwarning = _notes()
-        try:
-            options.run(options)
-        except (ValueError, OSError) as error:
-            print(f"jaxtat: error: {' '.join(str(error).split())}", file=sys.stderr)
-            return BAD_INPUT
-        except KeyboardInterrupt:
-            print("jaxtat: interrupted", file=sys.stderr)
-            return INTERRUPTED
-    return 0
+        options.run(options)
 
 
 def _notes() -> Callable[..., None]:

@@ -2,30 +2,41 @@
 
 import argparse
 
-from ..measured.choices import LOW_PASSES
-from ..pressure import MODELS
-from ..reconstruction.inversion import INVERSIONS
+from ..names import IMAGE_SUFFIXES, INVERSIONS, LOW_PASSES, MODELS
 from ..scanners import SCANNERS
 from ..units import MILLIMETRES
+from ..version import __version__
 from . import commands
 
-_EXAMPLES = """examples:
+_EXAMPLES = {
+    "paper": """
   jaxtat paper --out out/paper
       repeat the numerical section of the paper: table, figures, metrics.json
+""",
+    "plan": """
   jaxtat plan --arc 1.3 0 500 --region-radius 1 --region-cut 0 --pixels 129 --out half.h5
       densities for a half circle of 500 detectors and a half disk (paper, geometry #2)
   jaxtat reconstruct data.npz --plan half.h5 --out image.png
       an image from circular integrals in data.npz
-  jaxtat info scan.hdf5
-      what is in a scan file, and what would be chosen for its reconstruction
+""",
+    "reconstruct": """
   jaxtat reconstruct scan.hdf5 --out scan.png
       an image, everything chosen by the scan itself; options override
   jaxtat reconstruct scan.npz --model in-plane --sound-speed 1500 --region-radius 0.0146 \\
          --pixels 301 --band 1e5 7e6 --low-pass cosine --out scan.png
       the same with choices made by hand
+  jaxtat reconstruct data.npz --plan half.h5 --out image.png
+      with a plan, of `jaxtat plan`
+""",
+    "info": """
+  jaxtat info scan.hdf5
+      what is in a scan file, and what would be chosen for its reconstruction
+""",
+    "report": """
   jaxtat report scan.hdf5 --out report.html
       a page to look at: image, choices, what can be trusted and what not
-"""
+""",
+}
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -33,9 +44,9 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="jaxtat",
         description="Thermo- and photoacoustic tomography with detectors on an open curve.",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="`jaxtat COMMAND --help` has the options of a command, and examples.",
     )
+    parser.add_argument("--version", action="version", version=f"jaxtat {__version__}")
     subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_paper(subparsers)
     _add_plan(subparsers)
@@ -50,14 +61,19 @@ def _command(subparsers, name: str, run, help: str) -> argparse.ArgumentParser:
         name,
         help=help,
         description=help,
-        epilog=_EXAMPLES,
+        epilog=f"examples:{_EXAMPLES[name]}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no report")
-    parser.add_argument(
-        "--cache", metavar="DIR", help="keep compiled programs here, for a quick start next time"
+    cache = parser.add_mutually_exclusive_group()
+    cache.add_argument(
+        "--cache",
+        metavar="DIR",
+        help="keep compiled programs here, for a quick start next time (default: in the user's "
+        "folder for caches)",
     )
+    cache.add_argument("--no-cache", action="store_true", help="keep no compiled programs")
     return parser
 
 
@@ -88,7 +104,7 @@ def _add_reconstruct(subparsers) -> None:
         "--out",
         required=True,
         metavar="IMAGE",
-        help="image or volume to write: .png, .npy, .h5, .nii, .nii.gz or .tif",
+        help=f"image or volume to write: {', '.join(IMAGE_SUFFIXES)}",
     )
     _add_unit_and_plan(parser)
     _add_choices(parser)

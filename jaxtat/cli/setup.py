@@ -12,16 +12,12 @@ from ..io.frames import LazyFrames
 from ..measured import Choices, Where, choices_for, with_facts
 from ..measured.facts import facts_of
 from ..plan import ReconstructionPlan, build_plan
+from ..problem import polar_grid
 from ..regularization import FixedRank, NormBound, Regularization, SingularValueCutoff
+from .refusals import CHOICES, OF_PLANS, band, is_given, slices
 
 FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use")
-_REGION = ("region_radius", "region_cut", "region_angle", "region_center", "pixels", "half_width")
-_CHOICES = (
-    *("model", "sound_speed", "dead_time", "band", "alpha", "low_pass", "inversion"),
-    *(*_REGION, "max_frequency"),
-)
-_OPTIONS = ("file", "out", "quiet", "cache", "repeat", "length_unit", "plan")
-_OF_PLANS = ("K", "j_max", "sigma_min", "series", "collocation", "single")
+_OPTIONS = ("file", "out", "quiet", "cache", "no_cache", "repeat", "length_unit", "plan")
 
 
 def scan_of(options: argparse.Namespace, plan: ReconstructionPlan | None = None) -> Scan:
@@ -42,12 +38,10 @@ def given(
     options: argparse.Namespace, scan: Scan, plan: ReconstructionPlan | None = None
 ) -> dict[str, Any]:
     """Choices that the options, or a plan, have made."""
-    made = {name: getattr(options, name, None) for name in _CHOICES}
+    made = {name: getattr(options, name, None) for name in CHOICES}
     made["use"] = None if options.use is None else chosen(options.use, scan.n_detectors)
-    if made["band"] == ["none"]:
-        made["band"] = "none"
-    elif made["band"] is not None:
-        made["band"] = _band(made["band"])
+    if made["band"] is not None:
+        made["band"] = band(made["band"])
     if plan is None:
         return made
     region, grid = plan.region, plan.grid
@@ -66,17 +60,12 @@ def given(
 
 def repeated(options: argparse.Namespace) -> Choices:
     """The choices of an earlier image; its facts, too, count where no option gives others."""
-    for name in (*_CHOICES, *_OF_PLANS, "plan"):
-        if getattr(options, name) not in (None, False):
-            raise ValueError(
-                f"--{name.replace('_', '-')} and --repeat: the earlier image has decided that."
-            )
     settings = load_settings(options.repeat)
-    for name in (*FACTS, *_OF_PLANS, "plan"):
-        if getattr(options, name) in (None, False):
+    for name in (*FACTS, *OF_PLANS, "plan"):
+        if not is_given(options, name):
             setattr(options, name, settings.get(name))
     return Choices.from_settings(
-        {k: v for k, v in settings.items() if k not in (*FACTS, *_OPTIONS, *_OF_PLANS)}
+        {k: v for k, v in settings.items() if k not in (*FACTS, *_OPTIONS, *OF_PLANS)}
     )
 
 
@@ -108,19 +97,11 @@ def plan_for(options: argparse.Namespace, where: Where) -> ReconstructionPlan:
     )
 
 
-def wants_plan(options: argparse.Namespace) -> bool:
-    """Whether an option asks for densities, and so for a plan, where none is given."""
-    asked = any(getattr(options, name) not in (None, False) for name in _OF_PLANS)
-    if asked and options.alpha is not None:
-        raise ValueError("--alpha is for a reconstruction without densities: leave out the others.")
-    return asked
-
-
-def require_free(options: argparse.Namespace) -> None:
-    """Raise ValueError for options that a finished plan has already decided."""
-    for name in (*_REGION, "max_frequency", "alpha", *_OF_PLANS):
-        if getattr(options, name) not in (None, False):
-            raise ValueError(f"--{name.replace('_', '-')} and --plan: the plan has decided that.")
+def require_size(choices: Choices) -> None:
+    """Raise ValueError for more pixels than fit into memory, before any work; warn of long work."""
+    if len(choices.region_center) == 2:  # in space nothing is done before
+        limits = choices.radii, choices.max_frequency, None
+        polar_grid(choices.region, choices.grid, *limits)
 
 
 def require_same(scan: Scan, choices: Choices, plan: ReconstructionPlan) -> None:
@@ -156,30 +137,25 @@ def chosen(use: str | None, n: int) -> np.ndarray:
     """
     if use is None:
         return np.arange(n)
-    return np.concatenate([_piece(piece, n) for piece in use.split(",")])
+    pieces = zip(use.split(","), slices(use), strict=True)
+    return np.concatenate([_piece(text, piece, n) for text, piece in pieces])
 
 
-def _piece(text: str, n: int) -> np.ndarray:
+def _piece(text: str, piece: slice, n: int) -> np.ndarray:
     """Indices of one slice; what reaches beyond the n detectors is refused, not clipped."""
-    try:
-        bounds = [int(bound) if bound else None for bound in text.split(":")]
-        piece = np.arange(n)[slice(*bounds)]
-    except (ValueError, TypeError):
-        bounds, piece = [], np.arange(0)
-    if len(bounds) < 2:
-        raise ValueError(f"--use {text}: expected slices such as 904:1024,0:616 or 0:500:2.")
-    if piece.size == 0 or any(abs(bound) > n for bound in bounds[:2] if bound is not None):
+    found = np.arange(n)[piece]
+    if found.size == 0 or any(abs(bound) > n for bound in (piece.start, piece.stop) if bound):
         raise ValueError(f"--use {text}: there are {n} detectors, 0 to {n - 1}.")
-    return piece
+    return found
 
 
 def _positions(options: argparse.Namespace) -> np.ndarray | None:
     """Positions of --arc or --ring."""
     if options.arc:
         radius, z_right, n = options.arc
-        return np.asarray(circular_arc(radius, z_right, _count("--arc", n)).points)
+        return np.asarray(circular_arc(radius, z_right, int(n)).points)
     if options.ring:
-        radius, n = options.ring[0], _count("--ring", options.ring[1])
+        radius, n = options.ring[0], int(options.ring[1])
         theta = 2 * np.pi * np.arange(n) / n
         return radius * np.stack([np.cos(theta), np.sin(theta)], axis=1)
     return None
@@ -199,30 +175,14 @@ def _rows(scan: Scan, use: str | None) -> Scan:
     )
 
 
-def _band(texts: list[str]) -> tuple[float, float]:
-    try:
-        low, high = (float(text) for text in texts)
-    except ValueError:
-        raise ValueError(f"--band {' '.join(texts)}: expected LOW HIGH, or none.") from None
-    return low, high
-
-
 def _method(options: argparse.Namespace) -> str:
     if options.series:
         return "series"
     return "collocation" if options.collocation else "auto"
 
 
-def _count(option: str, value: float) -> int:
-    if not (value >= 1 and value.is_integer() and value < 2**31):
-        raise ValueError(f"{option}: the number of detectors is {value:g}, expected a whole one.")
-    return int(value)
-
-
 def _regularization(options: argparse.Namespace) -> Regularization | None:
     if options.series:
-        if not options.K == options.j_max == options.sigma_min is None:
-            raise ValueError("--series is a closed form: --K, --j-max and --sigma-min do nothing.")
         return None
     if options.j_max is not None:
         return FixedRank(options.j_max)

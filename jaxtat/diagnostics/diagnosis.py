@@ -174,7 +174,7 @@ def wave_accuracy(plan: ReconstructionPlan, low_pass: LowPass | None = None) -> 
     across = jnp.stack([-jnp.sin(plan.angles), jnp.cos(plan.angles)])
     breadth = jnp.ptp(plan.region.points @ across, axis=0)
     gain = report.norm / (plan.frequencies[:, None] * jnp.sqrt(breadth) / 2)
-    eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))[1:]
+    eta = low_pass_values(low_pass, n)[1:]
     return WaveAccuracy(plan.frequencies, plan.angles, report.residual, gain, eta)
 
 

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, is_concrete, real_array, require_positive
+from ..checks import Numbers, is_concrete, real_array, require_objects, require_positive
 from .curves import DetectorCurve
 from .regions import Region
 
@@ -31,6 +31,7 @@ def data_radii(
     >>> radii.shape, round(float(radii[0]), 3), round(float(radii[-1]), 3)
     ((129,), 0.3, 2.3)
     """
+    require_objects(curve=curve, region=region)
     step = real_array("step", step, ())
     require_positive("step", step)
     spans = [_distances(curve, where) for where in (region, sources) if where is not None]

@@ -10,6 +10,8 @@ from uuid import uuid4
 
 from .limits import name_of, one_line
 
+_LEAST = 4096  # bytes for which there must be room
+
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
@@ -76,12 +78,22 @@ def _is_running(process: int) -> bool:
 
 
 def require_place(path: str | Path) -> None:
-    """Raise ValueError if ``path`` cannot be a file to write: asked before hours of work too."""
+    """Raise ValueError if ``path`` cannot be a file to write: asked before hours of work too.
+
+    A small file is made there and removed again, since permissions do not tell of a file system
+    that is read-only or full.
+    """
     target = Path(path)
     if target.exists() and not target.is_file():
         kind = "a folder" if target.is_dir() else "no ordinary file"
         raise ValueError(f"cannot write {target}: it is {kind}.")
-    if not target.resolve().parent.is_dir():
-        raise ValueError(f"cannot write {target}: there is no folder {target.resolve().parent}.")
-    if not os.access(target.resolve().parent, os.W_OK | os.X_OK):
-        raise ValueError(f"cannot write {target}: its folder may not be written to.")
+    folder = target.resolve().parent
+    if not folder.is_dir():
+        raise ValueError(f"cannot write {target}: there is no folder {folder}.")
+    try:
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=".", suffix=target.suffix) as trial:
+            trial.write(bytes(_LEAST))
+    except OSError as error:
+        raise ValueError(
+            f"cannot write {target}: no file can be made in {folder} ({error.strerror})."
+        ) from None

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..checks import Numbers, real_array
 from ..geometry import ImageGrid, VolumeGrid
+from ..names import IMAGE_SUFFIXES
 from ..units import millimetres
 from .atomic import replacing
 from .hdf5 import creating_hdf5, open_hdf5
@@ -268,14 +269,9 @@ def _write_tiff(path: Path, output: _Output) -> None:
     tifffile.imwrite(path, rows, imagej=True, resolution=pixels, metadata=description)
 
 
+_PNG, _NPY, _HDF5 = (_write_png, None), (_write_npy, None), (_write_hdf5, None)
+_NIFTI, _TIFF = (_write_nifti, "nibabel"), (_write_tiff, "tifffile")
 # suffix: who writes it, and the package of the extra `io` that is needed for it
-_FORMATS = {
-    ".png": (_write_png, None),
-    ".npy": (_write_npy, None),
-    ".h5": (_write_hdf5, None),
-    ".hdf5": (_write_hdf5, None),
-    ".nii": (_write_nifti, "nibabel"),
-    ".nii.gz": (_write_nifti, "nibabel"),
-    ".tif": (_write_tiff, "tifffile"),
-    ".tiff": (_write_tiff, "tifffile"),
-}
+_FORMATS = dict(
+    zip(IMAGE_SUFFIXES, (_PNG, _NPY, _HDF5, _HDF5, _NIFTI, _NIFTI, _TIFF, _TIFF), strict=True)
+)

@@ -19,12 +19,10 @@ from ..geometry import (
     truncated_disk,
 )
 from ..pressure import MODELS
-from ..reconstruction import cosine_filter
 from ..reconstruction.inversion import require_inversion
-from ..reconstruction.radon import LowPass
+from ..reconstruction.radon import LOW_PASSES
 
 IN_SPACE = "in-space"  # the model of point-like detectors around a volume
-LOW_PASSES: dict[str, LowPass | None] = {"none": None, "cosine": cosine_filter}
 
 
 class Choices(eqx.Module):

@@ -11,9 +11,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
+from ..autofocus import sharpness
 from ..geometry import ImageGrid, Region
 from ..io import Scan
-from ..sharpness import sharpness
 from .choices import Choices
 from .choose import TO_BE_ESTIMATED
 from .facts import FASTEST, SLOWEST, WATER, typical_frame

@@ -30,7 +30,7 @@ def classical_fbp(
         angles: theta, equispaced over half a turn, (directions,) [rad].
         grid: where the image is wanted.
         center: c, (2,) [length].
-        low_pass: eta(lambda / lambda_max), for instance `cosine_filter`; none by default.
+        low_pass: eta(lambda / lambda_max), such as `cosine_filter` or "cosine"; none by default.
 
     Returns:
         (..., x1, x2).

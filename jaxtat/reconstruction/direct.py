@@ -10,7 +10,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Complex, Float
 
 from ..boundary import BoundaryGeometry, geometry_for, solve_on_boundary
-from ..checks import Numbers, data_array, is_concrete, real_array, require_x64
+from ..checks import Numbers, data_array, is_concrete, real_array, require_objects, require_x64
 from ..geometry import DetectorCurve, ImageGrid, Region
 from ..harmonic import (
     AlphaRule,
@@ -95,10 +95,10 @@ def reconstruct_direct(
             boundary: to 8/lambda²); a number or one per frequency. 1e-12 for exact data, 1e-3 for
             poor ones. Or a rule: ``RelativeCutoff(kappa)``, alpha = 8 kappa²/lambda², ``NoiseLevel(
             sigma)`` for data with noise of known size, ``NormBound(K)`` for densities with root
-            mean square norm K N(lambda). By default 1e-6 for detectors on a circle that see all of
-            the region (1e-3 at frequencies that they do not sample), else
+            mean square norm K N(lambda). By default ("auto" or None) 1e-6 for detectors on a
+            circle that see all of the region (1e-3 at frequencies that they do not sample), else
             ``RelativeCutoff(0.1)``, which holds whatever they see: `build_plan`.
-        low_pass: eta(lambda / lambda_max), for instance `cosine_filter`; none by default.
+        low_pass: eta(lambda / lambda_max), such as `cosine_filter` or "cosine"; none by default.
         max_frequency, n_directions: as in `build_plan`.
         solver: "cholesky", "cg" (preconditioned conjugate gradients), or by size ("auto").
         tolerance: relative residual at which conjugate gradients stop.
@@ -133,6 +133,7 @@ def reconstruct_direct(
     (True, True)
     """
     require_x64()
+    require_objects(curve=curve, region=region, grid=grid)
     require_inversion(inversion)
     mesh = checked_mesh(mesh)
     radii = real_array("radii", radii, ("radii",))
@@ -216,13 +217,13 @@ def direct_arguments(
 ) -> DirectArguments:
     """Rules made of what a user gives as alpha and low_pass; the other arguments are checked."""
     n = layout.n_frequencies
-    if alpha is None:
+    if alpha is None or (isinstance(alpha, str) and alpha == "auto"):
         alpha = RelativeTikhonov(DEFAULT_KAPPA)
         if layout.as_in_the_paper:
             sampled = layout.frequencies <= layout.sampled * layout.max_frequency * (1 + 1e-9)
             alpha = jnp.where(sampled, DEFAULT_ALPHA, UNSAMPLED_ALPHA)
     rule = alpha_rule(alpha, n)
-    eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
+    eta = low_pass_values(low_pass, n)
     unit_norm = jnp.ones(n)  # not asked for
     if rule.needs_matrix:
         unit_norm = unit_norms(curve, region, layout.frequencies, layout.norm_orders)

@@ -4,11 +4,10 @@ import equinox as eqx
 from jaxtyping import Array, Complex, Float
 
 from ..geometry import ImageGrid
+from ..names import INVERSIONS
 from .cartesian_fourier import direct_fourier_inversion
 from .fbp import filtered_back_projection
 from .radon import offset_step, radon_projections
-
-INVERSIONS = ("fbp", "fourier")
 
 
 @eqx.filter_jit
@@ -30,7 +29,7 @@ def invert(
 
     Args:
         fhat, frequency_step, angles, grid, center, eta: as in `direct_fourier_inversion`.
-        inversion: one of `INVERSIONS`.
+        inversion: one of `names.INVERSIONS`.
     """
     if inversion == "fourier":
         return direct_fourier_inversion(fhat, frequency_step, angles, grid, center, eta)

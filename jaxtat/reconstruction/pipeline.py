@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax.sharding import Mesh
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, data_array, real_array
+from ..checks import Numbers, data_array
 from ..parallel import checked_mesh, map_shards, replicated
 from ..plan import ReconstructionPlan
 from .inversion import invert, require_inversion
@@ -37,7 +37,7 @@ def reconstruct(
     Args:
         plan: from `build_plan` or `load_plan`.
         g: g(z, r) = ∫_{|x - z| = r} f dl, float32 or float64, (..., detectors, radii).
-        low_pass: eta(lambda / lambda_max), for instance `cosine_filter`; none by default.
+        low_pass: eta(lambda / lambda_max), such as `cosine_filter` or "cosine"; none by default.
         inversion: "fbp", or "fourier": faster, see `inversion.invert`.
         mesh: devices among which the images of a batch are divided, see `jaxtat.parallel`.
 
@@ -51,9 +51,7 @@ def reconstruct(
     """
     data = data_array(g, plan.curve.n_detectors, plan.radii.shape[0])
     n = plan.frequencies.shape[0]
-    if not (low_pass is None or callable(low_pass)):
-        raise ValueError(f"low_pass is {low_pass!r}, expected a function such as cosine_filter.")
-    eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
+    eta = low_pass_values(low_pass, n)
     require_inversion(inversion)
     mesh = checked_mesh(mesh)
     plan, data, eta = replicated((plan, data, eta), mesh)

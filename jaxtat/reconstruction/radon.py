@@ -2,12 +2,16 @@
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-LowPass = Callable[[Array], Array]
+from .. import names
+from ..checks import real_array
+
+LowPass = Callable[[Array], Array] | str
 
 
 def cosine_filter(relative_frequency: Float[Array, "*n"]) -> Float[Array, "*n"]:
@@ -19,10 +23,33 @@ def cosine_filter(relative_frequency: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return jnp.cos(jnp.pi / 2 * relative_frequency)
 
 
-def low_pass_values(low_pass: LowPass | None, n: int) -> Float[Array, " frequencies"]:
-    """eta at lambda_max · 0/n, 1/n, ..., n/n; ones for None."""
+_EXPECTED = f"{', '.join(map(repr, names.LOW_PASSES))}, or a function such as cosine_filter"
+LOW_PASSES: dict[str, Callable[[Array], Array] | None] = dict(
+    zip(names.LOW_PASSES, (None, cosine_filter), strict=True)
+)
+
+
+def low_pass_values(low_pass: Any, n: int) -> Float[Array, " frequencies"]:
+    """eta at lambda_max · 0/n, 1/n, ..., n/n; ones for None.
+
+    Args:
+        low_pass: a function of lambda / lambda_max, one of `LOW_PASSES`, or None.
+        n: number of frequencies above 0.
+
+    Raises:
+        ValueError: for anything else, and for values that are not n + 1 finite numbers.
+    """
     relative = jnp.arange(n + 1) / n
-    return jnp.ones_like(relative) if low_pass is None else low_pass(relative)
+    if isinstance(low_pass, str):
+        if low_pass not in LOW_PASSES:
+            raise ValueError(f"low_pass is {low_pass!r}, expected {_EXPECTED}.")
+        low_pass = LOW_PASSES[low_pass]
+    if low_pass is None:
+        return jnp.ones_like(relative)
+    if not callable(low_pass):
+        raise ValueError(f"low_pass is {low_pass!r}, expected {_EXPECTED}.")
+    values: Any = low_pass(relative)
+    return real_array("low_pass", values, (n + 1,))
 
 
 @jax.jit

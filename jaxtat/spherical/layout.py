@@ -112,9 +112,9 @@ def cap_layout(
         arc, disk = detectors.meridian, region.meridian
         require_outside(arc, disk)
         require_cover(arc, disk, radii)
+        frequencies, angles = polar_grid(disk, grid, radii, max_frequency, None)
         _require_nodes(region, grid)
         warn_of_visibility(detectors, region)
-        frequencies, angles = polar_grid(disk, grid, radii, max_frequency, None)
         n, highest, reach = len(frequencies), float(frequencies[-1]), float(region.radius)
         _require_boundary(region, highest)
         n_groups = min(MOST_GROUPS, max(1, n // 8))

@@ -82,7 +82,7 @@ def reconstruct_cap(
             `spherical.alpha`); a number or one per frequency: 1e-12 for exact data, 1e-3 for poor
             ones. Or a rule: ``NoiseLevel(sigma)`` for data with noise of known size,
             ``SeenOnce(kappa)`` by how well the cap sees a wave.
-        low_pass: eta(lambda / lambda_max), for instance `cosine_filter`; none by default.
+        low_pass: eta(lambda / lambda_max), such as `cosine_filter` or "cosine"; none by default.
         max_frequency: lambda_max [rad/length]; by default π over the larger of grid and radial
             step.
         inversion: of both stages. "fourier", for f that vanishes outside the ball about the region,
@@ -123,7 +123,7 @@ def reconstruct_cap(
         layout = cap_layout(detectors, region, grid, radii, max_frequency=max_frequency)
     rule = cap_alpha_rule(alpha, layout.n_frequencies)
     n = layout.n_frequencies
-    eta = real_array("low_pass", low_pass_values(low_pass, n), (n + 1,))
+    eta = low_pass_values(low_pass, n)
     if isinstance(detectors, SphericalCap):
         spectra, report = solve_rings(detectors, region, radii, data, rule, layout)
     else:

@@ -5,6 +5,7 @@ import os
 import stat
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -65,7 +66,7 @@ def test_a_link_stays_and_its_file_is_replaced(tmp_path):
     assert names(tmp_path / "disk") == ["plan.h5"]
 
 
-def test_places_that_cannot_be_files_are_refused(tmp_path, monkeypatch):
+def test_places_that_cannot_be_files_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"a\.h5: there is no folder .*nowhere"):
         require_place(tmp_path / "nowhere" / "a.h5")
     with pytest.raises(ValueError, match="it is a folder"):
@@ -75,9 +76,21 @@ def test_places_that_cannot_be_files_are_refused(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="no folder"), replacing(tmp_path / "nowhere" / "a.h5"):
         raise AssertionError("the block must not run")
     require_place(tmp_path / "a.h5")
-    monkeypatch.setattr(os, "access", lambda path, mode: False)
-    with pytest.raises(ValueError, match="may not be written"):
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("error", [errno.EACCES, errno.EROFS, errno.ENOSPC])
+def test_a_folder_that_refuses_new_files_is_found_by_making_one(tmp_path, monkeypatch, error):
+    """As root, and on file systems that are read-only or full, permissions say that all is well."""
+
+    def refused(*arguments, **options):
+        raise OSError(error, os.strerror(error), str(tmp_path / ".tmp1234.h5"))
+
+    assert os.access(tmp_path, os.W_OK)
+    monkeypatch.setattr(tempfile, "NamedTemporaryFile", refused)
+    with pytest.raises(ValueError, match=rf"a\.h5: no file .* \({os.strerror(error)}\)") as caught:
         require_place(tmp_path / "a.h5")
+    assert "tmp1234" not in str(caught.value)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="processes are not asked for elsewhere")
@@ -112,3 +125,16 @@ def test_a_full_disk_is_said_of_the_file_itself_in_one_line(tmp_path):
         raise full
     assert refused.value.errno == errno.ENOSPC
     assert "\n" not in str(refused.value)
+
+
+def test_a_full_disk_is_found_before_any_work(tmp_path):
+    """By a limit on the size of files: the system refuses more, as a full disk does."""
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+    try:
+        with pytest.raises(ValueError, match=r"image\.h5: no file can be made in .*too large"):
+            require_place(tmp_path / "image.h5")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert names(tmp_path) == []

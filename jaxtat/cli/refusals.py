@@ -1,0 +1,142 @@
+"""What is wrong with the options alone, said before JAX is imported and the file is opened."""
+
+import argparse
+import math
+import os
+from pathlib import Path
+
+from ..names import IMAGE_SUFFIXES
+from ..scanners import scanner_named
+
+REGION = ("region_radius", "region_cut", "region_angle", "region_center", "pixels", "half_width")
+CHOICES = (
+    *("model", "sound_speed", "dead_time", "band", "alpha", "low_pass", "inversion"),
+    *(*REGION, "max_frequency"),
+)
+OF_PLANS = ("K", "j_max", "sigma_min", "series", "collocation", "single")
+_POSITIVE = (
+    *("alpha", "sound_speed", "sampling_rate", "duration"),
+    *("region_radius", "half_width", "max_frequency"),
+)
+_NOT_NEGATIVE = ("dead_time", "noise", "K", "j_max", "sigma_min")
+_SUFFIXES = {"reconstruct": IMAGE_SUFFIXES, "report": (".html",)}
+
+
+def require_options(options: argparse.Namespace) -> None:
+    """Raise ValueError for options that cannot be, or not together, whatever the data are."""
+    _require_numbers(options)
+    _require_detectors(options)
+    _require_together(options)
+    suffixes = _SUFFIXES.get(options.run.__name__, ("",))
+    if not getattr(options, "out", "").endswith(suffixes):
+        raise ValueError(
+            f"cannot write {options.out}: expected a name ending in {', '.join(suffixes)}."
+        )
+    if options.cache is not None:
+        _require_folder(options.cache)
+
+
+def is_given(options: argparse.Namespace, name: str) -> bool:
+    """Whether the option was named, with a value."""
+    value = getattr(options, name, None)
+    return value is not None and value is not False  # 0 is a value
+
+
+def wants_plan(options: argparse.Namespace) -> bool:
+    """Whether an option asks for densities, and so for a plan."""
+    return any(is_given(options, name) for name in OF_PLANS)
+
+
+def slices(use: str) -> list[slice]:
+    """The slices of --use.
+
+    >>> slices("904:1024,:616")
+    [slice(904, 1024, None), slice(None, 616, None)]
+    """
+    found = []
+    for text in use.split(","):
+        try:
+            bounds = [int(bound) if bound else None for bound in text.split(":")]
+        except ValueError:
+            bounds = []
+        if not 2 <= len(bounds) <= 3 or bounds[2:] == [0]:
+            raise ValueError(f"--use {text}: expected slices such as 904:1024,0:616 or 0:500:2.")
+        found.append(slice(*bounds))
+    return found
+
+
+def band(texts: list[str]) -> tuple[float, float] | str:
+    """The values of --band: two numbers, or "none"."""
+    if texts == ["none"]:
+        return "none"
+    try:
+        low, high = (float(text) for text in texts)
+    except ValueError:
+        raise ValueError(f"--band {' '.join(texts)}: expected LOW HIGH, or none.") from None
+    return low, high
+
+
+def _require_numbers(options: argparse.Namespace) -> None:
+    for name in _POSITIVE:
+        value = getattr(options, name, None)
+        if value is not None and not 0 < value < math.inf:
+            raise ValueError(f"{_option(name)} is {value}, expected a finite number above zero.")
+    for name in _NOT_NEGATIVE:
+        value = getattr(options, name, None)
+        if value is not None and not 0 <= value < math.inf:
+            raise ValueError(f"{_option(name)} is {value}, expected a finite number, 0 or above.")
+    pixels = getattr(options, "pixels", None)
+    if pixels is not None and pixels < 4:
+        raise ValueError(f"--pixels is {pixels}, expected at least 4.")
+    if getattr(options, "band", None) is not None:
+        band(options.band)
+
+
+def _require_detectors(options: argparse.Namespace) -> None:
+    for name in ("arc", "ring"):
+        if is_given(options, name):
+            n = getattr(options, name)[-1]
+            if not (n >= 1 and n.is_integer() and n < 2**31):
+                raise ValueError(
+                    f"--{name}: the number of detectors is {n:g}, expected a whole one."
+                )
+    if is_given(options, "scanner"):
+        scanner_named(options.scanner)
+    if is_given(options, "use"):
+        slices(options.use)
+
+
+def _require_together(options: argparse.Namespace) -> None:
+    if is_given(options, "series") and any(
+        is_given(options, name) for name in ("K", "j_max", "sigma_min")
+    ):
+        raise ValueError("--series is a closed form: --K, --j-max and --sigma-min do nothing.")
+    if is_given(options, "repeat"):
+        _refuse(options, (*CHOICES, *OF_PLANS, "plan"), "repeat", "the earlier image")
+    if is_given(options, "plan"):
+        _refuse(options, (*REGION, "max_frequency", "alpha", *OF_PLANS), "plan", "the plan")
+    if wants_plan(options) and is_given(options, "alpha"):
+        raise ValueError("--alpha is for a reconstruction without densities: leave out the others.")
+
+
+def _refuse(options: argparse.Namespace, names: tuple[str, ...], by: str, what: str) -> None:
+    for name in names:
+        if is_given(options, name):
+            raise ValueError(f"{_option(name)} and --{by}: {what} has decided that.")
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+def _require_folder(cache: str) -> None:
+    """Raise ValueError if programs cannot be kept there; JAX would only warn, at each of them."""
+    folder = Path(cache)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(
+            f"--cache {cache}: the folder cannot be made ({error.strerror})."
+        ) from None
+    if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
+        raise ValueError(f"--cache {cache}: the folder may not be read and written.")

@@ -1,0 +1,152 @@
+"""Memory and time of a reconstruction by its sizes, asked before work that cannot end well.
+
+Both grow with a power of the number of pixels, so that a slip of the keyboard is a day of work, or
+more memory than there is. The constants are measured by benchmarks/cost.py, to a factor of two.
+"""
+
+import os
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+BYTES_PER_PIXEL = 33.0  # of image, nodes, and what back-projection keeps: 33 to 65 were measured
+SECONDS_PER_PIXEL = 2e-8  # of one processor, for each direction: 1.25e-8 to 3.4e-8 were measured
+LONG = 300.0  # seconds above which it is said beforehand
+
+
+class LongWorkWarning(UserWarning):
+    """What was asked for takes many minutes; nothing is wrong with it."""
+
+
+class Cost(NamedTuple):
+    """What a reconstruction takes.
+
+    Attributes:
+        nbytes: memory at its peak, at least [byte].
+        seconds: on the processors of this machine, at least [s].
+    """
+
+    nbytes: float
+    seconds: float
+
+
+def image_cost(shape: tuple[float, ...], n_frequencies: int, n_directions: int) -> Cost:
+    """Of steps 4 and 5 for one image or volume, without what depends on the detectors.
+
+    The polar Fourier transform has 16 bytes at each frequency and direction, its projections 16
+    more, and the matrix of the ramp 6 n x 2 n entries. In space both kinds of angles count.
+    """
+    pixels, n = float(np.prod(shape, dtype=float)), float(n_frequencies)
+    polar = n * float(n_directions) ** (len(shape) - 1)
+    nbytes = BYTES_PER_PIXEL * pixels + 32.0 * polar + 96.0 * n**2
+    # volumes are inverted in two stages of planes, each pixel in all directions of a plane
+    seconds = SECONDS_PER_PIXEL * pixels * n_directions * (len(shape) - 1)
+    return Cost(nbytes, seconds / (os.cpu_count() or 1))
+
+
+def require_room(cost_of: Callable[[int], Cost], n: int) -> None:
+    """Raise ValueError if an image with n pixels along its longer side does not fit into memory.
+
+    Args:
+        cost_of: the cost with that many pixels, everything else being equal.
+        n: that are wanted.
+
+    Raises:
+        ValueError: with the largest number that fits.
+
+    Warns:
+        LongWorkWarning: with the minutes that are expected, if they are many.
+    """
+    cost, room = cost_of(n), available_memory()
+    if cost.nbytes > room:
+        fits, too_many = 0, n
+        while too_many - fits > 1:
+            middle = (fits + too_many) // 2
+            fits, too_many = (
+                (middle, too_many) if cost_of(middle).nbytes <= room else (fits, middle)
+            )
+        raise ValueError(
+            f"{n} pixels a side take at least {_gigabytes(cost.nbytes)} of memory, and "
+            f"{_gigabytes(room)} are free: at most {fits} fit."
+        )
+    if cost.seconds > LONG:
+        warnings.warn(
+            f"{n} pixels a side take {cost.seconds / 60:.0f} minutes or more on this machine, and "
+            f"{_gigabytes(cost.nbytes)} of memory.",
+            LongWorkWarning,
+            stacklevel=4,
+        )
+
+
+def _gigabytes(nbytes: float) -> str:
+    return f"{nbytes / 1e9:.3g} GB"
+
+
+def available_memory() -> float:
+    """Bytes that arrays may still take: on JAX's device, or by the least of the system's limits.
+
+    Without any that is known, infinity.
+    """
+    statistics = jax.devices()[0].memory_stats() if jax.default_backend() != "cpu" else None
+    if statistics and "bytes_limit" in statistics:
+        return float(statistics["bytes_limit"] - statistics.get("bytes_in_use", 0))
+    return min(system_memory(Path("/proc")), group_memory(Path("/")), address_space(Path("/proc")))
+
+
+def system_memory(proc: Path) -> float:
+    """MemAvailable of Linux; elsewhere all the memory there is, if that is known."""
+    try:
+        lines = (proc / "meminfo").read_text().splitlines()
+        (line,) = (line for line in lines if line.startswith("MemAvailable:"))
+        return 1024.0 * int(line.split()[1])
+    except (OSError, ValueError):
+        pass
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, OSError, ValueError):
+        return float("inf")
+
+
+def group_memory(root: Path) -> float:
+    """What the process's control groups leave, those around it too; versions 1 and 2."""
+    left = float("inf")
+    try:
+        groups = (root / "proc/self/cgroup").read_text().splitlines()
+    except OSError:
+        return left
+    for line in groups:
+        _, controllers, path = line.split(":", 2)
+        if controllers == "memory":
+            folder, most, used = "sys/fs/cgroup/memory", "memory.limit_in_bytes", "usage_in_bytes"
+        elif not controllers:
+            folder, most, used = "sys/fs/cgroup", "memory.max", "current"
+        else:
+            continue
+        inner = Path(path.lstrip("/"))
+        for group in (inner, *inner.parents):
+            try:
+                limit = float(int((root / folder / group / most).read_text()))
+                left = min(
+                    left, limit - int((root / folder / group / f"memory.{used}").read_text())
+                )
+            except (OSError, ValueError):  # "max", or a group that is not shown here
+                continue
+    return left
+
+
+def address_space(proc: Path) -> float:
+    """What `ulimit -v` leaves of the process's addresses."""
+    try:
+        import resource
+
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if limit == resource.RLIM_INFINITY:
+            return float("inf")
+        pages = int((proc / "self/statm").read_text().split()[0])
+        return float(limit - pages * resource.getpagesize())
+    except (ImportError, OSError, ValueError):
+        return float("inf")

@@ -1,0 +1,15 @@
+"""Names to choose by, in a module that imports nothing: the command's help is quick with them."""
+
+MODELS = ("2d", "in-plane")  # of sound, see `pressure`
+INVERSIONS = ("fbp", "fourier")  # see `reconstruction.inversion`
+LOW_PASSES = ("none", "cosine")  # see `reconstruction.radon`
+IMAGE_SUFFIXES: tuple[str, ...] = (
+    ".png",
+    ".npy",
+    ".h5",
+    ".hdf5",
+    ".nii",
+    ".nii.gz",
+    ".tif",
+    ".tiff",
+)  # `io.images`

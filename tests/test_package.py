@@ -1,0 +1,45 @@
+"""What `import jaxtat` gives: everything, but only when it is asked for."""
+
+import pkgutil
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+
+import jaxtat
+from jaxtat import everything
+
+
+def test_public_names_are_those_of_the_package():
+    """And none is a submodule's too, whose import would put the module in its place."""
+    assert sorted(jaxtat.__all__) == sorted(set(jaxtat.__all__)) == sorted(dir(jaxtat))
+    modules = {module.name for module in pkgutil.iter_modules(jaxtat.__path__)}
+    for name in set(jaxtat.__all__) - {"__version__"}:
+        found = getattr(jaxtat, name)
+        assert found is getattr(everything, name)
+        assert isinstance(found, ModuleType) == (name in modules)
+    given = {name for name in vars(everything) if not name.startswith("_")}
+    assert given - {"jaxtyping"} == set(jaxtat.__all__) - {"__version__"}
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(AttributeError, match="module 'jaxtat' has no attribute 'circle'"):
+        jaxtat.circle  # noqa: B018
+    with pytest.raises(ImportError, match="cannot import name 'circle'"):
+        from jaxtat import circle  # noqa: F401
+
+
+def test_nothing_is_imported_before_it_is_asked_for():
+    program = """
+import sys
+import jaxtat
+assert "jax" not in sys.modules
+jaxtat.__version__, dir(jaxtat)
+assert "jax" not in sys.modules
+jaxtat.io.load_scan  # a submodule that is no public name
+from jaxtat import circular_arc, phantoms
+from jaxtat import *
+assert sharpness is jaxtat.sharpness and callable(sharpness)
+"""
+    subprocess.run([sys.executable, "-c", program], check=True)
