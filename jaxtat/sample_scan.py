@@ -8,7 +8,7 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt16
 
 from .checks import require_x64
 from .geometry import detector_curve
@@ -84,7 +84,7 @@ def sample_scan(path: str | Path) -> None:
         )
 
 
-def _counts() -> Float[np.ndarray, "detectors samples"]:
+def _counts() -> UInt16[np.ndarray, "detectors samples"]:
     """The record, band-limited, noisy, in whole counts."""
     curve = detector_curve(sample_positions()[:, :2])
     radii = _RADIUS + np.arange(-0.012, 0.012, _STEP)

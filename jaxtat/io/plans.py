@@ -47,7 +47,7 @@ from ..regularization import (
 )
 from .atomic import replacing
 
-FORMAT, VERSION = "jaxtat plan", 2
+FORMAT, VERSION = "jaxtat plan", 3
 _BLOCK = 512  # [byte], the least HDF5 allows
 _KINDS: dict[str, type[eqx.Module]] = {
     kind.__name__: kind
