@@ -48,6 +48,7 @@ __all__ = [
     "circular_arc",
     "circular_integrals",
     "circular_integrals_adjoint",
+    "circular_integrals_to_pressure",
     "circular_means",
     "compare_regularizations",
     "condition_record",

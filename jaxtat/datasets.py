@@ -3,7 +3,8 @@
 Each set is known by the SHA-256 of its files. Copies in the folder that the environment variable
 JAXTAT_DATA names are used where they are; the rest is downloaded into the user's cache (this needs
 pip install 'jaxtat[io]'), if its authors publish it as a file. What they do not publish in that
-form is listed too, with the page it comes from and how it was made.
+form is listed too, with the page it comes from and how it was made. `sample_scan` writes a
+simulated one, which needs nothing from anywhere.
 """
 
 import hashlib
@@ -16,6 +17,7 @@ import numpy as np
 
 from .io.optional import optional
 from .io.provenance import sha256
+from .sample_scan import sample_scan as sample_scan
 
 FOLDER = "JAXTAT_DATA"
 _PATATO = "https://github.com/BohndiekLab/patato"

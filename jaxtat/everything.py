@@ -44,6 +44,7 @@ from .noise import NoiseChoice, choose_regularization, image_power
 from .noise_law import predict_noise
 from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .pressure import condition_record, pressure_to_circular_integrals
+from .pressure_simulation import circular_integrals_to_pressure
 from .problem import AccuracyWarning
 from .reconstruction import (
     DirectReconstruction,

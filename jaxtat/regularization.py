@@ -85,20 +85,37 @@ class NormBound(Regularization):
     The first term that would exceed the bound is admitted with the fraction that reaches it, which
     makes solutions continuous in K; ``fractional=False`` drops it as the paper does.
 
+    Each term that enters leaves a kink, so that the slope of an image's error in K says little of
+    its trend. With a ``softness`` s the solution is the mean of those with bounds K' around K, K'²
+    from (1 - s) K² to (1 + s) K², those near K counting most: K' reaches s/2 to either side. Its
+    norm is at most the mean of theirs, so that the bound still holds, and its slopes are means too.
+
+    Args:
+        K: a number, or one for each frequency.
+        fractional: whether to admit a part of the first term that does not fit.
+        softness: 0 for a sharp edge, or 0.001 to 1, a number or one for each frequency.
+
     Source: Kunyansky 2008, section 3.2.
     """
 
     by_direction = True
     K: Float[Array, "*each"]
     fractional: bool = eqx.field(static=True)
+    softness: Float[Array, "*each"] | None
 
-    def __init__(self, K: Numbers, *, fractional: bool = True):
+    def __init__(self, K: Numbers, *, fractional: bool = True, softness: Numbers = 0.0):
         self.K = _not_negative("K", K)
         self.fractional = fractional
+        self.softness = _soft_edge(softness, 1e-3, 1.0)
+        if self.softness is not None and not fractional:
+            raise ValueError("softness is the mean of fractions: leave out fractional=False.")
 
     def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
-        square = size**2
-        left = (self.K * unit_norm) ** 2 - (jnp.cumsum(square, axis=0) - square)
+        square, bound = size**2, (self.K * unit_norm) ** 2
+        before = jnp.cumsum(square, axis=0) - square
+        if self.softness is not None:
+            return _mean_fraction(bound - before, square, self.softness * bound)
+        left = bound - before
         fits = left >= square
         if not self.fractional:
             # the sum only grows, but its rounding may not: nothing after the first refusal
@@ -108,17 +125,65 @@ class NormBound(Regularization):
         return jnp.where(fits, 1.0, jnp.where(partly, fraction, 0.0))
 
 
+def _mean_fraction(left: Array, square: Array, half_width: Array) -> Array:
+    """Mean of √(x / square), cut to 0 and 1, over x in a hat of this half width around ``left``.
+
+    The hat is the second difference of 1, so the mean is that of F with F'' = √(x / square):
+    4/15 x^(5/2) / √square below ``square``, and its quadratic continuation above.
+    """
+    none, all_of_it = left <= -half_width, left >= square + half_width
+    unit = jnp.where(half_width > 0, half_width, 1.0)
+    end = square / unit
+
+    def twice_integrated(x: Array) -> Array:
+        rises = (x > 0) & (x < end)
+        ratio = jnp.where(rises, x, 1.0) / jnp.where(rises, end, 1.0)
+        beyond = x - end
+        above = 4 / 15 * end**2 + beyond * (2 / 3 * end + beyond / 2)
+        inside = 4 / 15 * jnp.where(rises, x, 0.0) ** 2 * jnp.sqrt(ratio)
+        return jnp.where(x >= end, jnp.where(x > 0, above, 0.0), inside)
+
+    x = left / unit
+    mean = twice_integrated(x + 1) - 2 * twice_integrated(x) + twice_integrated(x - 1)
+    return jnp.where(none, 0.0, jnp.where(all_of_it, 1.0, jnp.clip(mean, 0.0, 1.0)))
+
+
 class FixedRank(Regularization):
-    """The j_max largest singular values; of a real-valued j_max the remainder as a fraction."""
+    """The j_max largest singular values; of a real-valued j_max the remainder as a fraction.
+
+    With a ``softness`` s the mean of the solutions with ranks j' from j_max - s/2 to j_max + s/2,
+    those near j_max counting most, as in `NormBound`: smooth in j_max, with as many terms in all.
+
+    Args:
+        j_max: a number, or one for each frequency.
+        softness: 0 for a sharp edge, or at least 0.01 terms.
+    """
 
     j_max: Float[Array, "*each"]
+    softness: Float[Array, "*each"] | None
 
-    def __init__(self, j_max: Numbers):
+    def __init__(self, j_max: Numbers, *, softness: Numbers = 0.0):
         self.j_max = _not_negative("j_max", j_max)
+        self.softness = _soft_edge(softness, 1e-2, np.inf)
 
     def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
-        whole = jnp.clip(self.j_max - jnp.arange(sigma.shape[0]), 0.0, 1.0)
+        left = self.j_max - jnp.arange(sigma.shape[0])
+        whole = jnp.clip(left, 0.0, 1.0)
+        if self.softness is not None:
+            whole = _mean_part(left, self.softness / 2)
         return jnp.broadcast_to(whole[:, None], size.shape)
+
+
+def _mean_part(left: Array, half_width: Array) -> Array:
+    """Mean of x, cut to 0 and 1, over x in a hat of this half width around ``left``."""
+
+    def twice_integrated(x: Array) -> Array:
+        return (jnp.maximum(x, 0.0) ** 3 - jnp.maximum(x - 1 / half_width, 0.0) ** 3) / 6
+
+    x = left / half_width
+    mean = twice_integrated(x + 1) - 2 * twice_integrated(x) + twice_integrated(x - 1)
+    inside = (x > -1) & (left < 1 + half_width)
+    return jnp.where(inside, jnp.clip(half_width * mean, 0.0, 1.0), jnp.where(x > 0, 1.0, 0.0))
 
 
 class SingularValueCutoff(Regularization):
@@ -356,4 +421,19 @@ def _not_negative(name: str, value: Numbers) -> Array:
         raise ValueError(f"{name} has shape {value.shape}, expected a number or one per frequency.")
     if is_concrete(value) and np.asarray(value).min() < 0:
         raise ValueError(f"{name} is {float(value.min())}, expected a value of at least zero.")
+    return value
+
+
+def _soft_edge(softness: Numbers, least: float, most: float) -> Array | None:
+    """The softness of an edge; None for a sharp one."""
+    value = _not_negative("softness", softness)
+    if not is_concrete(value):
+        return value
+    if not np.any(np.asarray(value)):
+        return None
+    if np.asarray(value).min() < least or np.asarray(value).max() > most:
+        raise ValueError(
+            f"softness is {softness}, expected 0 for a sharp edge or at least {least:g}"
+            f"{f' and at most {most:g}' if np.isfinite(most) else ''}."
+        )
     return value

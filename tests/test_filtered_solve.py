@@ -97,6 +97,23 @@ def test_derivatives_in_the_numbers_of_the_rules():
         )
 
 
+@pytest.mark.parametrize(
+    ("kind", "number", "softness"), [(NormBound, 2.0, 0.5), (FixedRank, 3.7, 2.9)]
+)
+def test_derivatives_with_a_soft_edge(kind, number, softness):
+    """In everything, also the number and the softness; what coincides is kept as a whole."""
+    sigma = [3.0, 2.0, 1.0, 0.4, 0.2, 0.1] if kind is NormBound else [3.0, 3.0, 1.0, 0.4, 0.2, 0.1]
+    a, u = problem(sigma)
+
+    def of(a, real, imaginary, number, softness):
+        return parts(a, real, imaginary, kind(number, softness=softness))
+
+    arguments = (a, u.real, u.imag, jnp.array(number), jnp.array(softness))
+    terms = np.asarray(of(*arguments)[-1])
+    assert ((terms > 1) & (terms < 5)).all()
+    check_grads(of, arguments, **EVERY_WAY)
+
+
 def test_blocks_are_one_matrix():
     a, u = problem(SPECTRA["apart"])
     b, v = problem([2.5, 1.5, 0.6, 0.3, 0.15, 0.05], seed=1)

@@ -198,6 +198,80 @@ def test_derivatives_in_K_j_max_alpha_and_the_right_hand_side():
     check_grads(of_rhs, (u.real,), 1, modes=["fwd", "rev"])
 
 
+SOFT = [
+    lambda value: (NormBound(value, softness=0.2), value * np.sqrt([0.8, 1.2]), NormBound),
+    lambda value: (FixedRank(value / 9, softness=5.0), value / 9 + np.array([-2.5, 2.5]), FixedRank),
+]
+
+
+@pytest.mark.parametrize("soft", SOFT, ids=["NormBound", "FixedRank"])
+@pytest.mark.parametrize("value", [22.5, 40.0, 60.0])
+def test_a_soft_edge_is_the_mean_over_sharp_ones(soft, value):
+    """By the midpoint rule over bounds or ranks, in K² and in j, weighted by a hat."""
+    *_, a, u = problem(16, 14)
+    rule, (low, high), kind = soft(value)
+    t = (np.arange(4000) + 0.5) / 2000 - 1
+    if kind is NormBound:
+        numbers = np.sqrt((low**2 + high**2) / 2 + t * (high**2 - low**2) / 2)
+    else:
+        numbers = (low + high) / 2 + t * (high - low) / 2
+
+    def factors(rule):
+        return singular_components(a[None], u[None], rule, ONE).factors[0]
+
+    sharp = jax.jit(jax.vmap(lambda number: factors(kind(number))))(numbers)
+    mean = np.average(sharp, axis=0, weights=1 - np.abs(t))
+    assert np.allclose(factors(rule), mean, atol=2e-6)
+    assert ((mean > 1e-3) & (mean < 1 - 1e-3)).any()
+
+
+@given(st.floats(1e-3, 1e5), st.floats(1e-3, 1.0))
+@settings(deadline=None, max_examples=40)
+def test_the_bound_holds_with_a_soft_edge_too(K, softness):
+    """And is used up to what the fractions of the terms in the band leave of it."""
+    *_, a, u = problem()
+    found = singular_components(a[None], u[None], NormBound(K, softness=softness), ONE)
+    everything = np.asarray(singular_components(a[None], u[None], FixedRank(8), ONE).norm)
+    assert np.all(found.norm <= np.minimum(K, everything) * (1 + 1e-9))
+    assert np.all(found.norm >= np.minimum(K * np.sqrt(1 - softness), everything) * 0.9)
+    assert np.all((np.diff(found.factors[0], axis=0) <= 1e-9))
+
+
+def test_a_soft_rank_has_as_many_terms():
+    *_, a, u = problem(16, 14)
+    for j_max in (3.0, 6.4, 11.5):
+        found = singular_components(a[None], u[None], FixedRank(j_max, softness=5.0), ONE)
+        assert np.allclose(found.terms, j_max, rtol=1e-12)
+
+
+def test_no_softness_is_the_sharp_edge():
+    *_, a, u = problem()
+    for sharp, soft in (
+        (NormBound(33.0), NormBound(33.0, softness=0.0)),
+        (FixedRank(5.4), FixedRank(5.4, softness=0)),
+    ):
+        assert jax.tree.structure(sharp) == jax.tree.structure(soft)
+        least = 1e-3 if isinstance(soft, NormBound) else 1e-2
+        nearly = type(sharp)(33.0 if isinstance(soft, NormBound) else 5.4, softness=least)
+        one, other = (singular_components(a[None], u[None], r, ONE) for r in (sharp, nearly))
+        assert np.allclose(one.factors, other.factors, atol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: NormBound(4.0, softness=-0.1), "at least zero"),
+        (lambda: NormBound(4.0, softness=2.0), "softness is 2.0, expected 0 .* at most 1"),
+        (lambda: NormBound(4.0, softness=1e-5), "at least 0.001"),
+        (lambda: NormBound(4.0, softness=0.2, fractional=False), "leave out fractional"),
+        (lambda: FixedRank(4.0, softness=1e-3), "at least 0.01"),
+    ],
+)
+def test_a_softness_that_cannot_be_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
 @pytest.mark.parametrize("rule", [type(rule) for rule in RULES])
 def test_bad_parameters_are_refused(rule):
     for bad, message in ((-1.0, "at least zero"), (np.nan, "NaN"), ([[1.0, 2.0]], "shape")):

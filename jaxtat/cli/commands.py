@@ -92,6 +92,15 @@ def report(options: argparse.Namespace) -> None:
     _report(options, f"page written to {options.out}", start)
 
 
+def sample(options: argparse.Namespace) -> None:
+    """``jaxtat sample``."""
+    from ..datasets import sample_scan
+
+    start = time.perf_counter()
+    sample_scan(options.out)
+    _report(options, f"scan written to {options.out}", start)
+
+
 def _asked(options: argparse.Namespace, start: float):
     """The scan, everything chosen for it, and the plan that is given or asked for, or None."""
     from ..io.plans import load_plan

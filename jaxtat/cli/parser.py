@@ -53,6 +53,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_reconstruct(subparsers)
     _add_info(subparsers)
     _add_report(subparsers)
+    _add_sample(subparsers)
     return parser
 
 
@@ -149,6 +150,13 @@ def _add_info(subparsers) -> None:
     )
     parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
     _add_choices(parser)
+
+
+def _add_sample(subparsers) -> None:
+    parser = _command(
+        subparsers, "sample", commands.sample, "Write a small simulated scan to try things on."
+    )
+    parser.add_argument("out", metavar="FILE", help=".npz file to write")
 
 
 def _add_choices(parser: argparse.ArgumentParser) -> None:
