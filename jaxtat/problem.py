@@ -22,6 +22,9 @@ from .geometry import (
 )
 
 
+BOUNDARY_TO_SPARE = 1.5  # boundary points over the fewest, one for half the shortest wave
+
+
 class AccuracyWarning(UserWarning):
     """The image will not be what was asked for: waves not reached, or systems not solved."""
 
@@ -73,11 +76,24 @@ def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid, radii
         warnings.warn(str(seen), VisibilityWarning, stacklevel=4)
 
 
+def enough_boundary(length: float, highest: float) -> int:
+    """How many equispaced points a boundary needs for waves up to lambda, with some to spare.
+
+    Args:
+        length: of the boundary, or more [length].
+        highest: lambda_max [rad/length].
+
+    >>> enough_boundary(2 * np.pi, 100.0)
+    300
+    """
+    return int(np.ceil(BOUNDARY_TO_SPARE * length * highest / np.pi))
+
+
 def require_boundary(region: Region, highest: float) -> None:
     """Raise ValueError if boundary points are too far apart for the shortest wave."""
     spacing, half_wave = float(region.weights.max()), np.pi / highest
     if spacing > half_wave:
-        n_least = int(np.ceil(1.5 * region.points.shape[0] * spacing / half_wave))
+        n_least = enough_boundary(region.points.shape[0] * spacing, highest)
         raise ValueError(
             f"boundary points are {spacing:.4g} apart, more than half the shortest wavelength "
             f"({half_wave:.4g}): use n_collocation >= {n_least} or a lower max_frequency."

@@ -80,8 +80,8 @@ def repeated(options: argparse.Namespace) -> Choices:
     )
 
 
-def geometry_of_plan(options: argparse.Namespace) -> Where:
-    """Curve, region, grid and radii for `jaxtat plan`."""
+def geometry_of_plan(options: argparse.Namespace) -> tuple[Where, float]:
+    """Curve, region, grid and radii for `jaxtat plan`, and lambda_max."""
     if options.detectors_from:
         options.file = options.detectors_from
         scan = scan_of(options)
@@ -90,11 +90,14 @@ def geometry_of_plan(options: argparse.Namespace) -> Where:
         n = 1 if positions is None else len(positions)
         scan = Scan("circular_integrals", np.zeros((n, 1)))  # geometry alone
         scan = with_facts(scan, scanner=options.scanner, detectors=positions)
-    return Where.of(scan, choices_for(scan, **given(options, scan)))
+    choices = choices_for(scan, **given(options, scan))
+    return Where.of(scan, choices), choices.max_frequency
 
 
-def plan_for(options: argparse.Namespace, where: Where) -> ReconstructionPlan:
-    """Build the plan that the options ask for."""
+def plan_for(
+    options: argparse.Namespace, where: Where, max_frequency: float
+) -> ReconstructionPlan:
+    """Build the plan that the options ask for, up to the frequency that was chosen."""
     return build_plan(
         where.curve,
         where.region,
@@ -102,7 +105,7 @@ def plan_for(options: argparse.Namespace, where: Where) -> ReconstructionPlan:
         where.radii,
         _regularization(options),
         method=_method(options),
-        max_frequency=options.max_frequency,
+        max_frequency=max_frequency,
         precision="single" if options.single else "double",
         progress=not options.quiet,
     )
