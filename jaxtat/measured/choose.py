@@ -17,6 +17,7 @@ from ..geometry import (
     TruncatedDisk,
     data_radii,
     detector_curve,
+    keep_detectors,
     require_outside,
     truncated_disk,
     visible_disk,
@@ -26,16 +27,26 @@ from ..pressure import MODELS
 from ..sampling import supported
 from .choices import IN_SPACE, Choices
 from .choose_in_space import choices_in_space
-from .facts import SLOWEST, Facts, facts_of, in_space, typical_frame
+from .facts import (
+    SLOWEST,
+    Facts,
+    arc_through,
+    begin_behind_gap,
+    facts_of,
+    in_space,
+    typical_frame,
+)
 from .found import ALPHAS, CLEAN, DEFAULT_SHARE, INTEGRALS_ALPHA, RIM, Found
 from .record import (
     RecordPower,
     artefact_end,
+    faded,
     highest_frequency,
     noise_before,
     onsets,
     record_power,
     sounding_disk,
+    totals,
 )
 
 MARGIN = 1.25  # of the region beyond where sound comes from
@@ -128,6 +139,15 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         "in the file" if "impulse_response" in scan.known else "none in the file",
     )
     good, floor = _channels(frame, times, dead_time, found)
+    good = _without_faded(whole, facts, dead_time, found, good)
+    if facts.arc is not None and facts.arc.closed and not good.all():
+        start = begin_behind_gap(facts.order, facts.points, good)
+        facts = facts._replace(order=np.roll(facts.order, -start))
+        whole, good = np.roll(whole, -start, axis=0), np.roll(good, -start)
+        power = RecordPower(power.times, np.roll(power.power, -start, axis=0))
+        found.values["order"] = tuple(int(k) for k in facts.order)
+    if facts.arc is not None:
+        facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
     power = power.after(2 * dead_time)  # what is silenced is faded in over as long again
     sound = _Sound(RecordPower(power.times, power.power[good]), speed)
     _region(scan, facts, found, sound, good)
@@ -135,7 +155,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     arrival = _first_arrival(facts, found, speed)
     quiet = slice(0, max(int(np.searchsorted(times, arrival)) - start, 0))
     highest = highest_frequency(whole[good][:, start:], times[start:], quiet)
-    where = _where(facts, found)
+    where = _where(facts, found, good)
     _resolution(where, times, found, speed, highest)
     _band(found, times, speed, highest)
     _radii(where, facts, found, float(times[-1]) * speed)
@@ -185,6 +205,31 @@ def _channels(
     found.reasons["channels"] = why
     noise, signal = np.asarray(quality.noise)[good], np.asarray(quality.signal)[good]
     return good, float(np.median((noise / np.maximum(signal, 1e-300)) ** 2))
+
+
+def _without_faded(
+    record: Float[np.ndarray, "detectors times"],
+    facts: Facts,
+    dead_time: float,
+    found: Found,
+    good: np.ndarray,
+) -> np.ndarray:
+    """Channels of too small a gain are left out too, where the record tells gains."""
+    assert facts.times is not None
+    if facts.arc is None or found.given.get("use") is not None:
+        return good
+    slowest = found.values["sound_speed"] * _slowest(found)
+    times = facts.times[facts.times <= 2 * facts.arc.radius / slowest]
+    if slowest * facts.times[-1] < (1 + RIM) * facts.arc.radius:
+        return good  # not all that sounds within the circle has passed
+    heard = np.where(times >= 2 * dead_time, record[:, : len(times)], 0.0)
+    few = faded(totals(heard, times, found.values["model"]), good)
+    if few.any():
+        order = np.array(found.values["order"])
+        found.values["left_out"] += tuple(sorted(int(k) for k in order[few]))
+        before = found.reasons["channels"] + "; " if not good.all() else "left out: "
+        found.reasons["channels"] = f"{before}faded {ranges(np.sort(order[few]))}"
+    return good & ~few
 
 
 def _left_out(quality: Any, order: np.ndarray) -> str:
@@ -301,9 +346,11 @@ def _first_arrival(facts: Facts, found: Found, speed: float) -> float:
 _Where = tuple[DetectorCurve, TruncatedDisk]
 
 
-def _where(facts: Facts, found: Found) -> _Where:
-    """Curve of all detectors, good and bad, and region."""
+def _where(facts: Facts, found: Found, good: np.ndarray | None = None) -> _Where:
+    """Curve of the detectors that are used, and region."""
     values, curve = found.values, detector_curve(facts.points[facts.order])
+    if good is not None and not good.all():
+        curve = keep_detectors(curve, good)
     radius = values["region_radius"]
     region = truncated_disk(
         radius,

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from ..checks import real_array
 from ..geometry import ArcFit, fit_arc, in_plane, order_along_curve
 from ..geometry.arcs import ROUND
+from ..geometry.curves import behind_gap
 from ..io import Scan
 from ..pressure import require_equispaced
 from ..scanners import scanner_named
@@ -147,7 +148,7 @@ def facts_of(scan: Scan, use: Any = None) -> Facts:
     points, rows = np.asarray(in_plane(scan.known["detectors"])), rows_used(scan, use)
     order = rows[order_along_curve(points[rows])]
     times = times_of(scan)
-    arc = _arc(points[order])
+    arc = arc_through(points[order])
     return Facts(
         points,
         order,
@@ -156,6 +157,18 @@ def facts_of(scan: Scan, use: Any = None) -> Facts:
         units_of(arc and arc.radius, times),
         scan.known["detectors"].shape[1] == 3,
     )
+
+
+def begin_behind_gap(
+    order: Int[np.ndarray, " used"], points: Float[np.ndarray, "detectors 2"], good: np.ndarray
+) -> int:
+    """Where in the order a ring without its bad detectors begins: behind the gap they leave."""
+    kept = np.flatnonzero(good)
+    steps = np.linalg.norm(
+        np.diff(points[order[kept]], axis=0, append=points[order[kept[:1]]]), axis=1
+    )
+    wide = behind_gap(steps, True)
+    return int(kept[(int(np.argmax(wide * steps)) + 1) % len(kept)]) if wide.any() else 0
 
 
 def units_of(radius: float | None, times: np.ndarray | None) -> Units:
@@ -197,7 +210,8 @@ def typical_frame(scan: Scan) -> Float[np.ndarray, "detectors samples"]:
     return frames[int(np.argsort(power)[len(power) // 2])]
 
 
-def _arc(points: Float[np.ndarray, "detectors 2"]) -> ArcFit | None:
+def arc_through(points: Float[np.ndarray, "detectors 2"]) -> ArcFit | None:
+    """Circle and arc of detectors in order along it; None of those on no circle."""
     try:
         arc = fit_arc(points)
     except ValueError:  # a straight line
