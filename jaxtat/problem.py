@@ -21,7 +21,6 @@ from .geometry import (
     visibility,
 )
 
-
 BOUNDARY_TO_SPARE = 1.5  # boundary points over the fewest, one for half the shortest wave
 
 

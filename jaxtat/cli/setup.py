@@ -14,7 +14,7 @@ from ..measured.facts import facts_of
 from ..plan import ReconstructionPlan, build_plan
 from ..regularization import FixedRank, NormBound, Regularization, SingularValueCutoff
 
-FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use")
+FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use", "frames")
 _REGION = ("region_radius", "region_cut", "region_angle", "region_center", "pixels", "half_width")
 _CHOICES = (
     *("model", "sound_speed", "dead_time", "band", "alpha", "low_pass", "inversion"),
@@ -32,7 +32,11 @@ def scan_of(options: argparse.Namespace, plan: ReconstructionPlan | None = None)
         scan, positions = _rows(scan, options.use), np.asarray(plan.curve.points)
         options.use = None  # done
     rate, duration = getattr(options, "sampling_rate", None), getattr(options, "duration", None)
-    scan = with_facts(scan, scanner=options.scanner, detectors=positions, sampling_rate=rate)
+    frames = getattr(options, "frames", None)
+    if frames is not None:
+        frames = chosen(frames, scan.n_frames, "--frames", "frames")
+    facts = {"detectors": positions, "sampling_rate": rate, "frames": frames}
+    scan = with_facts(scan, scanner=options.scanner, **facts)
     if duration is None:
         return scan
     return with_facts(scan, times=np.linspace(0.0, duration, scan.n_samples))
@@ -73,7 +77,7 @@ def repeated(options: argparse.Namespace) -> Choices:
             )
     settings = load_settings(options.repeat)
     for name in (*FACTS, *_OF_PLANS, "plan"):
-        if getattr(options, name) in (None, False):
+        if getattr(options, name, True) in (None, False):
             setattr(options, name, settings.get(name))
     return Choices.from_settings(
         {k: v for k, v in settings.items() if k not in (*FACTS, *_OPTIONS, *_OF_PLANS)}
@@ -94,9 +98,7 @@ def geometry_of_plan(options: argparse.Namespace) -> tuple[Where, float]:
     return Where.of(scan, choices), choices.max_frequency
 
 
-def plan_for(
-    options: argparse.Namespace, where: Where, max_frequency: float
-) -> ReconstructionPlan:
+def plan_for(options: argparse.Namespace, where: Where, max_frequency: float) -> ReconstructionPlan:
     """Build the plan that the options ask for, up to the frequency that was chosen."""
     return build_plan(
         where.curve,
@@ -151,7 +153,7 @@ def require_same(scan: Scan, choices: Choices, plan: ReconstructionPlan) -> None
         )
 
 
-def chosen(use: str | None, n: int) -> np.ndarray:
+def chosen(use: str | None, n: int, option: str = "--use", what: str = "detectors") -> np.ndarray:
     """Indices of the slices in ``use``, all n by default.
 
     >>> chosen("6:8,0:2", 8).tolist()
@@ -159,20 +161,20 @@ def chosen(use: str | None, n: int) -> np.ndarray:
     """
     if use is None:
         return np.arange(n)
-    return np.concatenate([_piece(piece, n) for piece in use.split(",")])
+    return np.concatenate([_piece(piece, n, option, what) for piece in use.split(",")])
 
 
-def _piece(text: str, n: int) -> np.ndarray:
-    """Indices of one slice; what reaches beyond the n detectors is refused, not clipped."""
+def _piece(text: str, n: int, option: str, what: str) -> np.ndarray:
+    """Indices of one slice; what reaches beyond the n of them is refused, not clipped."""
     try:
         bounds = [int(bound) if bound else None for bound in text.split(":")]
         piece = np.arange(n)[slice(*bounds)]
     except (ValueError, TypeError):
         bounds, piece = [], np.arange(0)
     if len(bounds) < 2:
-        raise ValueError(f"--use {text}: expected slices such as 904:1024,0:616 or 0:500:2.")
+        raise ValueError(f"{option} {text}: expected slices such as 904:1024,0:616 or 0:500:2.")
     if piece.size == 0 or any(abs(bound) > n for bound in bounds[:2] if bound is not None):
-        raise ValueError(f"--use {text}: there are {n} detectors, 0 to {n - 1}.")
+        raise ValueError(f"{option} {text}: there are {n} {what}, 0 to {n - 1}.")
     return piece
 
 

@@ -289,7 +289,8 @@ def keep_detectors(curve: DetectorCurve, keep: Numbers | np.ndarray) -> SampledC
 
     So the gap of one missing detector is shared by those beside it. One of more than four steps
     like those beside it is a gap in the curve: the detectors next to it are ends, and nobody stands
-    for it; behind the last detector it opens a closed curve. Data keep the same rows, ``g[..., keep, :]``.
+    for it; behind the last detector it opens a closed curve. Data keep the same rows,
+    ``g[..., keep, :]``.
 
     Args:
         curve: any, its weights are not used.

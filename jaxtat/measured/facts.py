@@ -11,9 +11,11 @@ from ..geometry import ArcFit, fit_arc, in_plane, order_along_curve
 from ..geometry.arcs import ROUND
 from ..geometry.curves import behind_gap
 from ..io import Scan
+from ..io.frames import LazyFrames
 from ..pressure import require_equispaced
 from ..scanners import scanner_named
 
+PER_FRAME = {"wavelengths", "frame_numbers"}
 FLAT = 1e-3  # least extent over largest, from which detectors are not in a plane
 WATER = 1500.0  # speed of sound, nominal [m/s]
 SLOWEST, FASTEST = 1400 / WATER, 1600 / WATER  # of water and tissue, over that
@@ -62,6 +64,7 @@ def with_facts(
     detectors: Any = None,
     sampling_rate: float | None = None,
     times: Any = None,
+    frames: Any = None,
 ) -> Scan:
     """The scan with what its file does not tell, or tells wrongly.
 
@@ -72,9 +75,11 @@ def with_facts(
             turned to fit.
         sampling_rate: of a record that starts at time 0 [1/time].
         times: of the record, (samples,) [time].
+        frames: numbers of those that are wanted, from 0, (some,).
 
     Raises:
-        ValueError: for an unknown scanner, and what does not fit the data.
+        ValueError: for an unknown scanner, frames that are not there, and what does not fit the
+            data.
     """
     known = dict(scan.known)
     if scanner is not None:
@@ -91,7 +96,26 @@ def with_facts(
         known["sampling_rate"] = sampling_rate
     if times is not None:
         known["times"] = np.asarray(times)
-    return replace(scan, known=known)
+    scan = replace(scan, known=known)
+    return scan if frames is None else some_frames(scan, frames)
+
+
+def some_frames(scan: Scan, frames: Any) -> Scan:
+    """The scan of these frames, read when asked for; they keep their numbers."""
+    numbers = _numbers("frames", frames, "frames", scan.n_frames)
+    if scan.data.ndim == 2:
+        return scan
+    data, known = scan.data, dict(scan.known)
+    known.setdefault("frame_numbers", np.arange(scan.n_frames))
+    known |= {name: known[name][numbers] for name in PER_FRAME & set(known)}
+    shape = (len(numbers), *data.shape[1:])
+    some = LazyFrames(shape, data.dtype, lambda chosen: np.asarray(data[numbers[chosen]]))
+    return replace(scan, data=some, known=known)
+
+
+def frame_numbers(scan: Scan) -> Int[np.ndarray, " frames"]:
+    """Of the frames in the file, from 0."""
+    return np.asarray(scan.known.get("frame_numbers", np.arange(scan.n_frames)), int)
 
 
 def in_space(scan: Scan) -> bool:
@@ -111,17 +135,22 @@ def rows_used(scan: Scan, use: Any) -> Int[np.ndarray, " used"]:
     """
     if use is None:
         return np.arange(scan.n_detectors)
-    rows = np.asarray(use)
-    if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer):
+    return _numbers("use", use, "rows", scan.n_detectors)
+
+
+def _numbers(name: str, values: Any, what: str, n: int) -> Int[np.ndarray, " some"]:
+    numbers = np.asarray(values)
+    if numbers.ndim != 1 or not numbers.size or not np.issubdtype(numbers.dtype, np.integer):
         raise ValueError(
-            f"use has dtype {rows.dtype} and shape {rows.shape}, expected whole numbers (used,)."
+            f"{name} has dtype {numbers.dtype} and shape {numbers.shape}, expected whole numbers, "
+            "one at least."
         )
-    bad = rows[(rows < 0) | (rows >= scan.n_detectors)]
+    bad = numbers[(numbers < 0) | (numbers >= n)]
     if bad.size:
-        raise ValueError(f"use holds {bad[0]}, but the data have rows 0 to {scan.n_detectors - 1}.")
-    if len(np.unique(rows)) < len(rows):
-        raise ValueError("use holds a row more than once.")
-    return rows
+        raise ValueError(f"{name} holds {bad[0]}, but the data have {what} 0 to {n - 1}.")
+    if len(np.unique(numbers)) < len(numbers):
+        raise ValueError(f"{name} holds a number more than once.")
+    return numbers
 
 
 def facts_of(scan: Scan, use: Any = None) -> Facts:
@@ -202,9 +231,14 @@ def times_of(scan: Scan) -> Float[np.ndarray, " times"] | None:
 
 
 def typical_frame(scan: Scan) -> Float[np.ndarray, "detectors samples"]:
-    """Of up to five frames, evenly chosen, the one of median power."""
+    """Of up to five frames, evenly chosen, the one of median power.
+
+    Those count that have the fewest detectors with NaN.
+    """
     numbers = np.unique(np.linspace(0, scan.n_frames - 1, 5).round().astype(int))
     frames = [np.asarray(scan.frame(int(k)), float) for k in numbers]
+    blank = [int((~np.isfinite(frame)).any(axis=1).sum()) for frame in frames]
+    frames = [frame for frame, n in zip(frames, blank, strict=True) if n == min(blank)]
     heard = [frame[np.isfinite(frame)] for frame in frames]
     power = [float(np.var(values)) if values.size else 0.0 for values in heard]
     return frames[int(np.argsort(power)[len(power) // 2])]
