@@ -133,7 +133,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     assert facts.times is not None
     times, frame = facts.times, typical_frame(scan)[facts.order]
     model = found.take("model", *_model(facts, frame))
-    if model == "2d" and found.reasons["model"] == DOUBTFUL:
+    if found.reasons["model"] == DOUBTFUL:
         warnings.warn(f"{DOUBTFUL}; a scanner's record needs model in-plane.", AccuracyWarning, 3)
     speed = _nominal_speed(scan, facts, found)
     detrend = model == "in-plane"
@@ -245,6 +245,8 @@ def _without_faded(
     times = facts.times[facts.times <= 2 * facts.arc.radius / slowest]
     if slowest * facts.times[-1] < (1 + RIM) * facts.arc.radius:
         return good  # not all that sounds within the circle has passed
+    if found.values["model"] == "in-plane":  # counts have an offset, waves in the plane a slow tail
+        record = record - np.median(record, axis=1, keepdims=True)
     heard = np.where(times >= 2 * dead_time, record[:, : len(times)], 0.0)
     few = faded(totals(heard, times, found.values["model"]), good)
     if few.any():
