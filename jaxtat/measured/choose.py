@@ -71,6 +71,7 @@ PIXELS = (65, 1025)
 SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
 PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
 DRIFT = 5.0  # periods within the record; what is slower is drift
+FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
 OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
 DOUBTFUL = "a scanner's size and rate, but no third coordinate nor counts: two-dimensional waves"
 SPACING = "the detectors' spacing in the inner half of the region"
@@ -243,8 +244,8 @@ def _without_faded(
         return good
     slowest = found.values["sound_speed"] * _slowest(found)
     times = facts.times[facts.times <= 2 * facts.arc.radius / slowest]
-    if slowest * facts.times[-1] < (1 + RIM) * facts.arc.radius:
-        return good  # not all that sounds within the circle has passed
+    if slowest * facts.times[-1] < (1 + RIM) * facts.arc.radius or len(times) < FEWEST_SAMPLES:
+        return good  # not all that sounds within the circle has passed, or hardly sampled
     if found.values["model"] == "in-plane":  # counts have an offset, waves in the plane a slow tail
         record = record - np.median(record, axis=1, keepdims=True)
     heard = np.where(times >= 2 * dead_time, record[:, : len(times)], 0.0)
