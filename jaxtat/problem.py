@@ -25,6 +25,7 @@ from .radial_quadrature import wave_error
 
 UNSAMPLED = 0.05  # of the data that is too fine for the detectors without a word
 _SHORTEST = 0.2  # error of the shortest wave, read between the radii; longer ones are much better
+BOUNDARY_TO_SPARE = 1.5  # boundary points over the fewest, one for half the shortest wave
 
 
 class AccuracyWarning(UserWarning):
@@ -138,11 +139,24 @@ def warn_of_detectors(highest: float, possible: float, found: str, stacklevel: i
     )
 
 
+def enough_boundary(length: float, highest: float) -> int:
+    """How many equispaced points a boundary needs for waves up to lambda, with some to spare.
+
+    Args:
+        length: of the boundary, or more [length].
+        highest: lambda_max [rad/length].
+
+    >>> enough_boundary(2 * np.pi, 100.0)
+    300
+    """
+    return int(np.ceil(BOUNDARY_TO_SPARE * length * highest / np.pi))
+
+
 def require_boundary(region: Region, highest: float) -> None:
     """Raise ValueError if boundary points are too far apart for the shortest wave."""
     spacing, half_wave = float(region.weights.max()), np.pi / highest
     if spacing > half_wave:
-        n_least = int(np.ceil(1.5 * region.points.shape[0] * spacing / half_wave))
+        n_least = enough_boundary(region.points.shape[0] * spacing, highest)
         raise ValueError(
             f"boundary points are {spacing:.4g} apart, more than half the shortest wavelength "
             f"({half_wave:.4g}): use n_collocation >= {n_least} or a lower max_frequency."

@@ -38,6 +38,7 @@ from jaxtat.cli.cache import keep_programs, remove_oldest, user_folder
 from jaxtat.cli.parser import build_parser
 from jaxtat.cli.setup import chosen
 from jaxtat.io import load_plan, load_settings
+from jaxtat.problem import require_boundary
 
 # 24 detectors, 11 x 11 pixels, 4 frequencies: one compilation for nearly all tests
 N, MAX_FREQUENCY = 24, 2 * np.pi / 0.8
@@ -165,6 +166,25 @@ def test_a_plan_takes_the_radii_of_the_file(jaxtat_command):
     np.savez("data.npz", g=np.zeros((N, 16)), r=radii, detectors=CURVE.points)
     assert jaxtat_command(f"plan --detectors-from data.npz {REGION} --out plan.h5") == 0
     assert np.array_equal(load_plan("plan.h5").radii, radii)
+
+
+def test_the_boundary_follows_from_the_frequency_and_the_plan_from_the_choices(
+    jaxtat_command, monkeypatch
+):
+    """48 points on the boundary were too few for the pixels that were asked for."""
+    asked = {}
+
+    def build(*geometry, max_frequency, **options):
+        asked["max_frequency"] = max_frequency
+        require_boundary(geometry[1], max_frequency)
+        raise ValueError("far enough")
+
+    monkeypatch.setattr("jaxtat.cli.setup.build_plan", build)
+    line = f"plan {ARC} --region-radius 0.8 --pixels 65 --out plan.h5"
+    assert jaxtat_command(line + " --max-frequency 100") == 2
+    assert asked == {"max_frequency": 100.0}
+    assert jaxtat_command(line) == 2
+    assert 30 < asked["max_frequency"] < 60  # what 24 detectors sample, not what 65 pixels do
 
 
 @pytest.mark.parametrize("how", ["plan alone", "ring", "positions"])
@@ -301,6 +321,38 @@ def test_what_is_no_slice_is_refused(use):
 def test_slices_beyond_the_detectors_are_refused_not_clipped(use):
     with pytest.raises(ValueError, match="there are 8 detectors, 0 to 7"):
         chosen(use, 8)
+
+
+def test_radii_bound_the_region_and_what_they_do_not_cover_is_refused(jaxtat_command, capsys):
+    """What `info` promises can be had: three quarters of the arc would need radii to 2.275."""
+    np.savez("data.npz", g=INTEGRALS[:, :15], r=0.45 + 0.1 * np.arange(15), detectors=CURVE.points)
+    assert jaxtat_command("info data.npz") == 0
+    said = capsys.readouterr().out
+    assert "as much as the radii cover" in said and "region_radius     0.55" in said
+    assert jaxtat_command("info data.npz --region-radius 0.8") == 2
+    assert "radii run from 0.45 to 1.85, but circles" in capsys.readouterr().err
+    np.savez("mm.npz", g=INTEGRALS[:, :15], r=45 + 1.0 * np.arange(15), detectors=CURVE.points)
+    assert jaxtat_command("info mm.npz") == 2
+    assert "circles cover no region" in capsys.readouterr().err
+
+
+def test_slices_choose_frames(jaxtat_command, capsys):
+    frames = np.stack([INTEGRALS, 2 * INTEGRALS, np.nan * INTEGRALS, 4 * INTEGRALS])
+    np.savez("data.npz", g=frames)
+    line = f"reconstruct data.npz {ARC} {REGION}"
+    assert jaxtat_command(f"{line} --out all.h5") == 0
+    assert "frames 2 are left out: they hold NaN" in capsys.readouterr().err
+    assert jaxtat_command(f"{line} --frames 1:2,3:4 --out some.h5") == 0
+    assert jaxtat_command("reconstruct data.npz --repeat some.h5 --quiet --out again.npy") == 0
+    assert capsys.readouterr().err == ""
+    with h5py.File("all.h5") as whole, h5py.File("some.h5") as some:
+        assert np.array_equal(whole["frames"], [0, 1, 3])
+        assert np.array_equal(some["frames"], [1, 3])
+        assert agree(whole["image"][0], direct_image(INTEGRALS))
+        assert np.array_equal(whole["image"][1:], some["image"])
+        assert np.array_equal(np.load("again.npy"), some["image"])
+    assert jaxtat_command(f"{line} --frames 0:5 --out b.npy") == 2
+    assert "--frames 0:5: there are 4 frames, 0 to 3" in capsys.readouterr().err
 
 
 def test_an_invisible_part_is_a_note_and_not_an_error(jaxtat_command, capsys):

@@ -25,7 +25,7 @@ def plan(options: argparse.Namespace) -> None:
 
     start = time.perf_counter()
     require_place(options.out)
-    built = plan_for(options, geometry_of_plan(options))
+    built = plan_for(options, *geometry_of_plan(options))
     save_plan(built, options.out)
     _report(options, _accuracy(built), start)
     _report(options, f"plan written to {options.out}", start)
@@ -121,7 +121,7 @@ def _asked(options: argparse.Namespace, start: float):
     elif wants_plan(options):
         where = Where.of(scan, choices)
         integrals(scan, choices, where.radii, scan.frame(0))  # refused before anything is built
-        plan = plan_for(options, where)
+        plan = plan_for(options, where, choices.max_frequency)
     if plan is not None:
         _report(options, _accuracy(plan), start)
     return scan, choices, plan

@@ -107,6 +107,9 @@ def _add_reconstruct(subparsers) -> None:
         metavar="IMAGE",
         help=f"image or volume to write: {', '.join(IMAGE_SUFFIXES)}",
     )
+    parser.add_argument(
+        "--frames", metavar="SLICES", help="frames to reconstruct: 0:10 or 3:4,8:20:2"
+    )
     _add_unit_and_plan(parser)
     _add_choices(parser)
 
@@ -175,9 +178,7 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
         "signal power of a pressure record, 1e-6 for circular integrals",
     )
     data = parser.add_argument_group("pressure records (default: by the record)")
-    data.add_argument(
-        "--model", choices=MODELS, help="of detectors in space and metres in-plane, else 2d"
-    )
+    data.add_argument("--model", choices=MODELS, help="of a scanner's sizes in-plane, else 2d")
     data.add_argument(
         "--sound-speed",
         type=float,

@@ -47,8 +47,8 @@ def wants_plan(options: argparse.Namespace) -> bool:
     return any(is_given(options, name) for name in OF_PLANS)
 
 
-def slices(use: str) -> list[slice]:
-    """The slices of --use.
+def slices(use: str, option: str = "--use") -> list[slice]:
+    """The slices of --use, or of --frames.
 
     >>> slices("904:1024,:616")
     [slice(904, 1024, None), slice(None, 616, None)]
@@ -60,7 +60,7 @@ def slices(use: str) -> list[slice]:
         except ValueError:
             bounds = []
         if not 2 <= len(bounds) <= 3 or bounds[2:] == [0]:
-            raise ValueError(f"--use {text}: expected slices such as 904:1024,0:616 or 0:500:2.")
+            raise ValueError(f"{option} {text}: expected slices such as 904:1024,0:616 or 0:500:2.")
         found.append(slice(*bounds))
     return found
 
@@ -104,6 +104,8 @@ def _require_detectors(options: argparse.Namespace) -> None:
         scanner_named(options.scanner)
     if is_given(options, "use"):
         slices(options.use)
+    if is_given(options, "frames"):
+        slices(options.frames, "--frames")
 
 
 def _require_together(options: argparse.Namespace) -> None:

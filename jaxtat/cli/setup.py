@@ -16,7 +16,7 @@ from ..problem import polar_grid
 from ..regularization import FixedRank, NormBound, Regularization, SingularValueCutoff
 from .refusals import CHOICES, OF_PLANS, band, is_given, slices
 
-FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use")
+FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use", "frames")
 _OPTIONS = ("file", "out", "quiet", "cache", "no_cache", "repeat", "length_unit", "plan")
 
 
@@ -28,7 +28,11 @@ def scan_of(options: argparse.Namespace, plan: ReconstructionPlan | None = None)
         scan, positions = _rows(scan, options.use), np.asarray(plan.curve.points)
         options.use = None  # done
     rate, duration = getattr(options, "sampling_rate", None), getattr(options, "duration", None)
-    scan = with_facts(scan, scanner=options.scanner, detectors=positions, sampling_rate=rate)
+    frames = getattr(options, "frames", None)
+    if frames is not None:
+        frames = chosen(frames, scan.n_frames, "--frames", "frames")
+    facts = {"detectors": positions, "sampling_rate": rate, "frames": frames}
+    scan = with_facts(scan, scanner=options.scanner, **facts)
     if duration is None:
         return scan
     return with_facts(scan, times=np.linspace(0.0, duration, scan.n_samples))
@@ -62,15 +66,15 @@ def repeated(options: argparse.Namespace) -> Choices:
     """The choices of an earlier image; its facts, too, count where no option gives others."""
     settings = load_settings(options.repeat)
     for name in (*FACTS, *OF_PLANS, "plan"):
-        if not is_given(options, name):
+        if hasattr(options, name) and not is_given(options, name):
             setattr(options, name, settings.get(name))
     return Choices.from_settings(
         {k: v for k, v in settings.items() if k not in (*FACTS, *_OPTIONS, *OF_PLANS)}
     )
 
 
-def geometry_of_plan(options: argparse.Namespace) -> Where:
-    """Curve, region, grid and radii for `jaxtat plan`."""
+def geometry_of_plan(options: argparse.Namespace) -> tuple[Where, float]:
+    """Curve, region, grid and radii for `jaxtat plan`, and lambda_max."""
     if options.detectors_from:
         options.file = options.detectors_from
         scan = scan_of(options)
@@ -79,11 +83,12 @@ def geometry_of_plan(options: argparse.Namespace) -> Where:
         n = 1 if positions is None else len(positions)
         scan = Scan("circular_integrals", np.zeros((n, 1)))  # geometry alone
         scan = with_facts(scan, scanner=options.scanner, detectors=positions)
-    return Where.of(scan, choices_for(scan, **given(options, scan)))
+    choices = choices_for(scan, **given(options, scan))
+    return Where.of(scan, choices), choices.max_frequency
 
 
-def plan_for(options: argparse.Namespace, where: Where) -> ReconstructionPlan:
-    """Build the plan that the options ask for."""
+def plan_for(options: argparse.Namespace, where: Where, max_frequency: float) -> ReconstructionPlan:
+    """Build the plan that the options ask for, up to the frequency that was chosen."""
     return build_plan(
         where.curve,
         where.region,
@@ -91,7 +96,7 @@ def plan_for(options: argparse.Namespace, where: Where) -> ReconstructionPlan:
         where.radii,
         _regularization(options),
         method=_method(options),
-        max_frequency=options.max_frequency,
+        max_frequency=max_frequency,
         precision="single" if options.single else "double",
         progress=not options.quiet,
     )
@@ -129,7 +134,7 @@ def require_same(scan: Scan, choices: Choices, plan: ReconstructionPlan) -> None
         )
 
 
-def chosen(use: str | None, n: int) -> np.ndarray:
+def chosen(use: str | None, n: int, option: str = "--use", what: str = "detectors") -> np.ndarray:
     """Indices of the slices in ``use``, all n by default.
 
     >>> chosen("6:8,0:2", 8).tolist()
@@ -137,15 +142,15 @@ def chosen(use: str | None, n: int) -> np.ndarray:
     """
     if use is None:
         return np.arange(n)
-    pieces = zip(use.split(","), slices(use), strict=True)
-    return np.concatenate([_piece(text, piece, n) for text, piece in pieces])
+    pieces = zip(use.split(","), slices(use, option), strict=True)
+    return np.concatenate([_piece(text, piece, n, option, what) for text, piece in pieces])
 
 
-def _piece(text: str, piece: slice, n: int) -> np.ndarray:
-    """Indices of one slice; what reaches beyond the n detectors is refused, not clipped."""
+def _piece(text: str, piece: slice, n: int, option: str, what: str) -> np.ndarray:
+    """Indices of one slice; what reaches beyond the n of them is refused, not clipped."""
     found = np.arange(n)[piece]
     if found.size == 0 or any(abs(bound) > n for bound in (piece.start, piece.stop) if bound):
-        raise ValueError(f"--use {text}: there are {n} detectors, 0 to {n - 1}.")
+        raise ValueError(f"{option} {text}: there are {n} {what}, 0 to {n - 1}.")
     return found
 
 

@@ -289,7 +289,8 @@ def keep_detectors(curve: DetectorCurve, keep: Numbers | np.ndarray) -> SampledC
 
     So the gap of one missing detector is shared by those beside it. One of more than four steps
     like those beside it is a gap in the curve: the detectors next to it are ends, and nobody stands
-    for it. Data keep the same rows, ``g[..., keep, :]``.
+    for it; behind the last detector it opens a closed curve. Data keep the same rows,
+    ``g[..., keep, :]``.
 
     Args:
         curve: any, its weights are not used.
@@ -317,7 +318,11 @@ def keep_detectors(curve: DetectorCurve, keep: Numbers | np.ndarray) -> SampledC
             f"({curve.n_detectors},)."
         )
     _require_detectors(int(mask.sum()), least=3)
-    return _sampled(curve.points[np.flatnonzero(mask)], curve.closed)
+    points, closed = curve.points[np.flatnonzero(mask)], curve.closed
+    if closed and is_concrete(points):
+        steps = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+        closed = not behind_gap(steps, True)[-1]
+    return _sampled(points, closed)
 
 
 @partial(jax.jit, static_argnums=1)

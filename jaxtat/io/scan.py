@@ -31,6 +31,7 @@ class Scan:
             - radii: (samples,) [m, or that length] of circular integrals;
             - sound_speed: () or a map [m/s, or that length by time];
             - wavelengths: (frames,) [nm] of the light, of one frame (1,);
+            - frame_numbers: (frames,) in the file, of a scan of some of its frames;
             - field_of_view: (6,) first and last x1, x2 and x3 [m];
             - impulse_response: (any,) of all detectors, at the sampling rate, its time 0 in the
               middle (index n // 2);
@@ -101,6 +102,7 @@ def _known(scan: Scan, name: str, value: Any) -> np.ndarray:
         "radii": ("radii",) if pressure else ("samples",),
         "sound_speed": None,
         "wavelengths": ("frames",),
+        "frame_numbers": ("frames",),
         "field_of_view": ("6",),
         "impulse_response": ("any",),
         "frequency_response": ("detectors", "2", "any"),

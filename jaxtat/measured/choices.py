@@ -19,6 +19,7 @@ from ..geometry import (
     truncated_disk,
 )
 from ..pressure import MODELS
+from ..problem import enough_boundary
 from ..reconstruction.inversion import require_inversion
 from ..reconstruction.radon import LOW_PASSES
 
@@ -90,11 +91,13 @@ class Choices(eqx.Module):
 
     @property
     def region(self) -> TruncatedDisk:
-        """Where the image is wanted."""
+        """Where the image is wanted, with enough points on its boundary for max_frequency."""
+        around = 2 * math.pi * self.region_radius  # no less than where the disk is cut
+        n_boundary = max(2 * len(self.order), enough_boundary(around, self.max_frequency))
         return truncated_disk(
             self.region_radius,
             min(self.region_cut, self.region_radius),
-            2 * len(self.order),
+            n_boundary,
             center=np.array(self.region_center),
             angle=math.radians(self.region_angle),
         )

@@ -3,9 +3,11 @@
 A function of the scan alone: nothing is remembered, nothing drawn by chance.
 """
 
+import warnings
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -17,34 +19,61 @@ from ..geometry import (
     TruncatedDisk,
     data_radii,
     detector_curve,
+    keep_detectors,
+    require_cover,
     require_outside,
     truncated_disk,
     visible_disk,
 )
 from ..io import Scan
 from ..pressure import MODELS
+from ..problem import AccuracyWarning
 from ..sampling import supported
 from .choices import IN_SPACE, Choices
 from .choose_in_space import choices_in_space
-from .facts import SLOWEST, Facts, facts_of, in_space, typical_frame
-from .found import ALPHAS, CLEAN, DEFAULT_SHARE, INTEGRALS_ALPHA, RIM, Found
+from .facts import (
+    SLOWEST,
+    Facts,
+    arc_through,
+    begin_behind_gap,
+    facts_of,
+    in_space,
+    typical_frame,
+)
+from .found import (
+    ALPHAS,
+    CLEAN,
+    DEFAULT_SHARE,
+    INTEGRALS_ALPHA,
+    RIM,
+    SHARES,
+    Found,
+    covered,
+    radii_of,
+    require_detail,
+    require_end,
+    require_scale,
+)
 from .record import (
     RecordPower,
     artefact_end,
+    faded,
     highest_frequency,
     noise_before,
     onsets,
     record_power,
     sounding_disk,
+    totals,
 )
 
 MARGIN = 1.25  # of the region beyond where sound comes from
-SHARES = (0.1, 0.9)  # least and largest region radius over the arc's
-LONGEST = 100.0  # radii of the arc: no record of a scanner is that long
 PIXELS = (65, 1025)
 SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
 PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
 DRIFT = 5.0  # periods within the record; what is slower is drift
+FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
+OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
+DOUBTFUL = "a scanner's size and rate, but no third coordinate nor counts: two-dimensional waves"
 SPACING = "the detectors' spacing in the inner half of the region"
 BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequency
 
@@ -104,16 +133,9 @@ def _require_known(given: Mapping[str, Any]) -> None:
 def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     assert facts.times is not None
     times, frame = facts.times, typical_frame(scan)[facts.order]
-    planar = facts.units.water is not None and facts.in_space
-    model = found.take(
-        "model",
-        "in-plane" if planar else "2d",
-        "detectors in space, of a scanner's size: focused into the plane"
-        if planar
-        else "positions in the plane: two-dimensional waves"
-        if not facts.in_space
-        else "sizes are not a scanner's: two-dimensional waves",
-    )
+    model = found.take("model", *_model(facts, frame))
+    if found.reasons["model"] == DOUBTFUL:
+        warnings.warn(f"{DOUBTFUL}; a scanner's record needs model in-plane.", AccuracyWarning, 3)
     speed = _nominal_speed(scan, facts, found)
     detrend = model == "in-plane"
     whole = np.where(np.isfinite(frame), frame, 0.0)
@@ -128,6 +150,15 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         "in the file" if "impulse_response" in scan.known else "none in the file",
     )
     good, floor = _channels(frame, times, dead_time, found)
+    good = _without_faded(whole, facts, dead_time, found, good)
+    if facts.arc is not None and facts.arc.closed and not good.all():
+        start = begin_behind_gap(facts.order, facts.points, good)
+        facts = facts._replace(order=np.roll(facts.order, -start))
+        whole, good = np.roll(whole, -start, axis=0), np.roll(good, -start)
+        power = RecordPower(power.times, np.roll(power.power, -start, axis=0))
+        found.values["order"] = tuple(int(k) for k in facts.order)
+    if facts.arc is not None:
+        facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
     power = power.after(2 * dead_time)  # what is silenced is faded in over as long again
     sound = _Sound(RecordPower(power.times, power.power[good]), speed)
     _region(scan, facts, found, sound, good)
@@ -135,11 +166,24 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     arrival = _first_arrival(facts, found, speed)
     quiet = slice(0, max(int(np.searchsorted(times, arrival)) - start, 0))
     highest = highest_frequency(whole[good][:, start:], times[start:], quiet)
-    where = _where(facts, found)
+    where = _where(facts, found, good)
     _resolution(where, times, found, speed, highest)
     _band(found, times, speed, highest)
     _radii(where, facts, found, float(times[-1]) * speed)
     _noise(found, sound.power, arrival, floor)
+
+
+def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[str, str]:
+    """By sizes, sampling rate, and whether the record is of counts; and why."""
+    if facts.units.water is None:
+        return "2d", "sizes are not a scanner's: two-dimensional waves"
+    if facts.in_space:
+        return "in-plane", "detectors in space, of a scanner's size: focused into the plane"
+    known = np.where(np.isfinite(frame), frame, 0.0)
+    offset = np.median(np.abs(np.median(known, axis=1)))
+    if (known == np.round(known)).all() or offset > OFFSET * np.median(known.std(axis=1)):
+        return "in-plane", "a scanner's size, rate and counts: focused into the plane"
+    return "2d", DOUBTFUL
 
 
 class _Sound(NamedTuple):
@@ -187,6 +231,34 @@ def _channels(
     return good, float(np.median((noise / np.maximum(signal, 1e-300)) ** 2))
 
 
+def _without_faded(
+    record: Float[np.ndarray, "detectors times"],
+    facts: Facts,
+    dead_time: float,
+    found: Found,
+    good: np.ndarray,
+) -> np.ndarray:
+    """Channels of too small a gain are left out too, where the record tells gains."""
+    assert facts.times is not None
+    if facts.arc is None or found.given.get("use") is not None:
+        return good
+    slowest = found.values["sound_speed"] * _slowest(found)
+    times = facts.times[facts.times <= 2 * facts.arc.radius / slowest]
+    if slowest * facts.times[-1] < (1 + RIM) * facts.arc.radius or len(times) < FEWEST_SAMPLES:
+        return good  # not all that sounds within the circle has passed, or hardly sampled
+    if found.values["model"] == "in-plane":  # counts have an offset, waves in the plane a slow tail
+        record = record - np.median(record, axis=1, keepdims=True)
+    heard = np.where(times >= 2 * dead_time, record[:, : len(times)], 0.0)
+    few = faded(totals(heard, times, found.values["model"]), good)
+    if few.any():
+        order = np.array(found.values["order"])
+        left_out = *found.values["left_out"], *(int(k) for k in order[few])
+        found.values["left_out"] = tuple(sorted(left_out))
+        before = found.reasons["channels"] + "; " if not good.all() else "left out: "
+        found.reasons["channels"] = f"{before}faded {ranges(np.sort(order[few]))}"
+    return good & ~few
+
+
 def _left_out(quality: Any, order: np.ndarray) -> str:
     named = [
         f"{name} {ranges(np.sort(order[mask]))}"
@@ -213,7 +285,7 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
         wanted, why = view, "the field of view in the file"
     path = float(facts.times[-1]) * sound.speed
     if found.given.get("region_radius") is None:
-        _require_scale(path, arc.radius, sound.speed)
+        require_scale(path, arc.radius, sound.speed)
     path *= _slowest(found)
     least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
     if wanted < least:
@@ -226,25 +298,12 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
     found.take("half_width", radius, "the region")
 
 
-def _require_scale(path: float, radius: float, speed: float) -> None:
-    """Raise ValueError for a record too short for anything, or so long that units must differ.
+def _seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) -> None:
+    """Around detectors on no circle: the largest disk that they see from all sides.
 
     Args:
-        path: of sound, until the record ends [length].
-        radius: of the arc [length].
+        radii: of the data, if they are known; the disk is no larger than they cover.
     """
-    least = (1 + SHARES[0]) * radius
-    if not least <= path <= LONGEST * radius:
-        raise ValueError(
-            f"at a sound speed of {speed:.6g} the record ends after a path of {path:.4g}, while "
-            f"the detectors are {radius:.4g} from their middle: expected {least:.4g} to "
-            f"{LONGEST * radius:.4g}. Check that positions, times and sound speed are in units "
-            "that fit each other; for a part off the middle give region_center and region_radius."
-        )
-
-
-def _seen_region(facts: Facts, found: Found) -> None:
-    """Around detectors on no circle: the largest disk that they see from all sides."""
     center, radius = (found.given.get(name) for name in ("region_center", "region_radius"))
     if center is None or radius is None:
         disk = visible_disk(detector_curve(facts.points[facts.order]), center=center)
@@ -255,7 +314,8 @@ def _seen_region(facts: Facts, found: Found) -> None:
             )
         center, radius = tuple(float(x) for x in disk[0]), disk[1]
     center = found.take("region_center", center, "the middle of the largest disk that is seen")
-    radius = float(found.take("region_radius", radius, "that disk"))
+    radius, why = covered(found, radius, "that disk", radii, _distances(facts, found))
+    radius = float(found.take("region_radius", radius, why))
     _cut(_around(facts, center), found, radius, np.zeros(2))
     found.take("half_width", radius, "the region")
 
@@ -301,9 +361,11 @@ def _first_arrival(facts: Facts, found: Found, speed: float) -> float:
 _Where = tuple[DetectorCurve, TruncatedDisk]
 
 
-def _where(facts: Facts, found: Found) -> _Where:
-    """Curve of all detectors, good and bad, and region."""
+def _where(facts: Facts, found: Found, good: np.ndarray | None = None) -> _Where:
+    """Curve of the detectors that are used, and region."""
     values, curve = found.values, detector_curve(facts.points[facts.order])
+    if good is not None and not good.all():
+        curve = keep_detectors(curve, good)
     radius = values["region_radius"]
     region = truncated_disk(
         radius,
@@ -322,11 +384,7 @@ def _resolution(
     """lambda_max by detectors, band and pixels, whichever is least, and the pixels by it."""
     speed_at_least = speed * _slowest(found)
     support = supported(*where, times, sound_speed=speed_at_least)
-    if float(support.covered) < -1e-9 * float(support.reach):
-        raise ValueError(
-            f"{support.shortfalls[0]}. Check that positions, times and sound speed "
-            f"({speed_at_least:.6g}) are in units that fit each other."
-        )
+    require_end(support, speed_at_least)
     limits = {
         SPACING: float(support.frequency_of_detectors) / SAMPLED,
         "what the record holds above its noise": 2 * np.pi * highest / speed,
@@ -342,6 +400,7 @@ def _frequency_and_pixels(found: Found, limits: dict[str, float]) -> None:
     highest = found.take("max_frequency", limits[limit], limit)
     if highest > limits[limit]:
         found.reasons["max_frequency"] = f"given; {limit} supports {limits[limit]:.5g}"
+    require_detail(found, highest, limit)
     across = 2 * half_width * highest / np.pi * PIXELS_PER_DETAIL
     pixels = int(np.clip(2 * (int(np.ceil(across)) // 2) + 1, *PIXELS))
     why = f"details of {np.pi / highest:.3g} in {PIXELS_PER_DETAIL:g} pixels"
@@ -410,11 +469,11 @@ def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
     found.reasons["channels"] = "all"
     arc = facts.arc
     if arc is None:
-        _seen_region(facts, found)
+        _seen_region(facts, found, radii_of(scan, found))
     else:
         found.take("region_center", arc.center, "the middle of the detectors' circle")
-        share = DEFAULT_SHARE * arc.radius
-        why = "three quarters of the detectors' circle"
+        share, why = DEFAULT_SHARE * arc.radius, "three quarters of the detectors' circle"
+        share, why = covered(found, share, why, radii_of(scan, found), _distances(facts, found))
         radius = float(found.take("region_radius", share, why))
         _cut(arc, found, radius, np.zeros(2))
         found.take("half_width", radius, "the region")
@@ -423,17 +482,25 @@ def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
     found.take("low_pass", "none", "circular integrals are taken to be exact")
 
 
+def _distances(facts: Facts, found: Found) -> Float[np.ndarray, " detectors"]:
+    """Of the detectors from the region's centre."""
+    offset = facts.points[facts.order] - np.array(found.values["region_center"])
+    return np.hypot(*offset.T)
+
+
 def _own_radii(scan: Scan, facts: Facts, found: Found) -> None:
     """Radii of the file, or those that go with pixels; pixels that go with them."""
     half_width, where = float(found.values["half_width"]), _where(facts, found)
-    own = scan.known.get("radii") if found.given.get("radii") is None else found.given["radii"]
+    own = radii_of(scan, found)
     pixels, why = 129, "as many as the paper's"
     if own is not None:
         step = float(np.diff(own).mean())
         pixels, why = round(2 * half_width / step) + 1, "as far apart as the radii"
     pixels = max(int(found.take("pixels", int(np.clip(pixels, *PIXELS)), why)), 2)
     step = 2 * half_width / (pixels - 1)
-    radii = np.asarray(data_radii(*where, step)) if own is None else np.asarray(own)
+    if own is not None:
+        require_cover(*where, jax.device_put(own))
+    radii = np.asarray(data_radii(*where, step)) if own is None else own
     support = supported(*where, np.arange(8.0))  # times are not asked for
     limits = {
         "pixel and radial step": np.pi / max(step, float(np.diff(radii).max())),

@@ -7,14 +7,29 @@ not estimated, and no channel is left out, since rings must be whole.
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import numpy as np
 
+from ..geometry import require_cover
 from ..io import Scan
+from ..sampling import supported
 from ..spherical import DetectorPoints, ball_part, cap_radii
 from ..spherical.layout import resolved_frequency
 from .choices import IN_SPACE, Choices
 from .facts import typical_frame
-from .found import ALPHAS, CLEAN, DEFAULT_SHARE, INTEGRALS_ALPHA, RIM, Found
+from .found import (
+    ALPHAS,
+    CLEAN,
+    DEFAULT_SHARE,
+    INTEGRALS_ALPHA,
+    RIM,
+    Found,
+    covered,
+    radii_of,
+    require_detail,
+    require_end,
+    require_scale,
+)
 from .record import highest_frequency, noise_before, record_power
 from .space import MOST_POINTS, FactsInSpace, facts_in_space, region_in_space
 
@@ -41,7 +56,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     values |= {"region_center": center, "region_angle": 0.0}
     found = Found(given, values, {"channels": facts.arrangement})
     _sound(scan, facts, found)
-    _region(facts, found)
+    _region(scan, facts, found)
     record = None if facts.times is None else frame[:: -(-len(frame) // LISTENED)]
     _resolution(scan, facts, found, record)
     _radii(scan, facts, found)
@@ -87,12 +102,15 @@ def _sound(scan: Scan, facts: FactsInSpace, found: Found) -> None:
     found.take("impulse_response", there, "in the file" if there else "none in the file")
 
 
-def _region(facts: FactsInSpace, found: Found) -> None:
+def _region(scan: Scan, facts: FactsInSpace, found: Found) -> None:
     share, why = DEFAULT_SHARE * facts.radius, "three quarters of the detectors' sphere"
     if facts.times is not None:
-        heard = float(facts.times[-1]) * found.values["sound_speed"] - facts.radius
-        if 0 < heard < share:
-            share, why = heard, "as much as the record covers"
+        path = float(facts.times[-1]) * found.values["sound_speed"]
+        if found.given.get("region_radius") is None:
+            require_scale(path, facts.radius, found.values["sound_speed"])
+        if path - facts.radius < share:
+            share, why = path - facts.radius, "as much as the record covers"
+    share, why = covered(found, share, why, radii_of(scan, found), np.array([facts.radius]))
     radius = float(found.take("region_radius", share, why))
     cut, why = radius, "all of the ball"
     if not isinstance(facts.detectors, DetectorPoints):
@@ -129,6 +147,7 @@ def _resolution(scan: Scan, facts: FactsInSpace, found: Found, record: np.ndarra
     limits[why] = np.pi * (most - 1) / (2 * half_width)
     limit = min(limits, key=lambda name: limits[name])
     highest = float(found.take("max_frequency", limits[limit], limit))
+    require_detail(found, highest, limit)
     across = int(np.ceil(2 * half_width * highest / np.pi - 1e-6))
     pixels = int(np.clip(2 * -(-across // 2) + 1, *VOXELS))
     found.take("pixels", pixels, f"details of {np.pi / highest:.3g}")
@@ -136,11 +155,12 @@ def _resolution(scan: Scan, facts: FactsInSpace, found: Found, record: np.ndarra
 
 def _radii(scan: Scan, facts: FactsInSpace, found: Found) -> None:
     """Of the file, or all that the record covers, half a voxel apart."""
-    own = found.given.get("radii")
-    if own is None and scan.kind == "circular_integrals":
-        own = scan.known.get("radii")
+    own, region = radii_of(scan, found), region_in_space(found.values)
+    disk = facts.detectors.meridian, region.meridian
+    if facts.times is not None:
+        speed = found.values["sound_speed"]
+        require_end(supported(*disk, facts.times, sound_speed=speed), speed)
     if own is None:
-        region = region_in_space(found.values)
         step = float(found.values["half_width"]) / (int(found.values["pixels"]) - 1)
         end = np.inf
         if facts.times is not None:
@@ -149,7 +169,8 @@ def _radii(scan: Scan, facts: FactsInSpace, found: Found) -> None:
         sources = ball_part(reach, center=region.center) if reach > 0 else None
         own = np.asarray(cap_radii(facts.detectors, region, step, sources=sources))
         own = own[own <= end]
-    own = np.asarray(own)
+    else:
+        require_cover(*disk, jax.device_put(own))
     found.values.update(
         first_radius=float(own[0]), radial_step=float(own[1] - own[0]), n_radii=len(own)
     )

@@ -9,10 +9,13 @@ from jaxtyping import Float, Int
 from ..checks import real_array
 from ..geometry import ArcFit, fit_arc, in_plane, order_along_curve
 from ..geometry.arcs import ROUND
+from ..geometry.curves import behind_gap
 from ..io import Scan
+from ..io.frames import LazyFrames
 from ..pressure import require_equispaced
 from ..scanners import scanner_named
 
+PER_FRAME = {"wavelengths", "frame_numbers"}
 FLAT = 1e-3  # least extent over largest, from which detectors are not in a plane
 WATER = 1500.0  # speed of sound, nominal [m/s]
 SLOWEST, FASTEST = 1400 / WATER, 1600 / WATER  # of water and tissue, over that
@@ -61,6 +64,7 @@ def with_facts(
     detectors: Any = None,
     sampling_rate: float | None = None,
     times: Any = None,
+    frames: Any = None,
 ) -> Scan:
     """The scan with what its file does not tell, or tells wrongly.
 
@@ -71,9 +75,11 @@ def with_facts(
             turned to fit.
         sampling_rate: of a record that starts at time 0 [1/time].
         times: of the record, (samples,) [time].
+        frames: numbers of those that are wanted, from 0, (some,).
 
     Raises:
-        ValueError: for an unknown scanner, and what does not fit the data.
+        ValueError: for an unknown scanner, frames that are not there, and what does not fit the
+            data.
     """
     known = dict(scan.known)
     if scanner is not None:
@@ -90,7 +96,26 @@ def with_facts(
         known["sampling_rate"] = sampling_rate
     if times is not None:
         known["times"] = np.asarray(times)
-    return replace(scan, known=known)
+    scan = replace(scan, known=known)
+    return scan if frames is None else some_frames(scan, frames)
+
+
+def some_frames(scan: Scan, frames: Any) -> Scan:
+    """The scan of these frames, read when asked for; they keep their numbers."""
+    numbers = _numbers("frames", frames, "frames", scan.n_frames)
+    if scan.data.ndim == 2:
+        return scan
+    data, known = scan.data, dict(scan.known)
+    known.setdefault("frame_numbers", np.arange(scan.n_frames))
+    known |= {name: known[name][numbers] for name in PER_FRAME & set(known)}
+    shape = (len(numbers), *data.shape[1:])
+    some = LazyFrames(shape, data.dtype, lambda chosen: np.asarray(data[numbers[chosen]]))
+    return replace(scan, data=some, known=known)
+
+
+def frame_numbers(scan: Scan) -> Int[np.ndarray, " frames"]:
+    """Of the frames in the file, from 0."""
+    return np.asarray(scan.known.get("frame_numbers", np.arange(scan.n_frames)), int)
 
 
 def in_space(scan: Scan) -> bool:
@@ -110,17 +135,22 @@ def rows_used(scan: Scan, use: Any) -> Int[np.ndarray, " used"]:
     """
     if use is None:
         return np.arange(scan.n_detectors)
-    rows = np.asarray(use)
-    if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer):
+    return _numbers("use", use, "rows", scan.n_detectors)
+
+
+def _numbers(name: str, values: Any, what: str, n: int) -> Int[np.ndarray, " some"]:
+    numbers = np.asarray(values)
+    if numbers.ndim != 1 or not numbers.size or not np.issubdtype(numbers.dtype, np.integer):
         raise ValueError(
-            f"use has dtype {rows.dtype} and shape {rows.shape}, expected whole numbers (used,)."
+            f"{name} has dtype {numbers.dtype} and shape {numbers.shape}, expected whole numbers, "
+            "one at least."
         )
-    bad = rows[(rows < 0) | (rows >= scan.n_detectors)]
+    bad = numbers[(numbers < 0) | (numbers >= n)]
     if bad.size:
-        raise ValueError(f"use holds {bad[0]}, but the data have rows 0 to {scan.n_detectors - 1}.")
-    if len(np.unique(rows)) < len(rows):
-        raise ValueError("use holds a row more than once.")
-    return rows
+        raise ValueError(f"{name} holds {bad[0]}, but the data have {what} 0 to {n - 1}.")
+    if len(np.unique(numbers)) < len(numbers):
+        raise ValueError(f"{name} holds a number more than once.")
+    return numbers
 
 
 def facts_of(scan: Scan, use: Any = None) -> Facts:
@@ -147,7 +177,7 @@ def facts_of(scan: Scan, use: Any = None) -> Facts:
     points, rows = np.asarray(in_plane(scan.known["detectors"])), rows_used(scan, use)
     order = rows[order_along_curve(points[rows])]
     times = times_of(scan)
-    arc = _arc(points[order])
+    arc = arc_through(points[order])
     return Facts(
         points,
         order,
@@ -156,6 +186,18 @@ def facts_of(scan: Scan, use: Any = None) -> Facts:
         units_of(arc and arc.radius, times),
         scan.known["detectors"].shape[1] == 3,
     )
+
+
+def begin_behind_gap(
+    order: Int[np.ndarray, " used"], points: Float[np.ndarray, "detectors 2"], good: np.ndarray
+) -> int:
+    """Where in the order a ring without its bad detectors begins: behind the gap they leave."""
+    kept = np.flatnonzero(good)
+    steps = np.linalg.norm(
+        np.diff(points[order[kept]], axis=0, append=points[order[kept[:1]]]), axis=1
+    )
+    wide = behind_gap(steps, True)
+    return int(kept[(int(np.argmax(wide * steps)) + 1) % len(kept)]) if wide.any() else 0
 
 
 def units_of(radius: float | None, times: np.ndarray | None) -> Units:
@@ -189,15 +231,21 @@ def times_of(scan: Scan) -> Float[np.ndarray, " times"] | None:
 
 
 def typical_frame(scan: Scan) -> Float[np.ndarray, "detectors samples"]:
-    """Of up to five frames, evenly chosen, the one of median power."""
+    """Of up to five frames, evenly chosen, the one of median power.
+
+    Those count that have the fewest detectors with NaN.
+    """
     numbers = np.unique(np.linspace(0, scan.n_frames - 1, 5).round().astype(int))
     frames = [np.asarray(scan.frame(int(k)), float) for k in numbers]
+    blank = [int((~np.isfinite(frame)).any(axis=1).sum()) for frame in frames]
+    frames = [frame for frame, n in zip(frames, blank, strict=True) if n == min(blank)]
     heard = [frame[np.isfinite(frame)] for frame in frames]
     power = [float(np.var(values)) if values.size else 0.0 for values in heard]
     return frames[int(np.argsort(power)[len(power) // 2])]
 
 
-def _arc(points: Float[np.ndarray, "detectors 2"]) -> ArcFit | None:
+def arc_through(points: Float[np.ndarray, "detectors 2"]) -> ArcFit | None:
+    """Circle and arc of detectors in order along it; None of those on no circle."""
     try:
         arc = fit_arc(points)
     except ValueError:  # a straight line

@@ -1,5 +1,6 @@
 """The images of a scan, frame after frame, with what was chosen."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,17 +10,19 @@ import numpy as np
 from jaxtyping import Array, Float
 from tqdm import tqdm
 
+from ..channels import ranges
 from ..geometry import ImageGrid, VolumeGrid
 from ..harmonic.tikhonov import SolveReport
 from ..io import Scan, load_scan
 from ..io.images import HasInside
 from ..layout import Layout
 from ..plan import ReconstructionPlan
+from ..problem import AccuracyWarning
 from ..reconstruction import reconstruct
 from ..spherical import CapLayout
 from .choices import LOW_PASSES, Choices
 from .choose import choices_for
-from .facts import facts_of, in_space, with_facts
+from .facts import facts_of, frame_numbers, in_space, some_frames, with_facts
 from .frames import Where, integrals, layout_of, reconstructed
 from .space import Space, facts_in_space
 from .speed import estimate_sound_speed
@@ -36,7 +39,7 @@ class ScanImages:
             space volumes, with a third axis x3.
         grid, region: where they are; outside the region they mean nothing.
         choices: with which they were made.
-        frames: wavelengths [nm], or numbers from 0, (frames,); None of a single frame.
+        frames: wavelengths [nm], or numbers in the file from 0, (frames,); None of a single frame.
         unit: of length, "m" or "mm" if it is known.
         report: how well the systems were solved, in words; nothing with a plan.
     """
@@ -57,6 +60,7 @@ def reconstruct_file(
     detectors: Any = None,
     sampling_rate: float | None = None,
     times: Any = None,
+    frames: Any = None,
     out: Any = None,
     progress: bool = True,
     report: Callable[[str], Any] | None = None,
@@ -66,7 +70,8 @@ def reconstruct_file(
 
     Args:
         path: a file that `load_scan` reads.
-        scanner, detectors, sampling_rate, times: what the file does not tell, see `with_facts`.
+        scanner, detectors, sampling_rate, times, frames: what the file does not tell, and which
+            frames are wanted, see `with_facts`.
         out: as in `reconstruct_scan`.
         progress: whether to show a bar, if there is more than one frame.
         report: what to do with the table of choices, such as ``print``.
@@ -95,6 +100,7 @@ def reconstruct_file(
         detectors=detectors,
         sampling_rate=sampling_rate,
         times=times,
+        frames=frames,
     )
     choices = estimate_sound_speed(scan, choices_for(scan, **given))
     if report is not None:
@@ -112,23 +118,30 @@ def reconstruct_scan(
 ) -> ScanImages:
     """The images of all frames; few are in memory at a time, and the geometry is found once.
 
+    Frames with NaN or infinite values in detectors that are used are left out, if there are others.
+
     Args:
         scan: its frames may be lazy.
         choices: from `choices_for`.
         plan: to use in place of a direct reconstruction; it has decided geometry and alpha. There
             are none in space.
-        out: where images go, (frames, x1, x2), or anything that slices can be assigned to; by
-            default a new array.
+        out: where images go, (frames that are good, x1, x2), or anything that slices can be
+            assigned to; by default a new array.
         progress: whether to show a bar, if there is more than one frame.
 
     Raises:
         ValueError: for ``out`` of another shape, images that do not fit into memory, and data that
             cannot be.
+
+    Warns:
+        AccuracyWarning: names the frames that are left out.
     """
     where = Where.of_plan(plan) if plan else _where(scan, choices)
+    room = _room((scan.n_frames, *where.grid.shape)) if out is None else None
+    scan = _without_blank_frames(scan, choices)
     layout, worst, size = None, 0.0, _frames_at_a_time(scan)
     images = (scan.n_frames, *where.grid.shape)
-    out = _room(images) if out is None else out
+    out = out if room is None else room[: scan.n_frames]
     if tuple(out.shape) != images:
         raise ValueError(f"out has shape {tuple(out.shape)}, expected {images}.")
     with tqdm(total=scan.n_frames, unit="image", disable=not progress or scan.n_frames == 1) as bar:
@@ -144,8 +157,8 @@ def reconstruct_scan(
             out[start : start + n] = np.asarray(image).reshape(-1, *where.grid.shape)[:n]
             bar.update(n)
     several = scan.n_frames > 1
-    numbers = scan.known.get("wavelengths", np.arange(scan.n_frames)) if several else None
-    frames = None if numbers is None else np.asarray(numbers, float)
+    numbers = scan.known.get("wavelengths", frame_numbers(scan))
+    frames = np.asarray(numbers, float) if several else None
     shown = out if several else out[0]
     report = "" if layout is None else _solved(layout, choices, worst)
     if isinstance(where, Space):
@@ -153,6 +166,23 @@ def reconstruct_scan(
     else:
         unit, region = facts_of(scan).units.length, where.region
     return ScanImages(shown, where.grid, region, choices, frames, unit, report)
+
+
+def _without_blank_frames(scan: Scan, choices: Choices) -> Scan:
+    """Without frames that hold NaN where a detector is used; all of them if none is good."""
+    if scan.n_frames == 1 or scan.data.dtype.kind != "f":
+        return scan
+    rows, every = list(choices.channels), range(scan.n_frames)
+    good = np.array([np.isfinite(scan.frame(k)[rows]).all() for k in every])
+    if good.all() or not good.any():
+        return scan
+    warnings.warn(
+        f"frames {ranges(frame_numbers(scan)[~good])} are left out: they hold NaN or infinite "
+        f"values in detectors that are used; {good.sum()} of {scan.n_frames} are reconstructed.",
+        AccuracyWarning,
+        stacklevel=3,
+    )
+    return some_frames(scan, np.flatnonzero(good))
 
 
 def _where(scan: Scan, choices: Choices) -> Where | Space:

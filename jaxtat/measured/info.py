@@ -6,7 +6,7 @@ from ..geometry import visibility
 from ..io import Scan
 from ..sampling import supported
 from .choices import Choices
-from .facts import Facts, facts_of, in_space
+from .facts import Facts, arc_through, facts_of, in_space
 from .space import FactsInSpace, facts_in_space
 
 
@@ -39,7 +39,7 @@ def _of_sphere(facts: FactsInSpace) -> list[str]:
 
 
 def _of_curve(facts: Facts, choices: Choices) -> list[str]:
-    arc, lines = facts.arc, []
+    arc, lines = arc_through(facts.points[list(choices.channels)]), []
     if arc is None:
         lines.append("detectors: not on a circle")
     else:

@@ -7,7 +7,7 @@ not enter. NumPy throughout: these are a few sums over one frame.
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 PIECES = 100  # of a record, in each of which its power is measured
 LOUD = 4.0  # times the power of the quietest piece, in which the artefact of the laser ends
@@ -15,6 +15,10 @@ ONSET = 0.03  # share of the highest power that counts as sound
 ABOVE_NOISE = 6.0  # times the power of quiet pieces, at least
 SILENCE, FIRST = 1e-6, 1e-4  # where quiet pieces have less power than that, the first share counts
 STANDS_OUT = 4.0  # times the noise spectrum, up to which a record holds sound
+FADED = 0.1  # of the typical total, by which a channel's is too small
+SPREAD = 0.02  # median deviation of totals over the median, up to which they tell anything
+SURELY = 8.0  # times that, at least
+LEVEL = 4.0  # times the typical step of totals, up to which they are level
 FAINT = 1e-8  # share of the highest spectral power that counts as none
 
 
@@ -121,6 +125,61 @@ def sounding_disk(
         found = np.linalg.lstsq(design * weights[:, None], reach * weights, rcond=None)[0]
         weights = 1 / np.sqrt(np.abs(design @ found - reach) + 1e-9 * scale)
     return found[:2], float(found[2])
+
+
+def totals(
+    record: Float[np.ndarray, "detectors times"], times: Float[np.ndarray, " times"], model: str
+) -> Float[np.ndarray, " detectors"]:
+    """The integral of f, as every detector tells it, but for a factor: all tell the same.
+
+    Circles about a detector cover the plane once: ∫ g dr = ∫ f dx, whatever f and wherever the
+    detector. By the pressure up to a time T when all sound has passed, with c = 1, that is
+    4 ∫ p √(T² - t²) dt of two-dimensional waves, for which
+    ∫_0^t p = (1/2π) ∫_0^t g (t² - r²)^(-1/2) dr, an integral of Abel's; and ∫ p (T² - t²)/2 dt
+    in-plane, where g = r ∫_0^r p.
+
+    Args:
+        record: from time 0, or from a silent time on.
+        times: of its samples, the last of them T.
+        model: "2d" or "in-plane".
+    """
+    weight = np.maximum(times[-1] ** 2 - times**2, 0.0)
+    return record @ (4 * np.sqrt(weight) if model == "2d" else weight / 2) * (times[1] - times[0])
+
+
+def faded(
+    totals: Float[np.ndarray, " detectors"], working: Bool[np.ndarray, " detectors"]
+) -> Bool[np.ndarray, " detectors"]:
+    """Channels of too small a gain, by `totals` in order along the curve.
+
+    Those that fall short by a tenth, and by more than the others scatter; then those beside them,
+    while totals still rise. None where totals scatter, as in a record without its
+    slowest part or with sound from outside.
+
+    Args:
+        totals: of all channels.
+        working: channels that are good otherwise.
+
+    >>> gains = np.r_[np.ones(40), 0.97, 0.91, 0.7, 0.3, 0.1, np.zeros(5), np.ones(20)]
+    >>> np.flatnonzero(faded(gains + 1e-3 * np.sin(np.arange(70.0)), gains > 0.0)).tolist()
+    [40, 41, 42, 43, 44]
+    """
+    none = np.zeros(len(totals), bool)
+    typical = float(np.median(totals[working])) if working.any() else 0.0
+    if typical == 0.0:
+        return none
+    gain = totals / typical
+    spread = float(np.median(np.abs(gain[working] - 1)))
+    if spread > SPREAD:
+        return none
+    found = working & (gain < 1 - max(FADED, SURELY * spread))
+    rows = np.flatnonzero(working)
+    steps = np.abs(np.diff(gain[rows]))
+    level = max(LEVEL * float(np.median(steps)), 1e-3)
+    for along in (rows, rows[::-1]):
+        for before, here, after in zip(along, along[1:], along[2:], strict=False):
+            found[here] |= found[before] and gain[after] - gain[here] > level
+    return found
 
 
 def noise_before(power: RecordPower, arrival: float) -> float | None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jaxtat import Choices
+from jaxtat.problem import require_boundary
 
 CHOICES = Choices(
     order=tuple(range(40)),
@@ -47,6 +48,13 @@ def test_choices_are_a_frozen_tree_of_numbers():
     assert all(isinstance(leaf, float) for leaf in jax.tree.leaves(CHOICES))
     with pytest.raises(AttributeError):
         CHOICES.alpha = 1.0
+
+
+def test_the_boundary_has_enough_points_for_the_highest_frequency():
+    fine = eqx.tree_at(lambda tree: tree.max_frequency, CHOICES, 300.0)
+    assert fine.region.points.shape[0] > 2 * len(CHOICES.order)
+    require_boundary(fine.region, 300.0)
+    require_boundary(CHOICES.region, CHOICES.max_frequency)
 
 
 def test_where_the_image_is():

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from made_scans import BELLS, RADIUS, SPEED, TIMES, N, positions, raw_counts, record, scan
+from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, N, positions, raw_counts, record, scan
 
-from jaxtat import choices_for
+from jaxtat import choices_for, detector_curve, phantoms
 from jaxtat.io import Scan
 from jaxtat.io.frames import LazyFrames
 from jaxtat.measured import describe, with_facts
+from jaxtat.problem import AccuracyWarning
 
 REACH = max(np.hypot(*c) + r for c, r in zip(BELLS["centers"], BELLS["radii"], strict=True))
 
@@ -81,6 +82,50 @@ def test_bad_channels_are_left_out_and_named(counts, pressure):
     assert choices_for(scan(bad), use=np.arange(N)).left_out == ()
     with pytest.raises(ValueError, match="of 90 detectors are good"):
         choices_for(scan(np.zeros_like(counts)))
+
+
+def faded_record(pressure, first, last):
+    """Gains fall over eight channels and are nothing between."""
+    gain = np.ones(N)
+    gain[first : last + 1] = 0.0
+    taper = np.sin(np.pi / 2 * np.arange(1, 9) / 9) ** 2
+    gain[first - 8 : first], gain[last + 1 : last + 9] = taper[::-1], taper
+    return gain[:, None] * pressure, np.flatnonzero(gain < 1)
+
+
+def test_faded_channels_are_left_out_and_the_arc_is_that_of_the_others(pressure):
+    """A ring of which a quarter is silent, and faded to both sides, is an arc."""
+    points = positions(n=N, span=360.0 * (N - 1) / N)[:, :2]
+    bells = phantoms.Bells(BELLS["centers"], BELLS["radii"], [1.0, 0.7, 0.5])
+    radii, h = np.maximum(SPEED * TIMES, 1e-3), 1e-6
+    both = np.concatenate([radii - h / 2, radii + h / 2])
+    means = np.asarray(bells.circular_integrals(detector_curve(points), both)) / both
+    whole = (means[:, len(radii) :] - means[:, : len(radii)]) / h
+    record, out = faded_record(whole, 40, 55)
+    known = {"detectors": points, "times": TIMES, "sound_speed": SPEED}
+    chosen = choices_for(found := Scan("pressure", record, known), model="in-plane")
+    assert set(out) - set(chosen.left_out) <= {31, 64}  # of 97 % of the gain
+    assert set(chosen.left_out) <= set(out)
+    assert "dead 39-56; faded 3" in dict(chosen.reasons)["channels"]
+    assert chosen.channels[0] in (64, 65) and chosen.channels[-1] in (30, 31)
+    assert dict(chosen.reasons)["region_angle"] == "the arc opens there"
+    middle = np.degrees(np.arctan2(*points[[47, 48]].mean(axis=0)[::-1]))
+    assert abs((chosen.region_angle - middle + 180) % 360 - 180) < 5
+    assert not bool(chosen.curve(points).closed)
+    assert "opens towards" in describe(found, chosen)
+    assert choices_for(Scan("pressure", whole, known), model="in-plane").left_out == ()
+
+
+def test_positions_in_the_plane_are_a_scanners_if_sizes_rate_and_counts_are(counts, pressure):
+    """Two columns, as people save them: the physics does not follow from the missing third."""
+    known = {"detectors": positions()[:, :2], "sampling_rate": RATE, "sound_speed": SPEED}
+    for data in (counts, counts.astype(float), pressure + 40 * pressure.max()):
+        chosen = choices_for(Scan("pressure", data, known))
+        assert chosen.model == "in-plane"
+        assert "rate and counts" in dict(chosen.reasons)["model"]
+    with pytest.warns(AccuracyWarning, match="scanner's record needs model in-plane"):
+        assert choices_for(Scan("pressure", pressure, known)).model == "2d"
+    assert choices_for(Scan("pressure", pressure, known), model="2d").model == "2d"
 
 
 @pytest.mark.parametrize("turn", [0.0, 70.0, 211.0])

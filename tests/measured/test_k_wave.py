@@ -15,6 +15,7 @@ from jaxtat import (
     reconstruct_file,
     truncated_disk,
 )
+from jaxtat.problem import AccuracyWarning
 from jaxtat.spherical import spherical_cap
 
 RADIUS, SPEED = 13e-3, 1500.0
@@ -83,7 +84,8 @@ def test_the_phantom_comes_back_with_nothing_given(recorded):
     """96 detectors on an arc of 270 degrees, two-dimensional waves."""
     theta = np.radians(100.0 + (np.arange(96) + 0.5) / 96 * 270)
     positions = RADIUS * np.stack([np.cos(theta), np.sin(theta)], axis=1)
-    found = reconstruct_file(recorded(positions, 2e-4))
+    with pytest.warns(AccuracyWarning, match="no third coordinate nor counts"):
+        found = reconstruct_file(recorded(positions, 2e-4))
     assert found.choices.model == "2d"
     assert relative_error(found.images, found.region, found.grid) < 0.01
 

@@ -184,25 +184,26 @@ def test_caps_open_above_the_middle_too():
 
 def test_choices_of_few_detectors_anywhere_and_of_a_hemisphere():
     rng = np.random.default_rng(1)
-    data = rng.random((90, 5))
+    data, radii = rng.random((90, 40)), 0.1 + 0.06 * np.arange(40)
     unit = rng.standard_normal((90, 3))
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
-    scan = Scan("circular_integrals", data, {"detectors": unit, "radii": 1 + 0.1 * np.arange(5)})
+    scan = Scan("circular_integrals", data, {"detectors": unit, "radii": radii})
     choices = choices_for(scan)
     assert choices.max_frequency < (np.sqrt(90) - 1) / 0.7 and "on no rings" in choices.table()
     assert "radius 1 about" in describe(scan, choices).replace("radius 1.0", "radius 1")
     half = np.asarray(spherical_cap(1.3, 0.0, 12, 24, rule="equal").points).reshape(-1, 3)
-    known = {"detectors": half, "radii": 1 + 0.1 * np.arange(5)}
-    choices = choices_for(Scan("circular_integrals", rng.random((288, 5)), known))
+    known = {"detectors": half, "radii": radii}
+    choices = choices_for(Scan("circular_integrals", rng.random((288, 40)), known))
     assert abs(choices.region_cut) < 1e-9 < choices.region_radius == pytest.approx(0.975)
 
 
 def test_detectors_without_data_are_named():
     """Dead on a ring, or NaN; whole rings can be left out."""
     cap = spherical_cap(1.3, 0.5, 12, 80)
-    data = np.random.default_rng(2).random((960, 5))
+    data = np.random.default_rng(2).random((960, 40))
     data[[7, 500]], data[90, 2] = 0.0, np.nan
-    known = {"detectors": np.asarray(cap.points).reshape(-1, 3), "radii": 1 + 0.1 * np.arange(5)}
+    radii = 0.1 + 0.06 * np.arange(40)
+    known = {"detectors": np.asarray(cap.points).reshape(-1, 3), "radii": radii}
     scan = Scan("circular_integrals", data, known)
     with pytest.raises(ValueError, match=r"3 of 960 detectors .* \(rows 7, 90, 500\)"):
         choices_for(scan)
@@ -210,6 +211,30 @@ def test_detectors_without_data_are_named():
         choices_for(scan, use=np.delete(np.arange(960), [7, 90, 500]))
     whole = np.setdiff1d(np.arange(960), np.r_[0:160, 480:560])
     assert "9 rings of 80" in choices_for(scan, use=whole).table()
+
+
+def test_contradictions_in_space_are_refused():
+    """Times, radii, sampling and sizes that do not fit each other, as in the plane."""
+    points = shuffled()[0]
+    data, known = record(), {"detectors": points, "sampling_rate": RATE}
+    whole = Scan("pressure", data, known)
+    for rate, path in ((1.2, r"3.112e\+05"), (1e9, "0.0003735")):
+        other = Scan("pressure", data, known | {"sampling_rate": rate, "sound_speed": SOUND})
+        with pytest.raises(ValueError, match=f"path of {path}, while .* 0.04 from their middle"):
+            choices_for(other)
+    with pytest.raises(ValueError, match=r"ends 0\.005.* before the far side"):
+        choices_for(Scan("pressure", data[:, :160], known), region_radius=0.025)
+    slow = Scan("pressure", data, known | {"sampling_rate": 1e4, "sound_speed": SOUND})
+    with pytest.raises(ValueError, match=r"more than the whole region, 0\.04 across"):
+        choices_for(slow, region_radius=RADIUS)
+    assert choices_for(whole, max_frequency=10.0).max_frequency == 10.0  # as asked
+    known = {"detectors": points, "radii": 0.03 + 1e-3 * np.arange(20)}
+    integrals = Scan("circular_integrals", np.ones((364, 20)) * np.arange(20), known)
+    chosen = choices_for(integrals)
+    assert chosen.region_radius == pytest.approx(0.009)
+    assert dict(chosen.reasons)["region_radius"] == "as much as the radii cover"
+    with pytest.raises(ValueError, match=r"radii run from 0\.03 to 0\.049"):
+        choices_for(integrals, region_radius=RADIUS)
 
 
 def test_what_does_not_apply_in_space_is_refused(scan_file, tmp_path, capsys):
