@@ -51,7 +51,6 @@ class RecordNoise(eqx.Module):
         sides = jnp.full(power.shape[-1], 2.0).at[jnp.array([0, -1])].set(1.0)
         return power @ (sides * jnp.interp(cycles, nodes, self.spectrum)) / padded
 
-
     def sample(self, key: Array, n_times: int) -> Float[Array, "detectors times"]:
         """A record of such noise, normally distributed.
 

@@ -120,6 +120,8 @@ def _profiles(axes_row, results: Results, names, limits: tuple[float, float]) ->
             axes.plot(grid.x2, results.images[name][column], lw=0.8)
         axes.plot(grid.x2, exact, "k", lw=1.0)
         axes.set(ylim=limits, xticks=[-1, 0, 1], yticks=[0, 1, 2])
-        axes.set_xlabel(f"$x_2$, at $x_1$ = {round(float(grid.x1[column]), 2) + 0.0:.2f}", fontsize=_WORDS)
+        axes.set_xlabel(
+            f"$x_2$, at $x_1$ = {round(float(grid.x1[column]), 2) + 0.0:.2f}", fontsize=_WORDS
+        )
     for axes in axes_row[1:]:
         axes.set_yticklabels([])
