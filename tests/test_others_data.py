@@ -16,7 +16,6 @@ from scipy.interpolate import RegularGridInterpolator
 from jaxtat.cli import main
 from jaxtat.io import load_scan, load_settings, save_ipasc
 
-
 ROOT = Path(__file__).resolve().parents[1]
 
 

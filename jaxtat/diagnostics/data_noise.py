@@ -45,7 +45,7 @@ class DataNoise(eqx.Module):
 
 
 def noise_of_residual(residual: DataResidual, curve: DetectorCurve, radii: Numbers) -> DataNoise:
-    """White noise by the part of g - A f outside the cone |kappa| <= lambda, or else all of g - A f.
+    """White noise by the part of g - A f outside the cone |kappa| <= lambda, else by all of it.
 
     Detectors that stand out are replaced by their neighbours. The median of the periodogram counts,
     ln 2 times the mean for normal noise, so that single strong coefficients do not.

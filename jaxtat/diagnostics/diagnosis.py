@@ -119,8 +119,8 @@ def diagnose(
             plane waves and uncertainty.
         sigma: standard deviation of the noise in every sample of g; by default it is told by
             `noise_of_residual`.
-        noise: in place of sigma, a sample of the data's noise, (detectors, radii), which need not be
-            white: what the record holds without sound, made into circular integrals.
+        noise: in place of sigma, a sample of the data's noise, (detectors, radii), which need not
+            be white: what the record holds without sound, made into circular integrals.
         low_pass, inversion: of the reconstruction.
         uncertainty_pixels: nodes per axis at which standard deviations are computed, about 20 ms
             each at the paper's size; 0 for none.
@@ -130,7 +130,8 @@ def diagnose(
         Diagnosis.
 
     Raises:
-        ValueError: for shapes that do not fit each other, NaN, sigma not above zero, or sigma and noise.
+        ValueError: for shapes that do not fit each other, NaN, sigma not above zero, or sigma
+            beside noise.
 
     >>> from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, truncated_disk
     >>> curve, region, grid = circular_arc(1.3, 0.0, 12), truncated_disk(1, 1, 24), ImageGrid(33)

@@ -139,9 +139,9 @@ def _reached(waves: WaveAccuracy, held: np.ndarray, unit: str | None) -> Finding
     half = np.sqrt(of_ring) < _HALF
     finest = _length(np.pi / float(frequencies[-1]), unit)
     text = (
-        f"Weighted with what the image holds, its plane waves are reached to {_percent(lost)} (root "
-        f"mean square). Of all waves down to details of {finest} (half a wave) {_percent(good)} are "
-        f"reached to better than {_percent(_REACHED)}"
+        "Weighted with what the image holds, its plane waves are reached to "
+        f"{_percent(lost)} (root mean square). Of all waves down to details of {finest} (half a "
+        f"wave) {_percent(good)} are reached to better than {_percent(_REACHED)}"
     )
     if not half.all():
         resolved = np.flatnonzero(half)
@@ -184,9 +184,9 @@ def _explained(diagnosis: Diagnosis) -> Finding:
     model = float(np.sqrt(max(0.0, relative**2 - of_noise**2)))
     return Finding(
         _level(model, 0.15, 0.5),
-        f"{text}. Noise has {min(of_noise, relative):.2g}, known by {noise.source.value}; the rest, "
-        f"{model:.2g}, is what model and image get wrong or leave out: sound speed, positions, "
-        "sources outside the plane or the region, details finer than the image.",
+        f"{text}. Noise has {min(of_noise, relative):.2g}, known by {noise.source.value}; the "
+        f"rest, {model:.2g}, is what model and image get wrong or leave out: sound speed, "
+        "positions, sources outside the plane or the region, details finer than the image.",
     )
 
 

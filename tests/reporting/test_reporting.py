@@ -231,7 +231,7 @@ def test_noise_is_told_from_what_the_model_gets_wrong():
     ],
 )
 def test_noise_is_graded_by_what_it_does_to_the_image(complete, sigma, source, level, says):
-    """Standard deviations are 0.1 to 0.11 of the range for noise of 1; an upper bound is not bad."""
+    """Half of the range and more for noise of 1; what is an upper bound is not called bad."""
     grown = eqx.tree_at(
         lambda tree: (tree.noise, tree.uncertainty.deviation),
         complete,
