@@ -29,7 +29,7 @@ def test_the_python_example_does_what_it_says():
     assert len(errors) == 2
     assert max(errors) < 2e-7
     (error,) = printed(space)
-    assert error < SPACE
+    assert error < 4e-4
 
 
 def printed(example):
