@@ -51,6 +51,21 @@ class RecordNoise(eqx.Module):
         sides = jnp.full(power.shape[-1], 2.0).at[jnp.array([0, -1])].set(1.0)
         return power @ (sides * jnp.interp(cycles, nodes, self.spectrum)) / padded
 
+    def sample(self, key: Array, n_times: int) -> Float[Array, "detectors times"]:
+        """A record of such noise, normally distributed.
+
+        >>> noise = RecordNoise(jnp.array([3.0]), jnp.array([0.0, 2.0]))
+        >>> drawn = noise.sample(jax.random.key(0), 4000)
+        >>> abs(float(drawn.std()) - 3) < 0.1
+        True
+        """
+        white = jax.random.normal(key, (self.sigma.shape[0], n_times))
+        spectrum = jnp.fft.rfft(white)
+        cycles = jnp.linspace(0.0, 1.0, spectrum.shape[-1])
+        nodes = jnp.linspace(0.0, 1.0, self.spectrum.shape[0])
+        coloured = spectrum * root(jnp.interp(cycles, nodes, self.spectrum))
+        return self.sigma[:, None] * jnp.fft.irfft(coloured, n_times)
+
 
 def noise_of_record(
     pressure: Numbers, times: Numbers, *, until: Numbers, dead_time: Numbers = 0.0

@@ -22,6 +22,7 @@ from .checks import Numbers, real_array, require_positive
 from .geometry import DetectorCurve, Region
 from .geometry.curves import behind_gap
 from .pressure import require_equispaced
+from .units import Units
 
 _BESIDE = 4  # detectors to either side, over which spacing is averaged
 _EDGE = 0.98  # of the distance to the nearest detector: cylindrical waves need every one outside
@@ -95,9 +96,16 @@ class Supported(eqx.Module):
         return tuple(found)
 
     def __str__(self) -> str:
+        return self.in_words(Units())
+
+    def in_words(self, units: Units) -> str:
+        """What cannot be had, or else what can, with units of length where they are known."""
+        reach, largest, detail = (
+            units.of_length(float(x))
+            for x in (self.reach, self.largest_reach, self.smallest_detail)
+        )
         return "; ".join(self.shortfalls) or (
-            f"region of radius {float(self.reach):.4g} of at most {float(self.largest_reach):.4g}, "
-            f"details down to {float(self.smallest_detail):.4g}"
+            f"region of radius {reach} of at most {largest}, details down to {detail}"
         )
 
 

@@ -1,6 +1,11 @@
-"""Units of length: jaxtat computes in that of the positions, pictures and files name it."""
+"""Units: jaxtat computes in those of positions and record; pictures, files and words name them."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
 
 MILLIMETRES = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3}
+MICROSECONDS = {"s": 1e6, "us": 1.0}
+ROUNDING = 1e-9  # of a scale: what is less is what rounding left of zero
 
 
 def millimetres(unit: str | None) -> float:
@@ -18,3 +23,65 @@ def millimetres(unit: str | None) -> float:
             "it is not known."
         )
     return 1.0 if unit is None else MILLIMETRES[unit]
+
+
+class Units(NamedTuple):
+    """What lengths and times are in; quantities in words, with their unit where it is known.
+
+    Attributes:
+        length: one of `MILLIMETRES`, or None if it is not known.
+        time: one of `MICROSECONDS`, or None likewise.
+
+    >>> known, unknown = Units("m", "s"), Units()
+    >>> known.of_length(0.01234, 3), unknown.of_length(0.25)
+    ('12.3 mm', '0.25')
+    >>> known.of_time(2.4871e-6), known.of_speed(1474.674), known.of_wave_number(26409.0)
+    ('2.487 us', '1474.67 m/s', '26.409 rad/mm')
+    >>> known.of_band(9.8571e4, 1.26111e7), unknown.of_band(0.1, 7.0)
+    ('0.09857 to 12.61 MHz', '0.1 to 7')
+    >>> known.of_place((7e-18, -0.012), 0.04), unknown.of_place((-0.0, 7e-18), 1.0)
+    ('(0, -12) mm', '(0, 0)')
+    """
+
+    length: str | None = None
+    time: str | None = None
+
+    def of_length(self, length: float, digits: int = 4, scale: float = 0.0) -> str:
+        """A length in millimetres; zero where rounding left it, beside lengths of ``scale``."""
+        return _with(self._millimetres(length, digits, scale), self.length, "mm")
+
+    def of_place(self, place: Iterable[float], scale: float, digits: int = 4) -> str:
+        """A place in millimetres, likewise."""
+        shown = ", ".join(self._millimetres(x, digits, scale) for x in place)
+        return _with(f"({shown})", self.length, "mm")
+
+    def _millimetres(self, length: float, digits: int, scale: float) -> str:
+        length = 0.0 if abs(length) <= ROUNDING * scale else length
+        return f"{millimetres(self.length) * length:.{digits}g}"
+
+    def of_time(self, time: float) -> str:
+        """A time in microseconds."""
+        return _with(f"{self._microseconds * time:.4g}", self.time, "us")
+
+    def of_speed(self, speed: float) -> str:
+        """A speed in metres per second."""
+        both = self.length and self.time
+        scale = 1e3 * millimetres(self.length) / self._microseconds if both else 1.0
+        return _with(f"{scale * speed:.6g}", both, "m/s")
+
+    def of_band(self, low: float, high: float) -> str:
+        """Frequencies in megahertz."""
+        low, high = low / self._microseconds, high / self._microseconds
+        return _with(f"{low:.4g} to {high:.4g}", self.time, "MHz")
+
+    def of_wave_number(self, wave_number: float) -> str:
+        """A wave number lambda in radians per millimetre."""
+        return _with(f"{wave_number / millimetres(self.length):.5g}", self.length, "rad/mm")
+
+    @property
+    def _microseconds(self) -> float:
+        return MICROSECONDS[self.time] if self.time else 1.0
+
+
+def _with(number: str, known: str | None, unit: str) -> str:
+    return f"{number} {unit}" if known else number

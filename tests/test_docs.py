@@ -38,7 +38,8 @@ def test_python_runs_from_top_to_bottom(page, tmp_path, monkeypatch):
 
 
 def lines(page):
-    return [line for block in shown(page, "sh") for line in block.strip().splitlines()]
+    blocks = (block.replace("\\\n", " ") for block in shown(page, "sh"))  # lines that go on
+    return [line for block in blocks for line in block.strip().splitlines()]
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if lines(page)], ids=str)

@@ -1,5 +1,6 @@
 """What the README shows is run as it stands there."""
 
+import json
 import re
 import shlex
 import subprocess
@@ -7,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from jaxtat import circular_arc, data_radii, phantoms, truncated_disk
 from jaxtat.cli import main
@@ -22,12 +24,33 @@ def shown(language):
 
 
 def test_the_python_example_does_what_it_says():
-    (example,) = shown("python")
-    run = subprocess.run([sys.executable, "-c", example], capture_output=True, text=True)
-    assert run.returncode == 0, run.stderr
-    errors = [float(line) for line in run.stdout.split()]
+    plane, space = shown("python")
+    errors = printed(plane)
     assert len(errors) == 2
     assert max(errors) < 2e-7
+    (error,) = printed(space)
+    assert error < 4e-4
+
+
+def printed(example):
+    """Numbers that an example prints in a fresh interpreter."""
+    run = subprocess.run([sys.executable, "-c", example], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    return [float(line) for line in run.stdout.split()]
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/comparison.md"])
+def test_measured_figures_are_those_of_the_benchmarks(page):
+    """Rows that name a benchmark in their last cell: time and error as in results.json."""
+    runs = json.loads((ROOT / "benchmarks" / "results.json").read_text())["benchmarks"]
+    measured = {run["name"].removeprefix("bench_"): run["extra_info"] for run in runs}
+    rows = re.findall(r"\| ([\d.]+) (s|ms) \| ([\d.e-]*) ?\| `(.*?)` \|", (ROOT / page).read_text())
+    assert len(rows) >= 5
+    for time, unit, error, name in rows:
+        seconds = float(time) * (1e-3 if unit == "ms" else 1)
+        assert abs(measured[name]["median_s"] / seconds - 1) < 0.06, name
+        if error:
+            assert abs(measured[name]["max_error"] / float(error) - 1) < 0.06, name
 
 
 def test_the_commands_work_as_shown(tmp_path, monkeypatch):

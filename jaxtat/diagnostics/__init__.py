@@ -1,5 +1,6 @@
 """What a person wants to know of a reconstruction: what can be seen, how well, and how surely."""
 
+from .data_noise import DataNoise, NoiseSource, noise_of_residual
 from .diagnosis import (
     UNCERTAINTY_PIXELS,
     Diagnosis,
@@ -13,12 +14,15 @@ from .residual import DataResidual, data_residual
 
 __all__ = [
     "UNCERTAINTY_PIXELS",
+    "DataNoise",
     "DataResidual",
     "Diagnosis",
+    "NoiseSource",
     "Uncertainty",
     "WaveAccuracy",
     "data_residual",
     "diagnose",
+    "noise_of_residual",
     "plan_of_direct",
     "wave_accuracy",
 ]

@@ -18,10 +18,11 @@ from ..geometry import (
     visibility_map,
 )
 from ..plan import ReconstructionPlan, build_plan
-from ..reconstruction import DirectReconstruction
+from ..reconstruction import DirectReconstruction, reconstruct
 from ..reconstruction.radon import LowPass, low_pass_values
 from ..regularization import RelativeTikhonov, Tikhonov
 from ..uncertainty import pixel_standard_deviation
+from .data_noise import DataNoise, NoiseSource, noise_of_residual
 from .residual import DataResidual, data_residual
 
 UNCERTAINTY_PIXELS = 25
@@ -54,15 +55,14 @@ class Uncertainty(eqx.Module):
     Attributes:
         grid: its nodes, fewer than the image has.
         deviation: (x1, x2), NaN outside the region [unit of f].
-        sigma: standard deviation that was taken for the noise of every sample of g.
-        assumed: whether that is the size of the residual, of a typical detector.
+        sigma: standard deviation of independent noise in every sample of g that does as much to
+            the image as the noise of the data.
         seconds: that it took.
     """
 
     grid: ImageGrid
     deviation: Float[Array, "x1 x2"]
     sigma: Float[Array, ""]
-    assumed: bool = eqx.field(static=True)
     seconds: float = eqx.field(static=True)
 
 
@@ -75,6 +75,7 @@ class Diagnosis(eqx.Module):
         lines: which lines through the region meet the curve.
         visible: share of edge directions seen at each pixel, NaN outside the region, (x1, x2).
         residual: what the image does not explain.
+        noise: how much of that is noise.
         waves, uncertainty: None without a plan.
     """
 
@@ -87,6 +88,7 @@ class Diagnosis(eqx.Module):
     lines: Visibility
     visible: Float[Array, "x1 x2"]
     residual: DataResidual
+    noise: DataNoise
     waves: WaveAccuracy | None
     uncertainty: Uncertainty | None
 
@@ -101,6 +103,7 @@ def diagnose(
     *,
     plan: ReconstructionPlan | None = None,
     sigma: Numbers | None = None,
+    noise: Numbers | None = None,
     low_pass: LowPass | None = None,
     inversion: str = "fbp",
     uncertainty_pixels: int = UNCERTAINTY_PIXELS,
@@ -114,8 +117,10 @@ def diagnose(
         image: what was reconstructed, (x1, x2).
         plan: the plan of the reconstruction, or `plan_of_direct`. Without one there is nothing on
             plane waves and uncertainty.
-        sigma: standard deviation of the noise in every sample of g; by default that of
-            a typical detector's residual, which holds all that the image does not explain.
+        sigma: standard deviation of the noise in every sample of g; by default it is told by
+            `noise_of_residual`.
+        noise: in place of sigma, a sample of the data's noise, (detectors, radii), which need not
+            be white: what the record holds without sound, made into circular integrals.
         low_pass, inversion: of the reconstruction.
         uncertainty_pixels: nodes per axis at which standard deviations are computed, about 20 ms
             each at the paper's size; 0 for none.
@@ -125,7 +130,8 @@ def diagnose(
         Diagnosis.
 
     Raises:
-        ValueError: for shapes that do not fit each other, NaN, or sigma not above zero.
+        ValueError: for shapes that do not fit each other, NaN, sigma not above zero, or sigma
+            beside noise.
 
     >>> from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, truncated_disk
     >>> curve, region, grid = circular_arc(1.3, 0.0, 12), truncated_disk(1, 1, 24), ImageGrid(33)
@@ -138,16 +144,20 @@ def diagnose(
     """
     require_x64()
     radii = real_array("radii", radii, ("radii",))
-    noise = None if sigma is None else real_array("sigma", sigma, ())
-    if noise is not None:
-        require_positive("sigma", noise)
+    if sigma is not None and noise is not None:
+        raise ValueError("sigma and noise are both given, expected one of them at most.")
+    if sigma is not None:
+        sigma = real_array("sigma", sigma, ())
+        require_positive("sigma", sigma)
     residual = data_residual(image, grid, region, curve, radii, g)
+    if noise is not None:
+        noise = real_array("noise", noise, residual.values.shape)
+    found = _noise(residual, curve, radii, sigma, noise)
     inside = region.contains(grid.points)
     uncertainty = None
     if plan is not None and uncertainty_pixels:
         options = {"low_pass": low_pass, "inversion": inversion, "progress": progress}
-        size = residual.typical if noise is None else noise
-        uncertainty = _uncertainty(plan, size, noise is None, uncertainty_pixels, options)
+        uncertainty = _uncertainty(plan, found, noise, uncertainty_pixels, options)
     return Diagnosis(
         curve=curve,
         region=region,
@@ -158,6 +168,7 @@ def diagnose(
         lines=visibility(curve, region),
         visible=jnp.where(inside, visibility_map(curve, grid), jnp.nan),
         residual=residual,
+        noise=found,
         waves=None if plan is None else wave_accuracy(plan, low_pass),
         uncertainty=uncertainty,
     )
@@ -214,10 +225,33 @@ def plan_of_direct(
         return build_plan(curve, region, grid, radii, rule, **options)
 
 
+def _noise(
+    residual: DataResidual,
+    curve: DetectorCurve,
+    radii: Array,
+    sigma: Array | None,
+    sample: Array | None,
+) -> DataNoise:
+    if sigma is not None:
+        return DataNoise(sigma, NoiseSource.GIVEN)
+    if sample is None:
+        return noise_of_residual(residual, curve, radii)
+    square = jnp.sum(residual.meets * sample**2) / jnp.sum(residual.meets)
+    return DataNoise(jnp.sqrt(square), NoiseSource.RECORD)
+
+
 def _uncertainty(
-    plan: ReconstructionPlan, sigma: Array, assumed: bool, n: int, options: dict
+    plan: ReconstructionPlan, noise: DataNoise, sample: Array | None, n: int, options: dict
 ) -> Uncertainty:
+    """Of white noise, or of as much as makes the sample's image: slow noise does less to it."""
     grid = ImageGrid(n, plan.grid.half_width, plan.grid.center)
     start = time.perf_counter()
     unit = pixel_standard_deviation(plan, 1.0, grid=grid, **options).block_until_ready()
-    return Uncertainty(grid, sigma * unit, sigma, assumed, time.perf_counter() - start)
+    sigma = noise.sigma
+    if sample is not None:
+        made = reconstruct(
+            plan, sample, low_pass=options["low_pass"], inversion=options["inversion"]
+        )
+        inside = plan.region.contains(plan.grid.points)
+        sigma = jnp.sqrt(jnp.mean(made**2, where=inside) / jnp.nanmean(unit**2))
+    return Uncertainty(grid, sigma * unit, sigma, time.perf_counter() - start)

@@ -22,6 +22,7 @@ from ..pressure import MODELS
 from ..problem import enough_boundary
 from ..reconstruction.inversion import require_inversion
 from ..reconstruction.radon import LOW_PASSES
+from ..units import Units
 
 IN_SPACE = "in-space"  # the model of point-like detectors around a volume
 
@@ -29,7 +30,8 @@ IN_SPACE = "in-space"  # the model of point-like detectors around a volume
 class Choices(eqx.Module):
     """What was chosen, or given, for the reconstruction of a scan.
 
-    Lengths are in the unit of the detectors' positions, times in that of the record.
+    Lengths are in the unit of the detectors' positions, times in that of the record; `rows` and
+    `table` tell them in millimetres and microseconds where those units are known.
 
     Attributes:
         order: rows of the data, in order along the curve.
@@ -50,6 +52,7 @@ class Choices(eqx.Module):
         low_pass: "none" or "cosine".
         inversion: "fbp" or "fourier".
         reasons: pairs of a name above and why it is as it is.
+        units: of positions and record, for the words.
     """
 
     order: tuple[int, ...] = eqx.field(static=True)
@@ -73,6 +76,7 @@ class Choices(eqx.Module):
     low_pass: str = eqx.field(static=True)
     inversion: str = eqx.field(static=True)
     reasons: tuple[tuple[str, str], ...] = eqx.field(static=True)
+    units: Units = eqx.field(static=True, default=Units())
 
     def __check_init__(self) -> None:
         models = *MODELS, IN_SPACE, "none"
@@ -134,26 +138,23 @@ class Choices(eqx.Module):
         )
 
     def _shown(self) -> dict[str, str]:
-        cut = self.region_cut < self.region_radius
-        low, high = self.band or (0.0, 0.0)
-        # a middle that is found is off by rounding
-        center = [round(x / self.region_radius, 9) * self.region_radius for x in self.region_center]
+        units, radius = self.units, self.region_radius
+        cut = self.region_cut < radius
         return {
             "channels": f"{len(self.channels)} of {len(self.order)}",
             "model": self.model,
-            "sound_speed": f"{self.sound_speed:.6g}",
+            "sound_speed": units.of_speed(self.sound_speed),
             "impulse_response": "removed" if self.impulse_response else "kept",
-            "dead_time": f"{self.dead_time:.4g}",
-            "band": f"{low:.4g} {high:.4g}" if self.band else "none",
-            "region_radius": f"{self.region_radius:.4g}",
-            "region_cut": f"{self.region_cut:.4g}" if cut else "none",
-            "region_angle": f"{self.region_angle:.1f}",
-            "region_center": " ".join(f"{x + 0.0:.4g}" for x in center),
-            "max_frequency": f"{self.max_frequency:.5g}",
+            "dead_time": units.of_time(self.dead_time),
+            "band": units.of_band(*self.band) if self.band else "none",
+            "region_radius": units.of_length(radius),
+            "region_cut": units.of_length(self.region_cut, scale=radius) if cut else "none",
+            "region_angle": f"{round(self.region_angle, 1) + 0.0:g} degrees",
+            "region_center": units.of_place(self.region_center, radius),
+            "max_frequency": units.of_wave_number(self.max_frequency),
             "pixels": f"{self.pixels}",
-            "half_width": f"{self.half_width:.4g}",
-            "n_radii": f"{self.n_radii}",
-            "alpha": f"{self.alpha:.1e}",
+            "half_width": units.of_length(self.half_width),
+            "alpha": f"{self.alpha:.2g}",
             "low_pass": self.low_pass,
             "inversion": self.inversion,
         }
@@ -200,4 +201,5 @@ _KINDS: dict[str, Any] = {
     "region_center": lambda value: tuple(float(x) for x in value),
     "band": lambda value: None if value is None else _pair(value),
     "reasons": lambda value: tuple((str(name), str(why)) for name, why in value),
+    "units": lambda value: Units(*value),
 }

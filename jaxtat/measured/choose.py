@@ -39,10 +39,9 @@ from .facts import (
     facts_of,
     in_space,
     typical_frame,
+    water_speed,
 )
 from .found import (
-    ALPHAS,
-    CLEAN,
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
     RIM,
@@ -102,7 +101,7 @@ def choices_for(scan: Scan, **given: Any) -> Choices:
             f"{', '.join(MODELS)}."
         )
     facts = facts_of(scan, given.get("use"))
-    found = Found(given, {"order": tuple(int(k) for k in facts.order)}, {})
+    found = Found(given, {"order": tuple(int(k) for k in facts.order), "units": facts.units}, {})
     if scan.kind == "pressure":
         _from_record(scan, facts, found)
     else:
@@ -175,7 +174,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
 
 def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[str, str]:
     """By sizes, sampling rate, and whether the record is of counts; and why."""
-    if facts.units.water is None:
+    if water_speed(facts.units) is None:
         return "2d", "sizes are not a scanner's: two-dimensional waves"
     if facts.in_space:
         return "in-plane", "detectors in space, of a scanner's size: focused into the plane"
@@ -195,8 +194,9 @@ def _nominal_speed(scan: Scan, facts: Facts, found: Found) -> float:
     if "sound_speed" in scan.known:
         speed = float(np.mean(scan.known["sound_speed"]))
         return float(found.take("sound_speed", speed, "from the file"))
-    if facts.units.water is not None:
-        return float(found.take("sound_speed", facts.units.water, TO_BE_ESTIMATED))
+    water = water_speed(facts.units)
+    if water is not None:
+        return float(found.take("sound_speed", water, TO_BE_ESTIMATED))
     why = "none in the file, and sizes are not a scanner's: taken to be 1"
     return float(found.take("sound_speed", 1.0, why))
 
@@ -279,7 +279,8 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
     offset = facts.points[facts.order][good] - np.array(arc.center)
     middle, size = sounding_disk(offset / np.linalg.norm(offset, axis=1, keepdims=True), reach)
     wanted = MARGIN * (size + float(np.linalg.norm(middle)))
-    why = f"sound comes from within {wanted / MARGIN:.4g}, and {MARGIN - 1:.0%} to spare"
+    length = facts.units.of_length
+    why = f"sound comes from within {length(wanted / MARGIN)}, and {MARGIN - 1:.0%} to spare"
     view = _field_of_view(scan, center)
     if view is not None and view < wanted:
         wanted, why = view, "the field of view in the file"
@@ -291,7 +292,7 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
     if wanted < least:
         wanted, why = least, "a tenth of the arc: where sound comes from cannot be told"
     if wanted > most:
-        why = f"of {wanted:.4g}, as much as detectors and record (path {path:.4g}) cover"
+        why = f"of {length(wanted)}, as much as detectors and record (path {length(path)}) cover"
         wanted = max(least, most)
     radius = float(found.take("region_radius", wanted, why))
     _cut(arc, found, radius, middle)
@@ -393,17 +394,18 @@ def _resolution(
 
 
 def _frequency_and_pixels(found: Found, limits: dict[str, float]) -> None:
-    half_width = float(found.values["half_width"])
+    half_width, units = float(found.values["half_width"]), found.values["units"]
     if found.given.get("pixels") is not None:
         limits["the pixels given"] = np.pi * max(found.given["pixels"] - 1, 1) / (2 * half_width)
     limit = min(limits, key=lambda name: limits[name])
     highest = found.take("max_frequency", limits[limit], limit)
     if highest > limits[limit]:
-        found.reasons["max_frequency"] = f"given; {limit} supports {limits[limit]:.5g}"
+        supports = units.of_wave_number(limits[limit])
+        found.reasons["max_frequency"] = f"given; {limit} supports {supports}"
     require_detail(found, highest, limit)
     across = 2 * half_width * highest / np.pi * PIXELS_PER_DETAIL
     pixels = int(np.clip(2 * (int(np.ceil(across)) // 2) + 1, *PIXELS))
-    why = f"details of {np.pi / highest:.3g} in {PIXELS_PER_DETAIL:g} pixels"
+    why = f"details of {units.of_length(np.pi / highest, 3)} in {PIXELS_PER_DETAIL:g} pixels"
     found.take("pixels", pixels, why)
 
 
@@ -455,10 +457,7 @@ def _noise(found: Found, power: RecordPower, arrival: float, floor: float) -> No
     ratio, how = noise_before(power, arrival), "before sound from the region arrives"
     if ratio is None:
         ratio, how = floor, "by differences of samples"
-    why = f"noise over signal power {ratio:.1e}, {how}"
-    alpha = float(found.take("alpha", float(np.clip(ratio, *ALPHAS)), why))
-    noisy = alpha > CLEAN
-    found.take("low_pass", "cosine" if noisy else "none", "noise" if noisy else "hardly any noise")
+    found.take_alpha(ratio, how)
 
 
 def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:

@@ -16,10 +16,8 @@ from ..sampling import supported
 from ..spherical import DetectorPoints, ball_part, cap_radii
 from ..spherical.layout import resolved_frequency
 from .choices import IN_SPACE, Choices
-from .facts import typical_frame
+from .facts import typical_frame, water_speed
 from .found import (
-    ALPHAS,
-    CLEAN,
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
     RIM,
@@ -53,7 +51,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     _require_sound(frame, facts)
     center = tuple(float(x) for x in np.asarray(facts.detectors.center))
     values = {"order": tuple(int(k) for k in facts.order), "left_out": ()}
-    values |= {"region_center": center, "region_angle": 0.0}
+    values |= {"region_center": center, "region_angle": 0.0, "units": facts.units}
     found = Found(given, values, {"channels": facts.arrangement})
     _sound(scan, facts, found)
     _region(scan, facts, found)
@@ -88,8 +86,8 @@ def _sound(scan: Scan, facts: FactsInSpace, found: Found) -> None:
     found.take("model", IN_SPACE, "detectors in space, around a volume")
     if "sound_speed" in scan.known:
         speed, why = float(np.mean(scan.known["sound_speed"])), "from the file"
-    elif facts.units.water is not None:
-        speed, why = facts.units.water, "none in the file: water's"
+    elif (water := water_speed(facts.units)) is not None:
+        speed, why = water, "none in the file: water's"
     else:
         speed, why = 1.0, "none in the file, and sizes are not a scanner's: taken to be 1"
     found.take("sound_speed", speed, why)
@@ -150,7 +148,7 @@ def _resolution(scan: Scan, facts: FactsInSpace, found: Found, record: np.ndarra
     require_detail(found, highest, limit)
     across = int(np.ceil(2 * half_width * highest / np.pi - 1e-6))
     pixels = int(np.clip(2 * -(-across // 2) + 1, *VOXELS))
-    found.take("pixels", pixels, f"details of {np.pi / highest:.3g}")
+    found.take("pixels", pixels, f"details of {facts.units.of_length(np.pi / highest, 3)}")
 
 
 def _radii(scan: Scan, facts: FactsInSpace, found: Found) -> None:
@@ -183,10 +181,8 @@ def _noise(facts: FactsInSpace, found: Found, record: np.ndarray | None) -> None
         return
     power = record_power(record, facts.times, detrend=False)
     ratio = noise_before(power.after(2 * found.values["dead_time"]), _arrival(facts, found))
-    why = "no silence in the record, by which noise could be told"
-    if ratio is not None:
-        why = f"noise over signal power {ratio:.1e}, before sound from the region arrives"
-    ratio = UNKNOWN_NOISE if ratio is None else ratio
-    alpha = float(found.take("alpha", float(np.clip(ratio, *ALPHAS)), why))
-    noisy = alpha > CLEAN
-    found.take("low_pass", "cosine" if noisy else "none", "noise" if noisy else "hardly any noise")
+    if ratio is None:
+        ratio, how = UNKNOWN_NOISE, "assumed: no silence in the record, by which it could be told"
+    else:
+        how = "before sound from the region arrives"
+    found.take_alpha(ratio, how)

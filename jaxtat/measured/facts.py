@@ -14,27 +14,17 @@ from ..io import Scan
 from ..io.frames import LazyFrames
 from ..pressure import require_equispaced
 from ..scanners import scanner_named
+from ..units import MICROSECONDS, MILLIMETRES, Units
 
 PER_FRAME = {"wavelengths", "frame_numbers"}
 FLAT = 1e-3  # least extent over largest, from which detectors are not in a plane
 WATER = 1500.0  # speed of sound, nominal [m/s]
 SLOWEST, FASTEST = 1400 / WATER, 1600 / WATER  # of water and tissue, over that
-# radii of scanners and sampling rates of theirs, by which units are told: (unit, least, greatest,
-# how many there are in a metre or second); a radius of 1 with 100 samples per time is of no unit
-LENGTHS = (("m", 1e-3, 2.0, 1.0), ("mm", 3.0, 1e3, 1e3))
-TIMES = (("s", 1e5, 1e10, 1.0), ("us", 0.5, 1e3, 1e6))
-
-
-class Units(NamedTuple):
-    """What lengths and times are in, by their size.
-
-    Attributes:
-        length: "m" or "mm"; None if it cannot be told.
-        water: the speed of sound in water in the scan's units; None likewise [length/time].
-    """
-
-    length: str | None
-    water: float | None
+# radii of scanners and sampling rates of theirs, by which units are told: (unit, least, greatest);
+# a radius of 1 with 100 samples per time is of no unit
+LENGTHS = (("m", 1e-3, 2.0), ("mm", 3.0, 1e3))
+TIMES = (("s", 1e5, 1e10), ("us", 0.5, 1e3))
+IN_METRES = (1e-3, 0.3)  # radii that are in metres even where there is no sampling rate to ask
 
 
 class Facts(NamedTuple):
@@ -201,16 +191,34 @@ def begin_behind_gap(
 
 
 def units_of(radius: float | None, times: np.ndarray | None) -> Units:
-    """By the radius on which detectors lie, and the sampling rate."""
-    if radius is None or times is None:
-        return Units(None, None)
+    """By the radius on which detectors lie, and the sampling rate if there is one.
+
+    >>> units_of(0.04, np.arange(9) / 4e7), units_of(0.04, None), units_of(1.3, None)
+    (Units(length='m', time='s'), Units(length='m', time=None), Units(length=None, time=None))
+    """
+    if radius is None:
+        return Units()
+    if times is None:
+        least, greatest = IN_METRES
+        return Units("m") if least <= radius <= greatest else Units()
     rate = 1 / float(times[1] - times[0])
-    for length, least, greatest, per_metre in LENGTHS:
-        for time, slowest, fastest, per_second in TIMES:
+    for length, least, greatest in LENGTHS:
+        for time, slowest, fastest in TIMES:
             unlikely = (length, time) == ("m", "us")
             if least <= radius <= greatest and slowest <= rate <= fastest and not unlikely:
-                return Units(length, WATER * per_metre / per_second)
-    return Units(None, None)
+                return Units(length, time)
+    return Units()
+
+
+def water_speed(units: Units) -> float | None:
+    """The nominal speed of sound in water, in the scan's units; None if they are not known.
+
+    >>> water_speed(Units("mm", "us")), water_speed(Units())
+    (1.5, None)
+    """
+    if units.length is None or units.time is None:
+        return None
+    return WATER * 1e-3 * MICROSECONDS[units.time] / MILLIMETRES[units.length]
 
 
 def times_of(scan: Scan) -> Float[np.ndarray, " times"] | None:

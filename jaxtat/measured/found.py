@@ -32,6 +32,21 @@ class Found(NamedTuple):
         self.values[name], self.reasons[name] = value, reason
         return value
 
+    def take_alpha(self, ratio: float, how: str) -> None:
+        """alpha and low pass by the power of the noise over that of the sound, and how it is known.
+
+        Args:
+            ratio: as in Wiener's filter; alpha is kept within `ALPHAS`.
+            how: words that follow the number.
+        """
+        least, most = ALPHAS
+        kept = "raised to the least: " if ratio < least else "capped: " if ratio > most else ""
+        why = f"{kept}noise over signal power {ratio:.2g}, {how}"
+        alpha = float(self.take("alpha", float(np.clip(ratio, least, most)), why))
+        noisy = alpha > CLEAN
+        why = "noise" if noisy else "hardly any noise"
+        self.take("low_pass", "cosine" if noisy else "none", why)
+
     def choices(self) -> Choices:
         """All of them, once all were taken."""
         return Choices.from_settings(self.values | {"reasons": tuple(self.reasons.items())})

@@ -20,12 +20,15 @@ def describe(scan: Scan, choices: Choices) -> str:
     )
     if facts.times is not None:
         step = float(facts.times[1] - facts.times[0])
-        lines.append(
-            f"times: {float(facts.times[0]):.6g} to {float(facts.times[-1]):.6g}, "
-            f"{1 / step:.6g} samples per unit"
-        )
+        start, end = (facts.units.of_time(float(facts.times[k])) for k in (0, -1))
+        unit = facts.units.time or "unit of time"
+        lines.append(f"times: {start} to {end}, {1 / step:.6g} samples per {unit}")
     if facts.units.length is not None:
-        lines.append(f"units: lengths are taken to be in {facts.units.length}, by their size")
+        of_times = f", times in {facts.units.time}" if facts.units.time else ""
+        lines.append(
+            f"units: lengths are taken to be in {facts.units.length}{of_times}, by their size; "
+            "options are given in them"
+        )
     if "wavelengths" in scan.known:
         shown = np.unique(np.asarray(scan.known["wavelengths"]))
         lines.append("wavelengths: " + ", ".join(f"{w:g}" for w in shown))
@@ -34,8 +37,9 @@ def describe(scan: Scan, choices: Choices) -> str:
 
 
 def _of_sphere(facts: FactsInSpace) -> list[str]:
-    center = ", ".join(f"{x:.3g}" for x in np.asarray(facts.detectors.center))
-    return [f"detectors: {facts.arrangement}, radius {facts.radius:.6g} about ({center})"]
+    center = facts.units.of_place(np.asarray(facts.detectors.center), facts.radius, 3)
+    radius = facts.units.of_length(facts.radius, 6)
+    return [f"detectors: {facts.arrangement}, radius {radius} about {center}"]
 
 
 def _of_curve(facts: Facts, choices: Choices) -> list[str]:
@@ -43,17 +47,17 @@ def _of_curve(facts: Facts, choices: Choices) -> list[str]:
     if arc is None:
         lines.append("detectors: not on a circle")
     else:
-        x1, x2 = arc.center
+        radius, units = arc.radius, facts.units
         opening = "closed" if arc.closed else f"opens towards {np.degrees(arc.opening):.1f} degrees"
         lines.append(
-            f"detectors: arc of {np.degrees(arc.span):.1f} degrees, radius {arc.radius:.6g} about "
-            f"({x1:.3g}, {x2:.3g}) to {arc.deviation:.1g}; {opening}"
+            f"detectors: arc of {np.degrees(arc.span):.1f} degrees, radius "
+            f"{units.of_length(radius, 6)} about {units.of_place(arc.center, radius, 3)} to "
+            f"{units.of_length(arc.deviation, 1, radius)}; {opening}"
         )
     curve = choices.curve(facts.points)
     lines.append(f"region of interest: {visibility(curve, choices.region)}")
     if facts.times is not None:
         speed = choices.sound_speed
-        lines.append(
-            f"sampling: {supported(curve, choices.region, facts.times, sound_speed=speed)}"
-        )
+        support = supported(curve, choices.region, facts.times, sound_speed=speed)
+        lines.append(f"sampling: {support.in_words(facts.units)}")
     return lines

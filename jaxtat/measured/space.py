@@ -25,8 +25,9 @@ from ..spherical import (
     reconstruct_cap,
 )
 from ..spherical.rings import fit_sphere
+from ..units import Units
 from .choices import LOW_PASSES, Choices
-from .facts import Units, rows_used, times_of, units_of
+from .facts import rows_used, times_of, units_of
 
 MOST_POINTS = 800  # detectors off rings: their systems are dense
 

@@ -8,6 +8,8 @@ from ..io.atomic import replacing
 from ..plotting import DIVERGING, new_figure, show_geometry, show_image
 from .experiments import Results
 
+_WORDS = 11  # size of the letters in the figures of disks [points]
+
 
 def draw_all(first: Results, second: Results, folder: Path) -> list[str]:
     """Write every figure into a folder; returns their names."""
@@ -38,23 +40,26 @@ def geometry_figure(first: Results, second: Results):
 
 
 def disks_figure(results: Results):
-    """Figures 2 and 3: exact, clean, 15 % noise, noise and filter; classical FBP and profiles."""
-    figure = new_figure(13, 9.6)
+    """Figures 2 and 3: exact, clean, 15 % noise, noise and filter; classical FBP and profiles.
+
+    Narrow, so that the words are readable where a page shows the whole figure.
+    """
+    figure = new_figure(9, 7)
     rows = figure.subplots(3, 4)
-    titles = ("exact", "exact data", "15 % noise", "15 % noise, cosine filter")
+    titles = ("exact", "exact data", "15 % noise", "noise and filter")
     ours = ("disks exact", "disks", "disks noisy", "disks noisy filtered")
     classical = ("disks exact", "fbp", "fbp noisy", "fbp noisy filtered")
     exact = results.images["disks exact"]
     limits = (float(np.nanmin(exact)) - 0.2, float(np.nanmax(exact)) + 0.2)
-    for names, axes_row, method in ((ours, rows[0], "arc"), (classical, rows[1], "classical FBP")):
-        for name, axes, title in zip(names, axes_row, titles, strict=True):
-            image = results.images[name]
-            label = title if name == "disks exact" else f"{method}: {title}"
-            shown = show_image(axes, image, results.case.grid, limits=limits, title=label)
-            if axes is axes_row[-1]:
-                figure.colorbar(shown, ax=axes_row, shrink=0.8)
-    _profiles(rows[2], results, ours, titles, limits)
-    figure.suptitle(f"{results.case.name}: disks", fontsize=10)
+    for names, axes_row, method in ((ours, rows[0], "from the arc"), (classical, rows[1], "FBP")):
+        for name, axes in zip(names, axes_row, strict=True):
+            shown = show_image(axes, results.images[name], results.case.grid, limits=limits)
+            axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
+        axes_row[0].set_ylabel(method, fontsize=_WORDS)
+        figure.colorbar(shown, ax=axes_row, shrink=0.8)
+    for axes, title in zip(rows[0], titles, strict=True):
+        axes.set_title(title, fontsize=_WORDS)
+    _profiles(rows[2], results, ours, limits)
     return figure
 
 
@@ -105,16 +110,18 @@ def _error_panel(figure, axes, results: Results, name: str, title: str) -> None:
     figure.colorbar(shown, ax=axes)
 
 
-def _profiles(axes_row, results: Results, names, titles, limits: tuple[float, float]) -> None:
+def _profiles(axes_row, results: Results, names, limits: tuple[float, float]) -> None:
     """Cross-sections along x_2 through the middle of the brightest disk's column."""
     grid = results.case.grid
     column = int(np.argmin(np.abs(np.asarray(grid.x1) - float(results.case.disks.centers[0, 0]))))
     exact = results.images["disks exact"][column]
-    for name, title, axes in zip(names, titles, axes_row, strict=True):
+    for name, axes in zip(names, axes_row, strict=True):
         if name != "disks exact":
-            axes.plot(grid.x2, results.images[name][column], lw=0.8, label="arc")
-        axes.plot(grid.x2, exact, "k", lw=0.8, label="exact")
-        axes.set_ylim(limits)
-        axes.set_title(f"{title}, along $x_1$ = {float(grid.x1[column]):.2f}", fontsize=9)
-        axes.set_xlabel("$x_2$")
-        axes.legend(fontsize=7)
+            axes.plot(grid.x2, results.images[name][column], lw=0.8)
+        axes.plot(grid.x2, exact, "k", lw=1.0)
+        axes.set(ylim=limits, xticks=[-1, 0, 1], yticks=[0, 1, 2])
+        axes.set_xlabel(
+            f"$x_2$, at $x_1$ = {round(float(grid.x1[column]), 2) + 0.0:.2f}", fontsize=_WORDS
+        )
+    for axes in axes_row[1:]:
+        axes.set_yticklabels([])

@@ -6,11 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..diagnostics import DataResidual, Diagnosis, Uncertainty, WaveAccuracy
+from ..diagnostics import (
+    DataNoise,
+    DataResidual,
+    Diagnosis,
+    NoiseSource,
+    Uncertainty,
+    WaveAccuracy,
+)
 from ..plotting import gray_levels
-from ..units import millimetres
+from ..units import Units
 
 _REACHED = 0.1  # error up to which a plane wave counts as reached
+_HALF = 0.5  # up to which it counts as there
 _NAMED = 12  # detectors, at most, that are listed by number
 
 
@@ -41,11 +49,12 @@ def findings(
     """
     found = [_visibility(diagnosis, unit)]
     if diagnosis.waves is not None:
-        found += [_reached(diagnosis.waves, unit), _noise_gain(diagnosis.waves)]
-    found += [_explained(diagnosis.residual), *_outside(diagnosis.residual)]
+        held = _held(diagnosis)
+        found += [_reached(diagnosis.waves, held, unit), _noise_gain(diagnosis.waves)]
+    found += [_explained(diagnosis), *_outside(diagnosis.residual)]
     found.append(_unusual(diagnosis.residual, channels))
     if diagnosis.uncertainty is not None:
-        found.append(_noise(diagnosis.uncertainty, np.asarray(diagnosis.image)))
+        found.append(_noise(diagnosis.noise, diagnosis.uncertainty, np.asarray(diagnosis.image)))
     return found
 
 
@@ -70,13 +79,8 @@ def _percent(share: float) -> str:
 
 
 def _length(length: float, unit: str | None) -> str:
-    """In millimetres, if the unit is known.
-
-    >>> _length(0.01234, "m"), _length(0.25, None)
-    ('12.3 mm', '0.25')
-    """
-    name = "" if unit is None else " mm"
-    return f"{millimetres(unit) * length:.3g}{name}"
+    """In millimetres, if the unit is known."""
+    return Units(unit).of_length(length, 3)
 
 
 def _visibility(diagnosis: Diagnosis, unit: str | None) -> Finding:
@@ -107,22 +111,52 @@ def _visibility(diagnosis: Diagnosis, unit: str | None) -> Finding:
     return Finding(_level(1 - float(seen[inside].mean()), 0.0, 0.05), most + lines)
 
 
-def _reached(waves: WaveAccuracy, unit: str | None) -> Finding:
+def _held(diagnosis: Diagnosis) -> np.ndarray:
+    """Energy of the image in each ring of wave numbers, (frequencies,)."""
+    assert diagnosis.waves is not None
+    frequencies = np.asarray(diagnosis.waves.frequencies)
+    image = np.nan_to_num(np.asarray(diagnosis.image))
+    power = np.abs(np.fft.fft2(image)) ** 2
+    axes = (
+        2 * np.pi * np.fft.fftfreq(n, float(step))
+        for n, step in zip(image.shape, diagnosis.grid.spacing, strict=True)
+    )
+    lam = np.hypot(*np.meshgrid(*axes, indexing="ij"))
+    middles = (frequencies[1:] + frequencies[:-1]) / 2
+    ring = np.digitize(lam.ravel(), middles)
+    inside = lam.ravel() <= frequencies[-1]
+    return np.bincount(ring[inside], power.ravel()[inside], len(frequencies))
+
+
+def _reached(waves: WaveAccuracy, held: np.ndarray, unit: str | None) -> Finding:
+    """Graded by what the image is made of: noise rightly takes the finest waves first."""
     error, frequencies = np.asarray(waves.residual), np.asarray(waves.frequencies)
     area = np.broadcast_to(frequencies[:, None], error.shape)  # of the plane that a node stands for
     good = float(np.sum(area * (error < _REACHED)) / area.sum())
-    mean = float(np.sqrt(np.sum(area * error**2) / area.sum()))
+    of_ring = np.mean(error**2, axis=1)
+    whole = float(held.sum())
+    lost = float(np.sqrt(np.sum(held * of_ring) / whole)) if whole > 0 else float(error.max())
+    half = np.sqrt(of_ring) < _HALF
     finest = _length(np.pi / float(frequencies[-1]), unit)
     text = (
-        f"Of the plane waves that make up the image, down to details of {finest} (half a wave), "
-        f"{_percent(good)} are approximated to better than {_percent(_REACHED)}; the error is "
-        f"{mean:.2g} (root mean square)."
+        "Weighted with what the image holds, its plane waves are reached to "
+        f"{_percent(lost)} (root mean square). Of all waves down to details of {finest} (half a "
+        f"wave) {_percent(good)} are reached to better than {_percent(_REACHED)}"
     )
+    if not half.all():
+        resolved = np.flatnonzero(half)
+        text += (
+            f"; those to better than a half end at details of "
+            f"{_length(np.pi / float(frequencies[resolved[-1]]), unit)}"
+            if resolved.size
+            else "; none to better than a half"
+        )
+    text += "."
     eta = np.asarray(waves.low_pass)
     if eta.min() < 0.99:
-        half = frequencies[np.argmin(np.abs(eta - 0.5))]
-        text += f" The low pass halves those of {_length(np.pi / float(half), unit)}."
-    return Finding(_level(1 - good, 0.05, 0.3), text)
+        halved = frequencies[np.argmin(np.abs(eta - 0.5))]
+        text += f" The low pass halves those of {_length(np.pi / float(halved), unit)}."
+    return Finding(_level(lost, 0.15, 0.5), text)
 
 
 def _noise_gain(waves: WaveAccuracy) -> Finding:
@@ -137,13 +171,30 @@ def _noise_gain(waves: WaveAccuracy) -> Finding:
     )
 
 
-def _explained(residual: DataResidual) -> Finding:
-    relative = float(residual.relative)
-    return Finding(
-        _level(relative, 0.15, 0.5),
+def _explained(diagnosis: Diagnosis) -> Finding:
+    """Graded by what is left besides noise."""
+    residual, noise = diagnosis.residual, diagnosis.noise
+    relative, of_noise = float(residual.relative), _relative_noise(diagnosis)
+    text = (
         f"The image explains {_percent(max(0.0, 1 - relative**2))} of the data's energy on circles "
-        f"that meet the region of interest; what is left has a relative norm of {relative:.2g}.",
+        f"that meet the region of interest; what is left has a relative norm of {relative:.2g}"
     )
+    if noise.source is NoiseSource.UNKNOWN:
+        return Finding(_level(relative, 0.15, 0.5), f"{text}, noise and errors of the model.")
+    model = float(np.sqrt(max(0.0, relative**2 - of_noise**2)))
+    return Finding(
+        _level(model, 0.15, 0.5),
+        f"{text}. Noise has {min(of_noise, relative):.2g}, known by {noise.source.value}; the "
+        f"rest, {model:.2g}, is what model and image get wrong or leave out: sound speed, "
+        "positions, sources outside the plane or the region, details finer than the image.",
+    )
+
+
+def _relative_noise(diagnosis: Diagnosis) -> float:
+    """Norm of the noise over that of the data, on circles that meet the region."""
+    meets = np.asarray(diagnosis.residual.meets)
+    size = float(np.sqrt(np.mean(np.asarray(diagnosis.g)[meets] ** 2)))
+    return float(diagnosis.noise.sigma) / size if size > 0 else 0.0
 
 
 def _outside(residual: DataResidual) -> list[Finding]:
@@ -185,7 +236,7 @@ def _listed(numbers: Iterable[int]) -> str:
     return ", ".join(names[:_NAMED]) + more
 
 
-def _noise(uncertainty: Uncertainty, image: np.ndarray) -> Finding:
+def _noise(noise: DataNoise, uncertainty: Uncertainty, image: np.ndarray) -> Finding:
     deviation = np.asarray(uncertainty.deviation)
     low, high = gray_levels(image)
     middle, most = float(np.nanmedian(deviation)), float(np.nanmax(deviation))
@@ -194,9 +245,9 @@ def _noise(uncertainty: Uncertainty, image: np.ndarray) -> Finding:
         f"Noise moves a pixel by {middle:.2g} (median of the standard deviations; {most:.2g} at "
         f"worst), that is {_percent(share)} of the range of the picture."
     )
-    if uncertainty.assumed:
-        text += (
-            " The noise is not known: what is left of a typical detector's data was taken for it, "
-            "as if it were independent from sample to sample."
-        )
+    if noise.source is NoiseSource.GIVEN:
+        return Finding(_level(share, 0.05, 0.2), text)
+    text += f" The noise is known by {noise.source.value}."
+    if noise.source is NoiseSource.UNKNOWN:  # nothing that is worse than this can be said
+        return Finding(Level.GOOD if share < 0.05 else Level.CAUTION, text)
     return Finding(_level(share, 0.05, 0.2), text)

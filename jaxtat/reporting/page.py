@@ -185,11 +185,10 @@ def _uncertainty(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
     found = diagnosis.uncertainty
     if found is None:
         return [element("p", "Not computed.")]
-    source = "what is left of a typical detector's data" if found.assumed else "as given"
     caption = (
         "Standard deviation of each pixel for independent noise of standard deviation "
-        f"{float(found.sigma):.3g} in every sample of the circular integrals ({source}). Exact "
-        "propagation, nothing drawn at random; errors that are not noise are not in it."
+        f"{float(found.sigma):.3g} in every sample of the circular integrals, known by "
+        f"{diagnosis.noise.source.value}. Errors that are not noise are not in it."
     )
     n = int((~_nan(found.deviation)).sum())
     wanted = int((~_nan(diagnosis.image)).sum())

@@ -25,6 +25,7 @@ def report(
     *,
     plan: ReconstructionPlan | None = None,
     sigma: Numbers | None = None,
+    noise: Numbers | None = None,
     low_pass: LowPass | None = None,
     inversion: str = "fbp",
     uncertainty_pixels: int = UNCERTAINTY_PIXELS,
@@ -40,7 +41,7 @@ def report(
     Args:
         path: the file to write.
         curve, region, grid, radii, g, image: the geometry, the data of one image, and the image.
-        plan, sigma, low_pass, inversion, uncertainty_pixels, progress: as in `diagnose`.
+        plan, sigma, noise, low_pass, inversion, uncertainty_pixels, progress: as in `diagnose`.
         title: of the page.
         choices: what was chosen for the reconstruction, rows of (name, value, why).
         channels: number of every detector in the file, if it is not its number along the curve.
@@ -68,6 +69,7 @@ def report(
         image,
         plan=plan,
         sigma=sigma,
+        noise=noise,
         low_pass=low_pass,
         inversion=inversion,
         uncertainty_pixels=uncertainty_pixels,

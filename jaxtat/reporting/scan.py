@@ -4,14 +4,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
 from ..checks import Numbers, whole_number
 from ..diagnostics import UNCERTAINTY_PIXELS, Diagnosis
 from ..io import Scan, load_scan
 from ..measured import Choices, Where, choices_for, estimate_sound_speed, integrals, with_facts
 from ..measured.choices import LOW_PASSES
-from ..measured.facts import facts_of
+from ..measured.facts import facts_of, times_of
 from ..plan import ReconstructionPlan, build_plan
 from ..reconstruction import reconstruct
+from ..record_noise import LEAST_SAMPLES, noise_of_record
 from ..regularization import Tikhonov
 from .report import report
 
@@ -89,6 +95,7 @@ def report_scan(
     where = Where.of(scan, choices) if plan is None else Where.of_plan(plan)
     g = integrals(scan, choices, where.radii, scan.frame(frame))
     problem = where.curve, where.region, where.grid, where.radii
+    noise = _noise_alone(scan, choices, where, scan.frame(frame)) if sigma is None else None
     if plan is None:
         rule, most = Tikhonov(choices.alpha), choices.max_frequency
         plan = build_plan(*problem, rule, max_frequency=most, progress=progress)
@@ -101,6 +108,7 @@ def report_scan(
         reconstruct(plan, g, **last),
         plan=plan,
         sigma=sigma,
+        noise=noise,
         uncertainty_pixels=uncertainty_pixels,
         title=title + several,
         choices=choices.rows(),
@@ -110,3 +118,24 @@ def report_scan(
         progress=progress,
         **last,
     )
+
+
+def _noise_alone(
+    scan: Scan, choices: Choices, where: Where, frame: np.ndarray
+) -> Float[Array, "detectors radii"] | None:
+    """Circular integrals of noise as in the quiet part of a record; None without a quiet part."""
+    times = times_of(scan)
+    if times is None:
+        return None
+    start = 2 * choices.dead_time  # what is silenced is faded in over as long again
+    nearest = jnp.linalg.norm(where.curve.points - where.region.center, axis=1).min()
+    arrival = float(nearest - where.region.reach) / choices.sound_speed
+    if np.count_nonzero((times >= start) & (times < arrival)) < LEAST_SAMPLES:
+        return None
+    rows = list(choices.channels)
+    quiet = noise_of_record(frame[rows].astype(float), times, until=arrival, dead_time=start)
+    if not float(quiet.sigma.max()) > 0:
+        return None
+    drawn = np.zeros(frame.shape)
+    drawn[rows] = quiet.sample(jax.random.key(0), len(times))
+    return integrals(scan, choices, where.radii, drawn)

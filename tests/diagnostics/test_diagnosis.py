@@ -20,7 +20,7 @@ from jaxtat import (
     reconstruct,
     truncated_disk,
 )
-from jaxtat.diagnostics import diagnose, plan_of_direct, wave_accuracy
+from jaxtat.diagnostics import NoiseSource, diagnose, plan_of_direct, wave_accuracy
 from jaxtat.harmonic import SolveReport
 
 CURVE, REGION, GRID = circular_arc(1.3, 1.0, 24), truncated_disk(0.8, 0.8, 48), ImageGrid(11, 0.8)
@@ -95,17 +95,35 @@ def test_error_and_gain_are_those_of_the_densities(plan):
 def test_standard_deviations_are_for_the_noise_that_is_given_or_what_is_left(diagnosis, plan):
     coarse = diagnosis.uncertainty.grid
     unit = pixel_standard_deviation(plan, 1.0, grid=coarse, progress=False)
-    left = float(diagnosis.residual.typical)
+    left = float(diagnosis.noise.sigma)
     assert left > 0
     assert_allclose(diagnosis.uncertainty.deviation, left * unit, rtol=1e-12)
-    assert diagnosis.uncertainty.assumed
+    assert diagnosis.noise.source is not NoiseSource.GIVEN
     assert_allclose(coarse.points[[0, -1], [0, -1]], GRID.points[[0, -1], [0, -1]], atol=1e-15)
     image = np.zeros(GRID.shape)
     options = {"plan": plan, "uncertainty_pixels": 5, "progress": False}
     given = diagnose(*PROBLEM, DATA, image, sigma=0.3, **options)
     assert_allclose(given.uncertainty.deviation, 0.3 * unit, rtol=1e-12)
-    assert not given.uncertainty.assumed
+    assert given.noise.source is NoiseSource.GIVEN
     assert_allclose(given.residual.relative, 1, rtol=1e-12)
+
+
+def test_a_sample_of_the_noise_stands_for_white_noise_that_does_as_much_to_the_image(plan):
+    """White noise of 0.2 is found again; slow noise of the same power does less to the image."""
+    white = 0.2 * np.random.default_rng(5).standard_normal(DATA.shape)
+    slow = np.cumsum(white, axis=1)
+    slow *= np.linalg.norm(white) / np.linalg.norm(slow)
+    options = {"plan": plan, "uncertainty_pixels": 5, "progress": False}
+    found, less = (
+        diagnose(*PROBLEM, DATA, np.zeros(GRID.shape), noise=noise, **options)
+        for noise in (white, slow)
+    )
+    assert found.noise.source is NoiseSource.RECORD
+    assert_allclose(found.noise.sigma, 0.2, rtol=0.1)
+    assert_allclose(found.uncertainty.sigma, 0.2, rtol=0.25)  # 80 pixels, few of them independent
+    assert less.uncertainty.sigma < 0.7 * found.uncertainty.sigma
+    with pytest.raises(ValueError, match="sigma and noise are both given"):
+        diagnose(*PROBLEM, DATA, np.zeros(GRID.shape), sigma=0.1, noise=white)
 
 
 def test_outside_the_region_there_is_nothing(diagnosis):

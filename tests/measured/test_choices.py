@@ -1,5 +1,6 @@
 """Choices keep what they are told, to the last bit, and refuse what they cannot be."""
 
+import dataclasses
 import json
 
 import equinox as eqx
@@ -9,7 +10,9 @@ import numpy as np
 import pytest
 
 from jaxtat import Choices
+from jaxtat.measured.found import Found
 from jaxtat.problem import require_boundary
+from jaxtat.units import Units
 
 CHOICES = Choices(
     order=tuple(range(40)),
@@ -76,6 +79,60 @@ def test_the_table_has_a_line_and_a_reason_for_each():
     assert [line.split()[0] for line in lines] == ["channels", "model", "alpha"]
     assert "38 of 40" in lines[0]
     assert lines[0].endswith("left out: dead 3, 17")
+
+
+def test_the_table_is_in_millimetres_where_units_are_known_and_free_of_rounding():
+    """In metres and seconds; a centre and a cut that rounding left are zero, an angle has no -0."""
+    reasons = tuple((name, "why") for name in SHOWN)
+    found = dataclasses.replace(
+        CHOICES,
+        sound_speed=1481.1,
+        dead_time=2.4871e-6,
+        band=(9.857e4, 1.2612e7),
+        region_center=(7e-18, -0.0121),
+        region_radius=0.0129,
+        region_cut=-7.9e-19,
+        region_angle=-0.0,
+        half_width=0.013,
+        max_frequency=26409.0,
+        alpha=0.1,
+        reasons=reasons,
+        units=Units("m", "s"),
+    )
+    assert {name: value for name, value, _ in found.rows()} == SHOWN
+    again = Choices.from_settings(json.loads(json.dumps(found.settings())))
+    assert again.rows() == found.rows()
+    bare = dataclasses.replace(found, units=Units())
+    values = {name: value for name, value, _ in bare.rows()}
+    assert values["region_radius"] == "0.0129" and values["sound_speed"] == "1481.1"
+
+
+SHOWN = {
+    "sound_speed": "1481.1 m/s",
+    "dead_time": "2.487 us",
+    "band": "0.09857 to 12.61 MHz",
+    "region_radius": "12.9 mm",
+    "region_cut": "0 mm",
+    "region_angle": "0 degrees",
+    "region_center": "(0, -12.1) mm",
+    "max_frequency": "26.409 rad/mm",
+    "half_width": "13 mm",
+    "alpha": "0.1",
+}
+
+
+@pytest.mark.parametrize(
+    ("ratio", "alpha", "why"),
+    [
+        (0.48, 0.1, "capped: noise over signal power 0.48, by hand"),
+        (9.1e-3, 9.1e-3, "noise over signal power 0.0091, by hand"),
+        (2.5e-11, 1e-6, "raised to the least: noise over signal power 2.5e-11, by hand"),
+    ],
+)
+def test_alpha_says_what_it_means(ratio, alpha, why):
+    found = Found({}, {}, {})
+    found.take_alpha(ratio, "by hand")
+    assert (found.values["alpha"], found.reasons["alpha"]) == (alpha, why)
 
 
 @pytest.mark.parametrize(

@@ -215,7 +215,7 @@ def test_every_choice_can_be_given(counts, name, value):
 def test_details_beyond_what_is_supported_are_named(counts, chosen):
     reason = dict(choices_for(scan(counts), max_frequency=1e5).reasons)["max_frequency"]
     assert reason == f"given; {dict(chosen.reasons)['max_frequency']} supports " + (
-        f"{chosen.max_frequency:.5g}"
+        f"{chosen.max_frequency * 1e-3:.5g} rad/mm"
     )
 
 
@@ -263,7 +263,7 @@ def test_a_record_that_ends_early_bounds_the_region_and_what_is_asked_beyond_is_
     short, end = scan(np.random.default_rng(0).standard_normal((N, 130))), SPEED * TIMES[129]
     chosen = choices_for(short)
     assert chosen.region_radius == pytest.approx(end - RADIUS)
-    assert "detectors and record (path 0.04837) cover" in dict(chosen.reasons)["region_radius"]
+    assert "detectors and record (path 48.37 mm) cover" in dict(chosen.reasons)["region_radius"]
     last = chosen.first_radius + chosen.radial_step * (chosen.n_radii - 1)
     assert end - 1.01 * chosen.radial_step < last <= end
     with pytest.raises(ValueError, match=r"ends 0.0026\d+ before .* up to 0.0083\d+ can be had"):
@@ -312,8 +312,8 @@ def test_a_description_tells_data_detectors_and_choices(counts, chosen):
     for part in (
         "2 frames of 90 detectors, 230 samples (uint16)",
         "wavelengths: 700, 850",
-        "lengths are taken to be in m",
-        "arc of 270.0 degrees, radius 0.04",
+        "lengths are taken to be in m, times in s",
+        "arc of 270.0 degrees, radius 40 mm about (0, 0) mm",
         "opens towards -90.0 degrees",
         "every line through the region meets the curve",
         "details down to",

@@ -68,7 +68,7 @@ def test_the_image_is_that_of_the_direct_reconstructions_regularisation(
     assert_allclose(np.asarray(found.image)[inside], expected[inside], rtol=1e-12)
     text = (tmp_path / "r.html").read_text()
     assert "two frames, frame 1 of 2" in text
-    assert re.search(r"alpha</th><td>1.0e-06</td><td>given", text)
+    assert re.search(r"alpha</th><td>1e-06</td><td>given", text)
     with pytest.raises(ValueError, match="frame is 2, but the scan has 2, counted from 0"):
         report_scan(tmp_path / "r.html", scan, choices_for(scan, **GIVEN), frame=2)
 
