@@ -42,7 +42,7 @@ def graded(radii: np.ndarray, factor: float) -> np.ndarray:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3, help="of the jitter; the worst is printed")
     parser.add_argument("--pixels", type=int, default=129)
     chosen = parser.parse_args()
