@@ -10,12 +10,12 @@ from jaxtat import circular_arc, detector_curve, truncated_disk
 from jaxtat.harmonic import harmonic_orders, polar_geometry, wave_table
 from jaxtat.harmonic.table import (
     RegionFactor,
+    _turning,
     blocks,
     circle_gram,
     cut_gram,
     detector_matrix,
     pairs,
-    _turning,
     region_factor,
     triangle,
 )
