@@ -56,9 +56,10 @@ def writers(folder: Path) -> list[Writer]:
     arc, region, grid = circular_arc(1.3, 1.0, 64), truncated_disk(0.8, 0.8, 96), ImageGrid(17)
     radii = data_radii(arc, region, 0.1)
     plan = build_plan(arc, region, grid, radii, progress=False)
-    g = phantoms.Bells([[0.1, -0.2]], [0.4]).circular_integrals(arc, radii)
+    wide = data_radii(arc, truncated_disk(1.0, 1.0, 96), 0.1)  # for the region that is chosen
+    g = phantoms.Bells([[0.1, -0.2]], [0.4]).circular_integrals(arc, wide)
     data = folder / "data.npz"
-    np.savez(data, circular_integrals=g, detectors=arc.points, radii=radii)
+    np.savez(data, circular_integrals=g, detectors=arc.points, radii=wide)
     image = np.random.default_rng(0).random((20, 17, 17))
 
     def command(line: str) -> Callable[[Path], None]:
