@@ -34,7 +34,7 @@ class Cost(NamedTuple):
     seconds: float
 
 
-def image_cost(shape: tuple[float, ...], n_frequencies: int, n_directions: int) -> Cost:
+def image_cost(shape: tuple[int | float, ...], n_frequencies: int, n_directions: int) -> Cost:
     """Of steps 4 and 5 for one image or volume, without what depends on the detectors.
 
     The polar Fourier transform has 16 bytes at each frequency and direction, its projections 16
