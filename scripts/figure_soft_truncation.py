@@ -138,9 +138,7 @@ def main() -> None:
     study = Study.of_size(PIXELS, N_DETECTORS)
     rules = [(*edge, values) for *edges, values in CURVES.values() for edge in edges]
     found = errors(study, rules)
-    plan = jaxtat.build_plan(
-        *study.setup, jaxtat.NormBound(K[36], softness=SOFT_K), progress=False
-    )
+    plan = jaxtat.build_plan(*study.setup, jaxtat.NormBound(K[36], softness=SOFT_K), progress=False)
     by_plan = float(study.error(jaxtat.reconstruct(plan, study.data)))
     print(f"K = {K[36]:.3f}: error {found[1][0][36]:.8f}, by a plan {by_plan:.8f}")
     figure, axes = plt.subplots(2, 2, figsize=(11, 6.5), sharex="col", layout="constrained")
