@@ -6,7 +6,6 @@ record has a scanner's band, noise, offset and whole counts, and its file has no
 
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, UInt16
 

@@ -8,11 +8,8 @@ only the factors phi_j change. Run from the root of a checkout.
 import json
 from pathlib import Path
 
-import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
@@ -135,12 +132,11 @@ def trend(values: np.ndarray, found: np.ndarray, share: float = 0.025) -> np.nda
 
 
 def main() -> None:
+    jax.config.update("jax_enable_x64", True)
     study = Study.of_size(PIXELS, N_DETECTORS)
     rules = [(*edge, values) for *edges, values in CURVES.values() for edge in edges]
     found = errors(study, rules)
-    plan = jaxtat.build_plan(
-        *study.setup, jaxtat.NormBound(K[36], softness=SOFT_K), progress=False
-    )
+    plan = jaxtat.build_plan(*study.setup, jaxtat.NormBound(K[36], softness=SOFT_K), progress=False)
     by_plan = float(study.error(jaxtat.reconstruct(plan, study.data)))
     print(f"K = {K[36]:.3f}: error {found[1][0][36]:.8f}, by a plan {by_plan:.8f}")
     figure, axes = plt.subplots(2, 2, figsize=(11, 6.5), sharex="col", layout="constrained")

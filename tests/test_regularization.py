@@ -200,7 +200,11 @@ def test_derivatives_in_K_j_max_alpha_and_the_right_hand_side():
 
 SOFT = [
     lambda value: (NormBound(value, softness=0.2), value * np.sqrt([0.8, 1.2]), NormBound),
-    lambda value: (FixedRank(value / 9, softness=5.0), value / 9 + np.array([-2.5, 2.5]), FixedRank),
+    lambda value: (
+        FixedRank(value / 9, softness=5.0),
+        value / 9 + np.array([-2.5, 2.5]),
+        FixedRank,
+    ),
 ]
 
 
@@ -234,7 +238,7 @@ def test_the_bound_holds_with_a_soft_edge_too(K, softness):
     everything = np.asarray(singular_components(a[None], u[None], FixedRank(8), ONE).norm)
     assert np.all(found.norm <= np.minimum(K, everything) * (1 + 1e-9))
     assert np.all(found.norm >= np.minimum(K * np.sqrt(1 - softness), everything) * 0.9)
-    assert np.all((np.diff(found.factors[0], axis=0) <= 1e-9))
+    assert np.all(np.diff(found.factors[0], axis=0) <= 1e-9)
 
 
 def test_a_soft_rank_has_as_many_terms():
