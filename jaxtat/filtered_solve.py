@@ -153,7 +153,7 @@ def filtered_solve(
     """q = Q diag(phi_j / sigma_j) P^T u, differentiable in everything.
 
     Singular values may coincide, or be as small as rounding: derivatives are exact as long as the
-    cut of the regularisation does not fall between two that coincide (there is none then; what
+    cut or soft edge of the regularisation does not part two that coincide (there is none then; what
     that pair would contribute is left out).
 
     Args, and what they mean: as `singular_components`.

@@ -8,11 +8,8 @@ only the factors phi_j change. Run from the root of a checkout.
 import json
 from pathlib import Path
 
-import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
@@ -135,6 +132,7 @@ def trend(values: np.ndarray, found: np.ndarray, share: float = 0.025) -> np.nda
 
 
 def main() -> None:
+    jax.config.update("jax_enable_x64", True)
     study = Study.of_size(PIXELS, N_DETECTORS)
     rules = [(*edge, values) for *edges, values in CURVES.values() for edge in edges]
     found = errors(study, rules)

@@ -33,6 +33,26 @@ def test_notebooks_run_from_top_to_bottom(name, data_folder, monkeypatch, reques
     assert max(errors, default=0.0) < 1e-7
 
 
+DRAWS = ("plt.subplots(", "plt.figure(", "show_image(", "show_slices(")
+LARGEST = 1_000_000  # bytes of a notebook
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in FOLDER.glob("*.ipynb")))
+def test_notebooks_are_kept_with_their_pictures(name):
+    """The documentation shows them as they are: every cell run in order, a picture of each plot."""
+    assert (FOLDER / name).stat().st_size < LARGEST
+    cells = [c for c in nbformat.read(FOLDER / name, as_version=4).cells if c.cell_type == "code"]
+    counts = [cell.execution_count for cell in cells]
+    assert None not in counts
+    assert counts == sorted(set(counts))
+    for cell in cells:
+        kinds = {output.output_type for output in cell.outputs}
+        assert "error" not in kinds
+        body = re.sub(r"^(?:def|class|@).*\n(?:(?: .*)?\n)*", "", cell.source, flags=re.M)
+        if any(draws in body for draws in DRAWS):
+            assert any("image/png" in output.get("data", {}) for output in cell.outputs), body
+
+
 def test_calibration_without_the_measured_scan_says_so(tmp_path, monkeypatch):
     monkeypatch.setenv("JAXTAT_DATA", str(tmp_path))
     text, _ = run("04_calibration.ipynb", [1, 8, 10])
