@@ -52,11 +52,14 @@ def disks_figure(results: Results):
     exact = results.images["disks exact"]
     limits = (float(np.nanmin(exact)) - 0.2, float(np.nanmax(exact)) + 0.2)
     for names, axes_row, method in ((ours, rows[0], "from the arc"), (classical, rows[1], "FBP")):
-        for name, axes in zip(names, axes_row, strict=True):
-            shown = show_image(axes, results.images[name], results.case.grid, limits=limits)
+        shown = [
+            show_image(axes, results.images[name], results.case.grid, limits=limits)
+            for name, axes in zip(names, axes_row, strict=True)
+        ]
+        for axes in axes_row:
             axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
         axes_row[0].set_ylabel(method, fontsize=_WORDS)
-        figure.colorbar(shown, ax=axes_row, shrink=0.8)
+        figure.colorbar(shown[-1], ax=axes_row, shrink=0.8)
     for axes, title in zip(rows[0], titles, strict=True):
         axes.set_title(title, fontsize=_WORDS)
     _profiles(rows[2], results, ours, limits)
