@@ -21,7 +21,6 @@ from .harmonic import (
     harmonic_orders,
     polar_geometry,
     unfold,
-    unit_of,
     wave_system,
     wave_table,
 )
@@ -37,7 +36,7 @@ class TradeOff(eqx.Module):
     """One method at several values of its parameter.
 
     Attributes:
-        parameter: K, or alpha in units of the largest diagonal entry of A A^T.
+        parameter: K, or alpha in units of the strongest wave, `alpha_unit`.
         residual: relative L2 error of the plane waves' traces, root mean square over directions.
         norm: ||rho|| over N(lambda), root mean square over directions: the gain of noise.
         clean: relative L2 error of the image's part at this frequency, from exact data.
@@ -133,14 +132,14 @@ def compare_regularizations(
     geometry = polar_geometry(curve, region)
     n_max = int(harmonic_orders(geometry, np.asarray(frequency)[None]).max())
     wave = jax.tree.map(lambda leaf: leaf[0], wave_table(geometry, frequency[None], n_max))
-    matrix, rhs, factor = wave_system(geometry, wave, angles - geometry.axis)
+    matrix, rhs, _, unit = wave_system(geometry, wave, angles - geometry.axis)
     norm = unit_norms(curve, region, frequency[None], angles=angles)[0]
     data = phantom.circular_integrals(curve, radii)
     data = jnp.stack([data, data + noise_like(jax.random.key(seed), data, noise)])
     judge = _Judge(
         geometry=geometry,
         matrix=matrix,
-        unit=unit_of(matrix, factor),
+        unit=unit,
         rhs=rhs,
         transformed=radial_transform(data, radii, frequency[None])[:, 0],
         exact=phantom.fourier(frequency[None], angles)[0],

@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Float
 from .checks import Numbers, data_array, real_array, require_positive, require_x64
 from .filtered_solve import singular_components
 from .geometry import DetectorCurve, ImageGrid, Region
-from .harmonic import PolarGeometry, polar_geometry, unit_of, wave_system, wave_table
+from .harmonic import PolarGeometry, polar_geometry, wave_system, wave_table
 from .layout import Layout, problem_layout
 from .plan import ReconstructionPlan
 from .reconstruction.radial_transform import noise_power, radial_transform
@@ -206,11 +206,10 @@ def _spectra(geometry: PolarGeometry, norms: Array, layout: Layout) -> _Spectra:
 
         def at(given, n_max=n_max) -> _Spectra:
             wave, norm = given
-            matrix, rhs, factor = wave_system(geometry, wave.up_to(n_max), angles)
+            matrix, rhs, _, unit = wave_system(geometry, wave.up_to(n_max), angles)
             found = singular_components(matrix, rhs, FixedRank(0.0), norm)
             parts = (found.sigma[..., None] * jnp.abs(found.amplitudes)) ** 2
             total = jnp.sum(jnp.abs(rhs) ** 2, axis=(0, 1))
-            unit = unit_of(matrix, factor)
             singular = found.singular_values
             return _Spectra(singular, found.ordered(parts), total, norm, unit, wave.frequencies)
 

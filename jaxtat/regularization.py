@@ -216,9 +216,8 @@ class SingularValueCutoff(Regularization):
 class Tikhonov(Regularization):
     """phi = sigma² / (sigma² + alpha).
 
-    In plans alpha is relative, as in `reconstruct_direct`: in units of the largest diagonal entry
-    of A A^T in the basis of cylindrical waves, at each frequency, or of 8 / lambda² where these do
-    not reach. The functions that solve take it as it is, in the unit of sigma² [length²].
+    In plans alpha is relative, as in `reconstruct_direct`: in units of the strongest cylindrical
+    wave at each frequency (`harmonic.table.alpha_unit`), or of 8 / lambda² where none reach. The functions that solve take it as it is, in the unit of sigma² [length²].
 
     Source: Tikhonov; e.g. Hansen, Rank-Deficient and Discrete Ill-Posed Problems (SIAM 1998).
     """

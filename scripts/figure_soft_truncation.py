@@ -105,7 +105,7 @@ def _transforms(geometry, n_max, angles, few, rules):
 
     def at(given):
         wave, norm, data = given
-        matrix, rhs, _ = wave_system(geometry, wave.up_to(n_max), angles)
+        matrix, rhs, _, _ = wave_system(geometry, wave.up_to(n_max), angles)
         found = singular_components(matrix, rhs, jaxtat.FixedRank(0.0), norm)
         seen = (found.right @ data[..., None])[..., 0]
         parts = found.ordered(found.amplitudes * seen[..., None])

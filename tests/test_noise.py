@@ -25,7 +25,6 @@ from jaxtat import (
 from jaxtat.harmonic import (
     harmonic_orders,
     polar_geometry,
-    unit_of,
     wave_system,
     wave_table,
 )
@@ -55,9 +54,9 @@ def test_alpha_is_noise_over_signal(small, choices):
         n_max = int(harmonic_orders(geometry, np.asarray(one)).max())
         wave = jax.tree.map(lambda leaf: leaf[0], wave_table(geometry, one, n_max))
         angles = jnp.arange(32) * jnp.pi / 32 - geometry.axis
-        matrix, rhs, factor = wave_system(geometry, wave, angles)
+        _, rhs, _, unit = wave_system(geometry, wave, angles)
         size = jnp.mean(jnp.sum(jnp.abs(rhs) ** 2, axis=(0, 1)))  # alike for all on a disk
-        alpha = gain[i] * size / POWER[i] / unit_of(matrix, factor)
+        alpha = gain[i] * size / POWER[i] / unit
         assert_allclose(choice.regularization.alpha[i], alpha, rtol=1e-2)
 
 

@@ -10,7 +10,6 @@ from .densities import (
     harmonic_densities,
     sampled_harmonic_densities,
     unfold,
-    unit_of,
     wave_system,
 )
 from .orders import frequency_groups
@@ -43,7 +42,6 @@ __all__ = [
     "solve_harmonics",
     "unexplained",
     "unfold",
-    "unit_of",
     "wave_system",
     "wave_table",
     "waves_reach",

@@ -1,6 +1,6 @@
 """How much to regularise: alpha of (A A^T + alpha) y = A G, for each frequency.
 
-A number is relative to the largest diagonal entry of A A^T in cylindrical waves at its frequency,
+A number is relative to `table.alpha_unit` of the cylindrical waves at its frequency,
 or, on boundary traces, to 8 / lambda² (`seen_once`, squared). A new rule is a class with a method
 `absolute`.
 """

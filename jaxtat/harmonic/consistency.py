@@ -16,7 +16,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .polar import PolarGeometry
-from .table import WaveTable, circle_gram, detector_matrix, region_factor, wave_table
+from .table import (
+    WaveTable,
+    alpha_unit,
+    circle_gram,
+    detector_matrix,
+    region_factor,
+    wave_table,
+)
 from .tikhonov import cholesky_solve, moments, normal_matrix, summed_over_detectors
 
 
@@ -34,7 +41,7 @@ def unexplained(
         frequencies: lambda [rad/length].
         n_max: highest order of the waves.
         transformed: (G_J, G_Y).
-        alpha: over the largest diagonal entry of A A^T.
+        alpha: in units of `alpha_unit`.
 
     Returns:
         Both parts, differentiable in the geometry and the data.
@@ -48,12 +55,12 @@ def unexplained(
         wave, data, sums = given
         factor = region_factor(geometry, wave)
         matrix = normal_matrix(geometry, wave, factor, gram)
-        largest = jnp.diagonal(matrix, axis1=-2, axis2=-1).max()
-        absolute = alpha * largest
+        waves = detector_matrix(geometry, wave)
+        powers = jnp.einsum("jbrk,jbrk->br", waves, waves * geometry.weights)
+        absolute = alpha * alpha_unit(factor, powers)
         rhs = factor.times(moments(geometry, wave, sums[None]))
         shifted = matrix + absolute * jnp.eye(matrix.shape[-1])
         y = cholesky_solve(shifted, jnp.moveaxis(rhs, 0, -1))[..., 0]
-        waves = detector_matrix(geometry, wave)
         explained = jnp.einsum("jbrk,br->jk", waves, factor.transposed_times(y))
         return root * (data - explained), jnp.sqrt(absolute) * y
 

@@ -26,9 +26,10 @@ from .polar import PolarGeometry, half_weights
 from .table import (
     RegionFactor,
     WaveTable,
+    alpha_unit,
     blocks,
     detector_matrix,
-    largest_diagonal,
+    detector_powers,
     pairs,
     region_factor,
     wave_table,
@@ -168,8 +169,8 @@ def harmonic_densities(
     @jax.checkpoint
     def at(arguments: tuple[WaveTable, Array, Regularization]) -> tuple[Step, DensityReport]:
         wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
-        matrix, rhs, factor = wave_system(geometry, wave, angles)
-        rule = rule.in_units_of(unit_of(matrix, factor), wave.frequencies)
+        matrix, rhs, factor, unit = wave_system(geometry, wave, angles)
+        rule = rule.in_units_of(unit, wave.frequencies)
         found = singular_components(matrix, rhs, rule, unit_norm)
         common = found.factors.min(axis=-1) * found.inverse
         outward = factor.transposed_matrix_times(found.left)
@@ -220,20 +221,13 @@ def group_of(steps: Sequence[Step]) -> DensityGroup:
 def alpha_units(
     geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: int
 ) -> Float[Array, " f"]:
-    """The largest diagonal entry of A A^T at each frequency, the unit of `Tikhonov` [length²]."""
+    """`alpha_unit` at each frequency, the unit of `Tikhonov` [length²]."""
 
     @jax.checkpoint
     def at(wave: WaveTable) -> Array:
-        factor = region_factor(geometry, wave)
-        return unit_of(_matrix(geometry, wave, factor), factor)
+        return alpha_unit(region_factor(geometry, wave), detector_powers(geometry, wave))
 
     return jax.lax.map(at, wave_table(geometry, frequencies, n_max))
-
-
-def unit_of(matrix: Float[Array, "blocks m columns"], factor: RegionFactor) -> Float[Array, ""]:
-    """The largest diagonal entry of A A^T, of A."""
-    diagonal = jnp.sum(matrix**2, axis=-1)
-    return largest_diagonal(diagonal, factor, lambda block, i: matrix[block] @ matrix[block, i])
 
 
 @eqx.filter_jit
@@ -253,8 +247,8 @@ def sampled_harmonic_densities(
     @jax.checkpoint
     def at(arguments: tuple[WaveTable, Array, Regularization]) -> tuple[Array, DensityReport]:
         wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
-        matrix, rhs, factor = wave_system(geometry, wave, angles)
-        rule = rule.in_units_of(unit_of(matrix, factor), wave.frequencies)
+        matrix, rhs, _, unit = wave_system(geometry, wave, angles)
+        rule = rule.in_units_of(unit, wave.frequencies)
         found = filtered_solve(matrix, rhs, rule, unit_norm)
         densities = unfold(found.q, geometry.weights, geometry.mirror) / geometry.weights
         report = DensityReport(
@@ -265,24 +259,24 @@ def sampled_harmonic_densities(
     return jax.lax.map(at, (table, unit_norms, per_frequency(regularization, unit_norms.shape[0])))
 
 
-def _matrix(
-    geometry: PolarGeometry, wave: WaveTable, factor: RegionFactor
-) -> Float[Array, "blocks m columns"]:
-    """A of one frequency."""
-    half = geometry.one_side() if geometry.mirror else geometry
-    matrix = detector_matrix(half, wave) * jnp.sqrt(half.weights)
-    matrix = jnp.moveaxis(matrix, 0, -2)  # (blocks, r, J|Y, half)
-    return factor.matrix_times(matrix.reshape(*matrix.shape[:2], -1))
-
-
 def wave_system(
     geometry: PolarGeometry, wave: WaveTable, angles: Float[Array, " directions"]
-) -> tuple[Float[Array, "blocks m columns"], Complex[Array, "blocks m directions"], RegionFactor]:
-    """A and u_xi of one frequency, theta counted from the axis, and R."""
+) -> tuple[
+    Float[Array, "blocks m columns"],
+    Complex[Array, "blocks m directions"],
+    RegionFactor,
+    Float[Array, ""],
+]:
+    """A and u_xi of one frequency, theta counted from the axis, R, and the unit of alpha."""
     factor = region_factor(geometry, wave)
     plane = _plane_waves(geometry, wave, angles)
     rhs = jax.lax.complex(factor.matrix_times(plane.real), factor.matrix_times(plane.imag))
-    return _matrix(geometry, wave, factor), rhs, factor
+    half = geometry.one_side() if geometry.mirror else geometry
+    waves = detector_matrix(half, wave) * jnp.sqrt(half.weights)
+    waves = jnp.moveaxis(waves, 0, -2)  # (blocks, r, J|Y, half)
+    waves = waves.reshape(*waves.shape[:2], -1)
+    unit = alpha_unit(factor, jnp.sum(waves**2, axis=-1))
+    return factor.matrix_times(waves), rhs, factor, unit
 
 
 def _plane_waves(

@@ -15,13 +15,10 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Float, Inexact, Int
+from jaxtyping import Array, Float, Inexact
 
 from .polar import PolarGeometry
 from .waves import angular, at_detectors, boundary_traces, disk_norms, scales, twice, wave_steps
-
-_DEPENDENT = 1e-12  # relative diagonal of R, below which a wave depends on those before it
 
 
 class WaveTable(eqx.Module):
@@ -120,14 +117,26 @@ def detector_matrix(
     return jnp.moveaxis(blocks(geometry, jnp.moveaxis(waves, -1, 1)), 1, -1)
 
 
+def detector_powers(geometry: PolarGeometry, wave: WaveTable) -> Float[Array, "blocks r"]:
+    """The diagonal of M M^T."""
+    matrix = detector_matrix(geometry, wave)
+    return jnp.einsum("jbrk,jbrk->br", matrix, matrix * geometry.weights)
+
+
 class RegionFactor(eqx.Module):
-    """R: a diagonal (blocks, r), or a triangle (blocks, r, r) but for the order of its columns."""
+    """R: a diagonal (blocks, r), or a triangle (blocks, r, r)."""
 
     values: Float[Array, "blocks m *r"]
 
     @property
     def is_diagonal(self) -> bool:
         return self.values.ndim == 2
+
+    @property
+    def powers(self) -> Float[Array, "blocks r"]:
+        """∫ of each wave's traces squared over the boundary, the diagonal of R^T R."""
+        square = self.values**2
+        return square if self.is_diagonal else jnp.sum(square, axis=1)
 
     def times(self, vectors: Float[Array, "*batch blocks r"]) -> Array:
         if self.is_diagonal:
@@ -188,21 +197,7 @@ def region_factor(geometry: PolarGeometry, wave: WaveTable) -> RegionFactor:
     if wave.norms is not None:
         return RegionFactor(blocks(geometry, wave.norms))
     traces = boundary_traces(wave.frequencies, wave.steps, geometry)
-    traces = jnp.swapaxes(blocks(geometry, traces), 0, 1)
-    order = _by_order(*traces.shape[::2])
-    return RegionFactor(triangle(traces[..., order])[..., np.argsort(order)])
-
-
-def _by_order(n_blocks: int, r: int) -> np.ndarray:
-    """Cosines and sines of one block by their order, sin 0 = 0 last: the columns of a triangle.
-
-    High orders may be dependent to rounding. Then what Q adds for them is arbitrary, and must not
-    come before a wave of low order.
-    """
-    if n_blocks == 2:
-        return np.arange(r)
-    together = np.arange(r).reshape(2, -1).T.ravel()
-    return np.append(np.delete(together, 1), together[1])
+    return RegionFactor(triangle(jnp.swapaxes(blocks(geometry, traces), 0, 1)))
 
 
 @jax.custom_jvp
@@ -217,59 +212,20 @@ def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     # dR = Q^T dB: triangular no more, but without the inverse of R, which may not exist. What of dB
     # leads out of the span of Q meets neither densities nor images to first order, since both see
     # B through B^T f(B K B^T) B, in which it is multiplied with parts of B that are zero.
-    # The unit of alpha does see the rotation: `largest_diagonal`.
-    # (Second derivatives would see it too, and are not correct with respect to the region's shape.)
+    # (Second derivatives would see it, and are not correct with respect to the region's shape.)
     q, r = jnp.linalg.qr(primals[0])
     return r, jnp.swapaxes(q, -1, -2) @ tangents[0]
 
 
-def largest_diagonal(
-    diagonal: Float[Array, "blocks m"],
-    factor: RegionFactor,
-    column: Callable[[Array, Array], Float[Array, " m"]],
-) -> Float[Array, ""]:
-    """The largest diagonal entry of A A^T, in whose unit numbers are given as alpha [length²].
+def alpha_unit(factor: RegionFactor, powers: Float[Array, "blocks r"]) -> Float[Array, ""]:
+    """The largest (R^T R)_nn (M M^T)_nn of all waves n, the unit of numbers given as alpha.
+
+    On a disk, where R is diagonal, it is the largest diagonal entry of A A^T. Of other regions that
+    entry would depend on the order in which waves are made orthogonal, and at high frequencies on
+    rounding, and so have no derivative; this one has.
 
     Args:
-        diagonal: of A A^T.
-        factor: R in A = R M.
-        column: (block, i) -> column i of a block of A A^T.
+        factor: R.
+        powers: the diagonal of M M^T.
     """
-    if factor.is_diagonal:
-        return diagonal.max()
-    block, i = jnp.unravel_index(jnp.argmax(diagonal), diagonal.shape)
-    order = _by_order(factor.values.shape[0], factor.values.shape[2])
-    its_column = jax.lax.stop_gradient(column(block, i))
-    return _turning(diagonal[block, i], factor.values[block][:, order], its_column, i)
-
-
-@jax.custom_jvp
-def _turning(
-    entry: Float[Array, ""],
-    r: Float[Array, "m r"],
-    column: Float[Array, " m"],
-    i: Int[Array, ""],
-) -> Float[Array, ""]:
-    """Entry i of the diagonal of H = A A^T, with the derivative for a Q that turns with B = Q R."""
-    return entry
-
-
-@_turning.defjvp
-def _(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Array, Array]:
-    # `triangle` lets Q stand still. In truth dQ = Q W + ..., W^T = -W, for which Q^T dB = W R + dR
-    # with dR triangular again: below its diagonal W is that of X = (Q^T dB) R^-1. The rows of A
-    # turn by -W A, and H_ii changes by -2 Σ_j W_ij H_ji besides. Row i of W takes row and column i
-    # of X, and these no more of R than its first i rows and columns: waves of higher order, which
-    # may depend on each other, have no part in it. Waves that depend on those before them, and
-    # sin 0, are left out.
-    entry, r, column, i = primals
-    n, number = min(r.shape), np.arange(r.shape[0])
-    size = jnp.abs(jnp.diagonal(r))
-    alone = (size > _DEPENDENT * size.max()) & (number[:n] <= i)
-    leading = jnp.where(alone[:, None] & alone, r[:, :n][:n], jnp.eye(n))
-    still = tangents[1][:, :n]  # Q^T dB
-    of_i = jax.scipy.linalg.solve_triangular(leading, (number[:n] == i) * 1.0)
-    of_row = jax.scipy.linalg.solve_triangular(leading, jnp.where(alone, still[i], 0.0), trans=1)
-    before = jnp.where(number[:n] < i, of_row, 0.0)
-    turn = jnp.pad(before, (0, len(number) - n)) - jnp.where(number > i, still @ of_i, 0.0)
-    return entry, tangents[0] - 2 * turn @ column
+    return jnp.max(factor.powers * powers)

@@ -27,12 +27,13 @@ from .polar import PolarGeometry
 from .table import (
     RegionFactor,
     WaveTable,
+    alpha_unit,
     blocks,
     circle_gram,
     cut_gram,
     detector_matrix,
+    detector_powers,
     gram_matrix,
-    largest_diagonal,
     pairs,
     region_factor,
     wave_table,
@@ -194,13 +195,23 @@ def normal_matrix(
     return gram_matrix(a, b, gram, factor)
 
 
+def _detector_powers(
+    geometry: PolarGeometry, wave: WaveTable, gram: Float[Array, "blocks r r"] | None
+) -> Float[Array, "blocks r"]:
+    """The diagonal of M M^T; on a circle from that of T, which is there."""
+    if gram is None:
+        return detector_powers(geometry, wave)
+    a, b = _on_circle(geometry, wave)
+    return (a**2 + b**2) * jnp.diagonal(gram, axis1=-2, axis2=-1)
+
+
 def _factorised(
     geometry: PolarGeometry, wave: WaveTable, datum: _Datum, factor: RegionFactor, gram: Any
 ) -> tuple[Array, SolveReport]:
     """By Cholesky decomposition, with implicit derivatives: one more solve each."""
     matrix = normal_matrix(geometry, wave, factor, gram)
     diagonal = jnp.diagonal(matrix, axis1=-2, axis2=-1)
-    unit = largest_diagonal(diagonal, factor, lambda block, i: matrix[block, :, i])
+    unit = alpha_unit(factor, _detector_powers(geometry, wave, gram))
     plane = None
     if datum.rule.needs_matrix:
         plane = factor.around(_diagonal_matrix(blocks(geometry, _plane_power(wave))))
@@ -242,20 +253,13 @@ def _iterated(
     """By conjugate gradients; derivatives are one more solve each, not those of the iteration."""
     multiply, inner_diagonal = _products(geometry, wave)
     diagonal = _diagonal(geometry, wave, factor, inner_diagonal)
-
-    def normal(y: Array) -> Array:
-        return factor.times(multiply(factor.transposed_times(y)))
-
-    def column(block: Array, i: Array) -> Array:
-        return normal(jnp.zeros(diagonal.shape).at[block, i].set(1.0))[block]
-
-    unit = largest_diagonal(diagonal, factor, column)
+    unit = alpha_unit(factor, inner_diagonal)
     alpha = datum.rule.absolute(_problem(geometry, wave, datum, diagonal, unit, None, None))
     rhs = factor.times(moments(geometry, wave, datum.values))
     precondition = factor.inverse_around(inner_diagonal, alpha)
 
     def system(y: Array) -> Array:
-        return normal(y) + alpha * y
+        return factor.times(multiply(factor.transposed_times(y))) + alpha * y
 
     def solve(product: Callable[[Array], Array], right: Array) -> tuple[Array, Array]:
         return conjugate_gradients(product, precondition, right, tolerance, MAX_ITERATIONS)

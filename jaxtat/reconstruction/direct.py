@@ -91,7 +91,7 @@ def reconstruct_direct(
         grid: where the image is wanted.
         radii: r > 0 of the data, increasing, covering region and sources, (radii,) [length].
         g: circular integrals, float32 or float64, (..., detectors, radii).
-        alpha: above zero, relative to the largest diagonal entry of A A^T at each frequency (on the
+        alpha: above zero, relative to the strongest wave at each frequency, `alpha_unit` (on the
             boundary: to 8/lambda²); a number or one per frequency. 1e-12 for exact data, 1e-3 for
             poor ones. Or a rule: ``RelativeCutoff(kappa)``, alpha = 8 kappa²/lambda², ``NoiseLevel(
             sigma)`` for data with noise of known size, ``NormBound(K)`` for densities with root

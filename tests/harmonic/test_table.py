@@ -10,14 +10,14 @@ from jaxtat import circular_arc, detector_curve, truncated_disk
 from jaxtat.harmonic import harmonic_orders, polar_geometry, wave_table
 from jaxtat.harmonic.table import (
     RegionFactor,
-    _turning,
+    alpha_unit,
     blocks,
     circle_gram,
     cut_gram,
     detector_matrix,
+    detector_powers,
     pairs,
     region_factor,
-    triangle,
 )
 from jaxtat.harmonic.waves import boundary_traces
 from jaxtat.single_layer import potential_matrix
@@ -163,22 +163,18 @@ def test_blocks_and_pairs_are_inverse():
         np.testing.assert_array_equal(pairs(blocks(polar, waves)), waves)
 
 
-@pytest.mark.parametrize("i", [0, 2, 4])
-def test_the_unit_of_alpha_turns_with_the_boundary(i):
-    """Its slope is that of an entry of H = R K R^T with R of numpy's QR, whatever Q is called."""
-    rng = np.random.default_rng(0)
-    traces, change = rng.normal(size=(2, 1, 9, 5))
-    half = rng.normal(size=(5, 5))
-
-    def entry(t):
-        r = triangle(traces + t * change)[0]
-        matrix = r @ half @ half.T @ r.T
-        return _turning(matrix[i, i], r, jax.lax.stop_gradient(matrix[:, i]), jnp.array(i))
-
-    def exact(t):
-        row = np.linalg.qr(traces[0] + t * change[0])[1][i] @ half
-        return row @ row
-
-    difference = (exact(1e-5) - exact(-1e-5)) / 2e-5
-    found = jax.jvp(entry, (0.0,), (1.0,))[1], jax.grad(entry)(0.0)
-    np.testing.assert_allclose(found, difference, rtol=1e-7)
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_the_unit_of_alpha_is_that_of_the_strongest_wave(name):
+    """max_n |B_n|² |M_n|², by the columns and rows of both; on a disk the diagonal of A A^T."""
+    polar = polar_geometry(*GEOMETRIES[name])
+    wave = at(table_of(polar), 1)
+    factor = region_factor(polar, wave)
+    waves = jnp.moveaxis(detector_matrix(polar, wave) * jnp.sqrt(polar.weights), 0, -2)
+    waves = waves.reshape(*waves.shape[:2], -1)
+    found = alpha_unit(factor, detector_powers(polar, wave))
+    r = factor.values if not factor.is_diagonal else jax.vmap(jnp.diag)(factor.values)
+    each = np.sum(np.asarray(r) ** 2, axis=1) * np.sum(np.asarray(waves) ** 2, axis=-1)
+    np.testing.assert_allclose(found, each.max(), rtol=1e-12)
+    if factor.is_diagonal:
+        largest = jnp.sum(factor.matrix_times(waves) ** 2, axis=-1).max()
+        np.testing.assert_allclose(found, largest, rtol=1e-12)
