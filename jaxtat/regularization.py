@@ -217,7 +217,8 @@ class Tikhonov(Regularization):
     """phi = sigma² / (sigma² + alpha).
 
     In plans alpha is relative, as in `reconstruct_direct`: in units of the strongest cylindrical
-    wave at each frequency (`harmonic.table.alpha_unit`), or of 8 / lambda² where none reach. The functions that solve take it as it is, in the unit of sigma² [length²].
+    wave at each frequency (`harmonic.table.alpha_unit`), or of 8 / lambda² where none reach. The
+    functions that solve take it as it is, in the unit of sigma² [length²].
 
     Source: Tikhonov; e.g. Hansen, Rank-Deficient and Discrete Ill-Posed Problems (SIAM 1998).
     """

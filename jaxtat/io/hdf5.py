@@ -24,6 +24,7 @@ from typing import Any, cast
 
 import h5py
 import numpy as np
+from h5py import h5o
 
 from .frames import LazyFrames
 from .limits import DEFLATE, Allowance, name_of, refusing, require_held
@@ -141,8 +142,7 @@ class Hdf5File:
 
     def identity(self, name: str) -> int:
         """A number that two names share if they stand for one and the same thing in the file."""
-        objects: Any = h5py.h5o  # pyright: ignore[reportAttributeAccessIssue]
-        return objects.get_info(self._file[name].id).addr
+        return h5o.get_info(self._file[name].id).addr
 
     def is_group(self, name: str) -> bool:
         return isinstance(self._own(name), h5py.Group)
@@ -246,7 +246,7 @@ def read_part(name: str, dataset: h5py.Dataset, part: tuple[slice, ...]) -> np.n
 
 def _piece(dataset: h5py.Dataset, filters: list[_Filter], origin: tuple[int, ...]) -> np.ndarray:
     """One piece, its filters undone from the last to the first."""
-    n, itemsize = math.prod(dataset.chunks or ()), dataset.dtype.itemsize
+    n, itemsize = math.prod(cast(tuple, dataset.chunks)), dataset.dtype.itemsize
     # what deflate may add to noise; h5py refuses what does not fit
     room = bytearray(n * itemsize + n * itemsize // 1000 + 64)
     mask, content = dataset.id.read_direct_chunk(origin, out=room)

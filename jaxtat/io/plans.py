@@ -281,7 +281,9 @@ def _require_fields(module: eqx.Module, known: Array, sizes: Any) -> list[eqx.Mo
         for part in modules:  # grows
             for field in fields(part):  # pyright: ignore[reportArgumentType]
                 value, wanted = getattr(part, field.name), cast(Any, field.type)
-                if not _is_of(value, wanted):
+                # here and in no function, which would have sizes of its own
+                alone = () if get_origin(wanted) is tuple else wanted
+                if not (isinstance(value, alone) or _is_tuple_of(value, wanted)):
                     array = isinstance(value, Array)
                     found = f"of shape {value.shape} ({value.dtype})" if array else f"{value!r:.60}"
                     raise ValueError(
@@ -295,15 +297,11 @@ def _require_fields(module: eqx.Module, known: Array, sizes: Any) -> list[eqx.Mo
     return members
 
 
-def _is_of(value: Any, wanted: Any) -> bool:
-    """Whether a value is of an annotated type, which may be a tuple of types."""
-    if get_origin(wanted) is not tuple:
-        return isinstance(value, wanted)
+def _is_tuple_of(value: Any, wanted: Any) -> bool:
+    """Whether a value is of an annotated type that is a tuple of types."""
     members = get_args(wanted)
+    if get_origin(wanted) is not tuple or not isinstance(value, tuple):
+        return False
     if members[-1] is Ellipsis:
-        members = members[:1] * len(value) if isinstance(value, tuple) else members
-    return (
-        isinstance(value, tuple)
-        and len(value) == len(members) > 0
-        and all(isinstance(member, of) for member, of in zip(value, members, strict=True))
-    )
+        members = members[:1] * len(value)
+    return len(value) == len(members) > 0 and all(map(isinstance, value, members))

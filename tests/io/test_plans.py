@@ -652,8 +652,8 @@ def test_arrays_of_another_type_are_refused(files, tmp_path, name, value, reason
         ("grid", "shape", np.array([5, 5, 5]), "shape"),
         ("grid", "shape", np.array([-5, 5]), "expected"),
         ("grid", "shape", np.array([True, True]), "expected"),
-        ("curve", "kind", "CircularArc", "no text of fixed length"),
-        ("curve", "n", 10**12, "does not fit its"),
+        ("curve", "kind", "CircularArc", "has no kind"),
+        ("curve", "n", 10**12, "no plan can hold"),
         ("curve", "n", np.zeros(10**3), "no text of fixed length and no number"),
     ],
 )
