@@ -5,7 +5,7 @@ of shape and dtype still apply and those of values are left to the concrete call
 """
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from typing import Any, TypeVar
 
@@ -30,6 +30,19 @@ def constants(values: T) -> T:
     return jax.tree.map(
         lambda leaf: jax.lax.stop_gradient(leaf) if isinstance(leaf, Tracer) else leaf, values
     )
+
+
+def by_library(compute: Callable[..., T], arrays: Any, *sizes: Any) -> T:
+    """``compute(library, *arrays, *sizes)`` by numpy where the arrays are known, else by jax.numpy.
+
+    For small arrays that follow from a few numbers: known ones need no compiled program, of which a
+    new size would take one each, and stay concrete inside jax.jit too.
+    """
+    if not is_concrete(arrays):
+        return compute(jnp, *arrays, *sizes)
+    found = compute(np, *map(np.asarray, arrays), *sizes)
+    with jax.ensure_compile_time_eval():
+        return jax.device_put(found)
 
 
 def require_x64() -> None:

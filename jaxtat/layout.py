@@ -1,12 +1,13 @@
 """What of a problem is a size: decided outside `jax.jit`, once for all geometries alike."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .checks import Numbers, constants, is_concrete, real_array, require_objects
+from .checks import Numbers, by_library, constants, is_concrete, real_array, require_objects
 from .geometry import DetectorCurve, ImageGrid, Region, near_circle, visibility
 from .harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
 from .problem import polar_grid, require_boundary, require_problem
@@ -48,12 +49,20 @@ class Layout(eqx.Module):
     @property
     def frequencies(self) -> Float[Array, " frequencies"]:
         """lambda_i [rad/length]."""
-        return self.max_frequency / self.n_frequencies * jnp.arange(1, self.n_frequencies + 1)
+        return by_library(_frequencies, (), self.max_frequency, self.n_frequencies)
 
     @property
     def angles(self) -> Float[Array, " directions"]:
         """theta [rad]."""
-        return jnp.arange(self.n_directions) * (jnp.pi / self.n_directions)
+        return by_library(_angles, (), self.n_directions)
+
+
+def _frequencies(xp: Any, highest: float, n: int) -> Any:
+    return highest / n * xp.arange(1, n + 1)
+
+
+def _angles(xp: Any, n: int) -> Any:
+    return xp.arange(n) * (np.pi / n)
 
 
 def problem_layout(

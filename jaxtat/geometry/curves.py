@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.spatial import KDTree
 
-from ..checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..checks import Numbers, by_library, is_concrete, real_array, require_positive, whole_number
 from .crossing import first_crossing
 
 ROUND = 0.05  # of the radius: detectors farther off the circle than that are no arc
@@ -77,30 +77,43 @@ class CircularArc(DetectorCurve):
         return 2 * jnp.pi - 2 * self.half_opening
 
     @property
-    @eqx.filter_jit
     def angles(self) -> Float[Array, " detectors"]:
         """Of the detectors, counted from the middle of the arc, opposite the opening [rad]."""
-        return ((jnp.arange(self.n) + 0.5) / self.n - 0.5) * self.span
+        return by_library(_arc_angles, (self.half_opening,), self.n)
 
     @property
-    @eqx.filter_jit
     def points(self) -> Float[Array, "detectors 2"]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return self.center + self.radius * self.normals
+        where = self.half_opening, self.angle, self.center, self.radius
+        return by_library(_arc_points, where, self.n)
 
     @property
-    @eqx.filter_jit
     def weights(self) -> Float[Array, " detectors"]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return jnp.broadcast_to(self.radius * self.span / self.n, (self.n,))
+        return by_library(_arc_weights, (self.half_opening, self.radius), self.n)
 
     @property
-    @eqx.filter_jit
     def normals(self) -> Float[Array, "detectors 2"]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        theta = self.angle + jnp.pi + self.angles
-        return jnp.stack([jnp.cos(theta), jnp.sin(theta)], axis=-1)
+        return by_library(_arc_normals, (self.half_opening, self.angle), self.n)
 
     @property
     def n_detectors(self) -> int:
         return self.n
+
+
+def _arc_angles(xp: Any, half_opening: Any, n: int) -> Any:
+    return ((xp.arange(n) + 0.5) / n - 0.5) * (2 * np.pi - 2 * half_opening)
+
+
+def _arc_normals(xp: Any, half_opening: Any, angle: Any, n: int) -> Any:
+    theta = angle + np.pi + _arc_angles(xp, half_opening, n)
+    return xp.stack([xp.cos(theta), xp.sin(theta)], axis=-1)
+
+
+def _arc_points(xp: Any, half_opening: Any, angle: Any, center: Any, radius: Any, n: int) -> Any:
+    return center + radius * _arc_normals(xp, half_opening, angle, n)
+
+
+def _arc_weights(xp: Any, half_opening: Any, radius: Any, n: int) -> Any:
+    return xp.broadcast_to(radius * (2 * np.pi - 2 * half_opening) / n, (n,))
 
 
 class Circle(eqx.Module):
@@ -416,11 +429,15 @@ def turned_views(curve: DetectorCurve, turns: Numbers) -> SampledCurve:
     return SampledCurve(turned(curve.points), weights, turned(curve.normals), False)
 
 
-@jax.jit
 def opening_angle(cosine: Array) -> Array:
     """arccos(cosine), and 0 with derivative 0 for a circle that is not cut, cosine >= 1."""
+    return by_library(opening, (cosine,))
+
+
+def opening(xp: Any, cosine: Any) -> Any:
+    """`opening_angle` by numpy or jax.numpy."""
     cut = cosine < 1
-    return jnp.where(cut, jnp.arccos(jnp.where(cut, cosine, 0.0)), 0.0)
+    return xp.where(cut, xp.arccos(xp.where(cut, cosine, 0.0)), 0.0)
 
 
 def fit_circle(points: Numbers) -> Circle:

@@ -4,9 +4,10 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, real_array, require_positive, whole_number
+from ..checks import Numbers, by_library, real_array, require_positive, whole_number
 
 
 class Grid(eqx.Module):
@@ -32,17 +33,14 @@ class Grid(eqx.Module):
         require_positive("half_width", self.half_width)
 
     @property
-    @eqx.filter_jit
     def spacing(self) -> Float[Array, " dimension"]:
         """Distance h between neighbouring nodes along each axis [length]."""
-        return 2 * self.half_width / (jnp.asarray(self.shape) - 1)
+        return by_library(_spacing, (self.half_width,), self.shape)
 
     @property
-    @eqx.filter_jit
     def points(self) -> Float[Array, "*nodes dimension"]:
         """All nodes [length]."""
-        axes = [self.axis(i) for i in range(self.dimension)]
-        return jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1)
+        return by_library(_points, (self.half_width, self.center), self.shape)
 
     @property
     def x1(self) -> Float[Array, " x1"]:
@@ -56,8 +54,20 @@ class Grid(eqx.Module):
 
     def axis(self, number: int) -> Array:
         """Coordinates of the nodes along one axis [length]."""
-        unit = jnp.linspace(-1.0, 1.0, self.shape[number])
-        return self.center[number] + self.half_width[number] * unit
+        return by_library(_axis, (self.half_width, self.center), self.shape, number)
+
+
+def _spacing(xp: Any, half_width: Any, shape: tuple[int, ...]) -> Any:
+    return 2 * half_width / (np.array(shape) - 1.0)
+
+
+def _axis(xp: Any, half_width: Any, center: Any, shape: tuple[int, ...], number: int) -> Any:
+    return center[number] + half_width[number] * np.linspace(-1.0, 1.0, shape[number])
+
+
+def _points(xp: Any, half_width: Any, center: Any, shape: tuple[int, ...]) -> Any:
+    axes = [_axis(xp, half_width, center, shape, number) for number in range(len(shape))]
+    return xp.stack(xp.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
 class ImageGrid(Grid):

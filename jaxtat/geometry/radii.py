@@ -1,6 +1,6 @@
 """Radii of the circular integrals: which of them the region needs."""
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -38,7 +38,7 @@ def data_radii(
     least, most = min(span[0] for span in spans), max(span[1] for span in spans)
     # a span that is a whole number of steps but for rounding and sampling needs no further radius
     n = int(np.ceil((most - least) / float(step) - 1e-3)) + 1
-    return least + step * jnp.arange(n)
+    return jax.device_put(least + float(step) * np.arange(n))
 
 
 def require_cover(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"]) -> None:

@@ -1,16 +1,14 @@
 """Regions of interest: where the image is reconstructed, and their boundaries."""
 
 from abc import abstractmethod
-from functools import partial
+from typing import Any
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..checks import Numbers, is_concrete, real_array, require_positive, whole_number
-from .curves import DetectorCurve, opening_angle
+from ..checks import Numbers, by_library, is_concrete, real_array, require_positive, whole_number
+from .curves import DetectorCurve, opening
 
 
 class Region(eqx.Module):
@@ -66,12 +64,14 @@ class TruncatedDisk(Region):
     def reach(self) -> Float[Array, ""]:
         return self.radius
 
-    @eqx.filter_jit
     def level(self, points: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
-        local = points - self.center
-        along = local[..., 0] * jnp.cos(self.angle) + local[..., 1] * jnp.sin(self.angle)
-        distance = jnp.sqrt(jnp.sum(local**2, axis=-1))
-        return jnp.maximum(distance - self.radius, along - self.x_right)
+        return by_library(_level, (points, self.radius, self.x_right, self.center, self.angle))
+
+
+def _level(xp: Any, points: Any, radius: Any, x_right: Any, center: Any, angle: Any) -> Any:
+    local = points - center
+    along = local[..., 0] * xp.cos(angle) + local[..., 1] * xp.sin(angle)
+    return xp.maximum(xp.sqrt(xp.sum(local**2, axis=-1)) - radius, along - x_right)
 
 
 def truncated_disk(
@@ -124,9 +124,8 @@ def truncated_disk(
         raise ValueError("n_chord must be given when radius or x_right is traced.")
     if not 0 <= n_chord < n_collocation:
         raise ValueError(f"n_chord is {n_chord}, expected 0 to {n_collocation - 1} of the points.")
-    points, weights, normals = _boundary(
-        radius, x_right, center, angle, n_collocation - n_chord, n_chord
-    )
+    numbers, counts = (radius, x_right, center, angle), (n_collocation - n_chord, n_chord)
+    points, weights, normals = by_library(_boundary, numbers, *counts)
     return TruncatedDisk(
         points=points,
         weights=weights,
@@ -139,16 +138,22 @@ def truncated_disk(
     )
 
 
-@partial(jax.jit, static_argnums=(4, 5))
 def _boundary(
-    radius: Array, x_right: Array, center: Array, angle: Array, n_arc: int, n_chord: int
-) -> tuple[Array, Array, Array]:
+    xp: Any,
+    radius: Any,
+    x_right: Any,
+    center: Any,
+    angle: Any,
+    n_arc: int,
+    n_chord: int,
+) -> tuple[Any, Any, Any]:
     """Points, weights and normals."""
-    half_opening = jnp.zeros(()) if n_chord == 0 else opening_angle(x_right / radius)
-    arc = _arc_boundary(radius, half_opening, n_arc)
-    chord = _chord_boundary(radius, half_opening, x_right, n_chord)
-    points, normals, weights = (jnp.concatenate(pair) for pair in zip(arc, chord, strict=True))
-    turn = jnp.array([[jnp.cos(angle), -jnp.sin(angle)], [jnp.sin(angle), jnp.cos(angle)]])
+    half_opening = opening(xp, x_right / radius) if n_chord else 0.0
+    arc = _arc_boundary(xp, radius, half_opening, n_arc)
+    chord = _chord_boundary(xp, radius, half_opening, x_right, n_chord)
+    points, normals, weights = (xp.concatenate(pair) for pair in zip(arc, chord, strict=True))
+    c, s = xp.cos(angle), xp.sin(angle)
+    turn = xp.stack([xp.stack([c, -s]), xp.stack([s, c])])
     return points @ turn.T + center, weights, normals @ turn.T
 
 
@@ -174,18 +179,18 @@ def _chord_share(cosine: float, n_collocation: int) -> int:
     return 2 * round(n_collocation * chord / (chord + arc) / 2)
 
 
-def _arc_boundary(radius: Array, half_opening: Array, n: int) -> tuple[Array, Array, Array]:
-    span = 2 * jnp.pi - 2 * half_opening
-    theta = half_opening + (jnp.arange(n) + 0.5) * span / n
-    normals = jnp.stack([jnp.cos(theta), jnp.sin(theta)], axis=-1)
-    return radius * normals, normals, jnp.broadcast_to(radius * span / n, (n,))
+def _arc_boundary(xp: Any, radius: Any, half_opening: Any, n: int) -> tuple[Any, Any, Any]:
+    span = 2 * np.pi - 2 * half_opening
+    theta = half_opening + (xp.arange(n) + 0.5) * span / n
+    normals = xp.stack([xp.cos(theta), xp.sin(theta)], axis=-1)
+    return radius * normals, normals, xp.broadcast_to(radius * span / n, (n,))
 
 
 def _chord_boundary(
-    radius: Array, half_opening: Array, x_right: Array, n: int
-) -> tuple[Array, Array, Array]:
-    half = radius * jnp.sin(half_opening)
-    x2 = half * ((2 * jnp.arange(n) + 1) / max(n, 1) - 1)
-    points = jnp.stack([jnp.broadcast_to(x_right, (n,)), x2], axis=-1)
-    normals = jnp.broadcast_to(jnp.array([1.0, 0.0]), (n, 2))
-    return points, normals, jnp.broadcast_to(2 * half / max(n, 1), (n,))
+    xp: Any, radius: Any, half_opening: Any, x_right: Any, n: int
+) -> tuple[Any, Any, Any]:
+    half = radius * xp.sin(half_opening)
+    x2 = half * ((2 * xp.arange(n) + 1) / max(n, 1) - 1)
+    points = xp.stack([xp.broadcast_to(x_right, (n,)), x2], axis=-1)
+    normals = xp.broadcast_to(np.array([1.0, 0.0]), (n, 2))
+    return points, normals, xp.broadcast_to(2 * half / max(n, 1), (n,))

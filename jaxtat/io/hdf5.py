@@ -24,7 +24,7 @@ from typing import Any, cast
 
 import h5py
 import numpy as np
-from h5py import h5o
+from h5py import h5o  # pyright: ignore[reportAttributeAccessIssue]
 
 from .frames import LazyFrames
 from .limits import DEFLATE, Allowance, name_of, refusing, require_held

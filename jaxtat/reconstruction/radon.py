@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from .. import names
-from ..checks import real_array
+from ..checks import by_library, real_array
 
 LowPass = Callable[[Array], Array] | str
 
@@ -29,6 +29,10 @@ LOW_PASSES: dict[str, Callable[[Array], Array] | None] = dict(
 )
 
 
+def _relative_frequencies(xp: Any, n: int) -> Any:
+    return xp.arange(n + 1) / n
+
+
 def low_pass_values(low_pass: Any, n: int) -> Float[Array, " frequencies"]:
     """eta at lambda_max · 0/n, 1/n, ..., n/n; ones for None.
 
@@ -39,13 +43,13 @@ def low_pass_values(low_pass: Any, n: int) -> Float[Array, " frequencies"]:
     Raises:
         ValueError: for anything else, and for values that are not n + 1 finite numbers.
     """
-    relative = jnp.arange(n + 1) / n
+    relative = by_library(_relative_frequencies, (), n)
     if isinstance(low_pass, str):
         if low_pass not in LOW_PASSES:
             raise ValueError(f"low_pass is {low_pass!r}, expected {_EXPECTED}.")
         low_pass = LOW_PASSES[low_pass]
     if low_pass is None:
-        return jnp.ones_like(relative)
+        return by_library(lambda xp: xp.ones(n + 1), ())
     if not callable(low_pass):
         raise ValueError(f"low_pass is {low_pass!r}, expected {_EXPECTED}.")
     values: Any = low_pass(relative)
