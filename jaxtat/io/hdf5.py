@@ -337,10 +337,11 @@ def _text_of_heap(path: Path, offset: int) -> bytes | None:
         if length > _LONGEST_TEXT or address > os.fstat(file.fileno()).st_size:
             return None
         file.seek(address)
-        heap = file.read(_LONGEST_HEAP)
-    if heap[:5] != b"GCOL\1":
-        return None
-    heap = heap[: int.from_bytes(heap[8:16], "little")]
+        heap = file.read(16)
+        if heap[:5] != b"GCOL\1":
+            return None
+        size = min(int.from_bytes(heap[8:16], "little"), _LONGEST_HEAP)
+        heap += file.read(max(size - 16, 0))
     at = 16
     while at + 16 <= len(heap):
         member, size = struct.unpack_from("<H6xQ", heap, at)
