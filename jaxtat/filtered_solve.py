@@ -13,11 +13,13 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Complex, Float, Int
 
 from .regularization import Regularization
 from .special import root
 
+SINGULAR = "singular value decomposition"  # its name, for `jax.checkpoint`
 # relative distance of squared singular values that count as one: no derivative can tell them apart
 _ALIKE = 1e-7
 # relative singular values of which what lies outside of the spans of P and Q is left out: over
@@ -101,7 +103,9 @@ def singular_components(
     ([1.0, 2.0, 2.0], [2.5])
     """
     n_blocks, n_rhs = blocks.shape[0], rhs.shape[-1]
-    left, sigma, right = jnp.linalg.svd(blocks, full_matrices=False)
+    left, sigma, right = (
+        checkpoint_name(part, SINGULAR) for part in jnp.linalg.svd(blocks, full_matrices=False)
+    )
     floor = n_blocks * max(blocks.shape[1:]) * jnp.finfo(sigma.dtype).eps * sigma.max()
     inverse = jnp.where(sigma > floor, 1 / jnp.where(sigma > floor, sigma, 1.0), 0.0)
     amplitudes = inverse[..., None] * _real_times(jnp.swapaxes(left, -1, -2), rhs)

@@ -36,6 +36,10 @@ _EXAMPLES = {
   jaxtat report scan.hdf5 --out report.html
       a page to look at: image, choices, what can be trusted and what not
 """,
+    "sample": """
+  jaxtat sample scan.npz
+      write a small simulated scan; `jaxtat reconstruct scan.npz --out scan.png` shows it
+""",
 }
 
 

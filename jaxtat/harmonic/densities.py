@@ -11,6 +11,7 @@ rows act on the even and odd parts of the data, which are half as long.
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -20,7 +21,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..checks import is_concrete
 from ..densities import Densities, DensityReport, mean_norm
-from ..filtered_solve import filtered_solve, singular_components
+from ..filtered_solve import SINGULAR, filtered_solve, singular_components
 from ..regularization import Regularization, per_frequency
 from .polar import PolarGeometry, half_weights
 from .table import (
@@ -166,7 +167,9 @@ def harmonic_densities(
         regularization: which singular components are kept, at all frequencies or at each.
     """
 
-    @jax.checkpoint
+    # The decomposition is kept: made anew in reverse mode, by another program, rounding may turn
+    # singular vectors or change their signs, and rows, q_j and factors no longer belong together.
+    @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(SINGULAR))
     def at(arguments: tuple[WaveTable, Array, Regularization]) -> tuple[Step, DensityReport]:
         wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
         matrix, rhs, factor, unit = wave_system(geometry, wave, angles)
