@@ -96,7 +96,7 @@ def solve_on_boundary(
         waves = plane_wave_traces(frequency, angles, geometry.region)
         fhat = jax.lax.complex(y.T @ waves.real, y.T @ waves.imag) / (2 * jnp.pi)
         relative = alpha / seen_once(frequency) ** 2
-        converged = report.converged & (relative >= _CARRIED)
+        converged = report.converged & (relative >= _CARRIED * (1 - 1e-9))
         return fhat, eqx.tree_at(
             lambda tree: (tree.relative_alpha, tree.converged), report, (relative, converged)
         )

@@ -29,6 +29,7 @@ _STEP = 5e-5  # of the radii [m]: half the shortest wave of the band would be 0.
 def sample_phantom() -> Disks:
     """What the sample shows: a body of 17 mm with organs and vessels in it [m].
 
+    >>> import jax.numpy as jnp
     >>> float(sample_phantom()(jnp.array([0.0, 0.0])))
     1.0
     """

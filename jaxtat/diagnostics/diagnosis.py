@@ -249,9 +249,10 @@ def _uncertainty(
     unit = pixel_standard_deviation(plan, 1.0, grid=grid, **options).block_until_ready()
     sigma = noise.sigma
     if sample is not None:
+        here = eqx.tree_at(lambda tree: tree.grid, plan, grid)  # noise differs between pixels
         made = reconstruct(
-            plan, sample, low_pass=options["low_pass"], inversion=options["inversion"]
+            here, sample, low_pass=options["low_pass"], inversion=options["inversion"]
         )
-        inside = plan.region.contains(plan.grid.points)
-        sigma = jnp.sqrt(jnp.mean(made**2, where=inside) / jnp.nanmean(unit**2))
+        inside = jnp.isfinite(unit)
+        sigma = jnp.sqrt(jnp.sum(made**2, where=inside) / jnp.nansum(unit**2))
     return Uncertainty(grid, sigma * unit, sigma, time.perf_counter() - start)
