@@ -102,6 +102,7 @@ def truncated_disk(
 
     Source: Kunyansky 2008, section 4 (Omega(R, x_right), R = 1, x_right = 1 and 0).
 
+    >>> import jax.numpy as jnp
     >>> region = truncated_disk(1.0, 0.0, 1000)
     >>> float(abs(region.weights.sum() - (jnp.pi + 2))) < 1e-12
     True
