@@ -10,7 +10,7 @@ from jax.test_util import check_grads
 from jaxtat import circular_arc, phantoms, truncated_disk
 from jaxtat.geometry import detector_curve, turned_views
 from jaxtat.harmonic import polar_geometry, unexplained, wave_table
-from jaxtat.harmonic.table import detector_matrix, region_factor
+from jaxtat.harmonic.table import alpha_unit, detector_matrix, detector_powers, region_factor
 from jaxtat.reconstruction import radial_transform
 
 ARC = circular_arc(1.3, 0.6, 20)
@@ -42,7 +42,8 @@ def test_it_is_what_dense_least_squares_leave(name):
             matrix = factor.matrix_times(detector_matrix(geometry, wave)[j])
             columns.append(np.asarray(matrix).reshape(-1, 20) * root)
         a = np.concatenate(columns, axis=1).T  # (J and Y, waves)
-        squares = np.sqrt(float(ALPHA) * (a**2).sum(axis=0).max()) * np.eye(a.shape[1])
+        unit = float(alpha_unit(factor, detector_powers(geometry, wave)))
+        squares = np.sqrt(float(ALPHA) * unit) * np.eye(a.shape[1])
         right = (np.asarray(data[i]) * root).ravel()
         stacked = np.concatenate([a, squares]), np.concatenate([right, np.zeros(a.shape[1])])
         y = np.linalg.lstsq(*stacked, rcond=None)[0]

@@ -128,7 +128,7 @@ def test_pressure_in_the_exchange_format(integrals, tmp_path, capsys):
     save_ipasc(path, Scan("pressure", record(), known))
     assert main(["info", str(path)]) == 0
     said = capsys.readouterr().out
-    for text in ("13 rings of 28 on a sphere, open upwards, radius 0.04", "in-space", "water's"):
+    for text in ("13 rings of 28 on a sphere, open upwards, radius 40 mm", "in-space", "water's"):
         assert text in said
     choices = choices_for(load_scan(path))
     assert choices.region_radius == pytest.approx(0.03) and choices.region_cut == pytest.approx(
