@@ -325,13 +325,15 @@ def test_slices_beyond_the_detectors_are_refused_not_clipped(use):
 
 def test_radii_bound_the_region_and_what_they_do_not_cover_is_refused(jaxtat_command, capsys):
     """What `info` promises can be had: three quarters of the arc would need radii to 2.275."""
-    np.savez("data.npz", g=INTEGRALS[:, :15], r=0.45 + 0.1 * np.arange(15), detectors=CURVE.points)
+    radii = 0.45 + 0.1 * np.arange(15)
+    g = BELL.circular_integrals(CURVE, radii)
+    np.savez("data.npz", g=g, r=radii, detectors=CURVE.points)
     assert jaxtat_command("info data.npz") == 0
     said = capsys.readouterr().out
-    assert "as much as the radii cover" in said and "region_radius     0.55" in said
+    assert "as much as the radii cover" in said and "region_radius  0.55" in said
     assert jaxtat_command("info data.npz --region-radius 0.8") == 2
     assert "radii run from 0.45 to 1.85, but circles" in capsys.readouterr().err
-    np.savez("mm.npz", g=INTEGRALS[:, :15], r=45 + 1.0 * np.arange(15), detectors=CURVE.points)
+    np.savez("mm.npz", g=g, r=100 * radii, detectors=CURVE.points)
     assert jaxtat_command("info mm.npz") == 2
     assert "circles cover no region" in capsys.readouterr().err
 

@@ -48,7 +48,8 @@ def _of_curve(facts: Facts, choices: Choices) -> list[str]:
         lines.append("detectors: not on a circle")
     else:
         radius, units = arc.radius, facts.units
-        opening = "closed" if arc.closed else f"opens towards {np.degrees(arc.opening):.1f} degrees"
+        towards = round(float(np.degrees(arc.opening)), 1) + 0.0  # no -0.0
+        opening = "closed" if arc.closed else f"opens towards {towards:.1f} degrees"
         lines.append(
             f"detectors: arc of {np.degrees(arc.span):.1f} degrees, radius "
             f"{units.of_length(radius, 6)} about {units.of_place(arc.center, radius, 3)} to "
