@@ -21,6 +21,7 @@ from .table import (
     alpha_unit,
     circle_gram,
     detector_matrix,
+    detector_powers,
     region_factor,
     wave_table,
 )
@@ -55,12 +56,11 @@ def unexplained(
         wave, data, sums = given
         factor = region_factor(geometry, wave)
         matrix = normal_matrix(geometry, wave, factor, gram)
-        waves = detector_matrix(geometry, wave)
-        powers = jnp.einsum("jbrk,jbrk->br", waves, waves * geometry.weights)
-        absolute = alpha * alpha_unit(factor, powers)
+        absolute = alpha * alpha_unit(factor, detector_powers(geometry, wave))
         rhs = factor.times(moments(geometry, wave, sums[None]))
         shifted = matrix + absolute * jnp.eye(matrix.shape[-1])
         y = cholesky_solve(shifted, jnp.moveaxis(rhs, 0, -1))[..., 0]
+        waves = detector_matrix(geometry, wave)
         explained = jnp.einsum("jbrk,br->jk", waves, factor.transposed_times(y))
         return root * (data - explained), jnp.sqrt(absolute) * y
 
