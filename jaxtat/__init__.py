@@ -1,164 +1,33 @@
 """jaxtat: thermo- and photoacoustic tomography with detectors on an open curve, in JAX."""
 
-from . import datasets, line_detectors, phantoms, scanners, spherical
+from . import phantoms, line_detectors, spherical, datasets, scanners
+from .geometry import (
+    DetectorCurve, ImageGrid, Region, VisibilityWarning, VolumeGrid, circular_arc, data_radii,
+    detector_curve, disk, elliptic_arc, join_curves, keep_detectors, parametric_curve, polygon,
+    polyline, rectangle, turned_views, union_of_regions, visibility, edge_weight, transverse_weight, fit_circle,
+)
+from .harmonic import NoiseLevel, RelativeTikhonov, Tikhonov, TikhonovNormBound
 from .calibration import Calibration, calibrate
 from .channels import ChannelQuality, channel_quality
 from .comparison import compare_regularizations
 from .diagnostics import data_residual, diagnose
-from .forward import circular_integrals, circular_integrals_adjoint, circular_means
-from .geometry import (
-    DetectorCurve,
-    ImageGrid,
-    Region,
-    VisibilityWarning,
-    VolumeGrid,
-    circular_arc,
-    data_radii,
-    detector_curve,
-    edge_weight,
-    elliptic_arc,
-    fit_circle,
-    join_curves,
-    keep_detectors,
-    parametric_curve,
-    polygon,
-    polyline,
-    rectangle,
-    transverse_weight,
-    truncated_disk,
-    turned_views,
-    union_of_regions,
-    visibility,
-    visibility_map,
-)
-from .harmonic import NoiseLevel
 from .impulse_response import remove_impulse_response
 from .io import load_plan, load_settings, save_image, save_plan
 from .iterative import IterativeReconstruction, least_squares, total_variation
-from .layout import Layout, problem_layout
-from .line_detectors import LineDetectorScan, reconstruct_volume, reconstruct_volume_stack
-from .measured import Choices, ScanImages, choices_for, reconstruct_file, reconstruct_scan
-from .noise import NoiseChoice, choose_regularization, image_power
+from .noise_choice import NoiseChoice, choose_regularization, image_power
 from .noise_law import predict_noise
-from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .pressure import condition_record, pressure_to_circular_integrals
 from .problem import AccuracyWarning
 from .reconstruction import (
-    DirectReconstruction,
-    cosine_filter,
-    reconstruct,
-    reconstruct_direct,
-    reconstruct_stack,
+    PAPER_K, Reconstruction, ReconstructionPlan, Setup, build_plan, circular_integrals, circular_integrals_adjoint,
+    circular_means, reconstruct, reconstruct_stack, solve,
 )
 from .record_noise import RecordNoise, noise_of_record, record_noise_level
-from .regularization import (
-    FixedRank,
-    NormBound,
-    RelativeCutoff,
-    RelativeTikhonov,
-    ResidualTarget,
-    SingularValueCutoff,
-    Tikhonov,
-    TikhonovNormBound,
-)
-from .reporting import report
+from .regularization import FixedRank, NormBound, RelativeCutoff, ResidualTarget, SingularValueCutoff
 from .sampling import Supported, first_arrival, supported
 from .sharpness import sharpness, sound_speed_by_sharpness
+from .steps import cosine_filter
 from .uncertainty import pixel_standard_deviation
 from .unit_norm import microlocal_norm
+from .visibility_map import visibility_map
 from .version import __version__
-
-__all__ = [
-    "PAPER_K",
-    "AccuracyWarning",
-    "Calibration",
-    "ChannelQuality",
-    "Choices",
-    "DetectorCurve",
-    "DirectReconstruction",
-    "FixedRank",
-    "ImageGrid",
-    "IterativeReconstruction",
-    "Layout",
-    "LineDetectorScan",
-    "NoiseChoice",
-    "NoiseLevel",
-    "NormBound",
-    "ReconstructionPlan",
-    "RecordNoise",
-    "Region",
-    "RelativeCutoff",
-    "RelativeTikhonov",
-    "ResidualTarget",
-    "ScanImages",
-    "SingularValueCutoff",
-    "Supported",
-    "Tikhonov",
-    "TikhonovNormBound",
-    "VisibilityWarning",
-    "VolumeGrid",
-    "__version__",
-    "build_plan",
-    "calibrate",
-    "channel_quality",
-    "choices_for",
-    "choose_regularization",
-    "circular_arc",
-    "circular_integrals",
-    "circular_integrals_adjoint",
-    "circular_means",
-    "compare_regularizations",
-    "condition_record",
-    "cosine_filter",
-    "data_radii",
-    "data_residual",
-    "datasets",
-    "detector_curve",
-    "diagnose",
-    "edge_weight",
-    "elliptic_arc",
-    "first_arrival",
-    "fit_circle",
-    "image_power",
-    "join_curves",
-    "keep_detectors",
-    "least_squares",
-    "line_detectors",
-    "load_plan",
-    "load_settings",
-    "microlocal_norm",
-    "noise_of_record",
-    "parametric_curve",
-    "phantoms",
-    "pixel_standard_deviation",
-    "polygon",
-    "polyline",
-    "predict_noise",
-    "pressure_to_circular_integrals",
-    "problem_layout",
-    "reconstruct",
-    "reconstruct_direct",
-    "reconstruct_file",
-    "reconstruct_scan",
-    "reconstruct_stack",
-    "reconstruct_volume",
-    "reconstruct_volume_stack",
-    "record_noise_level",
-    "rectangle",
-    "remove_impulse_response",
-    "report",
-    "save_image",
-    "save_plan",
-    "scanners",
-    "sharpness",
-    "sound_speed_by_sharpness",
-    "spherical",
-    "supported",
-    "total_variation",
-    "transverse_weight",
-    "truncated_disk",
-    "turned_views",
-    "union_of_regions",
-    "visibility",
-    "visibility_map",
-]

@@ -1,7 +1,4 @@
-"""What is asked: the polar grid of frequencies and directions, and whether it can be answered.
-
-Shared by the plan and by the reconstruction without one.
-"""
+"""What is asked: the polar grid of frequencies and directions, and whether it can be answered."""
 
 import warnings
 
@@ -73,6 +70,11 @@ def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid, radii
         warnings.warn(str(seen), VisibilityWarning, stacklevel=4)
 
 
+def enough_boundary(region: Region, highest: float) -> int:
+    """Boundary points for waves up to lambda: five a wavelength, as in the paper's examples."""
+    return max(64, int(np.ceil(2.5 * float(region.weights.sum()) * highest / np.pi)))
+
+
 def require_boundary(region: Region, highest: float) -> None:
     """Raise ValueError if boundary points are too far apart for the shortest wave."""
     spacing, half_wave = float(region.weights.max()), np.pi / highest
@@ -80,5 +82,6 @@ def require_boundary(region: Region, highest: float) -> None:
         n_least = int(np.ceil(1.5 * region.points.shape[0] * spacing / half_wave))
         raise ValueError(
             f"boundary points are {spacing:.4g} apart, more than half the shortest wavelength "
-            f"({half_wave:.4g}): use n_collocation >= {n_least} or a lower max_frequency."
+            f"({half_wave:.4g}): use n_boundary >= {n_least} or a lower max_frequency."
+            " Left out, n_boundary is chosen by the frequencies."
         )

@@ -4,7 +4,7 @@ import argparse
 
 from ..measured.choices import LOW_PASSES
 from ..pressure import MODELS
-from ..reconstruction.inversion import INVERSIONS
+from ..steps.inversion import INVERSIONS
 from ..scanners import SCANNERS
 from ..units import MILLIMETRES
 from . import commands

@@ -6,7 +6,7 @@ from .diagnosis import (
     Uncertainty,
     WaveAccuracy,
     diagnose,
-    plan_of_direct,
+    plan_of,
     wave_accuracy,
 )
 from .residual import DataResidual, data_residual
@@ -19,6 +19,6 @@ __all__ = [
     "WaveAccuracy",
     "data_residual",
     "diagnose",
-    "plan_of_direct",
+    "plan_of",
     "wave_accuracy",
 ]

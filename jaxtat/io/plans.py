@@ -26,36 +26,42 @@ from ..checks import require_x64
 from ..densities import DensityReport, SampledDensities
 from ..geometry import (
     CircularArc,
+    Disk,
     ImageGrid,
     Polygon,
     RegionUnion,
     SampledCurve,
-    TruncatedDisk,
 )
-from ..harmonic import DensityGroup, HarmonicDensities
-from ..plan import ReconstructionPlan
+from ..harmonic import (
+    DensityGroup,
+    HarmonicDensities,
+    RelativeTikhonov,
+    Tikhonov,
+    TikhonovNormBound,
+)
+from ..reconstruction import ReconstructionPlan, Setup
+from ..reconstruction.plane_sizes import PlaneSizes
 from ..regularization import (
     FixedRank,
     NormBound,
     RelativeCutoff,
-    RelativeTikhonov,
     ResidualTarget,
     SingularValueCutoff,
-    Tikhonov,
-    TikhonovNormBound,
     per_frequency,
 )
 from .atomic import replacing
 
-FORMAT, VERSION = "jaxtat plan", 2
+FORMAT, VERSION = "jaxtat plan", 3
 _BLOCK = 512  # [byte], the least HDF5 allows
 _KINDS: dict[str, type[eqx.Module]] = {
     kind.__name__: kind
     for kind in (
         ReconstructionPlan,
+        Setup,
+        PlaneSizes,
         CircularArc,
         SampledCurve,
-        TruncatedDisk,
+        Disk,
         Polygon,
         RegionUnion,
         ImageGrid,

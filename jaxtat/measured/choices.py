@@ -20,8 +20,8 @@ from ..geometry import (
 )
 from ..pressure import MODELS
 from ..reconstruction import cosine_filter
-from ..reconstruction.inversion import require_inversion
-from ..reconstruction.radon import LowPass
+from ..steps.inversion import require_inversion
+from ..steps.radon import LowPass
 
 IN_SPACE = "in-space"  # the model of point-like detectors around a volume
 LOW_PASSES: dict[str, LowPass | None] = {"none": None, "cosine": cosine_filter}

@@ -15,7 +15,7 @@ from ..geometry import (
     fit_circle,
     visibility_map,
 )
-from ..geometry.curves import behind_gap
+from ..geometry.measured_curves import behind_gap
 from ..units import millimetres
 from .canvas import SEQUENTIAL
 from .images import show_image

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..reconstruction.radial_transform import trapezoid_weights
+from ..steps.radial_transform import trapezoid_weights
 
 
 def spherical_kernels(

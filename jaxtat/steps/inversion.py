@@ -9,6 +9,8 @@ from .fbp import filtered_back_projection
 from .radon import offset_step, radon_projections
 
 INVERSIONS = ("fbp", "fourier")
+# images inverted together: enough for matrix products, few enough for the cache
+IMAGES = {"fbp": 32, "fourier": 16}
 
 
 @eqx.filter_jit
