@@ -6,6 +6,8 @@ edge lies elsewhere, edges become several faint ones, and the sum of their squar
 reasons: attenuation, sources out of the plane, detectors of limited bandwidth.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,11 +16,12 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from .checks import Numbers, data_array, real_array, require_positive
-from .geometry import DetectorCurve, ImageGrid, Region
-from .layout import Layout, problem_layout
-from .reconstruction import cosine_filter
-from .reconstruction.direct import DirectArguments, direct_arguments, direct_image
-from .reconstruction.radon import LowPass
+from .geometry import ImageGrid, Region
+from .harmonic import TikhonovRule, tikhonov_rule
+from .reconstruction import Setup, reconstruct
+from .reconstruction.setup import plane_of
+from .steps import cosine_filter
+from .steps.radon import LowPass
 
 TOLERANCE = 1e-4  # of the place, as a share of the distance between two candidates
 
@@ -75,17 +78,13 @@ def sharpness(
 
 
 def sound_speed_by_sharpness(
-    curve: DetectorCurve,
-    region: Region,
-    grid: ImageGrid,
-    radii: Numbers,
+    setup: Setup,
     g: Numbers,
     sound_speeds: Numbers,
     *,
     sound_speed: Numbers = 1.0,
-    alpha: Numbers = 1e-3,
+    rule: Any = 1e-3,
     low_pass: LowPass | None = cosine_filter,
-    max_frequency: Numbers | None = None,
 ) -> SharpnessScan:
     """The speed of sound for which the reconstructed image is sharpest.
 
@@ -93,18 +92,18 @@ def sound_speed_by_sharpness(
     reconstruction, between the neighbours of the sharpest.
 
     Args:
-        curve, region, grid, alpha, low_pass, max_frequency: as in `reconstruct_direct`.
-        radii: of the data if the nominal speed of sound were true, (radii,) [length].
+        setup: in the plane; its radii are those of the data if the nominal speed were true.
         g: circular integrals, (detectors, radii).
         sound_speeds: candidates, increasing, at least 3, (speeds,) [length/time].
         sound_speed: the nominal one [length/time].
+        rule, low_pass: as in `reconstruct`.
 
     Returns:
         SharpnessScan.
 
     Raises:
         ValueError: if the sharpest image is that of the first or last speed, for speeds that do
-            not increase, and as `reconstruct_direct`.
+            not increase, and as `reconstruct`.
     """
     speeds = real_array("sound_speeds", sound_speeds, ("speeds",))
     nominal = real_array("sound_speed", sound_speed, ())
@@ -112,11 +111,10 @@ def sound_speed_by_sharpness(
     require_positive("sound_speeds", speeds)
     if speeds.shape[0] < 3 or not bool((jnp.diff(speeds) > 0).all()):
         raise ValueError(f"sound_speeds are {speeds}, expected at least 3 in increasing order.")
-    radii = real_array("radii", radii, ("radii",))
-    values = data_array(g, curve.n_detectors, radii.shape[0])
-    layout = problem_layout(curve, region, grid, radii, max_frequency=max_frequency)
-    given = direct_arguments(curve, region, grid, radii, values, alpha, low_pass, layout)
-    found = _scan(given, speeds / nominal, region, layout)
+    plane_of(setup)
+    values = data_array(g, *setup.data_shape)
+    make = _Images(setup, values, tikhonov_rule(rule, setup.sizes.n_frequencies), low_pass)
+    found = _scan(make, speeds / nominal)
     best = int(jnp.argmax(found))
     if best in (0, len(found) - 1):
         raise ValueError(
@@ -124,35 +122,39 @@ def sound_speed_by_sharpness(
             f"({float(speeds[0]):.6g} to {float(speeds[-1]):.6g}): widen their range."
         )
     low, high = speeds[best - 1] / nominal, speeds[best + 1] / nominal
-    stretch, image, converged = _sharpest(given, low, high, region, layout)
+    stretch, image, converged = _sharpest(make, low, high)
     return SharpnessScan(speeds, found, stretch * nominal, image, converged)
 
 
-def _sharpness(given: DirectArguments, stretch: Array, region: Region, layout: Layout) -> Array:
-    return stretch**2 * sharpness(_image(given, stretch, layout), given.grid, region)
+class _Images(eqx.Module):
+    """Images by the stretch of all radii."""
 
+    setup: Setup
+    g: Float[Array, "detectors radii"]
+    rule: TikhonovRule
+    low_pass: LowPass | None = eqx.field(static=True)
 
-def _image(given: DirectArguments, stretch: Array, layout: Layout) -> Array:
-    moved = eqx.tree_at(lambda tree: tree.radii, given, given.radii * stretch)
-    return direct_image(moved, layout)
+    def image(self, stretch: Array) -> Array:
+        moved = self.setup.replace(radii=self.setup.radii * stretch)
+        return reconstruct(moved, self.g, self.rule, low_pass=self.low_pass)
+
+    def sharpness(self, stretch: Array) -> Array:
+        grid, region = self.setup.grid, self.setup.region
+        return stretch**2 * sharpness(self.image(stretch), grid, region)  # pyright: ignore[reportArgumentType]
 
 
 @eqx.filter_jit
-def _scan(
-    given: DirectArguments, stretches: Array, region: Region, layout: Layout
-) -> Float[Array, " speeds"]:
-    return lax.map(lambda stretch: _sharpness(given, stretch, region, layout), stretches)
+def _scan(make: _Images, stretches: Array) -> Float[Array, " speeds"]:
+    return lax.map(make.sharpness, stretches)
 
 
 @eqx.filter_jit
-def _sharpest(
-    given: DirectArguments, low: Array, high: Array, region: Region, layout: Layout
-) -> tuple[Array, Array, Array]:
+def _sharpest(make: _Images, low: Array, high: Array) -> tuple[Array, Array, Array]:
     """Bisection of d log S/dx for x from 0 to 1 between the two, where it falls through zero."""
 
     def slope(x: Array, _) -> Array:
         def value(x: Array) -> Array:
-            return jnp.log(_sharpness(given, low + x * (high - low), region, layout))
+            return jnp.log(make.sharpness(low + x * (high - low)))
 
         return jax.jvp(value, (x,), (jnp.ones(()),))[1]
 
@@ -160,4 +162,4 @@ def _sharpest(
     options, middle = {"lower": 0.0, "upper": 1.0}, jnp.full((), 0.5)
     found = optx.root_find(slope, solver, middle, options=options, max_steps=30, throw=False)
     stretch = low + found.value * (high - low)
-    return stretch, _image(given, stretch, layout), found.result == optx.RESULTS.successful
+    return stretch, make.image(stretch), found.result == optx.RESULTS.successful

@@ -24,15 +24,12 @@ from jaxtyping import Array, Complex, Float
 
 from .geometry import DetectorCurve, Region
 from .harmonic import (
-    Data,
-    PolarGeometry,
+    Asked,
     Problem,
     SolveReport,
     cholesky_solve,
     conjugate_gradients,
-    polar_geometry,
 )
-from .layout import Layout
 from .parallel import map_shards
 from .regularization import seen_once
 from .single_layer import plane_wave_traces, potential_matrix
@@ -43,57 +40,39 @@ MAX_ITERATIONS = 2000  # of conjugate gradients
 _CARRIED = 1e-10
 
 
-class BoundaryGeometry(eqx.Module):
-    """Curve and region as they are."""
-
-    curve: DetectorCurve
-    region: Region
-
-    @property
-    def weights(self) -> Float[Array, " detectors"]:
-        return self.curve.weights
-
-
-def geometry_for(
-    curve: DetectorCurve, region: Region, layout: Layout
-) -> PolarGeometry | BoundaryGeometry:
-    """What the basis that the layout has decided for needs of curve and region."""
-    if layout.basis == "boundary":
-        return BoundaryGeometry(curve, region)
-    return polar_geometry(curve, region)
-
-
 def solve_on_boundary(
-    geometry: BoundaryGeometry,
+    curve: DetectorCurve,
+    region: Region,
     frequencies: Float[Array, " frequencies"],
     angles: Float[Array, " directions"],
-    data: Data,
+    transformed: Float[Array, "frequencies images 2 detectors"],
+    asked: Asked,
     solver: str,
-    tolerance: float,
+    tolerance: Array | float,
     mesh: Mesh | None = None,
 ) -> tuple[Complex[Array, "images frequencies directions"], SolveReport]:
     """fhat on the polar grid, phases counted from the centre of the region.
 
     Args:
-        geometry: curve and region.
+        curve, region: the geometry.
         frequencies: lambda [rad/length].
         angles: theta [rad].
-        data: transformed data and regularisation, frequencies first.
+        transformed: (G_J, G_Y), frequencies first.
+        asked: noise, norm and rule of every frequency.
         solver: "cholesky", or "cg": no matrix but A itself is formed.
         tolerance: relative residual at which conjugate gradients stop.
         mesh: devices that share the frequencies.
     """
 
     @jax.checkpoint
-    def at(common: Any, given: tuple[Array, Data]) -> tuple[Array, SolveReport]:
-        geometry, angles = common
-        frequency, datum = given
-        matrix = potential_matrix(frequency, geometry.curve, geometry.region)
-        root = jnp.sqrt(geometry.weights)
-        rhs = (root * datum.transformed).reshape(-1, matrix.shape[1]).T
-        alpha = datum.rule.absolute(_problem(frequency, datum, matrix, rhs))
+    def at(common: Any, given: tuple[Array, Array, Asked]) -> tuple[Array, SolveReport]:
+        curve, region, angles = common
+        frequency, values, asked = given
+        matrix = potential_matrix(frequency, curve, region)
+        rhs = (jnp.sqrt(curve.weights) * values).reshape(-1, matrix.shape[1]).T
+        alpha = asked.rule.absolute(_problem(frequency, asked, matrix, rhs))
         y, report = _traces(matrix, rhs, alpha, solver, tolerance)
-        waves = plane_wave_traces(frequency, angles, geometry.region)
+        waves = plane_wave_traces(frequency, angles, region)
         fhat = jax.lax.complex(y.T @ waves.real, y.T @ waves.imag) / (2 * jnp.pi)
         relative = alpha / seen_once(frequency) ** 2
         converged = report.converged & (relative >= _CARRIED * (1 - 1e-9))
@@ -103,21 +82,21 @@ def solve_on_boundary(
 
     fhat, report = map_shards(
         lambda common, share: jax.lax.map(partial(at, common), share),
-        (geometry, angles),
-        (frequencies, data),
+        (curve, region, angles),
+        (frequencies, transformed, asked),
         mesh,
     )
     return jnp.moveaxis(fhat, 1, 0), report
 
 
-def _problem(frequency: Array, datum: Data, matrix: Array, rhs: Array) -> Problem:
+def _problem(frequency: Array, asked: Asked, matrix: Array, rhs: Array) -> Problem:
     return Problem(
         matrix=None,
         plane=None,
         diagonal=jnp.sum(matrix**2, axis=1)[None],
-        unit_norm=datum.unit_norm,
+        unit_norm=asked.unit_norm,
         data_power=jnp.mean(rhs**2),
-        noise_power=datum.noise_power,
+        noise_power=asked.noise_power,
         frequency=frequency,
         unit=seen_once(frequency) ** 2,
         n_data=matrix.shape[1],
@@ -129,7 +108,7 @@ def _traces(
     rhs: Float[Array, "unknowns images"],
     alpha: Array,
     solver: str,
-    tolerance: float,
+    tolerance: Array | float,
 ) -> tuple[Float[Array, "traces images"], SolveReport]:
     """y = (A A^T + alpha)^-1 A √w G, by way of whichever side is the smaller."""
     by_traces = matrix.shape[0] < matrix.shape[1]
@@ -153,7 +132,9 @@ def _factorised(inner: Array, right: Array, alpha: Array) -> tuple[Array, Array]
     return cholesky_solve(shifted[None], right[None])[0], jnp.zeros((), int)
 
 
-def _iterated(inner: Array, right: Array, alpha: Array, tolerance: float) -> tuple[Array, Array]:
+def _iterated(
+    inner: Array, right: Array, alpha: Array, tolerance: Array | float
+) -> tuple[Array, Array]:
     """Derivatives are one more solve each, not those of the iteration."""
     diagonal = jax.lax.stop_gradient(jnp.sum(inner**2, axis=0) + alpha)
 

@@ -14,8 +14,6 @@ times a factor (speed of sound and radius together), all detectors moved (the ce
 array is turned about a fixed axis), a gain common to all detectors. They are refused or fixed.
 """
 
-from functools import partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -26,11 +24,13 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from .checks import Numbers, data_array, is_concrete, real_array, require_positive, require_x64
-from .geometry import CircularArc, DetectorCurve, ImageGrid, Region, turned_views
+from .geometry import CircularArc, DetectorCurve, Region, turned_views
 from .harmonic import PolarGeometry, polar_geometry, unexplained
-from .layout import Layout, problem_layout
-from .reconstruction import delayed_transform, radial_transform
-from .reconstruction.radial_transform import radial_kernels
+from .reconstruction import Setup
+from .reconstruction.plane_sizes import PlaneSizes
+from .reconstruction.setup import plane_of, require_waves
+from .steps import delayed_transform, radial_transform
+from .steps.radial_transform import radial_kernels
 
 UNKNOWNS = ("sound_speed", "radius", "center", "gains", "delays")
 STAGES = 5  # the first one uses 1/16 of the frequencies
@@ -100,17 +100,13 @@ class Calibration(eqx.Module):
 
 
 def calibrate(
-    curve: DetectorCurve,
-    region: Region,
-    grid: ImageGrid,
-    radii: Numbers,
+    setup: Setup,
     g: Numbers,
     *,
     unknown: tuple[str, ...] = ("sound_speed",),
     sound_speed: Numbers = 1.0,
     turns: Numbers | None = None,
     alpha: Numbers = 1e-6,
-    max_frequency: Numbers | None = None,
 ) -> Calibration:
     """Sound speed, radius and centre of the arc, gains and delays for which data agree best.
 
@@ -119,44 +115,43 @@ def calibrate(
     be wrong.
 
     Args:
-        curve: the array as it is believed to be; a `CircularArc` if its radius or centre is
-            unknown. With ``turns``, about the axis of rotation at the origin.
-        region, grid: region of interest and image, as in `reconstruct_direct`.
-        radii: of the data if the nominal speed of sound were true, (radii,) [length].
+        setup: in the plane. Its curve is the array as it is believed to be, a `CircularArc` if its
+            radius or centre is unknown; with ``turns``, about the axis of rotation at the origin.
+            Its radii are those of the data if the nominal speed of sound were true.
         g: circular integrals, (detectors, radii), with ``turns`` (views, detectors, radii).
         unknown: any of "sound_speed", "radius", "center", "gains", "delays".
         sound_speed: the nominal one [length/time].
         turns: angles by which the array was turned about the origin, (views,) [rad].
-        alpha: regularisation of the image, as in `reconstruct_direct`.
-        max_frequency: the highest one to use, by default that of the grid [rad/length].
+        alpha: regularisation of the image, a number as in `solve`.
 
     Returns:
         Calibration.
 
     Raises:
         ValueError: for unknowns that no data can tell apart, names that are none, a radius or
-            centre of a curve that is no arc, detectors that cylindrical waves do not reach, and as
-            `reconstruct_direct`.
+            centre of a curve that is no arc, and detectors that cylindrical waves do not reach.
 
     Source: variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432.
 
-    >>> from jaxtat import circular_arc, phantoms, truncated_disk
-    >>> curve, region = circular_arc(1.3, 1.0, 64), truncated_disk(1.0, 1.0, 128)
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
     >>> r = 0.2 + 0.05 * jnp.arange(46)
-    >>> g = phantoms.Bells([[0.3, 0.2]], [0.5]).circular_integrals(curve, r)
-    >>> found = calibrate(curve, region, ImageGrid(21), 0.98 * r, g, sound_speed=1470.0)
+    >>> setup = Setup(circular_arc(1.3, 1.0, 64), disk(1.0), ImageGrid(21), 0.98 * r)
+    >>> g = phantoms.Bells([[0.3, 0.2]], [0.5]).circular_integrals(setup.curve, r)
+    >>> found = calibrate(setup, g, sound_speed=1470.0)
     >>> round(float(found.parameters.sound_speed))  # r = c t, so c is 1470 / 0.98
     1500
     """
     require_x64()
+    curve, region, radii, sizes = plane_of(setup)
     _require_unknowns(unknown, curve, turns)
-    radii = real_array("radii", radii, ("radii",))
     views = real_array("turns", [0.0] if turns is None else turns, ("views",))
-    placed = curve if turns is None else turned_views(curve, views)
     values = _flat(g, views.shape[0], turns is not None, curve.n_detectors, radii.shape[0])
-    layout = problem_layout(
-        placed, region, grid, radii, max_frequency=max_frequency, method="harmonic"
-    )
+    placed = curve
+    if turns is not None:  # other detectors, and other sizes
+        placed = turned_views(curve, views)
+        most = sizes.max_frequency
+        sizes = plane_of(Setup(placed, region, setup.grid, radii, max_frequency=most))[3]
+    require_waves(sizes)
     problem = _Problem(
         geometry=polar_geometry(placed, region),
         curve=curve,
@@ -166,14 +161,15 @@ def calibrate(
         g=values,
         alpha=_positive("alpha", alpha),
         sound_speed=_positive("sound_speed", sound_speed),
+        sizes=sizes,
     )
     free, stages = _start(problem, unknown), []
-    for highest in _cutoffs(layout):
-        free, stage = _fit(problem, free, highest, layout)
+    for highest in _cutoffs(sizes):
+        free, stage = _fit(problem, free, highest)
         stages.append(stage)
     found, corrected = _finish(problem, free)
     # third derivatives of the residuals would be needed for theirs
-    errors = _standard_errors(*jax.lax.stop_gradient((problem, free)), layout)
+    errors = _standard_errors(*jax.lax.stop_gradient((problem, free)))
     moved = _moved(curve, found)
     return Calibration(
         parameters=found,
@@ -196,6 +192,7 @@ class _Problem(eqx.Module):
     g: Float[Array, "detectors radii"]
     alpha: Float[Array, ""]
     sound_speed: Float[Array, ""]
+    sizes: PlaneSizes
 
 
 Free = dict[str, Array]  # corrections of the unknowns, relative, lengths over the distance
@@ -266,28 +263,28 @@ def _transformed(
 
 
 def _residual(
-    free: Free, given: tuple[_Problem, Float[Array, " frequencies"]], layout: Layout
+    free: Free, given: tuple[_Problem, Float[Array, " frequencies"]]
 ) -> tuple[Array, Array]:
     """What no image explains, weighted by frequency."""
     problem, weight = given
-    frequencies = layout.frequencies
+    frequencies = problem.sizes.frequencies
     found = _parameters(problem, free)
     left, penalty = unexplained(
         _geometry(problem, free, found),
         frequencies,
-        layout.groups[-1][-1],
+        problem.sizes.groups[-1][-1],
         _transformed(problem, free, found, frequencies),
         problem.alpha,
     )
     return weight[:, None, None] * left, weight[:, None, None] * penalty
 
 
-def _weights(problem: _Problem, highest: Array, layout: Layout) -> Float[Array, " frequencies"]:
+def _weights(problem: _Problem, highest: Array) -> Float[Array, " frequencies"]:
     """One over the size of white noise in (G_J, G_Y), and 0 beyond ``highest``.
 
     Times a factor that makes the mean square of the data 1, so that units do not matter.
     """
-    frequencies = layout.frequencies
+    frequencies = problem.sizes.frequencies
     power = jnp.sum(radial_kernels(problem.radii, frequencies) ** 2, axis=(-2, -1))
     used = frequencies <= highest * (1 + 1e-9)
     weights = jnp.where(used, 1 / jnp.sqrt(power), 0.0)
@@ -297,13 +294,12 @@ def _weights(problem: _Problem, highest: Array, layout: Layout) -> Float[Array, 
 
 
 @eqx.filter_jit
-def _fit(problem: _Problem, free: Free, highest: Array, layout: Layout) -> tuple[Free, Stage]:
+def _fit(problem: _Problem, free: Free, highest: Array) -> tuple[Free, Stage]:
     """One stage. The same program serves all: frequencies not yet used have weight zero."""
-    given = problem, _weights(problem, highest, layout)
+    given = problem, _weights(problem, highest)
     solver = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-7, linear_solver=lx.QR())
-    function = partial(_residual, layout=layout)
-    solution = optx.least_squares(function, solver, free, given, max_steps=MAX_STEPS, throw=False)
-    left, penalty = function(solution.value, given)
+    solution = optx.least_squares(_residual, solver, free, given, max_steps=MAX_STEPS, throw=False)
+    left, penalty = _residual(solution.value, given)
     misfit = (jnp.sum(left**2) + jnp.sum(penalty**2)) / (left.size * jnp.mean(given[1] > 0))
     steps, result = solution.stats["num_steps"], solution.result
     return solution.value, Stage(
@@ -319,7 +315,7 @@ def _finish(problem: _Problem, free: Free) -> tuple[Parameters, Float[Array, "de
 
 
 @eqx.filter_jit
-def _standard_errors(problem: _Problem, free: Free, layout: Layout) -> Parameters:
+def _standard_errors(problem: _Problem, free: Free) -> Parameters:
     """To first order, by the change of the optimum with the data.
 
     Where the slope s(p, g) of half the sum of squares is zero, dp = -(ds/dp)^-1 (ds/dg) dg. The
@@ -327,12 +323,12 @@ def _standard_errors(problem: _Problem, free: Free, layout: Layout) -> Parameter
     derivatives of the residuals belong to ds/dp: along changes that the data hardly tell, they are
     not small beside J^T J.
     """
-    weights = _weights(problem, jnp.asarray(layout.max_frequency), layout)
+    weights = _weights(problem, jnp.asarray(problem.sizes.max_frequency))
     flat, unravel = ravel_pytree(free)
 
     def residual(flat: Array, g: Array) -> Array:
         given = eqx.tree_at(lambda tree: tree.g, problem, g), weights
-        return ravel_pytree(_residual(unravel(flat), given, layout))[0]
+        return ravel_pytree(_residual(unravel(flat), given))[0]
 
     def slopes(flat: Array) -> tuple[Array, Array]:
         return jax.grad(lambda *at: jnp.sum(residual(*at) ** 2) / 2, (0, 1))(flat, problem.g)
@@ -361,11 +357,11 @@ def _corrected(problem: _Problem, found: Parameters) -> Float[Array, "detectors 
     return read / jnp.tile(found.gains, views)[:, None]
 
 
-def _cutoffs(layout: Layout) -> list[Array]:
+def _cutoffs(sizes: PlaneSizes) -> list[Array]:
     """Doubled from stage to stage, as far as the first ones still have a few frequencies."""
-    step = layout.max_frequency / layout.n_frequencies
-    least = min(LEAST_FREQUENCIES * step, layout.max_frequency)
-    shares = layout.max_frequency * 0.5 ** np.arange(STAGES)
+    step = sizes.max_frequency / sizes.n_frequencies
+    least = min(LEAST_FREQUENCIES * step, sizes.max_frequency)
+    shares = sizes.max_frequency * 0.5 ** np.arange(STAGES)
     return [jax.device_put(share) for share in np.unique(np.maximum(shares, least))]
 
 

@@ -15,9 +15,9 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .checks import Numbers, is_concrete, real_array, require_positive, require_x64
 from .filtered_solve import filtered_solve
-from .geometry import DetectorCurve, ImageGrid, Region
 from .harmonic import (
     PolarGeometry,
+    Tikhonov,
     harmonic_orders,
     polar_geometry,
     unfold,
@@ -25,10 +25,12 @@ from .harmonic import (
     wave_table,
 )
 from .phantoms import Phantom, noise_like
-from .problem import polar_grid, require_problem
-from .reconstruction.radial_transform import radial_transform
-from .regularization import NormBound, Tikhonov
+from .problem import polar_grid
+from .reconstruction import Setup
+from .reconstruction.setup import plane_of
+from .regularization import NormBound
 from .ridge import ridge
+from .steps.radial_transform import radial_transform
 from .unit_norm import unit_norms
 
 
@@ -71,10 +73,7 @@ class Comparison(eqx.Module):
 
 
 def compare_regularizations(
-    curve: DetectorCurve,
-    region: Region,
-    grid: ImageGrid,
-    radii: Numbers,
+    setup: Setup,
     phantom: Phantom,
     frequency: Numbers,
     *,
@@ -93,7 +92,7 @@ def compare_regularizations(
         f_lambda(x) = (1/2π) ∫ fhat(xi) exp(i xi·x) lambda dtheta,  f = ∫ f_lambda dlambda.
 
     Args:
-        curve, region, grid, radii: as in `build_plan`.
+        setup: in the plane.
         phantom: the true image.
         frequency: lambda [rad/length].
         K: bounds for the truncation, `NormBound`.
@@ -107,27 +106,25 @@ def compare_regularizations(
         Comparison.
 
     Raises:
-        ValueError: for parameters that are not positive, detectors that cylindrical waves do not
-            reach, and as `build_plan`.
+        ValueError: for parameters that are not positive, and detectors that cylindrical waves do
+            not reach.
 
-    >>> from jaxtat import circular_arc, data_radii, phantoms, truncated_disk
-    >>> curve, region, grid = circular_arc(1.3, 1.0, 60), truncated_disk(1, 1, 120), ImageGrid(21)
-    >>> radii, bell = data_radii(curve, region, 0.1), phantoms.Bells([[0.2, 0.1]], [0.6])
-    >>> found = compare_regularizations(
-    ...     curve, region, grid, radii, bell, 12.0, K=[2.0, 4.0], alpha=[1e-2, 1e-3]
-    ... )
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
+    >>> setup = Setup(circular_arc(1.3, 1.0, 60), disk(1.0), ImageGrid(21))
+    >>> bell = phantoms.Bells([[0.2, 0.1]], [0.6])
+    >>> found = compare_regularizations(setup, bell, 12.0, K=[2.0, 4.0], alpha=[1e-2, 1e-3])
     >>> bool(jnp.all(jnp.diff(found.truncation.residual) < 0)), found.iterative.converged.tolist()
     (True, [True, True])
     """
     require_x64()
-    radii = real_array("radii", radii, ("radii",))
+    curve, region, radii, _ = plane_of(setup)
+    grid = setup.grid
     bounds, alphas = real_array("K", K, ("values",)), real_array("alpha", alpha, ("values",))
     frequency = real_array("frequency", frequency, ())
     for name, value in (("K", bounds), ("alpha", alphas), ("frequency", frequency)):
         require_positive(name, value)
-    if not is_concrete(curve, region, grid, radii, frequency):
+    if not is_concrete(setup, frequency):
         raise ValueError("compare_regularizations measures time: nothing of it can be traced.")
-    require_problem(curve, region, grid, radii)
     _, angles = polar_grid(region, grid, radii, frequency, n_directions)
     geometry = polar_geometry(curve, region)
     n_max = int(harmonic_orders(geometry, np.asarray(frequency)[None]).max())

@@ -109,9 +109,9 @@ def collocation_densities(
 
     Source: Kunyansky 2008, section 3.2.
 
-    >>> from jaxtat import FixedRank, circular_arc, truncated_disk
+    >>> from jaxtat import FixedRank, circular_arc, disk
     >>> one, angles = jnp.ones(1), jnp.zeros(1)
-    >>> curve, region = circular_arc(1.3, 0.0, 20), truncated_disk(1.0, 0.0, 40)
+    >>> curve, region = circular_arc(1.3, 0.0, 20), disk(1.0, 0.0, n_boundary=40)
     >>> rho, report = collocation_densities(5 * one, one, angles, curve, region, FixedRank(30))
     >>> rho.shape, bool(report.residual[0, 0] < 1e-3)
     ((1, 1, 2, 20), True)

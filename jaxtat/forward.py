@@ -17,7 +17,7 @@ from .geometry import DetectorCurve, ImageGrid
 from .interpolation import KEYS, cell_polynomials, polynomial
 
 
-def circular_integrals(
+def integrate_over_circles(
     image: Numbers,
     grid: ImageGrid,
     curve: DetectorCurve,
@@ -50,7 +50,7 @@ def circular_integrals(
     >>> from jaxtat import ImageGrid, circular_arc, phantoms
     >>> grid, curve, radii = ImageGrid(65), circular_arc(1.3, 1.0, 8), jnp.linspace(0.3, 2.3, 9)
     >>> bell = phantoms.Bells([[0.1, 0.2]], [0.6])
-    >>> g = circular_integrals(bell.image(grid), grid, curve, radii)
+    >>> g = integrate_over_circles(bell.image(grid), grid, curve, radii)
     >>> bool(jnp.abs(g - bell.circular_integrals(curve, radii)).max() < 1e-3)
     True
     """
@@ -62,20 +62,7 @@ def circular_integrals(
     return g.reshape(*image.shape[:-2], *g.shape[1:])
 
 
-def circular_means(
-    image: Numbers,
-    grid: ImageGrid,
-    curve: DetectorCurve,
-    radii: Numbers,
-    *,
-    n_points: int | None = None,
-) -> Float[Array, "*batch detectors radii"]:
-    """Means (1/2πr) g(z, r) over circles; arguments as in `circular_integrals`."""
-    g = circular_integrals(image, grid, curve, radii, n_points=n_points)
-    return g / (2 * jnp.pi * jnp.asarray(radii))
-
-
-def circular_integrals_adjoint(
+def integrate_over_circles_adjoint(
     data: Numbers,
     grid: ImageGrid,
     curve: DetectorCurve,
@@ -83,11 +70,11 @@ def circular_integrals_adjoint(
     *,
     n_points: int | None = None,
 ) -> Float[Array, "*batch x1 x2"]:
-    """The exact transpose of `circular_integrals`: Σ g·data = Σ image·adjoint(data).
+    """The exact transpose of `integrate_over_circles`: Σ g·data = Σ image·adjoint(data).
 
     Args:
         data: (..., detectors, radii).
-        grid, curve, radii, n_points: as in `circular_integrals`.
+        grid, curve, radii, n_points: as in `integrate_over_circles`.
 
     Returns:
         (..., x1, x2).

@@ -15,17 +15,9 @@ import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from .checks import (
-    Numbers,
-    data_array,
-    is_concrete,
-    real_array,
-    require_objects,
-    require_positive,
-    whole_number,
-)
-from .forward import circular_integrals, circular_integrals_adjoint, default_points
-from .geometry import DetectorCurve, ImageGrid, Region
+from .checks import Numbers, data_array, is_concrete, real_array, require_positive, whole_number
+from .reconstruction import Setup, circular_integrals, circular_integrals_adjoint
+from .reconstruction.setup import plane_of
 
 
 class IterativeReconstruction(eqx.Module):
@@ -45,13 +37,11 @@ class IterativeReconstruction(eqx.Module):
 
 
 def least_squares(
-    curve: DetectorCurve,
-    grid: ImageGrid,
-    radii: Numbers,
+    setup: Setup,
     g: Numbers,
     alpha: Numbers = 0.0,
     *,
-    region: Region | None = None,
+    everywhere: bool = False,
     tolerance: float = 1e-6,
     max_steps: int = 50,
 ) -> IterativeReconstruction:
@@ -62,12 +52,10 @@ def least_squares(
     alpha, radii and detectors, implicitly: as if converged, by as many steps at most.
 
     Args:
-        curve: the detectors.
-        grid: the pixels.
-        radii: r > 0 of the data, (radii,) [length].
+        setup: in the plane.
         g: circular integrals, float32 or float64, (detectors, radii).
         alpha: zero or more [length²].
-        region: where f may differ from zero; by default on all of the grid.
+        everywhere: f may differ from zero on all of the grid, not only in the region.
         tolerance: at which to stop, for ||A^T (g - A f) - alpha f|| / ||A^T g|| and for the last
             step, both in the 2-norm, the step in units of A^T g / ||A||².
         max_steps: the most iterations, each one forward and one adjoint operation.
@@ -81,14 +69,15 @@ def least_squares(
 
     Source: Hestenes and Stiefel, J. Res. Nat. Bur. Standards 49 (1952) 409-436.
 
-    >>> from jaxtat import circular_arc, phantoms
-    >>> grid, curve, radii = ImageGrid(15), circular_arc(1.3, 1.0, 30), 0.3 + jnp.arange(15) / 7
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
+    >>> setup = Setup(circular_arc(1.3, 1.0, 30), disk(1.0), ImageGrid(15))
     >>> bell = phantoms.Bells([[0.1, 0.2]], [0.7])
-    >>> found = least_squares(curve, grid, radii, bell.circular_integrals(curve, radii))
-    >>> bool(found.residual < 0.01), bool(jnp.abs(found.image - bell.image(grid)).max() < 0.1)
+    >>> found = least_squares(setup, bell.circular_integrals(setup.curve, setup.radii))
+    >>> error = abs(found.image - bell.image(setup.grid)).max()
+    >>> bool(found.residual < 0.01), bool(error < 0.1)
     (True, True)
     """
-    model, data = _model(curve, grid, radii, g, region)
+    model, data = _model(setup, g, everywhere)
     alpha = real_array("alpha", alpha, ())
     if is_concrete(alpha) and float(alpha) < 0:
         raise ValueError(f"alpha is {float(alpha)}, expected zero or more.")
@@ -98,14 +87,12 @@ def least_squares(
 
 
 def total_variation(
-    curve: DetectorCurve,
-    grid: ImageGrid,
-    radii: Numbers,
+    setup: Setup,
     g: Numbers,
     weight: Numbers,
     *,
     smoothing: Numbers = 1e-2,
-    region: Region | None = None,
+    everywhere: bool = False,
     initial: Numbers | None = None,
     tolerance: float = 1e-4,
     max_steps: int = 100,
@@ -118,7 +105,7 @@ def total_variation(
     Differentiable with respect to g, weight and smoothing, implicitly: as if converged.
 
     Args:
-        curve, grid, radii, g, region: as in `least_squares`.
+        setup, g, everywhere: as in `least_squares`.
         weight: above zero [length times the unit of g].
         smoothing: eps > 0, below which differences count as flat [unit of f].
         initial: image to start from, (x1, x2); zero by default.
@@ -136,12 +123,12 @@ def total_variation(
     Source: Rudin, Osher and Fatemi, Physica D 60 (1992) 259-268; Liu and Nocedal, Math. Program.
     45 (1989) 503-528.
     """
-    model, data = _model(curve, grid, radii, g, region)
+    model, data = _model(setup, g, everywhere)
     weight, smoothing = real_array("weight", weight, ()), real_array("smoothing", smoothing, ())
     require_positive("weight", weight)
     require_positive("smoothing", smoothing)
-    start = jnp.zeros(grid.shape) if initial is None else initial
-    start = jnp.where(model.support, real_array("initial", start, grid.shape), 0.0)
+    start = jnp.zeros(setup.grid.shape) if initial is None else initial
+    start = jnp.where(model.support, real_array("initial", start, setup.grid.shape), 0.0)
     steps = whole_number("max_steps", max_steps, 1)
     return _quasi_newton(model, data, weight, smoothing, start, _tolerance(tolerance), steps)
 
@@ -163,21 +150,14 @@ def smoothed_variation(
 class _Model(eqx.Module):
     """A, from pixels in the support to circular integrals, and A^T."""
 
-    curve: DetectorCurve
-    grid: ImageGrid
-    radii: Float[Array, " radii"]
+    setup: Setup
     support: Bool[Array, "x1 x2"]
-    n_points: int = eqx.field(static=True)
 
     def forward(self, image: Float[Array, "x1 x2"]) -> Float[Array, "detectors radii"]:
-        masked = jnp.where(self.support, image, 0.0)
-        return circular_integrals(masked, self.grid, self.curve, self.radii, n_points=self.n_points)
+        return circular_integrals(self.setup, jnp.where(self.support, image, 0.0))
 
     def adjoint(self, data: Float[Array, "detectors radii"]) -> Float[Array, "x1 x2"]:
-        image = circular_integrals_adjoint(
-            data, self.grid, self.curve, self.radii, n_points=self.n_points
-        )
-        return jnp.where(self.support, image, 0.0)
+        return jnp.where(self.support, circular_integrals_adjoint(self.setup, data), 0.0)
 
     def linear(self, image: Float[Array, "x1 x2"]) -> Float[Array, "detectors radii"]:
         """`forward`, whose derivatives call `adjoint`: reverse mode would keep all nodes."""
@@ -191,17 +171,15 @@ class _Model(eqx.Module):
 
 
 def _model(
-    curve: DetectorCurve, grid: ImageGrid, radii: Numbers, g: Numbers, region: Region | None
+    setup: Setup, g: Numbers, everywhere: bool
 ) -> tuple[_Model, Float[Array, "detectors radii"]]:
     """The operator and the data, checked."""
-    require_objects(curve=curve, grid=grid)
-    radii = real_array("radii", radii, ("radii",))
-    require_positive("radii", radii)
-    data = data_array(g, curve.n_detectors, radii.shape[0])
+    _, region, _, _ = plane_of(setup)
+    data = data_array(g, *setup.data_shape)
     if data.ndim != 2:
         raise ValueError(f"g has shape {data.shape}, expected one image's {data.shape[-2:]}.")
-    inside = jnp.ones(grid.shape, bool) if region is None else region.contains(grid.points)
-    return _Model(curve, grid, radii, inside, default_points(grid)), data
+    inside = jnp.ones(setup.grid.shape, bool) if everywhere else region.contains(setup.grid.points)
+    return _Model(setup, inside), data
 
 
 class _RelativeCG(lx.AbstractLinearSolver):

@@ -13,23 +13,23 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .checks import Numbers, is_concrete, real_array, require_positive
+from .checks import Numbers, is_concrete, real_array
 from .geometry import DetectorCurve, ImageGrid
 from .geometry.transverse_weight import kernel_width, weight_at
 from .radial_quadrature import trapezoid_weights
-from .reconstruction.radon import low_pass_values
+from .reconstruction import Setup
+from .reconstruction.setup import plane_of
 from .regularization import DEFAULT_KAPPA
+from .steps.radon import low_pass_values
 
 _FREQUENCIES = 256
 
 
 def predict_noise(
-    curve: DetectorCurve,
-    grid: ImageGrid,
+    setup: Setup,
     sigma: Numbers,
     *,
-    radial_step: Numbers | None = None,
-    max_frequency: Numbers | None = None,
+    grid: ImageGrid | None = None,
     low_pass: Any = None,
     kappa: Numbers = DEFAULT_KAPPA,
     width: Numbers | None = None,
@@ -45,12 +45,11 @@ def predict_noise(
     plan. No region is asked for: densities are as large as lines ask, whatever lies along them.
 
     Args:
-        curve: the detectors, of any shape.
-        grid: nodes where it is wanted; it varies slowly, so that a coarse grid will do.
+        setup: in the plane; h is its mean radial step, Λ its highest frequency.
         sigma: standard deviation of the noise in g, zero or more: a number or one per detector,
             (detectors,) [unit of g].
-        radial_step: h of the data [length], by default the grid's.
-        max_frequency: Λ [rad/length], by default π / h.
+        grid: nodes where it is wanted, by default the setup's; it varies slowly, so that a coarse
+            grid will do.
         low_pass: eta(lambda / Λ), as in `reconstruct`; none by default.
         kappa: of `RelativeCutoff` or `RelativeTikhonov`; 0 for none.
         width: eps of `transverse_weight`.
@@ -62,14 +61,17 @@ def predict_noise(
     Raises:
         ValueError: for NaN, negative sigma, or steps and frequencies that are not above zero.
 
-    >>> from jaxtat import circular_arc
+    >>> from jaxtat import circular_arc, disk
     >>> full = circular_arc(1.3, 1.3, 500)
-    >>> found = predict_noise(full, ImageGrid(5, 0.5), 0.01, radial_step=1 / 64, kappa=0.0)
+    >>> setup = Setup(full, disk(1.0), ImageGrid(129))
+    >>> found = predict_noise(setup, 0.01, grid=ImageGrid(5, 0.5), kappa=0.0)
     >>> highest, h, w = 64 * np.pi, 1 / 64, 2 * np.pi * 1.3 / 500
     >>> middle = 0.01 * np.sqrt(h * highest**3 / (12 * np.pi**3) * np.pi * w / (2 * 1.3))  # W = 2
     >>> bool(abs(found[2, 2] / middle - 1) < 1e-3)
     True
     """
+    curve, _, radii, sizes = plane_of(setup)
+    nodes = setup.grid if grid is None else grid
     sigma = real_array("sigma", sigma, None)
     if sigma.shape not in ((), (curve.n_detectors,)):
         raise ValueError(
@@ -78,17 +80,12 @@ def predict_noise(
     kappa = real_array("kappa", kappa, ())
     if is_concrete(sigma, kappa) and min(np.asarray(sigma).min(), np.asarray(kappa)) < 0:
         raise ValueError("sigma and kappa are expected to be zero or more.")
-    step = grid.spacing.max() if radial_step is None else real_array("radial_step", radial_step, ())
-    require_positive("radial_step", step)
-    highest = jnp.pi / step
-    if max_frequency is not None:
-        highest = real_array("max_frequency", max_frequency, ())
-        require_positive("max_frequency", highest)
     eta = low_pass_values(low_pass, _FREQUENCIES)
-    deviation = _deviation(
-        curve, grid.points.reshape(-1, 2), sigma, kappa, kernel_width(curve, width)
-    )
-    return (deviation * jnp.sqrt(step * _band(highest, eta) / (4 * jnp.pi**3))).reshape(grid.shape)
+    step = (radii[-1] - radii[0]) / (radii.shape[0] - 1)
+    points = nodes.points.reshape(-1, 2)
+    deviation = _deviation(curve, points, sigma, kappa, kernel_width(curve, width))
+    band = _band(jnp.asarray(sizes.max_frequency), eta)
+    return (deviation * jnp.sqrt(step * band / (4 * jnp.pi**3))).reshape(nodes.shape)
 
 
 @jax.jit

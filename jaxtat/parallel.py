@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array
 
 
 def checked_mesh(mesh: Any) -> Mesh | None:
@@ -66,3 +67,20 @@ def map_shards(work: Callable[[Any, Any], Any], common: Any, stack: Any, mesh: M
         work, mesh=mesh, in_specs=(whole, shard), out_specs=shard, check_vma=False
     )
     return jax.tree.map(collect, spread(common, jax.tree.map(deal, stack)))
+
+
+def in_groups(work: Callable[[Array], Array], stack: Array, size: int) -> Array:
+    """``work`` on a stack of data, some at a time, so that what it needs besides stays bounded.
+
+    Args:
+        work: (n, detectors, radii) -> (n, x1, x2), image by image.
+        stack: (n, detectors, radii).
+        size: the most at a time; the last group is filled up with zeros.
+    """
+    n, n_groups = stack.shape[0], -(-stack.shape[0] // size)
+    if n_groups <= 1:
+        return work(stack)
+    size = -(-n // n_groups)
+    padded = jnp.pad(stack, ((0, n_groups * size - n), (0, 0), (0, 0)))
+    found = jax.lax.map(work, padded.reshape(n_groups, size, *stack.shape[1:]))
+    return found.reshape(-1, *found.shape[2:])[:n]

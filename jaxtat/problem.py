@@ -1,7 +1,4 @@
-"""What is asked: the polar grid of frequencies and directions, and whether it can be answered.
-
-Shared by the plan and by the reconstruction without one.
-"""
+"""What is asked: the polar grid of frequencies and directions, and whether it can be answered."""
 
 import warnings
 
@@ -25,7 +22,7 @@ from .radial_quadrature import wave_error
 
 UNSAMPLED = 0.05  # of the data that is too fine for the detectors without a word
 _SHORTEST = 0.2  # error of the shortest wave, read between the radii; longer ones are much better
-BOUNDARY_TO_SPARE = 1.5  # boundary points over the fewest, one for half the shortest wave
+_TO_SPARE = 2.5  # boundary points over the fewest, one for half the shortest wave
 
 
 class AccuracyWarning(UserWarning):
@@ -140,16 +137,16 @@ def warn_of_detectors(highest: float, possible: float, found: str, stacklevel: i
 
 
 def enough_boundary(length: float, highest: float) -> int:
-    """How many equispaced points a boundary needs for waves up to lambda, with some to spare.
+    """Boundary points for waves up to lambda: five a wavelength, as in the paper's examples.
 
     Args:
         length: of the boundary, or more [length].
         highest: lambda_max [rad/length].
 
     >>> enough_boundary(2 * np.pi, 100.0)
-    300
+    500
     """
-    return int(np.ceil(BOUNDARY_TO_SPARE * length * highest / np.pi))
+    return max(64, int(np.ceil(_TO_SPARE * length * highest / np.pi)))
 
 
 def require_boundary(region: Region, highest: float) -> None:
@@ -159,5 +156,6 @@ def require_boundary(region: Region, highest: float) -> None:
         n_least = enough_boundary(region.points.shape[0] * spacing, highest)
         raise ValueError(
             f"boundary points are {spacing:.4g} apart, more than half the shortest wavelength "
-            f"({half_wave:.4g}): use n_collocation >= {n_least} or a lower max_frequency."
+            f"({half_wave:.4g}): use n_boundary >= {n_least} or a lower max_frequency; "
+            "left out, n_boundary is chosen by the frequencies."
         )

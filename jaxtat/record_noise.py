@@ -22,8 +22,8 @@ from .checks import Numbers, is_concrete, real_array, require_positive
 from .geometry import DetectorCurve
 from .harmonic import NoiseLevel
 from .pressure import pressure_to_circular_integrals, require_equispaced
-from .reconstruction.radial_transform import noise_power, radial_kernels
 from .special import root
+from .steps.radial_transform import noise_power, radial_kernels
 
 LEAST_SAMPLES = 16  # of a quiet part
 _PERIODOGRAMS = 64  # over which a spectrum is averaged, if there are as many
@@ -127,7 +127,7 @@ def record_noise_level(
     model: str = "2d",
     conditioning: Callable[[Array], Array] | None = None,
 ) -> NoiseLevel:
-    """The `NoiseLevel` with which `reconstruct_direct` meets the noise of a record.
+    """The `NoiseLevel` with which `solve` meets the noise of a record.
 
         sigma_g(lambda)² = mean_k(w_k sigma_k²) V(lambda) / p(lambda),
 
@@ -138,7 +138,7 @@ def record_noise_level(
         noise: of the record, by `noise_of_record`; sigma for every detector of the curve, or one.
         curve: the detectors.
         times, radii, sound_speed, model: as in `pressure_to_circular_integrals`.
-        frequencies: lambda of the reconstruction, ``problem_layout(...).frequencies`` [rad/length].
+        frequencies: lambda of the reconstruction, ``setup.frequencies`` [rad/length].
         conditioning: what is done to the record between noise and circular integrals: a linear map
             (..., detectors, times) to the same, alike for all detectors; for instance
             ``partial(condition_record, times=times, band=band, baseline=False)``.

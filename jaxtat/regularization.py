@@ -16,7 +16,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Float
 
 from .checks import Numbers, is_concrete, real_array
@@ -73,7 +72,17 @@ class Regularization(eqx.Module):
         return self
 
 
-class NormBound(Regularization):
+class Truncation(Regularization):
+    """Rules that keep or drop components: for plans, which form the components.
+
+    Attributes:
+        twin: what `solve` takes instead, in words.
+    """
+
+    twin: ClassVar[str]
+
+
+class NormBound(Truncation):
     """The paper's rule: the most terms for which ||rho|| <= K N(lambda), for each direction.
 
     N(lambda) is the norm of the least densities on a full circle (`special.full_circle_norm`), so
@@ -98,13 +107,14 @@ class NormBound(Regularization):
     Source: Kunyansky 2008, section 3.2.
     """
 
+    twin = "TikhonovNormBound(K)"
     by_direction = True
     K: Float[Array, "*each"]
     fractional: bool = eqx.field(static=True)
     softness: Float[Array, "*each"] | None
 
     def __init__(self, K: Numbers, *, fractional: bool = True, softness: Numbers = 0.0):
-        self.K = _not_negative("K", K)
+        self.K = not_negative("K", K)
         self.fractional = fractional
         self.softness = _soft_edge(softness, 1e-3, 1.0)
         if self.softness is not None and not fractional:
@@ -148,7 +158,7 @@ def _mean_fraction(left: Array, square: Array, half_width: Array) -> Array:
     return jnp.where(none, 0.0, jnp.where(all_of_it, 1.0, jnp.clip(mean, 0.0, 1.0)))
 
 
-class FixedRank(Regularization):
+class FixedRank(Truncation):
     """The j_max largest singular values; of a real-valued j_max the remainder as a fraction.
 
     With a ``softness`` s the mean of the solutions with ranks j' from j_max - s/2 to j_max + s/2,
@@ -159,11 +169,12 @@ class FixedRank(Regularization):
         softness: 0 for a sharp edge, or at least 0.01 terms.
     """
 
+    twin = "Tikhonov(alpha)"
     j_max: Float[Array, "*each"]
     softness: Float[Array, "*each"] | None
 
     def __init__(self, j_max: Numbers, *, softness: Numbers = 0.0):
-        self.j_max = _not_negative("j_max", j_max)
+        self.j_max = not_negative("j_max", j_max)
         self.softness = _soft_edge(softness, 1e-2, np.inf)
 
     def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
@@ -186,18 +197,19 @@ def _mean_part(left: Array, half_width: Array) -> Array:
     return jnp.where(inside, jnp.clip(half_width * mean, 0.0, 1.0), jnp.where(x > 0, 1.0, 0.0))
 
 
-class SingularValueCutoff(Regularization):
+class SingularValueCutoff(Truncation):
     """Singular values of at least sigma_min, those of `single_layer.potential_matrix` [length].
 
     Of the first value below it the fraction log(sigma_k / sigma_min) / log(sigma_k / sigma_{k+1})
     is kept, which makes solutions continuous in sigma_min; ``fractional=False`` keeps none.
     """
 
+    twin = "Tikhonov(alpha)"
     sigma_min: Float[Array, "*each"]
     fractional: bool = eqx.field(static=True)
 
     def __init__(self, sigma_min: Numbers, *, fractional: bool = True):
-        self.sigma_min = _not_negative("sigma_min", sigma_min)
+        self.sigma_min = not_negative("sigma_min", sigma_min)
         self.fractional = fractional
 
     def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
@@ -213,36 +225,6 @@ class SingularValueCutoff(Regularization):
         return jnp.broadcast_to(kept[:, None], size.shape)
 
 
-class Tikhonov(Regularization):
-    """phi = sigma² / (sigma² + alpha).
-
-    In plans alpha is relative, as in `reconstruct_direct`: in units of the strongest cylindrical
-    wave at each frequency (`harmonic.table.alpha_unit`), or of 8 / lambda² where none reach. The
-    functions that solve take it as it is, in the unit of sigma² [length²].
-
-    Source: Tikhonov; e.g. Hansen, Rank-Deficient and Discrete Ill-Posed Problems (SIAM 1998).
-    """
-
-    has_unit = True
-    alpha: Float[Array, "*each"]
-
-    def __init__(self, alpha: Numbers):
-        self.alpha = _not_negative("alpha", alpha)
-
-    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
-        square = sigma**2
-        total = square + self.alpha
-        shrunk = square / jnp.where(total > 0, total, 1.0)
-        return jnp.broadcast_to(shrunk[:, None], size.shape)
-
-    def slope(self, sigma: Array) -> Array:
-        total = sigma**2 + self.alpha
-        return jnp.where(total > 0, self.alpha / jnp.where(total > 0, total, 1.0) ** 2, 0.0)
-
-    def in_units_of(self, square: Array, frequency: Array) -> "Tikhonov":
-        return Tikhonov(self.alpha * square)
-
-
 DEFAULT_KAPPA = 0.1
 """Of `RelativeCutoff`, the default where the paper's assumptions do not hold, see `build_plan`."""
 
@@ -256,7 +238,7 @@ def seen_once(frequency: Array) -> Array:
     return 2 * jnp.sqrt(2.0) / frequency
 
 
-class RelativeCutoff(Regularization):
+class RelativeCutoff(Truncation):
     """Singular values above kappa 2 √2 / lambda: waves crossing the curve with a weight > kappa².
 
     2 √2 / lambda is the singular value of a wave that crosses the curve once and squarely, whatever
@@ -264,14 +246,14 @@ class RelativeCutoff(Regularization):
     is not seen: what no detector records is left out, and the rest is kept. kappa = 0.1 suits noise
     of some per cent, more noise of which nothing is known (it loses up to half of what can be won
     at 15 %; `NoiseLevel` does not), and regions not wholly seen; 0.01 exact data and regions that
-    are.
-    `reconstruct_direct` takes it as `RelativeTikhonov`.
+    are. Its twin without a step is `RelativeTikhonov`.
     """
 
+    twin = "RelativeTikhonov(kappa)"
     kappa: Float[Array, "*each"]
 
     def __init__(self, kappa: Numbers):
-        self.kappa = _not_negative("kappa", kappa)
+        self.kappa = not_negative("kappa", kappa)
 
     def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
         raise ValueError("RelativeCutoff needs the frequency: call in_units_of beforehand.")
@@ -280,22 +262,7 @@ class RelativeCutoff(Regularization):
         return SingularValueCutoff(self.kappa * seen_once(frequency))
 
 
-class RelativeTikhonov(Regularization):
-    """`RelativeCutoff` without a step: phi = sigma² / (sigma² + 8 kappa² / lambda²)."""
-
-    kappa: Float[Array, "*each"]
-
-    def __init__(self, kappa: Numbers):
-        self.kappa = _not_negative("kappa", kappa)
-
-    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
-        raise ValueError("RelativeTikhonov needs the frequency: call in_units_of beforehand.")
-
-    def in_units_of(self, square: Array, frequency: Array) -> "Tikhonov":
-        return Tikhonov((self.kappa * seen_once(frequency)) ** 2)
-
-
-class ResidualTarget(Regularization):
+class ResidualTarget(Truncation):
     """The fewest terms whose residual is small enough, but no norm above K N(lambda).
 
     For each direction by itself. A residual alone, the discrepancy principle, explodes where a
@@ -305,13 +272,14 @@ class ResidualTarget(Regularization):
     Source: the discrepancy principle, Morozov, Soviet Math. Dokl. 7 (1966) 414-417, with a bound.
     """
 
+    twin = "TikhonovNormBound(K)"
     by_direction = True
     residual: Float[Array, "*each"]
     K: Float[Array, "*each"]
 
     def __init__(self, residual: Numbers = 1e-3, K: Numbers = 2.0):
         """residual: ||A q - u|| / ||u||, of what singular vectors can write of u."""
-        self.residual, self.K = _not_negative("residual", residual), _not_negative("K", K)
+        self.residual, self.K = not_negative("residual", residual), not_negative("K", K)
 
     def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
         part = (sigma[:, None] * size) ** 2
@@ -322,78 +290,6 @@ class ResidualTarget(Regularization):
         left = jnp.sqrt(jnp.where(short, spare / jnp.where(short, part, 1.0), 0.0))
         wanted = jnp.where(spare >= part, 0.0, jnp.where(short, 1 - left, 1.0))
         return jnp.minimum(wanted, NormBound(self.K).factors(sigma, size, unit_norm))
-
-
-class TikhonovNormBound(Regularization):
-    """`Tikhonov` with the alpha for which the root mean square of ||rho|| is K N(lambda).
-
-    The mean is that over all right-hand sides, directions in plans: alpha is one number for each
-    frequency. It is the rule of ``reconstruct_direct(alpha=NormBound(K))``, as a plan.
-
-    Source: the discrepancy principle's counterpart for the norm; Hansen, Rank-Deficient and
-    Discrete Ill-Posed Problems (SIAM 1998), section 5.1.
-    """
-
-    K: Float[Array, "*each"]
-
-    def __init__(self, K: Numbers):
-        self.K = _not_negative("K", K)
-
-    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
-        return self.chosen(sigma, size, unit_norm).factors(sigma, size, unit_norm)
-
-    def chosen(
-        self, sigma: Array, size: Array, unit_norm: Array, excess: Array | float = 0.0
-    ) -> Tikhonov:
-        weights = sigma**2 * jnp.mean(size**2, axis=-1)
-        square = jnp.mean((self.K * unit_norm) ** 2) - excess
-        return Tikhonov(alpha_of_norm(sigma**2, weights, square))
-
-
-@jax.custom_jvp
-def alpha_of_norm(
-    eigenvalues: Float[Array, "*k"], weights: Float[Array, "*k"], square: Float[Array, ""]
-) -> Float[Array, ""]:
-    """alpha with Σ_j l_j w_j / (l_j + alpha)² = square, between 1e-15 and 1e6 times the largest l.
-
-    Args:
-        eigenvalues: l_j of A A^T.
-        weights: w_j, mean squares of p_j·u.
-        square: of the norm. Where it is not reached alpha is one of the two bounds.
-    """
-    largest = eigenvalues.max()
-    largest = jnp.where(largest > 0, largest, 1.0)
-    lower, upper = jnp.log(1e-15 * largest), jnp.log(1e6 * largest)
-
-    def excess(log_alpha: Array, _: None) -> Array:
-        alpha = jnp.exp(log_alpha)
-        norm = jnp.sum(eigenvalues * weights / (eigenvalues + alpha) ** 2)
-        # at the bounds the sign is given, so that a bound is found where the norm is never reached
-        edge = jnp.where(log_alpha <= lower, 1.0, 0.0) - jnp.where(log_alpha >= upper, 1.0, 0.0)
-        return jnp.where(edge == 0, jnp.log(norm / square), edge)
-
-    solver = optx.Bisection(rtol=1e-12, atol=1e-12)
-    options = {"lower": lower, "upper": upper}
-    found = optx.root_find(
-        excess, solver, (lower + upper) / 2, options=options, max_steps=64, throw=False
-    )
-    return jnp.exp(found.value)
-
-
-@alpha_of_norm.defjvp
-def _(primals: tuple[Array, Array, Array], tangents: tuple[Array, Array, Array]):
-    # implicit differentiation of F(alpha, l, w) = square, but none at the bounds
-    eigenvalues, weights, square = primals
-    d_eigenvalues, d_weights, d_square = tangents
-    alpha = alpha_of_norm(*primals)
-    inverse = 1 / (eigenvalues + alpha)
-    terms = eigenvalues * weights * inverse**2
-    slope = -2 * jnp.sum(terms * inverse)
-    change = jnp.sum((alpha - eigenvalues) * inverse**3 * weights * d_eigenvalues)
-    change += jnp.sum(eigenvalues * inverse**2 * d_weights)
-    reached = jnp.abs(jnp.sum(terms) - square) < 1e-6 * square
-    slope = jnp.where(reached, slope, 1.0)
-    return alpha, jnp.where(reached, (d_square - change) / slope, 0.0)
 
 
 _Rule = TypeVar("_Rule", bound=eqx.Module | None)
@@ -414,7 +310,7 @@ def per_frequency(rule: _Rule, n_frequencies: int) -> _Rule:
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (n_frequencies,)), rule)
 
 
-def _not_negative(name: str, value: Numbers) -> Array:
+def not_negative(name: str, value: Numbers) -> Array:
     """A number, or one per frequency."""
     value = real_array(name, value, None)
     if value.ndim > 1:
@@ -426,7 +322,7 @@ def _not_negative(name: str, value: Numbers) -> Array:
 
 def _soft_edge(softness: Numbers, least: float, most: float) -> Array | None:
     """The softness of an edge; None for a sharp one."""
-    value = _not_negative("softness", softness)
+    value = not_negative("softness", softness)
     if not is_concrete(value):
         return value
     if not np.any(np.asarray(value)):

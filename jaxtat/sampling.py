@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 
 from .checks import Numbers, real_array, require_positive
 from .geometry import DetectorCurve, Region
-from .geometry.curves import behind_gap
+from .geometry.measured_curves import behind_gap
 from .pressure import require_equispaced
 from .units import Units
 
@@ -144,8 +144,8 @@ def supported(
     Source: Nyquist's criterion along the curve; for circles e.g. Haltmeier, SIAM J. Imaging Sci. 9
     (2016) 1097-1122.
 
-    >>> from jaxtat import circular_arc, truncated_disk
-    >>> curve, region = circular_arc(1.3, 1.0, 500), truncated_disk(1.0, 1.0, 200)
+    >>> from jaxtat import circular_arc, disk
+    >>> curve, region = circular_arc(1.3, 1.0, 500), disk(1.0, n_boundary=200)
     >>> found = supported(curve, region, jnp.linspace(0.0, 2.0, 401), max_frequency=200.0)
     >>> for sentence in found.shortfalls:
     ...     print(sentence)
@@ -171,8 +171,8 @@ def first_arrival(
 
     What was recorded before is noise, if all sources lie in the region.
 
-    >>> from jaxtat import circular_arc, truncated_disk
-    >>> region = truncated_disk(1.0, 1.0, 200)
+    >>> from jaxtat import circular_arc, disk
+    >>> region = disk(1.0, n_boundary=200)
     >>> round(float(first_arrival(circular_arc(1.3, 1.0, 100), region)), 3)
     0.3
     """

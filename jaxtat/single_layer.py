@@ -34,8 +34,8 @@ def potential_matrix(
 
     Source: Kunyansky 2008, section 3.2.
 
-    >>> from jaxtat import circular_arc, truncated_disk
-    >>> a = potential_matrix(jnp.array(5.0), circular_arc(1.3, 0.0, 20), truncated_disk(1, 0, 40))
+    >>> from jaxtat import circular_arc, disk
+    >>> a = potential_matrix(jnp.array(5.0), circular_arc(1.3, 0.0, 20), disk(1, 0, n_boundary=40))
     >>> a.shape
     (80, 40)
     """

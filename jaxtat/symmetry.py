@@ -54,8 +54,8 @@ def find_mirror(curve: DetectorCurve, region: Region) -> Mirror | None:
     None if there is no such symmetry, if a point lies on the line, or if the geometry is traced
     (derivatives with respect to single positions would break it).
 
-    >>> from jaxtat import circular_arc, truncated_disk
-    >>> curve, region = circular_arc(1.3, 0, 6, angle=2.0), truncated_disk(1, 1, 8, angle=2.0)
+    >>> from jaxtat import circular_arc, disk
+    >>> curve, region = circular_arc(1.3, 0, 6, angle=2.0), disk(1, 1, n_boundary=8, angle=2.0)
     >>> mirror = find_mirror(curve, region)
     >>> mirror.detectors.tolist()
     [[0, 1, 2], [5, 4, 3]]

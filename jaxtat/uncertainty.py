@@ -23,36 +23,38 @@ from tqdm import tqdm
 
 from .checks import Numbers, is_concrete, real_array
 from .geometry import DetectorCurve, ImageGrid, Region
-from .plan import ReconstructionPlan
-from .reconstruction.inversion import require_inversion
-from .reconstruction.pipeline import reconstruct
-from .reconstruction.radon import LowPass, low_pass_values
+from .harmonic import tikhonov_rule
+from .reconstruction import ReconstructionPlan, Setup, build_plan, reconstruct
+from .regularization import Regularization
 from .special import root
+from .steps.inversion import require_inversion
+from .steps.radon import LowPass, low_pass_values
 
 BLOCK = 8  # pixels along each side: rows enough for matrix products, 33 MB at the paper's size
 
 
 def pixel_standard_deviation(
-    plan: ReconstructionPlan,
+    problem: Setup | ReconstructionPlan,
     sigma: Numbers,
+    rule: Any = None,
     *,
     grid: ImageGrid | None = None,
     where: Any = None,
     low_pass: LowPass | None = None,
     inversion: str = "fbp",
-    progress: bool = True,
+    progress: bool = False,
 ) -> Float[Array, "x1 x2"]:
-    """√Var f_i = √(Σ_j L_ij² sigma_j²) of the images that `reconstruct` makes with a plan.
+    """√Var f_i = √(Σ_j L_ij² sigma_j²) of the images that `reconstruct` makes.
 
     Exact for independent noise of any distribution; nothing is drawn at random. Differentiable
-    with respect to sigma. For `reconstruct_direct` with a number as alpha take a plan with
-    ``Tikhonov(alpha)``, which makes the same images.
+    with respect to sigma.
 
     Args:
-        plan: from `build_plan` or `load_plan`.
+        problem: a plan, or a `Setup`, of which the plan is built first.
         sigma: standard deviation of the noise in g, zero or more: a number, one per detector,
             (detectors,), or one per sample, (detectors, radii) [unit of g].
-        grid: nodes where it is wanted, by default the plan's; a coarser one is faster.
+        rule: of a setup, as in `solve` or `build_plan`; a plan has its own.
+        grid: nodes where it is wanted, by default the problem's; a coarser one is faster.
         where: which of them, boolean, (x1, x2); by default those in the region.
         low_pass, inversion: as in `reconstruct`.
         progress: show a progress bar.
@@ -66,14 +68,13 @@ def pixel_standard_deviation(
 
     Source: propagation of variance; e.g. Tarantola, Inverse Problem Theory (SIAM 2005), section 3.
 
-    >>> from jaxtat import build_plan, circular_arc, data_radii, truncated_disk
-    >>> curve, region, grid = circular_arc(1.3, 1.0, 40), truncated_disk(1, 1, 80), ImageGrid(11)
-    >>> radii = data_radii(curve, region, grid.spacing[0])
-    >>> plan = build_plan(curve, region, grid, radii, progress=False)
-    >>> spread = pixel_standard_deviation(plan, 0.1, progress=False)
+    >>> from jaxtat import ImageGrid, circular_arc, disk
+    >>> setup = Setup(circular_arc(1.3, 1.0, 40), disk(1.0), ImageGrid(11))
+    >>> spread = pixel_standard_deviation(setup, 0.1, 1e-6)
     >>> spread.shape, bool(jnp.isnan(spread[0, 0])), bool(spread[5, 5] > 0)
     ((11, 11), True, True)
     """
+    plan = _plan(problem, rule, progress)
     grid = plan.grid if grid is None else grid
     variance = _variance(sigma, plan.curve, plan.radii)
     wanted = _wanted(where, plan.region, grid)
@@ -82,6 +83,16 @@ def pixel_standard_deviation(
     require_inversion(inversion)
     of_block = partial(_of_block, plan, eta, variance, inversion=inversion)
     return _map(of_block, grid, wanted, progress)
+
+
+def _plan(problem: Setup | ReconstructionPlan, rule: Any, progress: bool) -> ReconstructionPlan:
+    if isinstance(problem, ReconstructionPlan):
+        if rule is not None:
+            raise ValueError(f"rule is {rule!r}, but the plan has its own: pass the setup instead.")
+        return problem
+    if rule is not None and not isinstance(rule, Regularization):
+        rule = tikhonov_rule(rule, problem.sizes.n_frequencies)
+    return build_plan(problem, rule, progress=progress)
 
 
 def _variance(
@@ -157,7 +168,7 @@ def _of_block(
 ) -> Float[Array, "x1 x2"]:
     """Standard deviations at all nodes of a small grid."""
     n = block.shape[0] * block.shape[1]
-    here = eqx.tree_at(lambda tree: tree.grid, plan, block)
+    here = eqx.tree_at(lambda tree: tree.setup.grid, plan, block)
     data = jax.ShapeDtypeStruct((n, *variance.shape), variance.dtype)
     options = {"low_pass": lambda _: eta, "inversion": inversion}
     adjoint = jax.linear_transpose(lambda g: reconstruct(here, g, **options), data)

@@ -7,7 +7,7 @@ from .diagnosis import (
     Uncertainty,
     WaveAccuracy,
     diagnose,
-    plan_of_direct,
+    plan_of,
     wave_accuracy,
 )
 from .residual import DataResidual, data_residual
@@ -23,6 +23,6 @@ __all__ = [
     "data_residual",
     "diagnose",
     "noise_of_residual",
-    "plan_of_direct",
+    "plan_of",
     "wave_accuracy",
 ]

@@ -54,13 +54,13 @@ def noise_of_residual(residual: DataResidual, curve: DetectorCurve, radii: Numbe
         residual: of `data_residual`.
         curve, radii: of the data, concrete; radii are equispaced.
 
-    >>> from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, truncated_disk
+    >>> from jaxtat import ImageGrid, Setup, circular_arc, disk, phantoms
     >>> from jaxtat.diagnostics import data_residual
-    >>> curve, region, grid = circular_arc(1.3, 1.3, 90), truncated_disk(1, 1, 99), ImageGrid(33)
-    >>> radii = data_radii(curve, region, grid.spacing[0])
+    >>> setup = Setup(circular_arc(1.3, 1.3, 90), disk(1.0), ImageGrid(33))
+    >>> curve, radii = setup.curve, setup.radii
     >>> noise = 0.1 * np.random.default_rng(0).standard_normal((90, len(radii)))
     >>> far = phantoms.Bells([[0.5, 0.4]], [0.4]).circular_integrals(curve, radii)  # unexplained
-    >>> residual = data_residual(np.zeros(grid.shape), grid, region, curve, radii, far + noise)
+    >>> residual = data_residual(setup, far + noise, np.zeros((33, 33)))
     >>> found = noise_of_residual(residual, curve, radii)
     >>> found.source.name, abs(float(found.sigma) - 0.1) < 0.01, bool(residual.typical > 0.12)
     ('INCOHERENT', True, True)

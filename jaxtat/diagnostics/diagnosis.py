@@ -1,27 +1,19 @@
 """Everything that can be told of one reconstruction: what is seen, how well, and how surely."""
 
 import time
-import warnings
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..checks import Numbers, real_array, require_positive, require_x64
-from ..geometry import (
-    DetectorCurve,
-    ImageGrid,
-    Region,
-    Visibility,
-    VisibilityWarning,
-    visibility,
-    visibility_map,
-)
-from ..plan import ReconstructionPlan, build_plan
-from ..reconstruction import DirectReconstruction, reconstruct
-from ..reconstruction.radon import LowPass, low_pass_values
-from ..regularization import RelativeTikhonov, Tikhonov
+from ..geometry import DetectorCurve, ImageGrid, Visibility, visibility
+from ..harmonic import RelativeTikhonov, Tikhonov
+from ..reconstruction import Reconstruction, ReconstructionPlan, Setup, build_plan, reconstruct
+from ..reconstruction.setup import plane_of
+from ..steps.radon import LowPass, low_pass_values
 from ..uncertainty import pixel_standard_deviation
+from ..visibility_map import visibility_map
 from .data_noise import DataNoise, NoiseSource, noise_of_residual
 from .residual import DataResidual, data_residual
 
@@ -70,7 +62,7 @@ class Diagnosis(eqx.Module):
     """What `diagnose` found.
 
     Attributes:
-        curve, region, grid, radii, g: the geometry and the data.
+        setup, g: the problem and the data.
         image: NaN outside the region, (x1, x2).
         lines: which lines through the region meet the curve.
         visible: share of edge directions seen at each pixel, NaN outside the region, (x1, x2).
@@ -79,10 +71,7 @@ class Diagnosis(eqx.Module):
         waves, uncertainty: None without a plan.
     """
 
-    curve: DetectorCurve
-    region: Region
-    grid: ImageGrid
-    radii: Float[Array, " radii"]
+    setup: Setup
     g: Float[Array, "detectors radii"]
     image: Float[Array, "x1 x2"]
     lines: Visibility
@@ -94,10 +83,7 @@ class Diagnosis(eqx.Module):
 
 
 def diagnose(
-    curve: DetectorCurve,
-    region: Region,
-    grid: ImageGrid,
-    radii: Numbers,
+    setup: Setup,
     g: Numbers,
     image: Numbers,
     *,
@@ -107,15 +93,15 @@ def diagnose(
     low_pass: LowPass | None = None,
     inversion: str = "fbp",
     uncertainty_pixels: int = UNCERTAINTY_PIXELS,
-    progress: bool = True,
+    progress: bool = False,
 ) -> Diagnosis:
     """Visibility, residual, accuracy of plane waves and standard deviations of one image.
 
     Args:
-        curve, region, grid, radii: as in `reconstruct_direct`, concrete.
+        setup: in the plane, concrete.
         g: circular integrals of one image, (detectors, radii).
         image: what was reconstructed, (x1, x2).
-        plan: the plan of the reconstruction, or `plan_of_direct`. Without one there is nothing on
+        plan: the plan of the reconstruction, or `plan_of`. Without one there is nothing on
             plane waves and uncertainty.
         sigma: standard deviation of the noise in every sample of g; by default it is told by
             `noise_of_residual`.
@@ -133,40 +119,36 @@ def diagnose(
         ValueError: for shapes that do not fit each other, NaN, sigma not above zero, or sigma
             beside noise.
 
-    >>> from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, truncated_disk
-    >>> curve, region, grid = circular_arc(1.3, 0.0, 12), truncated_disk(1, 1, 24), ImageGrid(33)
-    >>> radii = data_radii(curve, region, grid.spacing[0])
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
+    >>> setup = Setup(circular_arc(1.3, 0.0, 12), disk(1.0, 0.5), ImageGrid(33), max_frequency=10.0)
     >>> bell = phantoms.Bells([[0.1, 0.2]], [0.6])
-    >>> g = bell.circular_integrals(curve, radii)
-    >>> found = diagnose(curve, region, grid, radii, g, bell.image(grid))
+    >>> g = bell.circular_integrals(setup.curve, setup.radii)
+    >>> found = diagnose(setup, g, bell.image(setup.grid))
     >>> bool(found.residual.relative < 2e-3), bool(jnp.nanmin(found.visible) < 0.8)
     (True, True)
     """
     require_x64()
-    radii = real_array("radii", radii, ("radii",))
+    curve, region, radii, _ = plane_of(setup)
     if sigma is not None and noise is not None:
         raise ValueError("sigma and noise are both given, expected one of them at most.")
     if sigma is not None:
         sigma = real_array("sigma", sigma, ())
         require_positive("sigma", sigma)
-    residual = data_residual(image, grid, region, curve, radii, g)
+    residual = data_residual(setup, g, image)
     if noise is not None:
         noise = real_array("noise", noise, residual.values.shape)
     found = _noise(residual, curve, radii, sigma, noise)
-    inside = region.contains(grid.points)
+    inside = region.contains(setup.grid.points)
     uncertainty = None
     if plan is not None and uncertainty_pixels:
         options = {"low_pass": low_pass, "inversion": inversion, "progress": progress}
         uncertainty = _uncertainty(plan, found, noise, uncertainty_pixels, options)
     return Diagnosis(
-        curve=curve,
-        region=region,
-        grid=grid,
-        radii=radii,
+        setup=setup,
         g=jnp.asarray(g, float),
         image=jnp.where(inside, jnp.asarray(image, float), jnp.nan),
         lines=visibility(curve, region),
-        visible=jnp.where(inside, visibility_map(curve, grid), jnp.nan),
+        visible=jnp.where(inside, visibility_map(setup), jnp.nan),
         residual=residual,
         noise=found,
         waves=None if plan is None else wave_accuracy(plan, low_pass),
@@ -189,40 +171,22 @@ def wave_accuracy(plan: ReconstructionPlan, low_pass: LowPass | None = None) -> 
     return WaveAccuracy(plan.frequencies, plan.angles, report.residual, gain, eta)
 
 
-def plan_of_direct(
-    found: DirectReconstruction,
-    curve: DetectorCurve,
-    region: Region,
-    grid: ImageGrid,
-    radii: Numbers,
-    *,
-    max_frequency: Numbers | None = None,
-    n_directions: int | None = None,
-    progress: bool = True,
-) -> ReconstructionPlan:
-    """The plan that makes the same images as a direct reconstruction did.
+def plan_of(setup: Setup, found: Reconstruction, *, progress: bool = False) -> ReconstructionPlan:
+    """The plan that makes the same images as `solve` did.
 
-    A direct reconstruction never forms densities, and so cannot tell their accuracy and norm; with
-    its alpha at every frequency a plan can. It takes as long as a plan takes.
+    `solve` never forms densities, and so cannot tell their accuracy and norm; with its alpha at
+    every frequency a plan can. It takes as long as a plan takes.
 
     Args:
-        found: from `reconstruct_direct`.
-        curve, region, grid, radii, max_frequency, n_directions: as given there.
+        setup: of the reconstruction.
+        found: from `solve`.
         progress: show a progress bar.
     """
     relative = found.report.relative_alpha
     cylindrical = found.basis == "cylindrical"
     rule = Tikhonov(relative) if cylindrical else RelativeTikhonov(jnp.sqrt(relative))
     method = "harmonic" if cylindrical else "collocation"
-    options = {
-        "method": method,
-        "max_frequency": max_frequency,
-        "n_directions": n_directions,
-        "progress": progress,
-    }
-    with warnings.catch_warnings():  # given with the image
-        warnings.simplefilter("ignore", VisibilityWarning)
-        return build_plan(curve, region, grid, radii, rule, **options)
+    return build_plan(setup, rule, method=method, progress=progress)
 
 
 def _noise(
@@ -249,7 +213,7 @@ def _uncertainty(
     unit = pixel_standard_deviation(plan, 1.0, grid=grid, **options).block_until_ready()
     sigma = noise.sigma
     if sample is not None:
-        here = eqx.tree_at(lambda tree: tree.grid, plan, grid)  # noise differs between pixels
+        here = eqx.tree_at(lambda tree: tree.setup.grid, plan, grid)  # noise differs between pixels
         made = reconstruct(
             here, sample, low_pass=options["low_pass"], inversion=options["inversion"]
         )

@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..checks import Numbers, data_array, real_array
-from ..forward import circular_integrals
-from ..geometry import DetectorCurve, ImageGrid, Region
+from ..geometry import DetectorCurve, Region
+from ..reconstruction import Setup, circular_integrals
+from ..reconstruction.setup import plane_of
 
 _SPREAD = 5.0  # standard deviations from the typical detector that make one unusual
 _LEAST = 0.05  # of relative norm or gain, by which it must differ besides
@@ -61,14 +62,7 @@ class DataResidual(eqx.Module):
         return np.flatnonzero((_distance(residual) > 1) | (np.abs(_distance(gains)) > 1))
 
 
-def data_residual(
-    image: Numbers,
-    grid: ImageGrid,
-    region: Region,
-    curve: DetectorCurve,
-    radii: Numbers,
-    g: Numbers,
-) -> DataResidual:
+def data_residual(setup: Setup, g: Numbers, image: Numbers) -> DataResidual:
     """g - A f for the image f inside the region of interest, A its circular integrals.
 
     Outside the region the image means nothing and is taken as zero. Differentiable in image, g and
@@ -76,10 +70,9 @@ def data_residual(
     interpolation, stays in the residual: about 1e-3 for smooth images, more for sharp edges.
 
     Args:
+        setup: detectors, region, grid and radii, in the plane.
+        g: the data, (detectors, radii).
         image: f, (x1, x2); what is outside the region may be NaN.
-        grid: where its nodes are.
-        region: region of interest.
-        curve, radii, g: the data, (detectors, radii).
 
     Returns:
         DataResidual.
@@ -87,25 +80,22 @@ def data_residual(
     Raises:
         ValueError: for shapes that do not fit or NaN, also in an image inside the region.
 
-    >>> from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, truncated_disk
-    >>> curve, region, grid = circular_arc(1.3, 1.0, 12), truncated_disk(1, 1, 24), ImageGrid(33)
-    >>> radii = data_radii(curve, region, grid.spacing[0])
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
+    >>> setup = Setup(circular_arc(1.3, 1.0, 12), disk(1.0), ImageGrid(33), max_frequency=10.0)
     >>> bell = phantoms.Bells([[0.1, 0.2]], [0.6])
-    >>> g = bell.circular_integrals(curve, radii).at[3].set(0.0)  # one dead channel
-    >>> found = data_residual(bell.image(grid), grid, region, curve, radii, g)
+    >>> g = bell.circular_integrals(setup.curve, setup.radii).at[3].set(0.0)  # one dead channel
+    >>> found = data_residual(setup, g, bell.image(setup.grid))
     >>> found.unusual.tolist(), bool(jnp.abs(found.gains[4] - 1) < 1e-3)
     ([3], True)
     """
-    radii = real_array("radii", radii, ("radii",))
-    g = real_array(
-        "g", data_array(g, curve.n_detectors, radii.shape[0]), (curve.n_detectors, radii.shape[0])
-    )
+    curve, region, radii, _ = plane_of(setup)
+    grid = setup.grid
+    g = real_array("g", data_array(g, *setup.data_shape), setup.data_shape)
     if np.shape(image) != grid.shape:
         raise ValueError(f"image has shape {np.shape(image)}, expected {grid.shape}.")
     image = jnp.where(region.contains(grid.points), jnp.asarray(image), 0.0)
     image = real_array("image", image, grid.shape)
-    modelled = circular_integrals(image, grid, curve, radii)
-    return _compared(g, modelled, _meeting(curve, region, radii))
+    return _compared(g, circular_integrals(setup, image), _meeting(curve, region, radii))
 
 
 @jax.jit

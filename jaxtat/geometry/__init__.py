@@ -5,27 +5,17 @@ radius of the region of interest as in the paper.
 """
 
 from .arcs import ArcFit, fit_arc, order_along_curve
-from .curves import (
-    Circle,
-    CircularArc,
-    DetectorCurve,
-    SampledCurve,
-    circular_arc,
-    detector_curve,
-    fit_circle,
-    in_plane,
-    keep_detectors,
-    near_circle,
-    turned_views,
-)
+from .circles import Circle, fit_circle, near_circle
+from .curves import CircularArc, DetectorCurve, SampledCurve, circular_arc, turned_views
 from .grids import Grid, ImageGrid, VolumeGrid
+from .measured_curves import detector_curve, in_plane, keep_detectors
 from .polygons import Polygon, RegionUnion, polygon, rectangle, union_of_regions
 from .radii import data_radii, require_cover
-from .regions import Region, TruncatedDisk, require_outside, truncated_disk
+from .regions import Disk, Region, disk, require_outside
 from .shapes import elliptic_arc, join_curves, parametric_curve, polyline
 from .transverse_weight import transverse_weight
 from .visibility import Visibility, VisibilityWarning, visibility
-from .visible_edges import VISIBLE, edge_weight, visibility_map, visible_disk
+from .visible_edges import VISIBLE, edge_weight, seen_share, visible_disk
 
 __all__ = [
     "VISIBLE",
@@ -33,19 +23,20 @@ __all__ = [
     "Circle",
     "CircularArc",
     "DetectorCurve",
+    "Disk",
     "Grid",
     "ImageGrid",
     "Polygon",
     "Region",
     "RegionUnion",
     "SampledCurve",
-    "TruncatedDisk",
     "Visibility",
     "VisibilityWarning",
     "VolumeGrid",
     "circular_arc",
     "data_radii",
     "detector_curve",
+    "disk",
     "edge_weight",
     "elliptic_arc",
     "fit_arc",
@@ -61,11 +52,10 @@ __all__ = [
     "rectangle",
     "require_cover",
     "require_outside",
+    "seen_share",
     "transverse_weight",
-    "truncated_disk",
     "turned_views",
     "union_of_regions",
     "visibility",
-    "visibility_map",
     "visible_disk",
 ]

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from .curves import ROUND, fit_circle, is_closed, require_sorted
+from .circles import ROUND, fit_circle
+from .measured_curves import is_closed, require_sorted
 
 
 class ArcFit(NamedTuple):

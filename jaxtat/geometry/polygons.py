@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from ..checks import Numbers, is_concrete, real_array, require_positive
 from ..special import root
 from .crossing import first_crossing
-from .regions import Region
+from .regions import DEFAULT_BOUNDARY, Counts, Region
 from .shapes import pieces_of_line, require_several, shared_out
 
 _LEAST = 4  # boundary points on a side
@@ -26,7 +26,18 @@ class Polygon(Region):
     weights: Float[Array, " boundary"]
     normals: Float[Array, "boundary 2"]
     center: Float[Array, "2"]
+    counts: tuple[int, ...] = eqx.field(static=True)  # on each side
+    automatic: bool = eqx.field(static=True)
     vertices: Float[Array, "vertices 2"]
+
+    def with_counts(self, counts: Counts) -> "Polygon":
+        return _polygon(self.vertices, counts, self.automatic)
+
+    def shared_out(self, n_boundary: int) -> tuple[int, ...]:
+        known = np.asarray(self.vertices)
+        length = np.hypot(*(np.roll(known, -1, axis=0) - known).T)
+        shares = np.ceil(n_boundary * length / length.sum())
+        return tuple(int(k) for k in np.maximum(shares, _LEAST))
 
     @property
     def reach(self) -> Float[Array, ""]:
@@ -61,7 +72,21 @@ class RegionUnion(Region):
     weights: Float[Array, " boundary"]
     normals: Float[Array, "boundary 2"]
     center: Float[Array, "2"]
+    counts: tuple[Counts, ...] = eqx.field(static=True)  # of each region
+    automatic: bool = eqx.field(static=True)
     regions: tuple[Region, ...]
+
+    def with_counts(self, counts: Counts) -> "RegionUnion":
+        parts = zip(self.regions, counts, strict=True)
+        return _union([region.with_counts(part) for region, part in parts])
+
+    def shared_out(self, n_boundary: int) -> tuple[Counts, ...]:
+        lengths = [float(region.weights.sum()) for region in self.regions]
+        shares = [int(np.ceil(n_boundary * length / sum(lengths))) for length in lengths]
+        return tuple(
+            region.shared_out(max(share, 8))
+            for region, share in zip(self.regions, shares, strict=True)
+        )
 
     @property
     def reach(self) -> Float[Array, ""]:
@@ -77,7 +102,7 @@ class RegionUnion(Region):
         return jnp.stack([region.level(points) for region in self.regions]).min(axis=0)
 
 
-def polygon(vertices: Numbers, n_collocation: int | Sequence[int]) -> Polygon:
+def polygon(vertices: Numbers, *, n_boundary: int | Sequence[int] | None = None) -> Polygon:
     """The region inside a polygon.
 
     Boundary points are the midpoints of equal pieces of each side; the centre is that of the box
@@ -85,21 +110,27 @@ def polygon(vertices: Numbers, n_collocation: int | Sequence[int]) -> Polygon:
 
     Args:
         vertices: at least 3, in order round the boundary, either way, (vertices, 2) [length].
-        n_collocation: number of boundary points, shared out by length; about twice the number of
-            detectors is right. Or one number for each side, needed where vertices are traced.
+        n_boundary: number of boundary points, shared out by length, or one number for each side;
+            by default `Setup` chooses them by the frequencies.
 
     Raises:
         ValueError: for fewer than 3 vertices, repeated ones, sides that cross or cover each other,
             no area, or fewer than 4 points on a side.
 
-    >>> triangle = polygon([(-0.65, -0.65), (0.75, -0.65), (-0.65, 0.75)], 400)
+    >>> triangle = polygon([(-0.65, -0.65), (0.75, -0.65), (-0.65, 0.75)])
     >>> triangle.contains(jnp.array([[-0.3, -0.3], [0.3, 0.3]])).tolist()
     [True, False]
     """
     vertices = real_array("vertices", vertices, ("vertices", 2))
     if vertices.shape[0] < 3:
         raise ValueError(f"got {vertices.shape[0]} vertices, expected at least 3 of a polygon.")
-    counts = shared_out("n_collocation", n_collocation, vertices, True, least=_LEAST)
+    automatic = n_boundary is None
+    if n_boundary is None:  # as many on each side where lengths are traced
+        sides = vertices.shape[0]
+        n_boundary = max(DEFAULT_BOUNDARY, 4 * _LEAST * sides)
+        if not is_concrete(vertices):
+            n_boundary = (n_boundary // sides,) * sides
+    counts = shared_out("n_boundary", n_boundary, vertices, True, least=1 if automatic else _LEAST)
     if is_concrete(vertices):
         known = np.asarray(vertices)
         crossing = first_crossing(known, np.roll(known, -1, axis=0))
@@ -110,15 +141,16 @@ def polygon(vertices: Numbers, n_collocation: int | Sequence[int]) -> Polygon:
             )
         if abs(_twice_the_area(known, np)) <= 1e-9 * np.ptp(known, axis=0).max() ** 2:
             raise ValueError("the polygon has no area: its vertices lie on a line.")
-    return _polygon(vertices, counts)
+    counts = tuple(max(k, _LEAST) for k in counts)
+    return _polygon(vertices, counts, automatic)
 
 
-@partial(jax.jit, static_argnums=1)
-def _polygon(vertices: Array, counts: tuple[int, ...]) -> Polygon:
+@partial(jax.jit, static_argnums=(1, 2))
+def _polygon(vertices: Array, counts: tuple[int, ...], automatic: bool) -> Polygon:
     points, weights, normals = pieces_of_line(vertices, counts)
     middle = _middle(vertices)
     side = jnp.sign(_twice_the_area(vertices, jnp))
-    return Polygon(points, weights, side * normals, middle, vertices)
+    return Polygon(points, weights, side * normals, middle, counts, automatic, vertices)
 
 
 def _middle(points: Float[Array, "n 2"]) -> Float[Array, "2"]:
@@ -134,8 +166,8 @@ def _twice_the_area(vertices: Any, xp: Any) -> Any:
 
 def rectangle(
     half_widths: Numbers,
-    n_collocation: int | Sequence[int],
     *,
+    n_boundary: int | Sequence[int] | None = None,
     center: Numbers = (0.0, 0.0),
     angle: Numbers = 0.0,
 ) -> Polygon:
@@ -143,11 +175,11 @@ def rectangle(
 
     Args:
         half_widths: (a, b), above zero [length].
-        n_collocation: as in `polygon`, sides beginning with the lower one, anticlockwise.
+        n_boundary: as in `polygon`, sides beginning with the lower one, anticlockwise.
         center: (2,) [length].
         angle: [rad].
 
-    >>> round(float(rectangle((0.8, 0.6), 280).weights.sum()), 9)
+    >>> round(float(rectangle((0.8, 0.6)).weights.sum()), 9)
     5.6
     """
     half = real_array("half_widths", half_widths, (2,))
@@ -156,7 +188,8 @@ def rectangle(
     c, s = jnp.cos(angle), jnp.sin(angle)
     corners = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     return polygon(
-        corners @ jnp.stack([jnp.stack([c, s]), jnp.stack([-s, c])]) + center, n_collocation
+        corners @ jnp.stack([jnp.stack([c, s]), jnp.stack([-s, c])]) + center,
+        n_boundary=n_boundary,
     )
 
 
@@ -169,7 +202,7 @@ def union_of_regions(*regions: Region) -> RegionUnion:
     Raises:
         ValueError: for no regions at all, and for two that overlap.
 
-    >>> left, right = (rectangle((0.2, 0.5), 80, center=(x, 0.0)) for x in (-0.7, 0.7))
+    >>> left, right = (rectangle((0.2, 0.5), center=(x, 0.0)) for x in (-0.7, 0.7))
     >>> both = union_of_regions(left, right)
     >>> both.contains(jnp.array([[-0.7, 0.0], [0.0, 0.0]])).tolist(), float(both.center[0])
     ([True, False], 0.0)
@@ -183,8 +216,20 @@ def union_of_regions(*regions: Region) -> RegionUnion:
                         f"regions {min(i, j)} and {max(i, j)} overlap: expected regions apart from "
                         "each other; make one polygon of them."
                     )
+    return _union(list(regions))
+
+
+def _union(regions: list[Region]) -> RegionUnion:
     points, weights, normals = (
         jnp.concatenate([getattr(region, name) for region in regions])
         for name in ("points", "weights", "normals")
     )
-    return RegionUnion(points, weights, normals, _middle(points), tuple(regions))
+    return RegionUnion(
+        points,
+        weights,
+        normals,
+        _middle(points),
+        tuple(region.counts for region in regions),
+        all(region.automatic for region in regions),
+        tuple(regions),
+    )

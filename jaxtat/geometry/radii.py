@@ -26,8 +26,8 @@ def data_radii(
     Returns:
         (radii,) [length].
 
-    >>> from jaxtat import circular_arc, truncated_disk
-    >>> radii = data_radii(circular_arc(1.3, 1.0, 500), truncated_disk(1.0, 1.0, 1000), 1 / 64)
+    >>> from jaxtat import circular_arc, disk
+    >>> radii = data_radii(circular_arc(1.3, 1.0, 500), disk(1.0, n_boundary=1000), 1 / 64)
     >>> radii.shape, round(float(radii[0]), 3), round(float(radii[-1]), 3)
     ((129,), 0.3, 2.3)
     """

@@ -10,24 +10,31 @@ from jaxtyping import Array, Bool, Float
 from ..checks import Numbers, by_library, is_concrete, real_array, require_positive, whole_number
 from .curves import DetectorCurve, opening
 
+DEFAULT_BOUNDARY = 512  # boundary points of a region that no setup has chosen them for
+Counts = tuple[Any, ...]  # of boundary points on every piece; of a union, one tuple per region
+
 
 class Region(eqx.Module):
     """A region of interest Omega, known by its boundary: ∫_dOmega u dl ≈ Σ_k w_k u(x_k).
 
-    A new region needs these fields and the two methods, and a line in io/plans.py to be saved;
-    nothing else in the library asks more.
+    A new region needs these fields and the methods, and a line in io/plans.py to be saved; nothing
+    else in the library asks more.
 
     Attributes:
         points: collocation points x_k on the boundary, (boundary, 2) [length].
         weights: arc length w_k that belongs to each, (boundary,) [length].
         normals: outward unit normals, (boundary, 2).
         center: a point in the middle, (2,); phases of plane waves are counted from it [length].
+        counts: how many of the points lie on each piece of the boundary.
+        automatic: whether a `Setup` may choose other counts, as its highest frequency asks.
     """
 
     points: eqx.AbstractVar[Float[Array, "boundary 2"]]
     weights: eqx.AbstractVar[Float[Array, " boundary"]]
     normals: eqx.AbstractVar[Float[Array, "boundary 2"]]
     center: eqx.AbstractVar[Float[Array, "2"]]
+    counts: eqx.AbstractVar[Counts]
+    automatic: eqx.AbstractVar[bool]
 
     @property
     @abstractmethod
@@ -39,6 +46,19 @@ class Region(eqx.Module):
         """Its connected parts: a line meets the region if it meets one of them."""
         return (self,)
 
+    @property
+    def n_boundary(self) -> int:
+        """Number of boundary points."""
+        return self.points.shape[0]
+
+    @abstractmethod
+    def with_counts(self, counts: Counts) -> "Region":
+        """The same region with other numbers of boundary points; it may be traced."""
+
+    @abstractmethod
+    def shared_out(self, n_boundary: int) -> Counts:
+        """About n boundary points, shared out by length; concrete."""
+
     @abstractmethod
     def level(self, points: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
         """Below zero inside, zero on the boundary, above zero outside [length]."""
@@ -48,110 +68,122 @@ class Region(eqx.Module):
         return self.level(points) < 0
 
 
-class TruncatedDisk(Region):
-    """|x| < R, x_1 < x_right, turned by ``angle`` and moved to ``center``."""
+class Disk(Region):
+    """|x| < R, x_1 < cut, turned by ``angle`` and moved to ``center``."""
 
     points: Float[Array, "boundary 2"]
     weights: Float[Array, " boundary"]
     normals: Float[Array, "boundary 2"]
     center: Float[Array, "2"]
+    counts: tuple[int, int] = eqx.field(static=True)  # on the arc and on the chord
+    automatic: bool = eqx.field(static=True)
     radius: Float[Array, ""]
-    x_right: Float[Array, ""]
+    cut: Float[Array, ""]
     angle: Float[Array, ""]
-    whole: bool = eqx.field(static=True)  # not cut at all
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is not cut at all."""
+        return self.counts[1] == 0
 
     @property
     def reach(self) -> Float[Array, ""]:
         return self.radius
 
+    def with_counts(self, counts: Counts) -> "Disk":
+        return _disk(self.radius, self.cut, self.center, self.angle, counts, self.automatic)
+
+    def shared_out(self, n_boundary: int) -> tuple[int, int]:
+        n_chord = 0 if self.whole else _chord_share(self.cut, self.radius, n_boundary)
+        return n_boundary - n_chord, n_chord
+
     def level(self, points: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
-        return by_library(_level, (points, self.radius, self.x_right, self.center, self.angle))
+        where = points, self.radius, self.cut, self.center, self.angle
+        return by_library(_level, where, self.whole)
 
 
-def _level(xp: Any, points: Any, radius: Any, x_right: Any, center: Any, angle: Any) -> Any:
+def _level(
+    xp: Any, points: Any, radius: Any, cut: Any, center: Any, angle: Any, whole: bool
+) -> Any:
     local = points - center
+    distance = xp.sqrt(xp.sum(local**2, axis=-1))
+    if whole:
+        return distance - radius
     along = local[..., 0] * xp.cos(angle) + local[..., 1] * xp.sin(angle)
-    return xp.maximum(xp.sqrt(xp.sum(local**2, axis=-1)) - radius, along - x_right)
+    return xp.maximum(distance - radius, along - cut)
 
 
-def truncated_disk(
+def disk(
     radius: Numbers,
-    x_right: Numbers,
-    n_collocation: int,
+    cut: Numbers | None = None,
     *,
     center: Numbers = (0.0, 0.0),
     angle: Numbers = 0.0,
-    n_chord: int | None = None,
-) -> TruncatedDisk:
-    """The region |x| < R, x_1 < x_right, then turned by ``angle`` and moved to ``center``.
+    n_boundary: int | None = None,
+) -> Disk:
+    """The disk |x| < R, or its part x_1 < cut, turned by ``angle`` and moved to ``center``.
 
-    Boundary points are the midpoints of equal pieces, on the arc and on the chord x_1 = x_right
-    each. ``x_right >= radius`` gives the disk.
+    Boundary points are the midpoints of equal pieces, on the arc and on the chord x_1 = cut each.
 
     Args:
         radius: R > 0 [length].
-        x_right: position of the chord, above -radius [length].
-        n_collocation: number of boundary points; about twice the number of detectors is right.
-        center: centre of the disk, (2,) [length].
+        cut: position of the chord, above -radius [length]. None, or a cut at or beyond the radius
+            (both known, not traced), leaves the whole disk.
+        center: of the disk, (2,) [length].
         angle: direction of the chord's outward normal [rad]; use the arc's own ``angle``.
-        n_chord: how many of the points lie on the chord; by default in proportion to its length.
-            Must be given when radius or x_right is traced (0: a disk).
+        n_boundary: number of boundary points; by default `Setup` chooses it by the frequencies.
 
     Raises:
         ValueError: for fewer than 8 points, radius <= 0 or an empty region.
 
-    Source: Kunyansky 2008, section 4 (Omega(R, x_right), R = 1, x_right = 1 and 0).
+    Source: Kunyansky 2008, section 4 (Omega(R, x_right), R = 1, cut at 1 and 0).
 
     >>> import jax.numpy as jnp
-    >>> region = truncated_disk(1.0, 0.0, 1000)
+    >>> region = disk(1.0, 0.0)
     >>> float(abs(region.weights.sum() - (jnp.pi + 2))) < 1e-12
     True
     >>> region.contains(jnp.array([[-0.5, 0.0], [0.5, 0.0]])).tolist()
     [True, False]
     """
-    radius, x_right = real_array("radius", radius, ()), real_array("x_right", x_right, ())
+    radius = real_array("radius", radius, ())
     center, angle = real_array("center", center, (2,)), real_array("angle", angle, ())
     require_positive("radius", radius)
-    n_collocation = whole_number("n_collocation", n_collocation, 8)
-    if is_concrete(radius, x_right):
-        cosine = float(x_right) / float(radius)
-        if cosine <= -1:
+    automatic = n_boundary is None
+    n = DEFAULT_BOUNDARY if n_boundary is None else whole_number("n_boundary", n_boundary, 8)
+    n_chord = 0
+    chord = radius if cut is None else real_array("cut", cut, ())
+    if cut is not None:
+        if is_concrete(radius, chord) and float(chord) <= -float(radius):
             raise ValueError(
-                f"the region |x| < {float(radius)}, x_1 < {float(x_right)} is empty: "
-                "x_right must be above -radius."
+                f"the region |x| < {float(radius)}, x_1 < {float(chord)} is empty: "
+                "cut must be above -radius."
             )
-        n_chord = _chord_share(cosine, n_collocation) if n_chord is None else n_chord
-    if n_chord is None:
-        raise ValueError("n_chord must be given when radius or x_right is traced.")
-    if not 0 <= n_chord < n_collocation:
-        raise ValueError(f"n_chord is {n_chord}, expected 0 to {n_collocation - 1} of the points.")
-    numbers, counts = (radius, x_right, center, angle), (n_collocation - n_chord, n_chord)
-    points, weights, normals = by_library(_boundary, numbers, *counts)
-    return TruncatedDisk(
-        points=points,
-        weights=weights,
-        normals=normals,
-        center=center,
-        radius=radius,
-        x_right=x_right,
-        angle=angle,
-        whole=n_chord == 0,
-    )
+        n_chord = _chord_share(chord, radius, n)
+    return _disk(radius, chord, center, angle, (n - n_chord, n_chord), automatic)
+
+
+def _disk(
+    radius: Array, cut: Array, center: Array, angle: Array, counts: Counts, automatic: bool
+) -> Disk:
+    n_arc, n_chord = counts
+    numbers = radius, cut, center, angle
+    points, weights, normals = by_library(_boundary, numbers, n_arc, n_chord)
+    return Disk(points, weights, normals, center, (n_arc, n_chord), automatic, radius, cut, angle)
 
 
 def _boundary(
     xp: Any,
     radius: Any,
-    x_right: Any,
+    cut: Any,
     center: Any,
     angle: Any,
     n_arc: int,
     n_chord: int,
 ) -> tuple[Any, Any, Any]:
     """Points, weights and normals."""
-    half_opening = opening(xp, x_right / radius) if n_chord else 0.0
+    half_opening = opening(xp, cut / radius) if n_chord else 0.0
     arc = _arc_boundary(xp, radius, half_opening, n_arc)
-    chord = _chord_boundary(xp, radius, half_opening, x_right, n_chord)
+    chord = _chord_boundary(xp, radius, half_opening, cut, n_chord)
     points, normals, weights = (xp.concatenate(pair) for pair in zip(arc, chord, strict=True))
     c, s = xp.cos(angle), xp.sin(angle)
     turn = xp.stack([xp.stack([c, -s]), xp.stack([s, c])])
@@ -173,11 +205,14 @@ def require_outside(curve: DetectorCurve, region: Region) -> None:
         )
 
 
-def _chord_share(cosine: float, n_collocation: int) -> int:
-    ratio = min(cosine, 1.0)
+def _chord_share(cut: Array, radius: Array, n_boundary: int) -> int:
+    """How many of the boundary points lie on the chord; a third where the geometry is traced."""
+    if not is_concrete(cut, radius):
+        return 2 * (n_boundary // 6)
+    ratio = min(float(cut) / float(radius), 1.0)
     chord, arc = 2 * np.sqrt(1 - ratio**2), 2 * (np.pi - np.arccos(ratio))
     # an even share keeps arc and chord mirror symmetric without a point on the axis
-    return 2 * round(n_collocation * chord / (chord + arc) / 2)
+    return 2 * round(n_boundary * chord / (chord + arc) / 2)
 
 
 def _arc_boundary(xp: Any, radius: Any, half_opening: Any, n: int) -> tuple[Any, Any, Any]:
@@ -188,10 +223,10 @@ def _arc_boundary(xp: Any, radius: Any, half_opening: Any, n: int) -> tuple[Any,
 
 
 def _chord_boundary(
-    xp: Any, radius: Any, half_opening: Any, x_right: Any, n: int
+    xp: Any, radius: Any, half_opening: Any, cut: Any, n: int
 ) -> tuple[Any, Any, Any]:
     half = radius * xp.sin(half_opening)
     x2 = half * ((2 * xp.arange(n) + 1) / max(n, 1) - 1)
-    points = xp.stack([xp.broadcast_to(x_right, (n,)), x2], axis=-1)
+    points = xp.stack([xp.broadcast_to(cut, (n,)), x2], axis=-1)
     normals = xp.broadcast_to(np.array([1.0, 0.0]), (n, 2))
     return points, normals, xp.broadcast_to(2 * half / max(n, 1), (n,))

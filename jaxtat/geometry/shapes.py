@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..checks import Numbers, is_concrete, real_array, require_positive, whole_number
-from .curves import DetectorCurve, SampledCurve, one_after_another, outward, require_simple
+from .curves import DetectorCurve, SampledCurve, one_after_another, outward
+from .measured_curves import require_simple
 
 _TABLE = 32  # nodes per detector, by which arc length is measured
 

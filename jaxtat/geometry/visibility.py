@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .curves import DetectorCurve, behind_gap
+from .curves import DetectorCurve
+from .measured_curves import behind_gap
 from .regions import Region
 
 
@@ -63,11 +64,11 @@ def visibility(
     Returns:
         Visibility.
 
-    >>> from jaxtat import circular_arc, truncated_disk
+    >>> from jaxtat import circular_arc, disk
     >>> half = circular_arc(1.3, 0.0, 500)
-    >>> print(visibility(half, truncated_disk(1.0, 0.0, 1000)))
+    >>> print(visibility(half, disk(1.0, 0.0, n_boundary=1000)))
     every line through the region meets the curve
-    >>> print(float(visibility(half, truncated_disk(1.0, 1.0, 1000)).invisible_fraction) > 0.1)
+    >>> print(float(visibility(half, disk(1.0, n_boundary=1000)).invisible_fraction) > 0.1)
     True
     """
     angles = np.arange(n_angles) * np.pi / n_angles

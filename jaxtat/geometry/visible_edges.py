@@ -53,7 +53,7 @@ def edge_weight(
     return transverse_weight(curve, angles + jnp.pi / 2, offsets, width=width)
 
 
-def visibility_map(
+def seen_share(
     curve: DetectorCurve,
     grid: ImageGrid,
     *,
@@ -68,8 +68,8 @@ def visibility_map(
     end, whose waves are recorded but in part.
 
     Args:
-        curve: the detectors, of any shape, concrete.
-        grid: nodes where it is wanted, concrete.
+        curve: the detectors, of any shape.
+        grid: nodes where it is wanted.
         n_angles: number of directions over half a turn.
         least: W of a line that counts as seen, above zero.
         width: eps of `transverse_weight`.
@@ -78,27 +78,24 @@ def visibility_map(
         (x1, x2), between 0 and 1, in steps of 1 / n_angles.
 
     Raises:
-        ValueError: for a geometry traced by `jax.jit`, or as `transverse_weight`.
+        ValueError: as `transverse_weight`.
 
     Source: E. T. Quinto, SIAM J. Math. Anal. 24 (1993) 1215-1225 (which edges data determine).
 
     >>> from jaxtat import ImageGrid, circular_arc
-    >>> seen = visibility_map(circular_arc(1.3, 0.0, 200), ImageGrid(5, 0.7), least=0.5)
+    >>> seen = seen_share(circular_arc(1.3, 0.0, 200), ImageGrid(5, 0.7), least=0.5)
     >>> [round(float(v), 1) for v in seen[:, 2]]  # half the circle, from left to right
     [1.0, 1.0, 1.0, 0.8, 0.7]
     """
     least = real_array("least", least, ())
     require_positive("least", least)
     width = kernel_width(curve, width)
-    if not is_concrete(curve, grid, width):
-        raise ValueError(
-            "curve, grid or width are traced by jax.jit, and the number of lines depends on them: "
-            "use edge_weight, which takes traced arrays."
-        )
     n_angles = whole_number("n_angles", n_angles, 1)
     angles = np.arange(n_angles) * (np.pi / n_angles)
-    diagonal = 2 * np.hypot(*np.asarray(grid.half_width))
-    n_offsets = 256 * (int(_STEPS * diagonal / np.asarray(width).min()) // 256 + 1)  # few programs
+    steps = _STEPS * curve.n_detectors  # where the sizes are traced: the width is three spacings
+    if is_concrete(curve, grid, width):
+        steps = _STEPS * 2 * np.hypot(*np.asarray(grid.half_width)) / np.asarray(width).min()
+    n_offsets = 256 * (int(steps) // 256 + 1)  # few programs
     return _share(curve, grid, jax.device_put(angles), width, least, n_offsets)
 
 
@@ -127,7 +124,7 @@ def visible_disk(
     grid = ImageGrid(n, half, (points.max(axis=0) + points.min(axis=0)) / 2)
     nodes = np.asarray(grid.points)
     # the transverse weight looks past the ends of the curve by its width, and is not enough alone
-    seen = np.asarray(visibility_map(curve, grid, n_angles=90)) > 0.99
+    seen = np.asarray(seen_share(curve, grid, n_angles=90)) > 0.99
     seen &= _meets_every_line(curve, nodes)
     nearest, which = KDTree(points).query(nodes)
     seen &= nearest > np.asarray(kernel_width(curve, None))[which]  # points on the curve itself

@@ -1,6 +1,14 @@
 """Cylindrical waves: step 1 without collocation, and reconstruction without step 1."""
 
-from .alpha import AlphaRule, NoiseLevel, Problem, alpha_rule
+from .alpha import (
+    NoiseLevel,
+    Problem,
+    RelativeTikhonov,
+    Tikhonov,
+    TikhonovNormBound,
+    TikhonovRule,
+    tikhonov_rule,
+)
 from .consistency import unexplained
 from .densities import (
     DensityGroup,
@@ -15,20 +23,22 @@ from .densities import (
 from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
 from .table import WaveTable, wave_table
-from .tikhonov import Data, SolveReport, cholesky_solve, conjugate_gradients, solve_harmonics
+from .tikhonov import Asked, SolveReport, cholesky_solve, conjugate_gradients, solve_harmonics
 from .waves import circular_harmonics_at
 
 __all__ = [
-    "AlphaRule",
-    "Data",
+    "Asked",
     "DensityGroup",
     "HarmonicDensities",
     "NoiseLevel",
     "PolarGeometry",
     "Problem",
+    "RelativeTikhonov",
     "SolveReport",
+    "Tikhonov",
+    "TikhonovNormBound",
+    "TikhonovRule",
     "WaveTable",
-    "alpha_rule",
     "alpha_units",
     "cholesky_solve",
     "circular_harmonics_at",
@@ -40,6 +50,7 @@ __all__ = [
     "polar_geometry",
     "sampled_harmonic_densities",
     "solve_harmonics",
+    "tikhonov_rule",
     "unexplained",
     "unfold",
     "wave_system",

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..checks import is_concrete
-from ..geometry import CircularArc, DetectorCurve, Region, TruncatedDisk, fit_circle, near_circle
+from ..geometry import CircularArc, DetectorCurve, Disk, Region, fit_circle, near_circle
 from ..symmetry import mirrored_pairs
 from .orders import highest_orders
 
@@ -79,8 +79,7 @@ def harmonic_orders(geometry: PolarGeometry, frequencies: np.ndarray) -> np.ndar
         raise ValueError(
             f"the region reaches {reach:.6g} from {np.asarray(geometry.center)}, a detector is "
             f"only {distance:.6g} away: cylindrical waves need every detector farther off than "
-            "the region. Use a smaller region, or method='auto' or 'collocation' of build_plan and "
-            "problem_layout; what asks for these waves itself is for detectors that they reach."
+            "the region. Use a smaller region, or method='auto' or 'collocation' of build_plan."
         )
     return highest_orders(frequencies, reach, distance)
 
@@ -219,7 +218,7 @@ def _best_center(curve: DetectorCurve, region: Region, xp: Any) -> Any:
 
 
 def _is_whole_disk(region: Region) -> bool:
-    return isinstance(region, TruncatedDisk) and region.whole
+    return isinstance(region, Disk) and region.whole
 
 
 def _one_side(region: Region, center: Array, axis: float) -> Region | None:

@@ -22,7 +22,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int
 
 from ..parallel import map_shards
-from .alpha import AlphaRule, Problem
+from .alpha import Problem, TikhonovRule
 from .polar import PolarGeometry
 from .table import (
     RegionFactor,
@@ -61,45 +61,44 @@ class SolveReport(eqx.Module):
     converged: Bool[Array, "*frequencies"]
 
 
-class Data(eqx.Module):
-    """What a frequency's system is solved for, frequencies first.
+class Asked(eqx.Module):
+    """What the rules need to know of every frequency, and the rule; frequencies first.
 
     Attributes:
-        transformed: (G_J, G_Y), (..., images, 2, detectors).
         noise_power: mean square of √w (G_J, G_Y) for white noise of variance 1 in g.
-        unit_norm: N(lambda).
+        unit_norm: N(lambda); anything for rules that do not ask for it.
         rule: gives alpha.
     """
 
-    transformed: Float[Array, "*f images 2 detectors"]
     noise_power: Float[Array, "*f"]
     unit_norm: Float[Array, "*f"]
-    rule: AlphaRule
+    rule: TikhonovRule
 
 
-class _Datum(eqx.Module):
-    """`Data`, summed over the detectors beforehand where that is alike at all frequencies.
+class _System(eqx.Module):
+    """What a frequency's system is solved for.
 
     Attributes:
         values: Σ_k w_k (cos|sin)(n theta_k) G_k, (..., images, 2, 2, orders), or w G, (..., images,
-            2, detectors), if the detectors do not lie on a circle.
+            2, detectors), if the detectors do not lie on a circle: summed over the detectors
+            beforehand where that is alike at all frequencies.
         power: mean square of √w (G_J, G_Y).
+        asked: noise, norm and rule.
     """
 
     values: Array
     power: Float[Array, "*f"]
-    noise_power: Float[Array, "*f"]
-    unit_norm: Float[Array, "*f"]
-    rule: AlphaRule
+    asked: Asked
 
 
 def solve_harmonics(
     geometry: PolarGeometry,
     frequencies: Float[Array, " frequencies"],
     groups: tuple[tuple[int, int, int], ...],
-    data: Data,
+    transformed: Float[Array, "frequencies images 2 detectors"],
+    asked: Asked,
     solver: str,
-    tolerance: float,
+    tolerance: Array | float,
     mesh: Mesh | None = None,
 ) -> tuple[Float[Array, "images frequencies 2 orders"], SolveReport]:
     """Circular harmonics c of fhat, by which fhat(xi) = (1/2π) Σ_n (-i)^n c_n·(cos|sin)(n theta).
@@ -108,7 +107,8 @@ def solve_harmonics(
         geometry: curve and region.
         frequencies: lambda [rad/length].
         groups: (first, last + 1, orders) of frequencies that are solved alike.
-        data: transformed data and regularisation, frequencies first.
+        transformed: (G_J, G_Y), frequencies first.
+        asked: noise, norm and rule of every frequency.
         solver: "cholesky" or "cg".
         tolerance: relative residual at which conjugate gradients stop.
         mesh: devices that share the frequencies of every group.
@@ -124,13 +124,13 @@ def solve_harmonics(
     method = _factorised if solver == "cholesky" else partial(_iterated, tolerance=tolerance)
 
     def at(
-        orders: int, common: tuple[PolarGeometry, Any], wave: WaveTable, datum: _Datum
+        orders: int, common: tuple[PolarGeometry, Any], wave: WaveTable, system: _System
     ) -> tuple[Array, SolveReport]:
         geometry, gram = common
         wave = wave.up_to(orders)
         factor = region_factor(geometry, wave)
         alike = None if gram is None else cut_gram(geometry, gram, orders)
-        y, report = method(geometry, wave, datum, factor, alike)
+        y, report = method(geometry, wave, system, factor, alike)
         harmonics = wave.plane_scale * pairs(factor.transposed_times(y))
         return jnp.pad(harmonics, [(0, 0)] * 2 + [(0, n_max - orders)]), report
 
@@ -141,31 +141,30 @@ def solve_harmonics(
     group = np.repeat(np.arange(len(groups)), [stop - start for start, stop, _ in groups])
 
     @jax.checkpoint
-    def choose(common: Any, given: tuple[Array, WaveTable, _Datum]) -> tuple[Array, SolveReport]:
-        number, wave, datum = given
-        return jax.lax.switch(number, programs, common, wave, datum)
+    def choose(common: Any, given: tuple[Array, WaveTable, _System]) -> tuple[Array, SolveReport]:
+        number, wave, system = given
+        return jax.lax.switch(number, programs, common, wave, system)
 
     harmonics, report = map_shards(
         lambda common, share: jax.lax.map(partial(choose, common), share),
         (geometry, gram),
-        (jnp.asarray(group), table, _summed(geometry, data, n_max)),
+        (jnp.asarray(group), table, _summed(geometry, transformed, asked, n_max)),
         mesh,
     )
     return jnp.moveaxis(harmonics, 1, 0), report
 
 
-def _summed(geometry: PolarGeometry, data: Data, n_max: int) -> _Datum:
+def _summed(geometry: PolarGeometry, transformed: Array, asked: Asked, n_max: int) -> _System:
     """One product of matrices for all frequencies, if the detectors lie on a circle."""
-    values = data.transformed * geometry.weights
-    power = jnp.mean(values * data.transformed, axis=(-3, -2, -1))
-    values = summed_over_detectors(geometry, values, n_max)
-    return _Datum(values, power, data.noise_power, data.unit_norm, data.rule)
+    values = transformed * geometry.weights
+    power = jnp.mean(values * transformed, axis=(-3, -2, -1))
+    return _System(summed_over_detectors(geometry, values, n_max), power, asked)
 
 
 def summed_over_detectors(
     geometry: PolarGeometry, values: Float[Array, "*batch detectors"], n_max: int
 ) -> Array:
-    """`_Datum.values` from w G."""
+    """`_System.values` from w G."""
     if not geometry.on_circle:
         return values
     return jnp.einsum("pnk,...k->...pn", angular(n_max, geometry.detector_angles), values)
@@ -174,7 +173,7 @@ def summed_over_detectors(
 def moments(
     geometry: PolarGeometry, wave: WaveTable, values: Float[Array, "images 2 ..."]
 ) -> Float[Array, "images blocks r"]:
-    """M √w √w G, of one frequency, from `_Datum.values`."""
+    """M √w √w G, of one frequency, from `_System.values`."""
     if wave.on_circle is None:
         return jnp.einsum("jbrk,ijk->ibr", detector_matrix(geometry, wave), values)
     harmonics = values[..., : wave.on_circle.shape[-1]]
@@ -206,18 +205,20 @@ def _detector_powers(
 
 
 def _factorised(
-    geometry: PolarGeometry, wave: WaveTable, datum: _Datum, factor: RegionFactor, gram: Any
+    geometry: PolarGeometry, wave: WaveTable, system: _System, factor: RegionFactor, gram: Any
 ) -> tuple[Array, SolveReport]:
     """By Cholesky decomposition, with implicit derivatives: one more solve each."""
     matrix = normal_matrix(geometry, wave, factor, gram)
     diagonal = jnp.diagonal(matrix, axis1=-2, axis2=-1)
     unit = alpha_unit(factor, _detector_powers(geometry, wave, gram))
     plane = None
-    if datum.rule.needs_matrix:
+    if system.asked.rule.needs_matrix:
         plane = factor.around(_diagonal_matrix(blocks(geometry, _plane_power(wave))))
-    alpha = datum.rule.absolute(_problem(geometry, wave, datum, diagonal, unit, matrix, plane))
+    alpha = system.asked.rule.absolute(
+        _problem(geometry, wave, system, diagonal, unit, matrix, plane)
+    )
     shifted = matrix + alpha * jnp.eye(matrix.shape[-1])
-    rhs = factor.times(moments(geometry, wave, datum.values))
+    rhs = factor.times(moments(geometry, wave, system.values))
     rhs = jnp.moveaxis(rhs, 0, -1)  # images last, as columns
     y = cholesky_solve(shifted, rhs)
     residual = _relative(_product(shifted, y) - rhs, rhs, axes=(0, 1))
@@ -245,29 +246,29 @@ def _product(matrix: Float[Array, "blocks r r"], columns: Float[Array, "blocks r
 def _iterated(
     geometry: PolarGeometry,
     wave: WaveTable,
-    datum: _Datum,
+    system: _System,
     factor: RegionFactor,
     gram: Any,
-    tolerance: float,
+    tolerance: Array | float,
 ) -> tuple[Array, SolveReport]:
     """By conjugate gradients; derivatives are one more solve each, not those of the iteration."""
     multiply, inner_diagonal = _products(geometry, wave)
     diagonal = _diagonal(geometry, wave, factor, inner_diagonal)
     unit = alpha_unit(factor, inner_diagonal)
-    alpha = datum.rule.absolute(_problem(geometry, wave, datum, diagonal, unit, None, None))
-    rhs = factor.times(moments(geometry, wave, datum.values))
+    alpha = system.asked.rule.absolute(_problem(geometry, wave, system, diagonal, unit, None, None))
+    rhs = factor.times(moments(geometry, wave, system.values))
     precondition = factor.inverse_around(inner_diagonal, alpha)
 
-    def system(y: Array) -> Array:
+    def matrix(y: Array) -> Array:
         return factor.times(multiply(factor.transposed_times(y))) + alpha * y
 
     def solve(product: Callable[[Array], Array], right: Array) -> tuple[Array, Array]:
         return conjugate_gradients(product, precondition, right, tolerance, MAX_ITERATIONS)
 
     y, steps = jax.lax.custom_linear_solve(
-        jax.vmap(system), rhs, solve, symmetric=True, has_aux=True
+        jax.vmap(matrix), rhs, solve, symmetric=True, has_aux=True
     )
-    residual = _relative(jax.vmap(system)(y) - rhs, rhs, axes=(1, 2))
+    residual = _relative(jax.vmap(matrix)(y) - rhs, rhs, axes=(1, 2))
     # the residual of the recurrence drifts off the true one by rounding
     converged = residual <= 10 * tolerance
     return y, SolveReport(alpha, alpha / unit, residual, steps, converged)
@@ -277,7 +278,7 @@ def conjugate_gradients(
     product: Callable[[Array], Array],
     precondition: Callable[[Array], Array],
     rhs: Float[Array, "images blocks r"],
-    tolerance: float,
+    tolerance: Array | float,
     max_steps: int,
 ) -> tuple[Float[Array, "images blocks r"], Int[Array, ""]]:
     """Solve product(y) = rhs for all images, until each has ||residual|| <= tolerance ||rhs||.
@@ -375,7 +376,7 @@ def _plane_power(wave: WaveTable) -> Float[Array, "2 orders"]:
 def _problem(
     geometry: PolarGeometry,
     wave: WaveTable,
-    datum: _Datum,
+    system: _System,
     diagonal: Array,
     unit: Array,
     matrix: Array | None,
@@ -386,9 +387,9 @@ def _problem(
         matrix=matrix,
         plane=plane,
         diagonal=diagonal,
-        unit_norm=datum.unit_norm,
-        data_power=datum.power,
-        noise_power=datum.noise_power,
+        unit_norm=system.asked.unit_norm,
+        data_power=system.power,
+        noise_power=system.asked.noise_power,
         frequency=wave.frequencies,
         unit=unit,
         n_data=n_data,

@@ -96,9 +96,9 @@ def save_image(
             is not installed.
 
     >>> import tempfile
-    >>> from jaxtat import truncated_disk
+    >>> from jaxtat import disk
     >>> path, grid = Path(tempfile.mkdtemp()) / "f.h5", ImageGrid(5)
-    >>> save_image(path, np.ones((5, 5)), grid, truncated_disk(1.0, 1.0, 16), {"alpha": 1e-3})
+    >>> save_image(path, np.ones((5, 5)), grid, disk(1.0, n_boundary=16), {"alpha": 1e-3})
     >>> load_settings(path)
     {'alpha': 0.001}
     """

@@ -26,23 +26,27 @@ from ..checks import require_x64
 from ..densities import DensityReport, SampledDensities
 from ..geometry import (
     CircularArc,
+    Disk,
     ImageGrid,
     Polygon,
     RegionUnion,
     SampledCurve,
-    TruncatedDisk,
 )
-from ..harmonic import DensityGroup, HarmonicDensities
-from ..plan import ReconstructionPlan
+from ..harmonic import (
+    DensityGroup,
+    HarmonicDensities,
+    RelativeTikhonov,
+    Tikhonov,
+    TikhonovNormBound,
+)
+from ..reconstruction import ReconstructionPlan, Setup
+from ..reconstruction.plane_sizes import PlaneSizes
 from ..regularization import (
     FixedRank,
     NormBound,
     RelativeCutoff,
-    RelativeTikhonov,
     ResidualTarget,
     SingularValueCutoff,
-    Tikhonov,
-    TikhonovNormBound,
     per_frequency,
 )
 from .atomic import replacing
@@ -56,9 +60,11 @@ _KINDS: dict[str, type[eqx.Module]] = {
     kind.__name__: kind
     for kind in (
         ReconstructionPlan,
+        Setup,
+        PlaneSizes,
         CircularArc,
         SampledCurve,
-        TruncatedDisk,
+        Disk,
         Polygon,
         RegionUnion,
         ImageGrid,

@@ -2,13 +2,13 @@
 
 from .phantoms import Balls, ProjectedBalls
 from .scan import LineDetectorScan
-from .volume import invert_projections, reconstruct_volume, reconstruct_volume_stack
+from .volume import invert_projections, reconstruct, reconstruct_stack
 
 __all__ = [
     "Balls",
     "LineDetectorScan",
     "ProjectedBalls",
     "invert_projections",
-    "reconstruct_volume",
-    "reconstruct_volume_stack",
+    "reconstruct",
+    "reconstruct_stack",
 ]

@@ -16,15 +16,16 @@ from tqdm import tqdm
 
 from ..checks import Numbers, data_array, is_concrete, real_array
 from ..geometry import ImageGrid, Region, VisibilityWarning
-from ..plan import ReconstructionPlan
-from ..reconstruction import polar_fourier_of_projections, reconstruct, reconstruct_stack
-from ..reconstruction.inversion import invert, require_inversion
-from ..reconstruction.pipeline import IMAGES, in_groups
-from ..reconstruction.radon import LowPass
+from ..parallel import in_groups
+from ..reconstruction import ReconstructionPlan
+from ..reconstruction import reconstruct as reconstruct_plane
+from ..reconstruction import reconstruct_stack as reconstruct_plane_stack
+from ..steps.inversion import IMAGES, invert, require_inversion
+from ..steps.radon import LowPass, polar_fourier_of_projections
 from .scan import LineDetectorScan
 
 
-def reconstruct_volume(
+def reconstruct(
     plan: ReconstructionPlan,
     g: Numbers,
     scan: LineDetectorScan,
@@ -36,7 +37,7 @@ def reconstruct_volume(
     """The initial pressure f(x1, x2, x3) from what rotating line detectors measure.
 
     Linear in g and differentiable; memory besides data, projections and volume is bounded. For
-    more than fits into memory see `reconstruct_volume_stack`.
+    more than fits into memory see `line_detectors.reconstruct_stack`.
 
     Exact where the projections of the object from all sides lie within ``plan.region`` and its
     mirror image about the axis (for half a turn: within both).
@@ -68,9 +69,9 @@ def reconstruct_volume(
     Source: Burgholzer, Hofer, Paltauf, Haltmeier, Scherzer, IEEE Trans. Ultrason. Ferroelectr.
     Freq. Control 52 (2005) 1577 (line detectors); Kunyansky 2008, sections 1 and 3.
     """
-    data = data_array(g, plan.curve.n_detectors, plan.radii.shape[0])
+    data = data_array(g, *plan.setup.data_shape)
     _require_rotations("g", data, scan)
-    projections = reconstruct(plan, data, low_pass=low_pass, inversion=inversion)
+    projections = reconstruct_plane(plan, data, low_pass=low_pass, inversion=inversion)
     return invert_projections(
         projections, scan, plan.grid, plan.region, slices=slices, inversion=inversion
     )
@@ -92,15 +93,15 @@ def invert_projections(
         scan: angles and axis.
         grid: the nodes (u, v).
         region: where projections are known; elsewhere they are not used.
-        slices, inversion: as in `reconstruct_volume`.
+        slices, inversion: as in `line_detectors.reconstruct`.
 
     Returns:
         (x1, x2, x3).
 
-    Raises, warns: as `reconstruct_volume`.
+    Raises, warns: as `line_detectors.reconstruct`.
 
-    >>> from jaxtat import truncated_disk
-    >>> grid, region = ImageGrid(33), truncated_disk(1.0, 1.0, 64)
+    >>> from jaxtat import disk
+    >>> grid, region = ImageGrid(33), disk(1.0)
     >>> scan = LineDetectorScan(np.arange(64) * np.pi / 64)
     >>> ball = 2 * np.sqrt(np.maximum(0.25 - np.sum(np.asarray(grid.points) ** 2, -1), 0))
     >>> volume = invert_projections(np.tile(ball, (64, 1, 1)), scan, grid, region)
@@ -114,7 +115,7 @@ def invert_projections(
     return _invert(projections, weights, scan, grid, slices, inversion)
 
 
-def reconstruct_volume_stack(
+def reconstruct_stack(
     plan: ReconstructionPlan,
     frames: Any,
     scan: LineDetectorScan,
@@ -125,12 +126,12 @@ def reconstruct_volume_stack(
     batch_size: int = 32,
     low_pass: LowPass | None = None,
     inversion: str = "fbp",
-    progress: bool = True,
+    progress: bool = False,
 ) -> Any:
-    """`reconstruct_volume` from and into files, a few rotations and then a few slices at a time.
+    """`line_detectors.reconstruct` from and into files, a few rotations and then a few slices at a time.
 
     Args:
-        plan, scan, slices, low_pass, inversion: as in `reconstruct_volume`.
+        plan, scan, slices, low_pass, inversion: as in `line_detectors.reconstruct`.
         frames: g, (rotations, detectors, radii): an array, a memory map, an HDF5 dataset, or
             anything else with a shape that gives arrays for slices.
         out: where the volume goes, (x1, x2, x3): likewise anything that slices can be assigned to;
@@ -143,7 +144,7 @@ def reconstruct_volume_stack(
         ``out``.
 
     Raises:
-        ValueError: for storage of the wrong shape, and as `reconstruct_volume`.
+        ValueError: for storage of the wrong shape, and as `line_detectors.reconstruct`.
     """
     _require_rotations("frames", frames, scan)
     slices = _checked_slices(plan.grid, plan.region, scan, slices, inversion)
@@ -152,7 +153,7 @@ def reconstruct_volume_stack(
     out = np.empty(volume) if out is None else out
     if tuple(out.shape) != volume:
         raise ValueError(f"out has shape {tuple(out.shape)}, expected {volume}.")
-    projections = reconstruct_stack(
+    projections = reconstruct_plane_stack(
         plan,
         frames,
         out=projections,

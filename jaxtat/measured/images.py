@@ -84,7 +84,7 @@ def reconstruct_file(
         FileNotFoundError, ValueError: as `load_scan`, `choices_for` and `reconstruct_direct`.
 
     >>> import tempfile
-    >>> from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, truncated_disk
+    >>> from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, disk
     >>> curve, region = circular_arc(1.3, 1.0, 24), truncated_disk(0.8, 0.8, 48)
     >>> radii = data_radii(curve, region, 0.16)
     >>> g = phantoms.Bells([[0.1, -0.15]], [0.6]).circular_integrals(curve, radii)

@@ -2,20 +2,11 @@
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
-from jaxtyping import Array
-
-from ..geometry import (
-    DetectorCurve,
-    ImageGrid,
-    Region,
-    circular_arc,
-    data_radii,
-    truncated_disk,
-)
+from ..geometry import ImageGrid, circular_arc, data_radii, disk
 from ..phantoms import Bells, Disks
+from ..reconstruction import Setup
 
-N_PIXELS, N_DETECTORS, N_COLLOCATION = 129, 500, 1000
+N_PIXELS, N_DETECTORS, N_BOUNDARY = 129, 500, 1000
 ARC_RADIUS = 1.3
 
 
@@ -27,10 +18,7 @@ class Case:
     right: float
     smooth: Bells
     disks: Disks
-    curve: DetectorCurve
-    region: Region
-    grid: ImageGrid
-    radii: Array
+    setup: Setup
 
 
 def paper_cases() -> tuple[Case, Case]:
@@ -58,8 +46,8 @@ def paper_cases() -> tuple[Case, Case]:
 def _case(name: str, right: float, smooth: Bells, disks: Disks) -> Case:
     grid = ImageGrid(N_PIXELS)
     curve = circular_arc(ARC_RADIUS, right, N_DETECTORS)
-    region = truncated_disk(1.0, right, N_COLLOCATION)
+    region = disk(1.0, right, n_boundary=N_BOUNDARY)
     # in both geometries the paper's 129 radii, those that the whole disk needs
-    whole = truncated_disk(1.0, 1.0, N_COLLOCATION)
+    whole = disk(1.0, n_boundary=N_BOUNDARY)
     radii = data_radii(curve, region, grid.spacing[0], sources=whole)
-    return Case(name, right, smooth, disks, curve, region, grid, jnp.asarray(radii))
+    return Case(name, right, smooth, disks, Setup(curve, region, grid, radii))

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Array
 
 from ..phantoms import Bells, Disks, noise_like
-from ..plan import PAPER_K, ReconstructionPlan, build_plan
-from ..reconstruction import classical_fbp, cosine_filter, offset_step, reconstruct
+from ..reconstruction import PAPER_K, ReconstructionPlan, build_plan, reconstruct
 from ..regularization import NormBound
 from ..single_layer import plane_wave, potential
+from ..steps import classical_fbp, cosine_filter, offset_step
 from .cases import Case
 
 NOISE_LEVEL = 0.15
@@ -32,7 +32,7 @@ class Results:
     @property
     def inside(self) -> np.ndarray:
         """Which pixels lie in the region of interest."""
-        return np.asarray(self.case.region.contains(self.case.grid.points))
+        return np.asarray(self.case.setup.region.contains(self.case.setup.grid.points))
 
     def show(self, name: str, image: Array) -> np.ndarray:
         """Keep an image for the figures, blank outside the region; returns it unblanked."""
@@ -54,9 +54,7 @@ class Results:
 def run_case(case: Case, progress: bool) -> Results:
     """Plan, plane wave, smooth phantom, disks with and without noise, classical yardstick."""
     start = time.perf_counter()
-    plan = build_plan(
-        case.curve, case.region, case.grid, case.radii, NormBound(PAPER_K), progress=progress
-    )
+    plan = build_plan(case.setup, NormBound(PAPER_K), progress=progress)
     results = Results(case, plan, {"plan_seconds": time.perf_counter() - start})
     nyquist_plane_wave(results)
     smooth_phantom(results)
@@ -69,7 +67,7 @@ def run_case(case: Case, progress: bool) -> Results:
 
 def nyquist_plane_wave(results: Results) -> None:
     """Error of the vertical plane wave at the highest frequency, over all of the region."""
-    plan, grid = results.plan, results.case.grid
+    plan, grid = results.plan, results.case.setup.grid
     frequency, vertical = plan.frequencies[-1], plan.angles.shape[0] // 2
     chosen = slice(vertical, vertical + 1)
     last = plan.densities.of_frequency(len(plan.frequencies) - 1, plan.curve.weights)
@@ -82,8 +80,8 @@ def nyquist_plane_wave(results: Results) -> None:
 def smooth_phantom(results: Results) -> None:
     """Reconstruction from exact data of the bells, and how long it takes."""
     case, plan = results.case, results.plan
-    g = case.smooth.circular_integrals(case.curve, case.radii)
-    exact = case.smooth.image(case.grid)
+    g = case.smooth.circular_integrals(case.setup.curve, case.setup.radii)
+    exact = case.smooth.image(case.setup.grid)
     image = reconstruct(plan, g)
     results.show("smooth", image)
     results.show("smooth error", image - exact)
@@ -98,9 +96,9 @@ def smooth_phantom(results: Results) -> None:
 def disk_phantom(results: Results) -> None:
     """Disks: clean, with 15 % noise, and with noise and the cosine filter (figures 2 and 3)."""
     case, plan = results.case, results.plan
-    g = case.disks.circular_integrals(case.curve, case.radii)
+    g = case.disks.circular_integrals(case.setup.curve, case.setup.radii)
     noise = noise_like(jax.random.key(SEED), g, NOISE_LEVEL)
-    exact = case.disks.image(case.grid)
+    exact = case.disks.image(case.setup.grid)
     clean, of_noise = reconstruct(plan, jnp.stack([g, noise]))
     clean_filtered, of_noise_filtered = reconstruct(
         plan, jnp.stack([g, noise]), low_pass=cosine_filter
@@ -128,12 +126,15 @@ def classical_yardstick(results: Results) -> None:
     step = offset_step(plan.frequency_step, n)
     offsets = (jnp.arange(2 * n) - n) * step
     shadow = jnp.abs(offsets) <= plan.region.reach
-    for suffix, n_views in (("", plan.angles.shape[0]), ("_as_many_data", case.curve.n_detectors)):
+    for suffix, n_views in (
+        ("", plan.angles.shape[0]),
+        ("_as_many_data", case.setup.curve.n_detectors),
+    ):
         angles = jnp.arange(n_views) * jnp.pi / n_views
         clean = case.disks.radon(angles, offsets)
         noise = noise_like(jax.random.key(SEED + 1), clean[:, shadow], NOISE_LEVEL)
         both = jnp.stack([clean, jnp.zeros_like(clean).at[:, shadow].set(noise)])
-        where = (step, angles, case.grid, plan.region.center)
+        where = (step, angles, case.setup.grid, plan.region.center)
         image, of_noise = classical_fbp(both, *where)
         image_filtered, of_noise_filtered = classical_fbp(both, *where, low_pass=cosine_filter)
         results.metrics |= {
@@ -149,8 +150,10 @@ def classical_yardstick(results: Results) -> None:
 def outside_sources(results: Results, phantom: Bells | Disks) -> dict[str, float]:
     """Errors inside the region for a phantom that reaches beyond it (figure 4)."""
     case = results.case
-    image = reconstruct(results.plan, phantom.circular_integrals(case.curve, case.radii))
-    exact = phantom.image(case.grid)
+    image = reconstruct(
+        results.plan, phantom.circular_integrals(case.setup.curve, case.setup.radii)
+    )
+    exact = phantom.image(case.setup.grid)
     results.show("outside", image)
     results.show("outside error", image - exact)
     results.images["outside exact"] = np.asarray(exact)

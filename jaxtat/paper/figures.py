@@ -31,7 +31,7 @@ def geometry_figure(first: Results, second: Results):
     """Acquisition curve and region of interest of both geometries."""
     figure = new_figure(8, 4)
     for axes, results in zip(figure.subplots(1, 2), (first, second), strict=True):
-        show_geometry(axes, results.case.curve, results.case.region)
+        show_geometry(axes, results.case.setup.curve, results.case.setup.region)
         axes.set_title(results.case.name, fontsize=9)
         axes.set_xlabel("$x_1$")
         axes.set_ylabel("$x_2$")
@@ -53,7 +53,7 @@ def disks_figure(results: Results):
     limits = (float(np.nanmin(exact)) - 0.2, float(np.nanmax(exact)) + 0.2)
     for names, axes_row, method in ((ours, rows[0], "from the arc"), (classical, rows[1], "FBP")):
         shown = [
-            show_image(axes, results.images[name], results.case.grid, limits=limits)
+            show_image(axes, results.images[name], results.case.setup.grid, limits=limits)
             for name, axes in zip(names, axes_row, strict=True)
         ]
         for axes in axes_row:
@@ -69,12 +69,12 @@ def disks_figure(results: Results):
 def outside_figure(results: Results):
     """Figure 4: a phantom half outside the region, and what is reconstructed inside it."""
     figure = new_figure(12.5, 3.8)
-    grid = results.case.grid
+    grid = results.case.setup.grid
     panels = figure.subplots(1, 3)
     shown = show_image(
         panels[0], results.images["outside exact"], grid, limits=(0, 1), title="phantom"
     )
-    show_geometry(panels[0], results.case.curve, results.case.region)
+    show_geometry(panels[0], results.case.setup.curve, results.case.setup.region)
     show_image(
         panels[1], results.images["outside"], grid, limits=(0, 1), title="reconstruction in region"
     )
@@ -87,7 +87,7 @@ def outside_figure(results: Results):
 def accuracy_figure(results: Results):
     """Smooth phantom, its error, and the error of the vertical plane wave at lambda_Nyquist."""
     figure = new_figure(12.5, 3.8)
-    grid = results.case.grid
+    grid = results.case.setup.grid
     panels = figure.subplots(1, 3)
     shown = show_image(panels[0], results.images["smooth"], grid, title="smooth phantom")
     figure.colorbar(shown, ax=panels[0])
@@ -108,14 +108,14 @@ def _error_panel(figure, axes, results: Results, name: str, title: str) -> None:
     error = results.images[name]
     most = float(np.nanmax(np.abs(error)))
     shown = show_image(
-        axes, error, results.case.grid, limits=(-most, most), cmap=DIVERGING, title=title
+        axes, error, results.case.setup.grid, limits=(-most, most), cmap=DIVERGING, title=title
     )
     figure.colorbar(shown, ax=axes)
 
 
 def _profiles(axes_row, results: Results, names, limits: tuple[float, float]) -> None:
     """Cross-sections along x_2 through the middle of the brightest disk's column."""
-    grid = results.case.grid
+    grid = results.case.setup.grid
     column = int(np.argmin(np.abs(np.asarray(grid.x1) - float(results.case.disks.centers[0, 0]))))
     exact = results.images["disks exact"][column]
     for name, axes in zip(names, axes_row, strict=True):

@@ -13,9 +13,9 @@ from ..geometry import (
     Region,
     edge_weight,
     fit_circle,
-    visibility_map,
+    seen_share,
 )
-from ..geometry.curves import behind_gap
+from ..geometry.measured_curves import behind_gap
 from ..units import millimetres
 from .canvas import SEQUENTIAL
 from .images import show_image
@@ -86,7 +86,7 @@ def show_visibility(
     Returns:
         What a colour bar needs.
     """
-    seen = visibility_map(curve, grid)
+    seen = seen_share(curve, grid)
     return show_image(axes, seen, grid, limits=(0.0, 1.0), cmap=SEQUENTIAL, unit=unit)
 
 

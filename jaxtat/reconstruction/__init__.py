@@ -1,29 +1,21 @@
-"""Steps 2 to 5 of the paper, one file each, and the pipeline that runs them."""
+"""The problem as one thing, and what solves it: plans, pipeline, stacks of frames."""
 
-from .cartesian_fourier import direct_fourier_inversion
-from .classical import classical_fbp
-from .direct import DirectReconstruction, reconstruct_direct
-from .fbp import filtered_back_projection
-from .pipeline import reconstruct
-from .polar_fourier import polar_fourier
-from .radial_transform import delayed_transform, radial_transform, total_integrals
-from .radon import cosine_filter, offset_step, polar_fourier_of_projections, radon_projections
+from .data_model import circular_integrals, circular_integrals_adjoint, circular_means
+from .plan import PAPER_K, ReconstructionPlan, build_plan
+from .setup import Setup
+from .solve import Reconstruction, reconstruct, solve
 from .stack import reconstruct_stack
 
 __all__ = [
-    "DirectReconstruction",
-    "classical_fbp",
-    "cosine_filter",
-    "delayed_transform",
-    "direct_fourier_inversion",
-    "filtered_back_projection",
-    "offset_step",
-    "polar_fourier",
-    "polar_fourier_of_projections",
-    "radial_transform",
-    "radon_projections",
+    "PAPER_K",
+    "Reconstruction",
+    "ReconstructionPlan",
+    "Setup",
+    "build_plan",
+    "circular_integrals",
+    "circular_integrals_adjoint",
+    "circular_means",
     "reconstruct",
-    "reconstruct_direct",
     "reconstruct_stack",
-    "total_integrals",
+    "solve",
 ]

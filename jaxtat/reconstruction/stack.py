@@ -6,28 +6,30 @@ import numpy as np
 from tqdm import tqdm
 
 from ..checks import whole_number
-from ..plan import ReconstructionPlan
-from .pipeline import reconstruct
-from .radon import LowPass
+from ..steps.radon import LowPass
+from .plan import ReconstructionPlan
+from .setup import Setup
+from .solve import reconstruct
 
 
 def reconstruct_stack(
-    plan: ReconstructionPlan,
+    problem: Setup | ReconstructionPlan,
     frames: Any,
+    rule: Any = None,
     *,
     out: Any = None,
     batch_size: int = 32,
     low_pass: LowPass | None = None,
     inversion: str = "fbp",
-    progress: bool = True,
+    progress: bool = False,
 ) -> Any:
     """Images of a stack of data, read, reconstructed and written a few at a time.
 
     Args:
-        plan: as in `reconstruct`.
-        frames: circular integrals, (n, detectors, radii): an array, a memory map, an HDF5 dataset,
+        problem, rule: as in `reconstruct`; with a plan images take milliseconds.
+        frames: circular integrals, (n, *data_shape): an array, a memory map, an HDF5 dataset,
             or anything else with a shape that gives arrays for slices.
-        out: where images go, (n, x1, x2): likewise anything that slices can be assigned to; by
+        out: where images go, (n, *grid.shape): likewise anything that slices can be assigned to; by
             default a new array.
         batch_size: images at a time, which bounds the memory.
         low_pass, inversion: as in `reconstruct`.
@@ -39,20 +41,19 @@ def reconstruct_stack(
     Raises:
         ValueError: for frames or an ``out`` of the wrong shape, and as `reconstruct`.
 
-    >>> from jaxtat import ImageGrid, build_plan, circular_arc, data_radii, truncated_disk
-    >>> curve, region, grid = circular_arc(1.3, 1.0, 40), truncated_disk(1, 1, 80), ImageGrid(11)
-    >>> radii = data_radii(curve, region, grid.spacing[0])
-    >>> plan = build_plan(curve, region, grid, radii, progress=False)
-    >>> frames = np.zeros((5, 40, len(radii)))
-    >>> reconstruct_stack(plan, frames, batch_size=2, progress=False).shape
+    >>> from jaxtat import ImageGrid, build_plan, circular_arc, disk
+    >>> plan = build_plan(Setup(circular_arc(1.3, 1.0, 40), disk(1.0), ImageGrid(11)))
+    >>> frames = np.zeros((5, *plan.setup.data_shape))
+    >>> reconstruct_stack(plan, frames, batch_size=2).shape
     (5, 11, 11)
     """
-    shape = tuple(getattr(frames, "shape", ()))
-    wanted = (plan.curve.n_detectors, plan.radii.shape[0])
-    if len(shape) != 3 or shape[1:] != wanted:
-        raise ValueError(f"frames have shape {shape}, expected (n, {wanted[0]}, {wanted[1]}).")
+    shape: tuple[int, ...] = tuple(getattr(frames, "shape", ()))
+    setup = problem.setup if isinstance(problem, ReconstructionPlan) else problem
+    wanted = setup.data_shape
+    if len(shape) != 1 + len(wanted) or shape[1:] != wanted:
+        raise ValueError(f"frames have shape {shape}, expected (n, {str(wanted)[1:-1]}).")
     batch_size = whole_number("batch_size", batch_size, 1)
-    images = (shape[0], *plan.grid.shape)
+    images = (shape[0], *setup.grid.shape)
     out = np.empty(images) if out is None else out
     if tuple(out.shape) != images:
         raise ValueError(f"out has shape {tuple(out.shape)}, expected {images}.")
@@ -61,8 +62,8 @@ def reconstruct_stack(
             part = np.asarray(frames[start : start + batch_size])
             # one compiled size: the last batch is filled up
             missing = min(batch_size, shape[0]) - len(part)
-            filled = np.pad(part, ((0, missing), (0, 0), (0, 0)))
-            found = reconstruct(plan, filled, low_pass=low_pass, inversion=inversion)
+            filled = np.pad(part, ((0, missing), *[(0, 0)] * len(wanted)))
+            found = reconstruct(problem, filled, rule, low_pass=low_pass, inversion=inversion)
             out[start : start + len(part)] = np.asarray(found)[: len(part)]
             bar.update(len(part))
     return out

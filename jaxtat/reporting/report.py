@@ -10,7 +10,7 @@ from ..geometry import DetectorCurve, ImageGrid, Region
 from ..io.atomic import replacing, require_place
 from ..io.provenance import provenance
 from ..plan import ReconstructionPlan
-from ..reconstruction.radon import LowPass
+from ..steps.radon import LowPass
 from ..units import millimetres
 
 

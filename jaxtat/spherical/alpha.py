@@ -1,63 +1,43 @@
-"""How much to regularise in space: the rules of `harmonic.alpha`, and one by visibility.
+"""How much to regularise in space: alpha of Tikhonov's rules.
 
 The diagonal of A A^T at (l, m) is (a_l² + b_l²) T_m,ll. It is replaced by its mean over m, which is
 (a_l² + b_l²) (total area)/4π since Σ_m |Y_lm|² is constant on the sphere, and, in a cut ball, by
 that of the whole one: a number alpha then has a simple meaning and costs nothing.
 """
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, real_array, require_positive
-from ..harmonic.alpha import AlphaRule, Problem, alpha_rule
-from ..regularization import RelativeCutoff, RelativeTikhonov, per_frequency
+from ..harmonic.alpha import Problem, TikhonovRule
 
 
-class SeenOnce(AlphaRule):
-    """alpha = 8 (π kappa / lambda²)²: waves that the cap sees less well than kappa count as unseen.
+def seen_once(frequency: Array) -> Array:
+    """2√2 π/lambda²: the singular value of a wave that crosses the cap once, at right angles.
 
     On the whole sphere A A^T has the eigenvalues (4π R R_g)² (j_l² + j_l'²)(lambda R) (j_l² + y_l²)
     (lambda R_g), close to (4π/lambda²)² for l < lambda R. Every wave front crosses the sphere
-    twice, so one that crosses the cap once, at right angles, has half of it, and its singular value
-    is sigma_1 = 2√2 π/lambda². alpha = (kappa sigma_1)²: 0.1 is right for noise of 5 to 15 %, 0.01
-    for cleaner data. For the weights of a cap; those of `DetectorPoints` must be areas.
+    twice, so one that crosses the cap once has half of it. `RelativeTikhonov` takes alpha =
+    (kappa sigma_1)². For the weights of a cap; those of `DetectorPoints` must be areas.
 
-    >>> one = jnp.ones(())
-    >>> problem = Problem(None, None, one[None, None], one, one, one, 50 * one, one, n_data=1)
-    >>> print(f"{SeenOnce(0.1).absolute(problem):.4e}")  # at lambda = 50
+    >>> print(f"{(0.1 * seen_once(jnp.array(50.0))) ** 2:.4e}")
     1.2633e-07
     """
-
-    kappa: Float[Array, "*frequencies"]
-
-    def __init__(self, kappa: Numbers):
-        """kappa: above zero, well below 1; no unit."""
-        self.kappa = real_array("kappa", kappa, None)
-        require_positive("kappa", self.kappa)
-
-    def absolute(self, problem: Problem) -> Array:
-        return 8 * (jnp.pi * self.kappa / problem.frequency**2) ** 2
+    return 2 * jnp.sqrt(2.0) * jnp.pi / frequency**2
 
 
-def cap_alpha_rule(alpha: Any, n_frequencies: int) -> AlphaRule:
-    """The rule for what a user gives as alpha, with one entry per frequency in every array."""
-    if isinstance(alpha, RelativeCutoff | RelativeTikhonov):
-        alpha = SeenOnce(alpha.kappa)  # the same rule, with the singular value of space
-    rule = alpha_rule(alpha, n_frequencies)
+def require_no_matrix(rule: TikhonovRule) -> None:
+    """Raise ValueError for a rule that asks for the whole matrix of a frequency."""
     if rule.needs_matrix:
         raise ValueError(
-            f"alpha is {alpha!r}, expected a number, NoiseLevel(sigma) or SeenOnce(kappa): a bound "
-            "on the norm of densities is not available in space."
+            f"{type(rule).__name__} bounds the norm of densities, which is not available in space: "
+            "use a number, NoiseLevel(sigma) or RelativeTikhonov(kappa)."
         )
-    return per_frequency(rule, n_frequencies)
 
 
 def absolute_alpha(
-    rule: AlphaRule,
+    rule: TikhonovRule,
     frequencies: Float[Array, " f"],
     degree_powers: Float[Array, "f orders"],
     data_power: Float[Array, " f"],
@@ -76,7 +56,7 @@ def absolute_alpha(
     all_orders = np.repeat(degrees, 2 * degrees + 1)
 
     def at(
-        rule: AlphaRule, frequency: Array, powers: Array, data: Array, noise: Array
+        rule: TikhonovRule, frequency: Array, powers: Array, data: Array, noise: Array
     ) -> tuple[Array, Array]:
         problem = Problem(
             matrix=None,

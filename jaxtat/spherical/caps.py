@@ -108,21 +108,21 @@ class SphericalCap(eqx.Module):
 
 def spherical_cap(
     radius: Numbers,
-    z_top: Numbers,
+    cut: Numbers,
     n_rings: int,
     n_azimuths: int,
     *,
     center: Numbers = (0.0, 0.0, 0.0),
     rule: str = "gauss",
 ) -> SphericalCap:
-    """The cap |z| = R_g, z_3 < z_top with detectors on rings.
+    """The cap |z| = R_g, z_3 < cut with detectors on rings.
 
     A frequency lambda asks for rings π/(lambda R) apart, as seen from the centre, and for
     2 lambda R azimuths and a quarter more, R being the reach of the region of interest.
 
     Args:
         radius: R_g > 0 [length].
-        z_top: the cap ends at this height above the centre, more than -radius; the whole sphere
+        cut: the cap ends at this height above the centre, more than -radius; the whole sphere
             from radius on [length].
         n_rings: "gauss": at Gauss-Legendre nodes in cos theta; "equal": in the middle of equal
             steps of theta, each with its own area.
@@ -137,13 +137,13 @@ def spherical_cap(
     >>> cap.points.shape, round(float(cap.weights.sum() / (2 * jnp.pi * 1.3**2)), 12)
     ((24, 64, 3), 1.0)
     """
-    radius, z_top = real_array("radius", radius, ()), real_array("z_top", z_top, ())
+    radius, cut = real_array("radius", radius, ()), real_array("cut", cut, ())
     center = real_array("center", center, (3,))
     require_positive("radius", radius)
-    if is_concrete(radius, z_top) and float(z_top) <= -float(radius):
+    if is_concrete(radius, cut) and float(cut) <= -float(radius):
         raise ValueError(
-            f"the cap |z| = {float(radius)}, z_3 < {float(z_top)} is empty: "
-            "z_top must be above -radius."
+            f"the cap |z| = {float(radius)}, z_3 < {float(cut)} is empty: "
+            "cut must be above -radius."
         )
     n_rings = whole_number("n_rings", n_rings, 2)
     n_azimuths = whole_number("n_azimuths", n_azimuths, 4)
@@ -151,7 +151,7 @@ def spherical_cap(
         raise ValueError(f"n_azimuths is {n_azimuths}, expected an even number.")
     if rule not in RULES:
         raise ValueError(f"rule is {rule!r}, expected one of {', '.join(RULES)}.")
-    half_opening = opening_angle(z_top / radius)
+    half_opening = opening_angle(cut / radius)
     return SphericalCap(center, radius, half_opening, n_rings, n_azimuths, rule)
 
 

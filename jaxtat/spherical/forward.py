@@ -21,7 +21,7 @@ from .caps import Detectors
 KERNELS = {"cubic": KEYS, "linear": LINEAR}
 
 
-def spherical_integrals(
+def integrate_over_spheres(
     volume: Numbers,
     grid: VolumeGrid,
     detectors: Detectors,
@@ -54,7 +54,7 @@ def spherical_integrals(
     >>> from jaxtat.spherical import Bells, DetectorPoints
     >>> grid, z, radii = VolumeGrid(17), DetectorPoints([[0.0, 0.0, -1.3]]), jnp.array([1.0, 1.5])
     >>> bell = Bells([[0.1, 0.0, 0.2]], [0.9])
-    >>> g = spherical_integrals(bell.volume(grid), grid, z, radii, n_points=24)
+    >>> g = integrate_over_spheres(bell.volume(grid), grid, z, radii, n_points=24)
     >>> bool(abs(g - bell.spherical_integrals(z, radii)).max() < 0.02)
     True
     """
@@ -64,7 +64,7 @@ def spherical_integrals(
     return found.reshape(*volume.shape[:-3], *detectors.shape, -1)
 
 
-def spherical_integrals_adjoint(
+def integrate_over_spheres_adjoint(
     data: Numbers,
     grid: VolumeGrid,
     detectors: Detectors,
@@ -73,11 +73,11 @@ def spherical_integrals_adjoint(
     kernel: str = "cubic",
     n_points: int | None = None,
 ) -> Float[Array, "*batch x1 x2 x3"]:
-    """The exact transpose of `spherical_integrals`: Σ g·data = Σ volume·adjoint(data).
+    """The exact transpose of `integrate_over_spheres`: Σ g·data = Σ volume·adjoint(data).
 
     Args:
         data: (..., rings, azimuths, radii) or (..., detectors, radii).
-        grid, detectors, radii, kernel, n_points: as in `spherical_integrals`.
+        grid, detectors, radii, kernel, n_points: as in `integrate_over_spheres`.
 
     Returns:
         (..., x1, x2, x3).
@@ -88,8 +88,8 @@ def spherical_integrals_adjoint(
     >>> from jaxtat import VolumeGrid
     >>> from jaxtat.spherical import DetectorPoints
     >>> where = VolumeGrid(17), DetectorPoints([[0.0, 0.0, -1.3]]), jnp.array([1.0, 1.5])
-    >>> back = spherical_integrals_adjoint([[1.0, 0.0]], *where, n_points=24)
-    >>> sphere = spherical_integrals(jnp.ones((17, 17, 17)), *where, n_points=24)
+    >>> back = integrate_over_spheres_adjoint([[1.0, 0.0]], *where, n_points=24)
+    >>> sphere = integrate_over_spheres(jnp.ones((17, 17, 17)), *where, n_points=24)
     >>> bool(abs(back.sum() - sphere[0, 0]) < 1e-12)  # the same sum either way
     True
     """
@@ -98,6 +98,12 @@ def spherical_integrals_adjoint(
     n_radii = data.shape[-1]
     found = _adjoint(data.reshape(-1, int(np.prod(detectors.shape)), n_radii), *given)
     return found.reshape(*data.shape[: data.ndim - len(detectors.shape) - 1], *grid.shape)
+
+
+def default_points(grid: VolumeGrid) -> int:
+    """Two points per voxel from the pole of the longest cap to its rim; of a concrete grid."""
+    voxels = np.linalg.norm(2 * np.asarray(grid.half_width)) / np.asarray(grid.spacing).min()
+    return int(np.ceil(np.pi / 2 * (voxels + 1)))
 
 
 def _checked(
@@ -110,8 +116,7 @@ def _checked(
     if n_points is None:
         if not is_concrete(grid):
             raise ValueError("n_points must be given when the grid is traced.")
-        voxels = np.linalg.norm(2 * np.asarray(grid.half_width)) / np.asarray(grid.spacing).min()
-        n_points = int(np.ceil(np.pi / 2 * (voxels + 1)))
+        n_points = default_points(grid)
     n_points = whole_number("n_points", n_points, 2)
     return grid, detectors.points.reshape(-1, 3), radii, kernel, n_points
 

@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from ..geometry import ImageGrid, VolumeGrid
-from ..reconstruction.inversion import invert
-from ..reconstruction.pipeline import IMAGES, in_groups
-from ..reconstruction.radon import offset_step, polar_fourier_of_projections
-from .layout import PLANES, CapLayout
+from ..parallel import in_groups
+from ..steps.inversion import IMAGES, invert
+from ..steps.radon import offset_step, polar_fourier_of_projections
 from .polar_fourier import meridian_fourier
+from .sizes import PLANES, SpaceSizes
 
 
 @eqx.filter_jit
@@ -31,7 +31,7 @@ def meridian_projections(
     grid: VolumeGrid,
     center: Float[Array, "3"],
     eta: Float[Array, " frequencies"],
-    layout: CapLayout,
+    sizes: SpaceSizes,
     inversion: str,
 ) -> Float[Array, "planes offsets x3"]:
     """P_phi(s, x_3) = ∫ f dt along the normal of the meridian plane phi = π q/n, q = 0..n-1.
@@ -43,16 +43,16 @@ def meridian_projections(
         grid: gives the heights x_3.
         center: of the waves [length].
         eta: low-pass at lambda = 0, d lambda, ..., lambda_max.
-        layout: sizes.
+        sizes: sizes.
         inversion: as in `reconstruction.inversion.invert`.
 
     Returns:
         At offsets s_j = j h, j = -n/2..n/2, h = π/lambda_max, from the axis.
     """
-    n, step = layout.n_directions, jnp.asarray(layout.frequency_step)
+    n, step = sizes.n_directions, jnp.asarray(sizes.frequency_step)
     n_sets = _divisor(n, n // PLANES)
-    half = -(-layout.n_frequencies // 2)
-    h = offset_step(step, layout.n_frequencies)
+    half = -(-sizes.n_frequencies // 2)
+    h = offset_step(step, sizes.n_frequencies)
     plane = ImageGrid(
         (2 * half + 1, grid.shape[2]),
         half_width=jnp.stack([half * h, grid.half_width[2]]),
@@ -77,15 +77,15 @@ def slices_of_projections(
     projections: Float[Array, "planes offsets x3"],
     grid: VolumeGrid,
     center: Float[Array, "3"],
-    layout: CapLayout,
+    sizes: SpaceSizes,
     inversion: str,
 ) -> Float[Array, "x1 x2 x3"]:
     """f at the nodes of the grid, height by height, from `meridian_projections`."""
-    n, n_offsets = layout.n_frequencies, projections.shape[1]
-    step = jnp.asarray(layout.frequency_step)
+    n, n_offsets = sizes.n_frequencies, projections.shape[1]
+    step = jnp.asarray(sizes.frequency_step)
     h = offset_step(step, n)
     slices = ImageGrid(grid.shape[:2], grid.half_width[:2], grid.center[:2])
-    angles = jnp.asarray(np.pi / layout.n_directions * np.arange(layout.n_directions))
+    angles = jnp.asarray(np.pi / sizes.n_directions * np.arange(sizes.n_directions))
     before = n - n_offsets // 2
 
     @jax.checkpoint

@@ -15,53 +15,55 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from ..harmonic.alpha import AlphaRule
+from ..harmonic.alpha import TikhonovRule
 from ..harmonic.tikhonov import SolveReport, cholesky_solve
-from ..reconstruction.radial_transform import kernel_noise_power
 from ..special import legendre_functions
+from ..steps.radial_transform import kernel_noise_power
 from .alpha import absolute_alpha
 from .caps import DetectorPoints
-from .layout import CapLayout
 from .polar_fourier import polar_cosines, synthesis
 from .radial_transform import spherical_kernels
-from .regions import BallPart
+from .regions import Ball
+from .sizes import SpaceSizes
 from .waves import CapWaves, cap_waves
 
 
 @eqx.filter_jit
 def solve_points(
     detectors: DetectorPoints,
-    region: BallPart,
+    region: Ball,
     radii: Float[Array, " radii"],
     g: Float[Array, "*batch detectors radii"],
-    rule: AlphaRule,
-    layout: CapLayout,
+    rule: TikhonovRule,
+    sizes: SpaceSizes,
 ) -> tuple[Complex[Array, "images frequencies 2 polar orders"], SolveReport]:
     """As `tikhonov.solve_rings`; the region must be a whole ball."""
     local = detectors.points - detectors.center
     distance = jnp.linalg.norm(local, axis=1)
     units = local / distance[:, None]
-    frequencies, l_max = layout.frequencies, layout.groups[-1]
+    frequencies, l_max = sizes.frequencies, sizes.groups[-1]
     kernels = spherical_kernels(radii, frequencies)
     stack = g.reshape(-1, *g.shape[-2:])
     data = jnp.einsum("fjr,ikr->fjki", kernels, stack) * jnp.sqrt(detectors.weights)[:, None]
     waves = cap_waves(frequencies, region.radius, distance, l_max)
-    sizes = waves.at_detectors * (waves.norms[:, None, None] * jnp.sqrt(detectors.weights)[:, None])
+    magnitudes = waves.at_detectors * (
+        waves.norms[:, None, None] * jnp.sqrt(detectors.weights)[:, None]
+    )
     alpha, relative = absolute_alpha(
         rule,
         frequencies,
-        jnp.sum(sizes**2, axis=(1, 2)) / (4 * jnp.pi),
+        jnp.sum(magnitudes**2, axis=(1, 2)) / (4 * jnp.pi),
         jnp.mean(data**2, axis=(1, 2, 3)),
         kernel_noise_power(kernels, detectors.weights),
         2 * detectors.weights.shape[0],
     )
-    m = jnp.arange(layout.n_orders)
+    m = jnp.arange(sizes.n_orders)
     # conj Y_lm = (P_lm / sin^m theta) ((x_1 - i x_2) / |x|)^m, smooth on the axis too
-    legendre = legendre_functions(m, l_max + 1, units[:, 2], layout.n_orders, over_sine=True)
-    across = jnp.broadcast_to(units[:, 0] - 1j * units[:, 1], (layout.n_orders, len(units)))
+    legendre = legendre_functions(m, l_max + 1, units[:, 2], sizes.n_orders, over_sine=True)
+    across = jnp.broadcast_to(units[:, 0] - 1j * units[:, 1], (sizes.n_orders, len(units)))
     powers = jnp.cumprod(across.at[0].set(1.0), axis=0)
-    polar = polar_cosines(layout.n_directions)
-    at_polar = legendre_functions(m, l_max + 1, polar, layout.n_orders)
+    polar = polar_cosines(sizes.n_directions)
+    at_polar = legendre_functions(m, l_max + 1, polar, sizes.n_orders)
 
     @jax.checkpoint
     def at(given: tuple[Array, ...]) -> tuple[Array, Array]:

@@ -17,19 +17,21 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float, Int
 
-from ..harmonic.alpha import AlphaRule
+from ..harmonic.alpha import TikhonovRule
 from ..harmonic.table import RegionFactor, gram_matrix, triangle
 from ..harmonic.tikhonov import SolveReport, cholesky_solve
-from ..reconstruction.radial_transform import kernel_noise_power
+from ..parallel import map_shards
 from ..special import legendre_functions
+from ..steps.radial_transform import kernel_noise_power
 from .alpha import absolute_alpha
 from .caps import SphericalCap
-from .layout import CapLayout
 from .polar_fourier import polar_cosines, synthesis
 from .radial_transform import azimuthal_transform, spherical_kernels
-from .regions import BallPart, Boundary
+from .regions import Ball, Boundary
+from .sizes import SpaceSizes
 from .waves import CapWaves, boundary_radial, boundary_traces, cap_waves, order_slice
 
 
@@ -49,11 +51,12 @@ class _Group(eqx.Module):
 @eqx.filter_jit
 def solve_rings(
     cap: SphericalCap,
-    region: BallPart,
+    region: Ball,
     radii: Float[Array, " radii"],
     g: Float[Array, "*batch rings azimuths radii"],
-    rule: AlphaRule,
-    layout: CapLayout,
+    rule: TikhonovRule,
+    sizes: SpaceSizes,
+    mesh: Mesh | None = None,
 ) -> tuple[Complex[Array, "images frequencies 2 polar orders"], SolveReport]:
     """F of `polar_fourier.synthesis` for all orders and frequencies, and how it was solved.
 
@@ -62,22 +65,31 @@ def solve_rings(
         radii, g: spherical integrals; all leading axes become one, here and not before, as data of
             a large volume are better not copied.
         rule: regularisation, one entry per frequency.
-        layout: sizes.
+        sizes: of the setup.
+        mesh: devices that share the groups of frequencies.
     """
     stack = g.reshape(-1, *g.shape[-3:])
 
     def by_group(leaf: Array) -> Array:
-        return leaf.reshape(len(layout.groups), layout.in_group, *leaf.shape[1:])
+        return leaf.reshape(len(sizes.groups), sizes.in_group, *leaf.shape[1:])
 
-    def of_group(given: tuple[Array, Array, AlphaRule]) -> tuple[Array, SolveReport]:
+    def of_group(
+        common: tuple[Any, ...], given: tuple[Array, Array, TikhonovRule]
+    ) -> tuple[Array, SolveReport]:
+        cap, region, radii, stack = common
         number, frequencies, rule = given
-        shared, relative = _shared(cap, region, radii, stack, rule, layout, frequencies)
-        spectrum, residual = _solve_group(shared, number, layout)
+        shared, relative = _shared(cap, region, radii, stack, rule, sizes, frequencies)
+        spectrum, residual = _solve_group(shared, number, sizes)
         steps, finite = jnp.zeros(residual.shape, int), jnp.isfinite(residual)
         return spectrum, SolveReport(shared.alpha, relative, residual, steps, finite)
 
-    numbers, rules = jnp.arange(len(layout.groups)), jax.tree.map(by_group, rule)
-    spectrum, report = jax.lax.map(of_group, (numbers, by_group(layout.frequencies), rules))
+    numbers, rules = jnp.arange(len(sizes.groups)), jax.tree.map(by_group, rule)
+    spectrum, report = map_shards(
+        lambda common, share: jax.lax.map(partial(of_group, common), share),
+        (cap, region, radii, stack),
+        (numbers, by_group(sizes.frequencies), rules),
+        mesh,
+    )
     # from (groups, in_group, images, 2, polar, orders); of one image nothing is moved
     spectrum = jnp.moveaxis(spectrum, 2, 0)
     spectrum = spectrum.reshape(spectrum.shape[0], -1, *spectrum.shape[3:])
@@ -85,17 +97,17 @@ def solve_rings(
 
 
 def _solve_group(
-    shared: _Group, number: Int[Array, ""], layout: CapLayout
+    shared: _Group, number: Int[Array, ""], sizes: SpaceSizes
 ) -> tuple[Complex[Array, "f images 2 polar orders"], Float[Array, " f"]]:
     """F and residuals of neighbouring frequencies, some orders at a time.
 
     One loop over all pieces of the orders, in which the program for the number of degrees is
     chosen: as loops side by side XLA may run them at once, see `harmonic.tikhonov`.
     """
-    sizes = sorted({size for row in layout.degrees for size in row})
-    chosen = jnp.asarray(np.searchsorted(sizes, layout.degrees))[number]
-    programs = [partial(_solve_orders, size, sizes[-1]) for size in sizes]
-    polar = polar_cosines(layout.n_directions)
+    distinct = sorted({size for row in sizes.degrees for size in row})
+    chosen = jnp.asarray(np.searchsorted(distinct, sizes.degrees))[number]
+    programs = [partial(_solve_orders, size, distinct[-1]) for size in distinct]
+    polar = polar_cosines(sizes.n_directions)
     points = [shared.cosines, polar]
     if shared.boundary is not None:
         points.append(shared.boundary.cosine)
@@ -103,11 +115,11 @@ def _solve_group(
 
     @jax.checkpoint
     def of_piece(shared: _Group, cosines: Array, piece: Array) -> tuple[Array, Array]:
-        orders = piece * layout.piece + jnp.arange(layout.piece)
-        data = jax.lax.dynamic_slice_in_dim(shared.data, orders[0], layout.piece, axis=1)
-        highest = layout.n_pieces * layout.piece - 1
+        orders = piece * sizes.piece + jnp.arange(sizes.piece)
+        data = jax.lax.dynamic_slice_in_dim(shared.data, orders[0], sizes.piece, axis=1)
+        highest = sizes.n_pieces * sizes.piece - 1
         # one degree more than the systems have is for derivatives at the boundary
-        table = legendre_functions(orders, sizes[-1] + 1, cosines, highest)
+        table = legendre_functions(orders, distinct[-1] + 1, cosines, highest)
         at_rings, at_polar, *at_boundary = jnp.split(table, ends, axis=-1)
         given = orders, jnp.moveaxis(data, 1, 0), at_rings, at_boundary
         found, squares = jax.lax.switch(chosen[piece], programs, shared, given)
@@ -115,28 +127,28 @@ def _solve_group(
         return found, squares
 
     spectrum, squares = jax.lax.map(
-        partial(of_piece, shared, jnp.concatenate(points)), jnp.arange(layout.n_pieces)
+        partial(of_piece, shared, jnp.concatenate(points)), jnp.arange(sizes.n_pieces)
     )
     left, size = jnp.sum(squares, axis=(0, 1))  # (residual|right-hand side, frequencies, images)
     residual = jnp.sqrt(jnp.max(left / jnp.where(size > 0, size, 1.0), axis=-1))
-    spectrum = spectrum.reshape(-1, *spectrum.shape[2:])[: layout.n_orders]
+    spectrum = spectrum.reshape(-1, *spectrum.shape[2:])[: sizes.n_orders]
     return jnp.moveaxis(spectrum, 0, -1), residual
 
 
 def _shared(
     cap: SphericalCap,
-    region: BallPart,
+    region: Ball,
     radii: Float[Array, " radii"],
     g: Float[Array, "images rings azimuths radii"],
-    rule: AlphaRule,
-    layout: CapLayout,
+    rule: TikhonovRule,
+    sizes: SpaceSizes,
     frequencies: Float[Array, " f"],
 ) -> tuple[_Group, Float[Array, " f"]]:
     """Step 2 and the waves of some frequencies; and alpha over the largest diagonal entry."""
     kernels, areas = spherical_kernels(radii, frequencies), cap.ring_areas
-    n_padded = layout.n_pieces * layout.piece
-    data, power = azimuthal_transform(g, kernels, cap.first_azimuths, layout.n_orders, n_padded)
-    waves = cap_waves(frequencies, region.radius, cap.radius, layout.groups[-1])
+    n_padded = sizes.n_pieces * sizes.piece
+    data, power = azimuthal_transform(g, kernels, cap.first_azimuths, sizes.n_orders, n_padded)
+    waves = cap_waves(frequencies, region.radius, cap.radius, sizes.groups[-1])
     n_detectors = cap.n_rings * cap.n_azimuths
     alpha, relative = absolute_alpha(
         rule,
@@ -150,14 +162,15 @@ def _shared(
     def padded(values: Array) -> Array:
         return jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, n_padded)])
 
-    radial = None
-    if not region.whole:
-        radial = boundary_radial(region, frequencies, waves.steps)
+    boundary = radial = None
+    if sizes.boundary is not None:
+        boundary = region.boundary(sizes.boundary)
+        radial = boundary_radial(boundary, frequencies, waves.steps)
         radial = padded(jnp.swapaxes(radial, -1, -2))
     return _Group(
         cosines=cap.cosines,
         areas=areas,
-        boundary=None if region.whole else region.boundary(),
+        boundary=boundary,
         waves=CapWaves(frequencies, waves.steps, padded(waves.at_detectors), padded(waves.norms)),
         scale=padded(waves.scale),
         radial=radial,

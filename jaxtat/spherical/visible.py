@@ -7,14 +7,14 @@ from scipy.spatial import KDTree
 
 from ..geometry import VisibilityWarning, visibility
 from .caps import DetectorPoints, Detectors
-from .regions import BallPart
+from .regions import Ball
 
 _FAR = 4  # median distances between neighbours
 _DIRECTIONS = 200  # over half the sphere
 _RINGS = ((0.0, 1), (0.5, 6), (0.9, 12))  # lines of one direction: distance over R, and how many
 
 
-def warn_of_visibility(detectors: Detectors, region: BallPart) -> None:
+def warn_of_visibility(detectors: Detectors, region: Ball) -> None:
     """Warn if lines through the region miss the detectors; called by what the user calls calls."""
     if isinstance(detectors, DetectorPoints):
         missed = missed_share(detectors, region)
@@ -29,7 +29,7 @@ def warn_of_visibility(detectors: Detectors, region: BallPart) -> None:
     warnings.warn(said, VisibilityWarning, stacklevel=4)
 
 
-def missed_share(detectors: DetectorPoints, region: BallPart) -> float:
+def missed_share(detectors: DetectorPoints, region: Ball) -> float:
     """Share of the lines through the ball that leave the detectors' sphere far from all of them.
 
     The sphere has the detectors' mean distance, and far is more than four times the median distance
@@ -39,8 +39,8 @@ def missed_share(detectors: DetectorPoints, region: BallPart) -> float:
     >>> unit = rng.standard_normal((400, 3))
     >>> unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     >>> below = unit * [[1, 1, -1]] ** (unit[:, 2:] > 0)
-    >>> from jaxtat.spherical import ball_part
-    >>> [missed_share(DetectorPoints(1.3 * z), ball_part(1.0)) > 0.01 for z in (unit, below)]
+    >>> from jaxtat.spherical import ball
+    >>> [missed_share(DetectorPoints(1.3 * z), ball(1.0)) > 0.01 for z in (unit, below)]
     [False, True]
     """
     local = np.asarray(detectors.points) - np.asarray(detectors.center)

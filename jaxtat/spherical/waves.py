@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..special import decay_steps, scaled_spherical_sequence
-from .regions import BallPart, Boundary
+from .regions import Boundary
 
 
 class CapWaves(eqx.Module):
@@ -109,10 +109,10 @@ def boundary_traces(
 
 
 def boundary_radial(
-    region: BallPart, frequencies: Float[Array, " f"], steps: Float[Array, "f more"]
+    boundary: Boundary, frequencies: Float[Array, " f"], steps: Float[Array, "f more"]
 ) -> Float[Array, "f 3 orders points"]:
     """`radial_values` of all frequencies at the boundary points."""
-    argument = frequencies[:, None] * region.boundary().distance
+    argument = frequencies[:, None] * boundary.distance
     return jnp.moveaxis(radial_values(argument, steps.T[:, :, None]), 2, 0)
 
 

@@ -1,4 +1,4 @@
-"""What of a problem in space is a size: decided outside `jax.jit`, as in `jaxtat.layout`."""
+"""What of a problem in space is a size: decided once, outside of `jax.jit`."""
 
 import equinox as eqx
 import jax
@@ -6,12 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, constants, is_concrete, real_array
+from ..checks import Numbers, is_concrete
 from ..geometry import VolumeGrid, data_radii, require_cover, require_outside
 from ..harmonic.orders import highest_orders
 from ..problem import polar_grid, require_pixels, warn_of_detectors
 from .caps import DetectorPoints, Detectors, SphericalCap
-from .regions import BallPart, enough_boundary
+from .forward import default_points
+from .regions import Ball, enough_boundary
 from .visible import warn_of_visibility
 
 MOST_GROUPS = 4  # of frequencies: one table of detectors' moments is in memory for each
@@ -21,7 +22,7 @@ LEAST_FREQUENCIES = 8  # with fewer the projections between the stages of step 5
 PLANES = 64  # meridian planes inverted together, which bounds the memory
 
 
-class CapLayout(eqx.Module):
+class SpaceSizes(eqx.Module):
     """Everything about a reconstruction in space that is a size, and so cannot be traced.
 
     Attributes:
@@ -32,6 +33,8 @@ class CapLayout(eqx.Module):
         n_orders: m = 0 .. n_orders - 1.
         piece: how many orders m are worked on together.
         n_sizes: of the systems; numbers of degrees are rounded up to one of them.
+        n_sphere: points from a sphere's pole to the rim by which integrals of a volume are taken.
+        boundary: Gauss points on both parts of a meridian of a cut ball; none of a whole one.
     """
 
     max_frequency: float = eqx.field(static=True)
@@ -41,6 +44,8 @@ class CapLayout(eqx.Module):
     n_orders: int = eqx.field(static=True)
     piece: int = eqx.field(static=True)
     n_sizes: int = eqx.field(static=True)
+    n_sphere: int = eqx.field(static=True)
+    boundary: tuple[int, int] | None = eqx.field(static=True)
 
     @property
     def n_frequencies(self) -> int:
@@ -74,49 +79,28 @@ class CapLayout(eqx.Module):
         return tuple(tuple(rounded(l_max + 1 - m) for m in firsts) for l_max in self.groups)
 
 
-def cap_layout(
+def space_sizes(
     detectors: Detectors,
-    region: BallPart,
+    region: Ball,
     grid: VolumeGrid,
-    radii: Numbers,
-    *,
-    max_frequency: Numbers | None = None,
-) -> CapLayout:
-    """The sizes that `reconstruct_cap` would choose, checked, for `jax.jit`.
-
-    Args:
-        detectors, region, grid, radii: concrete, as in `reconstruct_cap`.
-        max_frequency: likewise.
-
-    Raises:
-        ValueError: as `reconstruct_cap`, and for a traced geometry.
+    radii: Float[Array, " radii"],
+    max_frequency: Numbers | None,
+    n_directions: int | None,
+) -> SpaceSizes:
+    """Sizes of a concrete problem, which is checked.
 
     Warns:
-        VisibilityWarning, AccuracyWarning: as `reconstruct_cap`.
-
-    >>> from jaxtat.spherical import ball_part, spherical_cap
-    >>> cap, ball, grid = spherical_cap(1.3, 1.0, 48, 128), ball_part(1.0), VolumeGrid(33)
-    >>> layout = cap_layout(cap, ball, grid, cap_radii(cap, ball, grid.spacing[0] / 2))
-    >>> layout.n_frequencies, round(layout.max_frequency / jnp.pi, 9), layout.n_orders
-    (32, 16.0, 64)
+        VisibilityWarning, AccuracyWarning: see `Setup`.
     """
-    radii = real_array("radii", radii, ("radii",))
-    detectors, region, grid, radii = constants((detectors, region, grid, radii))
-    if not is_concrete(detectors, region, grid, radii, max_frequency):
-        raise ValueError(
-            "detectors, region, grid or radii are traced by jax.jit, and sizes depend on them: "
-            "make layout = cap_layout(...) of typical ones outside, and pass layout=layout."
-        )
     require_fitting(detectors, region)
     with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
         arc, disk = detectors.meridian, region.meridian
         require_outside(arc, disk)
         require_cover(arc, disk, radii)
-        frequencies, angles = polar_grid(disk, grid, radii, max_frequency, None)
+        frequencies, angles = polar_grid(disk, grid, radii, max_frequency, n_directions)
         _require_nodes(region, grid)
         warn_of_visibility(detectors, region)
         n, highest, reach = len(frequencies), float(frequencies[-1]), float(region.radius)
-        _require_boundary(region, highest)
         n_groups = min(MOST_GROUPS, max(1, n // 8))
         ends = highest * np.arange(1, n_groups + 1) / n_groups
         distance = float(np.linalg.norm(np.asarray(arc.points), axis=1).min())
@@ -134,7 +118,10 @@ def cap_layout(
     n_degrees, points = int(orders[-1]) + 1, max(detectors.shape[0], len(angles) // 2 + 1)
     sizes = min(MOST_SIZES, max(1, n_degrees // 24 - 4))
     pieces = max(sizes, -(-n_orders * n_degrees * points // TABLE))
-    return CapLayout(
+    boundary = None
+    if not region.whole:
+        boundary = enough_boundary(reach, float(region.cut), highest)
+    return SpaceSizes(
         max_frequency=highest,
         groups=tuple(int(order) for order in orders),
         in_group=max(-(-n // n_groups), LEAST_FREQUENCIES),
@@ -142,11 +129,13 @@ def cap_layout(
         n_orders=n_orders,
         piece=-(-n_orders // pieces),
         n_sizes=sizes,
+        n_sphere=default_points(grid),
+        boundary=boundary,
     )
 
 
 def cap_radii(
-    detectors: Detectors, region: BallPart, step: Numbers, *, sources: BallPart | None = None
+    detectors: Detectors, region: Ball, step: Numbers, *, sources: Ball | None = None
 ) -> Float[Array, " radii"]:
     """Equispaced radii that the data need, see `jaxtat.data_radii`.
 
@@ -161,8 +150,8 @@ def cap_radii(
     Raises:
         ValueError: for a step that is not above zero.
 
-    >>> from jaxtat.spherical import ball_part, spherical_cap
-    >>> radii = cap_radii(spherical_cap(1.3, 1.0, 48, 64), ball_part(1.0), 1 / 64)
+    >>> from jaxtat.spherical import ball, spherical_cap
+    >>> radii = cap_radii(spherical_cap(1.3, 1.0, 48, 64), ball(1.0), 1 / 64)
     >>> radii.shape, round(float(radii[0]), 3), round(float(radii[-1]), 3)
     ((129,), 0.3, 2.3)
     """
@@ -170,10 +159,10 @@ def cap_radii(
     return data_radii(detectors.meridian, region.meridian, step, sources=more)
 
 
-def require_fitting(detectors: Detectors, region: BallPart) -> None:
+def require_fitting(detectors: Detectors, region: Ball) -> None:
     """Raise ValueError unless region and detectors share their centre, and waves fit both."""
     if isinstance(detectors, DetectorPoints) and not region.whole:
-        raise ValueError("a cut region needs detectors on rings: use ball_part(radius).")
+        raise ValueError("a cut region needs detectors on rings: use ball(radius).")
     if not is_concrete(detectors.center, region.center, region.radius):
         return
     offset = np.abs(np.asarray(detectors.center) - np.asarray(region.center)).max()
@@ -184,32 +173,18 @@ def require_fitting(detectors: Detectors, region: BallPart) -> None:
         )
 
 
-def _require_nodes(region: BallPart, grid: VolumeGrid) -> None:
+def _require_nodes(region: Ball, grid: VolumeGrid) -> None:
     require_pixels(grid, float(region.radius))
     center = np.asarray(region.center)
     local = [np.asarray(grid.axis(k)) - center[k] for k in range(3)]
     low, high = (center + [f(x) for x in local] for f in (np.min, np.max))
-    local[2] = local[2][local[2] < float(region.x_top)]
+    local[2] = local[2][local[2] < float(region.cut)]
     # the node nearest to the centre, axis by axis: all nodes of a large grid are many
     if sum(np.min(x**2, initial=np.inf) for x in local) >= float(region.radius) ** 2:
         raise ValueError(
             f"no node of the grid (from {low} to {high}) lies in the region of interest, within "
-            f"{float(region.radius):.6g} of {center} and below {float(region.x_top):.6g}: move or "
+            f"{float(region.radius):.6g} of {center} and below {float(region.cut):.6g}: move or "
             "widen the grid."
-        )
-
-
-def _require_boundary(region: BallPart, highest: float) -> None:
-    if region.n_boundary is None:
-        return
-    n, least = (
-        sum(region.n_boundary),
-        enough_boundary(float(region.radius), float(region.x_top), highest),
-    )
-    if n < least:
-        raise ValueError(
-            f"a meridian of the region's boundary has {n} points where {least} are needed: use "
-            f"n_boundary >= {least} or a lower max_frequency."
         )
 
 

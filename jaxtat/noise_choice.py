@@ -23,13 +23,19 @@ from jaxtyping import Array, Bool, Float
 
 from .checks import Numbers, data_array, real_array, require_positive, require_x64
 from .filtered_solve import singular_components
-from .geometry import DetectorCurve, ImageGrid, Region
-from .harmonic import PolarGeometry, polar_geometry, wave_system, wave_table
-from .layout import Layout, problem_layout
-from .plan import ReconstructionPlan
-from .reconstruction.radial_transform import noise_power, radial_transform
-from .regularization import FixedRank, NormBound, Regularization, Tikhonov
+from .harmonic import (
+    PolarGeometry,
+    Tikhonov,
+    polar_geometry,
+    wave_system,
+    wave_table,
+)
+from .reconstruction import ReconstructionPlan, Setup
+from .reconstruction.plane_sizes import PlaneSizes
+from .reconstruction.setup import plane_of, require_waves
+from .regularization import FixedRank, NormBound, Regularization
 from .special import root
+from .steps.radial_transform import noise_power, radial_transform
 from .unit_norm import unit_norms
 
 Kind = Callable[..., Regularization]  # made of one number
@@ -78,15 +84,7 @@ class NoiseChoice(eqx.Module):
 
 
 def choose_regularization(
-    curve: DetectorCurve,
-    region: Region,
-    grid: ImageGrid,
-    radii: Numbers,
-    sigma: Numbers,
-    power: Numbers,
-    *,
-    kind: Kind = NormBound,
-    max_frequency: Numbers | None = None,
+    setup: Setup, sigma: Numbers, power: Numbers, *, kind: Kind = NormBound
 ) -> NoiseChoice:
     """K(lambda) or alpha(lambda) for which the expected error of the image is least.
 
@@ -96,8 +94,7 @@ def choose_regularization(
     Wiener filter of this problem.
 
     Args:
-        curve, region, grid, radii, max_frequency: as in `build_plan`, which takes the result's
-            ``regularization``.
+        setup: in the plane, as for `build_plan`, which takes the result's ``regularization``.
         sigma: standard deviation of the noise in every sample of g, above zero.
         power: P(lambda), the mean of |fhat|² over directions, for each frequency of the plan, from
             images alike or from `image_power` of the data.
@@ -108,36 +105,33 @@ def choose_regularization(
 
     Raises:
         ValueError: for a kind that has no parameter to choose, sigma or power that are not
-            positive, detectors that cylindrical waves do not reach (around an L, say), and as
-            `build_plan`.
+            positive, detectors that cylindrical waves do not reach (around an L, say).
 
     Source: the bias-variance trade-off; the paper leaves K to experience (section 3.2).
 
-    >>> from jaxtat import circular_arc, data_radii, truncated_disk
-    >>> curve, region, grid = circular_arc(1.3, 1.0, 60), truncated_disk(1, 1, 120), ImageGrid(17)
-    >>> setup = curve, region, grid, data_radii(curve, region, 0.1)
+    >>> from jaxtat import ImageGrid, circular_arc, disk
+    >>> setup = Setup(circular_arc(1.3, 1.0, 60), disk(1.0), ImageGrid(17))
     >>> power = 1e-4 * jnp.arange(1.0, 17.0) ** -3
-    >>> found = [choose_regularization(*setup, sigma, power) for sigma in (1e-3, 1e-1)]
+    >>> found = [choose_regularization(setup, sigma, power) for sigma in (1e-3, 1e-1)]
     >>> bool(found[0].relative_error < found[1].relative_error < 1)
     True
     """
     require_x64()
     if kind not in _STARTS:
         raise ValueError(f"kind is {kind!r}, expected NormBound, Tikhonov or FixedRank.")
-    radii = real_array("radii", radii, ("radii",))
+    curve, region, radii, sizes = plane_of(setup)
+    require_waves(sizes)
     sigma = real_array("sigma", sigma, ())
-    options = {"max_frequency": max_frequency, "method": "harmonic"}
-    layout = problem_layout(curve, region, grid, radii, **options)
-    power = real_array("power", power, (layout.n_frequencies,))
+    power = real_array("power", power, (sizes.n_frequencies,))
     require_positive("sigma", sigma)
     require_positive("power", power)
-    norms = unit_norms(curve, region, layout.frequencies, layout.norm_orders, _directions())
-    spectra = _spectra(polar_geometry(curve, region), norms, layout)
-    gain = sigma**2 * noise_power(radii, layout.frequencies, curve.weights) / (4 * jnp.pi**2)
+    norms = unit_norms(curve, region, sizes.frequencies, sizes.norm_orders, _directions())
+    spectra = _spectra(polar_geometry(curve, region), norms, sizes)
+    gain = sigma**2 * noise_power(radii, sizes.frequencies, curve.weights) / (4 * jnp.pi**2)
     starts = jax.device_put(_STARTS[kind])
     values, converged = _descended(kind, starts, spectra, power, gain)
     errors = jax.vmap(partial(_errors, kind))(values, spectra, power, gain)
-    return NoiseChoice(kind(values), layout.frequencies, power, *errors, converged)
+    return NoiseChoice(kind(values), sizes.frequencies, power, *errors, converged)
 
 
 def image_power(plan: ReconstructionPlan, g: Numbers, sigma: Numbers) -> Float[Array, " f"]:
@@ -156,17 +150,16 @@ def image_power(plan: ReconstructionPlan, g: Numbers, sigma: Numbers) -> Float[A
     Returns:
         (frequencies,), for `choose_regularization`.
 
-    >>> from jaxtat import circular_arc, build_plan, data_radii, phantoms, truncated_disk
-    >>> curve, region, grid = circular_arc(1.3, 1.0, 60), truncated_disk(1, 1, 120), ImageGrid(17)
-    >>> plan = build_plan(curve, region, grid, data_radii(curve, region, 0.1), progress=False)
-    >>> bell = phantoms.Bells([[0.2, 0.1]], [0.6])
-    >>> found = image_power(plan, bell.circular_integrals(curve, plan.radii), 1e-6)
+    >>> from jaxtat import ImageGrid, build_plan, circular_arc, disk, phantoms
+    >>> setup = Setup(circular_arc(1.3, 1.0, 60), disk(1.0), ImageGrid(17))
+    >>> plan, bell = build_plan(setup), phantoms.Bells([[0.2, 0.1]], [0.6])
+    >>> found = image_power(plan, bell.circular_integrals(setup.curve, setup.radii), 1e-6)
     >>> exact = jnp.mean(jnp.abs(bell.fourier(plan.frequencies, plan.angles)) ** 2, axis=1)
     >>> bool(abs(found[4] / exact[4] - 1) < 0.2)
     True
     """
     require_x64()
-    values = data_array(g, plan.curve.n_detectors, plan.radii.shape[0])
+    values = data_array(g, *plan.setup.data_shape)
     sigma = real_array("sigma", sigma, ())
     return _power(plan, values.reshape(-1, *values.shape[-2:]), sigma)
 
@@ -198,11 +191,11 @@ def _directions() -> Float[Array, " directions"]:
 
 
 @eqx.filter_jit
-def _spectra(geometry: PolarGeometry, norms: Array, layout: Layout) -> _Spectra:
-    table = wave_table(geometry, layout.frequencies, layout.groups[-1][-1])
+def _spectra(geometry: PolarGeometry, norms: Array, sizes: PlaneSizes) -> _Spectra:
+    table = wave_table(geometry, sizes.frequencies, sizes.groups[-1][-1])
     angles = _directions() - geometry.axis
     pieces = []
-    for start, stop, n_max in layout.groups:
+    for start, stop, n_max in sizes.groups:
 
         def at(given, n_max=n_max) -> _Spectra:
             wave, norm = given

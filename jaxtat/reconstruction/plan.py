@@ -12,17 +12,16 @@ import numpy as np
 from jaxtyping import Array, Float
 from tqdm import tqdm
 
-from .checks import Numbers, is_concrete, real_array, require_objects, require_x64
-from .densities import (
+from ..checks import is_concrete, require_x64
+from ..densities import (
     Densities,
     DensityReport,
     SampledDensities,
     collocation_densities,
     series_densities,
 )
-from .geometry import Circle, DetectorCurve, ImageGrid, Region, fit_circle
-from .harmonic import (
-    AlphaRule,
+from ..geometry import Circle, DetectorCurve, ImageGrid, Region, fit_circle
+from ..harmonic import (
     HarmonicDensities,
     PolarGeometry,
     alpha_units,
@@ -33,11 +32,9 @@ from .harmonic import (
     polar_geometry,
     sampled_harmonic_densities,
     wave_table,
-    waves_reach,
 )
-from .layout import Layout, as_in_the_paper, problem_layout
-from .problem import AccuracyWarning, polar_grid, require_boundary, require_problem
-from .regularization import (
+from ..problem import AccuracyWarning, require_boundary
+from ..regularization import (
     DEFAULT_KAPPA,
     NormBound,
     Regularization,
@@ -45,8 +42,11 @@ from .regularization import (
     per_frequency,
     seen_once,
 )
-from .symmetry import find_mirror
-from .unit_norm import unit_norms
+from ..symmetry import find_mirror
+from ..unit_norm import unit_norms
+from .plane_basis import StoredDensities
+from .plane_sizes import PlaneSizes
+from .setup import Setup, plane_of, require_setup
 
 METHODS = ("auto", "harmonic", "collocation", "series")
 _FREQUENCIES_AT_A_TIME = 4
@@ -60,143 +60,136 @@ class ReconstructionPlan(eqx.Module):
     """Everything steps 2 to 5 need to turn circular integrals into an image.
 
     Attributes:
-        curve, region, grid, radii: the geometry the plan was built for.
-        frequencies: lambda_i = i d lambda > 0, (frequencies,) [rad/length].
-        angles: theta of the directions, equispaced over half a turn, (directions,) [rad].
+        setup: the problem the plan was built for.
         densities: (rho_J, rho_Y) of all directions and frequencies.
         regularization: the one that was used; None where the densities are in closed form.
         report: accuracy and norm of the densities.
     """
 
-    curve: DetectorCurve
-    region: Region
-    grid: ImageGrid
-    radii: Float[Array, " radii"]
-    frequencies: Float[Array, " frequencies"]
-    angles: Float[Array, " directions"]
+    setup: Setup
     densities: Densities
     regularization: Regularization | None
     report: DensityReport
+
+    @property
+    def curve(self) -> DetectorCurve:
+        """The detectors of its setup."""
+        return plane_of(self.setup)[0]
+
+    @property
+    def region(self) -> Region:
+        """The region of interest of its setup."""
+        return plane_of(self.setup)[1]
+
+    @property
+    def grid(self) -> ImageGrid:
+        """The grid of its setup."""
+        assert isinstance(self.setup.grid, ImageGrid)
+        return self.setup.grid
+
+    @property
+    def radii(self) -> Float[Array, " radii"]:
+        """The radii of its setup [length]."""
+        return self.setup.radii
+
+    @property
+    def frequencies(self) -> Float[Array, " frequencies"]:
+        """lambda_i = i d lambda > 0 [rad/length]."""
+        return self.setup.sizes.frequencies
 
     @property
     def frequency_step(self) -> Float[Array, ""]:
         """d lambda [rad/length]."""
         return self.frequencies[0]
 
+    @property
+    def angles(self) -> Float[Array, " directions"]:
+        """theta of the directions, equispaced over half a turn [rad]."""
+        return plane_of(self.setup)[3].angles
+
+    @property
+    def basis(self) -> StoredDensities:
+        """The densities, as `images_of` takes them."""
+        curve, region, radii, sizes = plane_of(self.setup)
+        return StoredDensities(curve, region, radii, sizes, self.densities)
+
 
 def build_plan(
-    curve: DetectorCurve,
-    region: Region,
-    grid: ImageGrid,
-    radii: Numbers,
-    regularization: Regularization | None = None,
+    setup: Setup,
+    rule: Regularization | None = None,
     *,
     method: str = "auto",
-    max_frequency: Numbers | None = None,
-    n_directions: int | None = None,
     precision: str = "double",
-    progress: bool = True,
-    layout: Layout | None = None,
+    progress: bool = False,
 ) -> ReconstructionPlan:
     """Densities of the plane waves exp(-i xi·x) for all xi on a polar grid: step 1 of the paper.
 
-    Frequencies are i d lambda up to lambda_max, d lambda <= π/(2 R) for a region of reach R, so
-    that projections are resolved up to |s| = 2 R; directions cover half a turn.
-
     Args:
-        curve: the detectors, all outside the region.
-        region: region of interest; outside it the image means nothing.
-        grid: where the image is wanted.
-        radii: r > 0 of the data, increasing, covering the region and all other sources, (radii,)
-            [length]; see `data_radii`.
-        regularization: `NormBound`, `FixedRank`, `SingularValueCutoff`, `RelativeCutoff`,
-            `RelativeTikhonov`, `ResidualTarget`, `Tikhonov` or `TikhonovNormBound`, with a number
-            or one for each frequency. By default the paper's bound, ``NormBound(PAPER_K)``, where
-            its assumptions hold: detectors on a circle (within 5 % of its radius) that see all of
-            the region. Else ``RelativeCutoff(0.1)``: it asks for no norm, and leaves out what no
-            detector records instead of magnifying it.
+        setup: detectors, region, grid and radii, in the plane.
+        rule: which singular components are kept: `NormBound`, `FixedRank`, `SingularValueCutoff`,
+            `RelativeCutoff` or `ResidualTarget`, or one of Tikhonov's, `Tikhonov`,
+            `RelativeTikhonov` or `TikhonovNormBound`, with a number or one for each frequency. By
+            default the paper's bound, ``NormBound(PAPER_K)``, where its assumptions hold: detectors
+            on a circle (within 5 % of its radius) that see all of the region. Else
+            ``RelativeCutoff(0.1)``: it asks for no norm, and leaves out what no detector records
+            instead of magnifying it.
         method: "harmonic": singular value decomposition in cylindrical waves, for detectors that
             are all farther from some centre than the region; "collocation": of the potentials on
             the boundary, as in the paper, for any geometry, slower; "auto": the first if it can,
             else the second; "series": the closed form for a full circle of equispaced detectors.
-        max_frequency: lambda_max [rad/length]; by default π over the larger of pixel and radial
-            step, beyond which neither data nor image hold anything.
-        n_directions: by default enough for lambda_max, a multiple of 32.
         precision: "single" halves the memory and costs about 1e-7 of accuracy.
         progress: show a progress bar.
-        layout: of `problem_layout`, which has decided max_frequency and n_directions; needed where
-            the geometry is traced by `jax.jit`.
 
     Returns:
         ReconstructionPlan: differentiable with respect to all positions and sizes of curve, region
-        and grid, to radii and to the number in the regularisation. Where the geometry is traced the
-        densities are stored one by one (as for "collocation").
+        and grid, to radii and to the number in the rule. Where the geometry is traced the densities
+        are stored one by one (as for "collocation").
 
     Raises:
-        ValueError: for detectors in the region, radii that do not cover it, too few boundary
-            points, a grid that misses the region, NaN, wrong shapes, or 64-bit arithmetic off.
+        ValueError: for a rule that only `solve` takes, too few boundary points, waves that do not
+            reach, or 64-bit arithmetic off.
 
     Warns:
-        VisibilityWarning: if lines through the region miss the curve.
         AccuracyWarning: if many plane waves are not reached, for want of detectors or norm.
 
-    >>> from jaxtat import circular_arc, phantoms, reconstruct, truncated_disk
-    >>> curve, region = circular_arc(1.3, 1.0, 80), truncated_disk(1.0, 1.0, 160)
-    >>> grid, radii = ImageGrid(21), 0.3 + 0.1 * jnp.arange(21)
-    >>> plan = build_plan(curve, region, grid, radii, progress=False)
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms, reconstruct
+    >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
+    >>> plan = build_plan(setup)
     >>> bell = phantoms.Bells([[0.1, 0.2]], [0.7])
-    >>> image = reconstruct(plan, bell.circular_integrals(curve, radii))
-    >>> inside = region.contains(grid.points)
-    >>> bool(jnp.abs(image - bell.image(grid))[inside].max() < 1e-2)
+    >>> image = reconstruct(plan, bell.circular_integrals(setup.curve, setup.radii))
+    >>> inside = setup.region.contains(setup.grid.points)
+    >>> bool(jnp.abs(image - bell.image(setup.grid))[inside].max() < 1e-2)
     True
     """
     require_x64()
-    require_objects(curve=curve, region=region, grid=grid)
-    radii = real_array("radii", radii, ("radii",))
+    require_setup(setup)
     if precision not in ("double", "single"):
         raise ValueError(f"precision is {precision!r}, expected 'double' or 'single'.")
-    single = precision == "single"
-    if isinstance(regularization, AlphaRule):
-        raise ValueError(
-            f"regularization is a {type(regularization).__name__}, which looks at the data: it is "
-            "for alpha of reconstruct_direct. A plan for noise of known size takes the rule that "
-            "choose_regularization finds."
-        )
-    if not (regularization is None or isinstance(regularization, Regularization)):
-        raise ValueError(
-            f"regularization is {regularization!r}, expected a rule such as NormBound(4.0)."
-        )
+    if not (rule is None or isinstance(rule, Regularization)):
+        raise ValueError(f"rule is {rule!r}, expected one such as NormBound(4.0).")
     if method not in METHODS:
         raise ValueError(f"method is {method!r}, expected one of {', '.join(METHODS)}.")
-    if layout is not None or not is_concrete(curve, region, grid, radii):
-        if layout is None:
-            options = {"max_frequency": max_frequency, "n_directions": n_directions}
-            layout = problem_layout(curve, region, grid, radii, method=method, **options)
-        if method == "auto":
-            method = "harmonic" if layout.basis == "cylindrical" else "collocation"
-        rule = _rule(method, regularization, layout.as_in_the_paper)
-        return _traced(curve, region, grid, radii, rule, method, layout, single)
-    # inside jax.jit too: only the rule's number may be traced
-    with jax.ensure_compile_time_eval():
-        frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
-        require_problem(curve, region, grid, radii)
-        require_boundary(region, float(frequencies[-1]))
-        norms = unit_norms(curve, region, frequencies, angles=angles)
-        if method == "auto":
-            method = "harmonic" if waves_reach(curve, region) else "collocation"
-        by_paper = as_in_the_paper(curve, region)
-        regularization = _rule(method, regularization, by_paper)
-    build = {"harmonic": _harmonic, "collocation": _collocation, "series": _series}[method]
-    bar = tqdm(total=len(frequencies), desc="densities", unit="freq", disable=not progress)
-    with bar:
-        densities, report = build(
-            curve, region, frequencies, norms, angles, regularization, single, bar
-        )
-    if all(leaf.ndim == 0 for leaf in jax.tree.leaves(regularization)):
+    curve, region, _, sizes = plane_of(setup)
+    if method == "auto":
+        method = "harmonic" if sizes.reached else "collocation"
+    rule = _rule(method, rule, sizes.as_in_the_paper)
+    if is_concrete(setup):
+        # inside jax.jit too: only the rule's number may be traced
+        with jax.ensure_compile_time_eval():
+            if method != "harmonic":
+                require_boundary(region, sizes.max_frequency)
+            norms = unit_norms(
+                curve, region, sizes.frequencies, sizes.norm_orders, angles=sizes.angles
+            )
+        bar = tqdm(total=sizes.n_frequencies, desc="densities", unit="freq", disable=not progress)
+        with bar:
+            densities, report = _BUILD[method](setup, norms, rule, precision == "single", bar)
+    else:
+        densities, report = _traced(setup, method, rule)
+        densities = densities.in_single_precision() if precision == "single" else densities
+    if all(leaf.ndim == 0 for leaf in jax.tree.leaves(rule)):
         _warn_of_residuals(report)  # a rule made for every frequency leaves out what it wants to
-    return ReconstructionPlan(
-        curve, region, grid, radii, frequencies, angles, densities, regularization, report
-    )
+    return ReconstructionPlan(setup, densities, rule, report)
 
 
 def _rule(
@@ -227,45 +220,28 @@ def _warn_of_residuals(report: DensityReport) -> None:
 
 
 def _traced(
-    curve: DetectorCurve,
-    region: Region,
-    grid: ImageGrid,
-    radii: Array,
-    regularization: Regularization | None,
-    method: str,
-    layout: Layout,
-    single: bool,
-) -> ReconstructionPlan:
-    """A plan of sizes known beforehand; everything else may be traced."""
-    if regularization is None:
+    setup: Setup, method: str, rule: Regularization | None
+) -> tuple[SampledDensities, DensityReport]:
+    """Everything but sizes may be traced: no progress, and no choice of what is worth keeping."""
+    curve, region, _, sizes = plane_of(setup)
+    if rule is None:
         raise ValueError("method 'series' needs a geometry that is not traced.")
-    frequencies, angles = layout.frequencies, layout.angles
-    norms = unit_norms(curve, region, frequencies, layout.norm_orders, angles)
-    if method == "collocation":
-        if regularization.has_unit and layout.reached:
+    frequencies, angles = sizes.frequencies, sizes.angles
+    norms = unit_norms(curve, region, frequencies, sizes.norm_orders, angles)
+    if method == "harmonic":
+        geometry = polar_geometry(curve, region)
+        offset = region.center - geometry.center
+        values, report = _traced_harmonic(geometry, offset, norms, rule, sizes)
+    else:
+        if rule.has_unit and sizes.reached:
             raise ValueError(
                 "the unit of alpha is measured in cylindrical waves: with method 'collocation' "
                 "Tikhonov needs a geometry that is not traced."
             )
         units = seen_once(frequencies) ** 2
-        rules = per_frequency(regularization, len(frequencies)).in_units_of(units, frequencies)
+        rules = per_frequency(rule, len(frequencies)).in_units_of(units, frequencies)
         values, report = collocation_densities(frequencies, norms, angles, curve, region, rules)
-    else:
-        geometry = polar_geometry(curve, region)
-        offset = region.center - geometry.center
-        values, report = _traced_harmonic(geometry, offset, norms, regularization, layout)
-    densities = SampledDensities(values)
-    return ReconstructionPlan(
-        curve,
-        region,
-        grid,
-        radii,
-        frequencies,
-        angles,
-        densities.in_single_precision() if single else densities,
-        regularization,
-        report,
-    )
+    return SampledDensities(values), report
 
 
 @eqx.filter_jit
@@ -274,13 +250,13 @@ def _traced_harmonic(
     offset: Array,
     norms: Array,
     regularization: Regularization,
-    layout: Layout,
+    sizes: PlaneSizes,
 ) -> tuple[Array, DensityReport]:
-    frequencies, angles = layout.frequencies, layout.angles
-    table = wave_table(geometry, frequencies, layout.groups[-1][-1])
+    frequencies, angles = sizes.frequencies, sizes.angles
+    table = wave_table(geometry, frequencies, sizes.groups[-1][-1])
     each = table, norms, per_frequency(regularization, frequencies.shape[0])
     pieces, reports = [], []
-    for start, stop, n_max in layout.groups:
+    for start, stop, n_max in sizes.groups:
         few, its_norms, rules = jax.tree.map(lambda leaf: leaf[start:stop], each)  # noqa: B023
         values, report = sampled_harmonic_densities(
             geometry, few, n_max, its_norms, angles - geometry.axis, rules
@@ -293,16 +269,11 @@ def _traced_harmonic(
 
 
 def _harmonic(
-    curve: DetectorCurve,
-    region: Region,
-    frequencies: Array,
-    norms: Array,
-    angles: Array,
-    regularization: Regularization,
-    single: bool,
-    bar: tqdm,
+    setup: Setup, norms: Array, regularization: Regularization, single: bool, bar: tqdm
 ) -> tuple[Densities, DensityReport]:
     """Groups of frequencies with alike orders; within a group a few at a time."""
+    curve, region, _, sizes = plane_of(setup)
+    frequencies, angles = sizes.frequencies, sizes.angles
     with jax.ensure_compile_time_eval():
         geometry = polar_geometry(curve, region)
         orders = harmonic_orders(geometry, np.asarray(frequencies))
@@ -335,20 +306,15 @@ def _phases(frequencies: Array, angles: Array, offset: np.ndarray) -> Array:
 
 
 def _collocation(
-    curve: DetectorCurve,
-    region: Region,
-    frequencies: Array,
-    norms: Array,
-    angles: Array,
-    regularization: Regularization,
-    single: bool,
-    bar: tqdm,
+    setup: Setup, norms: Array, regularization: Regularization, single: bool, bar: tqdm
 ) -> tuple[Densities, DensityReport]:
+    curve, region, _, sizes = plane_of(setup)
+    frequencies, angles = sizes.frequencies, sizes.angles
     rules = per_frequency(regularization, len(frequencies))
     with jax.ensure_compile_time_eval():
         mirror = find_mirror(curve, region)
         units = seen_once(frequencies) ** 2
-        if regularization.has_unit and waves_reach(curve, region):
+        if regularization.has_unit and sizes.reached:
             geometry = polar_geometry(curve, region)
             n_max = int(harmonic_orders(geometry, np.asarray(frequencies)).max())
             units = alpha_units(geometry, frequencies, n_max)
@@ -361,15 +327,10 @@ def _collocation(
 
 
 def _series(
-    curve: DetectorCurve,
-    region: Region,
-    frequencies: Array,
-    norms: Array,
-    angles: Array,
-    regularization: None,
-    single: bool,
-    bar: tqdm,
+    setup: Setup, norms: Array, regularization: None, single: bool, bar: tqdm
 ) -> tuple[Densities, DensityReport]:
+    curve, region, _, sizes = plane_of(setup)
+    frequencies, angles = sizes.frequencies, sizes.angles
     circle = _full_circle(curve)
     # 40 + 12 % beyond lambda R_g the terms have fallen below rounding
     n_orders = int(1.12 * float(frequencies[-1] * circle.radius)) + 40
@@ -382,6 +343,13 @@ def _series(
         n_orders=n_orders,
     )
     return _sampled(solve, (frequencies, norms), single, bar)
+
+
+_BUILD: dict[str, Callable[..., tuple[Densities, DensityReport]]] = {
+    "harmonic": _harmonic,
+    "collocation": _collocation,
+    "series": _series,
+}
 
 
 def _full_circle(curve: DetectorCurve) -> Circle:

@@ -9,6 +9,9 @@ from .cartesian_fourier import direct_fourier_inversion
 from .fbp import filtered_back_projection
 from .radon import offset_step, radon_projections
 
+# images inverted together: enough for matrix products, few enough for the cache
+IMAGES = {"fbp": 32, "fourier": 16}
+
 
 @eqx.filter_jit
 def invert(

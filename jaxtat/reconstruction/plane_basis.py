@@ -1,0 +1,187 @@
+"""The bases of the plane: cylindrical waves, the boundary itself, and the densities of a plan."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.sharding import Mesh
+from jaxtyping import Array, Complex, Float
+
+from ..basis import Basis
+from ..boundary import solve_on_boundary
+from ..densities import Densities
+from ..geometry import DetectorCurve, ImageGrid, Region
+from ..harmonic import (
+    Asked,
+    PolarGeometry,
+    SolveReport,
+    TikhonovRule,
+    circular_harmonics_at,
+    solve_harmonics,
+)
+from ..steps.inversion import invert
+from ..steps.polar_fourier import with_origin
+from ..steps.radial_transform import noise_power, radial_transform, total_integrals
+from ..unit_norm import unit_norms
+from .plane_sizes import PlaneSizes
+
+
+class PlaneBasis(Basis):
+    """Steps 2, 4 and 5 in the plane, which are the same for all densities."""
+
+    curve: DetectorCurve
+    region: Region
+    radii: Float[Array, " radii"]
+    sizes: PlaneSizes
+
+    def transform(self, g: Float[Array, "images detectors radii"]) -> tuple[Array, Array]:
+        return _transformed(g, self.radii, self.sizes), total_integrals(g, self.radii)
+
+    def invert(
+        self, fhat: Array, mass: Array, grid: ImageGrid, eta: Array, inversion: str
+    ) -> Float[Array, "images x1 x2"]:
+        return _inverted(self, fhat, mass, grid, eta, inversion)
+
+
+class StoredDensities(PlaneBasis):
+    """Densities of a plan, which has regularised them."""
+
+    densities: Densities
+
+    name = "plan"
+
+    def fhat(self, transformed: Array, rule: TikhonovRule | None) -> tuple[Array, None]:
+        return self.densities.polar_fourier(transformed, self.curve.weights), None
+
+
+class _Solved(PlaneBasis):
+    """Densities by one solution per frequency for all directions; never formed.
+
+    Attributes:
+        solver: "cholesky" or "cg".
+        tolerance: relative residual at which conjugate gradients stop.
+        mesh: devices that share the frequencies.
+    """
+
+    solver: str = eqx.field(static=True)
+    tolerance: Float[Array, ""]
+    mesh: Mesh | None = eqx.field(static=True)
+
+    def energies(self, transformed: Array, fhat: Array) -> Array | None:
+        return None if self.sizes.sampled == 1 else _energies(transformed, fhat, self.sizes)
+
+
+class CylindricalWaves(_Solved):
+    """Waves about a centre, for detectors that are all farther from it than the region.
+
+    Source: Kunyansky 2008 for the method; the basis: DLMF 10.23.7.
+    """
+
+    geometry: PolarGeometry
+
+    name = "cylindrical"
+
+    def fhat(self, transformed: Array, rule: TikhonovRule | None) -> tuple[Array, SolveReport]:
+        assert rule is not None
+        # two programs: as one, XLA has been seen to wait for ever with two devices on one CPU
+        asked = _asked(self.curve, self.region, self.radii, rule, self.sizes)
+        harmonics, report = _harmonics(self, transformed, asked)
+        return _on_polar_grid(self.geometry, harmonics, self.sizes), report
+
+
+class BoundaryTraces(_Solved):
+    """The boundary of the region itself, where no waves about a centre reach: around an L, say."""
+
+    name = "boundary"
+
+    def fhat(self, transformed: Array, rule: TikhonovRule | None) -> tuple[Array, SolveReport]:
+        assert rule is not None
+        asked = _asked(self.curve, self.region, self.radii, rule, self.sizes)
+        return _on_boundary(self, transformed, asked)
+
+
+@eqx.filter_jit
+def _transformed(
+    g: Array, radii: Array, sizes: PlaneSizes
+) -> Float[Array, "images frequencies 2 detectors"]:
+    return radial_transform(g, radii, sizes.frequencies)
+
+
+@eqx.filter_jit
+def _energies(
+    transformed: Float[Array, "images frequencies 2 detectors"],
+    fhat: Complex[Array, "images frequencies directions"],
+    sizes: PlaneSizes,
+) -> Float[Array, "2 frequencies"]:
+    """A wave's (G_J, G_Y) have the mean square |fhat|²/lambda, times what of it is seen."""
+    frequencies = sizes.frequencies
+    of_data = frequencies**2 * jnp.mean(transformed**2, axis=(0, 2, 3))
+    return jnp.stack([of_data, frequencies * jnp.mean(jnp.abs(fhat) ** 2, axis=(0, 2))])
+
+
+@eqx.filter_jit
+def _inverted(
+    basis: PlaneBasis, fhat: Array, mass: Array, grid: ImageGrid, eta: Array, inversion: str
+) -> Float[Array, "images x1 x2"]:
+    sizes = basis.sizes
+    fhat = with_origin(fhat, mass, basis.curve.weights)
+    step = jnp.asarray(sizes.max_frequency / sizes.n_frequencies)
+    return invert(fhat, step, sizes.angles, grid, basis.region.center, eta, inversion)
+
+
+@eqx.filter_jit
+def _asked(
+    curve: DetectorCurve, region: Region, radii: Array, rule: TikhonovRule, sizes: PlaneSizes
+) -> Asked:
+    norm = jnp.ones(sizes.n_frequencies)  # not asked for
+    if rule.needs_matrix:
+        norm = unit_norms(curve, region, sizes.frequencies, sizes.norm_orders)
+    return Asked(noise_power(radii, sizes.frequencies, curve.weights), norm, rule)
+
+
+@eqx.filter_jit
+def _harmonics(
+    basis: CylindricalWaves, transformed: Array, asked: Asked
+) -> tuple[Float[Array, "images frequencies 2 orders"], SolveReport]:
+    """The circular harmonics of fhat."""
+    sizes = basis.sizes
+    return solve_harmonics(
+        basis.geometry,
+        sizes.frequencies,
+        sizes.groups,
+        jnp.moveaxis(transformed, 1, 0),
+        asked,
+        basis.solver,
+        basis.tolerance,
+        basis.mesh,
+    )
+
+
+@eqx.filter_jit
+def _on_polar_grid(
+    geometry: PolarGeometry, harmonics: Array, sizes: PlaneSizes
+) -> Complex[Array, "images frequencies directions"]:
+    """fhat on the polar grid, phases counted from the region's centre."""
+    angles = sizes.angles
+    fhat = circular_harmonics_at(harmonics, angles - geometry.axis)
+    if not geometry.disk:  # the harmonics count them from the centre of the waves
+        directions = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
+        along = directions @ (geometry.region.center - geometry.center)
+        fhat = fhat * jnp.exp(1j * sizes.frequencies[:, None] * along)
+    return fhat
+
+
+@eqx.filter_jit
+def _on_boundary(
+    basis: BoundaryTraces, transformed: Array, asked: Asked
+) -> tuple[Complex[Array, "images frequencies directions"], SolveReport]:
+    sizes = basis.sizes
+    return solve_on_boundary(
+        basis.curve,
+        basis.region,
+        sizes.frequencies,
+        sizes.angles,
+        jnp.moveaxis(transformed, 1, 0),
+        asked,
+        basis.solver,
+        basis.tolerance,
+        basis.mesh,
+    )

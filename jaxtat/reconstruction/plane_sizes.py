@@ -1,0 +1,118 @@
+"""What of a problem in the plane is a size: decided once, outside of `jax.jit`."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..checks import Numbers, by_library
+from ..forward import default_points
+from ..geometry import DetectorCurve, ImageGrid, Region, near_circle, visibility
+from ..harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
+from ..problem import enough_boundary, polar_grid, require_boundary, require_problem
+from ..sampling import sampled_frequency
+from ..special import enough_orders
+
+GROUPS = 6  # of frequencies with as many orders; each is compiled by itself
+
+
+class PlaneSizes(eqx.Module):
+    """Everything about a problem in the plane that is a size, and so cannot be traced.
+
+    Attributes:
+        max_frequency: lambda_max [rad/length].
+        n_frequencies, n_directions: of the polar grid.
+        groups: (first frequency, last + 1, orders) of frequencies that are solved alike; none
+            where cylindrical waves do not reach.
+        norm_orders: that N(lambda) needs; 0 for detectors off a circle, see `unit_norm`.
+        n_circle: points on a circle by which the integrals of an image are taken.
+        as_in_the_paper: detectors on a circle that see all of the region: what its rule assumes.
+            Its norm N(lambda) is that of a circle, and a bound on the norm admits noise without
+            limit in directions that are not seen.
+        sampled: share of max_frequency up to which the detectors sample waves of the region, in
+            quarters of an octave; at most 1.
+    """
+
+    max_frequency: float = eqx.field(static=True)
+    n_frequencies: int = eqx.field(static=True)
+    n_directions: int = eqx.field(static=True)
+    groups: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
+    norm_orders: int = eqx.field(static=True)
+    n_circle: int = eqx.field(static=True)
+    as_in_the_paper: bool = eqx.field(static=True)
+    sampled: float = eqx.field(static=True)
+
+    @property
+    def reached(self) -> bool:
+        """Whether cylindrical waves reach; elsewhere the boundary itself is the basis."""
+        return bool(self.groups)
+
+    @property
+    def frequencies(self) -> Float[Array, " frequencies"]:
+        """lambda_i [rad/length]."""
+        return by_library(_frequencies, (), self.max_frequency, self.n_frequencies)
+
+    @property
+    def angles(self) -> Float[Array, " directions"]:
+        """theta [rad]."""
+        return by_library(_angles, (), self.n_directions)
+
+
+def _frequencies(xp: Any, highest: float, n: int) -> Any:
+    return highest / n * xp.arange(1, n + 1)
+
+
+def _angles(xp: Any, n: int) -> Any:
+    return xp.arange(n) * (np.pi / n)
+
+
+def plane_sizes(
+    curve: DetectorCurve,
+    region: Region,
+    grid: ImageGrid,
+    radii: Float[Array, " radii"],
+    max_frequency: Numbers | None,
+    n_directions: int | None,
+    n_groups: int,
+) -> tuple[PlaneSizes, Region]:
+    """Sizes of a concrete problem, which is checked, and the region with enough boundary points.
+
+    Orders are rounded up to fours, so that small changes of the geometry keep them.
+    """
+    with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
+        frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
+        highest = float(frequencies[-1])
+        if region.automatic:
+            length = float(region.weights.sum())
+            region = region.with_counts(region.shared_out(enough_boundary(length, highest)))
+        require_problem(curve, region, grid, radii)
+        groups: tuple[tuple[int, int, int], ...] = ()
+        geometry = polar_geometry(curve, region)
+        if waves_reach(curve, region):
+            orders = harmonic_orders(geometry, np.asarray(frequencies))
+            groups = tuple(
+                (part.start, part.stop, -(-n // 4) * 4)
+                for part, n in frequency_groups(orders, n_groups)
+            )
+        if not (groups and geometry.disk):
+            require_boundary(region, highest)
+        on_circle = near_circle(curve)
+        farthest = highest * float(geometry.detector_radius.max())
+        return PlaneSizes(
+            max_frequency=highest,
+            n_frequencies=frequencies.shape[0],
+            n_directions=angles.shape[0],
+            groups=groups,
+            norm_orders=enough_orders(1.1 * farthest) if on_circle else 0,
+            n_circle=default_points(grid),
+            as_in_the_paper=on_circle and float(visibility(curve, region).invisible_fraction) == 0,
+            sampled=_sampled_share(curve, region, highest),
+        ), region
+
+
+def _sampled_share(curve: DetectorCurve, region: Region, highest: float) -> float:
+    """Rounded down, so that small changes of the geometry keep the sizes."""
+    octaves = np.log2(float(sampled_frequency(curve, region, np)) / highest)
+    return float(2 ** (np.floor(4 * min(octaves, 0.0) + 1e-9) / 4))

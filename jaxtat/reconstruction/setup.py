@@ -1,0 +1,281 @@
+"""The problem: detectors, region of interest, pixels and radii, checked once."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh
+from jaxtyping import Array, Float
+
+from ..basis import Basis
+from ..checks import Numbers, is_concrete, real_array, require_x64, whole_number
+from ..geometry import (
+    DetectorCurve,
+    ImageGrid,
+    Region,
+    VolumeGrid,
+    data_radii,
+    require_cover,
+    require_outside,
+)
+from ..harmonic import polar_geometry
+from ..spherical.basis import SphericalBasis
+from ..spherical.caps import DetectorPoints, SphericalCap
+from ..spherical.regions import Ball
+from ..spherical.sizes import SpaceSizes, cap_radii, require_fitting, space_sizes
+from .plane_basis import BoundaryTraces, CylindricalWaves
+from .plane_sizes import GROUPS, PlaneSizes, plane_sizes
+
+MOST_ORDERS = 5000  # up to which Cholesky decompositions are faster: extrapolated, see benchmarks/
+SOLVERS = ("auto", "cholesky", "cg")
+
+
+class Setup(eqx.Module):
+    """Detectors, region of interest, grid and radii of a reconstruction: data g(z_k, r_j) -> f(x).
+
+    Frequencies are lambda_i = i d lambda up to lambda_max, d lambda <= π/(2 R) for a region of
+    reach R, so that projections are resolved up to |s| = 2 R; directions cover half a turn.
+
+    A frozen pytree: arrays are leaves, and may be traced; sizes are static. Everything is checked
+    when it is made. Under `jax.jit` make it outside, pass it in, and give it new arrays by
+    `replace`: no new program is compiled.
+
+    Attributes:
+        curve: the detectors.
+        region: where the image means something.
+        grid: where it is wanted.
+        radii: r of the data, (radii,) [length].
+        sizes: numbers of frequencies, directions and waves.
+    """
+
+    curve: Any  # DetectorCurve, or in space SphericalCap or DetectorPoints
+    region: Any  # Region or Ball
+    grid: Any  # ImageGrid or VolumeGrid
+    radii: Float[Array, " radii"]
+    sizes: PlaneSizes | SpaceSizes
+
+    def __init__(
+        self,
+        curve: Any,
+        region: Any,
+        grid: Any,
+        radii: Numbers | None = None,
+        *,
+        max_frequency: Numbers | None = None,
+        n_directions: int | None = None,
+        n_groups: int = GROUPS,
+    ):
+        """In the plane and in space alike; lengths in any one unit.
+
+        Args:
+            curve: the detectors, all outside the region: a `circular_arc`, `detector_curve`, ...,
+                or in space a `spherical_cap` or `DetectorPoints`.
+            region: region of interest, `disk`, `polygon`, ..., or in space a `ball`.
+            grid: `ImageGrid` or `VolumeGrid`.
+            radii: r > 0 of the data, increasing, covering the region and all other sources,
+                (radii,) [length]. By default those of `data_radii`, a pixel apart (in space half a
+                voxel).
+            max_frequency: lambda_max [rad/length]; by default π over the larger of pixel and radial
+                step, beyond which neither data nor image hold anything.
+            n_directions: by default enough for lambda_max, a multiple of 32.
+            n_groups: of frequencies that are solved alike: fewer compile sooner and run longer.
+
+        Raises:
+            ValueError: for detectors in the region, radii that do not cover it, a grid that misses
+                it, wrong shapes, NaN, a traced geometry, or 64-bit arithmetic off.
+
+        Warns:
+            VisibilityWarning: if lines through the region miss the curve.
+            AccuracyWarning: if detectors are too few for lambda_max.
+
+        >>> from jaxtat import ImageGrid, circular_arc, disk
+        >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
+        >>> setup.data_shape, round(setup.sizes.max_frequency / np.pi, 6)
+        ((80, 21), 10.0)
+        """
+        require_x64()
+        space = _require_kinds(curve, region, grid)
+        if not is_concrete(curve, region, grid, radii, max_frequency):
+            raise ValueError(
+                "curve, region, grid or radii are traced, and sizes depend on them: make the Setup "
+                "of typical ones outside, and inside setup.replace(curve=..., radii=...)."
+            )
+        if radii is None:
+            wanted, share = (cap_radii, 2) if space else (data_radii, 1)
+            radii = wanted(curve, region, grid.spacing.max() / share)
+        self.curve, self.grid = curve, grid
+        self.radii = real_array("radii", radii, ("radii",))
+        if space:
+            self.region = region
+            self.sizes = space_sizes(curve, region, grid, self.radii, max_frequency, n_directions)
+        else:
+            n_groups = whole_number("n_groups", n_groups, 1)
+            self.sizes, self.region = plane_sizes(
+                curve, region, grid, self.radii, max_frequency, n_directions, n_groups
+            )
+
+    @property
+    def frequencies(self) -> Float[Array, " frequencies"]:
+        """lambda_i [rad/length]."""
+        return self.sizes.frequencies
+
+    @property
+    def detectors_shape(self) -> tuple[int, ...]:
+        """(detectors,), or (rings, azimuths) of a cap."""
+        return self.curve.points.shape[:-1]
+
+    @property
+    def data_shape(self) -> tuple[int, ...]:
+        """Of the data of one image, (detectors, radii) or (rings, azimuths, radii)."""
+        return (*self.detectors_shape, self.radii.shape[0])
+
+    def replace(
+        self,
+        *,
+        curve: Any = None,
+        region: Any = None,
+        grid: Any = None,
+        radii: Numbers | None = None,
+    ) -> "Setup":
+        """The same sizes with other positions, which may be traced.
+
+        Meant for changes by which numbers of frequencies and waves stay right: some per cent.
+
+        Args:
+            curve, region, grid: of the same kind and size; the region's boundary gets as many
+                points as before.
+            radii: as many as before, (radii,) [length].
+
+        Raises:
+            ValueError: for other kinds or sizes, and, of concrete ones, as when a setup is made.
+
+        >>> import jax
+        >>> from jaxtat import ImageGrid, circular_arc, disk
+        >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
+        >>> def farthest(radius):
+        ...     return setup.replace(curve=circular_arc(radius, 1.0, 80)).curve.points.max()
+        >>> float(jax.grad(farthest)(1.3)) > 0
+        True
+        """
+        parts = {"curve": curve, "region": region, "grid": grid}
+        new = {name: part for name, part in parts.items() if part is not None}
+        if isinstance(region, Region) and isinstance(self.region, Region):
+            new["region"] = _with_counts(region, self.region)
+        if radii is not None:
+            new["radii"] = real_array("radii", radii, self.radii.shape)
+        for name, part in new.items():
+            _require_alike(name, part, getattr(self, name))
+        names = list(new)
+        changed = eqx.tree_at(
+            lambda setup: [getattr(setup, name) for name in names], self, list(new.values())
+        )
+        if is_concrete(changed) and new.keys() & {"curve", "region", "radii"}:
+            changed._require_fitting()
+        return changed
+
+    def _require_fitting(self) -> None:
+        curve, region = self.curve, self.region
+        if isinstance(region, Ball):
+            require_fitting(curve, region)
+            curve, region = curve.meridian, region.meridian
+        require_outside(curve, region)
+        require_cover(curve, region, self.radii)
+
+    def basis(self, solver: str, tolerance: Numbers, mesh: Mesh | None) -> Basis:
+        """The waves in which `solve` solves this problem; arguments are checked there."""
+        if isinstance(self.sizes, SpaceSizes):
+            return SphericalBasis(self.curve, self.region, self.radii, self.sizes, mesh)
+        common = self.curve, self.region, self.radii, self.sizes
+        exact = "cholesky" if solver == "auto" else solver
+        stop = real_array("tolerance", tolerance, ())
+        if not self.sizes.reached:
+            return BoundaryTraces(*common, exact, stop, mesh)
+        geometry = polar_geometry(self.curve, self.region)
+        rows = self.sizes.groups[-1][-1] * (1 if geometry.mirror else 2)
+        if solver == "auto" and geometry.on_circle and geometry.disk and rows > MOST_ORDERS:
+            exact = "cg"
+        return CylindricalWaves(*common, exact, stop, mesh, geometry)
+
+
+def plane_of(setup: Setup) -> tuple[DetectorCurve, Region, Array, PlaneSizes]:
+    """Curve, region, radii and sizes of a setup in the plane, or ValueError."""
+    curve, region, sizes = setup.curve, setup.region, setup.sizes
+    if not (
+        isinstance(curve, DetectorCurve)
+        and isinstance(region, Region)
+        and isinstance(sizes, PlaneSizes)
+    ):
+        raise ValueError(
+            "the setup is in space, and this is for setups in the plane: in space there are "
+            "solve, reconstruct and circular_integrals."
+        )
+    return curve, region, setup.radii, sizes
+
+
+def require_setup(setup: Any) -> None:
+    """Raise ValueError for what is no `Setup`."""
+    if not isinstance(setup, Setup):
+        raise ValueError(
+            f"got a {type(setup).__name__}, expected a Setup(curve, region, grid, radii) first."
+        )
+
+
+def require_waves(sizes: PlaneSizes) -> None:
+    """Raise ValueError where cylindrical waves do not reach, for what asks for them itself."""
+    if not sizes.reached:
+        raise ValueError(
+            "detectors are hardly farther from any centre than the region, so that no cylindrical "
+            "waves reach them: this needs a smaller region, or detectors farther off."
+        )
+
+
+def _require_kinds(curve: Any, region: Any, grid: Any) -> bool:
+    """Whether it is a problem in space, or ValueError for things that do not go together."""
+    kinds = {
+        "curve": ((DetectorCurve, SphericalCap | DetectorPoints), curve),
+        "region": ((Region, Ball), region),
+        "grid": ((ImageGrid, VolumeGrid), grid),
+    }
+    makers = {
+        "curve": ("detector_curve(positions) or circular_arc", "spherical_cap or DetectorPoints"),
+        "region": ("disk(radius), polygon or rectangle", "spherical.ball(radius)"),
+        "grid": ("ImageGrid(n)", "VolumeGrid(n)"),
+    }
+    space = isinstance(curve, SphericalCap | DetectorPoints)
+    for name, (pair, part) in kinds.items():
+        if not isinstance(part, pair[space]):
+            where = "space" if space else "the plane"
+            raise ValueError(
+                f"{name} is {_named(part)}, expected for detectors in {where} what "
+                f"{makers[name][space]} makes."
+            )
+    return space
+
+
+def _named(part: Any) -> str:
+    if isinstance(part, int | float):
+        return repr(part)
+    shape = getattr(part, "shape", None)
+    array = f" of shape {shape}" if isinstance(part, np.ndarray | jax.Array) else ""
+    return f"a {type(part).__name__}{array}"
+
+
+def _with_counts(region: Region, like: Region) -> Region:
+    if jax.tree.structure(region.counts) != jax.tree.structure(like.counts):
+        raise ValueError(
+            f"region has the boundary pieces {region.counts}, expected as many as {like.counts}: "
+            "make a new Setup for a region of another kind."
+        )
+    return region.with_counts(like.counts)
+
+
+def _require_alike(name: str, new: Any, old: Any) -> None:
+    """Raise ValueError unless a part has the same kind and sizes as before."""
+    shapes = [[jnp.shape(leaf) for leaf in jax.tree.leaves(part)] for part in (new, old)]
+    if type(new) is not type(old) or shapes[0] != shapes[1]:
+        raise ValueError(
+            f"{name} is {_named(new)} of other sizes than the setup's {_named(old)}: make a new "
+            "Setup for it."
+        )

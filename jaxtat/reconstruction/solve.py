@@ -1,0 +1,255 @@
+"""The one verb: from circular integrals to the image, by a plan or with nothing beforehand."""
+
+import warnings
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh
+from jaxtyping import Array, Bool, Float
+
+from ..checks import Numbers, data_array, is_concrete, require_x64
+from ..harmonic import RelativeTikhonov, SolveReport, tikhonov_rule
+from ..parallel import checked_mesh, in_groups, map_shards, replicated
+from ..problem import UNSAMPLED, AccuracyWarning, warn_of_detectors
+from ..regularization import DEFAULT_KAPPA
+from ..steps.inversion import IMAGES, require_inversion
+from ..steps.radon import LowPass, low_pass_values
+from .pipeline import images_of
+from .plan import ReconstructionPlan
+from .plane_sizes import PlaneSizes
+from .setup import SOLVERS, Setup, require_setup
+
+DEFAULT_ALPHA = 1e-6  # of detectors on a circle that see all of the region, and in space
+# Where there are about as many data as unknown waves, a smaller one magnifies all errors: the
+# worst number of detectors is neither the least nor the largest.
+UNSAMPLED_ALPHA = 1e-3
+FINER = 2  # waves that the detectors sample in the inner half of the region only
+MAGNIFIED = 3  # times as much detail as the data hold
+DEFAULT_TOLERANCE = 1e-10  # of conjugate gradients
+
+
+class Reconstruction(eqx.Module):
+    """An image and how it was solved for.
+
+    Attributes:
+        image: f, (..., x1, x2) or (..., x1, x2, x3), the unit of g per length (in space length²).
+        report: alpha, residual and convergence at every frequency.
+        basis: the waves: "cylindrical", the "boundary" itself, or "spherical".
+    """
+
+    image: Float[Array, "..."]
+    report: SolveReport
+    basis: str = eqx.field(static=True)
+
+    @property
+    def converged(self) -> Bool[Array, ""]:
+        """Whether every frequency was solved as accurately as was asked."""
+        return self.report.converged.all()
+
+
+def reconstruct(
+    problem: Setup | ReconstructionPlan,
+    g: Numbers,
+    rule: Any = None,
+    *,
+    low_pass: LowPass | None = None,
+    inversion: str = "fbp",
+    mesh: Mesh | None = None,
+) -> Float[Array, "..."]:
+    """The image f from its integrals g(z, r) = ∫_{|x - z| = r} f over circles or spheres.
+
+    Linear in g for a fixed rule. Meaningful inside the setup's region; mask the rest with
+    ``setup.region.contains(setup.grid.points)``.
+
+    Args:
+        problem: a `Setup`, solved with nothing computed beforehand (see `solve`), or a plan of
+            `build_plan` or `load_plan`, which takes milliseconds.
+        g: float32 or float64, (..., detectors, radii), or (..., rings, azimuths, radii) of a cap.
+        rule: as in `solve`; a plan has its own.
+        low_pass: eta(lambda / lambda_max), such as `cosine_filter` or "cosine"; none by default.
+        inversion: "fbp", or "fourier": faster, for f that vanishes outside the disk or ball about
+            the region, see `steps.inversion.invert`.
+        mesh: devices among which the images of a batch (with a plan) or the frequencies are
+            divided, see `jaxtat.parallel`.
+
+    Returns:
+        (..., x1, x2) or (..., x1, x2, x3), the unit of g per length (in space length²).
+
+    Raises:
+        ValueError: for data of the wrong shape or dtype, or with NaN, and as `solve`.
+
+    Source: Kunyansky 2008, section 3.
+
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
+    >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
+    >>> bell = phantoms.Bells([[0.1, 0.2]], [0.7])
+    >>> image = reconstruct(setup, bell.circular_integrals(setup.curve, setup.radii), 1e-10)
+    >>> inside = setup.region.contains(setup.grid.points)
+    >>> bool(abs(image - bell.image(setup.grid))[inside].max() < 1e-2)
+    True
+    """
+    if isinstance(problem, ReconstructionPlan):
+        if rule is not None:
+            raise ValueError(
+                f"rule is {rule!r}, but the plan has its own: build_plan(setup, rule), or pass the "
+                "setup in place of the plan."
+            )
+        return _by_plan(problem, g, low_pass, inversion, mesh)
+    return solve(problem, g, rule, low_pass=low_pass, inversion=inversion, mesh=mesh).image
+
+
+def solve(
+    setup: Setup,
+    g: Numbers,
+    rule: Any = None,
+    *,
+    low_pass: LowPass | None = None,
+    inversion: str = "fbp",
+    solver: str = "auto",
+    tolerance: Numbers = DEFAULT_TOLERANCE,
+    mesh: Mesh | None = None,
+) -> Reconstruction:
+    """The image f from its integrals g, and how it was solved for; nothing computed beforehand.
+
+    In cylindrical (spherical) waves the potentials of the curve are a small matrix A(lambda), and
+    one solution of (A A^T + alpha) y = A √w G serves all directions: fhat(xi) = (1/2π) y·u_xi.
+    Around detectors that are too near for waves about a centre, on an L or U, A is taken on the
+    boundary itself; the result tells its basis. Linear in g for a fixed rule; differentiable,
+    through implicit derivatives, with respect to g, the rule's numbers, radii, and all positions
+    and sizes of curve, region and grid.
+
+    Args:
+        setup: detectors, region, grid and radii.
+        g: as in `reconstruct`.
+        rule: how much to regularise: a number, relative to the largest diagonal entry of A A^T at
+            each frequency (1e-12 for exact data, 1e-3 for poor ones), or one per frequency;
+            `NoiseLevel(sigma)` for data with noise of known size, `RelativeTikhonov(kappa)`,
+            `TikhonovNormBound(K)` or `Tikhonov(alpha)`. By default ("auto" or None) 1e-6 for
+            detectors on a circle that see all of the region (1e-3 at frequencies that they do not
+            sample), and in space, else ``RelativeTikhonov(0.1)``, which holds whatever they see.
+        low_pass, inversion: as in `reconstruct`.
+        solver: "cholesky", "cg" (preconditioned conjugate gradients), or by size ("auto"). In space
+            there is one way.
+        tolerance: relative residual at which conjugate gradients stop.
+        mesh: devices among which the frequencies are divided, see `jaxtat.parallel`.
+
+    Returns:
+        Reconstruction: image, report, basis, and whether it converged.
+
+    Raises:
+        ValueError: for wrong shapes, NaN, an alpha that is not above zero, rules that only plans
+            take, or 64-bit arithmetic off.
+
+    Warns:
+        AccuracyWarning: if a frequency was not solved, if the data hold finer detail than the
+            detectors sample, or alpha is too small for that.
+
+    Source: Kunyansky 2008 for the method; the bases: DLMF 10.23.7 and 10.60.1-3.
+
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
+    >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
+    >>> bell = phantoms.Bells([[0.1, 0.2]], [0.7])
+    >>> found = solve(setup, bell.circular_integrals(setup.curve, setup.radii), 1e-10)
+    >>> bool(found.converged), found.basis
+    (True, 'cylindrical')
+    """
+    require_x64()
+    require_setup(setup)
+    require_inversion(inversion)
+    if solver not in SOLVERS:
+        raise ValueError(f"solver is {solver!r}, expected 'auto', 'cholesky' or 'cg'.")
+    mesh = checked_mesh(mesh)
+    space = len(setup.grid.shape) == 3
+    data = data_array(g, *setup.data_shape, kind="spherical" if space else "circular")
+    automatic = rule is None or (isinstance(rule, str) and rule == "auto")
+    used = tikhonov_rule(_default(setup) if automatic else rule, setup.sizes.n_frequencies)
+    eta = low_pass_values(low_pass, setup.sizes.n_frequencies)
+    basis = setup.basis(solver, tolerance, mesh)
+    stack = data.reshape(-1, *setup.data_shape)
+    basis, stack, grid, used, eta = replicated((basis, stack, setup.grid, used, eta), mesh)
+    image, report, energies = images_of(basis, stack, grid, used, eta, inversion)
+    assert report is not None
+    batch = data.shape[: data.ndim - len(setup.data_shape)]
+    found = Reconstruction(image.reshape(*batch, *setup.grid.shape), report, basis.name)
+    if is_concrete(found):
+        _warn_of_solution(found)
+        if energies is not None:
+            assert isinstance(setup.sizes, PlaneSizes)
+            _warn_of_detail(setup.sizes, np.asarray(energies))
+    return found
+
+
+def _default(setup: Setup) -> Any:
+    sizes = setup.sizes
+    if not isinstance(sizes, PlaneSizes):
+        return DEFAULT_ALPHA
+    if not sizes.as_in_the_paper:
+        return RelativeTikhonov(DEFAULT_KAPPA)
+    sampled = sizes.frequencies <= sizes.sampled * sizes.max_frequency * (1 + 1e-9)
+    return jnp.where(sampled, DEFAULT_ALPHA, UNSAMPLED_ALPHA)
+
+
+def _warn_of_solution(found: Reconstruction) -> None:
+    bad = ~np.asarray(found.report.converged)
+    if bad.any():
+        warnings.warn(
+            f"{int(bad.sum())} of {bad.size} frequencies were not solved to the tolerance "
+            f"(worst residual {float(found.report.residual.max()):.1e}): use solver='cholesky' or "
+            "a larger alpha.",
+            AccuracyWarning,
+            stacklevel=3,
+        )
+
+
+def _warn_of_detail(sizes: PlaneSizes, energies: np.ndarray) -> None:
+    """Say so if detectors are too few for the data, or for so small an alpha.
+
+    Waves that they sample in less than the inner half of the region come out wrong, those between
+    do if nothing holds their densities down.
+    """
+    highest, frequencies = sizes.max_frequency, np.asarray(sizes.frequencies)
+    of_data, of_image = energies / np.maximum(energies.sum(axis=1, keepdims=True), 1e-300)
+    possible = sizes.sampled * highest
+    beyond = frequencies > possible
+    finer = np.sqrt(of_data[frequencies > FINER * possible].sum())
+    in_data, in_image = np.sqrt([of_data[beyond].sum(), of_image[beyond].sum()])
+    if finer > UNSAMPLED:
+        said = f"{100 * finer:.0f} % of what the data hold is at least {FINER} times as fine"
+        warn_of_detectors(highest, possible, said, stacklevel=3)
+    elif in_image > MAGNIFIED * in_data + UNSAMPLED:
+        said = (
+            f"of detail beyond that the image holds {100 * in_image:.0f} %, the data "
+            f"{100 * in_data:.0f} % (a larger alpha magnifies it less)"
+        )
+        warn_of_detectors(highest, possible, said, stacklevel=3)
+
+
+def _by_plan(
+    plan: ReconstructionPlan, g: Numbers, low_pass: LowPass | None, inversion: str, mesh: Any
+) -> Array:
+    data = data_array(g, *plan.setup.data_shape)
+    eta = low_pass_values(low_pass, plan.setup.sizes.n_frequencies)
+    require_inversion(inversion)
+    mesh = checked_mesh(mesh)
+    plan, data, eta = replicated((plan, data, eta), mesh)
+    return _of_plan(plan, data, eta, inversion, mesh)
+
+
+@eqx.filter_jit
+def _of_plan(
+    plan: ReconstructionPlan, g: Array, eta: Array, inversion: str, mesh: Mesh | None
+) -> Array:
+    def of_group(plan: ReconstructionPlan, eta: Array, g: Array) -> Array:
+        return images_of(plan.basis, g, plan.setup.grid, None, eta, inversion)[0]
+
+    stack = g.reshape(-1, *g.shape[-2:])
+    images = map_shards(
+        lambda common, part: in_groups(partial(of_group, *common), part, IMAGES[inversion]),
+        (plan, eta),
+        stack,
+        mesh,
+    )
+    return images.reshape(*g.shape[:-2], *plan.setup.grid.shape)
