@@ -35,8 +35,7 @@ from .harmonic import NoiseLevel, RelativeTikhonov, Tikhonov, TikhonovNormBound
 from .impulse_response import remove_impulse_response
 from .io import load_plan, load_settings, save_image, save_plan
 from .iterative import IterativeReconstruction, least_squares, total_variation
-
-# from .measured import Choices, ScanImages, choices_for, reconstruct_file, reconstruct_scan
+from .measured import reconstruct_file
 from .noise_choice import NoiseChoice, choose_regularization, image_power
 from .noise_law import predict_noise
 from .pressure import condition_record, pressure_to_circular_integrals
@@ -63,8 +62,7 @@ from .regularization import (
     ResidualTarget,
     SingularValueCutoff,
 )
-
-# from .reporting import report
+from .reporting import report
 from .sampling import Supported, first_arrival, supported
 from .steps import cosine_filter
 from .uncertainty import pixel_standard_deviation

@@ -21,11 +21,11 @@ def plan(options: argparse.Namespace) -> None:
     """``jaxtat plan``."""
     from ..io.atomic import require_place
     from ..io.plans import save_plan
-    from .setup import geometry_of_plan, plan_for
+    from .inputs import plan_for, setup_of_plan
 
     start = time.perf_counter()
     require_place(options.out)
-    built = plan_for(options, *geometry_of_plan(options))
+    built = plan_for(options, setup_of_plan(options))
     save_plan(built, options.out)
     _report(options, _accuracy(built), start)
     _report(options, f"plan written to {options.out}", start)
@@ -33,31 +33,30 @@ def plan(options: argparse.Namespace) -> None:
 
 def info(options: argparse.Namespace) -> None:
     """``jaxtat info``."""
-    from ..measured import choices_for, describe
-    from .setup import given, scan_of
+    from ..measured import choose, describe
+    from .inputs import given, scan_of
 
-    scan = scan_of(options)
-    print(describe(scan, choices_for(scan, **given(options, scan))))
+    scan, options = scan_of(options)
+    print(describe(scan, choose(scan, **given(options, scan))))
 
 
 def reconstruct(options: argparse.Namespace) -> None:
     """``jaxtat reconstruct``."""
     from ..io.atomic import require_place
     from ..io.images import require_suffix, save_image
-    from ..measured import reconstruct_scan
+    from ..measured import reconstruct as reconstruct_scan
 
     start = time.perf_counter()
     require_suffix(options.out)  # and the package that writes it
     require_place(options.out)
-    stored = dict(vars(options))  # before anything of them is used up
     scan, choices, plan = _asked(options, start)
     found = reconstruct_scan(scan, choices, plan=plan, progress=not options.quiet)
     if found.report:
         _report(options, found.report, start)
-    settings = {name: value for name, value in stored.items() if name != "run"}
+    settings = {name: value for name, value in vars(options).items() if name != "run"}
     save_image(
         options.out,
-        found.images,
+        found.image,
         found.grid,
         found.region,
         settings | choices.settings(),
@@ -104,14 +103,16 @@ def sample(options: argparse.Namespace) -> None:
 def _asked(options: argparse.Namespace, start: float):
     """The scan, everything chosen for it, and the plan that is given or asked for, or None."""
     from ..io.plans import load_plan
-    from ..measured import Where, choices_for, estimate_sound_speed, integrals
-    from .setup import given, plan_for, repeated, require_same, require_size, scan_of
+    from ..measured import choose, estimate_sound_speed, integrals, setup_of
+    from .inputs import given, plan_for, repeated, require_same, require_size, scan_of
 
-    choices = repeated(options) if options.repeat else None
+    choices = None
+    if options.repeat:
+        choices, options = repeated(options)
     plan = load_plan(options.plan) if options.plan else None
-    scan = scan_of(options, plan)
+    scan, options = scan_of(options, plan)
     if choices is None:
-        choices = choices_for(scan, **given(options, scan, plan))
+        choices = choose(scan, **given(options, scan, plan))
         require_size(choices)
         if plan is None:
             choices = estimate_sound_speed(scan, choices)
@@ -119,9 +120,9 @@ def _asked(options: argparse.Namespace, start: float):
     if plan is not None:
         require_same(scan, choices, plan)
     elif wants_plan(options):
-        where = Where.of(scan, choices)
-        integrals(scan, choices, where.radii, scan.frame(0))  # refused before anything is built
-        plan = plan_for(options, where, choices.max_frequency)
+        setup = setup_of(scan, choices)
+        integrals(scan, choices, setup, scan.frame(0))  # refused before anything is built
+        plan = plan_for(options, setup)
     if plan is not None:
         _report(options, _accuracy(plan), start)
     return scan, choices, plan

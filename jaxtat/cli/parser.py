@@ -2,11 +2,13 @@
 
 import argparse
 
-from ..names import IMAGE_SUFFIXES, INVERSIONS, LOW_PASSES, MODELS
+from ..choice_table import IMAGE, METHOD, OPTIONS, PLAIN, RECORD, REGION
+from ..names import IMAGE_SUFFIXES
 from ..scanners import SCANNERS
 from ..units import MILLIMETRES
 from ..version import __version__
 from . import commands
+from .refusals import option_of
 
 _EXAMPLES = {
     "paper": """
@@ -168,35 +170,20 @@ def _add_sample(subparsers) -> None:
 
 def _add_choices(parser: argparse.ArgumentParser) -> None:
     """What is chosen by the scan where no option is given."""
-    parser.add_argument("--low-pass", choices=LOW_PASSES, help="default: by the noise")
-    parser.add_argument(
-        "--inversion",
-        choices=INVERSIONS,
-        help="last step: filtered back-projection (default), or the faster Fourier sum",
-    )
-    parser.add_argument(
-        "--alpha",
-        type=float,
-        metavar="A",
-        help="Tikhonov regularisation, of a reconstruction without a plan; default: noise over "
-        "signal power of a pressure record, 1e-6 for circular integrals",
-    )
+    _add_options(parser, PLAIN)
     data = parser.add_argument_group("pressure records (default: by the record)")
-    data.add_argument("--model", choices=MODELS, help="of a scanner's sizes in-plane, else 2d")
-    data.add_argument(
-        "--sound-speed",
-        type=float,
-        metavar="C",
-        help="default: from the file, else the sharpest image's, or 1 without metres and seconds",
-    )
     times = data.add_mutually_exclusive_group()
     times.add_argument("--sampling-rate", type=float, metavar="F", help="samples at 0, 1/F, ...")
     times.add_argument("--duration", type=float, metavar="T", help="samples from 0 to T inclusive")
-    data.add_argument("--dead-time", type=float, metavar="T", help="silence the start")
-    data.add_argument(
-        "--band", nargs="+", metavar="F", help="LOW HIGH of a band-pass [cycles/time], or none"
-    )
+    _add_options(data, RECORD)
     _add_geometry(parser)
+
+
+def _add_options(group, name: str) -> None:
+    """The options of one group in the table of choices."""
+    for choice in OPTIONS:
+        if choice.group == name:
+            group.add_argument(option_of(choice.name), **choice.option)
 
 
 def _add_geometry(parser: argparse.ArgumentParser) -> None:
@@ -206,8 +193,8 @@ def _add_geometry(parser: argparse.ArgumentParser) -> None:
         "--arc",
         type=float,
         nargs=3,
-        metavar=("R", "Z_RIGHT", "N"),
-        help="N detectors on |z| = R, z_1 < Z_RIGHT",
+        metavar=("R", "CUT", "N"),
+        help="N detectors on |z| = R, z_1 < CUT",
     )
     kind.add_argument(
         "--ring",
@@ -223,20 +210,13 @@ def _add_geometry(parser: argparse.ArgumentParser) -> None:
         help="detectors to use, good or bad: 904:1024,0:616 or 0:500:2; "
         "with a minus in front --use=-20:,0:80",
     )
-    region = parser.add_argument_group(
-        "region of interest (default: where sound comes from; 3/4 of the arc for integrals)"
+    _add_options(
+        parser.add_argument_group(
+            "region of interest (default: where sound comes from; 3/4 of the arc for integrals)"
+        ),
+        REGION,
     )
-    region.add_argument("--region-radius", type=float, metavar="R")
-    region.add_argument("--region-cut", type=float, metavar="X", help="default: a whole disk")
-    region.add_argument(
-        "--region-angle", type=float, default=None, metavar="DEG", help="outward normal of the cut"
-    )
-    region.add_argument("--region-center", type=float, nargs=2, metavar=("X1", "X2"))
-    image = parser.add_argument_group("image")
-    image.add_argument(
-        "--pixels", type=int, metavar="N", help="N x N (default: by what is resolved)"
-    )
-    image.add_argument("--half-width", type=float, metavar="B", help="default: the region's radius")
+    _add_options(parser.add_argument_group("image"), IMAGE)
     _add_method(parser)
 
 
@@ -246,7 +226,7 @@ def _add_method(parser: argparse.ArgumentParser) -> None:
     rule.add_argument("--K", type=float, help="norm bound (default: the paper's, 4.287)")
     rule.add_argument("--j-max", type=float, metavar="J", help="fixed number of singular values")
     rule.add_argument("--sigma-min", type=float, metavar="S", help="least singular value")
-    method.add_argument("--max-frequency", type=float, metavar="LAMBDA", help="[rad/length]")
+    _add_options(method, METHOD)
     engine = method.add_mutually_exclusive_group()
     engine.add_argument("--series", action="store_true", help="closed form, full circle only")
     engine.add_argument("--collocation", action="store_true", help="as in the paper, slower")

@@ -1,24 +1,19 @@
 """What is wrong with the options alone, said before JAX is imported and the file is opened."""
 
 import argparse
-import math
 import os
 from pathlib import Path
 
+from ..choice_table import NOT_NEGATIVE, OF_REGION, OPTIONS, POSITIVE, Choice, require_pixels
 from ..names import IMAGE_SUFFIXES
 from ..scanners import scanner_named
 
-REGION = ("region_radius", "region_cut", "region_angle", "region_center", "pixels", "half_width")
-CHOICES = (
-    *("model", "sound_speed", "dead_time", "band", "alpha", "low_pass", "inversion"),
-    *(*REGION, "max_frequency"),
-)
 OF_PLANS = ("K", "j_max", "sigma_min", "series", "collocation", "single")
-_POSITIVE = (
-    *("alpha", "sound_speed", "sampling_rate", "duration"),
-    *("region_radius", "half_width", "max_frequency"),
-)
-_NOT_NEGATIVE = ("dead_time", "noise", "K", "j_max", "sigma_min")
+_MORE_BOUNDS = {
+    **dict.fromkeys(("sampling_rate", "duration"), POSITIVE),
+    **dict.fromkeys(("noise", "K", "j_max", "sigma_min"), NOT_NEGATIVE),
+}
+_BOUNDED = (*OPTIONS, *(Choice(name, float, bound=bound) for name, bound in _MORE_BOUNDS.items()))
 _SUFFIXES = {"reconstruct": IMAGE_SUFFIXES, "report": (".html",)}
 
 
@@ -77,17 +72,9 @@ def band(texts: list[str]) -> tuple[float, float] | str:
 
 
 def _require_numbers(options: argparse.Namespace) -> None:
-    for name in _POSITIVE:
-        value = getattr(options, name, None)
-        if value is not None and not 0 < value < math.inf:
-            raise ValueError(f"{_option(name)} is {value}, expected a finite number above zero.")
-    for name in _NOT_NEGATIVE:
-        value = getattr(options, name, None)
-        if value is not None and not 0 <= value < math.inf:
-            raise ValueError(f"{_option(name)} is {value}, expected a finite number, 0 or above.")
-    pixels = getattr(options, "pixels", None)
-    if pixels is not None and pixels < 4:
-        raise ValueError(f"--pixels is {pixels}, expected at least 4.")
+    for choice in _BOUNDED:
+        choice.require(getattr(options, choice.name, None), option_of(choice.name))
+    require_pixels(getattr(options, "pixels", None), "--pixels")
     if getattr(options, "band", None) is not None:
         band(options.band)
 
@@ -114,9 +101,10 @@ def _require_together(options: argparse.Namespace) -> None:
     ):
         raise ValueError("--series is a closed form: --K, --j-max and --sigma-min do nothing.")
     if is_given(options, "repeat"):
-        _refuse(options, (*CHOICES, *OF_PLANS, "plan"), "repeat", "the earlier image")
+        every = tuple(choice.name for choice in OPTIONS)
+        _refuse(options, (*every, *OF_PLANS, "plan"), "repeat", "the earlier image")
     if is_given(options, "plan"):
-        _refuse(options, (*REGION, "max_frequency", "alpha", *OF_PLANS), "plan", "the plan")
+        _refuse(options, (*OF_REGION, "max_frequency", "alpha", *OF_PLANS), "plan", "the plan")
     if wants_plan(options) and is_given(options, "alpha"):
         raise ValueError("--alpha is for a reconstruction without densities: leave out the others.")
 
@@ -124,10 +112,11 @@ def _require_together(options: argparse.Namespace) -> None:
 def _refuse(options: argparse.Namespace, names: tuple[str, ...], by: str, what: str) -> None:
     for name in names:
         if is_given(options, name):
-            raise ValueError(f"{_option(name)} and --{by}: {what} has decided that.")
+            raise ValueError(f"{option_of(name)} and --{by}: {what} has decided that.")
 
 
-def _option(name: str) -> str:
+def option_of(name: str) -> str:
+    """--sound-speed for sound_speed."""
     return f"--{name.replace('_', '-')}"
 
 

@@ -128,7 +128,7 @@ def reconstruct_stack(
     inversion: str = "fbp",
     progress: bool = False,
 ) -> Any:
-    """`line_detectors.reconstruct` from and into files, a few rotations and then a few slices at a time.
+    """As `line_detectors.reconstruct`, from and into files, a few rotations or slices at a time.
 
     Args:
         plan, scan, slices, low_pass, inversion: as in `line_detectors.reconstruct`.

@@ -10,18 +10,20 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..choice_table import CHOICES
 from ..geometry import (
     DetectorCurve,
+    Disk,
     ImageGrid,
-    TruncatedDisk,
+    VolumeGrid,
     detector_curve,
+    disk,
     keep_detectors,
-    truncated_disk,
 )
 from ..pressure import MODELS
-from ..problem import enough_boundary
-from ..reconstruction.inversion import require_inversion
-from ..reconstruction.radon import LOW_PASSES
+from ..spherical.regions import Ball, ball
+from ..steps.inversion import require_inversion
+from ..steps.radon import LOW_PASSES
 from ..units import Units
 
 IN_SPACE = "in-space"  # the model of point-like detectors around a volume
@@ -42,13 +44,13 @@ class Choices(eqx.Module):
         dead_time: the start of the record is silenced [time].
         band: pass band (f_lo, f_hi), or None for no filter [cycles/time].
         impulse_response: whether the one in the file is divided out.
-        region_center, region_radius, region_cut, region_angle: of `truncated_disk`, angle in
-            degrees; a cut at or beyond the radius leaves the whole disk. Of a volume, with a centre
-            in space, of `spherical.ball_part` [length].
+        region_center, region_radius, region_cut, region_angle: of `disk`, angle in degrees; a cut
+            at or beyond the radius leaves the whole disk. Of a volume, with a centre in space, of
+            `spherical.ball` [length].
         pixels, half_width: of `ImageGrid` or `VolumeGrid`, about the region's centre [length].
         first_radius, radial_step, n_radii: of the circular integrals [length].
         max_frequency: lambda_max [rad/length].
-        alpha: of `reconstruct_direct`.
+        alpha: a number as the rule of `solve`.
         low_pass: "none" or "cosine".
         inversion: "fbp" or "fourier".
         reasons: pairs of a name above and why it is as it is.
@@ -94,21 +96,24 @@ class Choices(eqx.Module):
         return tuple(k for k in self.order if k not in self.left_out)
 
     @property
-    def region(self) -> TruncatedDisk:
-        """Where the image is wanted, with enough points on its boundary for max_frequency."""
-        around = 2 * math.pi * self.region_radius  # no less than where the disk is cut
-        n_boundary = max(2 * len(self.order), enough_boundary(around, self.max_frequency))
-        return truncated_disk(
-            self.region_radius,
-            min(self.region_cut, self.region_radius),
-            n_boundary,
-            center=np.array(self.region_center),
-            angle=math.radians(self.region_angle),
-        )
+    def in_space(self) -> bool:
+        """Whether the detectors lie around a volume."""
+        return len(self.region_center) == 3
 
     @property
-    def grid(self) -> ImageGrid:
-        return ImageGrid(self.pixels, self.half_width, np.array(self.region_center))
+    def region(self) -> Disk | Ball:
+        """Where the image is wanted."""
+        cut = self.region_cut if self.region_cut < self.region_radius else None
+        center = jax.device_put(np.array(self.region_center))
+        if self.in_space:
+            return ball(self.region_radius, cut, center=center)
+        angle = math.radians(self.region_angle)
+        return disk(self.region_radius, cut, center=center, angle=angle)
+
+    @property
+    def grid(self) -> ImageGrid | VolumeGrid:
+        make = VolumeGrid if self.in_space else ImageGrid
+        return make(self.pixels, self.half_width, np.array(self.region_center))
 
     @property
     def radii(self) -> Float[Array, " radii"]:
@@ -124,9 +129,9 @@ class Choices(eqx.Module):
     def rows(self) -> list[tuple[str, str, str]]:
         """What, how much, why."""
         reasons = dict(self.reasons)
-        return [
-            (name, value, reasons[name]) for name, value in self._shown().items() if name in reasons
-        ]
+        shown = {"channels": f"{len(self.channels)} of {len(self.order)}"}
+        shown |= {choice.name: choice.shown(self) for choice in CHOICES if choice.shown}
+        return [(name, value, reasons[name]) for name, value in shown.items() if name in reasons]
 
     def table(self) -> str:
         """A line for each choice: what, how much, why."""
@@ -136,28 +141,6 @@ class Choices(eqx.Module):
             f"{name:{widths[0]}}  {value:{widths[1]}}  {reason}".rstrip()
             for name, value, reason in rows
         )
-
-    def _shown(self) -> dict[str, str]:
-        units, radius = self.units, self.region_radius
-        cut = self.region_cut < radius
-        return {
-            "channels": f"{len(self.channels)} of {len(self.order)}",
-            "model": self.model,
-            "sound_speed": units.of_speed(self.sound_speed),
-            "impulse_response": "removed" if self.impulse_response else "kept",
-            "dead_time": units.of_time(self.dead_time),
-            "band": units.of_band(*self.band) if self.band else "none",
-            "region_radius": units.of_length(radius),
-            "region_cut": units.of_length(self.region_cut, scale=radius) if cut else "none",
-            "region_angle": f"{round(self.region_angle, 1) + 0.0:g} degrees",
-            "region_center": units.of_place(self.region_center, radius),
-            "max_frequency": units.of_wave_number(self.max_frequency),
-            "pixels": f"{self.pixels}",
-            "half_width": units.of_length(self.half_width),
-            "alpha": f"{self.alpha:.2g}",
-            "low_pass": self.low_pass,
-            "inversion": self.inversion,
-        }
 
     def settings(self) -> dict[str, Any]:
         """As plain numbers and text, for a file; `from_settings` gives them back."""
@@ -177,29 +160,9 @@ class Choices(eqx.Module):
                 f"{sorted(names - set(settings))}, unknown {sorted(set(settings) - names)}."
             )
         try:
-            values = {name: _KINDS[name](settings[name]) for name in names}
+            values: dict[str, Any] = {c.name: c.read(settings[c.name]) for c in CHOICES}
+            reasons = tuple((str(name), str(why)) for name, why in settings["reasons"])
+            values |= {"reasons": reasons, "units": Units(*settings["units"])}
         except (TypeError, ValueError) as error:
             raise ValueError(f"the settings cannot be read ({error}).") from error
         return cls(**values)
-
-
-def _pair(value: Any) -> tuple[float, float]:
-    first, second = value
-    return float(first), float(second)
-
-
-_KINDS: dict[str, Any] = {
-    **dict.fromkeys(("model", "low_pass", "inversion"), str),
-    **dict.fromkeys(("pixels", "n_radii"), int),
-    **dict.fromkeys(
-        ("sound_speed", "dead_time", "region_radius", "region_cut", "region_angle", "half_width"),
-        float,
-    ),
-    **dict.fromkeys(("first_radius", "radial_step", "max_frequency", "alpha"), float),
-    **dict.fromkeys(("order", "left_out"), lambda value: tuple(int(k) for k in value)),
-    "impulse_response": bool,
-    "region_center": lambda value: tuple(float(x) for x in value),
-    "band": lambda value: None if value is None else _pair(value),
-    "reasons": lambda value: tuple((str(name), str(why)) for name, why in value),
-    "units": lambda value: Units(*value),
-}

@@ -13,8 +13,8 @@ import numpy as np
 from ..geometry import require_cover
 from ..io import Scan
 from ..sampling import supported
-from ..spherical import DetectorPoints, ball_part, cap_radii
-from ..spherical.layout import resolved_frequency
+from ..spherical import DetectorPoints, ball, cap_radii
+from ..spherical.sizes import resolved_frequency
 from .choices import IN_SPACE, Choices
 from .facts import typical_frame, water_speed
 from .found import (
@@ -29,7 +29,7 @@ from .found import (
     require_scale,
 )
 from .record import highest_frequency, noise_before, record_power
-from .space import MOST_POINTS, FactsInSpace, facts_in_space, region_in_space
+from .space import MOST_POINTS, FactsInSpace, facts_in_space
 
 VOXELS = (17, 129)  # along an axis, if none are given
 SHOWN = 8  # rows, at most, that a message names
@@ -39,7 +39,7 @@ _NOT_HERE = ("region_angle", "region_center", "model")
 
 
 def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
-    """All choices for a scan in space; see `choose.choices_for`."""
+    """All choices for a scan in space; see `choosing.choose`."""
     for name in _NOT_HERE:
         if given.get(name) is not None:
             raise ValueError(
@@ -153,7 +153,12 @@ def _resolution(scan: Scan, facts: FactsInSpace, found: Found, record: np.ndarra
 
 def _radii(scan: Scan, facts: FactsInSpace, found: Found) -> None:
     """Of the file, or all that the record covers, half a voxel apart."""
-    own, region = radii_of(scan, found), region_in_space(found.values)
+    own, radius, cut = (
+        radii_of(scan, found),
+        found.values["region_radius"],
+        found.values["region_cut"],
+    )
+    region = ball(radius, cut if cut < radius else None, center=facts.detectors.center)
     disk = facts.detectors.meridian, region.meridian
     if facts.times is not None:
         speed = found.values["sound_speed"]
@@ -164,7 +169,7 @@ def _radii(scan: Scan, facts: FactsInSpace, found: Found) -> None:
         if facts.times is not None:
             end = float(facts.times[-1]) * found.values["sound_speed"]
         reach = min(RIM * facts.radius, end - step - facts.radius)
-        sources = ball_part(reach, center=region.center) if reach > 0 else None
+        sources = ball(reach, center=region.center) if reach > 0 else None
         own = np.asarray(cap_radii(facts.detectors, region, step, sources=sources))
         own = own[own <= end]
     else:

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from ..checks import real_array
 from ..geometry import ArcFit, fit_arc, in_plane, order_along_curve
 from ..geometry.arcs import ROUND
-from ..geometry.curves import behind_gap
+from ..geometry.measured_curves import behind_gap
 from ..io import Scan
 from ..io.frames import LazyFrames
 from ..pressure import require_equispaced

@@ -1,47 +1,63 @@
-"""Where an image is made, and the circular integrals it is made of."""
+"""A scan's problem, and the integrals over circles or spheres that its frames are made into."""
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..checks import real_array
-from ..geometry import DetectorCurve, ImageGrid, Region
 from ..impulse_response import remove_impulse_response
 from ..io import Scan
-from ..layout import Layout, problem_layout
-from ..plan import ReconstructionPlan
 from ..pressure import condition_record, pressure_to_circular_integrals
-from ..reconstruction import DirectReconstruction, reconstruct_direct
+from ..reconstruction import Setup
 from ..spherical import pressure_to_spherical_integrals
-from .choices import IN_SPACE, LOW_PASSES, Choices
+from .choices import IN_SPACE, Choices
 from .facts import facts_of, times_of
+from .space import facts_in_space
 
 GROUPS = 2  # of frequencies, at most: for few images, compiling is what takes time
 
 
-class Where(eqx.Module):
-    """Detectors, region, pixels and radii, found once for all frames."""
+def setup_of(scan: Scan, choices: Choices) -> Setup:
+    """Detectors, region, pixels and radii, the same for all frames; in the plane or in space.
 
-    curve: DetectorCurve
-    region: Region
-    grid: ImageGrid
-    radii: Float[Array, " radii"]
+    Circular integrals keep the radii of their file.
 
-    @classmethod
-    def of(cls, scan: Scan, choices: Choices) -> "Where":
-        """Circular integrals keep the radii of their file."""
-        own = scan.known.get("radii") if scan.kind == "circular_integrals" else None
-        radii = choices.radii if own is None else real_array("radii", own, ("radii",))
-        points = facts_of(scan).points
-        return cls(choices.curve(points), choices.region, choices.grid, radii)
+    Raises, warns:
+        As `Setup`.
+    """
+    own = scan.known.get("radii") if scan.kind == "circular_integrals" else None
+    radii = choices.radii if own is None else real_array("radii", own, ("radii",))
+    if choices.in_space:
+        curve = facts_in_space(scan, choices.order).detectors
+    else:
+        curve = choices.curve(facts_of(scan).points)
+    return Setup(
+        curve,
+        choices.region,
+        choices.grid,
+        radii,
+        max_frequency=choices.max_frequency,
+        n_groups=GROUPS,
+    )
 
-    @classmethod
-    def of_plan(cls, plan: ReconstructionPlan) -> "Where":
-        return cls(plan.curve, plan.region, plan.grid, plan.radii)
+
+def integrals(
+    scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray
+) -> Float[Array, "..."]:
+    """Integrals of frames over circles, or spheres, about the detectors that are used.
+
+    Args:
+        scan, choices: what the frames belong to.
+        setup: of `setup_of`, or of a plan.
+        frames: (..., detectors, samples), rows as in the file.
+
+    Returns:
+        (..., *setup.data_shape).
+    """
+    found = _integrals(scan, choices, setup.radii, frames)
+    return found.reshape(*found.shape[:-2], *setup.data_shape)
 
 
-def integrals(scan: Scan, choices: Choices, radii: Array, frames: np.ndarray) -> Array:
-    """Integrals of frames over circles, or spheres, about the detectors that are used."""
+def _integrals(scan: Scan, choices: Choices, radii: Array, frames: np.ndarray) -> Array:
     part = real_array(scan.kind, frames[..., list(choices.channels), :], None)
     times = times_of(scan)
     if times is None:
@@ -64,30 +80,4 @@ def integrals(scan: Scan, choices: Choices, radii: Array, frames: np.ndarray) ->
         return pressure_to_spherical_integrals(part, times, radii, sound_speed=speed)
     return pressure_to_circular_integrals(
         part, times, radii, sound_speed=speed, model=choices.model
-    )
-
-
-def layout_of(choices: Choices, where: Where) -> Layout:
-    return problem_layout(
-        where.curve,
-        where.region,
-        where.grid,
-        where.radii,
-        max_frequency=choices.max_frequency,
-        n_groups=GROUPS,
-    )
-
-
-def reconstructed(where: Where, layout: Layout, choices: Choices, g: Array) -> DirectReconstruction:
-    """Images of circular integrals, without a plan."""
-    return reconstruct_direct(
-        where.curve,
-        where.region,
-        where.grid,
-        where.radii,
-        g,
-        choices.alpha,
-        low_pass=LOW_PASSES[choices.low_pass],
-        inversion=choices.inversion,
-        layout=layout,
     )

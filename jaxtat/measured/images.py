@@ -12,19 +12,16 @@ from tqdm import tqdm
 
 from ..channels import ranges
 from ..geometry import ImageGrid, VolumeGrid
-from ..harmonic.tikhonov import SolveReport
 from ..io import Scan, load_scan
 from ..io.images import HasInside
-from ..layout import Layout
-from ..plan import ReconstructionPlan
 from ..problem import AccuracyWarning
-from ..reconstruction import reconstruct
-from ..spherical import CapLayout
-from .choices import LOW_PASSES, Choices
-from .choose import choices_for
-from .facts import facts_of, frame_numbers, in_space, some_frames, with_facts
-from .frames import Where, integrals, layout_of, reconstructed
-from .space import Space, facts_in_space
+from ..reconstruction import Reconstruction, ReconstructionPlan, Setup, solve
+from ..reconstruction import reconstruct as reconstruct_by
+from .choices import Choices
+from .choosing import choose
+from .facts import facts_of, frame_numbers, some_frames, with_facts
+from .frames import integrals, setup_of
+from .space import TurnedOver, facts_in_space
 from .speed import estimate_sound_speed
 
 AT_A_TIME = 2**26  # bytes of data, as float64, that are reconstructed together
@@ -35,7 +32,7 @@ class ScanImages:
     """Images of a scan and how they were made.
 
     Attributes:
-        images: (x1, x2), or (frames, x1, x2) of a scan of more than one frame; of detectors in
+        image: (x1, x2), or (frames, x1, x2) of a scan of more than one frame; of detectors in
             space volumes, with a third axis x3.
         grid, region: where they are; outside the region they mean nothing.
         choices: with which they were made.
@@ -44,7 +41,7 @@ class ScanImages:
         report: how well the systems were solved, in words; nothing with a plan.
     """
 
-    images: Any
+    image: Any
     grid: ImageGrid | VolumeGrid
     region: HasInside
     choices: Choices
@@ -62,7 +59,7 @@ def reconstruct_file(
     times: Any = None,
     frames: Any = None,
     out: Any = None,
-    progress: bool = True,
+    progress: bool = False,
     report: Callable[[str], Any] | None = None,
     **given: Any,
 ) -> ScanImages:
@@ -72,26 +69,26 @@ def reconstruct_file(
         path: a file that `load_scan` reads.
         scanner, detectors, sampling_rate, times, frames: what the file does not tell, and which
             frames are wanted, see `with_facts`.
-        out: as in `reconstruct_scan`.
+        out: as in `scans.reconstruct`.
         progress: whether to show a bar, if there is more than one frame.
         report: what to do with the table of choices, such as ``print``.
-        given: choices by name, see `choices_for`.
+        given: choices by name, see `choose`.
 
     Returns:
         ScanImages.
 
     Raises:
-        FileNotFoundError, ValueError: as `load_scan`, `choices_for` and `reconstruct_direct`.
+        FileNotFoundError, ValueError: as `load_scan`, `choose` and `solve`.
 
     >>> import tempfile
-    >>> from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, disk
-    >>> curve, region = circular_arc(1.3, 1.0, 24), truncated_disk(0.8, 0.8, 48)
-    >>> radii = data_radii(curve, region, 0.16)
+    >>> from jaxtat import circular_arc, data_radii, disk, phantoms
+    >>> curve = circular_arc(1.3, 1.0, 24)
+    >>> radii = data_radii(curve, disk(0.8), 0.16)
     >>> g = phantoms.Bells([[0.1, -0.15]], [0.6]).circular_integrals(curve, radii)
     >>> path = Path(tempfile.mkdtemp()) / "scan.npz"
     >>> np.savez(path, circular_integrals=g, radii=radii, detectors=curve.points)
     >>> found = reconstruct_file(path, region_radius=0.8, pixels=11, max_frequency=7.85)
-    >>> found.images.shape, found.choices.alpha
+    >>> found.image.shape, found.choices.alpha
     ((11, 11), 1e-06)
     """
     scan = with_facts(
@@ -102,19 +99,19 @@ def reconstruct_file(
         times=times,
         frames=frames,
     )
-    choices = estimate_sound_speed(scan, choices_for(scan, **given))
+    choices = estimate_sound_speed(scan, choose(scan, **given))
     if report is not None:
         report(choices.table())
-    return reconstruct_scan(scan, choices, out=out, progress=progress)
+    return reconstruct(scan, choices, out=out, progress=progress)
 
 
-def reconstruct_scan(
+def reconstruct(
     scan: Scan,
     choices: Choices,
     *,
     plan: ReconstructionPlan | None = None,
     out: Any = None,
-    progress: bool = True,
+    progress: bool = False,
 ) -> ScanImages:
     """The images of all frames; few are in memory at a time, and the geometry is found once.
 
@@ -122,7 +119,7 @@ def reconstruct_scan(
 
     Args:
         scan: its frames may be lazy.
-        choices: from `choices_for`.
+        choices: from `choose`.
         plan: to use in place of a direct reconstruction; it has decided geometry and alpha. There
             are none in space.
         out: where images go, (frames that are good, x1, x2), or anything that slices can be
@@ -136,36 +133,38 @@ def reconstruct_scan(
     Warns:
         AccuracyWarning: names the frames that are left out.
     """
-    where = Where.of_plan(plan) if plan else _where(scan, choices)
-    room = _room((scan.n_frames, *where.grid.shape)) if out is None else None
+    shape = choices.grid.shape if plan is None else plan.setup.grid.shape
+    room = _room((scan.n_frames, *shape)) if out is None else None
     scan = _without_blank_frames(scan, choices)
-    layout, worst, size = None, 0.0, _frames_at_a_time(scan)
-    images = (scan.n_frames, *where.grid.shape)
+    setup = setup_of(scan, choices) if plan is None else plan.setup
+    worst, size, images = 0.0, _frames_at_a_time(scan), (scan.n_frames, *shape)
     out = out if room is None else room[: scan.n_frames]
     if tuple(out.shape) != images:
         raise ValueError(f"out has shape {tuple(out.shape)}, expected {images}.")
+    flipped = choices.in_space and facts_in_space(scan, choices.order).upside_down
     with tqdm(total=scan.n_frames, unit="image", disable=not progress or scan.n_frames == 1) as bar:
         for start in range(0, scan.n_frames, size):
-            g = integrals(scan, choices, where.radii, _frames(scan, start, size))
+            g = integrals(scan, choices, setup, _frames(scan, start, size))
             if plan is None:
-                layout = layout or _layout(where, choices)  # once the data were found good
-                image, solved = _images(where, layout, choices, g)
-                worst = max(worst, float(solved.residual.max()))
+                found = _solve(setup, g, choices)
+                image, worst = found.image, max(worst, float(found.report.residual.max()))
             else:
-                image = _by_plan(plan, choices, g)
+                image = _by_plan(plan, g, choices)
+            image = image[..., ::-1] if flipped else image
             n = min(size, scan.n_frames - start)
-            out[start : start + n] = np.asarray(image).reshape(-1, *where.grid.shape)[:n]
+            out[start : start + n] = np.asarray(image).reshape(-1, *shape)[:n]
             bar.update(n)
     several = scan.n_frames > 1
     numbers = scan.known.get("wavelengths", frame_numbers(scan))
-    frames = np.asarray(numbers, float) if several else None
-    shown = out if several else out[0]
-    report = "" if layout is None else _solved(layout, choices, worst)
-    if isinstance(where, Space):
-        unit, region = facts_in_space(scan, choices.order).units.length, where.shown_region
-    else:
-        unit, region = facts_of(scan).units.length, where.region
-    return ScanImages(shown, where.grid, region, choices, frames, unit, report)
+    return ScanImages(
+        image=out if several else out[0],
+        grid=setup.grid,
+        region=TurnedOver(setup.region) if flipped else setup.region,
+        choices=choices,
+        frames=np.asarray(numbers, float) if several else None,
+        unit=choices.units.length if plan is None else facts_of(scan).units.length,
+        report="" if plan else _solved(setup, choices, worst),
+    )
 
 
 def _without_blank_frames(scan: Scan, choices: Choices) -> Scan:
@@ -185,25 +184,6 @@ def _without_blank_frames(scan: Scan, choices: Choices) -> Scan:
     return some_frames(scan, np.flatnonzero(good))
 
 
-def _where(scan: Scan, choices: Choices) -> Where | Space:
-    return (Space if in_space(scan) else Where).of(scan, choices)
-
-
-def _layout(where: Where | Space, choices: Choices) -> Layout | CapLayout:
-    return where.layout(choices) if isinstance(where, Space) else layout_of(choices, where)
-
-
-def _images(
-    where: Where | Space, layout: Layout | CapLayout, choices: Choices, g: Array
-) -> tuple[Array, SolveReport]:
-    if isinstance(layout, CapLayout):
-        assert isinstance(where, Space)
-        return where.volumes(layout, choices, g)
-    assert isinstance(where, Where)
-    found = reconstructed(where, layout, choices, g)
-    return found.image, found.report
-
-
 def _room(shape: tuple[int, ...]) -> np.ndarray:
     """A new array, or ValueError: a file may hold, or claim, any number of frames."""
     try:
@@ -215,14 +195,17 @@ def _room(shape: tuple[int, ...]) -> np.ndarray:
         ) from error
 
 
-def _by_plan(plan: ReconstructionPlan, choices: Choices, g: Array) -> Array:
-    low_pass = LOW_PASSES[choices.low_pass]
-    return reconstruct(plan, g, low_pass=low_pass, inversion=choices.inversion)
+def _solve(setup: Setup, g: Array, choices: Choices) -> Reconstruction:
+    return solve(setup, g, choices.alpha, low_pass=choices.low_pass, inversion=choices.inversion)
 
 
-def _solved(layout: Layout | CapLayout, choices: Choices, worst: float) -> str:
+def _by_plan(plan: ReconstructionPlan, g: Array, choices: Choices) -> Array:
+    return reconstruct_by(plan, g, low_pass=choices.low_pass, inversion=choices.inversion)
+
+
+def _solved(setup: Setup, choices: Choices, worst: float) -> str:
     return (
-        f"{layout.n_frequencies} frequencies, alpha {choices.alpha:.1e}; systems solved to "
+        f"{setup.sizes.n_frequencies} frequencies, alpha {choices.alpha:.1e}; systems solved to "
         f"{worst:.1e} (worst)"
     )
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..geometry import visibility
+from ..geometry import Disk, visibility
 from ..io import Scan
 from ..sampling import supported
 from .choices import Choices
@@ -55,10 +55,11 @@ def _of_curve(facts: Facts, choices: Choices) -> list[str]:
             f"{units.of_length(radius, 6)} about {units.of_place(arc.center, radius, 3)} to "
             f"{units.of_length(arc.deviation, 1, radius)}; {opening}"
         )
-    curve = choices.curve(facts.points)
-    lines.append(f"region of interest: {visibility(curve, choices.region)}")
+    curve, region = choices.curve(facts.points), choices.region
+    assert isinstance(region, Disk)
+    lines.append(f"region of interest: {visibility(curve, region)}")
     if facts.times is not None:
         speed = choices.sound_speed
-        support = supported(curve, choices.region, facts.times, sound_speed=speed)
+        support = supported(curve, region, facts.times, sound_speed=speed)
         lines.append(f"sampling: {support.in_words(facts.units)}")
     return lines

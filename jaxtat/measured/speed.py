@@ -14,10 +14,11 @@ from jaxtyping import Array
 from ..autofocus import sharpness
 from ..geometry import ImageGrid, Region
 from ..io import Scan
+from ..reconstruction import reconstruct
 from .choices import Choices
-from .choose import TO_BE_ESTIMATED
+from .choose_in_plane import TO_BE_ESTIMATED
 from .facts import FASTEST, SLOWEST, WATER, typical_frame
-from .frames import Where, integrals, layout_of, reconstructed
+from .frames import integrals, setup_of
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 17)
 TOLERANCE = 0.25 / WATER
@@ -36,14 +37,16 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
     coarse = replace(
         choices, pixels=choices.pixels // 4 * 2 + 1, max_frequency=choices.max_frequency / 2
     )
-    where = Where.of(scan, coarse)
-    g = integrals(scan, coarse, where.radii, typical_frame(scan))
-    layout = layout_of(coarse, where)
+    setup = setup_of(scan, coarse)
+    g = integrals(scan, coarse, setup, typical_frame(scan))
 
     def sharpness_at(stretch: float) -> float:
-        there = eqx.tree_at(lambda tree: tree.radii, where, where.radii * stretch)
-        image = reconstructed(there, layout, coarse, g).image
-        return stretch**2 * float(_sharpness(image, where.grid, where.region))
+        # radii that do not cover the region any more are no matter here
+        there = eqx.tree_at(lambda tree: tree.radii, setup, setup.radii * stretch)
+        image = reconstruct(
+            there, g, coarse.alpha, low_pass=coarse.low_pass, inversion=coarse.inversion
+        )
+        return stretch**2 * float(_sharpness(image, setup.grid, setup.region))
 
     stretch, why = sharpest(sharpness_at)
     return replace(

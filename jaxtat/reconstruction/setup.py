@@ -124,7 +124,8 @@ class Setup(eqx.Module):
     @property
     def detectors_shape(self) -> tuple[int, ...]:
         """(detectors,), or (rings, azimuths) of a cap."""
-        return self.curve.points.shape[:-1]
+        curve = self.curve
+        return (curve.n_detectors,) if isinstance(curve, DetectorCurve) else curve.shape
 
     @property
     def data_shape(self) -> tuple[int, ...]:
@@ -163,10 +164,10 @@ class Setup(eqx.Module):
         new = {name: part for name, part in parts.items() if part is not None}
         if isinstance(region, Region) and isinstance(self.region, Region):
             new["region"] = _with_counts(region, self.region)
-        if radii is not None:
-            new["radii"] = real_array("radii", radii, self.radii.shape)
         for name, part in new.items():
             _require_alike(name, part, getattr(self, name))
+        if radii is not None:
+            new["radii"] = real_array("radii", radii, self.radii.shape)
         names = list(new)
         changed = eqx.tree_at(
             lambda setup: [getattr(setup, name) for name in names], self, list(new.values())
@@ -257,9 +258,9 @@ def _require_kinds(curve: Any, region: Any, grid: Any) -> bool:
 def _named(part: Any) -> str:
     if isinstance(part, int | float):
         return repr(part)
-    shape = getattr(part, "shape", None)
-    array = f" of shape {shape}" if isinstance(part, np.ndarray | jax.Array) else ""
-    return f"a {type(part).__name__}{array}"
+    if isinstance(part, np.ndarray | jax.Array):
+        return f"an array of shape {part.shape}"
+    return f"a {type(part).__name__}"
 
 
 def _with_counts(region: Region, like: Region) -> Region:

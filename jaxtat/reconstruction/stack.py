@@ -50,7 +50,7 @@ def reconstruct_stack(
     shape: tuple[int, ...] = tuple(getattr(frames, "shape", ()))
     setup = problem.setup if isinstance(problem, ReconstructionPlan) else problem
     wanted = setup.data_shape
-    if len(shape) != 1 + len(wanted) or shape[1:] != wanted:
+    if not shape or shape[1:] != wanted:
         raise ValueError(f"frames have shape {shape}, expected (n, {str(wanted)[1:-1]}).")
     batch_size = whole_number("batch_size", batch_size, 1)
     images = (shape[0], *setup.grid.shape)

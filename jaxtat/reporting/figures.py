@@ -31,7 +31,7 @@ _DISKS = 7  # across the region, of edges that are seen
 
 def image(diagnosis: Diagnosis, unit: str | None) -> Figure:
     """The picture."""
-    return picture(diagnosis.image, diagnosis.grid, unit=unit)
+    return picture(diagnosis.image, diagnosis.setup.grid, unit=unit)
 
 
 def geometry(diagnosis: Diagnosis, unit: str | None) -> Figure:
@@ -39,16 +39,16 @@ def geometry(diagnosis: Diagnosis, unit: str | None) -> Figure:
     figure = new_figure(11, 4.8)
     left, right = figure.subplots(1, 2)
     points, radius = _places(diagnosis)
-    show_geometry(left, diagnosis.curve, diagnosis.region, unit=unit)
-    show_opening(left, diagnosis.curve, unit=unit)
-    show_edges(left, diagnosis.curve, points, radius, unit=unit)
+    show_geometry(left, diagnosis.setup.curve, diagnosis.setup.region, unit=unit)
+    show_opening(left, diagnosis.setup.curve, unit=unit)
+    show_edges(left, diagnosis.setup.curve, points, radius, unit=unit)
     left.legend(fontsize=7, loc="upper right")
     label_axes(left, "", length_label("$x_1$", unit), length_label("$x_2$", unit))
     least = float(np.nanmin(np.asarray(diagnosis.visible)))
     shown = show_image(
         right,
         diagnosis.visible,
-        diagnosis.grid,
+        diagnosis.setup.grid,
         limits=(min(least, 0.5), 1.0),
         cmap=SEQUENTIAL,
         unit=unit,
@@ -59,13 +59,13 @@ def geometry(diagnosis: Diagnosis, unit: str | None) -> Figure:
 
 def _places(diagnosis: Diagnosis) -> tuple[np.ndarray, float]:
     """Points all over the region, and a radius for disks about them that do not touch."""
-    boundary = np.asarray(diagnosis.region.points)
+    boundary = np.asarray(diagnosis.setup.region.points)
     low, size = boundary.min(axis=0), np.ptp(boundary, axis=0)
     numbers = np.maximum(1, np.round(_DISKS * size / size.max())).astype(int)
     steps = size / numbers
     along = (low[i] + steps[i] * (np.arange(numbers[i]) + 0.5) for i in range(2))
     points = np.stack(np.meshgrid(*along), axis=-1).reshape(-1, 2)
-    inside = np.asarray(diagnosis.region.contains(jax.device_put(points)))
+    inside = np.asarray(diagnosis.setup.region.contains(jax.device_put(points)))
     return points[inside], 0.38 * float(steps.min())
 
 
@@ -115,7 +115,7 @@ def sinograms(diagnosis: Diagnosis, unit: str | None) -> tuple[Figure, float]:
         shown = show_sinogram(
             axes,
             values,
-            diagnosis.radii,
+            diagnosis.setup.radii,
             limit=most,
             meets=residual.meets,
             title=title,
@@ -148,6 +148,8 @@ def uncertainty(diagnosis: Diagnosis, unit: str | None) -> Figure:
     high = float(np.nanpercentile(np.asarray(found.deviation), 98))
     low = float(np.nanmin(np.asarray(found.deviation)))
     limits = (low, max(high, 1.01 * low))
-    shown = show_image(axes, found.deviation, found.grid, limits=limits, cmap=SEQUENTIAL, unit=unit)
+    shown = show_image(
+        axes, found.deviation, found.grid, limits=limits, cmap=SEQUENTIAL, unit=unit
+    )
     _bar(figure, shown, axes, "standard deviation", shrink=0.9, extend="max")
     return figure

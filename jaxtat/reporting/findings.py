@@ -95,7 +95,7 @@ def _visibility(diagnosis: Diagnosis, unit: str | None) -> Finding:
             "them can be reconstructed.",
         )
     worst = np.unravel_index(np.nanargmin(seen), seen.shape)
-    x1, x2 = (_length(float(x), unit) for x in np.asarray(diagnosis.grid.points)[worst])
+    x1, x2 = (_length(float(x), unit) for x in np.asarray(diagnosis.setup.grid.points)[worst])
     most = (
         f"At {_percent(partly)} of the pixels some edge directions are not, or hardly, recorded: "
         f"such edges are missing or smeared there. The least is seen at ({x1}, {x2}), "
@@ -119,7 +119,7 @@ def _held(diagnosis: Diagnosis) -> np.ndarray:
     power = np.abs(np.fft.fft2(image)) ** 2
     axes = (
         2 * np.pi * np.fft.fftfreq(n, float(step))
-        for n, step in zip(image.shape, diagnosis.grid.spacing, strict=True)
+        for n, step in zip(image.shape, diagnosis.setup.grid.spacing, strict=True)
     )
     lam = np.hypot(*np.meshgrid(*axes, indexing="ij"))
     middles = (frequencies[1:] + frequencies[:-1]) / 2

@@ -6,20 +6,16 @@ from typing import Any
 
 from ..checks import Numbers
 from ..diagnostics import UNCERTAINTY_PIXELS, Diagnosis, diagnose
-from ..geometry import DetectorCurve, ImageGrid, Region
 from ..io.atomic import replacing, require_place
 from ..io.provenance import provenance
-from ..plan import ReconstructionPlan
+from ..reconstruction import ReconstructionPlan, Setup
 from ..steps.radon import LowPass
 from ..units import millimetres
 
 
 def report(
     path: str | Path,
-    curve: DetectorCurve,
-    region: Region,
-    grid: ImageGrid,
-    radii: Numbers,
+    setup: Setup,
     g: Numbers,
     image: Numbers,
     *,
@@ -34,13 +30,13 @@ def report(
     channels: Sequence[int] | None = None,
     inputs: Sequence[str | Path] = (),
     unit: str | None = None,
-    progress: bool = True,
+    progress: bool = False,
 ) -> Diagnosis:
     """Write a page about one image: one HTML file with all figures in it, no scripts, no links.
 
     Args:
         path: the file to write.
-        curve, region, grid, radii, g, image: the geometry, the data of one image, and the image.
+        setup, g, image: the problem, in the plane, the data of one image, and the image.
         plan, sigma, noise, low_pass, inversion, uncertainty_pixels, progress: as in `diagnose`.
         title: of the page.
         choices: what was chosen for the reconstruction, rows of (name, value, why).
@@ -61,10 +57,7 @@ def report(
     millimetres(unit)
     origin = provenance(inputs, unit)
     diagnosis = diagnose(
-        curve,
-        region,
-        grid,
-        radii,
+        setup,
         g,
         image,
         plan=plan,
@@ -112,7 +105,7 @@ def _of_problem(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     detectors, radii = diagnosis.g.shape
     rows = [
         ("data", f"{detectors} detectors x {radii} radii"),
-        ("image", f"{diagnosis.grid.shape[0]} x {diagnosis.grid.shape[1]} pixels"),
+        ("image", f"{diagnosis.setup.grid.shape[0]} x {diagnosis.setup.grid.shape[1]} pixels"),
     ]
     if diagnosis.waves is not None:
         frequencies, directions = diagnosis.waves.residual.shape

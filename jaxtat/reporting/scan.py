@@ -11,14 +11,12 @@ from jaxtyping import Array, Float
 
 from ..checks import Numbers, whole_number
 from ..diagnostics import UNCERTAINTY_PIXELS, Diagnosis
+from ..harmonic import Tikhonov
 from ..io import Scan, load_scan
-from ..measured import Choices, Where, choices_for, estimate_sound_speed, integrals, with_facts
-from ..measured.choices import LOW_PASSES
+from ..measured import Choices, choose, estimate_sound_speed, integrals, setup_of, with_facts
 from ..measured.facts import facts_of, times_of
-from ..plan import ReconstructionPlan, build_plan
-from ..reconstruction import reconstruct
+from ..reconstruction import ReconstructionPlan, Setup, build_plan, reconstruct
 from ..record_noise import LEAST_SAMPLES, noise_of_record
-from ..regularization import Tikhonov
 from .report import report
 
 
@@ -30,7 +28,7 @@ def report_file(
     detectors: Any = None,
     sampling_rate: float | None = None,
     times: Any = None,
-    progress: bool = True,
+    progress: bool = False,
     **given: Any,
 ) -> Diagnosis:
     """A page about the first image of a scan file, everything chosen that is not given.
@@ -40,7 +38,7 @@ def report_file(
         out: the page to write.
         scanner, detectors, sampling_rate, times: what the file does not tell, see `with_facts`.
         progress: show progress bars.
-        given: choices by name, see `choices_for`.
+        given: choices by name, see `choose`.
 
     Returns:
         Diagnosis, the numbers behind the page.
@@ -50,7 +48,7 @@ def report_file(
     """
     facts = {"detectors": detectors, "sampling_rate": sampling_rate, "times": times}
     scan = with_facts(load_scan(path), scanner=scanner, **facts)
-    choices = estimate_sound_speed(scan, choices_for(scan, **given))
+    choices = estimate_sound_speed(scan, choose(scan, **given))
     return report_scan(out, scan, choices, title=Path(path).name, inputs=[path], progress=progress)
 
 
@@ -66,18 +64,18 @@ def report_scan(
     title: str = "Reconstruction",
     inputs: Sequence[str | Path] = (),
     unit: str | None = None,
-    progress: bool = True,
+    progress: bool = False,
 ) -> Diagnosis:
     """A page about one image of a scan.
 
     The image is made with a plan, which tells accuracy and noise of every plane wave; without one
-    given it is that of the Tikhonov regularisation that `reconstruct_direct` uses, so that the
+    given it is that of the Tikhonov regularisation that `solve` uses, so that the
     image is the same.
 
     Args:
         path: the page to write.
         scan: from `load_scan`.
-        choices: from `choices_for`.
+        choices: from `choose`.
         plan: that has decided geometry and regularisation.
         frame: number of the image, from 0.
         sigma, uncertainty_pixels, title, inputs, progress: as in `report`.
@@ -92,20 +90,18 @@ def report_scan(
     frame = whole_number("frame", frame, 0)
     if frame >= scan.n_frames:
         raise ValueError(f"frame is {frame}, but the scan has {scan.n_frames}, counted from 0.")
-    where = Where.of(scan, choices) if plan is None else Where.of_plan(plan)
-    g = integrals(scan, choices, where.radii, scan.frame(frame))
-    problem = where.curve, where.region, where.grid, where.radii
-    noise = _noise_alone(scan, choices, where, scan.frame(frame)) if sigma is None else None
+    setup = setup_of(scan, choices) if plan is None else plan.setup
+    g = integrals(scan, choices, setup, scan.frame(frame))
+    noise = _noise_alone(scan, choices, setup, scan.frame(frame)) if sigma is None else None
     if plan is None:
-        rule, most = Tikhonov(choices.alpha), choices.max_frequency
-        plan = build_plan(*problem, rule, max_frequency=most, progress=progress)
-    last = {"low_pass": LOW_PASSES[choices.low_pass], "inversion": choices.inversion}
+        plan = build_plan(setup, Tikhonov(choices.alpha), progress=progress)
+    low_pass, inversion = choices.low_pass, choices.inversion
     several = f", frame {frame} of {scan.n_frames}" if scan.n_frames > 1 else ""
     return report(
         path,
-        *problem,
+        setup,
         g,
-        reconstruct(plan, g, **last),
+        reconstruct(plan, g, low_pass=low_pass, inversion=inversion),
         plan=plan,
         sigma=sigma,
         noise=noise,
@@ -116,20 +112,21 @@ def report_scan(
         inputs=inputs,
         unit=unit or facts_of(scan).units.length,
         progress=progress,
-        **last,
+        low_pass=low_pass,
+        inversion=inversion,
     )
 
 
 def _noise_alone(
-    scan: Scan, choices: Choices, where: Where, frame: np.ndarray
+    scan: Scan, choices: Choices, setup: Setup, frame: np.ndarray
 ) -> Float[Array, "detectors radii"] | None:
     """Circular integrals of noise as in the quiet part of a record; None without a quiet part."""
     times = times_of(scan)
     if times is None:
         return None
     start = 2 * choices.dead_time  # what is silenced is faded in over as long again
-    nearest = jnp.linalg.norm(where.curve.points - where.region.center, axis=1).min()
-    arrival = float(nearest - where.region.reach) / choices.sound_speed
+    nearest = jnp.linalg.norm(setup.curve.points - setup.region.center, axis=1).min()
+    arrival = float(nearest - setup.region.reach) / choices.sound_speed
     if np.count_nonzero((times >= start) & (times < arrival)) < LEAST_SAMPLES:
         return None
     rows = list(choices.channels)
@@ -138,4 +135,4 @@ def _noise_alone(
         return None
     drawn = np.zeros(frame.shape)
     drawn[rows] = quiet.sample(jax.random.key(0), len(times))
-    return integrals(scan, choices, where.radii, drawn)
+    return integrals(scan, choices, setup, drawn)

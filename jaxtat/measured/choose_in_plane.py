@@ -1,4 +1,4 @@
-"""What to do with a scan, decided by what it shows; every decision can be given instead.
+"""What to do with a scan in the plane, decided by what it shows.
 
 A function of the scan alone: nothing is remembered, nothing drawn by chance.
 """
@@ -12,17 +12,16 @@ import numpy as np
 from jaxtyping import Float
 
 from ..channels import channel_quality, ranges
-from ..checks import real_array, require_positive, whole_number
 from ..geometry import (
     ArcFit,
     DetectorCurve,
-    TruncatedDisk,
+    Disk,
     data_radii,
     detector_curve,
+    disk,
     keep_detectors,
     require_cover,
     require_outside,
-    truncated_disk,
     visible_disk,
 )
 from ..io import Scan
@@ -30,14 +29,12 @@ from ..pressure import MODELS
 from ..problem import AccuracyWarning
 from ..sampling import supported
 from .choices import IN_SPACE, Choices
-from .choose_in_space import choices_in_space
 from .facts import (
     SLOWEST,
     Facts,
     arc_through,
     begin_behind_gap,
     facts_of,
-    in_space,
     typical_frame,
     water_speed,
 )
@@ -77,24 +74,8 @@ SPACING = "the detectors' spacing in the inner half of the region"
 BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequency
 
 
-def choices_for(scan: Scan, **given: Any) -> Choices:
-    """All choices for a scan but an estimated speed of sound, which takes images.
-
-    Args:
-        scan: from `load_scan`.
-        given: choices by name, as in `Choices`; further ``use``, rows of the data to use (bad
-            channels among them too), ``radii`` of the circular integrals, and ``band="none"``.
-            What is None is chosen.
-
-    Returns:
-        Choices, with a reason for each.
-
-    Raises:
-        ValueError: for unknown names, what a scan lacks, and data that cannot be.
-    """
-    _require_known(given)
-    if in_space(scan):
-        return choices_in_space(scan, given)
+def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
+    """All choices for a scan in the plane; see `choosing.choose`."""
     if given.get("model") == IN_SPACE:
         raise ValueError(
             f"model is {IN_SPACE!r}, but the detectors lie in a plane: expected one of "
@@ -108,25 +89,6 @@ def choices_for(scan: Scan, **given: Any) -> Choices:
         _from_integrals(scan, facts, found)
     found.take("inversion", "fbp", "nothing is assumed beyond the region")
     return found.choices()
-
-
-NAMES = (
-    *("use", "model", "sound_speed", "dead_time", "band", "impulse_response", "alpha", "low_pass"),
-    *("region_radius", "region_cut", "region_angle", "region_center", "pixels", "half_width"),
-    *("max_frequency", "inversion", "radii"),
-)
-_POSITIVE = ("sound_speed", "region_radius", "half_width", "max_frequency", "alpha")
-
-
-def _require_known(given: Mapping[str, Any]) -> None:
-    unknown = [name for name in given if name not in NAMES]
-    if unknown:
-        raise ValueError(f"unknown options {unknown}, expected some of {', '.join(NAMES)}.")
-    for name in _POSITIVE:
-        if given.get(name) is not None:
-            require_positive(name, real_array(name, given[name], ()))
-    if given.get("pixels") is not None:
-        whole_number("pixels", given["pixels"], 4)
 
 
 def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
@@ -307,13 +269,13 @@ def _seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) ->
     """
     center, radius = (found.given.get(name) for name in ("region_center", "region_radius"))
     if center is None or radius is None:
-        disk = visible_disk(detector_curve(facts.points[facts.order]), center=center)
-        if disk is None:
+        seen = visible_disk(detector_curve(facts.points[facts.order]), center=center)
+        if seen is None:
             raise ValueError(
                 "the detectors lie on no circle, and see no point from all sides: give "
                 "--region-radius and --region-center; jaxtat warns of what is not seen."
             )
-        center, radius = tuple(float(x) for x in disk[0]), disk[1]
+        center, radius = tuple(float(x) for x in seen[0]), seen[1]
     center = found.take("region_center", center, "the middle of the largest disk that is seen")
     radius, why = covered(found, radius, "that disk", radii, _distances(facts, found))
     radius = float(found.take("region_radius", radius, why))
@@ -359,7 +321,7 @@ def _first_arrival(facts: Facts, found: Found, speed: float) -> float:
     return max(nearest - found.values["region_radius"], 0.0) / speed
 
 
-_Where = tuple[DetectorCurve, TruncatedDisk]
+_Where = tuple[DetectorCurve, Disk]
 
 
 def _where(facts: Facts, found: Found, good: np.ndarray | None = None) -> _Where:
@@ -368,10 +330,9 @@ def _where(facts: Facts, found: Found, good: np.ndarray | None = None) -> _Where
     if good is not None and not good.all():
         curve = keep_detectors(curve, good)
     radius = values["region_radius"]
-    region = truncated_disk(
+    region = disk(
         radius,
         min(values["region_cut"], radius),
-        2 * curve.n_detectors,
         center=np.array(values["region_center"]),
         angle=np.radians(values["region_angle"]),
     )
@@ -435,7 +396,7 @@ def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:
     arc = facts.arc or _around(facts, found.values["region_center"])
     # the last radius may lie a step beyond the farthest source
     reach = min(RIM * arc.radius, end - step - arc.radius)
-    sources = truncated_disk(reach, reach, 256, center=np.array(arc.center)) if reach > 0 else None
+    sources = disk(reach, center=np.array(arc.center)) if reach > 0 else None
     radii = np.asarray(data_radii(*where, step, sources=sources))
     _keep_radii(found, radii[radii <= end])
 

@@ -6,43 +6,51 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry import circular_arc
+from ..choice_table import OPTIONS
+from ..geometry import Disk, circular_arc
 from ..io import Scan, load_scan, load_settings
 from ..io.frames import LazyFrames
-from ..measured import Choices, Where, choices_for, with_facts
+from ..measured import Choices, choose, setup_of, with_facts
 from ..measured.facts import facts_of
-from ..plan import ReconstructionPlan, build_plan
 from ..problem import polar_grid
+from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..regularization import FixedRank, NormBound, Regularization, SingularValueCutoff
-from .refusals import CHOICES, OF_PLANS, band, is_given, slices
+from .refusals import OF_PLANS, band, is_given, slices
 
 FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use", "frames")
 _OPTIONS = ("file", "out", "quiet", "cache", "no_cache", "repeat", "length_unit", "plan")
 
 
-def scan_of(options: argparse.Namespace, plan: ReconstructionPlan | None = None) -> Scan:
-    """The file's scan, with what the options add: positions and times."""
+def scan_of(
+    options: argparse.Namespace, plan: ReconstructionPlan | None = None
+) -> tuple[Scan, argparse.Namespace]:
+    """The file's scan, with what the options add, positions and times; and the options left."""
     scan, positions = load_scan(options.file), _positions(options)
     unknown = positions is None and options.scanner is None and "detectors" not in scan.known
     if unknown and plan is not None:
         scan, positions = _rows(scan, options.use), np.asarray(plan.curve.points)
-        options.use = None  # done
+        options = changed(options, use=None)  # done
     rate, duration = getattr(options, "sampling_rate", None), getattr(options, "duration", None)
     frames = getattr(options, "frames", None)
     if frames is not None:
         frames = chosen(frames, scan.n_frames, "--frames", "frames")
     facts = {"detectors": positions, "sampling_rate": rate, "frames": frames}
     scan = with_facts(scan, scanner=options.scanner, **facts)
-    if duration is None:
-        return scan
-    return with_facts(scan, times=np.linspace(0.0, duration, scan.n_samples))
+    if duration is not None:
+        scan = with_facts(scan, times=np.linspace(0.0, duration, scan.n_samples))
+    return scan, options
+
+
+def changed(options: argparse.Namespace, **new: Any) -> argparse.Namespace:
+    """The options with some others in their place."""
+    return argparse.Namespace(**vars(options) | new)
 
 
 def given(
     options: argparse.Namespace, scan: Scan, plan: ReconstructionPlan | None = None
 ) -> dict[str, Any]:
     """Choices that the options, or a plan, have made."""
-    made = {name: getattr(options, name, None) for name in CHOICES}
+    made = {choice.name: getattr(options, choice.name, None) for choice in OPTIONS}
     made["use"] = None if options.use is None else chosen(options.use, scan.n_detectors)
     if made["band"] is not None:
         made["band"] = band(made["band"])
@@ -52,7 +60,7 @@ def given(
     return made | {
         "use": np.arange(scan.n_detectors) if made["use"] is None else made["use"],
         "region_radius": float(region.reach),
-        "region_cut": float(getattr(region, "x_right", region.reach)),
+        "region_cut": float(getattr(region, "cut", region.reach)),
         "region_angle": float(np.degrees(getattr(region, "angle", 0.0))),
         "region_center": tuple(float(x) for x in region.center),
         "pixels": grid.shape[0],
@@ -62,41 +70,36 @@ def given(
     }
 
 
-def repeated(options: argparse.Namespace) -> Choices:
+def repeated(options: argparse.Namespace) -> tuple[Choices, argparse.Namespace]:
     """The choices of an earlier image; its facts, too, count where no option gives others."""
     settings = load_settings(options.repeat)
-    for name in (*FACTS, *OF_PLANS, "plan"):
-        if hasattr(options, name) and not is_given(options, name):
-            setattr(options, name, settings.get(name))
-    return Choices.from_settings(
-        {k: v for k, v in settings.items() if k not in (*FACTS, *_OPTIONS, *OF_PLANS)}
-    )
+    facts = {
+        name: settings.get(name)
+        for name in (*FACTS, *OF_PLANS, "plan")
+        if hasattr(options, name) and not is_given(options, name)
+    }
+    of_choices = {k: v for k, v in settings.items() if k not in (*FACTS, *_OPTIONS, *OF_PLANS)}
+    return Choices.from_settings(of_choices), changed(options, **facts)
 
 
-def geometry_of_plan(options: argparse.Namespace) -> tuple[Where, float]:
-    """Curve, region, grid and radii for `jaxtat plan`, and lambda_max."""
+def setup_of_plan(options: argparse.Namespace) -> Setup:
+    """The problem for `jaxtat plan`."""
     if options.detectors_from:
-        options.file = options.detectors_from
-        scan = scan_of(options)
+        scan, options = scan_of(changed(options, file=options.detectors_from))
     else:
         positions = _positions(options)
         n = 1 if positions is None else len(positions)
         scan = Scan("circular_integrals", np.zeros((n, 1)))  # geometry alone
         scan = with_facts(scan, scanner=options.scanner, detectors=positions)
-    choices = choices_for(scan, **given(options, scan))
-    return Where.of(scan, choices), choices.max_frequency
+    return setup_of(scan, choose(scan, **given(options, scan)))
 
 
-def plan_for(options: argparse.Namespace, where: Where, max_frequency: float) -> ReconstructionPlan:
+def plan_for(options: argparse.Namespace, setup: Setup) -> ReconstructionPlan:
     """Build the plan that the options ask for, up to the frequency that was chosen."""
     return build_plan(
-        where.curve,
-        where.region,
-        where.grid,
-        where.radii,
-        _regularization(options),
+        setup,
+        _rule(options),
         method=_method(options),
-        max_frequency=max_frequency,
         precision="single" if options.single else "double",
         progress=not options.quiet,
     )
@@ -104,9 +107,9 @@ def plan_for(options: argparse.Namespace, where: Where, max_frequency: float) ->
 
 def require_size(choices: Choices) -> None:
     """Raise ValueError for more pixels than fit into memory, before any work; warn of long work."""
-    if len(choices.region_center) == 2:  # in space nothing is done before
-        limits = choices.radii, choices.max_frequency, None
-        polar_grid(choices.region, choices.grid, *limits)
+    region = choices.region
+    if isinstance(region, Disk):  # in space nothing is done before
+        polar_grid(region, choices.grid, choices.radii, choices.max_frequency, None)
 
 
 def require_same(scan: Scan, choices: Choices, plan: ReconstructionPlan) -> None:
@@ -157,8 +160,8 @@ def _piece(text: str, piece: slice, n: int, option: str, what: str) -> np.ndarra
 def _positions(options: argparse.Namespace) -> np.ndarray | None:
     """Positions of --arc or --ring."""
     if options.arc:
-        radius, z_right, n = options.arc
-        return np.asarray(circular_arc(radius, z_right, int(n)).points)
+        radius, cut, n = options.arc
+        return np.asarray(circular_arc(radius, cut, int(n)).points)
     if options.ring:
         radius, n = options.ring[0], int(options.ring[1])
         theta = 2 * np.pi * np.arange(n) / n
@@ -186,7 +189,7 @@ def _method(options: argparse.Namespace) -> str:
     return "collocation" if options.collocation else "auto"
 
 
-def _regularization(options: argparse.Namespace) -> Regularization | None:
+def _rule(options: argparse.Namespace) -> Regularization | None:
     if options.series:
         return None
     if options.j_max is not None:

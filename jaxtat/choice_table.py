@@ -1,0 +1,212 @@
+"""The choices of a reconstruction, a line for each: from it come options, settings, checks, tables.
+
+A module that imports nothing heavy: the command's help is quick with it. A new choice is a line
+here, a field of `scans.Choices`, and what decides it in `scans`.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from .names import INVERSIONS, LOW_PASSES, MODELS
+
+POSITIVE = "above zero"
+NOT_NEGATIVE = "0 or above"
+
+
+class Choice(NamedTuple):
+    """One choice.
+
+    Attributes:
+        name: of the field of `scans.Choices`; its option is ``--name``.
+        read: its value from plain numbers and text, as in a file of settings.
+        shown: its value in words, for the table; None to leave it out.
+        group: of options, under which the command has it; None if it has none.
+        option: how argparse reads it.
+        bound: what a number must be, `POSITIVE` or `NOT_NEGATIVE`; none by default.
+    """
+
+    name: str
+    read: Callable[[Any], Any]
+    shown: Callable[[Any], str] | None = None
+    group: str | None = None
+    option: Mapping[str, Any] = {}
+    bound: str = ""
+
+    def require(self, value: Any, name: str | None = None) -> None:
+        """Raise ValueError for a number out of bounds; None is not chosen yet."""
+        if value is None or not self.bound:
+            return
+        least = value > 0 if self.bound == POSITIVE else value >= 0
+        if not (least and value < math.inf):
+            raise ValueError(
+                f"{name or self.name} is {value}, expected a finite number, {self.bound}."
+            )
+
+
+def _whole(values: Any) -> tuple[int, ...]:
+    return tuple(int(k) for k in values)
+
+
+def _numbers(values: Any) -> tuple[float, ...]:
+    return tuple(float(x) for x in values)
+
+
+def _pair(values: Any) -> tuple[float, float] | None:
+    if values is None:
+        return None
+    first, second = values
+    return float(first), float(second)
+
+
+def _cut(c: Any) -> str:
+    radius = c.region_radius
+    return c.units.of_length(c.region_cut, scale=radius) if c.region_cut < radius else "none"
+
+
+PLAIN, RECORD, REGION, IMAGE, METHOD = "plain", "record", "region", "image", "method"
+_NUMBER = {"type": float}
+
+CHOICES = (
+    Choice("order", _whole),
+    Choice("left_out", _whole),
+    Choice(
+        "model",
+        str,
+        lambda c: c.model,
+        RECORD,
+        {"choices": MODELS, "help": "of a scanner's sizes in-plane, else 2d"},
+    ),
+    Choice(
+        "sound_speed",
+        float,
+        lambda c: c.units.of_speed(c.sound_speed),
+        RECORD,
+        _NUMBER
+        | {
+            "metavar": "C",
+            "help": "default: from the file, else the sharpest image's, or 1 without metres and "
+            "seconds",
+        },
+        POSITIVE,
+    ),
+    Choice(
+        "impulse_response",
+        bool,
+        lambda c: "removed" if c.impulse_response else "kept",
+    ),
+    Choice(
+        "dead_time",
+        float,
+        lambda c: c.units.of_time(c.dead_time),
+        RECORD,
+        _NUMBER | {"metavar": "T", "help": "silence the start"},
+        NOT_NEGATIVE,
+    ),
+    Choice(
+        "band",
+        _pair,
+        lambda c: c.units.of_band(*c.band) if c.band else "none",
+        RECORD,
+        {
+            "nargs": "+",
+            "metavar": "F",
+            "help": "LOW HIGH of a band-pass [cycles/time], or none",
+        },
+    ),
+    Choice(
+        "region_radius",
+        float,
+        lambda c: c.units.of_length(c.region_radius),
+        REGION,
+        _NUMBER | {"metavar": "R"},
+        POSITIVE,
+    ),
+    Choice(
+        "region_cut",
+        float,
+        _cut,
+        REGION,
+        _NUMBER | {"metavar": "X", "help": "default: a whole disk"},
+    ),
+    Choice(
+        "region_angle",
+        float,
+        lambda c: f"{round(c.region_angle, 1) + 0.0:g} degrees",
+        REGION,
+        _NUMBER | {"metavar": "DEG", "help": "outward normal of the cut"},
+    ),
+    Choice(
+        "region_center",
+        _numbers,
+        lambda c: c.units.of_place(c.region_center, c.region_radius),
+        REGION,
+        _NUMBER | {"nargs": 2, "metavar": ("X1", "X2")},
+    ),
+    Choice("first_radius", float),
+    Choice("radial_step", float),
+    Choice("n_radii", int),
+    Choice(
+        "max_frequency",
+        float,
+        lambda c: c.units.of_wave_number(c.max_frequency),
+        METHOD,
+        _NUMBER | {"metavar": "LAMBDA", "help": "[rad/length]"},
+        POSITIVE,
+    ),
+    Choice(
+        "pixels",
+        int,
+        lambda c: f"{c.pixels}",
+        IMAGE,
+        {"type": int, "metavar": "N", "help": "N x N (default: by what is resolved)"},
+    ),
+    Choice(
+        "half_width",
+        float,
+        lambda c: c.units.of_length(c.half_width),
+        IMAGE,
+        _NUMBER | {"metavar": "B", "help": "default: the region's radius"},
+        POSITIVE,
+    ),
+    Choice(
+        "alpha",
+        float,
+        lambda c: f"{c.alpha:.2g}",
+        PLAIN,
+        _NUMBER
+        | {
+            "metavar": "A",
+            "help": "Tikhonov regularisation, of a reconstruction without a plan; default: noise "
+            "over signal power of a pressure record, 1e-6 for circular integrals",
+        },
+        POSITIVE,
+    ),
+    Choice(
+        "low_pass",
+        str,
+        lambda c: c.low_pass,
+        PLAIN,
+        {"choices": LOW_PASSES, "help": "default: by the noise"},
+    ),
+    Choice(
+        "inversion",
+        str,
+        lambda c: c.inversion,
+        PLAIN,
+        {
+            "choices": INVERSIONS,
+            "help": "last step: filtered back-projection (default), or the faster Fourier sum",
+        },
+    ),
+)
+"""In the order of the table that is shown."""
+
+OPTIONS = tuple(choice for choice in CHOICES if choice.group is not None)
+OF_REGION = tuple(choice.name for choice in CHOICES if choice.group in (REGION, IMAGE))
+
+
+def require_pixels(pixels: Any, name: str = "pixels") -> None:
+    """Raise ValueError for fewer than 4 pixels, or a number that is not whole; None is fine."""
+    if pixels is not None and (pixels != int(pixels) or pixels < 4):
+        raise ValueError(f"{name} is {pixels}, expected a whole number of at least 4.")
