@@ -46,10 +46,10 @@ bench: .venv/ready
 	$(BIN)/python benchmarks/report.py benchmarks/results.json
 
 # code of every kind that depends on JAX: kernels, solvers, loops, custom derivatives, files
-LOWEST := tests/test_filtered_solve.py tests/test_iterative.py tests/test_parallel.py \
-	tests/test_comparison.py tests/reconstruction/test_steps.py tests/special \
-	tests/io/test_images.py tests/io/test_plans.py \
-	jaxtat/reconstruction jaxtat/plan.py jaxtat/uncertainty.py
+LOWEST := tests/regularization/test_filtered_solve.py tests/studies/test_iterative.py \
+	tests/base/test_parallel.py tests/studies/test_comparison.py tests/steps/test_steps.py \
+	tests/special tests/io/test_images.py tests/io/test_plans.py jaxtat/steps jaxtat/reconstruction \
+	jaxtat/plan.py jaxtat/studies/uncertainty.py
 
 # old packages may use what newer ones among them deprecate: that is no error here
 test-lowest: .venv-lowest/ready

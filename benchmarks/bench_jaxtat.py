@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtat.reconstruction.inversion import invert
 from problems import problem
 
 from jaxtat import (
@@ -16,9 +17,8 @@ from jaxtat import (
     reconstruct,
     reconstruct_direct,
 )
-from jaxtat.harmonic import polar_geometry, wave_table
+from jaxtat.densities.harmonic import polar_geometry, wave_table
 from jaxtat.reconstruction import radial_transform
-from jaxtat.reconstruction.inversion import invert
 
 SIZES = [65, 129, 257, 513]
 BATCH = 64

@@ -1,12 +1,8 @@
 """All that `import jaxtat` gives. In a module of its own since it needs JAX: see `jaxtat`."""
 
 # ruff: noqa: F401
-from . import datasets, line_detectors, phantoms, scanners, spherical
-from .autofocus import sharpness, sound_speed_by_sharpness
-from .calibration import Calibration, calibrate
-from .channels import ChannelQuality, channel_quality
-from .comparison import compare_regularizations
-from .diagnostics import data_residual, diagnose
+from . import line_detectors, phantoms, records, scans, spherical, studies
+from .base import scanners
 from .geometry import (
     DetectorCurve,
     ImageGrid,
@@ -31,16 +27,7 @@ from .geometry import (
     union_of_regions,
     visibility,
 )
-from .harmonic import NoiseLevel, RelativeTikhonov, Tikhonov, TikhonovNormBound
-from .impulse_response import remove_impulse_response
-from .io import load_plan, load_settings, save_image, save_plan
-from .iterative import IterativeReconstruction, least_squares, total_variation
-from .measured import reconstruct_file
-from .noise_choice import NoiseChoice, choose_regularization, image_power
-from .noise_law import predict_noise
-from .pressure import condition_record, pressure_to_circular_integrals
-from .pressure_simulation import circular_integrals_to_pressure
-from .problem import AccuracyWarning
+from .io import datasets, load_plan, load_settings, save_image, save_plan
 from .reconstruction import (
     PAPER_K,
     Reconstruction,
@@ -54,17 +41,50 @@ from .reconstruction import (
     reconstruct_stack,
     solve,
 )
-from .record_noise import RecordNoise, noise_of_record, record_noise_level
+from .records import (
+    ChannelQuality,
+    RecordNoise,
+    Supported,
+    channel_quality,
+    circular_integrals_to_pressure,
+    condition_record,
+    first_arrival,
+    noise_of_record,
+    pressure_to_circular_integrals,
+    record_noise_level,
+    remove_impulse_response,
+    supported,
+)
 from .regularization import (
     FixedRank,
+    NoiseLevel,
     NormBound,
     RelativeCutoff,
+    RelativeTikhonov,
     ResidualTarget,
     SingularValueCutoff,
+    Tikhonov,
+    TikhonovNormBound,
+    microlocal_norm,
 )
 from .reporting import report
-from .sampling import Supported, first_arrival, supported
-from .steps import cosine_filter
-from .uncertainty import pixel_standard_deviation
-from .unit_norm import microlocal_norm
-from .visibility_map import visibility_map
+from .scans import reconstruct_file
+from .steps import AccuracyWarning, cosine_filter
+from .studies import (
+    Calibration,
+    IterativeReconstruction,
+    NoiseChoice,
+    calibrate,
+    choose_regularization,
+    compare_regularizations,
+    data_residual,
+    diagnose,
+    image_power,
+    least_squares,
+    pixel_standard_deviation,
+    predict_noise,
+    sharpness,
+    sound_speed_by_sharpness,
+    total_variation,
+    visibility_map,
+)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 import jaxtat
+from jaxtat.densities import potential
 from jaxtat.plotting import DIVERGING, GRAY, new_figure, show_geometry, show_image
 from jaxtat.reconstruction import (
     filtered_back_projection,
@@ -22,7 +23,6 @@ from jaxtat.reconstruction import (
     radon_projections,
     total_integrals,
 )
-from jaxtat.single_layer import potential
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 FREQUENCY = 15  # whose densities are shown

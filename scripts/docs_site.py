@@ -42,5 +42,13 @@ def _public_names() -> list[str]:
         for node in ast.parse(_PACKAGE.read_text()).body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
     )
-    elsewhere = {"datasets", "line_detectors", "phantoms", "__version__"}
+    elsewhere = {
+        "__version__",
+        "datasets",
+        "line_detectors",
+        "phantoms",
+        "records",
+        "scans",
+        "studies",
+    }
     return [name for name in ast.literal_eval(names) if name not in elsewhere]

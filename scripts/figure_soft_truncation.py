@@ -13,16 +13,15 @@ import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
-
-import jaxtat
-from jaxtat.filtered_solve import singular_components
-from jaxtat.harmonic import frequency_groups, harmonic_orders, polar_geometry, wave_table
-from jaxtat.harmonic.densities import fold, wave_system
-from jaxtat.problem import polar_grid
 from jaxtat.reconstruction.inversion import invert
 from jaxtat.reconstruction.polar_fourier import with_origin
 from jaxtat.reconstruction.radial_transform import radial_transform, total_integrals
-from jaxtat.unit_norm import unit_norms
+
+import jaxtat
+from jaxtat.densities.harmonic import frequency_groups, harmonic_orders, polar_geometry, wave_table
+from jaxtat.densities.harmonic.densities import fold, wave_system
+from jaxtat.regularization import singular_components, unit_norms
+from jaxtat.steps import polar_grid
 
 OUT = Path("notebooks/soft_truncation.png")
 PIXELS, N_DETECTORS, NOISE = 129, 500, 0.15

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
+from jaxtat.reconstruction.radial_transform import noise_power, radial_transform
 from numpy.testing import assert_allclose
 
 from jaxtat import (
@@ -22,13 +23,7 @@ from jaxtat import (
     reconstruct,
     truncated_disk,
 )
-from jaxtat.harmonic import (
-    harmonic_orders,
-    polar_geometry,
-    wave_system,
-    wave_table,
-)
-from jaxtat.reconstruction.radial_transform import noise_power, radial_transform
+from jaxtat.densities.harmonic import harmonic_orders, polar_geometry, wave_system, wave_table
 
 BELL = phantoms.Bells([[0.2, 0.1], [-0.3, -0.2]], [0.6, 0.5], [1.0, 0.7])
 POWER = 1e-3 * np.arange(1.0, 33.0) ** -3

@@ -15,8 +15,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 from jaxtat.cli import main
 from jaxtat.io import load_scan, load_settings, save_ipasc
-from jaxtat.measured import choices_for, with_facts
-from jaxtat.problem import require_boundary
+from jaxtat.scans import choices_for, with_facts
+from jaxtat.steps import require_boundary
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -83,7 +83,7 @@ def test_the_boundary_suffices_for_the_plan_that_is_chosen(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("jaxtat.cli.setup.build_plan", build)
     monkeypatch.setattr("jaxtat.reporting.scan.build_plan", build)
-    monkeypatch.setattr("jaxtat.measured.estimate_sound_speed", lambda scan, choices: choices)
+    monkeypatch.setattr("jaxtat.scans.estimate_sound_speed", lambda scan, choices: choices)
     assert main([*command.format(data_file).split(), "--quiet"]) == 2
     assert capsys.readouterr().err == "jaxtat: error: nothing was refused\n"
 

@@ -29,7 +29,7 @@ from jaxtat import (
     truncated_disk,
 )
 from jaxtat.densities import SampledDensities
-from jaxtat.harmonic import HarmonicDensities
+from jaxtat.densities.harmonic import HarmonicDensities
 from jaxtat.reconstruction import pipeline
 
 BELL = phantoms.Bells([[0.2, 0.1], [-0.3, -0.2]], [0.6, 0.5], [1.0, 0.7])

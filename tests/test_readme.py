@@ -54,7 +54,7 @@ def test_measured_figures_are_those_of_the_benchmarks(page):
 
 
 def test_the_commands_work_as_shown(tmp_path, monkeypatch):
-    """All but the main job, which tests/test_paper.py runs."""
+    """All but the main job, which tests/paper/test_paper.py runs."""
     monkeypatch.chdir(tmp_path)
     curve, region = circular_arc(1.3, 0.0, 100), truncated_disk(1.0, 0.0, 200)
     bell = phantoms.Bells([[-0.4, 0.1]], [0.4])

@@ -14,7 +14,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from jaxtat import (  # noqa: E402
+from jaxtat import (
     ImageGrid,
     circular_arc,
     data_radii,

@@ -19,7 +19,9 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from jaxtat import (  # noqa: E402
+from jaxtat.reconstruction.inversion import invert  # noqa: E402
+
+from jaxtat import (
     AccuracyWarning,
     DetectorCurve,
     ImageGrid,
@@ -37,7 +39,6 @@ from jaxtat import (  # noqa: E402
     truncated_disk,
     visibility_map,
 )
-from jaxtat.reconstruction.inversion import invert  # noqa: E402
 
 DETECTORS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 300, 600)
 HARM = 0.05  # of the bells' height

@@ -33,7 +33,7 @@ def plan(options: argparse.Namespace) -> None:
 
 def info(options: argparse.Namespace) -> None:
     """``jaxtat info``."""
-    from ..measured import choose, describe
+    from ..scans import choose, describe
     from .inputs import given, scan_of
 
     scan, options = scan_of(options)
@@ -44,7 +44,7 @@ def reconstruct(options: argparse.Namespace) -> None:
     """``jaxtat reconstruct``."""
     from ..io.atomic import require_place
     from ..io.images import require_suffix, save_image
-    from ..measured import reconstruct as reconstruct_scan
+    from ..scans import reconstruct as reconstruct_scan
 
     start = time.perf_counter()
     require_suffix(options.out)  # and the package that writes it
@@ -93,7 +93,7 @@ def report(options: argparse.Namespace) -> None:
 
 def sample(options: argparse.Namespace) -> None:
     """``jaxtat sample``."""
-    from ..datasets import sample_scan
+    from ..io.datasets import sample_scan
 
     start = time.perf_counter()
     sample_scan(options.out)
@@ -103,7 +103,7 @@ def sample(options: argparse.Namespace) -> None:
 def _asked(options: argparse.Namespace, start: float):
     """The scan, everything chosen for it, and the plan that is given or asked for, or None."""
     from ..io.plans import load_plan
-    from ..measured import choose, estimate_sound_speed, integrals, setup_of
+    from ..scans import choose, estimate_sound_speed, integrals, setup_of
     from .inputs import given, plan_for, repeated, require_same, require_size, scan_of
 
     choices = None

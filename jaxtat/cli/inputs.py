@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from ..choice_table import OPTIONS
+from ..base.choice_table import OPTIONS
 from ..geometry import Disk, circular_arc
 from ..io import Scan, load_scan, load_settings
 from ..io.frames import LazyFrames
-from ..measured import Choices, choose, setup_of, with_facts
-from ..measured.facts import facts_of
-from ..problem import polar_grid
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..regularization import FixedRank, NormBound, Regularization, SingularValueCutoff
+from ..scans import Choices, choose, setup_of, with_facts
+from ..scans.facts import facts_of
+from ..steps import polar_grid
 from .refusals import OF_PLANS, band, is_given, slices
 
 FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use", "frames")

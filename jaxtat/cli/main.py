@@ -37,7 +37,7 @@ def _run(options: argparse.Namespace) -> None:
     from threadpoolctl import threadpool_limits
 
     from ..geometry import VisibilityWarning
-    from ..problem import AccuracyWarning
+    from ..steps import AccuracyWarning
     from .cache import keep_programs
 
     jax.config.update("jax_enable_x64", True)  # the command is the program: its flag to set

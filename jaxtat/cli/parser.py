@@ -2,10 +2,10 @@
 
 import argparse
 
-from ..choice_table import IMAGE, METHOD, OPTIONS, PLAIN, RECORD, REGION
-from ..names import IMAGE_SUFFIXES
-from ..scanners import SCANNERS
-from ..units import MILLIMETRES
+from ..base.choice_table import IMAGE, METHOD, OPTIONS, PLAIN, RECORD, REGION
+from ..base.names import IMAGE_SUFFIXES
+from ..base.scanners import SCANNERS
+from ..base.units import MILLIMETRES
 from ..version import __version__
 from . import commands
 from .refusals import option_of

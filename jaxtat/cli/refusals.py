@@ -4,9 +4,9 @@ import argparse
 import os
 from pathlib import Path
 
-from ..choice_table import NOT_NEGATIVE, OF_REGION, OPTIONS, POSITIVE, Choice, require_pixels
-from ..names import IMAGE_SUFFIXES
-from ..scanners import scanner_named
+from ..base.choice_table import NOT_NEGATIVE, OF_REGION, OPTIONS, POSITIVE, Choice, require_pixels
+from ..base.names import IMAGE_SUFFIXES
+from ..base.scanners import scanner_named
 
 OF_PLANS = ("K", "j_max", "sigma_min", "series", "collocation", "single")
 _MORE_BOUNDS = {

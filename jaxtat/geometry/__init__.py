@@ -5,6 +5,8 @@ radius of the region of interest as in the paper.
 """
 
 from .arcs import ArcFit, fit_arc, order_along_curve
+from .balls import Ball, ball
+from .caps import DetectorPoints, SphericalCap, spherical_cap
 from .circles import Circle, fit_circle, near_circle
 from .curves import CircularArc, DetectorCurve, SampledCurve, circular_arc, turned_views
 from .grids import Grid, ImageGrid, VolumeGrid
@@ -12,6 +14,7 @@ from .measured_curves import detector_curve, in_plane, keep_detectors
 from .polygons import Polygon, RegionUnion, polygon, rectangle, union_of_regions
 from .radii import data_radii, require_cover
 from .regions import Disk, Region, disk, require_outside
+from .rings import DetectorRings, find_rings
 from .shapes import elliptic_arc, join_curves, parametric_curve, polyline
 from .transverse_weight import transverse_weight
 from .visibility import Visibility, VisibilityWarning, visibility
@@ -20,9 +23,12 @@ from .visible_edges import VISIBLE, edge_weight, seen_share, visible_disk
 __all__ = [
     "VISIBLE",
     "ArcFit",
+    "Ball",
     "Circle",
     "CircularArc",
     "DetectorCurve",
+    "DetectorPoints",
+    "DetectorRings",
     "Disk",
     "Grid",
     "ImageGrid",
@@ -30,15 +36,18 @@ __all__ = [
     "Region",
     "RegionUnion",
     "SampledCurve",
+    "SphericalCap",
     "Visibility",
     "VisibilityWarning",
     "VolumeGrid",
+    "ball",
     "circular_arc",
     "data_radii",
     "detector_curve",
     "disk",
     "edge_weight",
     "elliptic_arc",
+    "find_rings",
     "fit_arc",
     "fit_circle",
     "in_plane",
@@ -53,6 +62,7 @@ __all__ = [
     "require_cover",
     "require_outside",
     "seen_share",
+    "spherical_cap",
     "transverse_weight",
     "turned_views",
     "union_of_regions",

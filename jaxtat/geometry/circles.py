@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, is_concrete, real_array
+from ..base.checks import Numbers, is_concrete, real_array
 from .curves import CircularArc, DetectorCurve, require_detectors
 
 ROUND = 0.05  # of the radius: detectors farther off the circle than that are no arc

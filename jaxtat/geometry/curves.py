@@ -9,7 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, by_library, is_concrete, real_array, require_positive, whole_number
+from ..base.checks import (
+    Numbers,
+    by_library,
+    is_concrete,
+    real_array,
+    require_positive,
+    whole_number,
+)
 
 
 class DetectorCurve(eqx.Module):

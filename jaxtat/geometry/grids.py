@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, by_library, real_array, require_positive, whole_number
+from ..base.checks import Numbers, by_library, real_array, require_positive, whole_number
 
 
 class Grid(eqx.Module):

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.spatial import KDTree
 
-from ..checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from .crossing import first_crossing
 from .curves import DetectorCurve, SampledCurve, one_after_another, outward, require_detectors
 

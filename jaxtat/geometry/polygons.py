@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, is_concrete, real_array, require_positive
+from ..base.checks import Numbers, is_concrete, real_array, require_positive
 from ..special import root
 from .crossing import first_crossing
 from .regions import DEFAULT_BOUNDARY, Counts, Region

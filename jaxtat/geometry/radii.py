@@ -4,7 +4,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, is_concrete, real_array, require_objects, require_positive
+from ..base.checks import Numbers, is_concrete, real_array, require_objects, require_positive
 from .curves import DetectorCurve
 from .regions import Region
 

@@ -7,7 +7,14 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..checks import Numbers, by_library, is_concrete, real_array, require_positive, whole_number
+from ..base.checks import (
+    Numbers,
+    by_library,
+    is_concrete,
+    real_array,
+    require_positive,
+    whole_number,
+)
 from .curves import DetectorCurve, opening
 
 DEFAULT_BOUNDARY = 512  # boundary points of a region that no setup has chosen them for

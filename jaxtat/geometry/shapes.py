@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from .curves import DetectorCurve, SampledCurve, one_after_another, outward
 from .measured_curves import require_simple
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, real_array, require_positive
+from ..base.checks import Numbers, real_array, require_positive
 from .curves import DetectorCurve
 
 WIDTH = 3.0  # of the Gaussian, in detector spacings: wide enough to see no single detectors

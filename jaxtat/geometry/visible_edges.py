@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import KDTree
 
-from ..checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from .curves import DetectorCurve
 from .grids import ImageGrid
 from .transverse_weight import kernel_width, line_normals, transverse_weight, weight_of_line

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import h5py
 import numpy as np
 
-from ..checks import Numbers, real_array
+from ..base.checks import Numbers, real_array
+from ..base.names import IMAGE_SUFFIXES
+from ..base.units import millimetres
 from ..geometry import ImageGrid, VolumeGrid
-from ..names import IMAGE_SUFFIXES
-from ..units import millimetres
 from .atomic import replacing
 from .hdf5 import creating_hdf5, open_hdf5
 from .limits import MAX_BYTES, Allowance, name_of, refusing

@@ -22,8 +22,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, jaxtyped
 
-from ..checks import require_x64
+from ..base.checks import require_x64
 from ..densities import DensityReport, SampledDensities
+from ..densities.harmonic import DensityGroup, HarmonicDensities
 from ..geometry import (
     CircularArc,
     Disk,
@@ -32,21 +33,17 @@ from ..geometry import (
     RegionUnion,
     SampledCurve,
 )
-from ..harmonic import (
-    DensityGroup,
-    HarmonicDensities,
-    RelativeTikhonov,
-    Tikhonov,
-    TikhonovNormBound,
-)
 from ..reconstruction import ReconstructionPlan, Setup
 from ..reconstruction.plane_sizes import PlaneSizes
 from ..regularization import (
     FixedRank,
     NormBound,
     RelativeCutoff,
+    RelativeTikhonov,
     ResidualTarget,
     SingularValueCutoff,
+    Tikhonov,
+    TikhonovNormBound,
     per_frequency,
 )
 from .atomic import replacing

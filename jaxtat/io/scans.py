@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from ..checks import whole_number
+from ..base.checks import whole_number
 from .ipasc import is_ipasc, load_ipasc
 from .limits import MAX_BYTES, Allowance, name_of, refusing
 from .matlab import is_matlab5, is_matlab73, load_matlab5, load_matlab73

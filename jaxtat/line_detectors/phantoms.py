@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from ..geometry import DetectorCurve, ImageGrid
 from ..phantoms import Phantom, RadialParts
 from ..special import j0

@@ -17,7 +17,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, is_concrete, real_array
+from ..base.checks import Numbers, is_concrete, real_array
 
 
 class LineDetectorScan(eqx.Module):

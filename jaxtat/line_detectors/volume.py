@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Array, Float
 from tqdm import tqdm
 
-from ..checks import Numbers, data_array, is_concrete, real_array
+from ..base.checks import Numbers, data_array, is_concrete, real_array
+from ..base.parallel import in_groups
 from ..geometry import ImageGrid, Region, VisibilityWarning
-from ..parallel import in_groups
 from ..reconstruction import ReconstructionPlan
 from ..reconstruction import reconstruct as reconstruct_plane
 from ..reconstruction import reconstruct_stack as reconstruct_plane_stack

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from ..densities import plane_wave, potential
 from ..phantoms import Bells, Disks, noise_like
 from ..reconstruction import PAPER_K, ReconstructionPlan, build_plan, reconstruct
 from ..regularization import NormBound
-from ..single_layer import plane_wave, potential
 from ..steps import classical_fbp, cosine_filter, offset_step
 from .cases import Case
 

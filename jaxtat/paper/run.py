@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..checks import require_x64
+from ..base.checks import require_x64
 from ..io.atomic import replacing
 from .cases import paper_cases
 from .experiments import outside_sources, run_case

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..checks import Numbers
+from ..base.checks import Numbers
 
 GRAY, SEQUENTIAL, DIVERGING = "gray", "viridis", "RdBu_r"
 

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 
-from ..checks import Numbers
-from ..units import millimetres
+from ..base.checks import Numbers
+from ..base.units import millimetres
 from .canvas import SEQUENTIAL, frequency_label, label_axes
 
 

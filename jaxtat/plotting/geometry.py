@@ -5,7 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 
-from ..checks import Numbers
+from ..base.checks import Numbers
+from ..base.units import millimetres
 from ..geometry import (
     VISIBLE,
     DetectorCurve,
@@ -16,7 +17,6 @@ from ..geometry import (
     seen_share,
 )
 from ..geometry.measured_curves import behind_gap
-from ..units import millimetres
 from .canvas import SEQUENTIAL
 from .images import show_image
 

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
-from ..checks import Numbers
+from ..base.checks import Numbers
+from ..base.units import millimetres
 from ..geometry import ImageGrid
-from ..units import millimetres
 from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure
 
 MOST_PANELS = 16  # images of a stack that one picture shows

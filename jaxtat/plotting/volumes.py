@@ -7,10 +7,10 @@ from matplotlib import colormaps
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure, SubFigure
 
-from ..checks import Numbers
+from ..base.checks import Numbers
+from ..base.units import millimetres
 from ..geometry import ImageGrid, VolumeGrid
-from ..spherical.caps import Detectors
-from ..units import millimetres
+from ..geometry.caps import Detectors
 from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure
 from .images import show_image
 

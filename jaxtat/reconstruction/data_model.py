@@ -3,9 +3,9 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..checks import Numbers
+from ..base.checks import Numbers
 from ..forward import integrate_over_circles, integrate_over_circles_adjoint
-from ..spherical.forward import integrate_over_spheres, integrate_over_spheres_adjoint
+from ..forward.spheres import integrate_over_spheres, integrate_over_spheres_adjoint
 from ..spherical.sizes import SpaceSizes
 from .setup import Setup
 

@@ -2,9 +2,10 @@
 
 from jaxtyping import Array, Float
 
-from ..basis import Basis
+from ..densities import Basis
+from ..densities.harmonic import SolveReport
 from ..geometry import Grid
-from ..harmonic import SolveReport, TikhonovRule
+from ..regularization import TikhonovRule
 
 
 def images_of(

@@ -12,16 +12,16 @@ import numpy as np
 from jaxtyping import Array, Float
 from tqdm import tqdm
 
-from ..checks import is_concrete, require_x64
+from ..base.checks import is_concrete, require_x64
 from ..densities import (
     Densities,
     DensityReport,
     SampledDensities,
     collocation_densities,
+    find_mirror,
     series_densities,
 )
-from ..geometry import Circle, DetectorCurve, ImageGrid, Region, fit_circle
-from ..harmonic import (
+from ..densities.harmonic import (
     HarmonicDensities,
     PolarGeometry,
     alpha_units,
@@ -33,7 +33,7 @@ from ..harmonic import (
     sampled_harmonic_densities,
     wave_table,
 )
-from ..problem import AccuracyWarning, require_boundary
+from ..geometry import Circle, DetectorCurve, ImageGrid, Region, fit_circle
 from ..regularization import (
     DEFAULT_KAPPA,
     NormBound,
@@ -41,9 +41,9 @@ from ..regularization import (
     RelativeCutoff,
     per_frequency,
     seen_once,
+    unit_norms,
 )
-from ..symmetry import find_mirror
-from ..unit_norm import unit_norms
+from ..steps import AccuracyWarning, require_boundary
 from .plane_basis import StoredDensities
 from .plane_sizes import PlaneSizes
 from .setup import Setup, plane_of, require_setup

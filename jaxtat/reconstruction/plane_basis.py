@@ -5,22 +5,19 @@ import jax.numpy as jnp
 from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float
 
-from ..basis import Basis
-from ..boundary import solve_on_boundary
-from ..densities import Densities
-from ..geometry import DetectorCurve, ImageGrid, Region
-from ..harmonic import (
+from ..densities import Basis, Densities, solve_on_boundary
+from ..densities.harmonic import (
     Asked,
     PolarGeometry,
     SolveReport,
-    TikhonovRule,
     circular_harmonics_at,
     solve_harmonics,
 )
+from ..geometry import DetectorCurve, ImageGrid, Region
+from ..regularization import TikhonovRule, unit_norms
 from ..steps.inversion import invert
 from ..steps.polar_fourier import with_origin
 from ..steps.radial_transform import noise_power, radial_transform, total_integrals
-from ..unit_norm import unit_norms
 from .plane_sizes import PlaneSizes
 
 

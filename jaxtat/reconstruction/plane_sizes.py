@@ -7,13 +7,13 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, by_library
+from ..base.checks import Numbers, by_library
+from ..densities.harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
 from ..forward import default_points
 from ..geometry import DetectorCurve, ImageGrid, Region, near_circle, visibility
-from ..harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
-from ..problem import enough_boundary, polar_grid, require_boundary, require_problem
-from ..sampling import sampled_frequency
+from ..records import sampled_frequency
 from ..special import enough_orders
+from ..steps import enough_boundary, polar_grid, require_boundary, require_problem
 
 GROUPS = 6  # of frequencies with as many orders; each is compiled by itself
 

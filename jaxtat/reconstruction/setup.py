@@ -9,8 +9,9 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Float
 
-from ..basis import Basis
-from ..checks import Numbers, is_concrete, real_array, require_x64, whole_number
+from ..base.checks import Numbers, is_concrete, real_array, require_x64, whole_number
+from ..densities import Basis
+from ..densities.harmonic import polar_geometry
 from ..geometry import (
     DetectorCurve,
     ImageGrid,
@@ -20,10 +21,9 @@ from ..geometry import (
     require_cover,
     require_outside,
 )
-from ..harmonic import polar_geometry
+from ..geometry.balls import Ball
+from ..geometry.caps import DetectorPoints, SphericalCap
 from ..spherical.basis import SphericalBasis
-from ..spherical.caps import DetectorPoints, SphericalCap
-from ..spherical.regions import Ball
 from ..spherical.sizes import SpaceSizes, cap_radii, require_fitting, space_sizes
 from .plane_basis import BoundaryTraces, CylindricalWaves
 from .plane_sizes import GROUPS, PlaneSizes, plane_sizes

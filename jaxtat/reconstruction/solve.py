@@ -10,11 +10,11 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float
 
-from ..checks import Numbers, data_array, is_concrete, require_x64
-from ..harmonic import RelativeTikhonov, SolveReport, tikhonov_rule
-from ..parallel import checked_mesh, in_groups, map_shards, replicated
-from ..problem import UNSAMPLED, AccuracyWarning, warn_of_detectors
-from ..regularization import DEFAULT_KAPPA
+from ..base.checks import Numbers, data_array, is_concrete, require_x64
+from ..base.parallel import checked_mesh, in_groups, map_shards, replicated
+from ..densities.harmonic import SolveReport
+from ..regularization import DEFAULT_KAPPA, RelativeTikhonov, tikhonov_rule
+from ..steps import UNSAMPLED, AccuracyWarning, warn_of_detectors
 from ..steps.inversion import IMAGES, require_inversion
 from ..steps.radon import LowPass, low_pass_values
 from .pipeline import images_of
@@ -73,7 +73,7 @@ def reconstruct(
         inversion: "fbp", or "fourier": faster, for f that vanishes outside the disk or ball about
             the region, see `steps.inversion.invert`.
         mesh: devices among which the images of a batch (with a plan) or the frequencies are
-            divided, see `jaxtat.parallel`.
+            divided, see `jaxtat.base.parallel`.
 
     Returns:
         (..., x1, x2) or (..., x1, x2, x3), the unit of g per length (in space length²).
@@ -134,7 +134,7 @@ def solve(
         solver: "cholesky", "cg" (preconditioned conjugate gradients), or by size ("auto"). In space
             there is one way.
         tolerance: relative residual at which conjugate gradients stop.
-        mesh: devices among which the frequencies are divided, see `jaxtat.parallel`.
+        mesh: devices among which the frequencies are divided, see `jaxtat.base.parallel`.
 
     Returns:
         Reconstruction: image, report, basis, and whether it converged.

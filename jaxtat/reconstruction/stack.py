@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from ..checks import whole_number
+from ..base.checks import whole_number
 from ..steps.radon import LowPass
 from .plan import ReconstructionPlan
 from .setup import Setup

@@ -8,7 +8,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from ..diagnostics import DataResidual, Diagnosis, WaveAccuracy
 from ..plotting import (
     SEQUENTIAL,
     greatest,
@@ -25,6 +24,7 @@ from ..plotting import (
     show_opening,
     show_sinogram,
 )
+from ..studies import DataResidual, Diagnosis, WaveAccuracy
 
 _DISKS = 7  # across the region, of edges that are seen
 
@@ -148,8 +148,6 @@ def uncertainty(diagnosis: Diagnosis, unit: str | None) -> Figure:
     high = float(np.nanpercentile(np.asarray(found.deviation), 98))
     low = float(np.nanmin(np.asarray(found.deviation)))
     limits = (low, max(high, 1.01 * low))
-    shown = show_image(
-        axes, found.deviation, found.grid, limits=limits, cmap=SEQUENTIAL, unit=unit
-    )
+    shown = show_image(axes, found.deviation, found.grid, limits=limits, cmap=SEQUENTIAL, unit=unit)
     _bar(figure, shown, axes, "standard deviation", shrink=0.9, extend="max")
     return figure

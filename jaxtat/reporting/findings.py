@@ -6,16 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..diagnostics import (
-    DataNoise,
-    DataResidual,
-    Diagnosis,
-    NoiseSource,
-    Uncertainty,
-    WaveAccuracy,
-)
+from ..base.units import Units
 from ..plotting import gray_levels
-from ..units import Units
+from ..studies import DataNoise, DataResidual, Diagnosis, NoiseSource, Uncertainty, WaveAccuracy
 
 _REACHED = 0.1  # error up to which a plane wave counts as reached
 _HALF = 0.5  # up to which it counts as there

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..diagnostics import Diagnosis
+from ..studies import Diagnosis
 from . import figures
 from .findings import Finding, Level, findings
 from .html import Html, element, join, picture

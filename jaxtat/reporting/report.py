@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..checks import Numbers
-from ..diagnostics import UNCERTAINTY_PIXELS, Diagnosis, diagnose
+from ..base.checks import Numbers
+from ..base.units import millimetres
 from ..io.atomic import replacing, require_place
 from ..io.provenance import provenance
 from ..reconstruction import ReconstructionPlan, Setup
 from ..steps.radon import LowPass
-from ..units import millimetres
+from ..studies import UNCERTAINTY_PIXELS, Diagnosis, diagnose
 
 
 def report(

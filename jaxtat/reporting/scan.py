@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, whole_number
-from ..diagnostics import UNCERTAINTY_PIXELS, Diagnosis
-from ..harmonic import Tikhonov
+from ..base.checks import Numbers, whole_number
 from ..io import Scan, load_scan
-from ..measured import Choices, choose, estimate_sound_speed, integrals, setup_of, with_facts
-from ..measured.facts import facts_of, times_of
 from ..reconstruction import ReconstructionPlan, Setup, build_plan, reconstruct
-from ..record_noise import LEAST_SAMPLES, noise_of_record
+from ..records import LEAST_SAMPLES, noise_of_record
+from ..regularization import Tikhonov
+from ..scans import Choices, choose, estimate_sound_speed, integrals, setup_of, with_facts
+from ..scans.facts import facts_of, times_of
+from ..studies import UNCERTAINTY_PIXELS, Diagnosis
 from .report import report
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Num
 
-from ..checks import is_concrete
+from ..base.checks import is_concrete
 from .bessel import as_floating, j0, j1, y0, y1
 
 

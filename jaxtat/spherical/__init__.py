@@ -1,11 +1,17 @@
 """Three dimensions: detectors on a spherical cap, by the same steps."""
 
+from ..geometry import (
+    Ball,
+    DetectorPoints,
+    DetectorRings,
+    SphericalCap,
+    ball,
+    find_rings,
+    spherical_cap,
+)
+from ..phantoms.space import Balls, Bells
 from .back_projection import back_projection
-from .caps import DetectorPoints, SphericalCap, spherical_cap
-from .phantoms import Balls, Bells
 from .pressure import pressure_to_spherical_integrals
-from .regions import Ball, ball
-from .rings import DetectorRings, find_rings
 from .sizes import cap_radii
 
 __all__ = [

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..harmonic.alpha import Problem, TikhonovRule
+from ..regularization.alpha import Problem, TikhonovRule
 
 
 def seen_once(frequency: Array) -> Array:

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, is_concrete, real_array, require_positive, whole_number
-from .caps import SphericalCap
+from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..geometry.caps import SphericalCap
 
 _DETECTORS = 64  # worked on together
 
@@ -34,7 +34,8 @@ def back_projection(
 
     Source: Finch, Patch, Rakesh, SIAM J. Math. Anal. 35 (2004) 1213-1240, theorem 3.
 
-    >>> from jaxtat.spherical import Bells, spherical_cap
+    >>> from jaxtat.geometry import spherical_cap
+    >>> from jaxtat.phantoms.space import Bells
     >>> cap, radii = spherical_cap(1.3, 1.3, 24, 48), jnp.linspace(0.2, 2.4, 221)
     >>> bell, x = Bells([[0.1, 0.2, 0.0]], [0.7]), jnp.array([[0.1, 0.2, 0.1], [0.0, 0.0, -0.5]])
     >>> f = back_projection(cap, radii, bell.spherical_integrals(cap, radii), x)

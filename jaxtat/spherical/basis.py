@@ -6,15 +6,15 @@ import jax.numpy as jnp
 from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float
 
-from ..basis import Basis
+from ..densities import Basis
+from ..densities.harmonic.tikhonov import SolveReport
 from ..geometry import VolumeGrid
-from ..harmonic.alpha import TikhonovRule
-from ..harmonic.tikhonov import SolveReport
+from ..geometry.balls import Ball
+from ..geometry.caps import DetectorPoints, Detectors, SphericalCap
+from ..regularization.alpha import TikhonovRule
 from ..steps.radial_transform import total_integrals
 from .alpha import require_no_matrix
-from .caps import DetectorPoints, Detectors, SphericalCap
 from .inversion import meridian_projections, slices_of_projections
-from .regions import Ball
 from .scattered import solve_points
 from .sizes import SpaceSizes
 from .tikhonov import solve_rings

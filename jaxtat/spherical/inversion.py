@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
+from ..base.parallel import in_groups
 from ..geometry import ImageGrid, VolumeGrid
-from ..parallel import in_groups
 from ..steps.inversion import IMAGES, invert
 from ..steps.radon import offset_step, polar_fourier_of_projections
 from .polar_fourier import meridian_fourier

@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..checks import Numbers
-from ..pressure import pressure_to_circular_integrals
+from ..base.checks import Numbers
+from ..records import pressure_to_circular_integrals
 
 
 def pressure_to_spherical_integrals(
@@ -14,7 +14,7 @@ def pressure_to_spherical_integrals(
 
     With (M f)(z, r) = g / (4π r²), the mean over the sphere, p = d/dtau (tau M f), tau = c t; so
     the integral up to r is r M f. Up to 4π that is the model of detectors focused into a plane,
-    exact for band-limited records, see `jaxtat.pressure`.
+    exact for band-limited records, see `jaxtat.records.pressure`.
 
     Args:
         pressure: (..., detectors, times) or (..., rings, azimuths, times), any unit.

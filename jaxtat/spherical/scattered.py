@@ -15,15 +15,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from ..harmonic.alpha import TikhonovRule
-from ..harmonic.tikhonov import SolveReport, cholesky_solve
+from ..densities.harmonic.tikhonov import SolveReport, cholesky_solve
+from ..geometry.balls import Ball
+from ..geometry.caps import DetectorPoints
+from ..regularization.alpha import TikhonovRule
 from ..special import legendre_functions
 from ..steps.radial_transform import kernel_noise_power
 from .alpha import absolute_alpha
-from .caps import DetectorPoints
 from .polar_fourier import polar_cosines, synthesis
 from .radial_transform import spherical_kernels
-from .regions import Ball
 from .sizes import SpaceSizes
 from .waves import CapWaves, cap_waves
 

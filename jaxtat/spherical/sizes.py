@@ -6,13 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checks import Numbers, is_concrete
+from ..base.checks import Numbers, is_concrete
+from ..densities.harmonic.orders import highest_orders
+from ..forward.spheres import default_points
 from ..geometry import VolumeGrid, data_radii, require_cover, require_outside
-from ..harmonic.orders import highest_orders
-from ..problem import polar_grid, require_pixels, warn_of_detectors
-from .caps import DetectorPoints, Detectors, SphericalCap
-from .forward import default_points
-from .regions import Ball, enough_boundary
+from ..geometry.balls import Ball, enough_boundary
+from ..geometry.caps import DetectorPoints, Detectors, SphericalCap
+from ..steps import polar_grid, require_pixels, warn_of_detectors
 from .visible import warn_of_visibility
 
 MOST_GROUPS = 4  # of frequencies: one table of detectors' moments is in memory for each
@@ -150,7 +150,7 @@ def cap_radii(
     Raises:
         ValueError: for a step that is not above zero.
 
-    >>> from jaxtat.spherical import ball, spherical_cap
+    >>> from jaxtat.geometry import ball, spherical_cap
     >>> radii = cap_radii(spherical_cap(1.3, 1.0, 48, 64), ball(1.0), 1 / 64)
     >>> radii.shape, round(float(radii[0]), 3), round(float(radii[-1]), 3)
     ((129,), 0.3, 2.3)

@@ -20,17 +20,17 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float, Int
 
-from ..harmonic.alpha import TikhonovRule
-from ..harmonic.table import RegionFactor, gram_matrix, triangle
-from ..harmonic.tikhonov import SolveReport, cholesky_solve
-from ..parallel import map_shards
+from ..base.parallel import map_shards
+from ..densities.harmonic.table import RegionFactor, gram_matrix, triangle
+from ..densities.harmonic.tikhonov import SolveReport, cholesky_solve
+from ..geometry.balls import Ball, Boundary
+from ..geometry.caps import SphericalCap
+from ..regularization.alpha import TikhonovRule
 from ..special import legendre_functions
 from ..steps.radial_transform import kernel_noise_power
 from .alpha import absolute_alpha
-from .caps import SphericalCap
 from .polar_fourier import polar_cosines, synthesis
 from .radial_transform import azimuthal_transform, spherical_kernels
-from .regions import Ball, Boundary
 from .sizes import SpaceSizes
 from .waves import CapWaves, boundary_radial, boundary_traces, cap_waves, order_slice
 

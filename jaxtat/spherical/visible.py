@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ..geometry import VisibilityWarning, visibility
-from .caps import DetectorPoints, Detectors
-from .regions import Ball
+from ..geometry.balls import Ball
+from ..geometry.caps import DetectorPoints, Detectors
 
 _FAR = 4  # median distances between neighbours
 _DIRECTIONS = 200  # over half the sphere
@@ -39,7 +39,7 @@ def missed_share(detectors: DetectorPoints, region: Ball) -> float:
     >>> unit = rng.standard_normal((400, 3))
     >>> unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     >>> below = unit * [[1, 1, -1]] ** (unit[:, 2:] > 0)
-    >>> from jaxtat.spherical import ball
+    >>> from jaxtat.geometry import ball
     >>> [missed_share(DetectorPoints(1.3 * z), ball(1.0)) > 0.01 for z in (unit, below)]
     [False, True]
     """

@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..geometry.balls import Boundary
 from ..special import decay_steps, scaled_spherical_sequence
-from .regions import Boundary
 
 
 class CapWaves(eqx.Module):

@@ -1,22 +1,42 @@
-"""Steps 2 to 5 of the paper: pure functions, one file each."""
+"""Steps 2 to 5 of the paper: functions of arrays, one file each."""
 
 from .cartesian_fourier import direct_fourier_inversion
 from .classical import classical_fbp
 from .fbp import filtered_back_projection
 from .polar_fourier import polar_fourier
+from .radial_quadrature import trapezoid_weights
 from .radial_transform import delayed_transform, radial_transform, total_integrals
 from .radon import cosine_filter, offset_step, polar_fourier_of_projections, radon_projections
+from .resolution import (
+    UNSAMPLED,
+    AccuracyWarning,
+    enough_boundary,
+    polar_grid,
+    require_boundary,
+    require_pixels,
+    require_problem,
+    warn_of_detectors,
+)
 
 __all__ = [
+    "UNSAMPLED",
+    "AccuracyWarning",
     "classical_fbp",
     "cosine_filter",
     "delayed_transform",
     "direct_fourier_inversion",
+    "enough_boundary",
     "filtered_back_projection",
     "offset_step",
     "polar_fourier",
     "polar_fourier_of_projections",
+    "polar_grid",
     "radial_transform",
     "radon_projections",
+    "require_boundary",
+    "require_pixels",
+    "require_problem",
     "total_integrals",
+    "trapezoid_weights",
+    "warn_of_detectors",
 ]

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..base.interpolation import QUINTIC, polynomial, quintic_prefilter
 from ..geometry import ImageGrid
-from ..interpolation import QUINTIC, polynomial, quintic_prefilter
 
 OVERSAMPLING = 3  # spline nodes per sample of the projections
 IMAGES, DIRECTIONS = 32, 32  # worked on together, to find cells once and yet stay in the cache

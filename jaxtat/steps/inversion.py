@@ -3,8 +3,8 @@
 import equinox as eqx
 from jaxtyping import Array, Complex, Float
 
+from ..base.names import INVERSIONS
 from ..geometry import ImageGrid
-from ..names import INVERSIONS
 from .cartesian_fourier import direct_fourier_inversion
 from .fbp import filtered_back_projection
 from .radon import offset_step, radon_projections

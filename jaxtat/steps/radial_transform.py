@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..radial_quadrature import radial_quadrature
 from ..special import j0, y0
+from .radial_quadrature import radial_quadrature
 
 
 @jax.jit

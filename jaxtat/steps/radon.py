@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from .. import names
-from ..checks import by_library, real_array
+from ..base import names
+from ..base.checks import by_library, real_array
 
 LowPass = Callable[[Array], Array] | str
 

@@ -48,7 +48,9 @@ def plans():
     """One for every kind of densities and curve: in closed form, by collocation, in waves."""
     arc = circular_arc(1.3, 1.0, 16)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxtat.harmonic.orders.WORTH_A_GROUP", 1.0)  # several, as in large plans
+        patch.setattr(
+            "jaxtat.densities.harmonic.orders.WORTH_A_GROUP", 1.0
+        )  # several, as in large plans
         return {
             "series": tiny(circular_arc(1.3, 1.3, 16), "series"),
             "collocation": tiny(detector_curve(arc.points), "collocation"),

@@ -17,7 +17,7 @@ from jaxtat import (
     reconstruct_direct,
     truncated_disk,
 )
-from jaxtat.harmonic import tikhonov
+from jaxtat.densities.harmonic import tikhonov
 from jaxtat.reconstruction import direct, filtered_back_projection, offset_step, radon_projections
 
 N = 100  # detectors

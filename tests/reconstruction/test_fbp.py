@@ -5,11 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
-from scipy.integrate import simpson
-from scipy.interpolate import BSpline
-
-from jaxtat import ImageGrid, phantoms
-from jaxtat.reconstruction import filtered_back_projection
 from jaxtat.reconstruction.fbp import (
     OVERSAMPLING,
     _ramp_samples,
@@ -17,6 +12,11 @@ from jaxtat.reconstruction.fbp import (
     project,
     ramp_matrix,
 )
+from scipy.integrate import simpson
+from scipy.interpolate import BSpline
+
+from jaxtat import ImageGrid, phantoms
+from jaxtat.reconstruction import filtered_back_projection
 
 CENTER, WIDTH = np.array([0.3, -0.2]), 0.5
 STEP = jnp.array(1 / 64)

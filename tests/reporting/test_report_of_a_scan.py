@@ -5,17 +5,17 @@ import shlex
 
 import numpy as np
 import pytest
+from jaxtat.plan import build_plan
 from numpy.testing import assert_allclose
 
 from jaxtat import circular_arc, data_radii, phantoms, reconstruct, truncated_disk
 from jaxtat.cli import main
 from jaxtat.io import Scan
-from jaxtat.measured import choices_for
-from jaxtat.plan import build_plan
-from jaxtat.regularization import Tikhonov
+from jaxtat.regularization.rules import Tikhonov
 from jaxtat.reporting import report_scan
+from jaxtat.scans import choices_for
 
-# as in tests/test_cli.py, so that programs are shared
+# as in tests/cli/test_cli.py, so that programs are shared
 CURVE, DISK = circular_arc(1.3, 1.0, 24), truncated_disk(0.8, 0.8, 48)
 MAX_FREQUENCY = 2 * np.pi / 0.8
 RADII = np.asarray(data_radii(CURVE, DISK, 0.16))

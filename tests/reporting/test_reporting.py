@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, report, truncated_disk
-from jaxtat.diagnostics import DataNoise, NoiseSource, Uncertainty, WaveAccuracy, diagnose
 from jaxtat.io.provenance import provenance
 from jaxtat.reporting import write_report
 from jaxtat.reporting.findings import Level, findings
 from jaxtat.reporting.html import Html, element, join
+from jaxtat.studies import DataNoise, NoiseSource, Uncertainty, WaveAccuracy, diagnose
 
 GRID, REGION = ImageGrid(21), truncated_disk(0.7, 0.7, 100)
 HOSTILE = "\"><script>alert(1)</script><img src=x onerror=alert(1)>&amp;'</style>.npz"

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtat.spherical.layout import resolved_frequency
 
 import jaxtat
 from jaxtat import AccuracyWarning, VisibilityWarning, VolumeGrid
@@ -16,7 +17,6 @@ from jaxtat.spherical import (
     find_rings,
     spherical_cap,
 )
-from jaxtat.spherical.layout import resolved_frequency
 from jaxtat.spherical.visible import missed_share
 
 

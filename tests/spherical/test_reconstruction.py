@@ -11,6 +11,7 @@ from jax.test_util import check_grads
 from scipy.special import spherical_jn, spherical_yn
 
 from jaxtat import NoiseLevel, NormBound, RelativeCutoff, RelativeTikhonov, VolumeGrid
+from jaxtat.geometry.rings import DetectorRings
 from jaxtat.spherical import (
     Bells,
     DetectorPoints,
@@ -24,7 +25,6 @@ from jaxtat.spherical import (
 )
 from jaxtat.spherical.alpha import cap_alpha_rule
 from jaxtat.spherical.polar_fourier import meridian_fourier
-from jaxtat.spherical.rings import DetectorRings
 from jaxtat.spherical.scattered import solve_points
 from jaxtat.spherical.tikhonov import solve_rings
 from jaxtat.spherical.waves import cap_waves

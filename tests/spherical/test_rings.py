@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from jaxtat import VolumeGrid
+from jaxtat.geometry.rings import fit_sphere
 from jaxtat.spherical import ball_part, cap_layout, find_rings, spherical_cap
 from jaxtat.spherical.alpha import cap_alpha_rule
-from jaxtat.spherical.rings import fit_sphere
 from jaxtat.spherical.tikhonov import solve_rings
 
 CENTER = np.array([0.1, -0.2, 0.3])

@@ -1,0 +1,43 @@
+"""Cylindrical waves: step 1 without collocation, and reconstruction without step 1."""
+
+from .consistency import unexplained
+from .densities import (
+    DensityGroup,
+    HarmonicDensities,
+    alpha_units,
+    group_of,
+    harmonic_densities,
+    sampled_harmonic_densities,
+    unfold,
+    wave_system,
+)
+from .orders import frequency_groups
+from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
+from .table import WaveTable, wave_table
+from .tikhonov import Asked, SolveReport, cholesky_solve, conjugate_gradients, solve_harmonics
+from .waves import circular_harmonics_at
+
+__all__ = [
+    "Asked",
+    "DensityGroup",
+    "HarmonicDensities",
+    "PolarGeometry",
+    "SolveReport",
+    "WaveTable",
+    "alpha_units",
+    "cholesky_solve",
+    "circular_harmonics_at",
+    "conjugate_gradients",
+    "frequency_groups",
+    "group_of",
+    "harmonic_densities",
+    "harmonic_orders",
+    "polar_geometry",
+    "sampled_harmonic_densities",
+    "solve_harmonics",
+    "unexplained",
+    "unfold",
+    "wave_system",
+    "wave_table",
+    "waves_reach",
+]

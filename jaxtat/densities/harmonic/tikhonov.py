@@ -1,0 +1,414 @@
+"""Tikhonov regularisation in cylindrical waves: one small system per frequency, all directions.
+
+The densities rho = A^T (A A^T + alpha)^-1 u_xi give fhat(xi) = rho·(√w G) / 2π. A and G are real,
+so with one solution y for all directions
+
+    (A A^T + alpha) y = A √w G,   fhat(xi) = (1/2π) b_xi^T R^T y,   u_xi = R b_xi,
+
+where the entries of b_xi are eps_n Delta_n (-i)^n (cos|sin)(n theta_xi): c = eps Delta R^T y are
+the coefficients of the circular harmonics of fhat.
+"""
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh
+from jaxtyping import Array, Bool, Float, Int
+
+from ...base.parallel import map_shards
+from ...regularization.alpha import Problem, TikhonovRule
+from .polar import PolarGeometry
+from .table import (
+    RegionFactor,
+    WaveTable,
+    alpha_unit,
+    blocks,
+    circle_gram,
+    cut_gram,
+    detector_matrix,
+    detector_powers,
+    gram_matrix,
+    pairs,
+    region_factor,
+    wave_table,
+)
+from .waves import angular
+
+MAX_ITERATIONS = 500
+
+
+class SolveReport(eqx.Module):
+    """How the systems were solved, per frequency.
+
+    Attributes:
+        alpha: in the unit of A A^T [length²].
+        relative_alpha: in the unit in which numbers are given, see `AlphaRule`.
+        residual: largest ||(A A^T + alpha) y - A G|| / ||A G|| of the images.
+        iterations: of conjugate gradients, the most of all images; 0 for a factorisation.
+        converged: whether the residual is as small as was asked (all finite for a factorisation).
+    """
+
+    alpha: Float[Array, "*frequencies"]
+    relative_alpha: Float[Array, "*frequencies"]
+    residual: Float[Array, "*frequencies"]
+    iterations: Int[Array, "*frequencies"]
+    converged: Bool[Array, "*frequencies"]
+
+
+class Asked(eqx.Module):
+    """What the rules need to know of every frequency, and the rule; frequencies first.
+
+    Attributes:
+        noise_power: mean square of √w (G_J, G_Y) for white noise of variance 1 in g.
+        unit_norm: N(lambda); anything for rules that do not ask for it.
+        rule: gives alpha.
+    """
+
+    noise_power: Float[Array, "*f"]
+    unit_norm: Float[Array, "*f"]
+    rule: TikhonovRule
+
+
+class _System(eqx.Module):
+    """What a frequency's system is solved for.
+
+    Attributes:
+        values: Σ_k w_k (cos|sin)(n theta_k) G_k, (..., images, 2, 2, orders), or w G, (..., images,
+            2, detectors), if the detectors do not lie on a circle: summed over the detectors
+            beforehand where that is alike at all frequencies.
+        power: mean square of √w (G_J, G_Y).
+        asked: noise, norm and rule.
+    """
+
+    values: Array
+    power: Float[Array, "*f"]
+    asked: Asked
+
+
+def solve_harmonics(
+    geometry: PolarGeometry,
+    frequencies: Float[Array, " frequencies"],
+    groups: tuple[tuple[int, int, int], ...],
+    transformed: Float[Array, "frequencies images 2 detectors"],
+    asked: Asked,
+    solver: str,
+    tolerance: Array | float,
+    mesh: Mesh | None = None,
+) -> tuple[Float[Array, "images frequencies 2 orders"], SolveReport]:
+    """Circular harmonics c of fhat, by which fhat(xi) = (1/2π) Σ_n (-i)^n c_n·(cos|sin)(n theta).
+
+    Args:
+        geometry: curve and region.
+        frequencies: lambda [rad/length].
+        groups: (first, last + 1, orders) of frequencies that are solved alike.
+        transformed: (G_J, G_Y), frequencies first.
+        asked: noise, norm and rule of every frequency.
+        solver: "cholesky" or "cg".
+        tolerance: relative residual at which conjugate gradients stop.
+        mesh: devices that share the frequencies of every group.
+
+    Returns:
+        c, zero beyond the orders of a frequency, and how the systems were solved.
+    """
+    n_max = max(orders for *_, orders in groups)
+    table = wave_table(geometry, frequencies, n_max)
+    gram = None
+    if solver == "cholesky" and geometry.on_circle:
+        gram = circle_gram(geometry, n_max)
+    method = _factorised if solver == "cholesky" else partial(_iterated, tolerance=tolerance)
+
+    def at(
+        orders: int, common: tuple[PolarGeometry, Any], wave: WaveTable, system: _System
+    ) -> tuple[Array, SolveReport]:
+        geometry, gram = common
+        wave = wave.up_to(orders)
+        factor = region_factor(geometry, wave)
+        alike = None if gram is None else cut_gram(geometry, gram, orders)
+        y, report = method(geometry, wave, system, factor, alike)
+        harmonics = wave.plane_scale * pairs(factor.transposed_times(y))
+        return jnp.pad(harmonics, [(0, 0)] * 2 + [(0, n_max - orders)]), report
+
+    # One loop over all frequencies, and in it the program of the frequency's group. With a loop for
+    # each group XLA on CPUs runs them at once, and their calls of the linear algebra library have
+    # been seen to wait for each other's threads for ever.
+    programs = [partial(at, orders) for *_, orders in groups]
+    group = np.repeat(np.arange(len(groups)), [stop - start for start, stop, _ in groups])
+
+    @jax.checkpoint
+    def choose(common: Any, given: tuple[Array, WaveTable, _System]) -> tuple[Array, SolveReport]:
+        number, wave, system = given
+        return jax.lax.switch(number, programs, common, wave, system)
+
+    harmonics, report = map_shards(
+        lambda common, share: jax.lax.map(partial(choose, common), share),
+        (geometry, gram),
+        (jnp.asarray(group), table, _summed(geometry, transformed, asked, n_max)),
+        mesh,
+    )
+    return jnp.moveaxis(harmonics, 1, 0), report
+
+
+def _summed(geometry: PolarGeometry, transformed: Array, asked: Asked, n_max: int) -> _System:
+    """One product of matrices for all frequencies, if the detectors lie on a circle."""
+    values = transformed * geometry.weights
+    power = jnp.mean(values * transformed, axis=(-3, -2, -1))
+    return _System(summed_over_detectors(geometry, values, n_max), power, asked)
+
+
+def summed_over_detectors(
+    geometry: PolarGeometry, values: Float[Array, "*batch detectors"], n_max: int
+) -> Array:
+    """`_System.values` from w G."""
+    if not geometry.on_circle:
+        return values
+    return jnp.einsum("pnk,...k->...pn", angular(n_max, geometry.detector_angles), values)
+
+
+def moments(
+    geometry: PolarGeometry, wave: WaveTable, values: Float[Array, "images 2 ..."]
+) -> Float[Array, "images blocks r"]:
+    """M √w √w G, of one frequency, from `_System.values`."""
+    if wave.on_circle is None:
+        return jnp.einsum("jbrk,ijk->ibr", detector_matrix(geometry, wave), values)
+    harmonics = values[..., : wave.on_circle.shape[-1]]
+    return blocks(geometry, jnp.einsum("jn,ijpn->ipn", wave.on_circle, harmonics))
+
+
+def normal_matrix(
+    geometry: PolarGeometry,
+    wave: WaveTable,
+    factor: RegionFactor,
+    gram: Float[Array, "blocks r r"] | None,
+) -> Float[Array, "blocks m m"]:
+    """A A^T of one frequency."""
+    if gram is None:
+        waves = detector_matrix(geometry, wave)
+        return factor.around(jnp.einsum("jbrk,jbsk->brs", waves * geometry.weights, waves))
+    a, b = _on_circle(geometry, wave)
+    return gram_matrix(a, b, gram, factor)
+
+
+def _detector_powers(
+    geometry: PolarGeometry, wave: WaveTable, gram: Float[Array, "blocks r r"] | None
+) -> Float[Array, "blocks r"]:
+    """The diagonal of M M^T; on a circle from that of T, which is there."""
+    if gram is None:
+        return detector_powers(geometry, wave)
+    a, b = _on_circle(geometry, wave)
+    return (a**2 + b**2) * jnp.diagonal(gram, axis1=-2, axis2=-1)
+
+
+def _factorised(
+    geometry: PolarGeometry, wave: WaveTable, system: _System, factor: RegionFactor, gram: Any
+) -> tuple[Array, SolveReport]:
+    """By Cholesky decomposition, with implicit derivatives: one more solve each."""
+    matrix = normal_matrix(geometry, wave, factor, gram)
+    diagonal = jnp.diagonal(matrix, axis1=-2, axis2=-1)
+    unit = alpha_unit(factor, _detector_powers(geometry, wave, gram))
+    plane = None
+    if system.asked.rule.needs_matrix:
+        plane = factor.around(_diagonal_matrix(blocks(geometry, _plane_power(wave))))
+    alpha = system.asked.rule.absolute(
+        _problem(geometry, wave, system, diagonal, unit, matrix, plane)
+    )
+    shifted = matrix + alpha * jnp.eye(matrix.shape[-1])
+    rhs = factor.times(moments(geometry, wave, system.values))
+    rhs = jnp.moveaxis(rhs, 0, -1)  # images last, as columns
+    y = cholesky_solve(shifted, rhs)
+    residual = _relative(_product(shifted, y) - rhs, rhs, axes=(0, 1))
+    steps, finite = jnp.zeros((), int), jnp.isfinite(residual)
+    return jnp.moveaxis(y, -1, 0), SolveReport(alpha, alpha / unit, residual, steps, finite)
+
+
+def cholesky_solve(
+    matrix: Float[Array, "blocks r r"], rhs: Float[Array, "blocks r columns"]
+) -> Float[Array, "blocks r columns"]:
+    """matrix^-1 rhs of symmetric blocks, with implicit derivatives: one more solve each."""
+    triangle = jnp.linalg.cholesky(jax.lax.stop_gradient(matrix), symmetrize_input=False)
+
+    def solve(_, right: Array) -> Array:
+        return jax.scipy.linalg.cho_solve((triangle, True), right)
+
+    return jax.lax.custom_linear_solve(partial(_product, matrix), rhs, solve, symmetric=True)
+
+
+def _product(matrix: Float[Array, "blocks r r"], columns: Float[Array, "blocks r c"]) -> Array:
+    """Block by block: products of batches do not reach the fast library routine."""
+    return jnp.stack([block @ part for block, part in zip(matrix, columns, strict=True)])
+
+
+def _iterated(
+    geometry: PolarGeometry,
+    wave: WaveTable,
+    system: _System,
+    factor: RegionFactor,
+    gram: Any,
+    tolerance: Array | float,
+) -> tuple[Array, SolveReport]:
+    """By conjugate gradients; derivatives are one more solve each, not those of the iteration."""
+    multiply, inner_diagonal = _products(geometry, wave)
+    diagonal = _diagonal(geometry, wave, factor, inner_diagonal)
+    unit = alpha_unit(factor, inner_diagonal)
+    alpha = system.asked.rule.absolute(_problem(geometry, wave, system, diagonal, unit, None, None))
+    rhs = factor.times(moments(geometry, wave, system.values))
+    precondition = factor.inverse_around(inner_diagonal, alpha)
+
+    def matrix(y: Array) -> Array:
+        return factor.times(multiply(factor.transposed_times(y))) + alpha * y
+
+    def solve(product: Callable[[Array], Array], right: Array) -> tuple[Array, Array]:
+        return conjugate_gradients(product, precondition, right, tolerance, MAX_ITERATIONS)
+
+    y, steps = jax.lax.custom_linear_solve(
+        jax.vmap(matrix), rhs, solve, symmetric=True, has_aux=True
+    )
+    residual = _relative(jax.vmap(matrix)(y) - rhs, rhs, axes=(1, 2))
+    # the residual of the recurrence drifts off the true one by rounding
+    converged = residual <= 10 * tolerance
+    return y, SolveReport(alpha, alpha / unit, residual, steps, converged)
+
+
+def conjugate_gradients(
+    product: Callable[[Array], Array],
+    precondition: Callable[[Array], Array],
+    rhs: Float[Array, "images blocks r"],
+    tolerance: Array | float,
+    max_steps: int,
+) -> tuple[Float[Array, "images blocks r"], Int[Array, ""]]:
+    """Solve product(y) = rhs for all images, until each has ||residual|| <= tolerance ||rhs||.
+
+    Libraries measure the error entry by entry, relative to each; here entries differ by twelve
+    powers of ten, and only their common norm matters.
+
+    Source: Hestenes and Stiefel, J. Res. Nat. Bur. Stand. 49 (1952) 409-436.
+    """
+
+    def dot(u: Array, v: Array) -> Array:
+        return jnp.sum(u * v, axis=(1, 2), keepdims=True)
+
+    def unfinished(state: tuple[Array, ...]) -> Array:
+        _, r, _, _, step = state
+        return (step < max_steps) & jnp.any(dot(r, r) > goal)
+
+    def advance(state: tuple[Array, ...]) -> tuple[Array, ...]:
+        y, r, p, rz, step = state
+        running = dot(r, r) > goal
+        image = product(p)
+        length = jnp.where(running, rz / jnp.where(running, dot(p, image), 1.0), 0.0)
+        y, r = y + length * p, r - length * image
+        z = precondition(r)
+        rz_next = dot(r, z)
+        p = z + jnp.where(running, rz_next / jnp.where(running, rz, 1.0), 0.0) * p
+        return y, r, p, rz_next, step + 1
+
+    goal = tolerance**2 * dot(rhs, rhs)
+    z = precondition(rhs)
+    start = jnp.zeros_like(rhs), rhs, z, dot(rhs, z), jnp.zeros((), int)
+    y, *_, step = jax.lax.while_loop(unfinished, advance, start)
+    return y, step
+
+
+def _products(
+    geometry: PolarGeometry, wave: WaveTable
+) -> tuple[Callable[[Array], Array], Float[Array, "blocks r"]]:
+    """v -> M M^T v, and the diagonal of M M^T.
+
+    Off a circle by exact sums over the detectors. On a circle T v is v as a function of the angle,
+    times the density of detectors, as Fourier coefficients again: two real FFTs, which need the
+    density up to the order 2 N only.
+    """
+    if wave.on_circle is None:
+        matrix = detector_matrix(geometry, wave)
+        weighted = matrix * geometry.weights
+
+        def exact(v: Array) -> Array:
+            return jnp.einsum("jbrk,jbk->br", matrix, jnp.einsum("jbrk,br->jbk", weighted, v))
+
+        return exact, jnp.einsum("jbrk,jbrk->br", matrix, weighted)
+    on_circle = wave.on_circle
+    n_max = on_circle.shape[-1] - 1
+    cosine, sine = angular(2 * n_max, geometry.detector_angles) @ geometry.weights
+    length = 2 ** math.ceil(math.log2(4 * n_max + 2))
+    density = jnp.fft.irfft(cosine - 1j * sine, length)
+
+    def by_fft(v: Array) -> Array:
+        waves = on_circle[:, None, :] * pairs(v)  # (J|Y, cos|sin, orders)
+        halves = jnp.where(jnp.arange(n_max + 1) == 0, 1.0, 0.5)
+        function = jnp.fft.irfft((waves[:, 0] - 1j * waves[:, 1]) * halves, length)
+        product = jnp.fft.rfft(function * density)[:, : n_max + 1] * length
+        found = jnp.stack([product.real, -product.imag], axis=1)
+        found = found.at[:, 1, 0].set(0.0)  # sin 0
+        return blocks(geometry, jnp.einsum("jn,jpn->pn", on_circle, found))
+
+    total = jnp.sum(geometry.weights)
+    twofold = jnp.stack([total + cosine[::2], jnp.maximum(total - cosine[::2], 0.0)]) / 2
+    power = jnp.sum(on_circle**2, axis=0)
+    return by_fft, blocks(geometry, power * twofold)
+
+
+def _diagonal(
+    geometry: PolarGeometry,
+    wave: WaveTable,
+    factor: RegionFactor,
+    inner_diagonal: Float[Array, "blocks r"],
+) -> Float[Array, "blocks m"]:
+    """The diagonal of A A^T. A triangle R mixes waves, which takes all of M M^T."""
+    if factor.is_diagonal:
+        return factor.values**2 * inner_diagonal
+    matrix = jnp.moveaxis(detector_matrix(geometry, wave), 0, -2)
+    matrix *= jnp.sqrt(geometry.weights)
+    matrix = factor.matrix_times(matrix.reshape(*matrix.shape[:2], -1))
+    return jnp.sum(matrix**2, axis=-1)
+
+
+def _plane_power(wave: WaveTable) -> Float[Array, "2 orders"]:
+    """Mean square of the entries of b_xi over all directions."""
+    square = wave.plane_scale**2 / 2
+    return jnp.stack([square.at[0].multiply(2.0), square.at[0].set(0.0)])
+
+
+def _problem(
+    geometry: PolarGeometry,
+    wave: WaveTable,
+    system: _System,
+    diagonal: Array,
+    unit: Array,
+    matrix: Array | None,
+    plane: Array | None,
+) -> Problem:
+    n_data = 2 * geometry.detector_angles.shape[0]
+    return Problem(
+        matrix=matrix,
+        plane=plane,
+        diagonal=diagonal,
+        unit_norm=system.asked.unit_norm,
+        data_power=system.power,
+        noise_power=system.asked.noise_power,
+        frequency=wave.frequencies,
+        unit=unit,
+        n_data=n_data,
+    )
+
+
+def _on_circle(geometry: PolarGeometry, wave: WaveTable) -> Float[Array, "2 blocks r"]:
+    """a and b for cosines and sines."""
+    waves = wave.on_circle
+    assert waves is not None
+    return blocks(geometry, jnp.stack([waves, waves], axis=1))
+
+
+def _diagonal_matrix(values: Float[Array, "blocks r"]) -> Float[Array, "blocks r r"]:
+    return jax.vmap(jnp.diag)(values)
+
+
+def _relative(residual: Array, rhs: Array, axes: tuple[int, int]) -> Array:
+    """The largest ratio of norms over the images; 0 where there is nothing to solve for."""
+    size = jnp.sum(rhs**2, axis=axes)
+    ratio = jnp.sum(residual**2, axis=axes) / jnp.where(size > 0, size, 1.0)
+    return jnp.sqrt(jax.lax.stop_gradient(ratio).max())

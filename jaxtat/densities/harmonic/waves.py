@@ -1,0 +1,132 @@
+"""Cylindrical waves: the basis in which potentials and plane waves become small matrices.
+
+With c the centre and angles counted from the axis (see `polar`), the waves are
+
+    phi_n(x) = J_n(lambda |x - c|) / Delta_n · (cos n theta | sin n theta),  n = 0..N,
+
+and for |x - c| < |z - c|, by Graf's and the Jacobi-Anger expansions (DLMF 10.23.7, 10.12.1),
+
+    J_0|Y_0(lambda |x - z|) = Σ eps_n Delta_n (J_n|Y_n)(lambda |z - c|) (cos|sin)(n theta_z) phi_n,
+    exp(-i xi·(x - c)) = Σ eps_n Delta_n (-i)^n (cos|sin)(n theta_xi) phi_n,
+
+eps_0 = 1 and eps_n = 2 for n > 0. Delta_n decays like J_n(lambda reach), without which high orders
+would overflow (`special.decay_steps`). Everything is real but the powers of -i.
+
+Waves come as (2, N + 1), cosines first; sin 0 = 0 keeps its place. In a mirrored geometry cosines
+and sines are two separate blocks, (2, N + 1), else one block of both, (1, 2 N + 2).
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from ...special import decay_steps, scaled_hankel_sequence
+from .polar import PolarGeometry
+
+
+def angular(n_max: int, angles: Float[Array, " n"]) -> Float[Array, "2 orders n"]:
+    """cos n theta and sin n theta, n = 0..n_max."""
+    phase = jnp.arange(n_max + 1)[:, None] * angles
+    return jnp.stack([jnp.cos(phase), jnp.sin(phase)])
+
+
+def minus_i_powers(n_max: int) -> Complex[Array, " orders"]:
+    """(-i)^n."""
+    return jnp.array([1, -1j, -1, 1j])[np.arange(n_max + 1) % 4]
+
+
+def circular_harmonics_at(
+    harmonics: Float[Array, "*batch 2 orders"], angles: Float[Array, " directions"]
+) -> Complex[Array, "*batch directions"]:
+    """(1/2π) Σ_n (-i)^n [c_n cos n theta + s_n sin n theta] from (c, s): fhat on a circle.
+
+    Args:
+        harmonics: (c, s), n = 0, 1, ..., (..., 2, orders).
+        angles: theta, counted from where the harmonics count [rad].
+    """
+    order = np.arange(harmonics.shape[-1])
+    waves = angular(harmonics.shape[-1] - 1, angles)
+    # even orders are real, 1, -1, ..., odd ones imaginary, -i, i, ...
+    signed = harmonics * np.array([1, -1, -1, 1], harmonics.dtype)[order % 4]
+    real = jnp.einsum("...pn,pnd->...d", signed[..., ::2], waves[:, ::2])
+    imaginary = jnp.einsum("...pn,pnd->...d", signed[..., 1::2], waves[:, 1::2])
+    return jax.lax.complex(real, imaginary) / (2 * jnp.pi)
+
+
+def twice(n_max: int) -> Float[Array, " orders"]:
+    """eps_n: 1 for n = 0, else 2."""
+    return jnp.where(jnp.arange(n_max + 1) == 0, 1.0, 2.0)
+
+
+def wave_steps(
+    n_max: int, frequencies: Float[Array, "*f"], geometry: PolarGeometry
+) -> Float[Array, "orders *f"]:
+    """delta_n = Delta_n / Delta_{n-1}, n = 0..n_max + 1 (derivatives ask for one order more)."""
+    return decay_steps(n_max + 1, frequencies * geometry.reach)
+
+
+def scales(steps: Float[Array, "orders *f"]) -> Float[Array, "fewer *f"]:
+    """Delta_n, n = 0..N, of steps up to N + 1."""
+    return jnp.cumprod(steps[:-1], axis=0)
+
+
+def at_detectors(
+    arguments: Float[Array, "*shape"], steps: Float[Array, "orders *broadcast"]
+) -> Float[Array, "2 fewer *shape"]:
+    """eps_n Delta_n (J_n | Y_n)(lambda |z - c|), n = 0..N."""
+    steps = steps[:-1]
+    j, y = scaled_hankel_sequence(arguments, steps)
+    scale = jnp.cumprod(steps, axis=0)
+    eps = twice(steps.shape[0] - 1).reshape(-1, *[1] * arguments.ndim)
+    return eps * jnp.stack([j * scale**2, y])
+
+
+def disk_norms(
+    frequencies: Float[Array, "*f"], radius: Float[Array, ""], steps: Float[Array, "orders *f"]
+) -> Float[Array, "2 fewer *f"]:
+    """L2 norms of the traces (phi, (1/lambda) dphi/dn) on |x - c| = R, where they are orthogonal.
+
+    s_n² = π R (1 + [n = 0]) (J_n² + J_n'²)(lambda R) / Delta_n²; 0 for sin 0.
+    """
+    value, slope, _ = _radial(frequencies * radius, steps)
+    norm = jnp.sqrt(jnp.pi * radius * (value**2 + slope**2))
+    first = jnp.arange(norm.shape[0]).reshape(-1, *[1] * frequencies.ndim) == 0
+    return jnp.stack([jnp.where(first, jnp.sqrt(2.0), 1.0) * norm, jnp.where(first, 0.0, norm)])
+
+
+def boundary_traces(
+    frequency: Float[Array, ""],
+    steps: Float[Array, " orders"],
+    geometry: PolarGeometry,
+) -> Float[Array, "traces 2 fewer"]:
+    """(phi, (1/lambda) dphi/dn) of all waves at the boundary points, rows scaled by √w_x.
+
+    The normal derivative is J_n' cos(n theta) (n·e_r) - (n J_n / lambda r) sin(n theta) (n·e_t),
+    and for sines alike; n J_n(x)/x = (J_{n-1} + J_{n+1})/2 needs no division near c.
+    """
+    region = geometry.region
+    local = region.points - geometry.center
+    distance = jnp.sqrt(jnp.sum(local**2, axis=1))
+    theta = jnp.arctan2(local[:, 1], local[:, 0]) - geometry.axis
+    value, slope, turn = _radial(frequency * distance, steps[:, None])
+    outward = local / distance[:, None]
+    radial = jnp.sum(region.normals * outward, axis=1)
+    tangential = region.normals[:, 1] * outward[:, 0] - region.normals[:, 0] * outward[:, 1]
+    cosine, sine = angular(value.shape[0] - 1, theta)
+    normal = jnp.stack(
+        [
+            slope * radial * cosine - turn * tangential * sine,
+            slope * radial * sine + turn * tangential * cosine,
+        ]
+    )
+    traces = jnp.concatenate([jnp.stack([value * cosine, value * sine]), normal], axis=-1)
+    return jnp.moveaxis(traces * jnp.tile(jnp.sqrt(region.weights), 2), -1, 0)
+
+
+def _radial(x: Array, steps: Array) -> tuple[Array, Array, Array]:
+    """J_n, J_n' and n J_n / x, each over Delta_n, n = 0..N, of steps up to N + 1."""
+    j, _ = scaled_hankel_sequence(x, steps)
+    before = jnp.concatenate([-j[1:2] * steps[1], j[:-2] / steps[1:-1]])  # J_{-1} = -J_1
+    after = j[1:] * steps[1:]
+    return j[:-1], (before - after) / 2, (before + after) / 2

@@ -1,0 +1,70 @@
+"""What step 1 leaves: the densities of all plane waves, in whatever form, and their report."""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float
+
+
+class Densities(eqx.Module):
+    """(rho_J, rho_Y) of all plane waves of a polar grid, stored in one way or another."""
+
+    @abstractmethod
+    def polar_fourier(
+        self,
+        transformed: Float[Array, "*batch frequencies 2 detectors"],
+        weights: Float[Array, " detectors"],
+    ) -> Complex[Array, "*batch frequencies directions"]:
+        """fhat(xi) = (1/2π) Σ_k w_k (rho_J G_J + rho_Y G_Y)."""
+
+    @abstractmethod
+    def of_frequency(
+        self, number: int, weights: Float[Array, " detectors"]
+    ) -> Complex[Array, "directions 2 detectors"]:
+        """(rho_J, rho_Y) of one frequency and all directions [1/length]."""
+
+    @abstractmethod
+    def in_single_precision(self) -> "Densities":
+        """The same in half the memory."""
+
+
+class SampledDensities(Densities):
+    """Every density at every detector [1/length]."""
+
+    values: Complex[Array, "frequencies directions 2 detectors"]
+
+    def polar_fourier(self, transformed: Array, weights: Array) -> Array:
+        weighted = (weights * transformed).astype(self.values.real.dtype)
+        return jnp.einsum("fdjk,...fjk->...fd", self.values, weighted) / (2 * jnp.pi)
+
+    def of_frequency(self, number: int, weights: Array) -> Array:
+        return self.values[number]
+
+    def in_single_precision(self) -> "SampledDensities":
+        return SampledDensities(self.values.astype(jnp.complex64))
+
+
+class DensityReport(eqx.Module):
+    """How well and at what price plane waves were approximated, per frequency lambda.
+
+    Attributes:
+        singular_values: of the scaled potential matrix, descending, (frequencies, rank) [length].
+        j_max: number of terms kept, fractions counted, (frequencies, directions).
+        norm: L2 norm of (rho_J, rho_Y) on the curve: the noise gain, (frequencies, directions)
+            [1/length^(1/2)].
+        residual: relative L2 error of the traces on the boundary, (frequencies, directions).
+        unit_norm: N(lambda), its root mean square where it differs between directions,
+            (frequencies,) [1/length^(1/2)].
+    """
+
+    singular_values: Float[Array, "*frequencies rank"]
+    j_max: Float[Array, "*frequencies directions"]
+    norm: Float[Array, "*frequencies directions"]
+    residual: Float[Array, "*frequencies directions"]
+    unit_norm: Float[Array, "*frequencies"]
+
+
+def mean_norm(unit_norm: Float[Array, "*one_or_directions"]) -> Float[Array, ""]:
+    """Root mean square over directions."""
+    return unit_norm if unit_norm.ndim == 0 else jnp.sqrt(jnp.mean(unit_norm**2))

@@ -1,0 +1,201 @@
+"""Where the detectors are: rings on a spherical cap, or any points about a centre.
+
+The axis of the cap is x_3, and it opens upwards. Its meridian section is an arc of the plane
+(x_3, rho), rho the signed distance from the axis, which opens towards x_3 as the paper's arcs do
+towards x_1: what can be seen from the cap, and at which distances, is asked of that arc.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from .curves import CircularArc, DetectorCurve, SampledCurve, opening_angle
+
+RULES = ("gauss", "equal")
+
+
+class SphericalCap(eqx.Module):
+    """Detectors on rings of a spherical cap, equispaced in azimuth from the plane x_2 = 0 on.
+
+    Attributes:
+        center, radius: of the sphere, (3,) and R_g [length].
+        half_opening: half the angle under which the opening is seen from the centre [rad].
+        n_rings, n_azimuths: of the detectors; data are (..., rings, azimuths, radii), rings from
+            the lowest to the highest.
+        rule: "gauss" or "equal", see `spherical_cap`.
+    """
+
+    center: Float[Array, "3"]
+    radius: Float[Array, ""]
+    half_opening: Float[Array, ""]
+    n_rings: int = eqx.field(static=True)
+    n_azimuths: int = eqx.field(static=True)
+    rule: str = eqx.field(static=True)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of the detectors: (rings, azimuths)."""
+        return self.n_rings, self.n_azimuths
+
+    @property
+    @eqx.filter_jit
+    def cosines(self) -> Float[Array, " rings"]:
+        """cos theta of the rings, theta counted from the opening's axis."""
+        return self._rings()[0]
+
+    @property
+    @eqx.filter_jit
+    def ring_areas(self) -> Float[Array, " rings"]:
+        """Area of the sphere that belongs to each ring [length²]."""
+        return 2 * jnp.pi * self.radius**2 * self._rings()[1]
+
+    @property
+    def first_azimuths(self) -> Float[Array, " rings"]:
+        """Azimuth of the first detector of each ring [rad]."""
+        return jnp.zeros(self.n_rings)
+
+    @property
+    @eqx.filter_jit
+    def points(self) -> Float[Array, "rings azimuths 3"]:
+        """Detector positions [length]."""
+        azimuths = 2 * np.pi / self.n_azimuths * np.arange(self.n_azimuths)
+        azimuths = self.first_azimuths[:, None] + azimuths
+        cosine = self.cosines[:, None]
+        sine = jnp.sqrt(1 - cosine**2)
+        parts = sine * jnp.cos(azimuths), sine * jnp.sin(azimuths), cosine
+        return self.center + self.radius * jnp.stack(jnp.broadcast_arrays(*parts), axis=-1)
+
+    @property
+    @eqx.filter_jit
+    def weights(self) -> Float[Array, "rings azimuths"]:
+        """Area of each detector [length²]."""
+        return jnp.broadcast_to(self.ring_areas[:, None] / self.n_azimuths, self.shape)
+
+    @property
+    def lowest_angle(self) -> Float[Array, ""]:
+        """theta up to which the area of the lowest ring reaches [rad]."""
+        return jnp.asarray(jnp.pi)
+
+    @property
+    def closed(self) -> bool:
+        """Whether there is no opening."""
+        return is_concrete(self.half_opening) and not float(self.half_opening) > 0
+
+    @property
+    def meridian(self) -> DetectorCurve:
+        """The section with a plane through the axis, in (x_3, rho) from the centre."""
+        return CircularArc(  # pyright: ignore[reportCallIssue] (abstract variables are no arguments)
+            *(jnp.zeros(2), self.radius, jnp.zeros(()), self.half_opening),
+            *(2 * self.n_rings, self.closed),
+        )
+
+    def _rings(self) -> tuple[Array, Array]:
+        """cos theta, and the share ∫ dcos(theta) of each ring."""
+        top = jnp.cos(self.half_opening)
+        if self.rule == "gauss":
+            nodes, weights = np.polynomial.legendre.leggauss(self.n_rings)
+            return -1 + (1 + top) / 2 * (1 + nodes), (1 + top) / 2 * weights
+        step = (jnp.pi - self.half_opening) / self.n_rings
+        bounds = jnp.cos(jnp.pi - step * jnp.arange(self.n_rings + 1))
+        middle = jnp.cos(jnp.pi - step * (jnp.arange(self.n_rings) + 0.5))
+        return middle, jnp.diff(bounds)
+
+
+def spherical_cap(
+    radius: Numbers,
+    cut: Numbers,
+    n_rings: int,
+    n_azimuths: int,
+    *,
+    center: Numbers = (0.0, 0.0, 0.0),
+    rule: str = "gauss",
+) -> SphericalCap:
+    """The cap |z| = R_g, z_3 < cut with detectors on rings.
+
+    A frequency lambda asks for rings π/(lambda R) apart, as seen from the centre, and for
+    2 lambda R azimuths and a quarter more, R being the reach of the region of interest.
+
+    Args:
+        radius: R_g > 0 [length].
+        cut: the cap ends at this height above the centre, more than -radius; the whole sphere
+            from radius on [length].
+        n_rings: "gauss": at Gauss-Legendre nodes in cos theta; "equal": in the middle of equal
+            steps of theta, each with its own area.
+        n_azimuths: detectors on each ring, an even number.
+        center: of the sphere, (3,) [length].
+        rule: "gauss" or "equal".
+
+    Raises:
+        ValueError: for an empty cap, radius <= 0, fewer than 2 rings, or an odd number of azimuths.
+
+    >>> cap = spherical_cap(1.3, 0.0, 24, 64)
+    >>> cap.points.shape, round(float(cap.weights.sum() / (2 * jnp.pi * 1.3**2)), 12)
+    ((24, 64, 3), 1.0)
+    """
+    radius, cut = real_array("radius", radius, ()), real_array("cut", cut, ())
+    center = real_array("center", center, (3,))
+    require_positive("radius", radius)
+    if is_concrete(radius, cut) and float(cut) <= -float(radius):
+        raise ValueError(
+            f"the cap |z| = {float(radius)}, z_3 < {float(cut)} is empty: "
+            "cut must be above -radius."
+        )
+    n_rings = whole_number("n_rings", n_rings, 2)
+    n_azimuths = whole_number("n_azimuths", n_azimuths, 4)
+    if n_azimuths % 2:
+        raise ValueError(f"n_azimuths is {n_azimuths}, expected an even number.")
+    if rule not in RULES:
+        raise ValueError(f"rule is {rule!r}, expected one of {', '.join(RULES)}.")
+    half_opening = opening_angle(cut / radius)
+    return SphericalCap(center, radius, half_opening, n_rings, n_azimuths, rule)
+
+
+class DetectorPoints(eqx.Module):
+    """Detectors at any positions outside the ball about ``center`` that holds the region.
+
+    Attributes:
+        points: z_k, (detectors, 3) [length]; data are (..., detectors, radii).
+        weights: how much each counts, (detectors,), for instance the area it stands for.
+        center: about which waves are taken, (3,) [length].
+
+    >>> DetectorPoints([[1.3, 0.0, 0.0], [0.0, 0.0, -1.3]]).shape
+    (2,)
+    """
+
+    points: Float[Array, "detectors 3"]
+    weights: Float[Array, " detectors"]
+    center: Float[Array, "3"]
+
+    def __init__(self, points: Numbers, weights: Any = None, center: Numbers = (0.0, 0.0, 0.0)):
+        """points, weights (equal ones by default) and center as above.
+
+        Raises:
+            ValueError: for wrong shapes, NaN, or weights that are not positive.
+        """
+        self.points = real_array("points", points, ("detectors", 3))
+        n = whole_number("the number of detectors", self.points.shape[0], 1)
+        self.weights = real_array("weights", np.ones(n) if weights is None else weights, (n,))
+        require_positive("weights", self.weights)
+        self.center = real_array("center", center, (3,))
+
+    @property
+    def shape(self) -> tuple[int]:
+        """Of the detectors: (detectors,)."""
+        return (self.points.shape[0],)
+
+    @property
+    @eqx.filter_jit
+    def meridian(self) -> DetectorCurve:
+        """All detectors turned into the plane (x_3, rho), on both sides of the axis."""
+        local = self.points - self.center
+        distance = jnp.linalg.norm(local[:, :2], axis=1)
+        points = jnp.stack([jnp.tile(local[:, 2], 2), jnp.concatenate([distance, -distance])], 1)
+        normals = points / jnp.linalg.norm(points, axis=1, keepdims=True)
+        return SampledCurve(points, jnp.tile(self.weights, 2), normals, False)
+
+
+Detectors = SphericalCap | DetectorPoints

@@ -1,0 +1,160 @@
+"""Rings of measured detectors: from positions in space to a cap."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..base.checks import Numbers, real_array
+from .caps import SphericalCap
+from .curves import SampledCurve
+
+SAME = 2e-3  # of the radius: how far detectors may lie off the sphere and their ring
+UNEVEN = 0.02  # of the step between neighbours on a ring, likewise
+
+
+class DetectorRings(SphericalCap):
+    """A cap whose rings are where they are: at any height, each turned by any angle.
+
+    A ring's area reaches half-way to its neighbours, and as far beyond the highest and the lowest
+    one; below the lowest one to the pole, if that is not farther than the next ring.
+
+    Attributes:
+        polar_angles: theta of the rings from the axis x_3, decreasing, (rings,) [rad].
+        turns: azimuth of each ring's first detector, (rings,) [rad].
+    """
+
+    polar_angles: Float[Array, " rings"]
+    turns: Float[Array, " rings"]
+
+    @property
+    def first_azimuths(self) -> Float[Array, " rings"]:
+        return self.turns
+
+    @property
+    def lowest_angle(self) -> Float[Array, ""]:
+        lowest, step = self.polar_angles[0], self.polar_angles[0] - self.polar_angles[1]
+        return jnp.where(lowest + step < jnp.pi, lowest + step / 2, jnp.pi)
+
+    @property
+    def meridian(self) -> SampledCurve:
+        """All rings, on both sides of the axis: where they leave a hole nothing is seen."""
+        theta = jnp.concatenate([jnp.flip(self.polar_angles), -self.polar_angles])
+        normals = jnp.stack([jnp.cos(theta), jnp.sin(theta)], axis=1)
+        arcs = -self.radius * jnp.diff(self._bounds())
+        weights = jnp.concatenate([jnp.flip(arcs), arcs])
+        return SampledCurve(self.radius * normals, weights, normals, self.closed)
+
+    def _rings(self) -> tuple[Array, Array]:
+        bounds = jnp.cos(self._bounds())
+        return jnp.cos(self.polar_angles), jnp.diff(bounds)
+
+    def _bounds(self) -> Float[Array, " one_more"]:
+        """theta between which the areas of the rings lie."""
+        theta = self.polar_angles
+        between = (theta[1:] + theta[:-1]) / 2
+        return jnp.concatenate([self.lowest_angle[None], between, self.half_opening[None]])
+
+
+class FoundRings(NamedTuple):
+    """Detectors on rings, as `find_rings` recognises them.
+
+    Attributes:
+        rings: the cap, which opens upwards.
+        order: rows of the positions, (rings, azimuths).
+        upside_down: whether the positions open downwards; x_3 - c_3 has changed its sign then.
+    """
+
+    rings: DetectorRings
+    order: Int[np.ndarray, "rings azimuths"]
+    upside_down: bool
+
+
+def find_rings(positions: Numbers) -> FoundRings:
+    """Rings about an axis along x_3 on a sphere, whose centre and radius are fitted.
+
+    Positions are moved onto the rings that fit them. Detectors may lie up to 0.2 % of the radius
+    off the sphere, a ring ends where the polar angle leaps by more than 0.002 rad, and azimuths may
+    differ by up to 2 % of the step between neighbours from equal ones. `DetectorPoints` keep what
+    is measured.
+
+    Args:
+        positions: concrete, (detectors, 3), in any order [length].
+
+    Raises:
+        ValueError: if the detectors do not lie on a sphere, or not on rings of equally many,
+            equispaced in azimuth.
+
+    >>> from jaxtat.geometry import spherical_cap
+    >>> points = spherical_cap(1.3, 0.5, 6, 8, center=(0.0, 0.1, 0.2)).points.reshape(-1, 3)
+    >>> found = find_rings(points[::-1])
+    >>> found.rings.shape, round(float(found.rings.radius), 9), found.upside_down
+    ((6, 8), 1.3, False)
+    """
+    points = np.asarray(real_array("positions", positions, ("detectors", 3)))
+    center, radius = fit_sphere(points)
+    unit = (points - center) / radius
+    off = float(np.abs(np.linalg.norm(unit, axis=1) - 1).max())
+    if off > SAME:
+        raise ValueError(
+            f"the detectors do not lie on a sphere: up to {off:.2g} of its radius beside it."
+        )
+    upside_down = bool(unit[:, 2].mean() > 1e-6)
+    theta = np.arctan2(np.hypot(unit[:, 0], unit[:, 1]), unit[:, 2] * (-1 if upside_down else 1))
+    azimuth = np.mod(np.arctan2(unit[:, 1], unit[:, 0]) + 1e-9, 2 * np.pi) - 1e-9  # -0 is 0
+    order = _by_rings(theta, azimuth)
+    n_rings, n = order.shape
+    steps = 2 * np.pi / n * np.arange(n)
+    # about the first of them, so that no angle jumps by a whole turn
+    offsets = azimuth[order] - azimuth[order[:, :1]] - steps
+    offsets -= 2 * np.pi * np.round(offsets / (2 * np.pi))
+    uneven = float(np.ptp(offsets, axis=1).max()) * n / (2 * np.pi)
+    if uneven > UNEVEN:
+        raise ValueError(
+            f"detectors on a ring are not equispaced about the axis x_3: off by {uneven:.2g} of "
+            "their distance."
+        )
+    polar = theta[order].mean(axis=1)
+    step = polar[-2] - polar[-1]
+    half_opening = polar[-1] - step / 2 if polar[-1] > step else 0.0
+    values = center, radius, half_opening, polar, azimuth[order[:, 0]] + offsets.mean(axis=1)
+    center, radius, half_opening, polar, turns = (
+        jax.device_put(np.asarray(v, float)) for v in values
+    )
+    rings = DetectorRings(center, radius, half_opening, n_rings, n, "given", polar, turns)
+    return FoundRings(rings, order, upside_down)
+
+
+def fit_sphere(points: Float[np.ndarray, "detectors 3"]) -> tuple[np.ndarray, float]:
+    """Centre and radius by least squares of |p|² = 2 p·c + R² - |c|².
+
+    >>> center, radius = fit_sphere(np.array([[3, 2, 3], [-1, 2, 3], [1, 4, 3], [1, 2, 5.0]]))
+    >>> center.round(9).tolist(), round(radius, 9)
+    ([1.0, 2.0, 3.0], 2.0)
+    """
+    middle = points.mean(axis=0)
+    local = points - middle
+    design = np.column_stack([2 * local, np.ones(len(local))])
+    found, _, rank, _ = np.linalg.lstsq(design, np.sum(local**2, axis=1), rcond=1e-9)
+    if rank < 4:
+        raise ValueError("the detectors lie in a plane: no sphere is known by them.")
+    return middle + found[:3], float(np.sqrt(found[3] + found[:3] @ found[:3]))
+
+
+def _by_rings(
+    theta: Float[np.ndarray, " detectors"], azimuth: Float[np.ndarray, " detectors"]
+) -> Int[np.ndarray, "rings azimuths"]:
+    """Rows sorted by ring, from the lowest one, and azimuth."""
+    down = np.argsort(-theta)
+    first = np.flatnonzero(np.concatenate([[True], -np.diff(theta[down]) > SAME]))
+    sizes = np.diff(np.append(first, len(down)))
+    n = int(sizes[0])
+    if len(sizes) < 2 or n < 4 or n % 2 or (sizes != n).any():
+        raise ValueError(
+            f"the detectors are on {len(sizes)} rings about the axis x_3 with {sizes.min()} to "
+            f"{sizes.max()} of them: expected two rings or more, all with the same even number."
+        )
+    rings = down.reshape(-1, n)
+    return np.take_along_axis(rings, np.argsort(azimuth[rings], axis=1), axis=1)

@@ -1,0 +1,28 @@
+"""Between a file and circular integrals: conditioning, noise, and what a record shows."""
+
+from .channels import ChannelQuality, channel_quality, ranges
+from .impulse_response import remove_impulse_response
+from .noise import LEAST_SAMPLES, RecordNoise, noise_of_record, record_noise_level
+from .pressure import MODELS, condition_record, pressure_to_circular_integrals, require_equispaced
+from .pressure_simulation import circular_integrals_to_pressure
+from .sampling import Supported, first_arrival, sampled_frequency, supported
+
+__all__ = [
+    "LEAST_SAMPLES",
+    "MODELS",
+    "ChannelQuality",
+    "RecordNoise",
+    "Supported",
+    "channel_quality",
+    "circular_integrals_to_pressure",
+    "condition_record",
+    "first_arrival",
+    "noise_of_record",
+    "pressure_to_circular_integrals",
+    "ranges",
+    "record_noise_level",
+    "remove_impulse_response",
+    "require_equispaced",
+    "sampled_frequency",
+    "supported",
+]

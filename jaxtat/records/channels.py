@@ -1,0 +1,211 @@
+"""Channels of a record that tell nothing or mislead: which they are, and how noisy the others.
+
+What stays when a detector is left out is a curve with fewer detectors, whose weights are again the
+arcs that belong to each (`keep_detectors`); zeros in its place would be data, and wrong ones.
+"""
+
+from math import comb
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from scipy.special import ndtri
+
+from ..base.checks import Numbers, is_concrete, real_array, require_positive
+from ..special import root
+from .pressure import require_equispaced
+
+BLOCKS = 16  # pieces of the record, of which the quietest tells the noise
+SHORTEST_BLOCK = 64  # samples: the noise of a block is then known to a seventh
+SATURATED = 0.003  # share of samples held at a level; of good ones hardly any are
+FEWEST_HELD = 4  # samples: a record may meet its peak twice in a row
+FEWEST_COUNTS = 64  # from lowest to highest sample: coarser signals rest wherever they are
+SILENT = 1e-3  # of the typical signal: noise below it (-60 dB) is not worth a detector
+
+
+class ChannelQuality(eqx.Module):
+    """What `channel_quality` found, for each detector.
+
+    Attributes:
+        noise: standard deviation of the noise, if it is white [unit of the record].
+        signal: root mean square of the record without offset and drift [unit of the record].
+        dead: no signal: constant, zero, or noise alone.
+        saturated: held at one level again and again, as at the rails of a converter.
+        noisy: far noisier than the others.
+    """
+
+    noise: Float[Array, " detectors"]
+    signal: Float[Array, " detectors"]
+    dead: Bool[Array, " detectors"]
+    saturated: Bool[Array, " detectors"]
+    noisy: Bool[Array, " detectors"]
+
+    @property
+    def good(self) -> Bool[Array, " detectors"]:
+        """Detectors to keep."""
+        return ~(self.dead | self.saturated | self.noisy)
+
+    @property
+    def weights(self) -> Float[Array, " detectors"]:
+        """1 for detectors to keep, 0 for others: factors of residuals, not of data."""
+        return self.good.astype(float)
+
+    def __str__(self) -> str:
+        found = [
+            f"{int(mask.sum())} {name} ({ranges(np.flatnonzero(mask))})"
+            for name in ("dead", "saturated", "noisy")
+            if (mask := np.asarray(getattr(self, name))).any()
+        ]
+        bad = "; ".join(found) or "all good"
+        return f"{self.noise.shape[0]} detectors: {bad}"
+
+
+def channel_quality(
+    pressure: Numbers,
+    times: Numbers,
+    *,
+    dead_time: Numbers = 0.0,
+    dead: Numbers = 0.05,
+    noisy: Numbers = 5.0,
+) -> ChannelQuality:
+    """Dead, saturated and noisy channels of a raw record, and every channel's noise.
+
+    *Noise* is that of fourth differences d, sigma² = mean d²/70, in the quietest of 16 pieces of
+    the record, less what the least of 16 estimates is too low: waves of n samples' length are
+    weakened (n/2π)⁴ times there, and most of a record is quieter than its peaks. *Noisy* is more
+    than 5 times the median noise, and than that of rounding to counts, if it also exceeds a
+    thousandth of the typical signal, so that exact data raise no alarm. Such a detector adds as
+    much noise as 25 others. *Dead* is a signal below a twentieth of the upper quartile of all
+    detectors: distances within a scanner explain a factor of some 4, no more. *Saturated* is being
+    held at a level, the highest, the lowest or any other, for three in a thousand samples and 5
+    times as often as the median; where all channels begin, exact data rest. Signals of less than
+    64 counts of the converter are not judged by that.
+
+    Args:
+        pressure: as recorded, before any filter, (..., detectors, times); frames are judged
+            together.
+        times: equispaced, (times,) [time].
+        dead_time: left out at the start, where a laser's artefact saturates all [time].
+        dead: share of the upper quartile below which a signal is none.
+        noisy: multiple of the median noise.
+
+    Returns:
+        ChannelQuality; ``noise`` and ``signal`` have derivatives.
+
+    Raises:
+        ValueError: for shapes that do not fit, times that are not equispaced or traced, thresholds
+            that are not positive, or fewer than 68 samples after the dead time.
+
+    Source: differences as estimates of noise: von Neumann, Kent, Bellinson and Hart, Ann. Math.
+    Statist. 12 (1941) 153-162, where the first ones are taken.
+
+    >>> rng, times = np.random.default_rng(0), np.arange(400) / 40e6
+    >>> record = 100 * np.sin(1e6 * times) + rng.standard_normal((12, 400))
+    >>> record[3] = 512.0
+    >>> record[7] += 20 * rng.standard_normal(400)
+    >>> print(channel_quality(record, times))
+    12 detectors: 1 dead (3); 1 noisy (7)
+    """
+    times = real_array("times", times, ("times",))
+    record = real_array("pressure", pressure, ("...", "detectors", times.shape[0]))
+    require_equispaced(times)
+    dead, noisy = real_array("dead", dead, ()), real_array("noisy", noisy, ())
+    require_positive("dead", dead)
+    require_positive("noisy", noisy)
+    dead_time = real_array("dead_time", dead_time, ())
+    if not is_concrete(times, dead_time):
+        raise ValueError("times or dead_time are traced, expected concrete ones: trace pressure.")
+    since = np.asarray(times) - np.asarray(times)[0]
+    first = int(np.searchsorted(since, float(dead_time)))
+    if times.shape[0] - first < SHORTEST_BLOCK + 4:
+        raise ValueError(
+            f"{times.shape[0] - first} samples are left after dead_time, expected at least "
+            f"{SHORTEST_BLOCK + 4}: check that dead_time and times have the same unit."
+        )
+    return _quality(record.reshape(-1, *record.shape[-2:])[..., first:], dead, noisy)
+
+
+@jax.jit
+def _quality(record: Array, dead: Array, noisy: Array) -> ChannelQuality:
+    noise, signal = _noise(record), _signal(record)
+    typical = jnp.quantile(signal, 0.75)
+    is_dead = signal <= dead * typical
+    usual = jnp.nanmedian(jnp.where(is_dead, jnp.nan, noise))
+    count = _count(record)
+    usual = jnp.maximum(usual, count / 12**0.5)  # of rounding to counts
+    loudest = jnp.maximum(noisy * usual, SILENT * typical)
+    held = _held(record, count)
+    least = max(SATURATED, FEWEST_HELD / record.shape[-1])
+    fine = jnp.max(jnp.ptp(record, axis=-1), axis=0) > FEWEST_COUNTS * count
+    is_saturated = ~is_dead & fine & (held >= least) & (held > 5 * jnp.median(held))
+    is_noisy = ~is_dead & ~is_saturated & (noise > loudest)
+    return ChannelQuality(noise, signal, is_dead, is_saturated, is_noisy)
+
+
+def _noise(record: Float[Array, "frames detectors times"]) -> Float[Array, " detectors"]:
+    n = record.shape[-1] - 4
+    blocks = min(BLOCKS, n // SHORTEST_BLOCK)
+    size = n // blocks
+    differences = jnp.diff(record, 4, axis=-1)[..., : blocks * size]
+    pieces = differences.reshape(*record.shape[:2], blocks, size)
+    quietest = jnp.min(jnp.mean(pieces**2, axis=-1), axis=-1) / 70  # 1 + 16 + 36 + 16 + 1
+    return root(jnp.mean(quietest, axis=0)) / _least_of(blocks, size)
+
+
+def _least_of(blocks: int, size: int) -> float:
+    """The least of some estimates of 1: expected, by Blom's order statistics of normal numbers.
+
+    Fourth differences have the correlations C(8, 4 + k)/70, so that n of them are worth 0.38 n.
+    """
+    worth = size * 70**2 / sum(comb(8, k) ** 2 for k in range(9))
+    return 1 + float(ndtri(0.625 / (blocks + 0.25))) / (2 * worth) ** 0.5
+
+
+def _signal(record: Float[Array, "frames detectors times"]) -> Float[Array, " detectors"]:
+    """Root mean square about the straight line of least squares."""
+    along = jnp.linspace(-1.0, 1.0, record.shape[-1])
+    centred = record - jnp.mean(record, axis=-1, keepdims=True)
+    slope = (centred @ along) / (along @ along)
+    rest = centred - slope[..., None] * along
+    return root(jnp.mean(rest**2, axis=(0, -1)))
+
+
+def _held(
+    record: Float[Array, "frames detectors times"], count: Float[Array, ""]
+) -> Float[Array, " detectors"]:
+    """Share of samples that are held at a level.
+
+    At the channel's own highest and lowest level that is to equal the sample before, elsewhere all
+    of the eight before, and not where the channel begins: noise of few counts repeats itself by
+    chance, and quiet parts rest. Levels that channels share do not count, such as the zeros of
+    exact data.
+    """
+    least, most = jnp.min(record, axis=-1, keepdims=True), jnp.max(record, axis=-1, keepdims=True)
+    same = record[..., 1:] == record[..., :-1]
+    run = same[..., 7:]
+    for back in range(1, 8):
+        run = run & same[..., 7 - back : same.shape[-1] - back]
+    here = record[..., 8:]
+    at_rails = same[..., 7:] & ((here == least) | (here == most))
+    run = run & (jnp.abs(here - record[..., :1]) > 2 * count)
+    shared = (here == jnp.median(record[..., 0])) | (here == jnp.median(record))
+    return jnp.mean((run | at_rails) & ~shared, axis=(0, -1))
+
+
+def _count(record: Float[Array, "frames detectors times"]) -> Float[Array, ""]:
+    """The smallest step between samples: one count of a converter, or next to nothing."""
+    steps = jnp.abs(jnp.diff(record, axis=-1))
+    least = jnp.min(jnp.where(steps > 0, steps, jnp.inf))
+    return jnp.where(jnp.isfinite(least), least, 0.0)
+
+
+def ranges(numbers: np.ndarray) -> str:
+    """Numbers in increasing order, neighbours joined.
+
+    >>> ranges(np.array([3, 7, 8, 9, 20]))
+    '3, 7-9, 20'
+    """
+    pieces = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    return ", ".join(str(p[0]) if len(p) == 1 else f"{p[0]}-{p[-1]}" for p in pieces)

@@ -1,0 +1,88 @@
+"""The transducer's impulse response, divided out of the record.
+
+A transducer records p * h, the pressure folded with its response h. In the frequency domain the
+least-squares pressure, with a penalty on its size, is
+
+    P(f) = conj H / (|H|² + eps max|H|²) · Y(f) = |H|² / (|H|² + eps max|H|²) · P_true(f) + noise:
+
+nothing is shifted, frequencies with |H|² >> eps max|H|² come back in full, those with less fade out
+instead of blowing up, and no frequency of the noise grows by more than 1/(2 √eps max|H|).
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base.checks import Numbers, is_concrete, real_array, require_positive
+from .pressure import require_equispaced
+
+
+def remove_impulse_response(
+    pressure: Numbers,
+    times: Numbers,
+    impulse_response: Numbers,
+    *,
+    regularization: Numbers = 1e-2,
+    origin: Numbers = 0.0,
+) -> Float[Array, "*batch detectors times"]:
+    """p from y = p * h: the inverse filter conj H/(|H|² + eps max|H|²), with zeros beyond the ends.
+
+    H(f) = Σ_m h_m exp(-2πi f (m - m_0) dt). The record must hold all of its waves' responses, or
+    what is cut off is missing, and it must not jump at its ends: `condition_record` comes first.
+    Linear in the record; differentiable with respect to everything but times.
+
+    Args:
+        pressure: y, (..., detectors, times), any unit.
+        times: equispaced, (times,) [time].
+        impulse_response: h at the same sampling rate, (taps,), or (detectors, taps) if every
+            detector has its own. In units of 1/sample: a response of a single 1 changes nothing.
+        regularization: eps > 0, a share of the largest |H|². Frequencies that the detector passes
+            with a gain below √eps of its best are left out more than they are amplified.
+        origin: m_0, the sample of the response that is time zero, not necessarily whole: 0 for a
+            response that starts with the pulse, taps // 2 for one that is stored centred, as in
+            the .irf files of iThera's scanners.
+
+    Returns:
+        (..., detectors, times), unit of y over that of h.
+
+    Raises:
+        ValueError: for shapes that do not fit, times that are not equispaced, a response of zeros,
+            or eps not above zero.
+
+    Source: Wiener, Extrapolation, Interpolation, and Smoothing of Stationary Time Series (1949),
+    with white spectra; the same filter is Tikhonov's solution of y = p * h.
+
+    >>> times, response = jnp.arange(200) / 40e6, jnp.array([0.2, 1.0, -0.4])
+    >>> p = jnp.exp(-((jnp.arange(200.0) - 90) ** 2) / 50)[None]
+    >>> y = jnp.convolve(p[0], response, mode="full")[None, 1:201]  # the second tap is time zero
+    >>> found = remove_impulse_response(y, times, response, regularization=1e-12, origin=1)
+    >>> bool(abs(found - p).max() < 1e-9)
+    True
+    """
+    times = real_array("times", times, ("times",))
+    pressure = real_array("pressure", pressure, ("...", "detectors", times.shape[0]))
+    require_equispaced(times)
+    response = real_array("impulse_response", impulse_response, None)
+    if response.ndim == 0 or response.shape[:-1] not in ((), pressure.shape[-2:-1]):
+        raise ValueError(
+            f"impulse_response has shape {response.shape}, expected (taps,) or "
+            f"({pressure.shape[-2]}, taps): one for all detectors or one for each."
+        )
+    if is_concrete(response) and not np.asarray(response).any(axis=-1).all():
+        raise ValueError("impulse_response is zero throughout: nothing was recorded through it.")
+    regularization = real_array("regularization", regularization, ())
+    require_positive("regularization", regularization)
+    return _removed(pressure, response, regularization, real_array("origin", origin, ()))
+
+
+@jax.jit
+def _removed(pressure: Array, response: Array, regularization: Array, origin: Array) -> Array:
+    n, taps = pressure.shape[-1], response.shape[-1]
+    padded = 2 * max(n, taps)  # the folded record fits, and the inverse has room to fade
+    cycles = jnp.fft.rfftfreq(padded)
+    transfer = jnp.fft.rfft(response, padded) * jnp.exp(2j * jnp.pi * cycles * origin)
+    power = transfer.real**2 + transfer.imag**2
+    floor = regularization * jnp.max(power, axis=-1, keepdims=True)
+    inverse = jnp.conj(transfer) / (power + floor)
+    return jnp.fft.irfft(jnp.fft.rfft(pressure, padded) * inverse, padded)[..., :n]

@@ -1,0 +1,281 @@
+"""Pressure records to circular integrals, and what a raw record needs before.
+
+A record p(z_k, t) starts from p(., 0) = f, dp/dt(., 0) = 0, and is even in time. Sampled finely
+enough, it is the cosine series p(t) = Σ_m a_m cos(omega_m t), omega_m = m π/T, of its samples on
+[0, T]. Both acoustic models are integrals over the travelled path tau = c t up to tau = r, and
+those of a cosine are known:
+
+    2-D waves:        g(z, r) = 4 r ∫_0^{π/2} p(z, r sin a / c) da = 2π r Σ_m a_m J_0(omega_m r/c),
+    in-plane focused: g(z, r) = r ∫_0^r p(z, tau/c) dtau = r Σ_m a_m (c/omega_m) sin(omega_m r/c).
+
+So each is a matrix (radii, times) that does not depend on the record, exact for band-limited ones,
+with all derivatives with respect to radii and sound speed.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..base.names import MODELS
+from ..special import j0
+
+_WAVES_AT_A_TIME = 256
+
+
+def pressure_to_circular_integrals(
+    pressure: Numbers,
+    times: Numbers,
+    radii: Numbers,
+    *,
+    sound_speed: Numbers = 1.0,
+    model: str = "2d",
+) -> Float[Array, "*batch detectors radii"]:
+    """g(z, r) from pressure records p(z, t).
+
+    ``model="2d"`` is exact for two-dimensional waves (integrating line detectors, simulations in
+    the plane): g = 4 r ∫_0^r p / √(r² - tau²) dtau. ``model="in-plane"`` is for point-like
+    detectors focused into a thin slab (ring and arc arrays): g = r ∫_0^r p dtau, up to one
+    constant that the slab's thickness and the detectors' gain decide. Before its first sample a
+    record counts as zero.
+
+    Args:
+        pressure: (..., detectors, times), any unit.
+        times: equispaced from t >= 0, concrete, (times,) [time].
+        radii: r > 0, (radii,) [length].
+        sound_speed: c [length/time], traced.
+        model: "2d" or "in-plane".
+
+    Returns:
+        (..., detectors, radii) [unit of pressure times length, in-plane: times length²].
+
+    Raises:
+        ValueError: for shapes that do not fit, times that are not equispaced, NaN, an unknown
+            model, or radii beyond the end of the record.
+
+    Source: 2-D: Abel transform of the solution of the wave equation, e.g. Burgholzer et al.,
+    Inverse Problems 23 (2007) S65-S80; in-plane: spherical means restricted to a thin slab.
+
+    >>> times = jnp.linspace(0.0, 3.0, 301)
+    >>> p = jnp.ones((1, 301))  # f = 1 everywhere stays 1, and g is the circumference
+    >>> g = pressure_to_circular_integrals(p, times, jnp.array([1.0]))
+    >>> abs(float(g[0, 0]) - 2 * np.pi) < 1e-6
+    True
+    """
+    times = real_array("times", times, ("times",))
+    radii = real_array("radii", radii, ("radii",))
+    pressure = real_array("pressure", pressure, ("...", "detectors", times.shape[0]))
+    sound_speed = real_array("sound_speed", sound_speed, ())
+    require_positive("sound_speed", sound_speed)
+    require_positive("radii", radii)
+    if model not in MODELS:
+        raise ValueError(f"model is {model!r}, expected '2d' or 'in-plane'.")
+    _require_record(times, radii, sound_speed)
+    return _convert(pressure, times, radii, sound_speed, model, _samples_from_zero(times))
+
+
+def condition_record(
+    pressure: Numbers,
+    times: Numbers,
+    *,
+    dead_time: Numbers = 0.0,
+    band: tuple[Numbers, Numbers] | None = None,
+    order: int = 3,
+    baseline: bool = True,
+) -> Float[Array, "*batch detectors times"]:
+    """Make a raw record ready: silence the start, remove the offset, limit the band.
+
+    Samples before ``dead_time`` (the laser's electrical artefact) are faded out over as long again
+    as the dead time, capped at a tenth of the record. Offset and drift of each detector, a straight
+    line through the medians of its first and last third, are subtracted. A zero-phase Butterworth
+    band-pass |H| = 1/√((1 + (f_lo/f)^2n)(1 + (f/f_hi)^2n)) removes noise and slow drift; the ends
+    are tapered so that it does not ring there.
+
+    Args:
+        pressure: raw counts or pascals, (..., detectors, times).
+        times: equispaced, (times,) [time].
+        dead_time: [time]; 0 silences nothing.
+        band: (f_lo, f_hi) [cycles/time], or None for none; f_lo may be 0.
+        order: n >= 1.
+        baseline: whether to subtract offset and drift; not for records whose slow tail is signal,
+            such as simulated 2-D waves.
+
+    Returns:
+        (..., detectors, times), differentiable in the record, dead_time and band, with two
+        exceptions of the function itself. A median has a kink where samples are equal, as in counts
+        and silence: there its derivative is the mean over the equal ones, exact for changes that
+        all of them share. And the first samples are silenced at once when dead_time leaves 0: there
+        its derivative is 0.
+
+    Raises:
+        ValueError: for shapes that do not fit, times that are not equispaced, or an empty band.
+
+    >>> times = jnp.arange(400) / 40e6
+    >>> raw = 512 + jnp.sin(2 * jnp.pi * 2e6 * times)[None]
+    >>> clean = condition_record(raw, times, band=(0.1e6, 8e6))
+    >>> bool(jnp.abs(clean[0, 100:300] - (raw - 512)[0, 100:300]).max() < 0.05)
+    True
+    """
+    times = real_array("times", times, ("times",))
+    pressure = real_array("pressure", pressure, ("...", "detectors", times.shape[0]))
+    require_equispaced(times)
+    dead_time = real_array("dead_time", dead_time, ())
+    order = whole_number("order", order, 1)
+    limits = None
+    if band is not None:
+        limits = (real_array("band[0]", band[0], ()), real_array("band[1]", band[1], ()))
+    _require_units(times, dead_time, limits)
+    if baseline:
+        pressure = pressure - _baseline(pressure)
+    return _condition(pressure, times, dead_time, limits, order)
+
+
+@partial(jax.jit, static_argnames="order")
+def _condition(
+    pressure: Array, times: Array, dead_time: Array, band: tuple[Array, Array] | None, order: int
+) -> Array:
+    duration = times[-1] - times[0]
+    since = times - times[0]
+    fade = jnp.clip(dead_time, 2 * (times[1] - times[0]), duration / 10)
+    begun = pressure * jnp.where(dead_time > 0, _rise((since - dead_time) / fade), 1.0)
+    if band is None:
+        return begun
+    tapered = begun * _rise((duration - since) / (duration / 20))
+    return _band_pass(tapered, times[1] - times[0], *band, order)
+
+
+@partial(jax.jit, static_argnames=("model", "n_waves"))
+def _convert(
+    pressure: Array, times: Array, radii: Array, sound_speed: Array, model: str, n_waves: int
+) -> Array:
+    matrix = _record_matrix(times, radii, sound_speed, model, n_waves)
+    return jnp.einsum("...kt,rt->...kr", pressure, matrix)
+
+
+def _record_matrix(
+    times: Array, radii: Array, sound_speed: Array, model: str, n_waves: int
+) -> Array:
+    """W with g = W p: cosine coefficients of the record, then the integral of each cosine."""
+    n_times, step, end = times.shape[0], times[1] - times[0], times[-1]
+    j = jnp.arange(n_times)
+    # the trapezoid rule on [0, T]; before a late start the record is zero
+    halved = (j == n_times - 1) | ((j == 0) & (times[0] < step / 2))
+    weights = jnp.where(halved, 0.5, 1.0) * (2 * step / end)
+
+    def add(matrix: Array, m: Array) -> tuple[Array, None]:
+        omega = jnp.pi / end * m
+        ends = (m == 0) | (m == n_waves - 1)
+        share = jnp.where(m < n_waves, jnp.where(ends, 0.5, 1.0), 0.0)
+        to_coefficients = jnp.cos(omega[:, None] * times) * weights * share[:, None]
+        argument = omega * radii[:, None] / sound_speed
+        if model == "2d":
+            integrals = 2 * jnp.pi * radii[:, None] * j0(argument)
+        else:
+            integrals = radii[:, None] ** 2 * jnp.sinc(argument / jnp.pi)
+        return matrix + integrals @ to_coefficients, None
+
+    # a block of waves at a time: all at once would take memory with the square of the samples
+    blocks = jnp.arange(-(-n_waves // _WAVES_AT_A_TIME) * _WAVES_AT_A_TIME)
+    blocks = blocks.reshape(-1, _WAVES_AT_A_TIME)
+    start = jnp.zeros((radii.shape[0], n_times))
+    return jax.lax.scan(jax.checkpoint(add), start, blocks)[0]
+
+
+def _samples_from_zero(times: Array) -> int:
+    """How many samples [0, T] would have, also when the record starts late: one cosine for each."""
+    if not is_concrete(times):
+        raise ValueError("times are traced, expected concrete ones: trace sound_speed instead.")
+    values = np.asarray(times)
+    return round(float(values[-1] / (values[1] - values[0]))) + 1
+
+
+def _baseline(pressure: Array) -> Array:
+    """Straight lines through the medians of the first and last third, which pulses do not move."""
+    n = pressure.shape[-1]
+    third = n // 3
+    first, last = _median(pressure[..., :third]), _median(pressure[..., n - third :])
+    along = (jnp.arange(n) - (third - 1) / 2) / (n - third)  # 0 and 1 in the middle of the thirds
+    return first + (last - first) * along
+
+
+def _median(values: Float[Array, "*batch n"]) -> Float[Array, "*batch 1"]:
+    """Over the last axis, as a mean of the samples that equal it: their derivative is shared."""
+    ranked, n = jnp.sort(jax.lax.stop_gradient(values), axis=-1), values.shape[-1]
+
+    def of_rank(k: int) -> Array:
+        rank = ranked[..., k : k + 1]
+        equal = values == rank
+        excess = jnp.where(equal, values - rank, 0.0)  # 0, but for its derivative
+        return rank + jnp.sum(excess, axis=-1, keepdims=True) / equal.sum(axis=-1, keepdims=True)
+
+    return (of_rank((n - 1) // 2) + of_rank(n // 2)) / 2
+
+
+def _rise(t: Array) -> Array:
+    """0 below 0, 1 above 1, half a cosine between."""
+    return 0.5 - 0.5 * jnp.cos(jnp.pi * jnp.clip(t, 0.0, 1.0))
+
+
+def _band_pass(record: Array, step: Array, low: Array, high: Array, order: int) -> Array:
+    n = record.shape[-1]
+    padded = 2 * n  # room for the filter's response, so that the ends do not meet
+    frequency = jnp.fft.rfftfreq(padded) / step
+    ratio = frequency / high
+    safe = jnp.where(frequency > 0, frequency, 1.0)
+    response = 1 / (1 + ratio ** (2 * order)) / (1 + (low / safe) ** (2 * order))
+    gain = jnp.where((frequency > 0) | (low == 0), jnp.sqrt(response), 0.0)
+    return jnp.fft.irfft(jnp.fft.rfft(record, padded) * gain, padded)[..., :n]
+
+
+def require_equispaced(times: Array) -> None:
+    """Raise ValueError unless concrete times have equal steps and start at 0 or later."""
+    if times.shape[0] < 8:
+        raise ValueError(f"got {times.shape[0]} time samples, expected at least 8.")
+    if not is_concrete(times):
+        return
+    values = np.asarray(times)  # stays concrete inside jax.jit too
+    steps = np.diff(values)
+    if not (steps > 0).all() or np.ptp(steps) > 1e-3 * steps.mean():
+        raise ValueError(
+            f"times have steps from {steps.min():.6g} to {steps.max():.6g}, expected equal "
+            "positive steps: resample the record."
+        )
+    if values[0] < 0:
+        raise ValueError(f"times start at {values[0]:.6g}: drop the samples before t = 0.")
+
+
+def _require_units(times: Array, dead_time: Array, band: tuple[Array, Array] | None) -> None:
+    """Dead time and band must make sense for these times: seconds with hertz, or µs with MHz."""
+    if not is_concrete(times, dead_time, band):
+        return
+    values = np.asarray(times)
+    duration, step = values[-1] - values[0], values[1] - values[0]
+    if not 0 <= float(dead_time) < duration:
+        raise ValueError(
+            f"dead_time is {float(dead_time):.6g}, expected 0 to the record's {duration:.6g}, in "
+            "the same unit as times."
+        )
+    if band is None:
+        return
+    low, high = float(band[0]), float(band[1])
+    if not (0 <= low < high and low < 0.5 / step and high > 1 / duration):
+        raise ValueError(
+            f"band is ({low:.6g}, {high:.6g}), expected 0 <= f_lo < f_hi within "
+            f"{1 / duration:.6g} to {0.5 / step:.6g}, in cycles per unit of times."
+        )
+
+
+def _require_record(times: Array, radii: Array, sound_speed: Array) -> None:
+    require_equispaced(times)
+    if not is_concrete(times, radii, sound_speed):
+        return
+    end = float(np.asarray(times)[-1]) * float(sound_speed)
+    wanted = float(np.asarray(radii).max())
+    if wanted > end * (1 + 1e-9):
+        raise ValueError(
+            f"radii reach {wanted:.6g}, but with sound speed {float(sound_speed):.6g} the record "
+            f"ends at {end:.6g}: use smaller radii or a longer record, and check the units."
+        )

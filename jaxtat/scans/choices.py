@@ -1,0 +1,168 @@
+"""Everything that decides an image, each with its reason; in a file, it gives the image again."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base.choice_table import CHOICES
+from ..base.units import Units
+from ..geometry import (
+    DetectorCurve,
+    Disk,
+    ImageGrid,
+    VolumeGrid,
+    detector_curve,
+    disk,
+    keep_detectors,
+)
+from ..geometry.balls import Ball, ball
+from ..records import MODELS
+from ..steps.inversion import require_inversion
+from ..steps.radon import LOW_PASSES
+
+IN_SPACE = "in-space"  # the model of point-like detectors around a volume
+
+
+class Choices(eqx.Module):
+    """What was chosen, or given, for the reconstruction of a scan.
+
+    Lengths are in the unit of the detectors' positions, times in that of the record; `rows` and
+    `table` tell them in millimetres and microseconds where those units are known.
+
+    Attributes:
+        order: rows of the data, in order along the curve.
+        left_out: those among them that are not used.
+        model: acoustic model of a pressure record, "2d", "in-plane" or, of a volume, "in-space";
+            "none" for circular or spherical integrals.
+        sound_speed: c [length/time].
+        dead_time: the start of the record is silenced [time].
+        band: pass band (f_lo, f_hi), or None for no filter [cycles/time].
+        impulse_response: whether the one in the file is divided out.
+        region_center, region_radius, region_cut, region_angle: of `disk`, angle in degrees; a cut
+            at or beyond the radius leaves the whole disk. Of a volume, with a centre in space, of
+            `spherical.ball` [length].
+        pixels, half_width: of `ImageGrid` or `VolumeGrid`, about the region's centre [length].
+        first_radius, radial_step, n_radii: of the circular integrals [length].
+        max_frequency: lambda_max [rad/length].
+        alpha: a number as the rule of `solve`.
+        low_pass: "none" or "cosine".
+        inversion: "fbp" or "fourier".
+        reasons: pairs of a name above and why it is as it is.
+        units: of positions and record, for the words.
+    """
+
+    order: tuple[int, ...] = eqx.field(static=True)
+    left_out: tuple[int, ...] = eqx.field(static=True)
+    model: str = eqx.field(static=True)
+    sound_speed: float
+    dead_time: float
+    band: tuple[float, float] | None
+    impulse_response: bool = eqx.field(static=True)
+    region_center: tuple[float, ...]
+    region_radius: float
+    region_cut: float
+    region_angle: float
+    pixels: int = eqx.field(static=True)
+    half_width: float
+    first_radius: float
+    radial_step: float
+    n_radii: int = eqx.field(static=True)
+    max_frequency: float
+    alpha: float
+    low_pass: str = eqx.field(static=True)
+    inversion: str = eqx.field(static=True)
+    reasons: tuple[tuple[str, str], ...] = eqx.field(static=True)
+    units: Units = eqx.field(static=True, default=Units())
+
+    def __check_init__(self) -> None:
+        models = *MODELS, IN_SPACE, "none"
+        if self.model not in models:
+            raise ValueError(f"model is {self.model!r}, expected one of {', '.join(models)}.")
+        if self.low_pass not in LOW_PASSES:
+            raise ValueError(
+                f"low_pass is {self.low_pass!r}, expected one of {', '.join(LOW_PASSES)}."
+            )
+        require_inversion(self.inversion)
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Rows of the data that are used, in order along the curve."""
+        return tuple(k for k in self.order if k not in self.left_out)
+
+    @property
+    def in_space(self) -> bool:
+        """Whether the detectors lie around a volume."""
+        return len(self.region_center) == 3
+
+    @property
+    def region(self) -> Disk | Ball:
+        """Where the image is wanted."""
+        cut = self.region_cut if self.region_cut < self.region_radius else None
+        center = jax.device_put(np.array(self.region_center))
+        if self.in_space:
+            return ball(self.region_radius, cut, center=center)
+        angle = math.radians(self.region_angle)
+        return disk(self.region_radius, cut, center=center, angle=angle)
+
+    @property
+    def grid(self) -> ImageGrid | VolumeGrid:
+        make = VolumeGrid if self.in_space else ImageGrid
+        return make(self.pixels, self.half_width, np.array(self.region_center))
+
+    @property
+    def radii(self) -> Float[Array, " radii"]:
+        return jax.device_put(self.first_radius + self.radial_step * np.arange(self.n_radii))
+
+    def curve(self, points: Float[np.ndarray, "detectors 2"]) -> DetectorCurve:
+        """The detectors that are used, of all of the scan in the order of its data."""
+        whole = detector_curve(points[list(self.order)])
+        if not self.left_out:
+            return whole
+        return keep_detectors(whole, ~np.isin(self.order, self.left_out))
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """What, how much, why."""
+        reasons = dict(self.reasons)
+        shown = {"channels": f"{len(self.channels)} of {len(self.order)}"}
+        shown |= {choice.name: choice.shown(self) for choice in CHOICES if choice.shown}
+        return [(name, value, reasons[name]) for name, value in shown.items() if name in reasons]
+
+    def table(self) -> str:
+        """A line for each choice: what, how much, why."""
+        rows = self.rows()
+        widths = [max(len(row[i]) for row in rows) for i in range(2)]
+        return "\n".join(
+            f"{name:{widths[0]}}  {value:{widths[1]}}  {reason}".rstrip()
+            for name, value, reason in rows
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """As plain numbers and text, for a file; `from_settings` gives them back."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> "Choices":
+        """Choices from what `settings` gave, also after a journey through JSON.
+
+        Raises:
+            ValueError: for settings that are not those of choices.
+        """
+        names = {field.name for field in dataclasses.fields(cls)}
+        if set(settings) != names:
+            raise ValueError(
+                "the settings are not those of an automatic reconstruction: missing "
+                f"{sorted(names - set(settings))}, unknown {sorted(set(settings) - names)}."
+            )
+        try:
+            values: dict[str, Any] = {c.name: c.read(settings[c.name]) for c in CHOICES}
+            reasons = tuple((str(name), str(why)) for name, why in settings["reasons"])
+            values |= {"reasons": reasons, "units": Units(*settings["units"])}
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"the settings cannot be read ({error}).") from error
+        return cls(**values)

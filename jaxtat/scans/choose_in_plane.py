@@ -1,0 +1,469 @@
+"""What to do with a scan in the plane, decided by what it shows.
+
+A function of the scan alone: nothing is remembered, nothing drawn by chance.
+"""
+
+import warnings
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..geometry import (
+    ArcFit,
+    DetectorCurve,
+    Disk,
+    data_radii,
+    detector_curve,
+    disk,
+    keep_detectors,
+    require_cover,
+    require_outside,
+    visible_disk,
+)
+from ..io import Scan
+from ..records import MODELS, channel_quality, ranges, supported
+from ..records.onsets import (
+    RecordPower,
+    artefact_end,
+    faded,
+    highest_frequency,
+    noise_before,
+    onsets,
+    record_power,
+    sounding_disk,
+    totals,
+)
+from ..steps import AccuracyWarning
+from .choices import IN_SPACE, Choices
+from .facts import (
+    SLOWEST,
+    Facts,
+    arc_through,
+    begin_behind_gap,
+    facts_of,
+    typical_frame,
+    water_speed,
+)
+from .found import (
+    DEFAULT_SHARE,
+    INTEGRALS_ALPHA,
+    RIM,
+    SHARES,
+    Found,
+    covered,
+    radii_of,
+    require_detail,
+    require_end,
+    require_scale,
+)
+
+MARGIN = 1.25  # of the region beyond where sound comes from
+PIXELS = (65, 1025)
+SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
+PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
+DRIFT = 5.0  # periods within the record; what is slower is drift
+FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
+OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
+DOUBTFUL = "a scanner's size and rate, but no third coordinate nor counts: two-dimensional waves"
+SPACING = "the detectors' spacing in the inner half of the region"
+BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequency
+
+
+def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
+    """All choices for a scan in the plane; see `choosing.choose`."""
+    if given.get("model") == IN_SPACE:
+        raise ValueError(
+            f"model is {IN_SPACE!r}, but the detectors lie in a plane: expected one of "
+            f"{', '.join(MODELS)}."
+        )
+    facts = facts_of(scan, given.get("use"))
+    found = Found(given, {"order": tuple(int(k) for k in facts.order), "units": facts.units}, {})
+    if scan.kind == "pressure":
+        _from_record(scan, facts, found)
+    else:
+        _from_integrals(scan, facts, found)
+    found.take("inversion", "fbp", "nothing is assumed beyond the region")
+    return found.choices()
+
+
+def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
+    assert facts.times is not None
+    times, frame = facts.times, typical_frame(scan)[facts.order]
+    model = found.take("model", *_model(facts, frame))
+    if found.reasons["model"] == DOUBTFUL:
+        warnings.warn(f"{DOUBTFUL}; a scanner's record needs model in-plane.", AccuracyWarning, 3)
+    speed = _nominal_speed(scan, facts, found)
+    detrend = model == "in-plane"
+    whole = np.where(np.isfinite(frame), frame, 0.0)
+    power = record_power(whole, times, detrend)
+    middle = facts.arc.radius / speed if facts.arc else float(times[-1]) / 2
+    end = artefact_end(power, middle)
+    why = "the artefact at the start has died away" if end else "no artefact at the start"
+    dead_time = float(found.take("dead_time", end, why))
+    found.take(
+        "impulse_response",
+        "impulse_response" in scan.known,
+        "in the file" if "impulse_response" in scan.known else "none in the file",
+    )
+    good, floor = _channels(frame, times, dead_time, found)
+    good = _without_faded(whole, facts, dead_time, found, good)
+    if facts.arc is not None and facts.arc.closed and not good.all():
+        start = begin_behind_gap(facts.order, facts.points, good)
+        facts = facts._replace(order=np.roll(facts.order, -start))
+        whole, good = np.roll(whole, -start, axis=0), np.roll(good, -start)
+        power = RecordPower(power.times, np.roll(power.power, -start, axis=0))
+        found.values["order"] = tuple(int(k) for k in facts.order)
+    if facts.arc is not None:
+        facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
+    power = power.after(2 * dead_time)  # what is silenced is faded in over as long again
+    sound = _Sound(RecordPower(power.times, power.power[good]), speed)
+    _region(scan, facts, found, sound, good)
+    start = int(np.searchsorted(times, 2 * dead_time))
+    arrival = _first_arrival(facts, found, speed)
+    quiet = slice(0, max(int(np.searchsorted(times, arrival)) - start, 0))
+    highest = highest_frequency(whole[good][:, start:], times[start:], quiet)
+    where = _where(facts, found, good)
+    _resolution(where, times, found, speed, highest)
+    _band(found, times, speed, highest)
+    _radii(where, facts, found, float(times[-1]) * speed)
+    _noise(found, sound.power, arrival, floor)
+
+
+def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[str, str]:
+    """By sizes, sampling rate, and whether the record is of counts; and why."""
+    if water_speed(facts.units) is None:
+        return "2d", "sizes are not a scanner's: two-dimensional waves"
+    if facts.in_space:
+        return "in-plane", "detectors in space, of a scanner's size: focused into the plane"
+    known = np.where(np.isfinite(frame), frame, 0.0)
+    offset = np.median(np.abs(np.median(known, axis=1)))
+    if (known == np.round(known)).all() or offset > OFFSET * np.median(known.std(axis=1)):
+        return "in-plane", "a scanner's size, rate and counts: focused into the plane"
+    return "2d", DOUBTFUL
+
+
+class _Sound(NamedTuple):
+    power: RecordPower
+    speed: float
+
+
+def _nominal_speed(scan: Scan, facts: Facts, found: Found) -> float:
+    if "sound_speed" in scan.known:
+        speed = float(np.mean(scan.known["sound_speed"]))
+        return float(found.take("sound_speed", speed, "from the file"))
+    water = water_speed(facts.units)
+    if water is not None:
+        return float(found.take("sound_speed", water, TO_BE_ESTIMATED))
+    why = "none in the file, and sizes are not a scanner's: taken to be 1"
+    return float(found.take("sound_speed", 1.0, why))
+
+
+TO_BE_ESTIMATED = "none in the file: about that of water, to be estimated"
+
+
+def _slowest(found: Found) -> float:
+    """The least speed that may be looked for, over the nominal one: the record has to do for it."""
+    return SLOWEST if found.reasons["sound_speed"] == TO_BE_ESTIMATED else 1.0
+
+
+def _channels(
+    frame: Float[np.ndarray, "detectors times"],
+    times: Float[np.ndarray, " times"],
+    dead_time: float,
+    found: Found,
+) -> tuple[np.ndarray, float]:
+    """Which rows of the frame are used, and the power of their noise over that of their signal."""
+    order = np.array(found.values["order"])
+    blank = np.any(~np.isfinite(frame), axis=1, keepdims=True)
+    quality = channel_quality(np.where(blank, 0.0, frame), times, dead_time=dead_time)
+    good = np.logical_and(quality.good, ~blank[:, 0])
+    why = "all of them are good" if good.all() else _left_out(quality, order)
+    if found.given.get("use") is not None:
+        good, why = np.ones(len(order), bool), "given"
+    if good.sum() < 4:
+        raise ValueError(f"{good.sum()} of {len(good)} detectors are good, expected 4: {why}.")
+    found.values["left_out"] = tuple(sorted(int(k) for k in np.compress(~good, order)))
+    found.reasons["channels"] = why
+    noise, signal = np.asarray(quality.noise)[good], np.asarray(quality.signal)[good]
+    return good, float(np.median((noise / np.maximum(signal, 1e-300)) ** 2))
+
+
+def _without_faded(
+    record: Float[np.ndarray, "detectors times"],
+    facts: Facts,
+    dead_time: float,
+    found: Found,
+    good: np.ndarray,
+) -> np.ndarray:
+    """Channels of too small a gain are left out too, where the record tells gains."""
+    assert facts.times is not None
+    if facts.arc is None or found.given.get("use") is not None:
+        return good
+    slowest = found.values["sound_speed"] * _slowest(found)
+    times = facts.times[facts.times <= 2 * facts.arc.radius / slowest]
+    if slowest * facts.times[-1] < (1 + RIM) * facts.arc.radius or len(times) < FEWEST_SAMPLES:
+        return good  # not all that sounds within the circle has passed, or hardly sampled
+    if found.values["model"] == "in-plane":  # counts have an offset, waves in the plane a slow tail
+        record = record - np.median(record, axis=1, keepdims=True)
+    heard = np.where(times >= 2 * dead_time, record[:, : len(times)], 0.0)
+    few = faded(totals(heard, times, found.values["model"]), good)
+    if few.any():
+        order = np.array(found.values["order"])
+        left_out = *found.values["left_out"], *(int(k) for k in order[few])
+        found.values["left_out"] = tuple(sorted(left_out))
+        before = found.reasons["channels"] + "; " if not good.all() else "left out: "
+        found.reasons["channels"] = f"{before}faded {ranges(np.sort(order[few]))}"
+    return good & ~few
+
+
+def _left_out(quality: Any, order: np.ndarray) -> str:
+    named = [
+        f"{name} {ranges(np.sort(order[mask]))}"
+        for name in ("dead", "saturated", "noisy")
+        if (mask := np.asarray(getattr(quality, name))).any()
+    ]
+    return "left out: " + "; ".join(named)
+
+
+def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndarray) -> None:
+    arc = facts.arc
+    if arc is None:
+        _seen_region(facts, found)
+        return
+    assert facts.times is not None
+    center = found.take("region_center", arc.center, "the middle of the detectors' circle")
+    reach = arc.radius - sound.speed * onsets(sound.power)
+    offset = facts.points[facts.order][good] - np.array(arc.center)
+    middle, size = sounding_disk(offset / np.linalg.norm(offset, axis=1, keepdims=True), reach)
+    wanted = MARGIN * (size + float(np.linalg.norm(middle)))
+    length = facts.units.of_length
+    why = f"sound comes from within {length(wanted / MARGIN)}, and {MARGIN - 1:.0%} to spare"
+    view = _field_of_view(scan, center)
+    if view is not None and view < wanted:
+        wanted, why = view, "the field of view in the file"
+    path = float(facts.times[-1]) * sound.speed
+    if found.given.get("region_radius") is None:
+        require_scale(path, arc.radius, sound.speed)
+    path *= _slowest(found)
+    least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
+    if wanted < least:
+        wanted, why = least, "a tenth of the arc: where sound comes from cannot be told"
+    if wanted > most:
+        why = f"of {length(wanted)}, as much as detectors and record (path {length(path)}) cover"
+        wanted = max(least, most)
+    radius = float(found.take("region_radius", wanted, why))
+    _cut(arc, found, radius, middle)
+    found.take("half_width", radius, "the region")
+
+
+def _seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) -> None:
+    """Around detectors on no circle: the largest disk that they see from all sides.
+
+    Args:
+        radii: of the data, if they are known; the disk is no larger than they cover.
+    """
+    center, radius = (found.given.get(name) for name in ("region_center", "region_radius"))
+    if center is None or radius is None:
+        seen = visible_disk(detector_curve(facts.points[facts.order]), center=center)
+        if seen is None:
+            raise ValueError(
+                "the detectors lie on no circle, and see no point from all sides: give "
+                "--region-radius and --region-center; jaxtat warns of what is not seen."
+            )
+        center, radius = tuple(float(x) for x in seen[0]), seen[1]
+    center = found.take("region_center", center, "the middle of the largest disk that is seen")
+    radius, why = covered(found, radius, "that disk", radii, _distances(facts, found))
+    radius = float(found.take("region_radius", radius, why))
+    _cut(_around(facts, center), found, radius, np.zeros(2))
+    found.take("half_width", radius, "the region")
+
+
+def _cut(arc: ArcFit, found: Found, radius: float, middle: np.ndarray) -> None:
+    """The region ends at the chord of the opening, unless what sounds lies beyond it."""
+    toward = np.array([np.cos(arc.opening), np.sin(arc.opening)])
+    whole = found.given.get("region_radius") is not None or middle @ toward > arc.chord
+    beyond = arc.chord < radius and not whole
+    cut = arc.chord if beyond else radius
+    why = "what lies beyond the arc's ends is not seen" if beyond else "all of the disk"
+    found.take("region_cut", float(cut), why)
+    angle = float(np.degrees(arc.opening))
+    found.take("region_angle", angle, "closed ring" if arc.closed else "the arc opens there")
+
+
+def _field_of_view(scan: Scan, center: Any) -> float | None:
+    """Radius of the disk about the region's centre that holds the file's field of view."""
+    if "field_of_view" not in scan.known:
+        return None
+    low, high = np.asarray(scan.known["field_of_view"], float).reshape(3, 2).T
+    spread = np.ptp(np.asarray(scan.known["detectors"]), axis=0)
+    axes = [0, 1] if len(spread) == 2 else [k for k in range(3) if k != int(np.argmin(spread))]
+    half = np.maximum(high[axes] - np.array(center), np.array(center) - low[axes])
+    there = (half > 0).all() and (high > low)[axes].all()
+    return float(np.hypot(*half)) if there else None
+
+
+def _around(facts: Facts, center: Any) -> ArcFit:
+    """Of a curve that is no arc: the largest circle about the region's centre without detectors."""
+    middle = (float(center[0]), float(center[1]))
+    radius = float(np.hypot(*(facts.points[facts.order] - np.array(middle)).T).min())
+    return ArcFit(middle, radius, 0.0, 2 * np.pi, 0.0, 0.0, np.inf)
+
+
+def _first_arrival(facts: Facts, found: Found, speed: float) -> float:
+    """When sound from the region first reaches a detector [time]."""
+    points, center = facts.points[facts.order], np.array(found.values["region_center"])
+    nearest = float(np.hypot(*(points - center).T).min())
+    return max(nearest - found.values["region_radius"], 0.0) / speed
+
+
+_Where = tuple[DetectorCurve, Disk]
+
+
+def _where(facts: Facts, found: Found, good: np.ndarray | None = None) -> _Where:
+    """Curve of the detectors that are used, and region."""
+    values, curve = found.values, detector_curve(facts.points[facts.order])
+    if good is not None and not good.all():
+        curve = keep_detectors(curve, good)
+    radius = values["region_radius"]
+    region = disk(
+        radius,
+        min(values["region_cut"], radius),
+        center=np.array(values["region_center"]),
+        angle=np.radians(values["region_angle"]),
+    )
+    require_outside(curve, region)
+    return curve, region
+
+
+def _resolution(
+    where: _Where, times: np.ndarray, found: Found, speed: float, highest: float
+) -> None:
+    """lambda_max by detectors, band and pixels, whichever is least, and the pixels by it."""
+    speed_at_least = speed * _slowest(found)
+    support = supported(*where, times, sound_speed=speed_at_least)
+    require_end(support, speed_at_least)
+    limits = {
+        SPACING: float(support.frequency_of_detectors) / SAMPLED,
+        "what the record holds above its noise": 2 * np.pi * highest / speed,
+    }
+    _frequency_and_pixels(found, limits)
+
+
+def _frequency_and_pixels(found: Found, limits: dict[str, float]) -> None:
+    half_width, units = float(found.values["half_width"]), found.values["units"]
+    if found.given.get("pixels") is not None:
+        limits["the pixels given"] = np.pi * max(found.given["pixels"] - 1, 1) / (2 * half_width)
+    limit = min(limits, key=lambda name: limits[name])
+    highest = found.take("max_frequency", limits[limit], limit)
+    if highest > limits[limit]:
+        supports = units.of_wave_number(limits[limit])
+        found.reasons["max_frequency"] = f"given; {limit} supports {supports}"
+    require_detail(found, highest, limit)
+    across = 2 * half_width * highest / np.pi * PIXELS_PER_DETAIL
+    pixels = int(np.clip(2 * (int(np.ceil(across)) // 2) + 1, *PIXELS))
+    why = f"details of {units.of_length(np.pi / highest, 3)} in {PIXELS_PER_DETAIL:g} pixels"
+    found.take("pixels", pixels, why)
+
+
+def _band(found: Found, times: np.ndarray, speed: float, highest: float) -> None:
+    if isinstance(found.given.get("band"), str):
+        found.values["band"], found.reasons["band"] = None, "given"
+        return
+    if found.values["model"] != "in-plane":
+        found.take("band", None, "the slow tail of two-dimensional waves is signal")
+        return
+    low = DRIFT / float(times[-1] - times[0])
+    needed = BAND_TO_SPARE * found.values["max_frequency"] * speed / (2 * np.pi)
+    high = min(max(needed, 2 * low), 0.45 / float(times[1] - times[0]))
+    why = f"slower is drift, faster is beyond {BAND_TO_SPARE:g} times what the image holds"
+    found.take("band", (low, high), why)
+
+
+def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:
+    """All that the record covers: sources outside the region are heard too.
+
+    Their circles must not be cut, which would falsify the image inside.
+    """
+    if found.given.get("radii") is not None:
+        _keep_radii(found, np.asarray(found.given["radii"]))
+        return
+    step = 2 * float(found.values["half_width"]) / (int(found.values["pixels"]) - 1)
+    arc = facts.arc or _around(facts, found.values["region_center"])
+    # the last radius may lie a step beyond the farthest source
+    reach = min(RIM * arc.radius, end - step - arc.radius)
+    sources = disk(reach, center=np.array(arc.center)) if reach > 0 else None
+    radii = np.asarray(data_radii(*where, step, sources=sources))
+    _keep_radii(found, radii[radii <= end])
+
+
+def _keep_radii(found: Found, radii: np.ndarray) -> None:
+    found.values.update(
+        first_radius=float(radii[0]), radial_step=float(radii[1] - radii[0]), n_radii=len(radii)
+    )
+
+
+def _noise(found: Found, power: RecordPower, arrival: float, floor: float) -> None:
+    """alpha: power of the noise over that of the sound, as in Wiener's filter.
+
+    Args:
+        power: of the good detectors, without what is silenced.
+        arrival: of the first sound from the region; before it there is noise alone [time].
+        floor: noise over signal power by the differences of samples, which tell fast noise.
+    """
+    ratio, how = noise_before(power, arrival), "before sound from the region arrives"
+    if ratio is None:
+        ratio, how = floor, "by differences of samples"
+    found.take_alpha(ratio, how)
+
+
+def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
+    """Circular integrals, as simulated: there is little to choose."""
+    for name, value in (("model", "none"), ("sound_speed", 1.0), ("dead_time", 0.0)):
+        found.values[name] = value
+    found.values.update(band=None, impulse_response=False, left_out=())
+    found.reasons["channels"] = "all"
+    arc = facts.arc
+    if arc is None:
+        _seen_region(facts, found, radii_of(scan, found))
+    else:
+        found.take("region_center", arc.center, "the middle of the detectors' circle")
+        share, why = DEFAULT_SHARE * arc.radius, "three quarters of the detectors' circle"
+        share, why = covered(found, share, why, radii_of(scan, found), _distances(facts, found))
+        radius = float(found.take("region_radius", share, why))
+        _cut(arc, found, radius, np.zeros(2))
+        found.take("half_width", radius, "the region")
+    _own_radii(scan, facts, found)
+    found.take("alpha", INTEGRALS_ALPHA, "circular integrals are taken to be exact")
+    found.take("low_pass", "none", "circular integrals are taken to be exact")
+
+
+def _distances(facts: Facts, found: Found) -> Float[np.ndarray, " detectors"]:
+    """Of the detectors from the region's centre."""
+    offset = facts.points[facts.order] - np.array(found.values["region_center"])
+    return np.hypot(*offset.T)
+
+
+def _own_radii(scan: Scan, facts: Facts, found: Found) -> None:
+    """Radii of the file, or those that go with pixels; pixels that go with them."""
+    half_width, where = float(found.values["half_width"]), _where(facts, found)
+    own = radii_of(scan, found)
+    pixels, why = 129, "as many as the paper's"
+    if own is not None:
+        step = float(np.diff(own).mean())
+        pixels, why = round(2 * half_width / step) + 1, "as far apart as the radii"
+    pixels = max(int(found.take("pixels", int(np.clip(pixels, *PIXELS)), why)), 2)
+    step = 2 * half_width / (pixels - 1)
+    if own is not None:
+        require_cover(*where, jax.device_put(own))
+    radii = np.asarray(data_radii(*where, step)) if own is None else own
+    support = supported(*where, np.arange(8.0))  # times are not asked for
+    limits = {
+        "pixel and radial step": np.pi / max(step, float(np.diff(radii).max())),
+        SPACING: float(support.frequency_of_detectors) / SAMPLED,
+    }
+    limit = min(limits, key=lambda name: limits[name])
+    found.take("max_frequency", limits[limit], limit)
+    _keep_radii(found, radii)

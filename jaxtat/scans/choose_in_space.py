@@ -1,0 +1,193 @@
+"""What to do with a scan in space: as `choose`, with fewer things to decide.
+
+The region is a ball about the sphere's centre, or its part that the cap sees; the speed of sound is
+not estimated, and no channel is left out, since rings must be whole.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..geometry import DetectorPoints, ball, require_cover
+from ..io import Scan
+from ..records import supported
+from ..records.onsets import highest_frequency, noise_before, record_power
+from ..spherical import cap_radii
+from ..spherical.sizes import resolved_frequency
+from .choices import IN_SPACE, Choices
+from .facts import typical_frame, water_speed
+from .found import (
+    DEFAULT_SHARE,
+    INTEGRALS_ALPHA,
+    RIM,
+    Found,
+    covered,
+    radii_of,
+    require_detail,
+    require_end,
+    require_scale,
+)
+from .space import MOST_POINTS, FactsInSpace, facts_in_space
+
+VOXELS = (17, 129)  # along an axis, if none are given
+SHOWN = 8  # rows, at most, that a message names
+LISTENED = 512  # detectors, at most, by which noise is judged
+UNKNOWN_NOISE = 1e-3  # alpha of a record that starts with sound
+_NOT_HERE = ("region_angle", "region_center", "model")
+
+
+def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
+    """All choices for a scan in space; see `choosing.choose`."""
+    for name in _NOT_HERE:
+        if given.get(name) is not None:
+            raise ValueError(
+                f"--{name.replace('_', '-')}: the detectors lie in space, around a ball about "
+                "their own centre; there is no choice."
+            )
+    facts = facts_in_space(scan, given.get("use"))
+    frame = typical_frame(scan)[facts.order]
+    _require_sound(frame, facts)
+    center = tuple(float(x) for x in np.asarray(facts.detectors.center))
+    values = {"order": tuple(int(k) for k in facts.order), "left_out": ()}
+    values |= {"region_center": center, "region_angle": 0.0, "units": facts.units}
+    found = Found(given, values, {"channels": facts.arrangement})
+    _sound(scan, facts, found)
+    _region(scan, facts, found)
+    record = None if facts.times is None else frame[:: -(-len(frame) // LISTENED)]
+    _resolution(scan, facts, found, record)
+    _radii(scan, facts, found)
+    _noise(facts, found, record)
+    found.take("inversion", "fourier", "what sounds lies in the ball about the region")
+    return found.choices()
+
+
+def _require_sound(frame: np.ndarray, facts: FactsInSpace) -> None:
+    """Raise ValueError for detectors without data: on a ring no other can stand in for one."""
+    known = np.isfinite(frame)
+    silent = ~known.all(axis=1) | (np.ptp(np.where(known, frame, 0.0), axis=1) == 0)
+    if silent.any():
+        rows = np.sort(facts.order[silent])
+        shown = ", ".join(map(str, rows[:SHOWN])) + (", ..." if len(rows) > SHOWN else "")
+        raise ValueError(
+            f"{len(rows)} of {len(frame)} detectors recorded nothing, or NaN (rows {shown}), and "
+            "in space none is left out by itself. Fill their rows by interpolation along their "
+            "rings, or choose detectors without them with --use: whole rings, or any up to "
+            f"{MOST_POINTS}."
+        )
+
+
+def _sound(scan: Scan, facts: FactsInSpace, found: Found) -> None:
+    if facts.times is None:
+        found.values.update(model="none", sound_speed=1.0, dead_time=0.0, band=None)
+        found.values["impulse_response"] = False
+        return
+    found.take("model", IN_SPACE, "detectors in space, around a volume")
+    if "sound_speed" in scan.known:
+        speed, why = float(np.mean(scan.known["sound_speed"])), "from the file"
+    elif (water := water_speed(facts.units)) is not None:
+        speed, why = water, "none in the file: water's"
+    else:
+        speed, why = 1.0, "none in the file, and sizes are not a scanner's: taken to be 1"
+    found.take("sound_speed", speed, why)
+    found.take("dead_time", 0.0, "the record is taken as it is")
+    if found.given.get("band") == "none":
+        found.values["band"], found.reasons["band"] = None, "given"
+    else:
+        found.take("band", None, "the record is taken as it is")
+    there = "impulse_response" in scan.known
+    found.take("impulse_response", there, "in the file" if there else "none in the file")
+
+
+def _region(scan: Scan, facts: FactsInSpace, found: Found) -> None:
+    share, why = DEFAULT_SHARE * facts.radius, "three quarters of the detectors' sphere"
+    if facts.times is not None:
+        path = float(facts.times[-1]) * found.values["sound_speed"]
+        if found.given.get("region_radius") is None:
+            require_scale(path, facts.radius, found.values["sound_speed"])
+        if path - facts.radius < share:
+            share, why = path - facts.radius, "as much as the record covers"
+    share, why = covered(found, share, why, radii_of(scan, found), np.array([facts.radius]))
+    radius = float(found.take("region_radius", share, why))
+    cut, why = radius, "all of the ball"
+    if not isinstance(facts.detectors, DetectorPoints):
+        top = facts.radius * float(np.cos(float(facts.detectors.half_opening)))
+        if top < radius and found.given.get("region_radius") is None:
+            cut, why = top, "what lies beyond the cap's rim is not seen"
+    found.take("region_cut", cut, why)
+    found.take("half_width", radius, "the region")
+
+
+def _arrival(facts: FactsInSpace, found: Found) -> float:
+    """When sound from the region first reaches a detector [time]."""
+    return (facts.radius - found.values["region_radius"]) / found.values["sound_speed"]
+
+
+def _resolution(scan: Scan, facts: FactsInSpace, found: Found, record: np.ndarray | None) -> None:
+    """lambda_max by detectors, samples and voxels, whichever is least, and the voxels by it."""
+    radius, half_width = found.values["region_radius"], found.values["half_width"]
+    if isinstance(facts.detectors, DetectorPoints):  # as many waves as detectors
+        possible = max(np.sqrt(len(facts.order)) - 1, 1.0) / radius
+    else:
+        possible = resolved_frequency(facts.detectors, radius)[0]
+    limits = {"the detectors' spacing": possible}
+    if record is not None and facts.times is not None:
+        quiet = slice(0, max(int(np.searchsorted(facts.times, _arrival(facts, found))), 0))
+        highest = highest_frequency(record, facts.times, quiet)
+        limits["what the record holds above its noise"] = (
+            2 * np.pi * highest / found.values["sound_speed"]
+        )
+    elif "radii" in scan.known:
+        limits["the radii's spacing"] = np.pi / float(np.diff(scan.known["radii"]).max())
+    asked = found.given.get("pixels")
+    most, why = (asked, "the pixels given") if asked else (VOXELS[1], f"{VOXELS[1]} voxels")
+    limits[why] = np.pi * (most - 1) / (2 * half_width)
+    limit = min(limits, key=lambda name: limits[name])
+    highest = float(found.take("max_frequency", limits[limit], limit))
+    require_detail(found, highest, limit)
+    across = int(np.ceil(2 * half_width * highest / np.pi - 1e-6))
+    pixels = int(np.clip(2 * -(-across // 2) + 1, *VOXELS))
+    found.take("pixels", pixels, f"details of {facts.units.of_length(np.pi / highest, 3)}")
+
+
+def _radii(scan: Scan, facts: FactsInSpace, found: Found) -> None:
+    """Of the file, or all that the record covers, half a voxel apart."""
+    own, radius, cut = (
+        radii_of(scan, found),
+        found.values["region_radius"],
+        found.values["region_cut"],
+    )
+    region = ball(radius, cut if cut < radius else None, center=facts.detectors.center)
+    disk = facts.detectors.meridian, region.meridian
+    if facts.times is not None:
+        speed = found.values["sound_speed"]
+        require_end(supported(*disk, facts.times, sound_speed=speed), speed)
+    if own is None:
+        step = float(found.values["half_width"]) / (int(found.values["pixels"]) - 1)
+        end = np.inf
+        if facts.times is not None:
+            end = float(facts.times[-1]) * found.values["sound_speed"]
+        reach = min(RIM * facts.radius, end - step - facts.radius)
+        sources = ball(reach, center=region.center) if reach > 0 else None
+        own = np.asarray(cap_radii(facts.detectors, region, step, sources=sources))
+        own = own[own <= end]
+    else:
+        require_cover(*disk, jax.device_put(own))
+    found.values.update(
+        first_radius=float(own[0]), radial_step=float(own[1] - own[0]), n_radii=len(own)
+    )
+
+
+def _noise(facts: FactsInSpace, found: Found, record: np.ndarray | None) -> None:
+    if record is None or facts.times is None:
+        found.take("alpha", INTEGRALS_ALPHA, "integrals over spheres are taken to be exact")
+        found.take("low_pass", "none", "integrals over spheres are taken to be exact")
+        return
+    power = record_power(record, facts.times, detrend=False)
+    ratio = noise_before(power.after(2 * found.values["dead_time"]), _arrival(facts, found))
+    if ratio is None:
+        ratio, how = UNKNOWN_NOISE, "assumed: no silence in the record, by which it could be told"
+    else:
+        how = "before sound from the region arrives"
+    found.take_alpha(ratio, how)

@@ -1,0 +1,44 @@
+"""What to do with a scan, decided by what it shows; every decision can be given instead."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from ..base.checks import real_array
+from ..base.choice_table import OPTIONS, require_pixels
+from ..io import Scan
+from .choices import Choices
+from .choose_in_plane import choices_in_plane
+from .choose_in_space import choices_in_space
+from .facts import in_space
+
+
+def choose(scan: Scan, **given: Any) -> Choices:
+    """All choices for a scan but an estimated speed of sound, which takes images.
+
+    Args:
+        scan: from `load_scan`.
+        given: choices by name, as in `Choices`; further ``use``, rows of the data to use (bad
+            channels among them too), ``radii`` of the circular integrals, and ``band="none"``.
+            What is None is chosen.
+
+    Returns:
+        Choices, with a reason for each.
+
+    Raises:
+        ValueError: for unknown names, what a scan lacks, and data that cannot be.
+    """
+    _require_known(given)
+    return choices_in_space(scan, given) if in_space(scan) else choices_in_plane(scan, given)
+
+
+NAMES = ("use", "radii", "impulse_response", *(choice.name for choice in OPTIONS))
+
+
+def _require_known(given: Mapping[str, Any]) -> None:
+    unknown = [name for name in given if name not in NAMES]
+    if unknown:
+        raise ValueError(f"unknown options {unknown}, expected some of {', '.join(NAMES)}.")
+    for choice in OPTIONS:
+        if choice.bound and given.get(choice.name) is not None:
+            choice.require(float(real_array(choice.name, given[choice.name], ())))
+    require_pixels(given.get("pixels"))

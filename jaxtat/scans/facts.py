@@ -1,0 +1,261 @@
+"""What a scan holds that is no choice: positions in the plane, their order, times, units."""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..base.checks import real_array
+from ..base.scanners import scanner_named
+from ..base.units import MICROSECONDS, MILLIMETRES, Units
+from ..geometry import ArcFit, fit_arc, in_plane, order_along_curve
+from ..geometry.arcs import ROUND
+from ..geometry.measured_curves import behind_gap
+from ..io import Scan
+from ..io.frames import LazyFrames
+from ..records import require_equispaced
+
+PER_FRAME = {"wavelengths", "frame_numbers"}
+FLAT = 1e-3  # least extent over largest, from which detectors are not in a plane
+WATER = 1500.0  # speed of sound, nominal [m/s]
+SLOWEST, FASTEST = 1400 / WATER, 1600 / WATER  # of water and tissue, over that
+# radii of scanners and sampling rates of theirs, by which units are told: (unit, least, greatest);
+# a radius of 1 with 100 samples per time is of no unit
+LENGTHS = (("m", 1e-3, 2.0), ("mm", 3.0, 1e3))
+TIMES = (("s", 1e5, 1e10), ("us", 0.5, 1e3))
+IN_METRES = (1e-3, 0.3)  # radii that are in metres even where there is no sampling rate to ask
+
+
+class Facts(NamedTuple):
+    """A scan's geometry and times.
+
+    Attributes:
+        points: detector positions in the plane, in the order of the data, (detectors, 2) [length].
+        order: rows of the data, in order along the curve.
+        arc: the circle and arc that they lie on; None of another curve.
+        times: of a pressure record, (times,) [time].
+        units: of lengths and times.
+        in_space: whether positions have three coordinates.
+    """
+
+    points: Float[np.ndarray, "detectors 2"]
+    order: Int[np.ndarray, " used"]
+    arc: ArcFit | None
+    times: Float[np.ndarray, " times"] | None
+    units: Units
+    in_space: bool
+
+
+def with_facts(
+    scan: Scan,
+    *,
+    scanner: str | None = None,
+    detectors: Any = None,
+    sampling_rate: float | None = None,
+    times: Any = None,
+    frames: Any = None,
+) -> Scan:
+    """The scan with what its file does not tell, or tells wrongly.
+
+    Args:
+        scan: from `load_scan`.
+        scanner: name in `SCANNERS`, for positions, and for the sampling rate if the file has none.
+        detectors: positions, (detectors, 2 or 3) [length]; data that are (samples, detectors) are
+            turned to fit.
+        sampling_rate: of a record that starts at time 0 [1/time].
+        times: of the record, (samples,) [time].
+        frames: numbers of those that are wanted, from 0, (some,).
+
+    Raises:
+        ValueError: for an unknown scanner, frames that are not there, and what does not fit the
+            data.
+    """
+    known = dict(scan.known)
+    if scanner is not None:
+        preset = scanner_named(scanner)
+        detectors = preset.positions if detectors is None else detectors
+        if not {"times", "sampling_rate"} & set(known) and scan.kind == "pressure":
+            sampling_rate = preset.sampling_rate if sampling_rate is None else sampling_rate
+    if detectors is not None:
+        known["detectors"] = np.asarray(detectors)
+        if len(known["detectors"]) == scan.n_samples != scan.n_detectors:
+            scan = replace(scan, data=scan.data.swapaxes(-1, -2), known={})
+    if sampling_rate is not None:
+        known.pop("times", None)
+        known["sampling_rate"] = sampling_rate
+    if times is not None:
+        known["times"] = np.asarray(times)
+    scan = replace(scan, known=known)
+    return scan if frames is None else some_frames(scan, frames)
+
+
+def some_frames(scan: Scan, frames: Any) -> Scan:
+    """The scan of these frames, read when asked for; they keep their numbers."""
+    numbers = _numbers("frames", frames, "frames", scan.n_frames)
+    if scan.data.ndim == 2:
+        return scan
+    data, known = scan.data, dict(scan.known)
+    known.setdefault("frame_numbers", np.arange(scan.n_frames))
+    known |= {name: known[name][numbers] for name in PER_FRAME & set(known)}
+    shape = (len(numbers), *data.shape[1:])
+    some = LazyFrames(shape, data.dtype, lambda chosen: np.asarray(data[numbers[chosen]]))
+    return replace(scan, data=some, known=known)
+
+
+def frame_numbers(scan: Scan) -> Int[np.ndarray, " frames"]:
+    """Of the frames in the file, from 0."""
+    return np.asarray(scan.known.get("frame_numbers", np.arange(scan.n_frames)), int)
+
+
+def in_space(scan: Scan) -> bool:
+    """Whether detectors have three coordinates and lie in none of the coordinate planes."""
+    points = scan.known.get("detectors")
+    if points is None or points.shape[1] != 3:
+        return False
+    spread = np.ptp(points, axis=0)
+    return bool(spread.min() > FLAT * spread.max())
+
+
+def rows_used(scan: Scan, use: Any) -> Int[np.ndarray, " used"]:
+    """Rows of the data to use, each at most once; all if none are given.
+
+    Raises:
+        ValueError: for anything but numbers of rows, and rows that the data do not have.
+    """
+    if use is None:
+        return np.arange(scan.n_detectors)
+    return _numbers("use", use, "rows", scan.n_detectors)
+
+
+def _numbers(name: str, values: Any, what: str, n: int) -> Int[np.ndarray, " some"]:
+    numbers = np.asarray(values)
+    if numbers.ndim != 1 or not numbers.size or not np.issubdtype(numbers.dtype, np.integer):
+        raise ValueError(
+            f"{name} has dtype {numbers.dtype} and shape {numbers.shape}, expected whole numbers, "
+            "one at least."
+        )
+    bad = numbers[(numbers < 0) | (numbers >= n)]
+    if bad.size:
+        raise ValueError(f"{name} holds {bad[0]}, but the data have {what} 0 to {n - 1}.")
+    if len(np.unique(numbers)) < len(numbers):
+        raise ValueError(f"{name} holds a number more than once.")
+    return numbers
+
+
+def facts_of(scan: Scan, use: Any = None) -> Facts:
+    """Geometry and times of a scan.
+
+    Args:
+        scan: with positions, and with times or a sampling rate if it is of pressure.
+        use: rows of the data to use, in any order, (used,); all by default.
+
+    Raises:
+        ValueError: for detectors around a volume, and if something is missing or does not fit, see
+            `rows_used` and `order_along_curve`.
+    """
+    if "detectors" not in scan.known:
+        raise ValueError(
+            "no detector positions: give --arc, --ring or --scanner (in Python detectors or "
+            "scanner), or name them in the file."
+        )
+    if in_space(scan):
+        raise ValueError(
+            "the detectors surround a volume, and plans and reports are for images: use jaxtat "
+            "reconstruct, without a plan and what asks for one (in Python reconstruct_scan)."
+        )
+    points, rows = np.asarray(in_plane(scan.known["detectors"])), rows_used(scan, use)
+    order = rows[order_along_curve(points[rows])]
+    times = times_of(scan)
+    arc = arc_through(points[order])
+    return Facts(
+        points,
+        order,
+        arc,
+        times,
+        units_of(arc and arc.radius, times),
+        scan.known["detectors"].shape[1] == 3,
+    )
+
+
+def begin_behind_gap(
+    order: Int[np.ndarray, " used"], points: Float[np.ndarray, "detectors 2"], good: np.ndarray
+) -> int:
+    """Where in the order a ring without its bad detectors begins: behind the gap they leave."""
+    kept = np.flatnonzero(good)
+    steps = np.linalg.norm(
+        np.diff(points[order[kept]], axis=0, append=points[order[kept[:1]]]), axis=1
+    )
+    wide = behind_gap(steps, True)
+    return int(kept[(int(np.argmax(wide * steps)) + 1) % len(kept)]) if wide.any() else 0
+
+
+def units_of(radius: float | None, times: np.ndarray | None) -> Units:
+    """By the radius on which detectors lie, and the sampling rate if there is one.
+
+    >>> units_of(0.04, np.arange(9) / 4e7), units_of(0.04, None), units_of(1.3, None)
+    (Units(length='m', time='s'), Units(length='m', time=None), Units(length=None, time=None))
+    """
+    if radius is None:
+        return Units()
+    if times is None:
+        least, greatest = IN_METRES
+        return Units("m") if least <= radius <= greatest else Units()
+    rate = 1 / float(times[1] - times[0])
+    for length, least, greatest in LENGTHS:
+        for time, slowest, fastest in TIMES:
+            unlikely = (length, time) == ("m", "us")
+            if least <= radius <= greatest and slowest <= rate <= fastest and not unlikely:
+                return Units(length, time)
+    return Units()
+
+
+def water_speed(units: Units) -> float | None:
+    """The nominal speed of sound in water, in the scan's units; None if they are not known.
+
+    >>> water_speed(Units("mm", "us")), water_speed(Units())
+    (1.5, None)
+    """
+    if units.length is None or units.time is None:
+        return None
+    return WATER * 1e-3 * MICROSECONDS[units.time] / MILLIMETRES[units.length]
+
+
+def times_of(scan: Scan) -> Float[np.ndarray, " times"] | None:
+    """Sample times of a pressure record, by themselves or by the sampling rate."""
+    if scan.kind != "pressure":
+        return None
+    if "times" in scan.known:
+        times = np.asarray(scan.known["times"], float)
+    elif "sampling_rate" in scan.known:
+        times = np.arange(scan.n_samples) / float(scan.known["sampling_rate"])
+    else:
+        raise ValueError(
+            "no sample times: give --sampling-rate or --duration (in Python sampling_rate or "
+            "times), or name times in the file."
+        )
+    require_equispaced(real_array("times", times, ("times",)))
+    return times
+
+
+def typical_frame(scan: Scan) -> Float[np.ndarray, "detectors samples"]:
+    """Of up to five frames, evenly chosen, the one of median power.
+
+    Those count that have the fewest detectors with NaN.
+    """
+    numbers = np.unique(np.linspace(0, scan.n_frames - 1, 5).round().astype(int))
+    frames = [np.asarray(scan.frame(int(k)), float) for k in numbers]
+    blank = [int((~np.isfinite(frame)).any(axis=1).sum()) for frame in frames]
+    frames = [frame for frame, n in zip(frames, blank, strict=True) if n == min(blank)]
+    heard = [frame[np.isfinite(frame)] for frame in frames]
+    power = [float(np.var(values)) if values.size else 0.0 for values in heard]
+    return frames[int(np.argsort(power)[len(power) // 2])]
+
+
+def arc_through(points: Float[np.ndarray, "detectors 2"]) -> ArcFit | None:
+    """Circle and arc of detectors in order along it; None of those on no circle."""
+    try:
+        arc = fit_arc(points)
+    except ValueError:  # a straight line
+        return None
+    return arc if arc.deviation < ROUND * arc.radius else None

@@ -1,0 +1,129 @@
+"""Choices in the making, and what those in the plane and in space have in common."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..io import Scan
+from ..records import Supported
+from .choices import Choices
+
+DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not tell
+SHARES = (0.1, 0.9)  # least and largest region radius over the arc's
+LONGEST = 100.0  # radii of the arc: no record of a scanner is that long
+RIM = 0.95  # of the detectors' radius, up to which sources are reckoned with
+ALPHAS = (1e-6, 1e-1)
+CLEAN = 1e-5  # alpha below which no low-pass filter is needed
+INTEGRALS_ALPHA = 1e-6
+
+
+class Found(NamedTuple):
+    """Choices as they are made: what was given counts."""
+
+    given: Mapping[str, Any]
+    values: dict[str, Any]
+    reasons: dict[str, str]
+
+    def take(self, name: str, value: Any, reason: str) -> Any:
+        if self.given.get(name) is not None:
+            value, reason = self.given[name], "given"
+        self.values[name], self.reasons[name] = value, reason
+        return value
+
+    def take_alpha(self, ratio: float, how: str) -> None:
+        """alpha and low pass by the power of the noise over that of the sound, and how it is known.
+
+        Args:
+            ratio: as in Wiener's filter; alpha is kept within `ALPHAS`.
+            how: words that follow the number.
+        """
+        least, most = ALPHAS
+        kept = "raised to the least: " if ratio < least else "capped: " if ratio > most else ""
+        why = f"{kept}noise over signal power {ratio:.2g}, {how}"
+        alpha = float(self.take("alpha", float(np.clip(ratio, least, most)), why))
+        noisy = alpha > CLEAN
+        why = "noise" if noisy else "hardly any noise"
+        self.take("low_pass", "cosine" if noisy else "none", why)
+
+    def choices(self) -> Choices:
+        """All of them, once all were taken."""
+        return Choices.from_settings(self.values | {"reasons": tuple(self.reasons.items())})
+
+
+def radii_of(scan: Scan, found: Found) -> np.ndarray | None:
+    """Radii that are given, or those of integrals in the file."""
+    own = found.given.get("radii")
+    if own is None and scan.kind == "circular_integrals":
+        own = scan.known.get("radii")
+    return None if own is None else np.asarray(own, float)
+
+
+def covered(
+    found: Found, wanted: float, reason: str, radii: np.ndarray | None, distances: np.ndarray
+) -> tuple[float, str]:
+    """A region's radius, and why: as wanted, or as much as the circles about all detectors cover.
+
+    Args:
+        wanted, reason: the radius without regard to the data, and why [length].
+        radii: of the circles, increasing; None if they are free [length].
+        distances: of the detectors from the region's centre [length].
+
+    Raises:
+        ValueError: if they cover nothing, where no radius is given.
+    """
+    if radii is None or found.given.get("region_radius") is not None:
+        return wanted, reason
+    nearest, farthest = float(distances.min()), float(distances.max())
+    most = min(nearest - float(radii[0]), float(radii[-1]) - farthest)
+    if most <= SHARES[0] * wanted:
+        raise ValueError(
+            f"radii run from {radii[0]:.6g} to {radii[-1]:.6g}, and detectors are {nearest:.6g} to "
+            f"{farthest:.6g} from the middle: their circles cover no region about it. Check that "
+            "radii and positions are in the same unit of length, or give region_center and "
+            "region_radius."
+        )
+    return (wanted, reason) if wanted <= most else (most, "as much as the radii cover")
+
+
+def require_scale(path: float, radius: float, speed: float) -> None:
+    """Raise ValueError for a record too short for anything, or so long that units must differ.
+
+    Args:
+        path: of sound, until the record ends [length].
+        radius: of the arc [length].
+    """
+    least = (1 + SHARES[0]) * radius
+    if not least <= path <= LONGEST * radius:
+        raise ValueError(
+            f"at a sound speed of {speed:.6g} the record ends after a path of {path:.4g}, while "
+            f"the detectors are {radius:.4g} from their middle: expected {least:.4g} to "
+            f"{LONGEST * radius:.4g}. Check that positions, times and sound speed are in units "
+            "that fit each other; for a part off the middle give region_center and region_radius."
+        )
+
+
+def require_end(support: Supported, speed: float) -> None:
+    """Raise ValueError for a record that ends before the far side of the region is heard."""
+    if float(support.covered) < -1e-9 * float(support.reach):
+        raise ValueError(
+            f"{support.shortfalls[0]}. Check that positions, times and sound speed "
+            f"({speed:.6g}) are in units that fit each other."
+        )
+
+
+def require_detail(found: Found, highest: float, limit: str) -> None:
+    """Raise ValueError for waves longer than the region, unless they were asked for.
+
+    Args:
+        highest: lambda_max [rad/length].
+        limit: what decides it.
+    """
+    detail, size = math.pi / highest, 2 * found.values["region_radius"]
+    if detail > size and found.given.get("max_frequency") is None:
+        raise ValueError(
+            f"{limit} allows details of {detail:.3g} (lambda {highest:.4g}), more than the whole "
+            f"region, {size:.3g} across. Check that positions, times and sound speed are in units "
+            "that fit each other, or give max_frequency."
+        )

@@ -1,0 +1,82 @@
+"""A scan's problem, and the integrals over circles or spheres that its frames are made into."""
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base.checks import real_array
+from ..io import Scan
+from ..reconstruction import Setup
+from ..records import condition_record, pressure_to_circular_integrals, remove_impulse_response
+from ..spherical import pressure_to_spherical_integrals
+from .choices import IN_SPACE, Choices
+from .facts import facts_of, times_of
+from .space import facts_in_space
+
+GROUPS = 2  # of frequencies, at most: for few images, compiling is what takes time
+
+
+def setup_of(scan: Scan, choices: Choices) -> Setup:
+    """Detectors, region, pixels and radii, the same for all frames; in the plane or in space.
+
+    Circular integrals keep the radii of their file.
+
+    Raises, warns:
+        As `Setup`.
+    """
+    own = scan.known.get("radii") if scan.kind == "circular_integrals" else None
+    radii = choices.radii if own is None else real_array("radii", own, ("radii",))
+    if choices.in_space:
+        curve = facts_in_space(scan, choices.order).detectors
+    else:
+        curve = choices.curve(facts_of(scan).points)
+    return Setup(
+        curve,
+        choices.region,
+        choices.grid,
+        radii,
+        max_frequency=choices.max_frequency,
+        n_groups=GROUPS,
+    )
+
+
+def integrals(
+    scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray
+) -> Float[Array, "..."]:
+    """Integrals of frames over circles, or spheres, about the detectors that are used.
+
+    Args:
+        scan, choices: what the frames belong to.
+        setup: of `setup_of`, or of a plan.
+        frames: (..., detectors, samples), rows as in the file.
+
+    Returns:
+        (..., *setup.data_shape).
+    """
+    found = _integrals(scan, choices, setup.radii, frames)
+    return found.reshape(*found.shape[:-2], *setup.data_shape)
+
+
+def _integrals(scan: Scan, choices: Choices, radii: Array, frames: np.ndarray) -> Array:
+    part = real_array(scan.kind, frames[..., list(choices.channels), :], None)
+    times = times_of(scan)
+    if times is None:
+        if part.shape[-1] != radii.shape[0]:
+            raise ValueError(
+                f"the data have {part.shape[-1]} radii, the geometry has {radii.shape[0]}: name "
+                "radii in the file, or choose --region-radius, --pixels and --half-width to match."
+            )
+        return part
+    in_plane = choices.model == "in-plane"  # the slow tail of 2-D waves is signal
+    if choices.band is not None or choices.dead_time:
+        part = condition_record(
+            part, times, dead_time=choices.dead_time, band=choices.band, baseline=in_plane
+        )
+    if choices.impulse_response:
+        response = scan.known["impulse_response"]  # its time 0 is in the middle
+        part = remove_impulse_response(part, times, response, origin=len(response) // 2)
+    speed = choices.sound_speed
+    if choices.model == IN_SPACE:
+        return pressure_to_spherical_integrals(part, times, radii, sound_speed=speed)
+    return pressure_to_circular_integrals(
+        part, times, radii, sound_speed=speed, model=choices.model
+    )

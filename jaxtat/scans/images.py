@@ -1,0 +1,223 @@
+"""The images of a scan, frame after frame, with what was chosen."""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array, Float
+from tqdm import tqdm
+
+from ..geometry import ImageGrid, VolumeGrid
+from ..io import Scan, load_scan
+from ..io.images import HasInside
+from ..reconstruction import Reconstruction, ReconstructionPlan, Setup, solve
+from ..reconstruction import reconstruct as reconstruct_by
+from ..records import ranges
+from ..steps import AccuracyWarning
+from .choices import Choices
+from .choosing import choose
+from .facts import facts_of, frame_numbers, some_frames, with_facts
+from .frames import integrals, setup_of
+from .space import TurnedOver, facts_in_space
+from .speed import estimate_sound_speed
+
+AT_A_TIME = 2**26  # bytes of data, as float64, that are reconstructed together
+
+
+@dataclass(frozen=True, eq=False)
+class ScanImages:
+    """Images of a scan and how they were made.
+
+    Attributes:
+        image: (x1, x2), or (frames, x1, x2) of a scan of more than one frame; of detectors in
+            space volumes, with a third axis x3.
+        grid, region: where they are; outside the region they mean nothing.
+        choices: with which they were made.
+        frames: wavelengths [nm], or numbers in the file from 0, (frames,); None of a single frame.
+        unit: of length, "m" or "mm" if it is known.
+        report: how well the systems were solved, in words; nothing with a plan.
+    """
+
+    image: Any
+    grid: ImageGrid | VolumeGrid
+    region: HasInside
+    choices: Choices
+    frames: Float[np.ndarray, " frames"] | None
+    unit: str | None
+    report: str
+
+
+def reconstruct_file(
+    path: str | Path,
+    *,
+    scanner: str | None = None,
+    detectors: Any = None,
+    sampling_rate: float | None = None,
+    times: Any = None,
+    frames: Any = None,
+    out: Any = None,
+    progress: bool = False,
+    report: Callable[[str], Any] | None = None,
+    **given: Any,
+) -> ScanImages:
+    """The image or images of a scan file, everything chosen that is not given.
+
+    Args:
+        path: a file that `load_scan` reads.
+        scanner, detectors, sampling_rate, times, frames: what the file does not tell, and which
+            frames are wanted, see `with_facts`.
+        out: as in `scans.reconstruct`.
+        progress: whether to show a bar, if there is more than one frame.
+        report: what to do with the table of choices, such as ``print``.
+        given: choices by name, see `choose`.
+
+    Returns:
+        ScanImages.
+
+    Raises:
+        FileNotFoundError, ValueError: as `load_scan`, `choose` and `solve`.
+
+    >>> import tempfile
+    >>> from jaxtat import circular_arc, data_radii, disk, phantoms
+    >>> curve = circular_arc(1.3, 1.0, 24)
+    >>> radii = data_radii(curve, disk(0.8), 0.16)
+    >>> g = phantoms.Bells([[0.1, -0.15]], [0.6]).circular_integrals(curve, radii)
+    >>> path = Path(tempfile.mkdtemp()) / "scan.npz"
+    >>> np.savez(path, circular_integrals=g, radii=radii, detectors=curve.points)
+    >>> found = reconstruct_file(path, region_radius=0.8, pixels=11, max_frequency=7.85)
+    >>> found.image.shape, found.choices.alpha
+    ((11, 11), 1e-06)
+    """
+    scan = with_facts(
+        load_scan(path),
+        scanner=scanner,
+        detectors=detectors,
+        sampling_rate=sampling_rate,
+        times=times,
+        frames=frames,
+    )
+    choices = estimate_sound_speed(scan, choose(scan, **given))
+    if report is not None:
+        report(choices.table())
+    return reconstruct(scan, choices, out=out, progress=progress)
+
+
+def reconstruct(
+    scan: Scan,
+    choices: Choices,
+    *,
+    plan: ReconstructionPlan | None = None,
+    out: Any = None,
+    progress: bool = False,
+) -> ScanImages:
+    """The images of all frames; few are in memory at a time, and the geometry is found once.
+
+    Frames with NaN or infinite values in detectors that are used are left out, if there are others.
+
+    Args:
+        scan: its frames may be lazy.
+        choices: from `choose`.
+        plan: to use in place of a direct reconstruction; it has decided geometry and alpha. There
+            are none in space.
+        out: where images go, (frames that are good, x1, x2), or anything that slices can be
+            assigned to; by default a new array.
+        progress: whether to show a bar, if there is more than one frame.
+
+    Raises:
+        ValueError: for ``out`` of another shape, images that do not fit into memory, and data that
+            cannot be.
+
+    Warns:
+        AccuracyWarning: names the frames that are left out.
+    """
+    shape = choices.grid.shape if plan is None else plan.setup.grid.shape
+    room = _room((scan.n_frames, *shape)) if out is None else None
+    scan = _without_blank_frames(scan, choices)
+    setup = setup_of(scan, choices) if plan is None else plan.setup
+    worst, size, images = 0.0, _frames_at_a_time(scan), (scan.n_frames, *shape)
+    out = out if room is None else room[: scan.n_frames]
+    if tuple(out.shape) != images:
+        raise ValueError(f"out has shape {tuple(out.shape)}, expected {images}.")
+    flipped = choices.in_space and facts_in_space(scan, choices.order).upside_down
+    with tqdm(total=scan.n_frames, unit="image", disable=not progress or scan.n_frames == 1) as bar:
+        for start in range(0, scan.n_frames, size):
+            g = integrals(scan, choices, setup, _frames(scan, start, size))
+            if plan is None:
+                found = _solve(setup, g, choices)
+                image, worst = found.image, max(worst, float(found.report.residual.max()))
+            else:
+                image = _by_plan(plan, g, choices)
+            image = image[..., ::-1] if flipped else image
+            n = min(size, scan.n_frames - start)
+            out[start : start + n] = np.asarray(image).reshape(-1, *shape)[:n]
+            bar.update(n)
+    several = scan.n_frames > 1
+    numbers = scan.known.get("wavelengths", frame_numbers(scan))
+    return ScanImages(
+        image=out if several else out[0],
+        grid=setup.grid,
+        region=TurnedOver(setup.region) if flipped else setup.region,
+        choices=choices,
+        frames=np.asarray(numbers, float) if several else None,
+        unit=choices.units.length if plan is None else facts_of(scan).units.length,
+        report="" if plan else _solved(setup, choices, worst),
+    )
+
+
+def _without_blank_frames(scan: Scan, choices: Choices) -> Scan:
+    """Without frames that hold NaN where a detector is used; all of them if none is good."""
+    if scan.n_frames == 1 or scan.data.dtype.kind != "f":
+        return scan
+    rows, every = list(choices.channels), range(scan.n_frames)
+    good = np.array([np.isfinite(scan.frame(k)[rows]).all() for k in every])
+    if good.all() or not good.any():
+        return scan
+    warnings.warn(
+        f"frames {ranges(frame_numbers(scan)[~good])} are left out: they hold NaN or infinite "
+        f"values in detectors that are used; {good.sum()} of {scan.n_frames} are reconstructed.",
+        AccuracyWarning,
+        stacklevel=3,
+    )
+    return some_frames(scan, np.flatnonzero(good))
+
+
+def _room(shape: tuple[int, ...]) -> np.ndarray:
+    """A new array, or ValueError: a file may hold, or claim, any number of frames."""
+    try:
+        return np.empty(shape)
+    except MemoryError as error:
+        raise ValueError(
+            f"the images of {shape[0]} frames do not fit into memory ({error}): choose fewer "
+            "pixels, or give out, a memory map or dataset of an HDF5 file."
+        ) from error
+
+
+def _solve(setup: Setup, g: Array, choices: Choices) -> Reconstruction:
+    return solve(setup, g, choices.alpha, low_pass=choices.low_pass, inversion=choices.inversion)
+
+
+def _by_plan(plan: ReconstructionPlan, g: Array, choices: Choices) -> Array:
+    return reconstruct_by(plan, g, low_pass=choices.low_pass, inversion=choices.inversion)
+
+
+def _solved(setup: Setup, choices: Choices, worst: float) -> str:
+    return (
+        f"{setup.sizes.n_frequencies} frequencies, alpha {choices.alpha:.1e}; systems solved to "
+        f"{worst:.1e} (worst)"
+    )
+
+
+def _frames_at_a_time(scan: Scan) -> int:
+    fit = AT_A_TIME // (8 * scan.n_detectors * scan.n_samples)
+    return int(np.clip(fit, 1, min(32, scan.n_frames)))
+
+
+def _frames(scan: Scan, start: int, size: int) -> np.ndarray:
+    """Frames from ``start`` on: one as (detectors, samples), else always as many, by zeros."""
+    if size == 1:
+        return scan.frame(start)
+    part = np.asarray(scan.data[start : start + size])
+    return np.pad(part, ((0, size - len(part)), (0, 0), (0, 0)))

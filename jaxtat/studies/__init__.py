@@ -1,0 +1,50 @@
+"""Questions about a reconstruction: how good, how sure, how much noise, where things are."""
+
+from .autofocus import sharpness, sound_speed_by_sharpness
+from .calibration import Calibration, calibrate
+from .comparison import compare_regularizations
+from .data_noise import DataNoise, NoiseSource, noise_of_residual
+from .diagnosis import (
+    UNCERTAINTY_PIXELS,
+    Diagnosis,
+    Uncertainty,
+    WaveAccuracy,
+    diagnose,
+    plan_of,
+    wave_accuracy,
+)
+from .iterative import IterativeReconstruction, least_squares, total_variation
+from .noise_choice import NoiseChoice, choose_regularization, image_power
+from .noise_law import predict_noise
+from .residual import DataResidual, data_residual
+from .seen_edges import visibility_map
+from .uncertainty import pixel_standard_deviation
+
+__all__ = [
+    "UNCERTAINTY_PIXELS",
+    "Calibration",
+    "DataNoise",
+    "DataResidual",
+    "Diagnosis",
+    "IterativeReconstruction",
+    "NoiseChoice",
+    "NoiseSource",
+    "Uncertainty",
+    "WaveAccuracy",
+    "calibrate",
+    "choose_regularization",
+    "compare_regularizations",
+    "data_residual",
+    "diagnose",
+    "image_power",
+    "least_squares",
+    "noise_of_residual",
+    "pixel_standard_deviation",
+    "plan_of",
+    "predict_noise",
+    "sharpness",
+    "sound_speed_by_sharpness",
+    "total_variation",
+    "visibility_map",
+    "wave_accuracy",
+]

@@ -1,0 +1,420 @@
+"""Calibration: speed of sound, geometry, gains and delays from the data of an unknown image.
+
+Whatever the image, data must agree with themselves (see `harmonic.consistency`). The parameters p
+for which they do so best,
+
+    min_p Σ_lambda 1/noise(lambda) [ ||√w G(p) - A(p)^T y||² + alpha ||y||² ],  y = y(p) the image,
+
+are found by Levenberg and Marquardt's method. Low frequencies come first: their phases tell the
+way from far off, high ones then tell the place. The speed of sound enters by the radii r = c t
+alone, since a factor common to all data is part of the image.
+
+Some changes of p are changes of the image and nothing else, so that no data can tell: all lengths
+times a factor (speed of sound and radius together), all detectors moved (the centre, unless the
+array is turned about a fixed axis), a gain common to all detectors. They are refused or fixed.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import optimistix as optx
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float, Int
+
+from ..base.checks import (
+    Numbers,
+    data_array,
+    is_concrete,
+    real_array,
+    require_positive,
+    require_x64,
+)
+from ..densities.harmonic import PolarGeometry, polar_geometry, unexplained
+from ..geometry import CircularArc, DetectorCurve, Region, turned_views
+from ..reconstruction import Setup
+from ..reconstruction.plane_sizes import PlaneSizes
+from ..reconstruction.setup import plane_of, require_waves
+from ..steps import delayed_transform, radial_transform
+from ..steps.radial_transform import radial_kernels
+
+UNKNOWNS = ("sound_speed", "radius", "center", "gains", "delays")
+STAGES = 5  # the first one uses 1/16 of the frequencies
+LEAST_FREQUENCIES = 4
+MAX_STEPS = 40
+AT_ONCE = 8  # second derivatives
+
+
+class Parameters(eqx.Module):
+    """What is calibrated, or the standard errors of it.
+
+    Attributes:
+        sound_speed: c [length/time].
+        radius, center: of the arc; NaN for a curve that is none [length].
+        gains: of each detector, relative to their geometric mean.
+        delays: of each detector, above zero: recorded late; relative to their mean if the sound
+            speed or radius is calibrated too [time].
+    """
+
+    sound_speed: Float[Array, ""]
+    radius: Float[Array, ""]
+    center: Float[Array, "2"]
+    gains: Float[Array, " detectors"]
+    delays: Float[Array, " detectors"]
+
+
+class Stage(eqx.Module):
+    """How one stage went, stages first.
+
+    Attributes:
+        max_frequency: the highest one used [rad/length].
+        misfit: share of the data that no image explains, in the root mean square.
+        steps: of Levenberg and Marquardt's method.
+        converged: whether they came to rest.
+    """
+
+    max_frequency: Float[Array, "*stages"]
+    misfit: Float[Array, "*stages"]
+    steps: Int[Array, "*stages"]
+    converged: Bool[Array, "*stages"]
+
+
+class Calibration(eqx.Module):
+    """The parameters found, and all that a reconstruction with them needs.
+
+    Attributes:
+        parameters: the best ones.
+        standard_errors: to first order, for white noise in g as large as what no image explains;
+            0 for what was not unknown. Constants for derivatives.
+        curve: the detectors, those of all views.
+        radii: r = c t of the data, (radii,) [length].
+        g: the data without gains and delays, (detectors of all views, radii).
+        stages: the course of the calibration.
+    """
+
+    parameters: Parameters
+    standard_errors: Parameters
+    curve: DetectorCurve
+    radii: Float[Array, " radii"]
+    g: Float[Array, "detectors radii"]
+    stages: Stage
+
+    @property
+    def converged(self) -> Bool[Array, ""]:
+        """Whether the last stage came to rest."""
+        return self.stages.converged[-1]
+
+
+def calibrate(
+    setup: Setup,
+    g: Numbers,
+    *,
+    unknown: tuple[str, ...] = ("sound_speed",),
+    sound_speed: Numbers = 1.0,
+    turns: Numbers | None = None,
+    alpha: Numbers = 1e-6,
+) -> Calibration:
+    """Sound speed, radius and centre of the arc, gains and delays for which data agree best.
+
+    Pressure records become circular integrals first, with the nominal speed of sound. The region
+    must hold all sources, and radii must reach a little past it, by as much as the parameters may
+    be wrong.
+
+    Args:
+        setup: in the plane. Its curve is the array as it is believed to be, a `CircularArc` if its
+            radius or centre is unknown; with ``turns``, about the axis of rotation at the origin.
+            Its radii are those of the data if the nominal speed of sound were true.
+        g: circular integrals, (detectors, radii), with ``turns`` (views, detectors, radii).
+        unknown: any of "sound_speed", "radius", "center", "gains", "delays".
+        sound_speed: the nominal one [length/time].
+        turns: angles by which the array was turned about the origin, (views,) [rad].
+        alpha: regularisation of the image, a number as in `solve`.
+
+    Returns:
+        Calibration.
+
+    Raises:
+        ValueError: for unknowns that no data can tell apart, names that are none, a radius or
+            centre of a curve that is no arc, and detectors that cylindrical waves do not reach.
+
+    Source: variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432.
+
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
+    >>> r = 0.2 + 0.05 * jnp.arange(46)
+    >>> setup = Setup(circular_arc(1.3, 1.0, 64), disk(1.0), ImageGrid(21), 0.98 * r)
+    >>> g = phantoms.Bells([[0.3, 0.2]], [0.5]).circular_integrals(setup.curve, r)
+    >>> found = calibrate(setup, g, sound_speed=1470.0)
+    >>> round(float(found.parameters.sound_speed))  # r = c t, so c is 1470 / 0.98
+    1500
+    """
+    require_x64()
+    curve, region, radii, sizes = plane_of(setup)
+    _require_unknowns(unknown, curve, turns)
+    views = real_array("turns", [0.0] if turns is None else turns, ("views",))
+    values = _flat(g, views.shape[0], turns is not None, curve.n_detectors, radii.shape[0])
+    placed = curve
+    if turns is not None:  # other detectors, and other sizes
+        placed = turned_views(curve, views)
+        most = sizes.max_frequency
+        sizes = plane_of(Setup(placed, region, setup.grid, radii, max_frequency=most))[3]
+    require_waves(sizes)
+    problem = _Problem(
+        geometry=polar_geometry(placed, region),
+        curve=curve,
+        region=region,
+        turns=views,
+        radii=radii,
+        g=values,
+        alpha=_positive("alpha", alpha),
+        sound_speed=_positive("sound_speed", sound_speed),
+        sizes=sizes,
+    )
+    free, stages = _start(problem, unknown), []
+    for highest in _cutoffs(sizes):
+        free, stage = _fit(problem, free, highest)
+        stages.append(stage)
+    found, corrected = _finish(problem, free)
+    # third derivatives of the residuals would be needed for theirs
+    errors = _standard_errors(*jax.lax.stop_gradient((problem, free)))
+    moved = _moved(curve, found)
+    return Calibration(
+        parameters=found,
+        standard_errors=errors,
+        curve=moved if turns is None else turned_views(moved, views),
+        radii=radii * found.sound_speed / problem.sound_speed,
+        g=corrected,
+        stages=jax.tree.map(lambda *parts: jnp.stack(parts), *stages),
+    )
+
+
+class _Problem(eqx.Module):
+    """What is given; the geometry is the nominal one, of all views."""
+
+    geometry: PolarGeometry
+    curve: DetectorCurve
+    region: Region
+    turns: Float[Array, " views"]
+    radii: Float[Array, " radii"]
+    g: Float[Array, "detectors radii"]
+    alpha: Float[Array, ""]
+    sound_speed: Float[Array, ""]
+    sizes: PlaneSizes
+
+
+Free = dict[str, Array]  # corrections of the unknowns, relative, lengths over the distance
+
+
+def _start(problem: _Problem, unknown: tuple[str, ...]) -> Free:
+    """Zeros. The last gain follows from the others, whose logarithms add up to zero with it."""
+    n = problem.curve.n_detectors
+    relative = "sound_speed" in unknown or "radius" in unknown
+    sizes = {"center": (2,), "gains": (n - 1,), "delays": (n - 1 if relative else n,)}
+    return {name: jnp.zeros(sizes.get(name, ())) for name in UNKNOWNS if name in unknown}
+
+
+def _parameters(problem: _Problem, free: Free) -> Parameters:
+    zero = jnp.zeros(())
+    none = jnp.zeros(problem.curve.n_detectors)
+    speed = problem.sound_speed * (1 + free.get("sound_speed", zero))
+    size = jnp.mean(problem.geometry.detector_radius)
+    radius, center = jnp.full((), jnp.nan), jnp.full(2, jnp.nan)
+    if isinstance(problem.curve, CircularArc):
+        radius = problem.curve.radius * (1 + free.get("radius", zero))
+        center = problem.curve.center + size * free.get("center", jnp.zeros(2))
+    gains = jnp.exp(_of_all(free["gains"], none)) if "gains" in free else 1 + none
+    delays = _of_all(free["delays"], none) if "delays" in free else none
+    return Parameters(speed, radius, center, gains, delays * size / problem.sound_speed)
+
+
+def _of_all(values: Float[Array, " some"], zeros: Float[Array, " n"]) -> Float[Array, " n"]:
+    """A last one that makes the sum zero, if that is missing."""
+    return values if values.shape == zeros.shape else jnp.append(values, -jnp.sum(values))
+
+
+def _moved(curve: DetectorCurve, found: Parameters) -> DetectorCurve:
+    if not isinstance(curve, CircularArc):
+        return curve
+    return eqx.tree_at(lambda arc: (arc.radius, arc.center), curve, (found.radius, found.center))
+
+
+def _geometry(problem: _Problem, free: Free, found: Parameters) -> PolarGeometry:
+    """Only what is unknown is traced, so that the symmetry of the rest is kept."""
+    if "center" in free:
+        return polar_geometry(
+            turned_views(_moved(problem.curve, found), problem.turns), problem.region
+        )
+    if "radius" not in free:
+        return problem.geometry
+    factor = 1 + free["radius"]
+    return eqx.tree_at(
+        lambda tree: (tree.detector_radius, tree.weights),
+        problem.geometry,
+        (problem.geometry.detector_radius * factor, problem.geometry.weights * factor),
+    )
+
+
+def _transformed(
+    problem: _Problem, free: Free, found: Parameters, frequencies: Array
+) -> Float[Array, "frequencies 2 detectors"]:
+    """(G_J, G_Y) of the data without gains and delays, over the stretch of dr."""
+    views = problem.turns.shape[0]
+    stretch = found.sound_speed / problem.sound_speed
+    radii = stretch * problem.radii
+    if "delays" in free:
+        delays = jnp.tile(found.sound_speed * found.delays, views)
+        raw = delayed_transform(problem.g, radii, frequencies, delays)
+    else:
+        raw = radial_transform(problem.g, radii, frequencies)
+    return raw / (stretch * jnp.tile(found.gains, views))
+
+
+def _residual(
+    free: Free, given: tuple[_Problem, Float[Array, " frequencies"]]
+) -> tuple[Array, Array]:
+    """What no image explains, weighted by frequency."""
+    problem, weight = given
+    frequencies = problem.sizes.frequencies
+    found = _parameters(problem, free)
+    left, penalty = unexplained(
+        _geometry(problem, free, found),
+        frequencies,
+        problem.sizes.groups[-1][-1],
+        _transformed(problem, free, found, frequencies),
+        problem.alpha,
+    )
+    return weight[:, None, None] * left, weight[:, None, None] * penalty
+
+
+def _weights(problem: _Problem, highest: Array) -> Float[Array, " frequencies"]:
+    """One over the size of white noise in (G_J, G_Y), and 0 beyond ``highest``.
+
+    Times a factor that makes the mean square of the data 1, so that units do not matter.
+    """
+    frequencies = problem.sizes.frequencies
+    power = jnp.sum(radial_kernels(problem.radii, frequencies) ** 2, axis=(-2, -1))
+    used = frequencies <= highest * (1 + 1e-9)
+    weights = jnp.where(used, 1 / jnp.sqrt(power), 0.0)
+    data = radial_transform(problem.g, problem.radii, frequencies)
+    data = weights[:, None, None] * data * jnp.sqrt(problem.geometry.weights)
+    return weights * jnp.sqrt(jnp.mean(used) / jnp.mean(data**2))
+
+
+@eqx.filter_jit
+def _fit(problem: _Problem, free: Free, highest: Array) -> tuple[Free, Stage]:
+    """One stage. The same program serves all: frequencies not yet used have weight zero."""
+    given = problem, _weights(problem, highest)
+    solver = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-7, linear_solver=lx.QR())
+    solution = optx.least_squares(_residual, solver, free, given, max_steps=MAX_STEPS, throw=False)
+    left, penalty = _residual(solution.value, given)
+    misfit = (jnp.sum(left**2) + jnp.sum(penalty**2)) / (left.size * jnp.mean(given[1] > 0))
+    steps, result = solution.stats["num_steps"], solution.result
+    return solution.value, Stage(
+        highest, jnp.sqrt(misfit), steps, result == optx.RESULTS.successful
+    )
+
+
+@eqx.filter_jit
+def _finish(problem: _Problem, free: Free) -> tuple[Parameters, Float[Array, "detectors radii"]]:
+    """Parameters, and the data without gains and delays."""
+    found = _parameters(problem, free)
+    return found, _corrected(problem, found)
+
+
+@eqx.filter_jit
+def _standard_errors(problem: _Problem, free: Free) -> Parameters:
+    """To first order, by the change of the optimum with the data.
+
+    Where the slope s(p, g) of half the sum of squares is zero, dp = -(ds/dp)^-1 (ds/dg) dg. The
+    variance of dg is that of white noise of which as much is left as of the data. Second
+    derivatives of the residuals belong to ds/dp: along changes that the data hardly tell, they are
+    not small beside J^T J.
+    """
+    weights = _weights(problem, jnp.asarray(problem.sizes.max_frequency))
+    flat, unravel = ravel_pytree(free)
+
+    def residual(flat: Array, g: Array) -> Array:
+        given = eqx.tree_at(lambda tree: tree.g, problem, g), weights
+        return ravel_pytree(_residual(unravel(flat), given))[0]
+
+    def slopes(flat: Array) -> tuple[Array, Array]:
+        return jax.grad(lambda *at: jnp.sum(residual(*at) ** 2) / 2, (0, 1))(flat, problem.g)
+
+    def along(direction: Array) -> tuple[Array, Array]:
+        return jax.jvp(slopes, (flat,), (direction,))[1]
+
+    def physical(flat: Array) -> Array:
+        return ravel_pytree(_parameters(problem, unravel(flat)))[0]
+
+    noise = jax.random.normal(jax.random.key(0), problem.g.shape)
+    deviation = jnp.linalg.norm(residual(flat, problem.g)) / jnp.linalg.norm(residual(flat, noise))
+    curvature, mixed = jax.lax.map(along, jnp.eye(flat.size), batch_size=AT_ONCE)
+    change = jnp.linalg.solve(curvature, mixed.reshape(flat.size, -1))
+    errors = deviation * jnp.linalg.norm(jax.jacfwd(physical)(flat) @ change, axis=1)
+    return ravel_pytree(_parameters(problem, free))[1](errors)
+
+
+def _corrected(problem: _Problem, found: Parameters) -> Float[Array, "detectors radii"]:
+    """Data read c delay farther out, by a phase of their Fourier transform, over the gain."""
+    views, n = problem.turns.shape[0], problem.radii.shape[0]
+    step = problem.radii[1] - problem.radii[0]
+    samples = jnp.tile(found.delays * problem.sound_speed, views) / step
+    phase = 2j * jnp.pi * jnp.fft.rfftfreq(2 * n) * samples[:, None]
+    read = jnp.fft.irfft(jnp.fft.rfft(problem.g, 2 * n) * jnp.exp(phase), 2 * n)[:, :n]
+    return read / jnp.tile(found.gains, views)[:, None]
+
+
+def _cutoffs(sizes: PlaneSizes) -> list[Array]:
+    """Doubled from stage to stage, as far as the first ones still have a few frequencies."""
+    step = sizes.max_frequency / sizes.n_frequencies
+    least = min(LEAST_FREQUENCIES * step, sizes.max_frequency)
+    shares = sizes.max_frequency * 0.5 ** np.arange(STAGES)
+    return [jax.device_put(share) for share in np.unique(np.maximum(shares, least))]
+
+
+def _flat(g: Numbers, views: int, turned: bool, detectors: int, radii: int) -> Array:
+    values = data_array(g, detectors, radii)
+    wanted = (views, detectors, radii) if turned else (detectors, radii)
+    if values.shape != wanted:
+        raise ValueError(
+            f"g has shape {values.shape}, expected {wanted}: one array of data for each of turns."
+        )
+    if is_concrete(values) and not values.any():
+        raise ValueError("g is zero everywhere: there is nothing to calibrate with.")
+    return values.reshape(-1, radii)
+
+
+def _positive(name: str, value: Numbers) -> Array:
+    array = real_array(name, value, ())
+    require_positive(name, array)
+    return array
+
+
+def _require_unknowns(
+    unknown: tuple[str, ...], curve: DetectorCurve, turns: Numbers | None
+) -> None:
+    if not unknown or any(name not in UNKNOWNS for name in unknown):
+        raise ValueError(f"unknown is {unknown!r}, expected some of {', '.join(UNKNOWNS)}.")
+    wants_arc = [name for name in ("radius", "center") if name in unknown]
+    if wants_arc and not isinstance(curve, CircularArc):
+        raise ValueError(
+            f"{wants_arc[0]} is unknown, but the curve is a {type(curve).__name__}: only a "
+            "circular_arc has one."
+        )
+    if "sound_speed" in unknown and "radius" in unknown:
+        raise ValueError(
+            "sound_speed and radius cannot both be unknown: with all lengths twice as large, and "
+            "the image with them, the data are the same. Measure one of them."
+        )
+    if "center" in unknown and not _is_turned(turns):
+        raise ValueError(
+            "center cannot be unknown in a single view: with all detectors moved, and the image "
+            "with them, the data are the same. Turn the array about a fixed axis and give turns."
+        )
+
+
+def _is_turned(turns: Numbers | None) -> bool:
+    if turns is None:
+        return False
+    angles = np.asarray(turns, float)
+    return bool(np.abs(np.exp(1j * angles) - np.exp(1j * angles[:1])).max() > 1e-3)

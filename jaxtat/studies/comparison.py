@@ -1,0 +1,232 @@
+"""Truncation, Tikhonov's regularisation and iterations side by side, at one frequency.
+
+All three look for densities with S rho ≈ exp(-i xi·x) whose norm is moderate. What each buys is a
+curve: the error of the plane waves against the norm of the densities, which is the gain of noise.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float, Int
+
+from ..base.checks import Numbers, is_concrete, real_array, require_positive, require_x64
+from ..densities.harmonic import (
+    PolarGeometry,
+    harmonic_orders,
+    polar_geometry,
+    unfold,
+    wave_system,
+    wave_table,
+)
+from ..phantoms import Phantom, noise_like
+from ..reconstruction import Setup
+from ..reconstruction.setup import plane_of
+from ..regularization import NormBound, Tikhonov, unit_norms
+from ..regularization.filtered_solve import filtered_solve
+from ..steps import polar_grid
+from ..steps.radial_transform import radial_transform
+from .ridge import ridge
+
+
+class TradeOff(eqx.Module):
+    """One method at several values of its parameter.
+
+    Attributes:
+        parameter: K, or alpha in units of the strongest wave, `alpha_unit`.
+        residual: relative L2 error of the plane waves' traces, root mean square over directions.
+        norm: ||rho|| over N(lambda), root mean square over directions: the gain of noise.
+        clean: relative L2 error of the image's part at this frequency, from exact data.
+        noisy: the same from noisy data.
+        seconds: time to solve for all directions, compiled beforehand.
+        iterations: 0 for a factorisation.
+        converged: whether what was asked for was reached.
+    """
+
+    parameter: Float[Array, " values"]
+    residual: Float[Array, " values"]
+    norm: Float[Array, " values"]
+    clean: Float[Array, " values"]
+    noisy: Float[Array, " values"]
+    seconds: Float[Array, " values"]
+    iterations: Int[Array, " values"]
+    converged: Bool[Array, " values"]
+
+
+class Comparison(eqx.Module):
+    """Three curves.
+
+    Attributes:
+        truncation: the paper's bound on the norm, of singular components.
+        tikhonov: Tikhonov's filter of the same components.
+        iterative: Tikhonov's minimum by jaxopt.
+    """
+
+    truncation: TradeOff
+    tikhonov: TradeOff
+    iterative: TradeOff
+
+
+def compare_regularizations(
+    setup: Setup,
+    phantom: Phantom,
+    frequency: Numbers,
+    *,
+    K: Numbers = (1.5, 2.0, 3.0, 4.3, 6.0, 10.0),
+    alpha: Numbers = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8),
+    noise: float = 0.05,
+    seed: int = 0,
+    n_directions: int | None = None,
+    tolerance: float = 1e-6,
+    max_steps: int = 1000,
+) -> Comparison:
+    """Error of plane waves and image against norm of densities, for three ways of regularising.
+
+    The part of the image at frequency lambda, per unit of frequency, is
+
+        f_lambda(x) = (1/2π) ∫ fhat(xi) exp(i xi·x) lambda dtheta,  f = ∫ f_lambda dlambda.
+
+    Args:
+        setup: in the plane.
+        phantom: the true image.
+        frequency: lambda [rad/length].
+        K: bounds for the truncation, `NormBound`.
+        alpha: of `Tikhonov`, by singular values and by iterations.
+        noise: level of the noise in the noisy data, see `phantoms.noise_like`.
+        seed: of that noise.
+        n_directions: by default enough for the frequency.
+        tolerance, max_steps: of the iterations, see `ridge.ridge`.
+
+    Returns:
+        Comparison.
+
+    Raises:
+        ValueError: for parameters that are not positive, and detectors that cylindrical waves do
+            not reach.
+
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
+    >>> setup = Setup(circular_arc(1.3, 1.0, 60), disk(1.0), ImageGrid(21))
+    >>> bell = phantoms.Bells([[0.2, 0.1]], [0.6])
+    >>> found = compare_regularizations(setup, bell, 12.0, K=[2.0, 4.0], alpha=[1e-2, 1e-3])
+    >>> bool(jnp.all(jnp.diff(found.truncation.residual) < 0)), found.iterative.converged.tolist()
+    (True, [True, True])
+    """
+    require_x64()
+    curve, region, radii, _ = plane_of(setup)
+    grid = setup.grid
+    bounds, alphas = real_array("K", K, ("values",)), real_array("alpha", alpha, ("values",))
+    frequency = real_array("frequency", frequency, ())
+    for name, value in (("K", bounds), ("alpha", alphas), ("frequency", frequency)):
+        require_positive(name, value)
+    if not is_concrete(setup, frequency):
+        raise ValueError("compare_regularizations measures time: nothing of it can be traced.")
+    _, angles = polar_grid(region, grid, radii, frequency, n_directions)
+    geometry = polar_geometry(curve, region)
+    n_max = int(harmonic_orders(geometry, np.asarray(frequency)[None]).max())
+    wave = jax.tree.map(lambda leaf: leaf[0], wave_table(geometry, frequency[None], n_max))
+    matrix, rhs, _, unit = wave_system(geometry, wave, angles - geometry.axis)
+    norm = unit_norms(curve, region, frequency[None], angles=angles)[0]
+    data = phantom.circular_integrals(curve, radii)
+    data = jnp.stack([data, data + noise_like(jax.random.key(seed), data, noise)])
+    judge = _Judge(
+        geometry=geometry,
+        matrix=matrix,
+        unit=unit,
+        rhs=rhs,
+        transformed=radial_transform(data, radii, frequency[None])[:, 0],
+        exact=phantom.fourier(frequency[None], angles)[0],
+        waves=_waves(frequency, angles, grid.points[region.contains(grid.points)]),
+        shift=jnp.exp(-1j * frequency * (geometry.center @ _unit(angles))),
+        unit_norm=norm,
+    )
+
+    def iterated(judge: _Judge, alpha: Array) -> tuple[Array, Array, Array]:
+        return _iterated(judge, alpha, tolerance, max_steps)
+
+    return Comparison(
+        judge.trade_off(_truncated, bounds),
+        judge.trade_off(_damped, alphas),
+        judge.trade_off(iterated, alphas),
+    )
+
+
+class _Judge(eqx.Module):
+    """All that is needed to tell how good densities of one frequency are."""
+
+    geometry: PolarGeometry
+    matrix: Float[Array, "blocks m columns"]
+    unit: Float[Array, ""]
+    rhs: Complex[Array, "blocks m directions"]
+    transformed: Float[Array, "2 2 detectors"]  # clean and noisy, J and Y
+    exact: Complex[Array, " directions"]
+    waves: Complex[Array, "points directions"]
+    shift: Complex[Array, " directions"]
+    unit_norm: Float[Array, "*one_or_directions"]
+
+    def trade_off(
+        self,
+        solve: Callable[["_Judge", Array], tuple[Array, Array, Array]],
+        parameters: Float[Array, " values"],
+    ) -> TradeOff:
+        """Of densities, iterations and a flag that a solver gives for each parameter."""
+        jax.block_until_ready(solve(self, parameters[0]))  # compile
+        rows = []
+        for parameter in parameters:
+            start = time.perf_counter()
+            q, iterations, converged = jax.block_until_ready(solve(self, parameter))
+            seconds = jnp.asarray(time.perf_counter() - start)
+            rows.append((parameter, *self.judged(q), seconds, iterations, converged))
+        return TradeOff(*(jnp.stack(column) for column in zip(*rows, strict=True)))
+
+    @eqx.filter_jit
+    def judged(self, q: Complex[Array, "blocks columns directions"]) -> Sequence[Array]:
+        """residual, norm, clean, noisy."""
+        misfit = self.matrix @ q - self.rhs
+        residual = jnp.sqrt(_square(misfit) / _square(self.rhs))
+        norm = jnp.sqrt(jnp.mean(_square(q)) / jnp.mean(self.unit_norm**2))
+        weighted = unfold(q, self.geometry.weights, self.geometry.mirror)
+        fhat = jnp.einsum("djk,ijk->id", weighted, self.transformed) / (2 * jnp.pi)
+        image = jnp.real((self.shift * fhat) @ self.waves.T)
+        exact = jnp.real(self.waves @ self.exact)
+        error = jnp.linalg.norm(image - exact, axis=-1) / jnp.linalg.norm(exact)
+        return jnp.sqrt(jnp.mean(residual**2)), norm, error[0], error[1]
+
+
+@eqx.filter_jit
+def _truncated(judge: _Judge, bound: Array) -> tuple[Array, Array, Array]:
+    found = filtered_solve(judge.matrix, judge.rhs, NormBound(bound), judge.unit_norm)
+    return found.q, jnp.zeros((), int), jnp.ones((), bool)
+
+
+@eqx.filter_jit
+def _damped(judge: _Judge, alpha: Array) -> tuple[Array, Array, Array]:
+    rule = Tikhonov(alpha * judge.unit)
+    found = filtered_solve(judge.matrix, judge.rhs, rule, judge.unit_norm)
+    return found.q, jnp.zeros((), int), jnp.ones((), bool)
+
+
+@eqx.filter_jit
+def _iterated(
+    judge: _Judge, alpha: Array, tolerance: float, max_steps: int
+) -> tuple[Array, Array, Array]:
+    alpha = alpha * judge.unit
+    found = ridge(judge.matrix, judge.rhs, alpha, tolerance=tolerance, max_steps=max_steps)
+    return found.q, found.iterations, found.converged
+
+
+def _square(columns: Complex[Array, "blocks n c"]) -> Float[Array, " c"]:
+    return jnp.sum(jnp.abs(columns) ** 2, axis=(0, 1))
+
+
+def _waves(
+    frequency: Array, angles: Float[Array, " directions"], points: Float[Array, "points 2"]
+) -> Complex[Array, "points directions"]:
+    """lambda exp(i xi·x) dtheta / π: the half turn of directions stands for the whole."""
+    return jnp.exp(1j * frequency * (points @ _unit(angles))) * frequency / angles.shape[0]
+
+
+def _unit(angles: Float[Array, " directions"]) -> Float[Array, "2 directions"]:
+    return jnp.stack([jnp.cos(angles), jnp.sin(angles)])

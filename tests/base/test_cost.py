@@ -1,0 +1,104 @@
+"""Memory and time by sizes: what cannot fit is refused with what does, before any work."""
+
+import resource
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jaxtat
+from jaxtat.base import cost
+from jaxtat.base.cost import Cost, LongWorkWarning, image_cost, require_room
+
+GIGA = 1e9
+
+
+def setup(pixels):
+    return (
+        jaxtat.circular_arc(1.3, 1.0, 24),
+        jaxtat.truncated_disk(1.0, 1.0, 64),
+        jaxtat.ImageGrid(pixels),
+        np.linspace(0.28, 2.32, 20),
+    )
+
+
+def test_the_largest_size_that_fits_is_named(monkeypatch):
+    """Of n pixels that take n² bytes, 31 fit into 1000."""
+    monkeypatch.setattr(cost, "available_memory", lambda: 1000.0)
+    require_room(lambda n: Cost(float(n * n), 0.0), 31)
+    with pytest.raises(ValueError, match=r"32 pixels a side take at least .* at most 31 fit"):
+        require_room(lambda n: Cost(float(n * n), 0.0), 32)
+
+
+def test_long_work_is_said_beforehand():
+    require_room(lambda n: Cost(1.0, 200.0), 32)
+    with pytest.warns(LongWorkWarning, match="32 pixels a side take 20 minutes or more"):
+        require_room(lambda n: Cost(1.0, 1200.0), 32)
+
+
+@pytest.mark.parametrize("given", [{}, {"max_frequency": 10.0}])
+@pytest.mark.parametrize("work", ["direct", "plan", "layout"])
+def test_images_that_do_not_fit_are_refused_at_the_entry(monkeypatch, work, given):
+    monkeypatch.setattr(cost, "available_memory", lambda: 8 * GIGA)
+    curve, region, grid, radii = setup(20000)
+    with pytest.raises(ValueError, match="20000 pixels a side take at least") as caught:
+        if work == "direct":
+            g = np.zeros((24, 20))
+            jaxtat.reconstruct_direct(curve, region, grid, radii, g, **given)
+        elif work == "plan":
+            jaxtat.build_plan(curve, region, grid, radii, progress=False, **given)
+        else:
+            jaxtat.problem_layout(curve, region, grid, radii, **given)
+    fits = int(str(caught.value).split("at most ")[1].split()[0])
+    assert 0.8 < fits / np.sqrt(8 * GIGA / cost.BYTES_PER_PIXEL) <= 1
+    jaxtat.problem_layout(curve, region, jaxtat.ImageGrid(4), radii, **given)
+
+
+def test_more_pixels_directions_and_frequencies_cost_more():
+    small = image_cost((100, 100), 50, 64)
+    for larger in (
+        image_cost((200, 100), 50, 64),
+        image_cost((100, 100), 5000, 64),
+        image_cost((100, 100), 50, 128),
+        image_cost((100, 100, 100), 50, 64),
+    ):
+        assert larger.nbytes > small.nbytes
+        assert larger.seconds >= small.seconds
+
+
+def test_free_memory_is_the_systems(tmp_path):
+    (tmp_path / "meminfo").write_text("MemTotal: 9 kB\nMemAvailable:      4 kB\n")
+    assert cost.system_memory(tmp_path) == 4096
+    assert cost.system_memory(tmp_path / "nowhere") > 1e6, "all there is, on other systems"
+    assert 1e6 < cost.available_memory() < 1e15
+
+
+@pytest.mark.parametrize(
+    ("line", "folder", "names", "wanted"),
+    [
+        ("0::/a/b", "sys/fs/cgroup/a", ("memory.max", "memory.current"), 60),
+        ("0::/a/b", "sys/fs/cgroup", ("memory.max", "memory.current"), 60),
+        (
+            "7:memory:/a",
+            "sys/fs/cgroup/memory/a",
+            ("memory.limit_in_bytes", "memory.usage_in_bytes"),
+            60,
+        ),
+        ("3:cpu:/a", "sys/fs/cgroup/a", ("memory.max", "memory.current"), np.inf),
+    ],
+)
+def test_control_groups_count_those_around_too(tmp_path, line, folder, names, wanted):
+    (tmp_path / "proc/self").mkdir(parents=True)
+    (tmp_path / "proc/self/cgroup").write_text(line + "\n")
+    (tmp_path / folder).mkdir(parents=True)
+    for name, value in zip(names, ("100", "40"), strict=True):
+        (tmp_path / folder / name).write_text(value + "\n")
+    assert cost.group_memory(tmp_path) == wanted
+    (tmp_path / folder / names[0]).write_text("max\n")
+    assert cost.group_memory(tmp_path) == np.inf
+
+
+def test_a_limit_on_addresses_counts(monkeypatch):
+    assert cost.address_space(Path("/proc")) > 1e9
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (10**15, 10**15))
+    assert 0 < 10**15 - cost.address_space(Path("/proc")) < 1e14, "less what is taken already"

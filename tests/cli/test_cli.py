@@ -1,0 +1,688 @@
+"""The command: the same images as from Python, and one line of reason for what it refuses."""
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import jax
+import jax.numpy as jnp
+import matplotlib.image
+import numpy as np
+import pytest
+from jaxtat.cli.setup import chosen
+
+import jaxtat
+from jaxtat import (
+    PAPER_K,
+    FixedRank,
+    ImageGrid,
+    NormBound,
+    SingularValueCutoff,
+    build_plan,
+    circular_arc,
+    condition_record,
+    cosine_filter,
+    data_radii,
+    detector_curve,
+    phantoms,
+    pressure_to_circular_integrals,
+    reconstruct,
+    reconstruct_direct,
+    truncated_disk,
+)
+from jaxtat.cli import main
+from jaxtat.cli.cache import keep_programs, remove_oldest, user_folder
+from jaxtat.cli.parser import build_parser
+from jaxtat.io import load_plan, load_settings
+from jaxtat.steps import require_boundary
+
+# 24 detectors, 11 x 11 pixels, 4 frequencies: one compilation for nearly all tests
+N, MAX_FREQUENCY = 24, 2 * np.pi / 0.8
+ARC = "--arc 1.3 1.0 24"
+REGION = f"--region-radius 0.8 --pixels 11 --max-frequency {MAX_FREQUENCY} --quiet"
+CURVE = circular_arc(1.3, 1.0, N)
+DISK = truncated_disk(0.8, 0.8, 2 * N)
+GRID = ImageGrid(11, 0.8)
+RADII = data_radii(CURVE, DISK, GRID.spacing[0])
+BELL = phantoms.Bells([[0.1, -0.15]], [0.6])
+INTEGRALS = np.asarray(BELL.circular_integrals(CURVE, RADII))
+
+
+def record_radii(curve, region, end):
+    """Radii for sources anywhere in the ring but its rim, as far as the record reaches."""
+    inner = min(0.95 * 1.3, end - float(GRID.spacing[0]) - 1.3)
+    sources = truncated_disk(inner, inner, 256)
+    return data_radii(curve, region, GRID.spacing[0], sources=sources)
+
+
+def image_of_plan(g, rule=None, curve=CURVE, low_pass=None, **options):
+    plan = build_plan(
+        curve, DISK, GRID, RADII, rule, max_frequency=MAX_FREQUENCY, progress=False, **options
+    )
+    inside = DISK.contains(GRID.points)
+    return np.where(inside, reconstruct(plan, g, low_pass=low_pass), 0.0)
+
+
+def direct_image(g, alpha=1e-6, curve=CURVE, region=DISK, radii=RADII, **options):
+    """What the command makes without a plan: alpha is 1e-6 for integrals, 1e-3 for records."""
+    found = reconstruct_direct(
+        curve, region, GRID, radii, g, alpha, max_frequency=MAX_FREQUENCY, **options
+    )
+    return np.where(region.contains(GRID.points), found.image, 0.0)
+
+
+@pytest.fixture
+def jaxtat_command(tmp_path, monkeypatch):
+    """Runs a command line in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return lambda line: main(shlex.split(line))
+
+
+def agree(image, wanted, tolerance=1e-9):
+    """Up to rounding: the command finds the centre of the curve by a fit."""
+    largest = np.abs(wanted).max()
+    assert largest > 0.1
+    return np.abs(image - wanted).max() < tolerance * largest
+
+
+def pulses(n_times, seed=0):
+    """Band-limited records: a few cosines per detector on [0, 1] of their duration."""
+    amplitudes = np.random.default_rng(seed).standard_normal((N, 6))
+    return amplitudes @ np.cos(np.pi * np.arange(6)[:, None] * np.linspace(0, 1, n_times))
+
+
+def test_plan_then_reconstruct_gives_the_image_of_python(jaxtat_command, tmp_path, capsys):
+    np.savez("data.npz", circular_integrals=INTEGRALS)
+    loud = REGION.replace("--quiet", "")
+    assert jaxtat_command(f"plan {ARC} {loud} --out plan.h5") == 0
+    assert "24 detectors, 4 frequencies x 32 directions" in capsys.readouterr().out
+    assert jaxtat_command("reconstruct data.npz --plan plan.h5 --out image.npy --quiet") == 0
+    assert capsys.readouterr().out == ""
+    assert agree(np.load("image.npy"), image_of_plan(INTEGRALS))
+    assert jaxtat_command("reconstruct data.npz --plan plan.h5 --out image.png --quiet") == 0
+    assert matplotlib.image.imread("image.png").ndim == 3
+    assert jaxtat_command("reconstruct data.npz --plan plan.h5 --out image.h5") == 0
+    assert "image written to image.h5" in capsys.readouterr().out
+    with h5py.File("image.h5") as file:
+        assert np.array_equal(file["image"][()], np.load("image.npy"))
+        inputs = json.loads(file["provenance"][()])["inputs"]
+    assert [item["name"] for item in inputs] == ["data.npz", "plan.h5"]
+    settings = load_settings("image.h5")
+    assert settings["plan"] == "plan.h5"
+    assert settings["low_pass"] == "none"
+    assert settings["single"] is False
+    wanted = ["data.npz", "image.h5", "image.npy", "image.png", "plan.h5"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == wanted
+
+
+def test_without_a_plan_the_image_is_that_of_the_direct_reconstruction(jaxtat_command, capsys):
+    np.savez("data.npz", circular_integrals=INTEGRALS)
+    loud = REGION.replace("--quiet", "")
+    assert jaxtat_command(f"reconstruct data.npz {ARC} {loud} --out image.h5") == 0
+    assert "4 frequencies, alpha 1.0e-06; systems solved to" in capsys.readouterr().out
+    with h5py.File("image.h5") as file:
+        assert agree(file["image"][()], direct_image(INTEGRALS))
+
+
+def test_a_smooth_phantom_comes_back_from_positions_in_three_dimensions(jaxtat_command):
+    """The truth, not only the Python interface, for a planar array given in space."""
+    curve, region, grid = circular_arc(1.3, 1.0, 60), truncated_disk(1.0, 1.0, 120), ImageGrid(21)
+    bell = phantoms.Bells([[0.03, -0.02]], [0.95])
+    radii = data_radii(curve, region, grid.spacing[0])
+    positions = np.insert(np.asarray(curve.points), 1, 0.7, axis=1)
+    g = bell.circular_integrals(curve, radii)
+    np.savez("data.npz", g=g, r=radii, detectors=positions)
+    line = "reconstruct data.npz --region-radius 1 --pixels 21 --max-frequency 25.1 --quiet"
+    assert jaxtat_command(f"{line} --out image.npy") == 0
+    inside = np.asarray(region.contains(grid.points))
+    error = np.abs(np.load("image.npy") - bell.image(grid))[inside].max()
+    assert error < 2e-3
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
+def test_positions_in_the_file(jaxtat_command, suffix):
+    arrays = {"g": INTEGRALS, "positions": np.asarray(CURVE.points), "radii": np.asarray(RADII)}
+    if suffix == ".npz":
+        np.savez("data.npz", **arrays)
+    else:
+        with h5py.File("data.h5", "w") as file:
+            file.update(arrays)
+    curve = detector_curve(CURVE.points)
+    assert jaxtat_command(f"reconstruct data{suffix} {REGION} --out image.npy") == 0
+    assert agree(np.load("image.npy"), direct_image(INTEGRALS, curve=curve))
+    assert jaxtat_command(f"plan --detectors-from data{suffix} {REGION} --out plan.h5") == 0
+    assert jaxtat_command(f"reconstruct data{suffix} --plan plan.h5 --out b.npy --quiet") == 0
+    assert agree(np.load("b.npy"), image_of_plan(INTEGRALS, curve=curve))
+    assert jaxtat_command(f"reconstruct data{suffix} {REGION} --K {PAPER_K} --out c.npy") == 0
+    assert np.array_equal(np.load("b.npy"), np.load("c.npy"))
+
+
+def test_a_plan_takes_the_radii_of_the_file(jaxtat_command):
+    radii = np.linspace(0.45, 2.2, 16)
+    np.savez("data.npz", g=np.zeros((N, 16)), r=radii, detectors=CURVE.points)
+    assert jaxtat_command(f"plan --detectors-from data.npz {REGION} --out plan.h5") == 0
+    assert np.array_equal(load_plan("plan.h5").radii, radii)
+
+
+def test_the_boundary_follows_from_the_frequency_and_the_plan_from_the_choices(
+    jaxtat_command, monkeypatch
+):
+    """48 points on the boundary were too few for the pixels that were asked for."""
+    asked = {}
+
+    def build(*geometry, max_frequency, **options):
+        asked["max_frequency"] = max_frequency
+        require_boundary(geometry[1], max_frequency)
+        raise ValueError("far enough")
+
+    monkeypatch.setattr("jaxtat.cli.setup.build_plan", build)
+    line = f"plan {ARC} --region-radius 0.8 --pixels 65 --out plan.h5"
+    assert jaxtat_command(line + " --max-frequency 100") == 2
+    assert asked == {"max_frequency": 100.0}
+    assert jaxtat_command(line) == 2
+    assert 30 < asked["max_frequency"] < 60  # what 24 detectors sample, not what 65 pixels do
+
+
+@pytest.mark.parametrize("how", ["plan alone", "ring", "positions"])
+def test_transposed_data_are_recognised(jaxtat_command, how):
+    arrays = {"detectors": CURVE.points} if how == "positions" else {}
+    geometry = "" if how == "positions" else ARC
+    np.savez("data.npz", g=INTEGRALS, **arrays)
+    np.savez("turned.npz", g=INTEGRALS.T, **arrays)
+    assert INTEGRALS.shape[0] != INTEGRALS.shape[1]
+    if how == "plan alone":
+        assert jaxtat_command(f"plan {ARC} {REGION} --out plan.h5") == 0
+        geometry = "--plan plan.h5"
+    options = "--quiet" if how == "plan alone" else REGION
+    for name in ("data", "turned"):
+        assert jaxtat_command(f"reconstruct {name}.npz {geometry} {options} --out {name}.npy") == 0
+    assert np.abs(np.load("data.npy")).max() > 0.3
+    assert np.array_equal(np.load("data.npy"), np.load("turned.npy"))
+
+
+def test_pressure_of_part_of_a_ring(jaxtat_command):
+    """32 detectors on a ring, those that look into the opening left out."""
+    pressure, theta = pulses(101), 2 * np.pi * np.arange(32) / 32
+    ring = 1.3 * np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    used = np.r_[24:32, 0:16]
+    whole = np.zeros((32, 101))
+    whole[used] = pressure
+    np.savez("data.npz", pressure=whole)
+    line = f"reconstruct data.npz --ring 1.3 32 --use 24:32,0:16 --duration 2.5 {REGION}"
+    by_hand = "--region-cut 0.8 --alpha 1e-3 --dead-time 0 --low-pass none"
+    assert jaxtat_command(f"{line} {by_hand} --out image.npy") == 0
+    curve = detector_curve(ring[used])
+    opening = float(jnp.arctan2(*curve.points.mean(axis=0)[::-1])) + np.pi
+    region = truncated_disk(0.8, 0.8, 48, angle=opening)
+    radii = record_radii(curve, region, 2.5)
+    g = pressure_to_circular_integrals(pressure, np.linspace(0, 2.5, 101), radii)
+    wanted = direct_image(g, 1e-3, curve, region, radii)
+    assert agree(np.load("image.npy"), wanted, 1e-8)
+
+
+def test_raw_counts_of_a_measured_scan(jaxtat_command):
+    """Whole numbers with an offset, sampling rate and sound speed in the file."""
+    raw = (2048 + 300 * pulses(160)).astype(np.uint16)
+    np.savez("data.npz", raw=raw, fs=np.array([50.0]), speed_of_sound=2.0, detectors=CURVE.points)
+    line = f"reconstruct data.npz {REGION} --model in-plane --band 0.2 8 --dead-time 0.1"
+    line += " --alpha 1e-3 --low-pass none"
+    assert jaxtat_command(f"{line} --out image.npy") == 0
+    times = np.arange(160) / 50.0
+    clean = condition_record(raw.astype(float), times, dead_time=0.1, band=(0.2, 8.0))
+    curve = detector_curve(CURVE.points)
+    radii = record_radii(curve, DISK, 2.0 * times[-1])
+    g = pressure_to_circular_integrals(clean, times, radii, sound_speed=2.0, model="in-plane")
+    wanted = direct_image(g, 1e-3, curve, radii=radii)
+    assert agree(np.load("image.npy"), wanted)
+    assert jaxtat_command(f"{line} --sound-speed 2.0 --sampling-rate 50 --out again.npy") == 0
+    assert np.array_equal(np.load("again.npy"), np.load("image.npy"))
+    assert jaxtat_command(f"{line} --sound-speed 1.5 --out other.npy") == 0
+    assert not agree(np.load("other.npy"), wanted, 1e-2)
+
+
+@pytest.mark.parametrize(
+    ("option", "rule", "others"),
+    [
+        ("--K 2.5", NormBound(2.5), {}),
+        ("--j-max 20.5", FixedRank(20.5), {}),
+        ("--sigma-min 1e-2", SingularValueCutoff(1e-2), {}),
+        ("--single", None, {"precision": "single"}),
+        ("--collocation", None, {"method": "collocation"}),
+        ("--K 2.5 --low-pass cosine", NormBound(2.5), {"low_pass": cosine_filter}),
+        ("--collocation --j-max 20", FixedRank(20.0), {"method": "collocation"}),
+    ],
+)
+def test_options_that_ask_for_a_plan(jaxtat_command, option, rule, others):
+    np.savez("data.npz", g=INTEGRALS)
+    assert jaxtat_command(f"reconstruct data.npz {ARC} {REGION} {option} --out image.npy") == 0
+    wanted = image_of_plan(INTEGRALS, rule, **others)
+    assert agree(np.load("image.npy"), wanted, 1e-7 if option == "--single" else 1e-9)
+    assert not agree(wanted, direct_image(INTEGRALS)), "the option changes something"
+
+
+@pytest.mark.parametrize(
+    ("option", "others"),
+    [
+        ("--alpha 1e-2", {"alpha": 1e-2}),
+        ("--low-pass cosine", {"low_pass": cosine_filter}),
+        ("--inversion fourier", {"inversion": "fourier"}),
+    ],
+)
+def test_options_of_the_direct_reconstruction(jaxtat_command, option, others):
+    np.savez("data.npz", g=INTEGRALS)
+    assert jaxtat_command(f"reconstruct data.npz {ARC} {REGION} {option} --out image.npy") == 0
+    wanted = direct_image(INTEGRALS, **others)
+    assert agree(np.load("image.npy"), wanted)
+    assert not agree(wanted, direct_image(INTEGRALS)), "the option changes something"
+
+
+def test_the_series_on_a_full_ring(jaxtat_command):
+    theta = 2 * np.pi * np.arange(N) / N
+    ring = detector_curve(1.3 * np.stack([np.cos(theta), np.sin(theta)], axis=1))
+    g = BELL.circular_integrals(ring, RADII)
+    np.savez("data.npz", g=g, r=RADII)
+    assert jaxtat_command(f"plan --ring 1.3 {N} {REGION} --series --single --out plan.h5") == 0
+    plan = load_plan("plan.h5")
+    assert plan.regularization is None
+    assert plan.densities.values.dtype == jnp.complex64
+    line = f"reconstruct data.npz --ring 1.3 {N} {REGION} --series --out image.npy"
+    assert jaxtat_command(line) == 0
+    wanted = image_of_plan(g, curve=ring, method="series")
+    assert agree(np.load("image.npy"), wanted)
+
+
+@pytest.mark.parametrize(
+    ("use", "wanted"),
+    [
+        ("2:5", [2, 3, 4]),
+        ("6:8,0:2", [6, 7, 0, 1]),
+        ("0:8:3", [0, 3, 6]),
+        (":3", [0, 1, 2]),
+        ("-2:,0:1", [6, 7, 0]),
+        ("::-2", [7, 5, 3, 1]),
+        (None, list(range(8))),
+    ],
+)
+def test_slices_choose_detectors(use, wanted):
+    assert chosen(use, 8).tolist() == wanted
+
+
+@pytest.mark.parametrize("use", ["5", "", "a:b", "1:2:3:4", "0:8:0", "1.0:2", "0:2,,"])
+def test_what_is_no_slice_is_refused(use):
+    with pytest.raises(ValueError, match="expected slices such as"):
+        chosen(use, 8)
+
+
+@pytest.mark.parametrize("use", ["0:9", "8:", "-9:3", "3:3", "5:2", "0:2,7:9"])
+def test_slices_beyond_the_detectors_are_refused_not_clipped(use):
+    with pytest.raises(ValueError, match="there are 8 detectors, 0 to 7"):
+        chosen(use, 8)
+
+
+def test_radii_bound_the_region_and_what_they_do_not_cover_is_refused(jaxtat_command, capsys):
+    """What `info` promises can be had: three quarters of the arc would need radii to 2.275."""
+    radii = 0.45 + 0.1 * np.arange(15)
+    g = BELL.circular_integrals(CURVE, radii)
+    np.savez("data.npz", g=g, r=radii, detectors=CURVE.points)
+    assert jaxtat_command("info data.npz") == 0
+    said = capsys.readouterr().out
+    assert "as much as the radii cover" in said and "region_radius  0.55" in said
+    assert jaxtat_command("info data.npz --region-radius 0.8") == 2
+    assert "radii run from 0.45 to 1.85, but circles" in capsys.readouterr().err
+    np.savez("mm.npz", g=g, r=100 * radii, detectors=CURVE.points)
+    assert jaxtat_command("info mm.npz") == 2
+    assert "circles cover no region" in capsys.readouterr().err
+
+
+def test_slices_choose_frames(jaxtat_command, capsys):
+    frames = np.stack([INTEGRALS, 2 * INTEGRALS, np.nan * INTEGRALS, 4 * INTEGRALS])
+    np.savez("data.npz", g=frames)
+    line = f"reconstruct data.npz {ARC} {REGION}"
+    assert jaxtat_command(f"{line} --out all.h5") == 0
+    assert "frames 2 are left out: they hold NaN" in capsys.readouterr().err
+    assert jaxtat_command(f"{line} --frames 1:2,3:4 --out some.h5") == 0
+    assert jaxtat_command("reconstruct data.npz --repeat some.h5 --quiet --out again.npy") == 0
+    assert capsys.readouterr().err == ""
+    with h5py.File("all.h5") as whole, h5py.File("some.h5") as some:
+        assert np.array_equal(whole["frames"], [0, 1, 3])
+        assert np.array_equal(some["frames"], [1, 3])
+        assert agree(whole["image"][0], direct_image(INTEGRALS))
+        assert np.array_equal(whole["image"][1:], some["image"])
+        assert np.array_equal(np.load("again.npy"), some["image"])
+    assert jaxtat_command(f"{line} --frames 0:5 --out b.npy") == 2
+    assert "--frames 0:5: there are 4 frames, 0 to 3" in capsys.readouterr().err
+
+
+def test_an_invisible_part_is_a_note_and_not_an_error(jaxtat_command, capsys):
+    np.savez("data.npz", g=np.zeros((N, 20)), r=np.linspace(0.4, 2.2, 20))
+    line = f"reconstruct data.npz --arc 1.3 -0.2 {N} {REGION} --region-cut 0.8 --out image.npy"
+    assert jaxtat_command(line) == 0
+    notes = capsys.readouterr().err.splitlines()
+    assert len(notes) == 1
+    assert notes[0].startswith("jaxtat: note: ")
+    assert "lines through the region miss the curve" in notes[0]
+    assert not np.load("image.npy").any()
+
+
+@pytest.fixture
+def bad_input(tmp_path, monkeypatch):
+    """A folder of files for `reconstruct`, each but the first wrong in one way."""
+    monkeypatch.chdir(tmp_path)
+    nan = INTEGRALS.copy()
+    nan[3, 5] = np.nan
+    points = np.asarray(CURVE.points)
+    np.savez("good.npz", g=INTEGRALS)
+    np.savez("nan.npz", g=nan)
+    np.savez("fewer.npz", g=INTEGRALS[:-1])
+    np.savez("short.npz", g=INTEGRALS[:, :-3])
+    np.savez("flat.npz", g=INTEGRALS[0])
+    np.savez("text.npz", g=np.array(["a"]))
+    np.savez("complex.npz", g=INTEGRALS + 0j)
+    np.savez("nothing.npz", x=INTEGRALS)
+    np.savez("radii.npz", g=INTEGRALS, r=1.01 * RADII)
+    np.savez("moved.npz", g=INTEGRALS, detectors=points + 0.01)
+    np.savez("some.npz", g=INTEGRALS, detectors=points[:-1])
+    np.savez("angles.npz", g=INTEGRALS, detectors=np.arange(N))
+    np.savez("record.npz", pressure=pulses(90), t=np.linspace(0, 1.5, 90))
+    np.savez("timeless.npz", pressure=pulses(90))
+    np.savez("still.npz", pressure=pulses(90), fs=0.0)
+    (tmp_path / "damaged.npz").write_bytes((tmp_path / "good.npz").read_bytes()[:-30])
+    (tmp_path / "good.txt").write_text("1 2 3\n")
+    (tmp_path / "folder.png").mkdir()
+    return tmp_path
+
+
+GEOMETRY = f"{ARC} {REGION}"
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (f"nowhere.npz {GEOMETRY} --out a.png", "there is no file nowhere.npz"),
+        (f"folder.png {GEOMETRY} --out a.png", "there is no file folder.png"),
+        (f"good.txt {GEOMETRY} --out a.png", "cannot read good.txt: expected a name ending"),
+        (f"good.npz {GEOMETRY} --out a.jpg", "cannot write a.jpg: expected a name ending"),
+        (f"good.npz {GEOMETRY} --out nowhere/a.png", "there is no folder"),
+        (f"good.npz {GEOMETRY} --out folder.png", "cannot write folder.png: it is a folder"),
+        (f"damaged.npz {GEOMETRY} --out a.png", "cannot read damaged.npz"),
+        (f"nan.npz {GEOMETRY} --out a.png", "1 NaN or infinite values of"),
+        (f"nan.npz {GEOMETRY} --out a.png", "the first at index (3, 5)"),
+        (f"fewer.npz {GEOMETRY} --out a.png", "the data have 23 detectors"),
+        (f"short.npz {GEOMETRY} --out a.png", f"radii, the geometry has {len(RADII)}"),
+        (f"flat.npz {GEOMETRY} --out a.png", "expected (detectors, samples)"),
+        (f"text.npz {GEOMETRY} --out a.png", "expected real numbers"),
+        (f"complex.npz {GEOMETRY} --out a.png", "expected real numbers"),
+        (f"nothing.npz {GEOMETRY} --out a.png", "holds ['x'], expected data under one of"),
+        (f"record.npz {GEOMETRY} --out a.png", "end"),
+        (f"timeless.npz {GEOMETRY} --out a.png", "no sample times"),
+        (f"still.npz {GEOMETRY} --out a.png", "the sampling rate is 0"),
+        (f"timeless.npz {GEOMETRY} --sampling-rate -3 --out a.png", "--sampling-rate is -3.0"),
+        (
+            f"timeless.npz {GEOMETRY} --duration 0 --out a.png",
+            "equal positive steps|--duration is 0.0",
+        ),
+        (f"timeless.npz {GEOMETRY} --duration 3 --band 5 2 --out a.png", "0 <= f_lo < f_hi"),
+        (
+            f"timeless.npz {GEOMETRY} --duration 3 --sound-speed 0 --out a.png",
+            "--sound-speed is 0.0",
+        ),
+        (f"good.npz {REGION} --out a.png", "no detector positions"),
+        (f"angles.npz {REGION} --out a.png", "expected (detectors, 2 or 3)"),
+        (f"some.npz {REGION} --out a.png", "the data have 24 detectors"),
+        (f"good.npz {ARC} --region-radius 1.4 --out a.png", "inside or on the region"),
+        (f"good.npz {GEOMETRY} --region-center 30 0 --out a.png", "inside or on the region|radii"),
+        (f"good.npz {GEOMETRY} --half-width 0 --out a.png", "--half-width is 0.0"),
+        (f"good.npz {ARC} --region-radius 0.8 --pixels 0 --out a.png", "expected at least 4"),
+        (f"good.npz {GEOMETRY} --use 0:30 --out a.png", "there are 24 detectors"),
+        (f"good.npz {GEOMETRY} --K -1 --out a.png", "K is -1.0"),
+        (f"good.npz {GEOMETRY} --K nan --out a.png", "K is nan"),
+        (f"good.npz {GEOMETRY} --series --out a.png", "equispaced detectors on a full circle"),
+        (f"good.npz {GEOMETRY} --series --K 3 --out a.png", "--series is a closed form"),
+        (f"good.npz {GEOMETRY} --alpha 1e-3 --K 3 --out a.png", "--alpha is for a reconstruction"),
+        (f"good.npz {GEOMETRY} --alpha 1e-3 --single --out a.png", "leave out the others"),
+        (f"good.npz {GEOMETRY} --alpha 0 --out a.png", "alpha is 0"),
+        (f"good.npz {GEOMETRY} --alpha -0.001 --out a.png", "alpha is -0.001"),
+        (f"good.npz {GEOMETRY} --alpha nan --out a.png", "alpha"),
+        (f"good.npz --arc 1.3 1 23.5 {REGION} --out a.png", "number of detectors is 23.5"),
+        (f"good.npz --arc 1.3 1 inf {REGION} --out a.png", "number of detectors is inf"),
+        (f"good.npz --ring 1.3 0 {REGION} --out a.png", "number of detectors is 0"),
+        (f"good.npz --ring 0 24 {REGION} --out a.png", "same position"),
+        ("good.npz --plan nowhere.h5 --out a.png", "there is no plan file nowhere.h5"),
+        ("good.npz --plan good.txt --out a.png", "good.txt is not a jaxtat plan"),
+    ],
+)
+def test_bad_input_is_one_line_and_no_file(bad_input, capsys, line, reason):
+    require_refusal(bad_input, capsys, f"reconstruct {line}", reason)
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("fewer.npz", "the data have 23 detectors"),
+        ("short.npz", f"radii, the geometry has {len(RADII)}"),
+        ("nan.npz", "the first at index (3, 5)"),
+        ("radii.npz", "built for other radii"),
+        ("moved.npz", "built for other detectors (positions differ by up to 0.01)"),
+        ("some.npz", "the data have 24 detectors"),
+        ("good.npz --arc 1.3 0.9 24", "built for other detectors"),
+        ("good.npz --use 0:20", "the data have 20 detectors"),
+        ("good.npz --pixels 129", "--pixels and --plan"),
+        ("good.npz --region-radius 0.8", "--region-radius and --plan"),
+        ("good.npz --K 4", "--K and --plan"),
+        ("good.npz --single", "--single and --plan"),
+        ("good.npz --collocation", "--collocation and --plan"),
+        ("good.npz --alpha 1e-3", "--alpha and --plan"),
+    ],
+)
+def test_a_plan_for_something_else_is_refused(bad_input, small_cli_plan, capsys, line, reason):
+    line = f"reconstruct {line} --plan {small_cli_plan} --out a.png --quiet"
+    require_refusal(bad_input, capsys, line, reason)
+
+
+@pytest.fixture(scope="module")
+def small_cli_plan(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plan") / "plan.h5"
+    assert main(shlex.split(f"plan {GEOMETRY} --out {path}")) == 0
+    return path
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (f"{REGION} --out a.h5", "no detector positions"),
+        (f"{GEOMETRY} --out nowhere/a.h5", "there is no folder"),
+        (f"{GEOMETRY} --out folder.png", "it is a folder"),
+        (f"{GEOMETRY} --out /dev/null", "no ordinary file"),
+        (f"--detectors-from nowhere.npz {REGION} --out a.h5", "there is no file nowhere.npz"),
+        (f"--detectors-from good.npz {REGION} --out a.h5", "no detector positions"),
+    ],
+)
+def test_plans_that_cannot_be_are_refused(bad_input, capsys, line, reason):
+    require_refusal(bad_input, capsys, f"plan {line}", reason)
+
+
+def require_refusal(folder, capsys, line, reason):
+    before = sorted(path.name for path in folder.iterdir())
+    assert main(shlex.split(line)) == 2
+    written = capsys.readouterr()
+    assert written.out == ""
+    assert len(written.err.splitlines()) == 1, written.err
+    assert written.err.startswith("jaxtat: error: ")
+    assert any(part in written.err for part in reason.split("|")), written.err
+    assert "Traceback" not in written.err
+    assert sorted(path.name for path in folder.iterdir()) == before
+
+
+WORK = ("jaxtat.cli.setup.build_plan", "jaxtat.scans.frames.reconstruct_direct")
+WITH_AND_WITHOUT_PLAN = pytest.mark.parametrize("option", ["--K 3", ""])
+
+
+@WITH_AND_WITHOUT_PLAN
+def test_data_are_refused_before_anything_is_computed(bad_input, capsys, monkeypatch, option):
+    def too_late(*arguments, **options):
+        raise AssertionError("work was begun")
+
+    for function in WORK:
+        monkeypatch.setattr(function, too_late)
+    options = f"{GEOMETRY} {option} --out a.npy"
+    for name in ("nan", "fewer", "record"):
+        require_refusal(bad_input, capsys, f"reconstruct {name}.npz {options}", "")
+    with pytest.raises(AssertionError, match="work was begun"):
+        main(shlex.split(f"reconstruct good.npz {options}"))
+
+
+@WITH_AND_WITHOUT_PLAN
+def test_an_interruption_is_no_traceback(bad_input, capsys, monkeypatch, option):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    for function in WORK:
+        monkeypatch.setattr(function, interrupted)
+    assert main(shlex.split(f"reconstruct good.npz {GEOMETRY} {option} --out a.npy")) == 130
+    assert capsys.readouterr().err == "jaxtat: interrupted\n"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "recreate",
+        "plan",
+        "reconstruct data.npz",
+        "reconstruct --out a.png",
+        "plan --arc 1 2 --out a.h5",
+        "plan --arc 1 0 5 --ring 1 5 --out a.h5",
+        "plan --K 1 --j-max 3 --out a.h5",
+        "plan --series --collocation --out a.h5",
+        "plan --alpha 1e-3 --out a.h5",
+        "plan --K much --out a.h5",
+        "reconstruct data.npz --out a.png --model 3d",
+        "reconstruct data.npz --out a.png --low-pass hann",
+        "reconstruct data.npz --out a.png --inversion radon",
+        "reconstruct data.npz --out a.png --alpha little",
+        "reconstruct data.npz --out a.png --duration 1 --sampling-rate 3",
+        "reconstruct data.npz --out a.png --pixels 12.5",
+    ],
+)
+def test_wrong_arguments_exit_with_2_and_the_usage(capsys, line):
+    with pytest.raises(SystemExit) as caught:
+        main(shlex.split(line))
+    assert caught.value.code == 2
+    assert capsys.readouterr().err.startswith("usage: jaxtat")
+
+
+@pytest.mark.parametrize("command", ["paper", "plan", "reconstruct", "info", "report"])
+def test_help_shows_examples_of_the_command_that_parse(capsys, command):
+    with pytest.raises(SystemExit) as caught:
+        main([command, "--help"])
+    assert caught.value.code == 0
+    examples = capsys.readouterr().out.split("examples:")[1].replace("\\\n", " ").splitlines()
+    lines = [line.strip() for line in examples if line.strip().startswith("jaxtat ")]
+    assert lines[0].split()[1] == command
+    for line in lines:
+        assert command in line
+        assert callable(build_parser().parse_args(shlex.split(line)[1:]).run)
+
+
+QUICK = """
+import sys
+from jaxtat.cli import main
+try:
+    print("returned", main(sys.argv[1:]))
+except SystemExit as end:
+    print("exited", end.code)
+print(sorted({"jax", "numpy", "scipy", "matplotlib", "h5py"} & set(sys.modules)))
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "ending", "said"),
+    [
+        ("--help", "exited 0", "COMMAND --help"),
+        ("--version", "exited 0", f"jaxtat {jaxtat.__version__}\n"),
+        ("reconstruct --help", "exited 0", "msot-invision-256"),
+        ("reconstruct a.npz --out a.png --model 3d", "exited 2", "invalid choice: '3d'"),
+        ("reconstruct a.npz --out a.png --alpha nan", "returned 2", "--alpha is nan"),
+        ("reconstruct a.npz --out a.gif", "returned 2", "expected a name ending in .png"),
+        ("info a.npz --scanner ct", "returned 2", "expected one of msot-invision-256"),
+        ("info a.npz --use 3", "returned 2", "expected slices such as"),
+        ("report a.npz --out a.html --K 3 --alpha 1", "returned 2", "leave out the others"),
+        ("plan --ring 1 2.5 --out a.h5", "returned 2", "number of detectors is 2.5"),
+        ("paper --out a --cache /dev/null/x", "returned 2", "--cache /dev/null/x: the folder"),
+    ],
+)
+def test_help_and_refusals_wait_for_no_library(line, ending, said, tmp_path):
+    """JAX takes seconds to import, NumPy tenths of a second."""
+    done = subprocess.run(
+        [sys.executable, "-c", QUICK, *shlex.split(line)],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=120,
+    )
+    assert done.stdout.endswith(f"{ending}\n[]\n"), done.stderr
+    assert said in done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_the_module_is_the_command():
+    done = subprocess.run(
+        [sys.executable, "-m", "jaxtat", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert done.stdout.startswith("usage: jaxtat ")
+    assert done.stderr == ""
+
+
+@pytest.fixture
+def settings_of_jax():
+    """What the command sets for its process is taken back."""
+    names = ("jax_compilation_cache_dir", "jax_enable_compilation_cache")
+    before = {name: getattr(jax.config, name) for name in names}
+    yield
+    for name, value in before.items():
+        jax.config.update(name, value)
+
+
+def test_programs_are_kept_in_the_users_folder_by_default(settings_of_jax, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(sys, "platform", "linux")
+    keep_programs(None)
+    assert jax.config.jax_compilation_cache_dir != str(tmp_path / "jaxtat"), "JAX has one already"
+    jax.config.update("jax_compilation_cache_dir", None)
+    keep_programs(None)
+    assert jax.config.jax_compilation_cache_dir == str(tmp_path / "jaxtat")
+    assert (tmp_path / "jaxtat").is_dir()
+    keep_programs(str(tmp_path / "own"))
+    assert jax.config.jax_compilation_cache_dir == str(tmp_path / "own")
+    keep_programs(None, off=True)
+    assert jax.config.jax_enable_compilation_cache is False
+
+
+@pytest.mark.parametrize(
+    ("platform", "environment", "wanted"),
+    [
+        ("linux", {"XDG_CACHE_HOME": "/a"}, "/a/jaxtat"),
+        ("linux", {"XDG_CACHE_HOME": ""}, "/home/me/.cache/jaxtat"),
+        ("darwin", {}, "/home/me/Library/Caches/jaxtat"),
+        ("win32", {"LOCALAPPDATA": "/local"}, "/local/jaxtat"),
+    ],
+)
+def test_the_users_folder_is_that_of_the_platform(monkeypatch, platform, environment, wanted):
+    monkeypatch.setattr(Path, "home", lambda: Path("/home/me"))
+    assert user_folder(environment, platform).as_posix() == wanted
+
+
+def test_the_oldest_programs_go(tmp_path):
+    for i in range(5):
+        (tmp_path / str(i)).write_bytes(bytes(100))
+        os.utime(tmp_path / str(i), (i, i))
+    remove_oldest(tmp_path, 250)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["3", "4"]

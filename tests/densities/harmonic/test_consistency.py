@@ -1,0 +1,89 @@
+"""What no image explains: against a dense least-squares problem, and on exact data."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+from jaxtat import circular_arc, phantoms, truncated_disk
+from jaxtat.densities.harmonic import polar_geometry, unexplained, wave_table
+from jaxtat.densities.harmonic.table import (
+    alpha_unit,
+    detector_matrix,
+    detector_powers,
+    region_factor,
+)
+from jaxtat.geometry import detector_curve, turned_views
+from jaxtat.reconstruction import radial_transform
+
+ARC = circular_arc(1.3, 0.6, 20)
+DISK = truncated_disk(0.8, 0.8, 60)
+FREQUENCIES = jnp.array([2.0, 7.0])
+ALPHA, N_MAX = jnp.array(1e-3), 14
+GEOMETRIES = {
+    "disk within an arc": (ARC, DISK),
+    "cut disk within an arc": (ARC, truncated_disk(0.8, 0.3, 60)),
+    "off a circle": (
+        detector_curve(ARC.points * jnp.array([1.2, 1.0])),
+        truncated_disk(0.8, 0.8, 60),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_it_is_what_dense_least_squares_leave(name):
+    geometry = polar_geometry(*GEOMETRIES[name])
+    data = jax.random.normal(jax.random.key(0), (2, 2, 20))
+    left, penalty = unexplained(geometry, FREQUENCIES, N_MAX, data, ALPHA)
+    root = np.sqrt(np.asarray(geometry.weights))
+    table = wave_table(geometry, FREQUENCIES, N_MAX)
+    for i in range(2):
+        wave = jax.tree.map(lambda leaf, i=i: leaf[i], table)
+        factor = region_factor(geometry, wave)
+        columns, squares = [], []
+        for j in range(2):
+            matrix = factor.matrix_times(detector_matrix(geometry, wave)[j])
+            columns.append(np.asarray(matrix).reshape(-1, 20) * root)
+        a = np.concatenate(columns, axis=1).T  # (J and Y, waves)
+        unit = float(alpha_unit(factor, detector_powers(geometry, wave)))
+        squares = np.sqrt(float(ALPHA) * unit) * np.eye(a.shape[1])
+        right = (np.asarray(data[i]) * root).ravel()
+        stacked = np.concatenate([a, squares]), np.concatenate([right, np.zeros(a.shape[1])])
+        y = np.linalg.lstsq(*stacked, rcond=None)[0]
+        assert np.allclose(left[i].ravel(), right - a @ y, atol=1e-9)
+        assert np.allclose(penalty[i].ravel(), squares.diagonal() * y, atol=1e-9)
+
+
+def test_exact_data_are_explained_but_not_with_a_wrong_speed():
+    curve, region = circular_arc(1.3, 1.0, 130), truncated_disk(1.0, 1.0, 260)
+    radii = 0.3 + jnp.arange(257) / 128
+    g = phantoms.Bells([[0.3, -0.2]], [0.5]).circular_integrals(curve, radii)
+    frequencies = jnp.array([3.0, 20.0])
+
+    def share(stretch):
+        data = radial_transform(g, stretch * radii, frequencies)
+        left, _ = unexplained(polar_geometry(curve, region), frequencies, 80, data, jnp.array(1e-9))
+        whole = jnp.sqrt(curve.weights) * data
+        return jnp.linalg.norm(left, axis=(1, 2)) / jnp.linalg.norm(whole, axis=(1, 2))
+
+    assert np.all(share(1.0) < 1e-6)
+    assert np.all(share(1.01) > 5e-3)
+
+
+def test_derivatives_in_places_and_data():
+    data = jax.random.normal(jax.random.key(1), (2, 2, 40))
+    direction = jax.random.normal(jax.random.key(2), (2, 2, 40))
+
+    @eqx.filter_jit
+    def parts(center, radius, size):
+        arc = circular_arc(1.3, 0.6, 20)
+        arc = eqx.tree_at(lambda arc: (arc.center, arc.radius), arc, (center, radius))
+        geometry = polar_geometry(turned_views(arc, jnp.array([0.0, 2.0])), DISK)
+        return unexplained(geometry, FREQUENCIES, N_MAX, data + size * direction, ALPHA)
+
+    at = jnp.array([0.05, -0.02]), jnp.array(1.3), jnp.array(0.1)
+    check_grads(
+        lambda *values: parts(*map(jnp.asarray, values)), at, 1, ["fwd", "rev"], 1e-5, 1e-5, 1e-4
+    )

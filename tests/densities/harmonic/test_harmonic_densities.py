@@ -1,0 +1,147 @@
+"""Densities in cylindrical waves against those of collocation, and sums over them."""
+
+import operator
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtat import (
+    FixedRank,
+    ImageGrid,
+    NormBound,
+    SingularValueCutoff,
+    Tikhonov,
+    TikhonovNormBound,
+    build_plan,
+    circular_arc,
+    data_radii,
+    detector_curve,
+    phantoms,
+    reconstruct,
+    reconstruct_direct,
+    truncated_disk,
+)
+from jaxtat.densities import collocation_densities
+from jaxtat.densities.harmonic import (
+    HarmonicDensities,
+    group_of,
+    harmonic_densities,
+    harmonic_orders,
+    polar_geometry,
+    wave_table,
+)
+from jaxtat.special import full_circle_norm
+
+FREQUENCIES = jnp.array([3.0, 5.0, 9.0])
+NORMS = full_circle_norm(FREQUENCIES, 1.5)
+ANGLES = jnp.array([0.0, 0.4, 1.1, 2.5])
+PLACE = {"center": (0.3, -0.2), "angle": 0.8}
+ARC, ODD = circular_arc(1.5, 0.1, 40, **PLACE), circular_arc(1.5, 0.1, 41, **PLACE)
+DISK, HALF = truncated_disk(1.0, 1.0, 160, **PLACE), truncated_disk(1.0, 0.1, 160, **PLACE)
+ASIDE = truncated_disk(0.8, 0.8, 160, center=(0.45, -0.1))
+JITTER = np.random.default_rng(1).uniform(-0.02, 0.02, (40, 2))
+GEOMETRIES = {
+    "disk": (ODD, DISK),
+    "half disk": (ARC, HALF),
+    "disk off the centre": (ARC, ASIDE),
+    "measured": (detector_curve(ARC.points + JITTER), DISK),
+}
+
+
+def densities_of(curve, region, rule):
+    """As in a plan, but in one group."""
+    polar = polar_geometry(curve, region)
+    n_max = int(harmonic_orders(polar, np.asarray(FREQUENCIES)).max())
+    table = wave_table(polar, FREQUENCIES, n_max)
+    local = ANGLES - polar.axis
+    parts = [slice(i, i + 1) for i in range(len(FREQUENCIES))]
+    tables = [jax.tree.map(operator.itemgetter(part), table) for part in parts]
+    found = [
+        harmonic_densities(polar, one, n_max, NORMS[part], local, rule)
+        for one, part in zip(tables, parts, strict=True)
+    ]
+    along = jnp.stack([jnp.cos(ANGLES), jnp.sin(ANGLES)], axis=-1) @ (region.center - polar.center)
+    phases = jnp.exp(1j * FREQUENCIES[:, None] * along)
+    group = group_of([step for step, _ in found])
+    return HarmonicDensities((group,), local, phases, polar.mirror), [r for _, r in found]
+
+
+@pytest.fixture(scope="module", params=GEOMETRIES)
+def norm_bounded(request):
+    curve, region = GEOMETRIES[request.param]
+    return curve, region, *densities_of(curve, region, NormBound(3.0))
+
+
+def all_frequencies(densities, curve):
+    return jnp.stack([densities.of_frequency(i, curve.weights) for i in range(len(FREQUENCIES))])
+
+
+def agree(curve, region, rule, densities, reports):
+    exact, report = collocation_densities(FREQUENCIES, NORMS, ANGLES, curve, region, rule)
+    found = all_frequencies(densities, curve)
+    # both cut what they keep at the same place; what remains is rounding (1e-14) and the waves left
+    # out (1e-12), over the least singular value kept, some 1e-4 to 1e-6 of the largest
+    for i in range(len(FREQUENCIES)):
+        scale = float(jnp.abs(exact[i]).max())
+        np.testing.assert_allclose(found[i], exact[i], atol=1e-6 * scale)
+        np.testing.assert_allclose(reports[i].norm[0], report.norm[i], rtol=1e-6)
+        np.testing.assert_allclose(reports[i].j_max[0], report.j_max[i], atol=1e-4)
+        np.testing.assert_allclose(reports[i].residual[0], report.residual[i], atol=1e-7)
+
+
+def test_norm_bound_agrees_with_collocation(norm_bounded):
+    curve, region, densities, reports = norm_bounded
+    agree(curve, region, NormBound(3.0), densities, reports)
+
+
+@pytest.mark.parametrize(
+    ("name", "rule"), [("disk", FixedRank(24.4)), ("measured", SingularValueCutoff(3e-4))]
+)
+def test_other_rules_agree_with_collocation(name, rule):
+    curve, region = GEOMETRIES[name]
+    agree(curve, region, rule, *densities_of(curve, region, rule))
+
+
+def test_fourier_transform_is_the_sum_over_the_densities(norm_bounded):
+    """fhat = (1/2π) Σ_k w_k (rho_J G_J + rho_Y G_Y), for a batch, in both precisions."""
+    curve, _, densities, _ = norm_bounded
+    n = curve.n_detectors
+    transformed = jnp.asarray(np.random.default_rng(0).standard_normal((2, 3, 3, 2, n)))
+    expected = jnp.einsum(
+        "fdjk,abfjk,k->abfd", all_frequencies(densities, curve), transformed, curve.weights
+    ) / (2 * jnp.pi)
+    scale = float(jnp.abs(expected).max())
+    found = densities.polar_fourier(transformed, curve.weights)
+    np.testing.assert_allclose(found, expected, atol=1e-12 * scale)
+    single = densities.in_single_precision()
+    assert {leaf.dtype for leaf in (single.groups[0].rows, single.groups[0].extra_rows)} == {
+        jnp.dtype("float32")
+    }
+    found = single.polar_fourier(transformed, curve.weights)
+    np.testing.assert_allclose(found, expected, atol=1e-5 * scale)
+
+
+def test_rows_are_few():
+    """Rules alike for all directions need no rows beside one per order and wave."""
+    densities, _ = densities_of(*GEOMETRIES["disk"], FixedRank(24.4))
+    group = densities.groups[0]
+    assert group.extra.shape[-2] == group.extra_rows.shape[-2] == 0
+    # plane waves of 9 radians need some twenty orders of them, not all that potentials need
+    assert group.rows.shape[-2] < 40
+
+
+@pytest.mark.parametrize(
+    ("rule", "alpha"), [(Tikhonov(1e-6), 1e-6), (TikhonovNormBound(2.0), NormBound(2.0))]
+)
+def test_tikhonov_plan_is_the_direct_reconstruction(rule, alpha):
+    """Two ways to the same image: singular values of A, and systems with A A^T + alpha."""
+    curve, region = circular_arc(1.5, 0.0, 50), truncated_disk(1.0, 0.0, 120)
+    grid = ImageGrid(21)
+    radii = data_radii(curve, region, grid.spacing[0])
+    g = phantoms.Bells([[-0.4, 0.1]], [0.5]).circular_integrals(curve, radii)
+    built = build_plan(curve, region, grid, radii, rule, progress=False)
+    found = reconstruct(built, g)
+    expected = reconstruct_direct(curve, region, grid, radii, g, alpha).image
+    np.testing.assert_allclose(found, expected, atol=1e-8)

@@ -1,0 +1,162 @@
+"""The regularised systems against dense ones made of potentials on the boundary."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtat import circular_arc, detector_curve, truncated_disk
+from jaxtat.densities.harmonic import (
+    Data,
+    alpha_rule,
+    circular_harmonics_at,
+    harmonic_orders,
+    polar_geometry,
+    solve_harmonics,
+    tikhonov,
+    wave_table,
+)
+from jaxtat.densities.harmonic.table import detector_matrix
+from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
+from jaxtat.geometry.curves import SampledCurve
+
+FREQUENCIES = jnp.array([2.0, 5.0, 9.0])
+ANGLES = jnp.array([0.0, 0.4, 1.1, 2.5])
+N = 41  # detectors, of which one is on the axis of mirrored curves
+CENTER, TURN = jnp.array([0.3, -0.2]), 0.8
+PLACE = {"center": CENTER, "angle": TURN}
+
+
+def ellipse(jitter):
+    """Detectors off a circle, mirrored about an axis if there is no jitter."""
+    theta = np.pi + np.linspace(-2.0, 2.0, N)
+    local = np.stack([1.6 * np.cos(theta), 1.5 * np.sin(theta)], axis=1)
+    local += np.random.default_rng(1).uniform(-jitter, jitter, (N, 2))
+    c, s = np.cos(TURN), np.sin(TURN)
+    curve = detector_curve(local @ np.array([[c, s], [-s, c]]) + np.asarray(CENTER))
+    # arcs through three neighbours are not mirrored to rounding
+    weights = curve.weights if jitter else (curve.weights + curve.weights[::-1]) / 2
+    return SampledCurve(curve.points, weights, curve.normals, curve.closed)
+
+
+ARC = circular_arc(1.5, 1.1, N, **PLACE)
+DISK = truncated_disk(1.0, 1.0, 200, **PLACE)
+HALF = truncated_disk(1.0, 0.1, 200, **PLACE)
+ASKEW = truncated_disk(0.9, 0.1, 200, center=CENTER + 0.05)
+# curve, region, and what kind it is: (mirror, disk, on_circle)
+GEOMETRIES = {
+    "disk": (ARC, DISK, (True, True, True)),
+    "half disk": (circular_arc(1.5, 0.1, N, **PLACE), HALF, (True, False, True)),
+    "askew half disk": (ARC, ASKEW, (False, False, True)),
+    "disk, measured detectors": (ellipse(0.02), DISK, (False, True, False)),
+    "half disk, mirrored ellipse": (ellipse(0.0), HALF, (True, False, False)),
+}
+
+
+def some_data(curve, images=2):
+    """(G_J, G_Y) of no particular image, (frequencies, images, 2, detectors)."""
+    shape = (len(FREQUENCIES), images, 2, curve.n_detectors)
+    return jnp.asarray(np.random.default_rng(0).standard_normal(shape))
+
+
+@eqx.filter_jit
+def solve(polar, transformed, groups, solver, alpha=1e-6, tolerance=1e-12):
+    ones = jnp.ones(len(FREQUENCIES))
+    data = Data(transformed, ones, ones, alpha_rule(alpha, len(FREQUENCIES)))
+    return solve_harmonics(polar, FREQUENCIES, groups, data, solver, tolerance)
+
+
+def one_group(polar):
+    """All frequencies with the orders of the neediest: one thing to compile."""
+    return ((0, len(FREQUENCIES), int(harmonic_orders(polar, np.asarray(FREQUENCIES)).max())),)
+
+
+def at_angles(polar, region, harmonics):
+    """fhat, its phases counted from the region's centre, (images, frequencies, directions)."""
+    directions = jnp.stack([jnp.cos(ANGLES), jnp.sin(ANGLES)], axis=-1)
+    along = directions @ (region.center - polar.center)
+    fhat = circular_harmonics_at(harmonics, ANGLES - polar.axis)
+    return fhat * jnp.exp(1j * FREQUENCIES[:, None] * along)
+
+
+def dense(curve, region, transformed, alphas):
+    """fhat = rho·√w G / 2π with rho = A^T (A A^T + alpha)^-1 u, A of the boundary points."""
+    found = []
+    for lam, data, alpha in zip(FREQUENCIES, transformed, alphas, strict=True):
+        a = np.asarray(potential_matrix(lam, curve, region))
+        u = np.asarray(plane_wave_traces(lam, ANGLES, region))
+        rho = a.T @ np.linalg.solve(a @ a.T + float(alpha) * np.eye(len(a)), u)
+        scaled = np.asarray(jnp.sqrt(curve.weights) * data)
+        found.append(scaled.reshape(len(data), -1) @ rho / (2 * np.pi))
+    return np.stack(found, axis=1)
+
+
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_both_solvers_agree_with_a_dense_solution_on_the_boundary(name):
+    """In every kind of geometry fhat is that of the densities of the collocation matrix."""
+    curve, region, kind = GEOMETRIES[name]
+    polar = polar_geometry(curve, region)
+    assert (polar.mirror, polar.disk, polar.on_circle) == kind
+    transformed = some_data(curve)
+    expected = None
+    for solver in ("cholesky", "cg"):
+        harmonics, report = solve(polar, transformed, one_group(polar), solver)
+        if expected is None:
+            expected = dense(curve, region, transformed, report.alpha)
+        found = at_angles(polar, region, harmonics)
+        # 3e-12: truncation of the waves at 1e-12, and boundary points that resolve them all
+        np.testing.assert_allclose(found, expected, atol=2e-11 * np.abs(expected).max())
+        assert report.converged.all() and report.residual.max() < 1e-10
+        assert (report.iterations > 0).all() == (solver == "cg")
+
+
+def test_groups_of_frequencies_change_nothing():
+    """Every frequency with its own orders gives what the orders of the highest give."""
+    curve, region, _ = GEOMETRIES["disk"]
+    polar = polar_geometry(curve, region)
+    orders = harmonic_orders(polar, np.asarray(FREQUENCIES))
+    groups = ((0, 1, int(orders[0])), (1, 3, int(orders[2])))
+    assert orders[0] < orders[2]
+    transformed = some_data(curve)
+    apart, _ = solve(polar, transformed, groups, "cholesky")
+    together, _ = solve(polar, transformed, one_group(polar), "cholesky")
+    assert apart.shape == together.shape
+    assert not apart[:, 0, :, int(orders[0]) + 1 :].any()
+    fhat = [at_angles(polar, region, harmonics) for harmonics in (apart, together)]
+    assert jnp.abs(fhat[0] - fhat[1]).max() < 1e-11 * jnp.abs(fhat[0]).max()
+
+
+def test_too_few_steps_are_reported_with_the_true_residual(monkeypatch):
+    """After five steps nothing has converged; the residual is that of the returned y."""
+    monkeypatch.setattr(tikhonov, "MAX_ITERATIONS", 5)
+    curve, region, _ = GEOMETRIES["disk"]
+    polar = polar_geometry(curve, region)
+    transformed = some_data(curve, images=1)
+    groups = one_group(polar)
+    harmonics, report = solve(polar, transformed, groups, "cg")
+    assert not report.converged.any() and (report.iterations == 5).all()
+    wave = jax.tree.map(lambda leaf: leaf[2], wave_table(polar, FREQUENCIES, groups[0][2]))
+    norms = np.asarray(wave.norms)
+    a = norms[:, :, None] * np.asarray(detector_matrix(polar, wave) * jnp.sqrt(curve.weights))
+    scaled = np.asarray(jnp.sqrt(curve.weights) * transformed[2, 0])
+    size = np.asarray(wave.plane_scale) * norms
+    y = np.where(size > 0, harmonics[0, 2], 0.0) / np.where(size > 0, size, 1.0)
+    rhs = np.einsum("jbrk,jk->br", a, scaled)
+    product = np.einsum("jbrk,jbsk,bs->br", a, a, y) + float(report.alpha[2]) * y
+    residual = np.linalg.norm(product - rhs) / np.linalg.norm(rhs)
+    assert residual > 1e-3
+    np.testing.assert_allclose(report.residual[2], residual, rtol=1e-9)
+
+
+@pytest.mark.parametrize("solver", ["cholesky", "cg"])
+def test_nothing_comes_of_nothing_and_nan_is_no_solution(solver):
+    """Zero data give zero, solved; NaN in one frequency is reported there and only there."""
+    curve, region, _ = GEOMETRIES["disk"]
+    polar = polar_geometry(curve, region)
+    zero = jnp.zeros((len(FREQUENCIES), 2, 2, N))
+    harmonics, report = solve(polar, zero, one_group(polar), solver)
+    assert not harmonics.any() and report.converged.all() and not report.residual.any()
+    broken = some_data(curve).at[1, 0, 0, 0].set(jnp.nan)
+    _, report = solve(polar, broken, one_group(polar), solver)
+    assert report.converged.tolist() == [True, False, True]

@@ -1,0 +1,159 @@
+"""Step 1: plane waves from the curve, in every position, with and without mirror symmetry."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtat import (
+    FixedRank,
+    ImageGrid,
+    NormBound,
+    SingularValueCutoff,
+    build_plan,
+    circular_arc,
+    data_radii,
+    truncated_disk,
+)
+from jaxtat.densities import collocation_densities, find_mirror
+from jaxtat.densities.single_layer import plane_wave, plane_wave_traces, potential, potential_matrix
+from jaxtat.special import full_circle_norm
+
+LAM = jnp.array([3.0, 20.0])
+ANGLES = jnp.array([0.0, 0.9, 2.0])
+NORMS = full_circle_norm(LAM, 1.3)
+
+
+def geometry(right, **place):
+    return (
+        circular_arc(1.3, right, 90, **place),
+        truncated_disk(1.0, right, 180, **place),
+    )
+
+
+def wave_error(curve, region, densities):
+    """Largest error of the plane waves at points inside the region."""
+    local = np.random.default_rng(0).uniform(-1, 1, (400, 2)) + np.asarray(region.center)
+    points = jnp.asarray(local)[region.contains(jnp.asarray(local))]
+    assert points.shape[0] > 50
+    return [
+        float(
+            jnp.abs(
+                potential(lam, rho, curve, points) - plane_wave(lam, ANGLES, points - region.center)
+            ).max()
+        )
+        for lam, rho in zip(LAM, densities, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("right", [1.0, 0.0])
+@pytest.mark.parametrize("place", [{}, {"center": (2.0, -1.0), "angle": 2.3}])
+def test_plane_waves_are_reproduced_inside_the_region(right, place):
+    """Inside, errors are no larger than on the boundary, and a larger norm buys accuracy."""
+    curve, region = geometry(right, **place)
+    mirror = find_mirror(curve, region)
+    assert mirror is not None
+    for K, residual in ((4.287, 2e-2), (100.0, 1e-4)):
+        densities, report = collocation_densities(
+            LAM, NORMS, ANGLES, curve, region, NormBound(K), mirror
+        )
+        assert densities.shape == (2, 3, 2, 90)
+        assert np.all(np.asarray(report.norm) <= K * np.asarray(NORMS)[:, None] * (1 + 1e-12))
+        assert report.residual.max() < residual
+        for error, bound in zip(
+            wave_error(curve, region, densities), report.residual.max(axis=1), strict=True
+        ):
+            assert error < 2 * bound
+
+
+@pytest.mark.parametrize("rule", [NormBound(3.0), FixedRank(40.0), SingularValueCutoff(1e-6)])
+def test_mirror_symmetry_changes_nothing_but_the_work(rule):
+    curve, region = geometry(0.0, center=(0.3, 0.1), angle=0.8)
+    mirror = find_mirror(curve, region)
+    plain, one = collocation_densities(LAM, NORMS, ANGLES, curve, region, rule)
+    folded, two = collocation_densities(LAM, NORMS, ANGLES, curve, region, rule, mirror)
+    assert np.allclose(one.singular_values, two.singular_values, atol=1e-12)
+    for name in ("norm", "residual", "j_max"):
+        assert np.allclose(getattr(one, name), getattr(two, name), rtol=1e-5, atol=1e-7)
+    assert np.allclose(plain, folded, rtol=1e-4, atol=1e-5 * float(jnp.abs(plain).max()))
+
+
+def test_the_report_tells_norm_and_residual_of_what_is_returned():
+    curve, region = geometry(0.0)
+    densities, report = collocation_densities(LAM, NORMS, ANGLES, curve, region, NormBound(2.0))
+    for i, lam in enumerate(LAM):
+        unknowns = (densities[i] * jnp.sqrt(curve.weights)).reshape(3, -1).T
+        traces = plane_wave_traces(lam, ANGLES, region)
+        misfit = potential_matrix(lam, curve, region) @ unknowns - traces
+        residual = jnp.linalg.norm(misfit, axis=0) / jnp.linalg.norm(traces, axis=0)
+        assert np.allclose(report.residual[i], residual, rtol=1e-6, atol=1e-12)
+        assert np.allclose(report.norm[i], jnp.linalg.norm(unknowns, axis=0), rtol=1e-10)
+    assert np.allclose(report.unit_norm, NORMS)
+
+
+@pytest.mark.parametrize(
+    ("method", "right", "n_detectors", "center"),
+    [
+        ("series", 1.3, 24, (0.0, 0.0)),
+        ("collocation", 1.0, 24, (0.0, 0.0)),
+        ("harmonic", 1.0, 24, (0.0, 0.0)),
+        ("harmonic", 0.75, 25, (0.0, 0.0)),  # one detector on the axis
+        ("harmonic", 1.0, 24, (0.05, -0.02)),  # no symmetry, phases of a shifted centre
+    ],
+)
+def test_densities_are_used_as_they_are_told(method, right, n_detectors, center):
+    """fhat = (1/2π) Σ w_k (rho_J G_J + rho_Y G_Y) with the densities of `of_frequency`.
+
+    These are densities: their potentials are the plane waves, as far as the report says.
+    """
+    curve = circular_arc(1.3, right, n_detectors)
+    region, grid = truncated_disk(0.7, 0.7, 64, center=center), ImageGrid(5)
+    plan = build_plan(
+        *(curve, region, grid, data_radii(curve, region, 0.3)),
+        method=method,
+        max_frequency=7.0,
+        n_directions=5,
+        progress=False,
+    )
+    n, weights = len(plan.frequencies), curve.weights
+    rng = np.random.default_rng(0)
+    transformed = jnp.asarray(rng.standard_normal((2, 3, n, 2, n_detectors)))
+    each = [plan.densities.of_frequency(i, weights) for i in range(n)]
+    assert all(rho.shape == (5, 2, n_detectors) for rho in each)
+    exact = np.einsum("k,...fjk,fdjk->...fd", weights, transformed, each) / (2 * np.pi)
+    found = plan.densities.polar_fourier(transformed, weights)
+    assert np.allclose(found, exact, rtol=1e-10, atol=1e-10 * np.abs(exact).max())
+    single = plan.densities.in_single_precision().polar_fourier(transformed, weights)
+    assert np.allclose(single, exact, atol=1e-4 * np.abs(exact).max())
+    for i, rho in enumerate(each):
+        unknowns = (rho * jnp.sqrt(weights)).reshape(5, -1).T
+        traces = plane_wave_traces(plan.frequencies[i], plan.angles, region)
+        misfit = potential_matrix(plan.frequencies[i], curve, region) @ unknowns - traces
+        residual = jnp.linalg.norm(misfit, axis=0) / jnp.linalg.norm(traces, axis=0)
+        assert np.allclose(plan.report.residual[i], residual, rtol=1e-4, atol=1e-9)
+        assert np.allclose(plan.report.norm[i], jnp.linalg.norm(unknowns, axis=0), rtol=1e-8)
+
+
+def test_one_norm_is_not_enough_on_an_open_arc():
+    """Most wave fronts pass an arc once: the bound must exceed √2 N (and 1 is not enough)."""
+    curve, region = geometry(0.0)
+    for K, enough in ((1.0, False), (3.0, True)):
+        _, report = collocation_densities(LAM, NORMS, ANGLES, curve, region, NormBound(K))
+        assert bool(report.residual[1].max() < 1e-2) == enough
+
+
+def test_units_of_length_do_not_matter():
+    curve, region = geometry(0.0)
+    small_curve = circular_arc(1.3e-3, 0.0, 90)
+    small_region = truncated_disk(1e-3, 0.0, 180)
+    metre, _ = collocation_densities(LAM, NORMS, ANGLES, curve, region, NormBound(2.0))
+    norms = full_circle_norm(LAM * 1e3, 1.3e-3)
+    milli, _ = collocation_densities(
+        LAM * 1e3, norms, ANGLES, small_curve, small_region, NormBound(2.0)
+    )
+    assert np.allclose(metre, milli * 1e-3, rtol=1e-4, atol=1e-5 * float(jnp.abs(metre).max()))
+
+
+def test_no_mirror_is_found_where_there_is_none():
+    assert find_mirror(circular_arc(1.3, 0.0, 91), truncated_disk(1.0, 0.0, 180)) is None
+    assert find_mirror(circular_arc(1.3, 0.0, 90, angle=0.1), truncated_disk(1.0, 0.0, 180)) is None
+    assert find_mirror(circular_arc(1.3, 1.3, 90), truncated_disk(1.0, 1.0, 180)) is None

@@ -1,0 +1,105 @@
+"""Potential matrices and plane waves against scipy, finite differences and the wave equation."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.special as sp
+from jax.test_util import check_grads
+
+from jaxtat import circular_arc, truncated_disk
+from jaxtat.densities.single_layer import plane_wave, plane_wave_traces, potential, potential_matrix
+
+CURVE = circular_arc(1.3, 0.4, 7, center=(0.3, -0.2), angle=0.5)
+REGION = truncated_disk(1.0, 0.2, 12, center=(0.3, -0.2), angle=0.5)
+LAM = 9.0
+
+
+def test_matrix_is_its_formula_entry_by_entry():
+    found = np.asarray(potential_matrix(jnp.array(LAM), CURVE, REGION))
+    for x in range(12):
+        for z in range(7):
+            d = np.asarray(REGION.points[x] - CURVE.points[z])
+            r = np.hypot(*d)
+            c = d @ np.asarray(REGION.normals[x]) / r
+            s = float(jnp.sqrt(REGION.weights[x] * CURVE.weights[z]))
+            assert np.isclose(found[x, z], s * sp.j0(LAM * r), atol=1e-14)
+            assert np.isclose(found[x, z + 7], s * sp.y0(LAM * r), atol=1e-14)
+            assert np.isclose(found[x + 12, z], -s * c * sp.j1(LAM * r), atol=1e-14)
+            assert np.isclose(found[x + 12, z + 7], -s * c * sp.y1(LAM * r), atol=1e-14)
+
+
+def random_densities(directions=2):
+    rng = np.random.default_rng(0)
+    shape = (directions, 2, 7)
+    return jnp.asarray(rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
+
+
+def test_matrix_times_densities_is_the_potential_and_its_normal_derivative():
+    rho = random_densities(1)
+    unknowns = (rho[0] * jnp.sqrt(CURVE.weights)).ravel()
+    traces = np.asarray(potential_matrix(jnp.array(LAM), CURVE, REGION) @ unknowns)
+    traces = traces.reshape(2, 12) / np.sqrt(np.asarray(REGION.weights))
+    step = 1e-5
+
+    def at(offset):
+        points = REGION.points + offset * REGION.normals
+        return np.asarray(potential(jnp.array(LAM), rho, CURVE, points))[:, 0]
+
+    assert np.allclose(traces[0], at(0.0), atol=1e-13)
+    assert np.allclose(traces[1], (at(step) - at(-step)) / (2 * step * LAM), atol=1e-8)
+
+
+def test_potential_solves_the_helmholtz_equation():
+    points = jnp.array([[0.3, 0.1], [-0.1, -0.4]])
+    rho, h = random_densities(), 1e-3
+    u = [
+        np.asarray(potential(jnp.array(LAM), rho, CURVE, points + h * jnp.array(shift)))
+        for shift in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
+    ]
+    laplacian = (u[1] + u[2] + u[3] + u[4] - 4 * u[0]) / h**2
+    assert u[0].shape == (2, 2)
+    assert np.allclose(laplacian, -(LAM**2) * u[0], rtol=1e-4, atol=1e-4 * LAM**2)
+
+
+def test_potential_in_pieces_is_the_potential():
+    points = jnp.asarray(np.random.default_rng(1).uniform(-0.5, 0.5, (3, 5, 2)))
+    whole = potential(jnp.array(LAM), random_densities(), CURVE, points)
+    pieces = potential(jnp.array(LAM), random_densities(), CURVE, points, batch_size=2)
+    assert whole.shape == (3, 5, 2)
+    assert np.allclose(whole, pieces, atol=1e-14)
+
+
+def test_plane_wave_traces_are_value_and_normal_derivative():
+    angles = jnp.array([0.0, 1.1, 2.8])
+    traces = np.asarray(plane_wave_traces(jnp.array(LAM), angles, REGION))
+    traces = traces.reshape(2, 12, 3) / np.sqrt(np.asarray(REGION.weights))[:, None]
+    step = 1e-6
+
+    def at(offset):
+        local = REGION.points + offset * REGION.normals - REGION.center
+        return np.asarray(plane_wave(jnp.array(LAM), angles, local))
+
+    xi = LAM * np.stack([np.cos(angles), np.sin(angles)])
+    assert np.allclose(at(0.0), np.exp(-1j * np.asarray(REGION.points - REGION.center) @ xi))
+    assert np.allclose(traces[0], at(0.0), atol=1e-14)
+    assert np.allclose(traces[1], (at(step) - at(-step)) / (2 * step * LAM), atol=1e-8)
+
+
+@pytest.mark.parametrize("modes", [["fwd"], ["rev"]])
+def test_derivatives_in_frequency_and_geometry(modes):
+    def matrix(frequency, radius, region_radius):
+        frequency = jnp.asarray(frequency)
+        curve = circular_arc(radius, 0.4, 4)
+        region = truncated_disk(region_radius, 0.2, 8, n_chord=2)
+        traces = plane_wave_traces(frequency, jnp.array([0.4]), region)
+        return potential_matrix(frequency, curve, region), traces.real, traces.imag
+
+    arguments = (jnp.array(LAM), jnp.array(1.3), jnp.array(1.0))
+    check_grads(matrix, arguments, order=1, modes=modes)
+    rho = random_densities()
+
+    def field(frequency, points):
+        u = potential(jnp.asarray(frequency), rho, CURVE, jnp.asarray(points))
+        return u.real, u.imag
+
+    check_grads(field, (jnp.array(LAM), jnp.array([[0.2, 0.1]])), order=1, modes=modes)

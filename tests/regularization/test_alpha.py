@@ -1,0 +1,233 @@
+"""Rules for alpha: against their definitions, and against the best constant one."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+from jaxtat import (
+    ImageGrid,
+    NormBound,
+    circular_arc,
+    data_radii,
+    phantoms,
+    problem_layout,
+    reconstruct_direct,
+    truncated_disk,
+)
+from jaxtat.densities.harmonic import (
+    Data,
+    alpha_rule,
+    harmonic_orders,
+    polar_geometry,
+    solve_harmonics,
+)
+from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
+from jaxtat.reconstruction import radial_transform
+from jaxtat.regularization import NoiseLevel
+from jaxtat.regularization.alpha import Problem, RelativeAlpha, _alpha_of_norm
+from jaxtat.special import full_circle_norm
+
+FREQUENCIES = jnp.array([3.0, 9.0])
+N = 40
+ARC, DISK = circular_arc(1.5, 1.1, N, angle=0.4), truncated_disk(1.0, 1.0, 160)
+HALF_ARC = circular_arc(1.5, 0.1, N, angle=0.4)
+HALF, ASKEW = (truncated_disk(1.0, 0.1, 160, angle=angle) for angle in (0.4, 0.7))
+NORMS = full_circle_norm(FREQUENCIES, 1.5)
+ORDERS = int(harmonic_orders(polar_geometry(ARC, DISK), np.asarray(FREQUENCIES)).max())
+
+
+@jax.jit
+def zeros_solved(polar, rule, norms):
+    """alpha of a rule that does not look at the data."""
+    n = polar.detector_angles.shape[0]
+    data = Data(jnp.zeros((2, 1, 2, n)), jnp.ones(2), norms, rule)
+    groups = ((0, 2, ORDERS),)
+    return solve_harmonics(polar, FREQUENCIES, groups, data, "cholesky", 1e-10)[1]
+
+
+def alphas(curve, region, alpha, norms=NORMS):
+    rule = alpha_rule(alpha, 2)
+    return zeros_solved(polar_geometry(curve, region), rule, norms)
+
+
+def diagonal_problem(values):
+    """What a rule sees of a diagonal A A^T with plane waves that are white."""
+    values = jnp.asarray(values)
+    return Problem(
+        matrix=jnp.diag(values)[None],
+        plane=jnp.eye(len(values))[None],
+        diagonal=values[None],
+        unit_norm=jnp.array(2.0),
+        data_power=jnp.array(5.0),
+        noise_power=jnp.array(0.25),
+        frequency=jnp.array(3.0),
+        unit=values.max(),
+        n_data=8,
+    )
+
+
+def test_numbers_are_relative_to_the_largest_diagonal_entry():
+    """One for all frequencies or one for each; on a disk the diagonal is known in closed form."""
+    problem = diagonal_problem([4.0, 2.0])
+    assert RelativeAlpha(jnp.array(1e-3)).absolute(problem) == 4e-3
+    each = alphas(ARC, DISK, [1e-4, 1e-6])
+    np.testing.assert_allclose(each.relative_alpha, [1e-4, 1e-6], rtol=1e-12)
+    one = alphas(ARC, DISK, 1e-6)
+    np.testing.assert_allclose(each.alpha / one.alpha, [100.0, 1.0], rtol=1e-12)
+    # no diagonal entry exceeds the largest eigenvalue, and the largest is of its size
+    for lam, alpha in zip(FREQUENCIES, one.alpha, strict=True):
+        sigma = np.linalg.svd(potential_matrix(lam, ARC, DISK), compute_uv=False)
+        assert 0.1 * sigma[0] ** 2 < alpha / 1e-6 <= sigma[0] ** 2
+
+
+def test_noise_level_is_noise_over_signal():
+    """sigma² noise / tau² with tau² tr(A A^T) = |data|² - |noise|²; more noise, more alpha."""
+    problem = diagonal_problem([4.0, 2.0])
+    noise = 0.3**2 * 0.25
+    signal = (8 * 5.0 - 8 * noise) / 6.0
+    np.testing.assert_allclose(NoiseLevel(0.3).absolute(problem), noise / signal, rtol=1e-12)
+    found = [float(NoiseLevel(sigma).absolute(problem)) for sigma in (1e-3, 0.1, 3.0, 5.0, 50.0)]
+    assert (np.diff(found) >= 0).all() and np.isfinite(found).all()
+
+
+BELLS = phantoms.Bells([[0.3, 0.1], [-0.35, -0.2], [0.0, 0.5]], [0.3, 0.4, 0.25], [1, -0.6, 0.8])
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """Data with white noise of 3 % of the largest value, and the geometry."""
+    curve, region, grid = circular_arc(1.5, 1.2, 60), truncated_disk(1.0, 1.2, 120), ImageGrid(33)
+    radii = data_radii(curve, region, grid.spacing[0])
+    exact = BELLS.circular_integrals(curve, radii)
+    sigma = 0.03 * float(exact.max())
+    noise = sigma * np.random.default_rng(0).standard_normal(exact.shape)
+    return (curve, region, grid, radii, exact + noise), sigma
+
+
+def test_noise_level_by_brute_force(noisy):
+    """alpha of the whole pipeline from traces of the boundary matrix and sums over all data."""
+    (curve, region, grid, radii, g), sigma = noisy
+    report = reconstruct_direct(curve, region, grid, radii, g, NoiseLevel(sigma)).report
+    layout = problem_layout(curve, region, grid, radii)
+    step = layout.max_frequency / layout.n_frequencies
+    for i in (0, 9, 24):
+        lam = jnp.array((i + 1) * step)
+        transform = radial_transform(jnp.eye(len(radii))[:, None], radii, lam[None])[:, 0, :, 0]
+        root = np.sqrt(np.asarray(curve.weights))
+        data = np.asarray(jnp.einsum("kr,rj->jk", g, transform)) * root
+        noise = sigma**2 * (root**2).sum() * (np.asarray(transform) ** 2).sum()
+        trace = np.sum(np.asarray(potential_matrix(lam, curve, region)) ** 2)
+        signal = max((data**2).sum() - noise, 0.01 * noise) / trace
+        per_datum = noise / data.size
+        np.testing.assert_allclose(report.alpha[i], per_datum / signal, rtol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:detectors are too few")  # the least alphas: noise, and so said
+def test_noise_level_is_nearly_the_best_alpha(noisy):
+    """The error of the image is within 20 % of that of the best constant alpha."""
+    setup, sigma = noisy
+    grid = setup[2]
+    inside, exact = setup[1].contains(grid.points), BELLS.image(grid)
+
+    def error(alpha):
+        image = reconstruct_direct(*setup, alpha).image
+        return float(jnp.linalg.norm((image - exact)[inside]))
+
+    scanned = [error(alpha) for alpha in np.logspace(-6, 1, 15)]
+    best = min(scanned)
+    assert 0 < scanned.index(best) < 14 and max(scanned) > 1.5 * best
+    assert error(NoiseLevel(sigma)) < 1.2 * best
+
+
+def norm_of_densities(lam, curve, region, alpha):
+    """Root mean square of ||rho|| over all directions, rho = A^T (A A^T + alpha)^-1 u."""
+    angles = jnp.arange(90) * 2 * jnp.pi / 90
+    a = np.asarray(potential_matrix(lam, curve, region))
+    u = np.asarray(plane_wave_traces(lam, angles, region))
+    rho = a.T @ np.linalg.solve(a @ a.T + float(alpha) * np.eye(len(a)), u)
+    return np.sqrt(np.mean(np.sum(np.abs(rho) ** 2, axis=0)))
+
+
+@pytest.mark.parametrize("K", [1.0, 1.2])
+@pytest.mark.parametrize(
+    ("curve", "region"),
+    [(ARC, DISK), (HALF_ARC, HALF), (ARC, ASKEW)],
+    ids=["disk", "half", "askew"],
+)
+def test_norm_bound_is_the_mean_norm_of_the_densities(curve, region, K):
+    """Densities by brute force have the norm K N(lambda) on average."""
+    report = alphas(curve, region, NormBound(K))
+    for lam, alpha, norm in zip(FREQUENCIES, report.alpha, NORMS, strict=True):
+        found = norm_of_densities(lam, curve, region, alpha)
+        np.testing.assert_allclose(found, K * norm, rtol=1e-6)
+
+
+def test_norm_bound_out_of_reach():
+    """A norm that is never reached gives the least alpha, a vanishing one the largest."""
+    report = alphas(ARC, DISK, NormBound(1e30))
+    assert (report.relative_alpha < 1e-13).all()
+    report = alphas(ARC, DISK, NormBound(1e-30))
+    assert (report.relative_alpha > 1).all()
+
+
+def test_derivatives_of_the_norm_bound():
+    """On a mirrored full circle, in K and R_g, against finite differences."""
+
+    def found(parameters):
+        K, radius = parameters
+        norms = full_circle_norm(FREQUENCIES, radius, 60)
+        circle = circular_arc(radius, 2 * radius, N)
+        return jnp.log(alphas(circle, DISK, NormBound(K), norms).alpha)
+
+    point = jnp.array([0.6, 1.5])
+    slopes = jax.jacfwd(found)(point)
+    for i in (0, 1):
+        step = jnp.zeros(2).at[i].set(1e-4)
+        difference = (found(point + step) - found(point - step)) / 2e-4
+        np.testing.assert_allclose(slopes[:, i], difference, rtol=1e-6)
+    assert (jnp.abs(slopes) > 1e-2).all()
+
+
+def test_derivatives_where_eigenvalues_coincide():
+    """Any change of matrix and plane waves, where eigenvectors have no derivative."""
+    rng = np.random.default_rng(0)
+    turn, _ = np.linalg.qr(rng.standard_normal((4, 4)))
+    matrix = jnp.asarray(turn @ np.diag([3.0, 1.0, 1.0, 0.2]) @ turn.T)[None]
+    root = jnp.asarray(rng.standard_normal((1, 4, 4)))
+
+    def found(change, root, square):
+        symmetric = matrix + change + jnp.swapaxes(change, -1, -2)
+        return jnp.log(_alpha_of_norm(symmetric, root @ jnp.swapaxes(root, -1, -2), square))
+
+    for square in (0.5, 3.0):
+        point = jnp.zeros((1, 4, 4)), root, jnp.array(square)
+        check_grads(jax.jit(found), point, 1, modes=("fwd", "rev"), atol=1e-6, rtol=1e-6)
+
+
+def test_derivatives_at_a_tiny_alpha():
+    """At a bound of three norms alpha is 1e-11 of the diagonal, and its derivative still exact."""
+    found = jax.jit(lambda K: jnp.log(alphas(ARC, DISK, NormBound(K)).alpha))
+    slope = jax.jacfwd(found)(jnp.array(3.0))
+    np.testing.assert_allclose(slope, (found(3.0003) - found(2.9997)) / 6e-4, rtol=1e-5)
+    assert (slope < -1).all()
+
+
+def test_refusals(noisy):
+    for bad, message in (
+        (-1.0, "above zero"),
+        ([1e-3, 0.0], "above zero"),
+        (jnp.ones(3), "one per frequency"),
+        (jnp.ones((2, 1)), "one per frequency"),
+        (NoiseLevel(jnp.ones(3)), "one per frequency"),
+        (np.inf, "infinite"),
+        ("much", "no array of real numbers|real numbers"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            alpha_rule(bad, 2)
+    for sigma in (0.0, -1.0, np.nan):
+        with pytest.raises(ValueError, match="sigma"):
+            NoiseLevel(sigma)
+    with pytest.raises(ValueError, match="solver='cholesky'"):
+        reconstruct_direct(*noisy[0], NormBound(3.0), solver="cg")

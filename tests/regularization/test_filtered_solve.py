@@ -1,0 +1,161 @@
+"""The derivative of the filtered solve, also where singular values coincide."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+from jaxtat import FixedRank, NormBound, SingularValueCutoff, Tikhonov, TikhonovNormBound
+from jaxtat.regularization.filtered_solve import filtered_solve, singular_components
+
+ONE = jnp.array(1.0)
+EVERY_WAY = {"order": 1, "modes": ["fwd", "rev"], "atol": 1e-5, "rtol": 1e-5, "eps": 1e-5}
+
+# singular values and where the cut falls among them
+SPECTRA = {
+    "apart": [3.0, 2.0, 1.0, 0.4, 0.2, 0.1],
+    "pairs": [3.0, 3.0, 1.0, 1.0, 0.2, 0.1],
+    "all kept ones alike": [2.0, 2.0, 2.0, 2.0, 0.2, 0.1],
+    "nearly pairs": [3.0, 3.0 - 1e-9, 1.0, 1.0 - 1e-5, 0.2, 0.1],
+    "dropped ones alike": [3.0, 2.0, 1.0, 0.4, 0.1, 0.1],
+    "tiny dropped ones": [3.0, 3.0, 1.0, 0.4, 1e-9, 1e-13],
+}
+RULES = {
+    "rank": FixedRank(4),
+    "cutoff": SingularValueCutoff(0.3, fractional=False),
+    "Tikhonov": Tikhonov(0.05),
+    "Tikhonov by its norm": TikhonovNormBound(1.5),
+}
+
+
+def problem(sigma, shape=(8, 7), rhs=3, seed=0):
+    rng = np.random.default_rng(seed)
+    left, _ = np.linalg.qr(rng.standard_normal((shape[0], len(sigma))))
+    right, _ = np.linalg.qr(rng.standard_normal((shape[1], len(sigma))))
+    u = rng.standard_normal((shape[0], rhs)) + 1j * rng.standard_normal((shape[0], rhs))
+    return jnp.asarray((left * np.array(sigma)) @ right.T), jnp.asarray(u)
+
+
+@eqx.filter_jit
+def parts(a, real, imaginary, rule, unit_norm=ONE):
+    u = jax.lax.complex(jnp.asarray(real), jnp.asarray(imaginary))
+    found = filtered_solve(jnp.asarray(a)[None], u[None], rule, unit_norm)
+    return found.q.real, found.q.imag, found.norm, found.residual, found.terms
+
+
+def test_the_solution_is_that_of_the_components():
+    a, u = problem(SPECTRA["pairs"])
+    for rule in (*RULES.values(), NormBound(2.0)):
+        parted, found = (
+            f(a[None], u[None], rule, ONE) for f in (singular_components, filtered_solve)
+        )
+        assert np.array_equal(found.q, parted.solution)
+        assert np.array_equal(found.residual, parted.residual)
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize(
+    ("spectrum", "shape"), [*((name, (8, 7)) for name in SPECTRA), ("pairs", (6, 9))]
+)
+def test_derivatives_where_singular_values_coincide(spectrum, rule, shape):
+    a, u = problem(SPECTRA[spectrum], shape)
+    check_grads(lambda a, r, i: parts(a, r, i, RULES[rule]), (a, u.real, u.imag), **EVERY_WAY)
+
+
+@pytest.mark.parametrize("spectrum", ["apart", "pairs", "nearly pairs", "tiny dropped ones"])
+def test_derivatives_under_the_norm_bound(spectrum):
+    # for every right-hand side the cut falls into the third of values that stand apart
+    a, u = problem([3.0, *SPECTRA[spectrum][:2], 0.3, 0.02, 0.001], (8, 7))
+    everything = singular_components(a[None], u[None], FixedRank(6), ONE)
+    sizes = np.abs(np.asarray(everything.amplitudes[0]))
+    bound = np.sqrt(np.sum(sizes[:3] ** 2, axis=0).max() + 0.3 * np.min(sizes[3]) ** 2)
+
+    def of(a, real, imaginary, K, unit_norm):
+        return parts(a, real, imaginary, NormBound(K), unit_norm)
+
+    arguments = (a, u.real, u.imag, jnp.array(bound / 1.7), jnp.array(1.7))
+    terms = np.asarray(of(*arguments)[-1])
+    assert ((terms > 3) & (terms % 1 > 0)).all()
+    check_grads(of, arguments, **EVERY_WAY)
+
+
+def test_derivatives_in_the_numbers_of_the_rules():
+    a, u = problem(SPECTRA["apart"])
+    at_values = (
+        (FixedRank, 3.3),
+        (SingularValueCutoff, 0.25),
+        (Tikhonov, 0.1),
+        (TikhonovNormBound, 1.5),
+    )
+    for rule, at in at_values:
+        check_grads(
+            lambda value, a, rule=rule: parts(a, u.real, u.imag, rule(value)),
+            (jnp.array(at), a),
+            **EVERY_WAY,
+        )
+
+
+@pytest.mark.parametrize(
+    ("kind", "number", "softness"), [(NormBound, 2.0, 0.5), (FixedRank, 3.7, 2.9)]
+)
+def test_derivatives_with_a_soft_edge(kind, number, softness):
+    """In everything, also the number and the softness; what coincides is kept as a whole."""
+    sigma = [3.0, 2.0, 1.0, 0.4, 0.2, 0.1] if kind is NormBound else [3.0, 3.0, 1.0, 0.4, 0.2, 0.1]
+    a, u = problem(sigma)
+
+    def of(a, real, imaginary, number, softness):
+        return parts(a, real, imaginary, kind(number, softness=softness))
+
+    arguments = (a, u.real, u.imag, jnp.array(number), jnp.array(softness))
+    terms = np.asarray(of(*arguments)[-1])
+    assert ((terms > 1) & (terms < 5)).all()
+    check_grads(of, arguments, **EVERY_WAY)
+
+
+def test_blocks_are_one_matrix():
+    a, u = problem(SPECTRA["apart"])
+    b, v = problem([2.5, 1.5, 0.6, 0.3, 0.15, 0.05], seed=1)
+    rule, together = FixedRank(5.4), jnp.stack([a, b])
+
+    def of_blocks(together):
+        found = filtered_solve(together, jnp.stack([u, v]), rule, ONE)
+        return jnp.sum(found.norm) + jnp.sum(found.singular_values**3)
+
+    def of_one(together):
+        dense = jax.scipy.linalg.block_diag(*together)
+        found = filtered_solve(dense[None], jnp.concatenate([u, v])[None], rule, ONE)
+        return jnp.sum(found.norm) + jnp.sum(found.singular_values**3)
+
+    assert np.allclose(jax.grad(of_blocks)(together), jax.grad(of_one)(together), atol=1e-10)
+
+
+@pytest.mark.parametrize("shape", [(6, 9), (9, 9), (12, 9)])
+def test_derivatives_where_tiny_singular_values_are_kept(shape):
+    """Rows of A and dA fall off by twelve decades, as traces of high orders do, and u = A x moves
+    along: q = A^+ A x and its derivative follow from the rows' directions alone."""
+    rng = np.random.default_rng(3)
+    scale = 10.0 ** -np.linspace(0, 12, shape[0])[:, None]
+    rows, d_rows = rng.standard_normal((2, *shape))
+    x = rng.standard_normal((9, 2))
+
+    def solution(rows):
+        a = scale * rows
+        found = filtered_solve(a[None], (a @ x)[None] + 0j, FixedRank(min(shape)), ONE)
+        return found.q[0].real
+
+    q, d_q = jax.jvp(solution, (jnp.asarray(rows),), (jnp.asarray(d_rows),))
+    onto = np.linalg.pinv(rows) @ rows  # the projection on the rows' span, and its derivative
+    turn = (np.eye(9) - onto) @ d_rows.T @ np.linalg.pinv(rows).T
+    assert np.allclose(q, onto @ x, atol=1e-3)
+    assert np.allclose(d_q, (turn + turn.T) @ x, atol=1e-2)
+
+
+def test_no_gradient_is_ever_nan():
+    rng = np.random.default_rng(0)
+    for a in (jnp.eye(6), jnp.zeros((6, 6)), jnp.diag(jnp.array([1.0, 1, 1, 0, 0, 0]))):
+        u = jnp.asarray(rng.standard_normal((6, 2)))
+        for rule in (*RULES.values(), NormBound(0.7), FixedRank(2.5), Tikhonov(0.0)):
+            slope = jax.grad(lambda a, rule=rule, u=u: sum(map(jnp.sum, parts(a, u, u, rule))))(a)
+            assert np.isfinite(slope).all(), (a, rule)

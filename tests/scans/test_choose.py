@@ -1,0 +1,323 @@
+"""What is chosen for scans of which everything is known."""
+
+import numpy as np
+import pytest
+from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, N, positions, raw_counts, record, scan
+
+from jaxtat import choices_for, detector_curve, phantoms
+from jaxtat.io import Scan
+from jaxtat.io.frames import LazyFrames
+from jaxtat.scans import describe, with_facts
+from jaxtat.steps import AccuracyWarning
+
+REACH = max(np.hypot(*c) + r for c, r in zip(BELLS["centers"], BELLS["radii"], strict=True))
+
+
+@pytest.fixture(scope="module")
+def pressure():
+    return record()
+
+
+@pytest.fixture(scope="module")
+def counts(pressure):
+    return raw_counts(pressure)
+
+
+@pytest.fixture(scope="module")
+def chosen(counts):
+    return choices_for(scan(counts))
+
+
+def test_a_raw_scan(chosen):
+    reasons = dict(chosen.reasons)
+    assert chosen.model == "in-plane"
+    assert chosen.sound_speed == SPEED
+    assert reasons["sound_speed"] == "from the file"
+    assert not chosen.impulse_response
+    assert chosen.channels == tuple(range(N))
+    assert 1.5e-6 < chosen.dead_time < 9e-6  # the artefact is below the noise from 2.3e-6 on
+    assert chosen.band is not None
+    assert chosen.band[0] < 1.5e5 < chosen.band[1]
+    # all that sounds, and not much more; nine tenths of a bell's rim are hardly heard
+    assert 0.8 * REACH < chosen.region_radius < 1.6 * REACH
+    assert chosen.region_cut >= chosen.region_radius
+    assert abs(chosen.region_angle + 90) < 1e-9
+    assert np.allclose(chosen.region_center, 0, atol=1e-12)
+    assert chosen.low_pass == "cosine"
+    assert 2 * chosen.half_width / (chosen.pixels - 1) <= np.pi / chosen.max_frequency / 1.9
+    # circles for sources anywhere within the array but its rim
+    last = chosen.first_radius + chosen.radial_step * (chosen.n_radii - 1)
+    assert 1.94 * RADIUS < last <= SPEED * TIMES[-1]
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.03])
+def test_alpha_is_noise_over_signal_power(pressure, noise):
+    """Signal over the whole of the record that may sound, noise of this size in all of it."""
+    chosen = choices_for(scan(raw_counts(pressure, noise)))
+    arrival = (RADIUS - chosen.region_radius) / SPEED
+    signal = np.mean(pressure[:, arrival < TIMES] ** 2) / np.abs(pressure).max() ** 2
+    assert 0.3 < chosen.alpha / (noise**2 / signal) < 3
+
+
+def test_exact_records_are_hardly_regularised_and_not_smoothed(pressure):
+    chosen = choices_for(scan(pressure))
+    assert chosen.alpha == 1e-6
+    assert chosen.low_pass == "none"
+    assert chosen.dead_time == 0.0
+
+
+def test_bad_channels_are_left_out_and_named(counts, pressure):
+    bad = counts.copy()
+    bad[5] = 0
+    bad[40] = 32768
+    rng = np.random.default_rng(1)
+    bad[61] = (32768 + 8000 * rng.standard_normal(len(TIMES))).clip(0, 65535)
+    chosen = choices_for(scan(bad))
+    assert chosen.left_out == (5, 40, 61)
+    assert dict(chosen.reasons)["channels"] == "left out: dead 5, 40; noisy 61"
+    assert set(chosen.channels) == set(range(N)) - {5, 40, 61}
+    blank = pressure.copy()
+    blank[7, 20], blank[12, 3] = np.nan, np.inf
+    assert choices_for(scan(blank)).left_out == (7, 12)
+    assert choices_for(scan(bad), use=np.arange(N)).left_out == ()
+    with pytest.raises(ValueError, match="of 90 detectors are good"):
+        choices_for(scan(np.zeros_like(counts)))
+
+
+def faded_record(pressure, first, last):
+    """Gains fall over eight channels and are nothing between."""
+    gain = np.ones(N)
+    gain[first : last + 1] = 0.0
+    taper = np.sin(np.pi / 2 * np.arange(1, 9) / 9) ** 2
+    gain[first - 8 : first], gain[last + 1 : last + 9] = taper[::-1], taper
+    return gain[:, None] * pressure, np.flatnonzero(gain < 1)
+
+
+def test_faded_channels_are_left_out_and_the_arc_is_that_of_the_others(pressure):
+    """A ring of which a quarter is silent, and faded to both sides, is an arc."""
+    points = positions(n=N, span=360.0 * (N - 1) / N)[:, :2]
+    bells = phantoms.Bells(BELLS["centers"], BELLS["radii"], [1.0, 0.7, 0.5])
+    radii, h = np.maximum(SPEED * TIMES, 1e-3), 1e-6
+    both = np.concatenate([radii - h / 2, radii + h / 2])
+    means = np.asarray(bells.circular_integrals(detector_curve(points), both)) / both
+    whole = (means[:, len(radii) :] - means[:, : len(radii)]) / h
+    record, out = faded_record(whole, 40, 55)
+    known = {"detectors": points, "times": TIMES, "sound_speed": SPEED}
+    chosen = choices_for(found := Scan("pressure", record, known), model="in-plane")
+    assert set(out) - set(chosen.left_out) <= {31, 64}  # of 97 % of the gain
+    assert set(chosen.left_out) <= set(out)
+    assert "dead 39-56; faded 3" in dict(chosen.reasons)["channels"]
+    assert chosen.channels[0] in (64, 65) and chosen.channels[-1] in (30, 31)
+    assert dict(chosen.reasons)["region_angle"] == "the arc opens there"
+    middle = np.degrees(np.arctan2(*points[[47, 48]].mean(axis=0)[::-1]))
+    assert abs((chosen.region_angle - middle + 180) % 360 - 180) < 5
+    assert not bool(chosen.curve(points).closed)
+    assert "opens towards" in describe(found, chosen)
+    assert choices_for(Scan("pressure", whole, known), model="in-plane").left_out == ()
+
+
+def test_positions_in_the_plane_are_a_scanners_if_sizes_rate_and_counts_are(counts, pressure):
+    """Two columns, as people save them: the physics does not follow from the missing third."""
+    known = {"detectors": positions()[:, :2], "sampling_rate": RATE, "sound_speed": SPEED}
+    for data in (counts, counts.astype(float), pressure + 40 * pressure.max()):
+        chosen = choices_for(Scan("pressure", data, known))
+        assert chosen.model == "in-plane"
+        assert "rate and counts" in dict(chosen.reasons)["model"]
+    with pytest.warns(AccuracyWarning, match="scanner's record needs model in-plane"):
+        assert choices_for(Scan("pressure", pressure, known)).model == "2d"
+    assert choices_for(Scan("pressure", pressure, known), model="2d").model == "2d"
+
+
+@pytest.mark.parametrize("turn", [0.0, 70.0, 211.0])
+def test_wherever_the_arc_opens(counts, chosen, turn):
+    """A file whose arc is turned, detectors in any order: the same choices, turned."""
+    mixed = np.random.default_rng(int(turn)).permutation(N)
+    other = Scan(
+        "pressure",
+        counts[mixed],
+        {"detectors": positions(turn)[mixed], "times": TIMES, "sound_speed": SPEED},
+    )
+    found = choices_for(other)
+    assert np.array_equal(mixed[list(found.order)], np.arange(N))
+    away = (found.region_angle - (turn - 90) + 180) % 360 - 180
+    assert abs(away) < 1e-9
+    for name in ("region_radius", "max_frequency", "alpha", "dead_time", "first_radius"):
+        assert np.isclose(getattr(found, name), getattr(chosen, name), rtol=1e-9), name
+    assert (found.pixels, found.n_radii) == (chosen.pixels, chosen.n_radii)
+
+
+def test_millimetres_and_microseconds(counts, chosen):
+    other = Scan(
+        "pressure", counts, {"detectors": 1e3 * positions(), "times": 1e6 * TIMES}, {"date": "now"}
+    )
+    found = choices_for(other)
+    assert found.model == "in-plane"
+    assert found.sound_speed == 1.5  # nominal
+    assert np.isclose(found.region_radius, 1e3 * chosen.region_radius)
+    assert np.isclose(found.max_frequency, 1e-3 * chosen.max_frequency)
+
+
+def test_a_simulation_without_units(pressure):
+    known = {"detectors": positions()[:, :2] / RADIUS, "times": TIMES * SPEED / RADIUS}
+    chosen = choices_for(Scan("pressure", pressure, known))
+    assert (chosen.model, chosen.sound_speed, chosen.band) == ("2d", 1.0, None)
+    assert "taken to be 1" in dict(chosen.reasons)["sound_speed"]
+    assert 0.8 * REACH < RADIUS * chosen.region_radius < 1.6 * REACH
+
+
+def test_the_file_bounds_the_view(counts):
+    view = [-5e-3, 5e-3, -4e-3, 4e-3, 0.0, 0.0]
+    chosen = choices_for(scan(counts, field_of_view=view))
+    assert np.isclose(chosen.region_radius, np.hypot(5e-3, 4e-3))
+    assert dict(chosen.reasons)["region_radius"] == "the field of view in the file"
+    wide = choices_for(scan(counts, field_of_view=[-0.03, 0.03] * 3))
+    assert wide.region_radius < 2 * REACH
+    assert choices_for(scan(counts, field_of_view=[0.0] * 6)).region_radius == wide.region_radius
+
+
+def test_beyond_the_ends_of_the_arc_nothing_is_seen(pressure):
+    """Sources all over: the region ends at the chord of the opening."""
+    points = positions(n=N, span=240.0)  # the chord is half the radius from the middle
+    loud = np.random.default_rng(0).standard_normal(pressure.shape)
+    known = {"detectors": points, "times": TIMES, "sound_speed": SPEED}
+    chosen = choices_for(Scan("pressure", loud, known))
+    assert chosen.region_radius > 0.6 * RADIUS
+    assert np.isclose(chosen.region_cut, 0.5 * RADIUS)
+    given = choices_for(Scan("pressure", loud, known), region_radius=0.7 * RADIUS)
+    assert given.region_cut == given.region_radius  # as asked
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("model", "2d"),
+        ("sound_speed", 1450.0),
+        ("dead_time", 0.0),
+        ("band", (2e5, 1e6)),
+        ("alpha", 0.5),
+        ("low_pass", "none"),
+        ("region_radius", 5e-3),
+        ("region_cut", 1e-3),
+        ("region_angle", 10.0),
+        ("region_center", (1e-3, 2e-3)),
+        ("pixels", 41),
+        ("half_width", 4e-3),
+        ("max_frequency", 1234.0),
+        ("inversion", "fourier"),
+    ],
+)
+def test_every_choice_can_be_given(counts, name, value):
+    chosen = choices_for(scan(counts), **{name: value})
+    assert getattr(chosen, name) == value
+    assert dict(chosen.reasons)[name] == "given"
+
+
+def test_details_beyond_what_is_supported_are_named(counts, chosen):
+    reason = dict(choices_for(scan(counts), max_frequency=1e5).reasons)["max_frequency"]
+    assert reason == f"given; {dict(chosen.reasons)['max_frequency']} supports " + (
+        f"{chosen.max_frequency * 1e-3:.5g} rad/mm"
+    )
+
+
+def test_no_band_can_be_asked_for(counts):
+    assert choices_for(scan(counts), band="none").band is None
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"colour": 1}, "unknown options \\['colour'\\]"),
+        ({"pixels": 2}, "pixels is 2"),
+        ({"alpha": 0.0}, "alpha is 0"),
+        ({"sound_speed": -1.0}, "sound_speed is -1"),
+        ({"region_radius": 0.05}, "inside or on the region"),
+        ({"use": [1, 2]}, "expected at least 3|detector"),
+    ],
+)
+def test_what_cannot_be_given(counts, given, reason):
+    with pytest.raises(ValueError, match=reason):
+        choices_for(scan(counts), **given)
+
+
+def test_what_a_file_lacks(counts, tmp_path):
+    bare = Scan("pressure", counts)
+    with pytest.raises(ValueError, match="no detector positions"):
+        choices_for(bare)
+    with pytest.raises(ValueError, match="no sample times"):
+        choices_for(with_facts(bare, detectors=positions()))
+    known = with_facts(bare, detectors=positions(), sampling_rate=4e6)
+    assert choices_for(known).sound_speed == 1500.0
+    line = np.stack([np.linspace(-0.02, 0.02, N), np.zeros(N)], axis=1)
+    with pytest.raises(ValueError, match="see no point from all sides"):
+        choices_for(with_facts(bare, detectors=line, sampling_rate=4e6))
+    with pytest.raises(ValueError, match="the scanner is 'ct'"):
+        with_facts(bare, scanner="ct")
+    with pytest.raises(ValueError, match="256"):
+        with_facts(bare, scanner="msot-invision-256")
+    turned = with_facts(Scan("pressure", counts.T), detectors=positions(), sampling_rate=4e6)
+    assert np.array_equal(turned.data, counts)
+
+
+def test_a_record_that_ends_early_bounds_the_region_and_what_is_asked_beyond_is_refused():
+    """48.4 mm of sound from everywhere, detectors at 40."""
+    short, end = scan(np.random.default_rng(0).standard_normal((N, 130))), SPEED * TIMES[129]
+    chosen = choices_for(short)
+    assert chosen.region_radius == pytest.approx(end - RADIUS)
+    assert "detectors and record (path 48.37 mm) cover" in dict(chosen.reasons)["region_radius"]
+    last = chosen.first_radius + chosen.radial_step * (chosen.n_radii - 1)
+    assert end - 1.01 * chosen.radial_step < last <= end
+    with pytest.raises(ValueError, match=r"ends 0.0026\d+ before .* up to 0.0083\d+ can be had"):
+        choices_for(short, region_radius=0.011)
+    known = {name: short.known[name] for name in ("detectors", "sampling_rate")}
+    unknown = choices_for(Scan("pressure", short.data, known))
+    # the record must do for the least speed that will be tried
+    assert unknown.region_radius == pytest.approx(1400 * TIMES[129] - RADIUS)
+
+
+@pytest.mark.parametrize(
+    ("known", "path"),
+    [
+        ({"detectors": 1e3 * positions()}, "a path of 0.08588, while the detectors are 40 "),
+        ({"sampling_rate": 4.0}, "a path of 8.588e\\+04, while the detectors are 0.04 "),
+    ],
+)
+def test_units_that_do_not_fit_each_other_are_refused(counts, known, path):
+    with pytest.raises(ValueError, match=path + ".* in units that fit each other"):
+        choices_for(scan(counts, **known))
+
+
+def test_a_scanner_gives_what_a_file_lacks():
+    bare = Scan("pressure", np.zeros((2, 256, 2030), np.uint16))
+    known = with_facts(bare, scanner="msot-invision-256").known
+    assert known["detectors"].shape == (256, 3)
+    assert known["sampling_rate"] == 40e6
+    faster = with_facts(bare, scanner="msot-invision-256", sampling_rate=50e6)
+    assert faster.known["sampling_rate"] == 50e6
+
+
+def test_of_many_frames_few_are_read(counts, chosen):
+    asked = []
+
+    def read(numbers):
+        asked.extend(numbers.tolist())
+        return np.stack([counts * (k % 7 != 0) for k in numbers])
+
+    many = scan(LazyFrames((1000, *counts.shape), counts.dtype, read))
+    assert choices_for(many).alpha == pytest.approx(chosen.alpha)
+    assert len(asked) <= 5
+
+
+def test_a_description_tells_data_detectors_and_choices(counts, chosen):
+    text = describe(scan(counts[None].repeat(2, 0), wavelengths=[700.0, 850.0]), chosen)
+    for part in (
+        "2 frames of 90 detectors, 230 samples (uint16)",
+        "wavelengths: 700, 850",
+        "lengths are taken to be in m, times in s",
+        "arc of 270.0 degrees, radius 40 mm about (0, 0) mm",
+        "opens towards -90.0 degrees",
+        "every line through the region meets the curve",
+        "details down to",
+        "all of them are good",
+        "max_frequency",
+    ):
+        assert part in text, part

@@ -1,0 +1,278 @@
+"""Scans in space from file to file: the same volumes as from Python, and what is refused."""
+
+import h5py
+import jax
+import nibabel
+import numpy as np
+import pytest
+import tifffile
+
+from jaxtat import VolumeGrid, reconstruct_file
+from jaxtat.cli import main
+from jaxtat.io import Scan, load_scan, load_settings, save_ipasc
+from jaxtat.scans import choices_for, describe, reconstruct_scan
+from jaxtat.scans import integrals as integrals_of
+from jaxtat.scans.space import Space
+from jaxtat.spherical import Bells, ball_part, cap_radii, reconstruct_cap, spherical_cap
+
+CENTER = np.array([0.02, -0.01, 0.03])
+CAP = spherical_cap(0.04, 0.03, 13, 28, center=CENTER)
+BELL = Bells((CENTER + np.array([0.001, -0.001, 0.0005]))[None], [0.018])
+REGION, RADIUS = ball_part(0.02, center=CENTER), 0.02
+MAX_FREQUENCY = 8 * np.pi / 0.04
+# the ball in nine voxels across, and the radii of the command's rule
+GRID = VolumeGrid(9, RADIUS, CENTER)
+OPTIONS = f"--region-radius {RADIUS} --pixels 9 --max-frequency {MAX_FREQUENCY} --quiet"
+SOUND, RATE = 1500.0, 4e6
+
+
+def shuffled(upside_down=False):
+    """Positions in an arbitrary order, and that order."""
+    points = np.asarray(CAP.points).reshape(-1, 3)
+    order = np.random.default_rng(0).permutation(len(points))
+    sign = [1.0, 1.0, -1.0 if upside_down else 1.0]
+    return ((points - CENTER) * sign + CENTER)[order], order
+
+
+def radii_of(end):
+    reach = min(0.95 * 0.04, end - RADIUS / 8 - 0.04)
+    return cap_radii(CAP, REGION, RADIUS / 8, sources=ball_part(reach, center=CENTER))
+
+
+@pytest.fixture(scope="module")
+def integrals():
+    """Radii, g, and the volume that Python makes of them."""
+    radii = radii_of(1.0)
+    g = BELL.spherical_integrals(CAP, radii)
+    found = reconstruct_cap(CAP, REGION, GRID, radii, g, 1e-6, max_frequency=MAX_FREQUENCY)
+    inside = np.asarray(REGION.contains(GRID.points))
+    assert (
+        np.abs(np.asarray(found.volume - BELL.volume(GRID)))[inside].max() < 0.13
+    )  # beyond the grid
+    return radii, np.asarray(g), np.where(inside, found.volume, 0.0)
+
+
+@pytest.fixture(scope="module")
+def scan_file(integrals, tmp_path_factory):
+    path = tmp_path_factory.mktemp("space") / "cap.h5"
+    points, order = shuffled()
+    radii, g, _ = integrals
+    with h5py.File(path, "w") as file:
+        file["spherical_integrals"] = g.reshape(-1, len(radii))[order]
+        file["detectors"], file["radii"] = points, radii
+    return path
+
+
+def test_every_format_holds_the_volume_that_python_makes(scan_file, integrals, tmp_path):
+    """Measured rings differ from the cap in the areas only, and so by what is not exact."""
+    wanted = integrals[2]
+    settings = f"reconstruct {scan_file} {OPTIONS} --length-unit m"
+    for name in ("v.h5", "v.nii.gz", "v.tif", "v.png", "v.npy"):
+        assert main([*settings.split(), "--out", str(tmp_path / name)]) == 0
+    volume = np.load(tmp_path / "v.npy")
+    assert volume.shape == (9, 9, 9) and np.abs(volume - wanted).max() < 0.02
+    with h5py.File(tmp_path / "v.h5") as file:
+        np.testing.assert_array_equal(file["image"], volume)
+        for k in range(3):
+            np.testing.assert_allclose(file[f"x{k + 1}"], GRID.axis(k), atol=1e-12)
+            assert file["image"].dims[k].label == f"x{k + 1}"
+    image = nibabel.load(tmp_path / "v.nii.gz")
+    np.testing.assert_allclose(image.get_fdata(), volume)
+    corner = image.affine @ [8, 0, 4, 1]
+    np.testing.assert_allclose(corner[:3], 1e3 * np.asarray(GRID.points[8, 0, 4]), atol=1e-9)
+    pixels = tifffile.imread(tmp_path / "v.tif")
+    np.testing.assert_allclose(pixels[3], volume[:, ::-1, 3].T, atol=1e-6)
+    assert (tmp_path / "v.png").stat().st_size > 10_000
+    again = f"reconstruct {scan_file} --repeat {tmp_path / 'v.h5'} --out {tmp_path / 'again.npy'}"
+    assert main(again.split()) == 0
+    np.testing.assert_array_equal(np.load(tmp_path / "again.npy"), volume)
+    assert load_settings(tmp_path / "v.h5")["region_center"] == pytest.approx(CENTER.tolist())
+
+
+def test_upside_down_is_turned_over(scan_file, integrals):
+    """The mirror image of detectors and object."""
+    points, order = shuffled(upside_down=True)
+    radii, g, wanted = integrals
+    data = np.stack([g, 2 * g]).reshape(2, -1, len(radii))[:, order]
+    np.savez(scan_file.with_suffix(".npz"), g=data, detectors=points, radii=radii)
+    found = reconstruct_file(
+        scan_file.with_suffix(".npz"),
+        region_radius=RADIUS,
+        pixels=9,
+        max_frequency=MAX_FREQUENCY,
+        progress=False,
+    )
+    assert found.images.shape == (2, 9, 9, 9)
+    inside = np.asarray(found.region.contains(found.grid.points))
+    np.testing.assert_allclose(found.images[1], 2 * found.images[0], atol=1e-12)
+    error = np.abs(found.images[0][:, :, ::-1] - wanted) * inside
+    assert error.max() < 0.02
+
+
+def record():
+    """p = ((d - t) h(d - t) + (d + t) h(d + t)) / 2d of the bell, about every detector."""
+    points, _ = shuffled()
+    tau = SOUND / RATE * np.arange(250)
+    d = np.linalg.norm(points - np.asarray(BELL.centers[0]), axis=1)[:, None]
+
+    def h(s):
+        return np.asarray(BELL._profile(jax.device_put(np.abs(s) / float(BELL.radii[0]))))
+
+    return ((d - tau) * h(d - tau) + (d + tau) * h(d + tau)) / (2 * d)
+
+
+def test_pressure_in_the_exchange_format(integrals, tmp_path, capsys):
+    """IPASC needs positions alone; everything is chosen, and said."""
+    path = tmp_path / "scan.hdf5"
+    known = {"detectors": shuffled()[0], "sampling_rate": RATE}
+    save_ipasc(path, Scan("pressure", record(), known))
+    assert main(["info", str(path)]) == 0
+    said = capsys.readouterr().out
+    for text in ("13 rings of 28 on a sphere, open upwards, radius 40 mm", "in-space", "water's"):
+        assert text in said
+    choices = choices_for(load_scan(path))
+    assert choices.region_radius == pytest.approx(0.03) and choices.region_cut == pytest.approx(
+        0.03
+    )
+    assert choices.alpha < 1e-5 and choices.low_pass == "none"
+    given = {"region_radius": RADIUS, "pixels": 9, "max_frequency": MAX_FREQUENCY}
+    found = reconstruct_file(path, **given, progress=False)
+    inside = np.asarray(found.region.contains(found.grid.points))
+    error = np.abs(found.images * inside - integrals[2]).max()
+    assert found.unit == "m" and error < 0.02
+
+
+@pytest.mark.parametrize("n", [150, 160, 173])
+def test_radii_end_with_a_short_record(n):
+    """Where the region is as much as the record covers, its last radius must be there too."""
+    known = {"detectors": shuffled()[0], "sampling_rate": RATE}
+    scan = Scan("pressure", record()[:, :n], known)
+    choices = choices_for(scan)
+    end = SOUND / RATE * (n - 1)
+    assert choices.region_radius == pytest.approx(end - 0.04)
+    assert choices.radii[-1] <= end < choices.radii[-1] + 1.01 * choices.radial_step
+    Space.of(scan, choices).layout(choices)  # they still cover the region
+    integrals_of(scan, choices, choices.radii, scan.frame(0))  # and are in it
+
+
+def of_open_cap():
+    """Integrals over spheres of a bell in what a cap up to z_3 = R_g / 2 sees."""
+    cap = spherical_cap(1.3, 0.65, 22, 56)
+    radii = cap_radii(cap, ball_part(0.975), 0.06, sources=ball_part(1.2))
+    bell = Bells([[0.02, 0.0, -0.2]], [0.75])
+    known = {"detectors": np.asarray(cap.points).reshape(-1, 3), "radii": np.asarray(radii)}
+    g = np.asarray(bell.spherical_integrals(cap, radii)).reshape(-1, len(radii))
+    return Scan("circular_integrals", g, known), bell
+
+
+def test_caps_open_above_the_middle_too():
+    """Points on the boundary of what is seen suffice at any opening; and one to the end."""
+    for top in (0.1, 0.3, 0.7):
+        points = np.asarray(spherical_cap(1.3, 1.3 * top, 22, 56).points).reshape(-1, 3)
+        known = {"detectors": points, "radii": 0.3 + 0.05 * np.arange(40)}
+        noise = np.random.default_rng(4).random((len(points), 40))
+        choices = choices_for(scan := Scan("circular_integrals", noise, known), pixels=33)
+        assert choices.region_cut < choices.region_radius
+        Space.of(scan, choices).layout(choices)
+    scan, bell = of_open_cap()
+    found = reconstruct_scan(scan, choices_for(scan, pixels=17), progress=False)
+    inside = np.array(found.region.contains(found.grid.points))
+    inside &= np.asarray(found.grid.points)[..., 2] < 0.4
+    error = np.abs(found.images - np.asarray(bell.volume(found.grid)))[inside].max()
+    assert inside.sum() > 400 and error < 0.03
+
+
+def test_choices_of_few_detectors_anywhere_and_of_a_hemisphere():
+    rng = np.random.default_rng(1)
+    data, radii = rng.random((90, 40)), 0.1 + 0.06 * np.arange(40)
+    unit = rng.standard_normal((90, 3))
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    scan = Scan("circular_integrals", data, {"detectors": unit, "radii": radii})
+    choices = choices_for(scan)
+    assert choices.max_frequency < (np.sqrt(90) - 1) / 0.7 and "on no rings" in choices.table()
+    assert "radius 1 about" in describe(scan, choices).replace("radius 1.0", "radius 1")
+    half = np.asarray(spherical_cap(1.3, 0.0, 12, 24, rule="equal").points).reshape(-1, 3)
+    known = {"detectors": half, "radii": radii}
+    choices = choices_for(Scan("circular_integrals", rng.random((288, 40)), known))
+    assert abs(choices.region_cut) < 1e-9 < choices.region_radius == pytest.approx(0.975)
+
+
+def test_detectors_without_data_are_named():
+    """Dead on a ring, or NaN; whole rings can be left out."""
+    cap = spherical_cap(1.3, 0.5, 12, 80)
+    data = np.random.default_rng(2).random((960, 40))
+    data[[7, 500]], data[90, 2] = 0.0, np.nan
+    radii = 0.1 + 0.06 * np.arange(40)
+    known = {"detectors": np.asarray(cap.points).reshape(-1, 3), "radii": radii}
+    scan = Scan("circular_integrals", data, known)
+    with pytest.raises(ValueError, match=r"3 of 960 detectors .* \(rows 7, 90, 500\)"):
+        choices_for(scan)
+    with pytest.raises(ValueError, match=r"same even number.*up to 800 .* choose some with --use"):
+        choices_for(scan, use=np.delete(np.arange(960), [7, 90, 500]))
+    whole = np.setdiff1d(np.arange(960), np.r_[0:160, 480:560])
+    assert "9 rings of 80" in choices_for(scan, use=whole).table()
+
+
+def test_contradictions_in_space_are_refused():
+    """Times, radii, sampling and sizes that do not fit each other, as in the plane."""
+    points = shuffled()[0]
+    data, known = record(), {"detectors": points, "sampling_rate": RATE}
+    whole = Scan("pressure", data, known)
+    for rate, path in ((1.2, r"3.112e\+05"), (1e9, "0.0003735")):
+        other = Scan("pressure", data, known | {"sampling_rate": rate, "sound_speed": SOUND})
+        with pytest.raises(ValueError, match=f"path of {path}, while .* 0.04 from their middle"):
+            choices_for(other)
+    with pytest.raises(ValueError, match=r"ends 0\.005.* before the far side"):
+        choices_for(Scan("pressure", data[:, :160], known), region_radius=0.025)
+    slow = Scan("pressure", data, known | {"sampling_rate": 1e4, "sound_speed": SOUND})
+    with pytest.raises(ValueError, match=r"more than the whole region, 0\.04 across"):
+        choices_for(slow, region_radius=RADIUS)
+    assert choices_for(whole, max_frequency=10.0).max_frequency == 10.0  # as asked
+    known = {"detectors": points, "radii": 0.03 + 1e-3 * np.arange(20)}
+    integrals = Scan("circular_integrals", np.ones((364, 20)) * np.arange(20), known)
+    chosen = choices_for(integrals)
+    assert chosen.region_radius == pytest.approx(0.009)
+    assert dict(chosen.reasons)["region_radius"] == "as much as the radii cover"
+    with pytest.raises(ValueError, match=r"radii run from 0\.03 to 0\.049"):
+        choices_for(integrals, region_radius=RADIUS)
+
+
+def test_what_does_not_apply_in_space_is_refused(scan_file, tmp_path, capsys):
+    for option in ("--region-center 0 0", "--model 2d", "--region-angle 30"):
+        line = f"reconstruct {scan_file} --out {tmp_path / 'a.npy'} {option}"
+        assert main(line.split()) == 2
+        assert "there is no choice" in capsys.readouterr().err
+    page = f"report {scan_file} --out {tmp_path / 'a.html'}"
+    assert main(page.split()) == 2
+    assert "reports are for images: use jaxtat reconstruct" in capsys.readouterr().err
+    for line in (
+        f"plan --detectors-from {scan_file} --out {tmp_path / 'a.npz'} {OPTIONS}",
+        f"reconstruct {scan_file} --K 2 --out {tmp_path / 'a.npy'} {OPTIONS}",
+    ):
+        assert main(line.split()) == 2
+        assert "plans and reports are for images" in capsys.readouterr().err
+    points = np.random.default_rng(0).standard_normal((900, 3))
+    with pytest.raises(ValueError, match="Only up to 800 detectors may lie anywhere"):
+        choices_for(Scan("circular_integrals", np.ones((900, 5)), {"detectors": points}))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_rows_that_are_not_there_are_refused(dimension):
+    points = shuffled()[0] if dimension == 3 else np.eye(364)[:, :2]
+    scan = Scan("circular_integrals", np.ones((364, 5)), {"detectors": points})
+    for use, message in (
+        ([0, 1, 364], "use holds 364, but the data have rows 0 to 363"),
+        ([-1, 0], "use holds -1"),
+        ([3, 4, 3], "more than once"),
+        (np.ones(364, bool), "expected whole numbers"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            choices_for(scan, use=use)
+
+
+def test_detectors_in_a_plane_do_not_record_volumes():
+    theta = np.linspace(0.0, 6.0, 64)
+    points = np.stack([np.cos(theta), np.sin(theta), 0 * theta], axis=1)
+    scan = Scan("pressure", np.ones((64, 300)), {"detectors": points, "sampling_rate": 1e2})
+    with pytest.raises(ValueError, match="model is 'in-space', but the detectors lie in a plane"):
+        choices_for(scan, model="in-space")

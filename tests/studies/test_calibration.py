@@ -1,0 +1,132 @@
+"""Calibration on data of images it does not know: exact integrals of phantoms, with 2 % noise.
+
+Notebook 04 asserts sound speed and centre together, from 2 % and two pixels off.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+import jaxtat
+from jaxtat import ImageGrid, calibrate, circular_arc, phantoms, truncated_disk
+from jaxtat.studies.calibration import _fit
+
+DETECTORS = 50
+GRID = ImageGrid(33)
+STEP = float(GRID.spacing[0])
+CURVE = circular_arc(1.3, 1.0, DETECTORS)
+REGION = truncated_disk(0.95, 0.95, 2 * DETECTORS)
+RADII = 0.25 + STEP * jnp.arange(35)
+CENTERS = [[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1], [0.2, -0.4]]
+BELLS = phantoms.Bells(CENTERS, [0.7, 0.4, 0.3, 0.3], [1, 1.5, -1.5, 1])
+
+
+def noisy(g, seed=0):
+    return g + phantoms.noise_like(jax.random.key(seed), g, 0.02)
+
+
+def gains_and_delays(g, radii, detectors, rng):
+    """Gains of 10 % and delays up to a step, in eighths: data on ``radii`` from a finer table."""
+    gains = np.exp(0.1 * rng.standard_normal(detectors))
+    gains /= np.exp(np.log(gains).mean())
+    eighths = rng.integers(-8, 9, detectors)
+    g = np.stack([row[8 - d :: 8][: len(radii)] for row, d in zip(g, eighths, strict=True)])
+    return g * gains[:, None], gains, eighths * STEP / 8
+
+
+def test_gains_and_delays_of_every_detector():
+    """Gains to 1 % and delays to a tenth of a pixel; then the image is what it would have been."""
+    fine = RADII[0] - STEP + STEP / 8 * jnp.arange(8 * len(RADII) + 16)
+    table = np.asarray(BELLS.circular_integrals(CURVE, fine))
+    g, gains, delays = gains_and_delays(table, RADII, DETECTORS, np.random.default_rng(1))
+    found = calibrate(
+        CURVE, REGION, GRID, RADII, noisy(jnp.asarray(g)), unknown=("gains", "delays")
+    )
+    assert found.converged
+    assert np.std(found.parameters.gains / gains) < 0.01
+    assert np.abs(found.parameters.delays - delays).max() < 0.1 * STEP
+    off = np.concatenate([found.parameters.gains - gains, found.parameters.delays - delays])
+    errors = np.concatenate([found.standard_errors.gains, found.standard_errors.delays])
+    assert 0.6 < np.sqrt(np.mean((off / errors) ** 2)) < 1.4
+
+    def error(g):
+        image = jaxtat.reconstruct_direct(CURVE, REGION, GRID, RADII, g, 1e-3).image
+        return float(jnp.linalg.norm((image - BELLS.image(GRID))[REGION.contains(GRID.points)]))
+
+    untouched = noisy(BELLS.circular_integrals(CURVE, RADII))
+    assert error(found.g) < 1.5 * error(untouched) < 0.5 * error(jnp.asarray(g))
+
+
+def test_standard_errors_are_the_scatter_of_many_draws():
+    g = BELLS.circular_integrals(CURVE, RADII)
+    found = [calibrate(CURVE, REGION, GRID, RADII, noisy(g, i)) for i in range(5)]
+    speed = np.array([calibration.parameters.sound_speed for calibration in found])
+    error = np.array([calibration.standard_errors.sound_speed for calibration in found])
+    chi_square = np.sum(((speed - 1.0) / error) ** 2)
+    assert 0.41 < chi_square < 16.8  # 0.5 and 99.5 % of chi square for 5
+    assert np.ptp(error) < 0.3 * error.mean()
+
+
+def test_what_is_not_unknown_stays_as_it_is():
+    g = noisy(BELLS.circular_integrals(CURVE, RADII))
+    found = calibrate(CURVE, REGION, GRID, RADII, g, sound_speed=1500.0)
+    assert found.parameters.radius == 1.3
+    assert np.array_equal(found.parameters.gains, np.ones(DETECTORS))
+    assert np.array_equal(found.parameters.delays, np.zeros(DETECTORS))
+    assert found.standard_errors.sound_speed > 0
+    for name in ("radius", "center", "gains", "delays"):
+        assert np.all(getattr(found.standard_errors, name) == 0)
+    assert np.allclose(found.g, g, atol=1e-12)
+    assert np.all(np.diff(found.stages.max_frequency) > 0)
+    measured = jaxtat.detector_curve(CURVE.points)
+    other = calibrate(measured, REGION, GRID, RADII, g, sound_speed=1500.0)
+    assert abs(other.parameters.sound_speed - found.parameters.sound_speed) < 0.05
+    assert np.isnan(other.parameters.radius)
+
+
+def test_derivatives_of_the_sound_speed_with_respect_to_data():
+    """Implicit ones, of the optimum that the steps end at."""
+    curve, region, grid = circular_arc(1.3, 1.0, 24), truncated_disk(0.8, 0.8, 48), ImageGrid(11)
+    radii = 0.3 + 0.1 * jnp.arange(21)
+    bell = phantoms.Bells([[0.1, -0.1]], [0.6])
+    g = noisy(bell.circular_integrals(curve, radii))
+    direction = jax.random.normal(jax.random.key(5), g.shape)
+
+    def speed(size):
+        changed = g + jnp.asarray(size) * 0.01 * direction
+        return calibrate(curve, region, grid, radii, changed).parameters.sound_speed
+
+    check_grads(speed, (0.0,), 1, ["fwd", "rev"], atol=1e-5, rtol=1e-3, eps=0.1)
+
+
+def test_new_numbers_need_no_new_program():
+    g = BELLS.circular_integrals(CURVE, RADII)
+    programs = set()
+    for i, speed in enumerate((1.0, 1480.0, 3.0)):
+        calibrate(CURVE, REGION, GRID, RADII, noisy(g, i), sound_speed=speed, alpha=1e-5 * (i + 1))
+        programs.add(_fit._cached._cache_size())
+    assert len(programs) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"unknown": ()}, "expected some of"),
+        ({"unknown": ("speed",)}, "expected some of"),
+        ({"unknown": ("sound_speed", "radius")}, "cannot both be unknown"),
+        ({"unknown": ("center",)}, "in a single view"),
+        ({"unknown": ("center",), "turns": [1.0, 1.0 + 2 * np.pi]}, "in a single view"),
+        ({"curve": jaxtat.detector_curve(CURVE.points), "unknown": ("radius",)}, "only a circular"),
+        ({"turns": [0.0, 1.0]}, "g has shape"),
+        ({"sound_speed": 0.0}, "sound_speed is"),
+        ({"alpha": -1.0}, "alpha is"),
+        ({"g": jnp.zeros((DETECTORS, len(RADII)))}, "zero everywhere"),
+    ],
+)
+def test_what_cannot_be_calibrated_is_refused(change, message):
+    given = {"curve": CURVE, "g": jnp.ones((DETECTORS, len(RADII)))} | change
+    curve, g = given.pop("curve"), given.pop("g")
+    with pytest.raises(ValueError, match=message):
+        calibrate(curve, REGION, GRID, RADII, g, **given)
