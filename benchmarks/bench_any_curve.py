@@ -27,12 +27,11 @@ from jaxtat import (
     VisibilityWarning,
     build_plan,
     phantoms,
-    pixel_standard_deviation,
-    predict_noise,
     problem_layout,
     reconstruct_direct,
-    visibility,
 )
+from jaxtat.geometry import visibility
+from jaxtat.studies import pixel_standard_deviation, predict_noise
 
 jax.config.update("jax_enable_x64", True)
 

@@ -12,16 +12,8 @@ import numpy as np
 import pytest
 from problems import problem
 
-from jaxtat import (
-    NoiseLevel,
-    build_plan,
-    cosine_filter,
-    least_squares,
-    phantoms,
-    reconstruct,
-    reconstruct_direct,
-    total_variation,
-)
+from jaxtat import NoiseLevel, build_plan, cosine_filter, phantoms, reconstruct, reconstruct_direct
+from jaxtat.studies import least_squares, total_variation
 
 DISKS = phantoms.Disks(
     [[0, 0], [0.2, 0.35], [-0.35, -0.1], [0.3, -0.4]], [0.8, 0.25, 0.15, 0.2], [1, 0.5, -0.5, 1]

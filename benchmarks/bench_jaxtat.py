@@ -8,17 +8,10 @@ import pytest
 from jaxtat.reconstruction.inversion import invert
 from problems import problem
 
-from jaxtat import (
-    PAPER_K,
-    NormBound,
-    build_plan,
-    pixel_standard_deviation,
-    problem_layout,
-    reconstruct,
-    reconstruct_direct,
-)
+from jaxtat import PAPER_K, NormBound, build_plan, problem_layout, reconstruct, reconstruct_direct
 from jaxtat.densities.harmonic import polar_geometry, wave_table
 from jaxtat.reconstruction import radial_transform
+from jaxtat.studies import pixel_standard_deviation
 
 SIZES = [65, 129, 257, 513]
 BATCH = 64

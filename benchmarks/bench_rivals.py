@@ -12,7 +12,8 @@ import scipy.linalg
 import scipy.special
 from problems import problem
 
-from jaxtat import build_plan, pressure_to_circular_integrals, reconstruct_direct
+from jaxtat import build_plan, reconstruct_direct
+from jaxtat.records import pressure_to_circular_integrals
 
 
 def bench_scipy_densities_of_one_frequency(measure):

@@ -25,14 +25,14 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     scan = np.load(DATA / "msot_scan9.npz")
     times = np.arange(scan["raw"].shape[1]) / float(scan["fs"])
-    record = jaxtat.condition_record(scan["raw"], times, dead_time=DEAD_TIME)
+    record = jaxtat.records.condition_record(scan["raw"], times, dead_time=DEAD_TIME)
     response = np.fromfile(DATA / "msot_scan9_raw" / "Scan_9.irf", "<f8")
     response[0] -= 1000  # a mark that the scanner's software adds
-    sharp = jaxtat.remove_impulse_response(
+    sharp = jaxtat.records.remove_impulse_response(
         record, times, response, regularization=EPS, origin=len(response) // 2
     )
     curve = jaxtat.detector_curve(scan["geometry"])
-    center = jaxtat.fit_circle(curve.points).center
+    center = jaxtat.geometry.fit_circle(curve.points).center
     region = jaxtat.truncated_disk(RADIUS, RADIUS, 512, center=center)
     grid = jaxtat.ImageGrid(301, RADIUS, center)
     sources = jaxtat.truncated_disk(0.033, 0.033, 256, center=center)
@@ -40,8 +40,8 @@ def main() -> None:
     images = {}
     for name, pressure in (("as recorded", record), ("response divided out", sharp)):
         # the same band for both: what differs is the response alone
-        limited = jaxtat.condition_record(pressure, times, band=BAND, baseline=False)
-        g = jaxtat.pressure_to_circular_integrals(
+        limited = jaxtat.records.condition_record(pressure, times, band=BAND, baseline=False)
+        g = jaxtat.records.pressure_to_circular_integrals(
             limited, times, radii, sound_speed=SOUND_SPEED, model="in-plane"
         )
         found = jaxtat.reconstruct_direct(
@@ -52,7 +52,7 @@ def main() -> None:
         inside = np.asarray(region.contains(grid.points))
         image = np.asarray(found.image)
         images[name] = image / image[inside].std()  # the response changes the scale
-        sharpness = RADIUS**2 * float(jaxtat.sharpness(images[name], grid, region))
+        sharpness = RADIUS**2 * float(jaxtat.studies.sharpness(images[name], grid, region))
         sharpness /= np.pi * RADIUS**2
         width = 1e3 * edge_width(images[name], 2 * RADIUS / 300)
         print(f"{name}: sharpness {sharpness:.1f}, skin falls from 90 to 10 % in {width:.2f} mm")

@@ -36,8 +36,8 @@ CURVES = {
 class Study(eqx.Module):
     """A geometry, its data and the truth."""
 
-    curve: jaxtat.DetectorCurve
-    region: jaxtat.Region
+    curve: jaxtat.geometry.DetectorCurve
+    region: jaxtat.geometry.Region
     grid: jaxtat.ImageGrid
     radii: jax.Array
     data: jax.Array

@@ -16,14 +16,13 @@ from jaxtat import (
     SingularValueCutoff,
     Tikhonov,
     build_plan,
-    choose_regularization,
     circular_arc,
-    image_power,
     phantoms,
     reconstruct,
     truncated_disk,
 )
 from jaxtat.densities.harmonic import harmonic_orders, polar_geometry, wave_system, wave_table
+from jaxtat.studies import choose_regularization, image_power
 
 BELL = phantoms.Bells([[0.2, 0.1], [-0.3, -0.2]], [0.6, 0.5], [1.0, 0.7])
 POWER = 1e-3 * np.arange(1.0, 33.0) ** -3

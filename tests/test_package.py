@@ -40,6 +40,6 @@ assert "jax" not in sys.modules
 jaxtat.io.load_scan  # a submodule that is no public name
 from jaxtat import circular_arc, phantoms
 from jaxtat import *
-assert sharpness is jaxtat.sharpness and callable(sharpness)
+assert sharpness is jaxtat.studies.sharpness and callable(sharpness)
 """
     subprocess.run([sys.executable, "-c", program], check=True)

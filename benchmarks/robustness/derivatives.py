@@ -22,19 +22,18 @@ from jaxtat import (
     Tikhonov,
     build_plan,
     circular_arc,
-    condition_record,
     data_radii,
     detector_curve,
     elliptic_arc,
     phantoms,
-    predict_noise,
-    pressure_to_circular_integrals,
     problem_layout,
     reconstruct,
     reconstruct_direct,
-    transverse_weight,
     truncated_disk,
 )
+from jaxtat.geometry import transverse_weight
+from jaxtat.records import condition_record, pressure_to_circular_integrals
+from jaxtat.studies import predict_noise
 
 TOLERANCE = 1e-6
 STEPS = (1e-3, 1e-4, 1e-5)

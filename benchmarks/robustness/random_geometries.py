@@ -23,9 +23,7 @@ from jaxtat.reconstruction.inversion import invert  # noqa: E402
 
 from jaxtat import (
     AccuracyWarning,
-    DetectorCurve,
     ImageGrid,
-    Region,
     VisibilityWarning,
     circular_arc,
     data_radii,
@@ -37,8 +35,9 @@ from jaxtat import (
     problem_layout,
     reconstruct_direct,
     truncated_disk,
-    visibility_map,
 )
+from jaxtat.geometry import DetectorCurve, Region
+from jaxtat.studies import visibility_map
 
 DETECTORS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 300, 600)
 HARM = 0.05  # of the bells' height

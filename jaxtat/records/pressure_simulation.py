@@ -68,7 +68,8 @@ def circular_integrals_to_pressure(
 
     Source: Poisson's formula, e.g. John, Partial Differential Equations (Springer 1982), ch. 5.
 
-    >>> from jaxtat import circular_arc, phantoms, pressure_to_circular_integrals
+    >>> from jaxtat import circular_arc, phantoms
+    >>> from jaxtat.records import pressure_to_circular_integrals
     >>> curve, radii = circular_arc(1.3, 1.0, 8), 0.3 + jnp.arange(101) / 50
     >>> times = jnp.linspace(0.0, 6.0, 601)
     >>> g = phantoms.Bells([[0.1, 0.2]], [0.6]).circular_integrals(curve, radii)

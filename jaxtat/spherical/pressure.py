@@ -18,13 +18,13 @@ def pressure_to_spherical_integrals(
 
     Args:
         pressure: (..., detectors, times) or (..., rings, azimuths, times), any unit.
-        times, radii, sound_speed: as in `jaxtat.pressure_to_circular_integrals`.
+        times, radii, sound_speed: as in `jaxtat.records.pressure_to_circular_integrals`.
 
     Returns:
         As pressure, with radii for times [unit of pressure times length²].
 
     Raises:
-        ValueError: as `jaxtat.pressure_to_circular_integrals`.
+        ValueError: as `jaxtat.records.pressure_to_circular_integrals`.
 
     Source: Kirchhoff's formula; e.g. Evans, Partial Differential Equations (2010), section 2.4.1.
 

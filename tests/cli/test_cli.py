@@ -24,12 +24,10 @@ from jaxtat import (
     SingularValueCutoff,
     build_plan,
     circular_arc,
-    condition_record,
     cosine_filter,
     data_radii,
     detector_curve,
     phantoms,
-    pressure_to_circular_integrals,
     reconstruct,
     reconstruct_direct,
     truncated_disk,
@@ -38,6 +36,7 @@ from jaxtat.cli import main
 from jaxtat.cli.cache import keep_programs, remove_oldest, user_folder
 from jaxtat.cli.parser import build_parser
 from jaxtat.io import load_plan, load_settings
+from jaxtat.records import condition_record, pressure_to_circular_integrals
 from jaxtat.steps import require_boundary
 
 # 24 detectors, 11 x 11 pixels, 4 frequencies: one compilation for nearly all tests

@@ -7,8 +7,8 @@ import pytest
 from jax.test_util import check_grads
 from matplotlib.path import Path
 
-from jaxtat import circular_arc, polygon, rectangle, truncated_disk, union_of_regions, visibility
-from jaxtat.geometry import require_outside
+from jaxtat import circular_arc, polygon, rectangle, truncated_disk, union_of_regions
+from jaxtat.geometry import require_outside, visibility
 
 NOTCHED = np.array([(-0.8, -0.5), (0.7, -0.6), (0.1, 0.0), (0.8, 0.6), (-0.7, 0.5)])  # not convex
 

@@ -7,15 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from jaxtat import (
-    ImageGrid,
-    circular_arc,
-    data_radii,
-    detector_curve,
-    truncated_disk,
-    visibility,
-)
-from jaxtat.geometry import require_cover, require_outside
+from jaxtat import ImageGrid, circular_arc, data_radii, detector_curve, truncated_disk
+from jaxtat.geometry import require_cover, require_outside, visibility
 
 unit = st.floats(-3.0, 3.0)
 

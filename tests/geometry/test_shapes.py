@@ -18,8 +18,8 @@ from jaxtat import (
     polyline,
     truncated_disk,
     union_of_regions,
-    visibility,
 )
+from jaxtat.geometry import visibility
 from jaxtat.geometry.visibility import connected_pieces
 
 N = 60

@@ -6,17 +6,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from jaxtat import (
-    ImageGrid,
-    circular_arc,
-    detector_curve,
-    edge_weight,
-    join_curves,
-    polyline,
-    visibility_map,
-)
-from jaxtat.geometry import VISIBLE, SampledCurve, visible_disk
+from jaxtat import ImageGrid, circular_arc, detector_curve, join_curves, polyline
+from jaxtat.geometry import VISIBLE, SampledCurve, edge_weight, visible_disk
 from jaxtat.geometry.visibility import connected_pieces
+from jaxtat.studies import visibility_map
 
 N_ANGLES = 360
 ANGLES = np.arange(360) * np.pi / 360

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from jaxtat import choices_for, reconstruct_scan
 from jaxtat.cli import main
 from jaxtat.io import load_scan
 from jaxtat.io.datasets import sample_scan

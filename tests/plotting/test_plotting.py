@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jaxtat import ImageGrid, VolumeGrid, circular_arc, truncated_disk, visibility_map
+from jaxtat import ImageGrid, VolumeGrid, circular_arc, truncated_disk
 from jaxtat.geometry import SampledCurve
 from jaxtat.plotting import (
     new_figure,
@@ -22,6 +22,7 @@ from jaxtat.plotting import (
     show_visibility,
 )
 from jaxtat.spherical import spherical_cap
+from jaxtat.studies import visibility_map
 
 FREQUENCIES, ANGLES = 100.0 * np.arange(1, 7), np.arange(8) * np.pi / 8
 VALUES = np.random.default_rng(0).uniform(1, 2, (6, 8))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from jaxtat import channel_quality, circular_arc, phantoms
+from jaxtat import circular_arc, phantoms
+from jaxtat.records import channel_quality
 
 TIMES = np.arange(1, 401) / 160  # paths from 0 to 2.5
 BROKEN = {"constant": 2, "zero": 5, "top": 9, "hiss": 13, "clipped": 20, "stuck": 31, "loud": 44}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from jaxtat import remove_impulse_response
+from jaxtat.records import remove_impulse_response
 
 N, RATE = 256, 40e6
 TIMES = np.arange(N) / RATE

@@ -8,7 +8,7 @@ from jax.test_util import check_grads
 from scipy.integrate import quad
 from scipy.special import i0e, j0
 
-from jaxtat import condition_record, pressure_to_circular_integrals
+from jaxtat.records import condition_record, pressure_to_circular_integrals
 
 WIDTH, DISTANCE = 0.1, 1.3
 RADII = np.linspace(0.9, 1.7, 9)

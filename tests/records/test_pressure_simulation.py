@@ -9,7 +9,8 @@ from scipy.integrate import quad
 from test_pressure import gaussian_integrals, gaussian_wave
 
 import jaxtat
-from jaxtat import AccuracyWarning, circular_integrals_to_pressure, pressure_to_circular_integrals
+from jaxtat import AccuracyWarning
+from jaxtat.records import circular_integrals_to_pressure, pressure_to_circular_integrals
 
 RADII = 0.025 * (1 + np.arange(90))
 MODELS = ["2d", "in-plane"]

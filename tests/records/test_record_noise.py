@@ -12,18 +12,20 @@ from scipy.special import j0, y0
 from jaxtat import (
     ImageGrid,
     NoiseLevel,
-    RecordNoise,
     circular_arc,
+    phantoms,
+    problem_layout,
+    reconstruct_direct,
+    truncated_disk,
+)
+from jaxtat.records import (
+    RecordNoise,
     condition_record,
     first_arrival,
     noise_of_record,
-    phantoms,
     pressure_to_circular_integrals,
-    problem_layout,
-    reconstruct_direct,
     record_noise_level,
     supported,
-    truncated_disk,
 )
 
 TIMES = np.linspace(0, 2.4, 241)

@@ -11,15 +11,14 @@ from jaxtat import (
     NoiseLevel,
     circular_arc,
     detector_curve,
-    first_arrival,
     keep_detectors,
     phantoms,
     polyline,
     problem_layout,
     reconstruct_direct,
-    supported,
     truncated_disk,
 )
+from jaxtat.records import first_arrival, supported
 
 TIMES = np.linspace(0.0, 2.4, 481)
 

@@ -9,13 +9,12 @@ from jaxtat import (
     circular_arc,
     detector_curve,
     join_curves,
-    microlocal_norm,
     polyline,
     rectangle,
     truncated_disk,
     union_of_regions,
 )
-from jaxtat.regularization import unit_norms
+from jaxtat.regularization import microlocal_norm, unit_norms
 from jaxtat.special import full_circle_norm
 
 LINE = polyline([(-40.0, -1.0), (40.0, -1.0)], 4000)

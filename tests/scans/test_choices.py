@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat import Choices
 from jaxtat.base.units import Units
+from jaxtat.scans import Choices
 from jaxtat.scans.found import Found
 from jaxtat.steps import require_boundary
 

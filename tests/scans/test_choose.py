@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, N, positions, raw_counts, record, scan
 
-from jaxtat import choices_for, detector_curve, phantoms
+from jaxtat import detector_curve, phantoms
 from jaxtat.io import Scan
 from jaxtat.io.frames import LazyFrames
 from jaxtat.scans import describe, with_facts

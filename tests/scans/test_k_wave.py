@@ -10,11 +10,11 @@ from jaxtat import (
     ImageGrid,
     RelativeCutoff,
     elliptic_arc,
-    pressure_to_circular_integrals,
     reconstruct_direct,
     reconstruct_file,
     truncated_disk,
 )
+from jaxtat.records import pressure_to_circular_integrals
 from jaxtat.spherical import spherical_cap
 from jaxtat.steps import AccuracyWarning
 

@@ -8,13 +8,7 @@ import scipy.ndimage
 from made_scans import RATE, SPEED, N, positions, raw_counts, record, scan, truth
 
 import jaxtat.scans.images
-from jaxtat import (
-    choices_for,
-    phantoms,
-    polyline,
-    reconstruct_file,
-    reconstruct_scan,
-)
+from jaxtat import phantoms, polyline, reconstruct_file
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_settings, save_ipasc
 from jaxtat.io.frames import LazyFrames

@@ -7,14 +7,8 @@ import pytest
 from jax.test_util import check_grads
 
 import jaxtat
-from jaxtat import (
-    ImageGrid,
-    circular_arc,
-    phantoms,
-    sharpness,
-    sound_speed_by_sharpness,
-    truncated_disk,
-)
+from jaxtat import ImageGrid, circular_arc, phantoms, truncated_disk
+from jaxtat.studies import sharpness, sound_speed_by_sharpness
 
 GRID = ImageGrid(65)
 STEP = float(GRID.spacing[0])

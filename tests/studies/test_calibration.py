@@ -10,7 +10,8 @@ import pytest
 from jax.test_util import check_grads
 
 import jaxtat
-from jaxtat import ImageGrid, calibrate, circular_arc, phantoms, truncated_disk
+from jaxtat import ImageGrid, circular_arc, phantoms, truncated_disk
+from jaxtat.studies import calibrate
 from jaxtat.studies.calibration import _fit
 
 DETECTORS = 50

@@ -12,11 +12,11 @@ from jaxtat import (
     Tikhonov,
     build_plan,
     circular_arc,
-    compare_regularizations,
     data_radii,
     phantoms,
     truncated_disk,
 )
+from jaxtat.studies import compare_regularizations
 
 BELL = phantoms.Bells([[-0.45, 0.1], [-0.5, -0.2]], [0.4, 0.4], [1.0, 0.5])
 K, ALPHA = [2.0, 5.0], [1e-2, 1e-4]

@@ -17,12 +17,17 @@ from jaxtat import (
     cosine_filter,
     data_radii,
     phantoms,
-    pixel_standard_deviation,
     reconstruct,
     truncated_disk,
 )
 from jaxtat.densities.harmonic import SolveReport
-from jaxtat.studies import NoiseSource, diagnose, plan_of_direct, wave_accuracy
+from jaxtat.studies import (
+    NoiseSource,
+    diagnose,
+    pixel_standard_deviation,
+    plan_of_direct,
+    wave_accuracy,
+)
 
 CURVE, REGION, GRID = circular_arc(1.3, 1.0, 24), truncated_disk(0.8, 0.8, 48), ImageGrid(11, 0.8)
 RADII = data_radii(CURVE, REGION, GRID.spacing[0])

@@ -9,15 +9,8 @@ import scipy.optimize
 from jax.test_util import check_grads
 from numpy.testing import assert_allclose
 
-from jaxtat import (
-    ImageGrid,
-    circular_arc,
-    circular_integrals,
-    least_squares,
-    phantoms,
-    total_variation,
-    truncated_disk,
-)
+from jaxtat import ImageGrid, circular_arc, circular_integrals, phantoms, truncated_disk
+from jaxtat.studies import least_squares, total_variation
 from jaxtat.studies.iterative import smoothed_variation
 
 GRID, CURVE, RADII = ImageGrid((8, 7)), circular_arc(1.5, 1.0, 12), jnp.linspace(0.3, 2.5, 14)

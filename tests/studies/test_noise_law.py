@@ -15,10 +15,9 @@ from jaxtat import (
     data_radii,
     detector_curve,
     elliptic_arc,
-    pixel_standard_deviation,
-    predict_noise,
     truncated_disk,
 )
+from jaxtat.studies import pixel_standard_deviation, predict_noise
 
 
 @pytest.mark.parametrize("low_pass", [None, cosine_filter])

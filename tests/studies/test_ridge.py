@@ -86,7 +86,7 @@ import jax
 jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
 import jaxtat
-assert jaxtat.compare_regularizations  # which uses it, and all else, is imported
+assert jaxtat.studies.compare_regularizations  # which uses it, and all else, is imported
 assert "jaxopt" not in sys.modules
 from jaxtat.studies.ridge import _jaxopt, ridge
 assert "jaxopt" not in sys.modules

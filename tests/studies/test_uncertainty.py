@@ -13,10 +13,10 @@ from jaxtat import (
     circular_arc,
     cosine_filter,
     data_radii,
-    pixel_standard_deviation,
     reconstruct,
     truncated_disk,
 )
+from jaxtat.studies import pixel_standard_deviation
 
 
 @pytest.fixture(scope="module")
