@@ -24,11 +24,12 @@ from jaxtat import (
     NoiseLevel,
     RelativeCutoff,
     RelativeTikhonov,
+    Setup,
     VisibilityWarning,
     build_plan,
     phantoms,
     problem_layout,
-    reconstruct_direct,
+    solve,
 )
 from jaxtat.geometry import visibility
 from jaxtat.studies import pixel_standard_deviation, predict_noise
@@ -66,7 +67,7 @@ class Trial:
     def misfit(self, rule, data=None):
         """Image less truth on the region's pixels: of exact data, and of both noises."""
         data = self.data if data is None else data
-        found = reconstruct_direct(*self.where, data, rule, layout=self.layout)
+        found = solve(Setup(*self.where), data, rule)
         return (np.asarray(found.image) - self.truth)[:, self.inside]
 
     def relative(self, misfit):
@@ -90,7 +91,7 @@ def law_ratio(name: str) -> np.ndarray:
     """Exact standard deviations over predicted ones, on every eighth pixel of the inner region."""
     (curve, region, grid, radii), few = trial(name).where, ImageGrid(17, 0.96)
     inner = np.asarray(region.level(few.points) < -0.1 * float(region.reach))
-    plan = build_plan(curve, region, grid, radii, RelativeTikhonov(0.1), progress=False)
+    plan = build_plan(Setup(curve, region, grid, radii), RelativeTikhonov(0.1))
     exact = pixel_standard_deviation(plan, 1.0, grid=few, where=inner, progress=False)
     law = predict_noise(curve, few, 1.0, radial_step=float(grid.spacing[0]))
     return np.asarray(exact / law)[inner]
@@ -103,7 +104,7 @@ def bench_clean(measure, benchmark, name):
     assert not case.flagged
     data = case.data[0]
     measure(
-        lambda: reconstruct_direct(*case.where, data, CLEAN, layout=case.layout).image,
+        lambda: solve(Setup(*case.where), data, CLEAN).image,
         n=N,
         error=lambda image: np.abs(np.asarray(image) - case.truth)[case.inside],
         rounds=1,

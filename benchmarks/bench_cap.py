@@ -11,14 +11,13 @@ from jaxtyping import Array
 from jaxtat import NoiseLevel, VolumeGrid
 from jaxtat.phantoms import noise_like
 from jaxtat.spherical import (
-    BallPart,
     Bells,
     SphericalCap,
     back_projection,
-    ball_part,
+    ball,
     cap_layout,
     cap_radii,
-    reconstruct_cap,
+    solve,
     spherical_cap,
 )
 
@@ -49,11 +48,11 @@ class CapProblem:
 
 def cap_problem(n: int, top: float = 1.0) -> CapProblem:
     """n^3 voxels on [-1, 1]^3; a cap up to z_3 = top, where the region ends too if it is cut."""
-    cap, grid, ball = spherical_cap(1.3, top, *DETECTORS[n]), VolumeGrid(n), ball_part(1.0)
+    cap, grid, ball = spherical_cap(1.3, top, *DETECTORS[n]), VolumeGrid(n), ball(1.0)
     centers, sizes = [[0.15, 0.2, 0.25], [-0.25, -0.1, -0.3], [0.1, -0.35, 0.3]], [0.6, 0.55, 0.4]
     region, bells = ball, Bells(centers, sizes, [1.0, 1.0, -0.5])
     if top < 1.0:
-        region = ball_part(1.0, top, int(1.4 * np.pi / 2 * (n - 1)) + 20)
+        region = ball(1.0, top)
         bells = Bells([[0.1, 0.15, -0.5], [-0.3, -0.2, -0.48]], [0.45, 0.4])
     radii = cap_radii(cap, region, grid.spacing[0] / 2, sources=ball)
     return CapProblem(cap, region, grid, radii, bells, bells.spherical_integrals(cap, radii))
@@ -63,7 +62,7 @@ def cap_problem(n: int, top: float = 1.0) -> CapProblem:
 def bench_cap(measure, n):
     case = cap_problem(n)
     measure(
-        lambda: reconstruct_cap(*case.where, case.g, 1e-8).volume,
+        lambda: solve(Setup(*case.where), case.g, 1e-8, inversion="fourier").volume,
         n=n,
         error=case.error,
         rounds=3 if n < 257 else 1,
@@ -79,7 +78,7 @@ def bench_cap_noise(measure, benchmark, method):
 
     def work():
         if method == "jaxtat":
-            return reconstruct_cap(*case.where, g, NoiseLevel(sigma)).volume
+            return solve(Setup(*case.where), g, NoiseLevel(sigma), inversion="fourier").volume
         return back_projection(case.cap, case.radii, g, case.grid.points)
 
     found = measure(work, n=65, error=case.error, rounds=1)
@@ -94,7 +93,7 @@ def bench_hemisphere(measure, n):
     """The region is the lower half ball; errors are those of x_3 < -0.1."""
     case = cap_problem(n, top=0.0)
     measure(
-        lambda: reconstruct_cap(*case.where, case.g, 1e-8).volume,
+        lambda: solve(Setup(*case.where), case.g, 1e-8, inversion="fourier").volume,
         n=n,
         error=lambda volume: case.error(volume, below=-0.1),
         rounds=1,
@@ -110,7 +109,7 @@ def bench_cap_loss_of_sound_speed_and_alpha(measure, what):
 
     def loss(speed, alpha, g):
         where = case.cap, case.region, case.grid, speed * case.radii
-        found = reconstruct_cap(*where, g, alpha, layout=layout)
+        found = solve(Setup(*where), g, alpha, inversion="fourier")
         return jnp.sum((found.volume - truth) ** 2)
 
     compiled = jax.jit(loss if what == "value" else jax.value_and_grad(loss, (0, 1, 2)))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from problems import problem
 
-from jaxtat import NoiseLevel, build_plan, cosine_filter, phantoms, reconstruct, reconstruct_direct
+from jaxtat import NoiseLevel, Setup, build_plan, cosine_filter, phantoms, reconstruct, solve
 from jaxtat.studies import least_squares, total_variation
 
 DISKS = phantoms.Disks(
@@ -58,12 +58,12 @@ def compare(measure, benchmark, case):
 def bench_direct_reconstruction(compare, case):
     _, given, _, g, sigma = case
     alpha = NoiseLevel(sigma) if sigma else 1e-12
-    compare(lambda: (reconstruct_direct(*given.where, g, alpha).image, 0), rounds=5)
+    compare(lambda: (solve(Setup(*given.where), g, alpha).image, 0), rounds=5)
 
 
 def bench_reconstruction_with_plan(compare, case):
     _, given, _, g, sigma = case
-    plan = build_plan(*given.where, progress=False)
+    plan = build_plan(Setup(*given.where))
     low_pass = cosine_filter if sigma else None
     compare(lambda: (reconstruct(plan, g, low_pass=low_pass), 0), rounds=7)
 

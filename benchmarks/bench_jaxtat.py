@@ -8,7 +8,7 @@ import pytest
 from jaxtat.reconstruction.inversion import invert
 from problems import problem
 
-from jaxtat import PAPER_K, NormBound, build_plan, problem_layout, reconstruct, reconstruct_direct
+from jaxtat import PAPER_K, NormBound, Setup, build_plan, problem_layout, reconstruct, solve
 from jaxtat.densities.harmonic import polar_geometry, wave_table
 from jaxtat.reconstruction import radial_transform
 from jaxtat.studies import pixel_standard_deviation
@@ -62,9 +62,7 @@ def bench_direct(measure, n, solver):
     alpha = {"cholesky": 1e-12, "cg": 1e-8}[solver]
     inversion = "fbp" if n <= 257 else "fourier"
     measure(
-        lambda: (
-            reconstruct_direct(*case.where, case.g, alpha, solver=solver, inversion=inversion).image
-        ),
+        lambda: solve(Setup(*case.where), case.g, alpha, solver=solver, inversion=inversion).image,
         n=n,
         error=case.error,
         rounds=1 if n > 257 else 5,
@@ -74,7 +72,7 @@ def bench_direct(measure, n, solver):
 def bench_direct_half_disk(measure):
     case = problem(129, right=0.0)
     measure(
-        lambda: reconstruct_direct(*case.where, case.g, 1e-12).image,
+        lambda: solve(Setup(*case.where), case.g, 1e-12).image,
         n=129,
         error=case.error,
         rounds=5,
@@ -90,7 +88,7 @@ def bench_plan(measure, method, monkeypatch):
         method = "collocation"
 
     def build():
-        return jax.tree.leaves(build_plan(*case.where, method=method, progress=False).densities)
+        return jax.tree.leaves(build_plan(Setup(*case.where), method=method).densities)
 
     measure(build, n=129, rounds=3 if method == "harmonic" else 1)
 
@@ -119,7 +117,7 @@ def bench_standard_deviations(measure, plans):
 def plans():
     case = problem(129)
     names = ("double", "single")
-    return {p: (case, build_plan(*case.where, precision=p, progress=False)) for p in names}
+    return {p: (case, build_plan(Setup(*case.where), precision=p)) for p in names}
 
 
 @pytest.mark.parametrize("geometry", [1, 2])
@@ -133,7 +131,7 @@ def bench_loss_of_K_radius_and_sound_speed(measure, geometry, what):
     def loss(K, radius, speed):
         moved = eqx.tree_at(lambda arc: arc.radius, case.curve, radius)
         where = moved, case.region, case.grid, speed * case.radii
-        plan = build_plan(*where, NormBound(K), layout=layout, progress=False)
+        plan = build_plan(Setup(*where), NormBound(K))
         return jnp.sum(jnp.where(inside, reconstruct(plan, case.g) - truth, 0.0) ** 2)
 
     compiled = jax.jit(loss if what == "value" else jax.value_and_grad(loss, (0, 1, 2)))

@@ -17,14 +17,15 @@ from jaxtat import (
     ImageGrid,
     LineDetectorScan,
     NormBound,
+    Setup,
     build_plan,
     circular_arc,
     cosine_filter,
     data_radii,
+    disk,
     phantoms,
     reconstruct_volume,
     reconstruct_volume_stack,
-    truncated_disk,
 )
 from jaxtat.line_detectors import Balls, invert_projections
 
@@ -47,8 +48,8 @@ def geometry(arc: str) -> tuple:
     # half a circle reaches a little beyond the axis, so that its region can hold the axis
     arc_end, region_end, angle = (1.0, 1.0, math.pi / 2) if arc == "top" else (0.2, 0.1, 0.0)
     curve, grid = circular_arc(1.3, arc_end, 500, angle=angle), ImageGrid(N)
-    whole = truncated_disk(1.0, 1.0, 1000)
-    region = truncated_disk(1.0, region_end, 1000, angle=angle)
+    whole = disk(1.0)
+    region = disk(1.0, region_end, angle=angle)
     return curve, region, grid, data_radii(curve, region, grid.spacing[0], sources=whole)
 
 
@@ -56,7 +57,7 @@ def geometry(arc: str) -> tuple:
 def plan_of(arc: str):
     """What one side alone shows has a few directions that need larger densities."""
     rule = NormBound(PAPER_K if arc == "top" else 12.0)
-    return build_plan(*geometry(arc), rule, progress=False)
+    return build_plan(Setup(*geometry(arc)), rule)
 
 
 def scan_of(arc: str, n: int) -> LineDetectorScan:
@@ -97,7 +98,7 @@ def bench_everything(compare):
     g = BELLS.circular_integrals(scan, where[0], where[3])
 
     def work():
-        plan = build_plan(*where, progress=False)
+        plan = build_plan(Setup(*where))
         return reconstruct_volume_stack(plan, g, scan, progress=False)
 
     compare(work, BELLS)

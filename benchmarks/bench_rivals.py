@@ -12,7 +12,7 @@ import scipy.linalg
 import scipy.special
 from problems import problem
 
-from jaxtat import build_plan, reconstruct_direct
+from jaxtat import Setup, build_plan, solve
 from jaxtat.records import pressure_to_circular_integrals
 
 
@@ -53,7 +53,7 @@ def bench_scipy_densities_of_one_frequency(measure):
 def bench_scipy_steps_two_to_five(measure):
     """The rest as the paper writes it: sums over detectors, FFT, filtered back-projection."""
     case = problem(129)
-    plan = build_plan(*case.where, progress=False)
+    plan = build_plan(Setup(*case.where))
     frequencies, angles = np.asarray(plan.frequencies), np.asarray(plan.angles)
     radii, weights = np.asarray(case.radii), np.asarray(case.curve.weights)
     rho = np.stack([plan.densities.of_frequency(i, weights) for i in range(len(frequencies))])
@@ -191,6 +191,6 @@ def bench_jaxtat_from_the_record_of_k_wave(measure, k_wave):
 
     def image():
         g = pressure_to_circular_integrals(record, times, case.radii)
-        return jax.block_until_ready(reconstruct_direct(*case.where, g, 1e-6).image)
+        return jax.block_until_ready(solve(Setup(*case.where), g, 1e-6).image)
 
     measure(image, n=129, error=case.error, rounds=5)

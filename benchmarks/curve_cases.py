@@ -10,13 +10,13 @@ from jaxtat import (
     circular_arc,
     data_radii,
     detector_curve,
+    disk,
     elliptic_arc,
     join_curves,
     phantoms,
     polygon,
     polyline,
     rectangle,
-    truncated_disk,
     union_of_regions,
 )
 
@@ -73,39 +73,37 @@ class CurveCase:
 
 
 def half_disk(m: int):
-    return truncated_disk(1.0, 0.0, m)
+    return disk(1.0, 0.0)
 
 
 def disk(m: int):
-    return truncated_disk(1.0, 1.0, m)
+    return disk(1.0)
 
 
 CASES = {
     "ellipse, half disk": CurveCase(ellipse, half_disk, HALF),
     "L, triangle": CurveCase(
         l_shape,
-        lambda m: polygon([(-0.65, -0.65), (0.75, -0.65), (-0.65, 0.75)], m),
+        lambda m: polygon([(-0.65, -0.65), (0.75, -0.65), (-0.65, 0.75)]),
         [([-0.35, -0.35], 0.28), ([-0.3, 0.1], 0.2), ([0.1, -0.4], 0.2)],
     ),
     "U, disk": CurveCase(u_shape, disk, GEOMETRY_1),
     "U, rectangle": CurveCase(
         u_shape,
-        lambda m: rectangle((0.8, 0.6), m),
+        lambda m: rectangle((0.8, 0.6)),
         [([0.3, 0.2], 0.38), ([-0.35, -0.1], 0.4)],
     ),
     "jagged arc, disk": CurveCase(jagged(1.0), disk, GEOMETRY_1),
     "jagged arc, half disk": CurveCase(jagged(0.0), half_disk, HALF),
-    "two arcs, polygon": CurveCase(two_arcs, lambda m: polygon(CAP, m), IN_CAP),
+    "two arcs, polygon": CurveCase(two_arcs, lambda m: polygon(CAP), IN_CAP),
     "two arcs, two polygons": CurveCase(
         two_arcs,
-        lambda m: union_of_regions(
-            polygon(CAP, m // 2), polygon([(-x, -y) for x, y in CAP], m // 2)
-        ),
+        lambda m: union_of_regions(polygon(CAP), polygon([(-x, -y) for x, y in CAP])),
         [*IN_CAP, ([0.65, 0.1], 0.25)],
     ),
     "ellipse, region poking out": CurveCase(
         ellipse,
-        lambda m: truncated_disk(1.0, 0.3, m),
+        lambda m: disk(1.0, 0.3),
         [([-0.45, 0.3], 0.35), ([0.0, -0.3], 0.28)],
         visible=False,
     ),

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, truncated_disk
-from jaxtat.geometry import CircularArc, TruncatedDisk
+from jaxtat import ImageGrid, circular_arc, data_radii, disk, phantoms
+from jaxtat.geometry import CircularArc
 
 DETECTORS = {65: 250, 129: 500, 257: 1000, 513: 2000, 1025: 4000}
 
@@ -37,8 +37,8 @@ def problem(n: int, right: float = 1.0) -> Problem:
     """Geometry #1 (right = 1) or #2 (right = 0) with n x n pixels."""
     n_detectors = DETECTORS[n]
     curve, grid = circular_arc(1.3, right, n_detectors), ImageGrid(n)
-    whole = truncated_disk(1.0, 1.0, 2 * n_detectors)
-    region = truncated_disk(1.0, right, 2 * n_detectors)
+    whole = disk(1.0)
+    region = disk(1.0, right)
     radii = data_radii(curve, region, grid.spacing[0], sources=whole)
     if right == 1.0:
         bells = phantoms.Bells([[0.3, 0.3], [-0.4, 0.2]], [0.55, 0.5])

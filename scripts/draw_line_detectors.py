@@ -44,10 +44,10 @@ def main(path: Path) -> None:
         strict=True,
     ):
         curve = jaxtat.circular_arc(1.3, arc_end, 500, angle=angle)
-        region = jaxtat.truncated_disk(1.0, region_end, 1000, angle=angle)
-        whole = jaxtat.truncated_disk(1.0, 1.0, 1000)
+        region = jaxtat.disk(1.0, region_end, angle=angle)
+        whole = jaxtat.disk(1.0)
         radii = jaxtat.data_radii(curve, region, grid.spacing[0], sources=whole)
-        plan = jaxtat.build_plan(curve, region, grid, radii, jaxtat.NormBound(K), progress=False)
+        plan = jaxtat.build_plan(jaxtat.Setup(curve, region, grid, radii), jaxtat.NormBound(K))
         scan = jaxtat.LineDetectorScan(np.arange(256 * turns) * np.pi / 256)
         g = balls.circular_integrals(scan, curve, radii)
         noisy = g + jaxtat.phantoms.noise_like(jax.random.key(0), g, 0.05)

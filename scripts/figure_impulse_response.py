@@ -33,9 +33,9 @@ def main() -> None:
     )
     curve = jaxtat.detector_curve(scan["geometry"])
     center = jaxtat.geometry.fit_circle(curve.points).center
-    region = jaxtat.truncated_disk(RADIUS, RADIUS, 512, center=center)
+    region = jaxtat.disk(RADIUS, center=center)
     grid = jaxtat.ImageGrid(301, RADIUS, center)
-    sources = jaxtat.truncated_disk(0.033, 0.033, 256, center=center)
+    sources = jaxtat.disk(0.033, center=center)
     radii = jaxtat.data_radii(curve, region, grid.spacing[0], sources=sources)
     images = {}
     for name, pressure in (("as recorded", record), ("response divided out", sharp)):
@@ -44,9 +44,8 @@ def main() -> None:
         g = jaxtat.records.pressure_to_circular_integrals(
             limited, times, radii, sound_speed=SOUND_SPEED, model="in-plane"
         )
-        found = jaxtat.reconstruct_direct(
-            *(curve, region, grid, radii, g, 1e-3),
-            max_frequency=MAX_FREQUENCY,
+        found = jaxtat.solve(
+            jaxtat.Setup(*(curve, region, grid, radii, g, 1e-3), max_frequency=MAX_FREQUENCY),
             low_pass=jaxtat.cosine_filter,
         )
         inside = np.asarray(region.contains(grid.points))

@@ -47,7 +47,7 @@ class Study(eqx.Module):
     def of_size(cls, pixels: int, n_detectors: int) -> "Study":
         grid = jaxtat.ImageGrid(pixels)
         curve = jaxtat.circular_arc(1.3, 0.0, n_detectors)
-        region = jaxtat.truncated_disk(1.0, 0.0, 2 * n_detectors)
+        region = jaxtat.disk(1.0, 0.0)
         radii = jaxtat.data_radii(curve, region, grid.spacing[0])
         bells = jaxtat.phantoms.Bells([[-0.45, 0.3], [-0.5, -0.3]], [0.35, 0.3])
         g = bells.circular_integrals(curve, radii)
@@ -135,7 +135,7 @@ def main() -> None:
     study = Study.of_size(PIXELS, N_DETECTORS)
     rules = [(*edge, values) for *edges, values in CURVES.values() for edge in edges]
     found = errors(study, rules)
-    plan = jaxtat.build_plan(*study.setup, jaxtat.NormBound(K[36], softness=SOFT_K), progress=False)
+    plan = jaxtat.build_plan(jaxtat.Setup(*study.setup), jaxtat.NormBound(K[36], softness=SOFT_K))
     by_plan = float(study.error(jaxtat.reconstruct(plan, study.data)))
     print(f"K = {K[36]:.3f}: error {found[1][0][36]:.8f}, by a plan {by_plan:.8f}")
     figure, axes = plt.subplots(2, 2, figsize=(11, 6.5), sharex="col", layout="constrained")

@@ -10,15 +10,16 @@ from jaxtat import (
     FixedRank,
     ImageGrid,
     NormBound,
+    Setup,
     SingularValueCutoff,
     Tikhonov,
     build_plan,
     circular_arc,
     data_radii,
+    disk,
     phantoms,
     problem_layout,
     reconstruct,
-    truncated_disk,
 )
 
 BELL = phantoms.Bells([[-0.5, 0.1]], [0.4])
@@ -36,7 +37,7 @@ def gradient():
     """The paper's geometry 2, small: value and slopes of an image in a rule's number, radius of the
     arc, speed of sound and filter, compiled once for each rule. For geometry 1 see test_plan.py."""
     right = 0.0
-    curve, region = circular_arc(1.3, right, 40), truncated_disk(1.0, right, 80)
+    curve, region = circular_arc(1.3, right, 40), disk(1.0, right, n_boundary=80)
     radii = data_radii(curve, region, 0.1)
     layout = problem_layout(curve, region, GRID, radii, max_frequency=10.0, n_directions=8)
     g = BELL.circular_integrals(curve, radii)
@@ -48,7 +49,7 @@ def gradient():
 
         def loss(number, radius, speed, eta):
             moved = eqx.tree_at(lambda arc: arc.radius, curve, radius)
-            plan = build_plan(moved, region, GRID, speed * radii, kind(number), layout=layout)
+            plan = build_plan(Setup(moved, region, GRID, speed * radii), kind(number))
             image = reconstruct(plan, g, low_pass=lambda share: jnp.cos(jnp.pi / 2 * share * eta))
             return 1e3 * jnp.mean(image**2)
 
@@ -97,7 +98,7 @@ def test_new_numbers_need_no_new_program(gradient):
 
 def test_positions_need_no_new_program():
     """Detectors one by one, and all else about the geometry."""
-    curve, region = circular_arc(1.3, 0.0, 50), truncated_disk(1.0, 0.0, 100)
+    curve, region = circular_arc(1.3, 0.0, 50), disk(1.0, 0.0, n_boundary=100)
     radii = data_radii(curve, region, 0.1)
     layout = problem_layout(curve, region, GRID, radii, max_frequency=9.0, n_directions=16)
     g = BELL.circular_integrals(curve, radii)
@@ -107,9 +108,7 @@ def test_positions_need_no_new_program():
         moved = eqx.tree_at(
             lambda arc: arc.center, curve, points.mean(axis=0) - curve.points.mean(axis=0)
         )
-        return reconstruct(
-            build_plan(moved, region, GRID, radii, Tikhonov(alpha), layout=layout), g
-        )
+        return reconstruct(build_plan(Setup(moved, region, GRID, radii), Tikhonov(alpha)), g)
 
     for shift in (0.0, 0.01, 0.02):
         assert np.isfinite(image(curve.points + shift, jnp.array(1e-3 + shift))).all()

@@ -13,13 +13,14 @@ from jaxtat import (
     FixedRank,
     ImageGrid,
     NormBound,
+    Setup,
     SingularValueCutoff,
     Tikhonov,
     build_plan,
     circular_arc,
+    disk,
     phantoms,
     reconstruct,
-    truncated_disk,
 )
 from jaxtat.densities.harmonic import harmonic_orders, polar_geometry, wave_system, wave_table
 from jaxtat.studies import choose_regularization, image_power
@@ -32,7 +33,7 @@ POWER = 1e-3 * np.arange(1.0, 33.0) ** -3
 def choices(small):
     """K and alpha for noise that drowns the high frequencies."""
     return {
-        kind: choose_regularization(*small, 0.02, POWER, kind=kind)
+        kind: choose_regularization(Setup(*small), 0.02, POWER, kind=kind)
         for kind in (NormBound, Tikhonov)
     }
 
@@ -56,13 +57,13 @@ def test_alpha_is_noise_over_signal(small, choices):
 
 def test_derivatives_of_the_choice():
     """Implicit ones of the descent's end: alpha goes with sigma²/P(lambda), and nothing else."""
-    curve, region, grid = circular_arc(1.3, 1.0, 30), truncated_disk(1.0, 1.0, 60), ImageGrid(9)
+    curve, region, grid = circular_arc(1.3, 1.0, 30), disk(1.0, n_boundary=60), ImageGrid(9)
     radii = jnp.linspace(0.3, 2.3, 21)
     power = 1e-3 * jnp.arange(1.0, 5.0) ** -3
 
     def alpha(sigma, power):
         found = choose_regularization(
-            curve, region, grid, radii, sigma, power, kind=Tikhonov, max_frequency=6.0
+            Setup(curve, region, grid, radii, max_frequency=6.0), sigma, power, kind=Tikhonov
         )
         return found.regularization.alpha
 
@@ -79,9 +80,7 @@ def test_no_other_K_is_better(small, choices):
     gain = 0.02**2 * noise_power(radii, choice.frequencies, curve.weights) / (4 * jnp.pi**2)
     least = np.full(32, np.inf)
     for K in (0.1, 0.3, 1.0, 1.2, 1.4, 1.6, 2.0, 3.0, PAPER_K, 8.0):
-        report = build_plan(
-            *small, NormBound(np.full(32, K)), n_directions=32, progress=False
-        ).report
+        report = build_plan(Setup(*small, n_directions=32), NormBound(np.full(32, K))).report
         left = POWER * np.mean(report.residual**2, axis=1)
         least = np.minimum(least, left + np.asarray(gain) * np.mean(report.norm**2, axis=1))
     found = np.asarray(choice.left + choice.noise)
@@ -98,7 +97,7 @@ def test_expected_errors_are_those_of_images(small, choices):
     """Of noise alone, in 40 draws, at the frequencies that let most of it through."""
     curve, _, _, radii = small
     choice = choices[NormBound]
-    plan = build_plan(*small, choice.regularization, progress=False)
+    plan = build_plan(Setup(*small), choice.regularization)
     noise = 0.02 * jax.random.normal(jax.random.key(0), (40, curve.n_detectors, radii.shape[0]))
     transformed = radial_transform(noise, radii, plan.frequencies)
     fhat = plan.densities.polar_fourier(transformed, curve.weights)
@@ -140,8 +139,8 @@ def test_images_of_noisy_data_are_better_than_with_the_papers_K(small, small_pla
     exact = BELL.circular_integrals(curve, radii)
     g = exact + 0.1 * jax.random.normal(jax.random.key(2), (20, *exact.shape))
     power = image_power(small_plan, g[0], 0.1)
-    rule = choose_regularization(*small, 0.1, power, kind=kind).regularization
-    chosen = build_plan(*small, rule, progress=False)
+    rule = choose_regularization(Setup(*small), 0.1, power, kind=kind).regularization
+    chosen = build_plan(Setup(*small), rule)
 
     def errors(plan):
         return jnp.linalg.norm((reconstruct(plan, g) - truth) * inside, axis=(1, 2))
@@ -161,9 +160,9 @@ def test_images_of_noisy_data_are_better_than_with_the_papers_K(small, small_pla
 def test_what_cannot_be_chosen_is_refused(small, change, message):
     given = {"sigma": 0.1, "power": POWER} | change
     with pytest.raises(ValueError, match=message):
-        choose_regularization(*small, **given)
+        choose_regularization(Setup(*small), **given)
 
 
 def test_ranks_can_be_chosen_too(small, choices):
-    choice = choose_regularization(*small, 0.02, POWER, kind=FixedRank)
+    choice = choose_regularization(Setup(*small), 0.02, POWER, kind=FixedRank)
     assert choice.image_error < 1.5 * choices[NormBound].image_error

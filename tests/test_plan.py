@@ -14,6 +14,7 @@ from jaxtat import (
     FixedRank,
     ImageGrid,
     NormBound,
+    Setup,
     SingularValueCutoff,
     Tikhonov,
     VisibilityWarning,
@@ -23,10 +24,10 @@ from jaxtat import (
     cosine_filter,
     data_radii,
     detector_curve,
+    disk,
     phantoms,
     problem_layout,
     reconstruct,
-    truncated_disk,
 )
 from jaxtat.densities import SampledDensities
 from jaxtat.densities.harmonic import HarmonicDensities
@@ -40,7 +41,7 @@ SOLVED = ("harmonic", "collocation")
 
 @pytest.fixture(scope="module")
 def collocation_plan(small):
-    return build_plan(*small, method="collocation", progress=False)
+    return build_plan(Setup(*small), method="collocation")
 
 
 @pytest.fixture(params=SOLVED)
@@ -53,13 +54,13 @@ def either_plan(request, small_plan, collocation_plan):
 def half_circle():
     """A half disk before a half circle: (curve, region, grid, radii)."""
     grid = ImageGrid(33)
-    curve, region = circular_arc(1.3, 0.0, 130), truncated_disk(1.0, 0.0, 260)
+    curve, region = circular_arc(1.3, 0.0, 130), disk(1.0, 0.0, n_boundary=260)
     return curve, region, grid, data_radii(curve, region, grid.spacing[0])
 
 
 @pytest.fixture(scope="module")
 def half_circle_plans(half_circle):
-    return {method: build_plan(*half_circle, method=method, progress=False) for method in SOLVED}
+    return {method: build_plan(Setup(*half_circle), method=method) for method in SOLVED}
 
 
 HALF_BELL = phantoms.Bells([[-0.45, 0.1]], [0.4])
@@ -102,9 +103,7 @@ def test_both_methods_solve_the_same_problem(request, geometry, rule, tolerance)
     """Singular values, accuracy and images agree to rounding where the rule names the terms."""
     curve, region, grid, radii = request.getfixturevalue(geometry)
     one, other = (
-        build_plan(
-            *(curve, region, grid, radii, rule), method=method, n_directions=16, progress=False
-        )
+        build_plan(Setup(*(curve, region, grid, radii, rule), n_directions=16), method=method)
         for method in SOLVED
     )
     for name in ("j_max", "norm", "residual"):
@@ -140,12 +139,12 @@ def test_collocation_is_for_detectors_nearer_to_the_centre_than_the_region_reach
     """A cap of a disk, whose centre is close to the ellipse of detectors around the cap."""
     angle = 2 * np.pi * np.arange(120) / 120
     curve = detector_curve(np.stack([-0.6 + 0.75 * np.cos(angle), 1.25 * np.sin(angle)], axis=1))
-    region, grid = truncated_disk(1.0, -0.3, 200), ImageGrid(33)
+    region, grid = disk(1.0, -0.3, n_boundary=200), ImageGrid(33)
     radii = data_radii(curve, region, grid.spacing[0])
     with pytest.raises(ValueError, match=r"only 0\.74\d* away.*'collocation' of build_plan"):
-        build_plan(curve, region, grid, radii, method="harmonic", progress=False)
+        build_plan(Setup(curve, region, grid, radii), method="harmonic")
     # found without being asked for; the norm of the rule is the microlocal one
-    plan = build_plan(curve, region, grid, radii, NormBound(PAPER_K), progress=False)
+    plan = build_plan(Setup(curve, region, grid, radii), NormBound(PAPER_K))
     bell = phantoms.Bells([[-0.6, 0.1]], [0.35])
     image = reconstruct(plan, bell.circular_integrals(curve, radii))
     assert largest_error(plan, image, bell) < 1e-2
@@ -162,9 +161,9 @@ def test_turning_and_moving_everything_changes_nothing(small, small_plan, method
     angle, shift = 2.0, np.array([5.0, -3.0])
     place = {"center": shift, "angle": angle}
     curve = circular_arc(1.3, 1.0, 130, **place)
-    region = truncated_disk(1.0, 1.0, 260, **place)
+    region = disk(1.0, n_boundary=260)
     grid, radii = ImageGrid(33, 1.0, shift), small[3]
-    plan = build_plan(curve, region, grid, radii, method=method, progress=False)
+    plan = build_plan(Setup(curve, region, grid, radii), method=method)
     moved = phantoms.Bells(turned(BELL.centers, angle, shift), BELL.radii, BELL.amplitudes)
     image = reconstruct(plan, moved.circular_integrals(curve, radii))
     assert largest_error(plan, image, moved) < 1e-3
@@ -175,9 +174,9 @@ def test_turning_and_moving_everything_changes_nothing(small, small_plan, method
 def test_the_unit_of_length_does_not_matter(small, either_plan):
     mm = 1e-3
     curve = circular_arc(1.3 * mm, 1.0 * mm, 130)
-    region = truncated_disk(mm, mm, 260)
+    region = disk(mm, n_boundary=260)
     geometry = curve, region, ImageGrid(33, mm), small[3] * mm
-    plan = build_plan(*geometry, method=method_of(either_plan), progress=False)
+    plan = build_plan(Setup(*geometry), method=method_of(either_plan))
     g = BELL.circular_integrals(either_plan.curve, either_plan.radii)
     assert np.allclose(
         reconstruct(plan, g * mm), reconstruct(either_plan, g), atol=1e-6
@@ -187,15 +186,15 @@ def test_the_unit_of_length_does_not_matter(small, either_plan):
 def test_radii_must_reach_sources_outside_the_region_too():
     """Circles that miss the region still carry what lies outside it; cutting them is an error."""
     grid = ImageGrid(33, 0.6)
-    curve, region = circular_arc(1.3, 1.0, 200), truncated_disk(0.6, 0.6, 400)
+    curve, region = circular_arc(1.3, 1.0, 200), disk(0.6, n_boundary=400)
     outside = phantoms.Bells([[0.5, 0.3], [-0.6, -0.3]], [0.4, 0.35])
 
     def error(radii):
-        plan = build_plan(curve, region, grid, radii, max_frequency=100.0, progress=False)
+        plan = build_plan(Setup(curve, region, grid, radii, max_frequency=100.0))
         image = reconstruct(plan, outside.circular_integrals(curve, radii))
         return largest_error(plan, image, outside)
 
-    whole = data_radii(curve, region, 1 / 40, sources=truncated_disk(1.0, 1.0, 200))
+    whole = data_radii(curve, region, 1 / 40, sources=disk(1.0, n_boundary=200))
     assert error(whole) < 1e-4
     assert error(data_radii(curve, region, 1 / 40)) > 0.1
 
@@ -211,9 +210,9 @@ def test_the_plan_keeps_the_rule_that_was_used(either_plan):
 def test_rules_may_differ_between_frequencies(small, method):
     K = np.linspace(2.0, 5.0, 32)
     few = {"method": method, "n_directions": 16, "progress": False}
-    varied = build_plan(*small, NormBound(K), **few)
+    varied = build_plan(Setup(*small), NormBound(K), **few)
     for i in (0, 13, 31):
-        plain = build_plan(*small, NormBound(K[i]), **few)
+        plain = build_plan(Setup(*small), NormBound(K[i]), **few)
         for name in ("j_max", "norm", "residual"):
             found, expected = getattr(varied.report, name)[i], getattr(plain.report, name)[i]
             assert_allclose(found, expected, rtol=1e-9)
@@ -238,7 +237,7 @@ def test_the_default_method_is_harmonic(small_plan):
 )
 def test_rules_that_a_method_cannot_use_are_refused(small, rule, method, message):
     with pytest.raises(ValueError, match=message):
-        build_plan(*small, rule, method=method, progress=False)
+        build_plan(Setup(*small), rule, method=method)
 
 
 @pytest.mark.parametrize("method", SOLVED)
@@ -248,10 +247,7 @@ def test_plans_can_be_built_under_jit_for_a_traced_K(small, method):
 
     def image(K):
         plan = build_plan(
-            *(curve, region, grid, radii, NormBound(K)),
-            method=method,
-            max_frequency=15.0,
-            progress=False,
+            Setup(*(curve, region, grid, radii, NormBound(K)), max_frequency=15.0), method=method
         )
         return reconstruct(plan, g)
 
@@ -261,10 +257,12 @@ def test_plans_can_be_built_under_jit_for_a_traced_K(small, method):
 def test_traced_geometry_without_a_layout_is_refused(small):
     curve, region, grid, radii = small
     with pytest.raises(ValueError, match=r"layout = problem_layout"):
-        jax.jit(lambda r: build_plan(curve, region, grid, r, progress=False).radii)(radii)
+        jax.jit(lambda r: build_plan(Setup(curve, region, grid, r)).radii)(radii)
     with pytest.raises(ValueError, match="series"):
         full = circular_arc(1.3, 1.3, 130)
-        jax.grad(lambda r: build_plan(full, region, grid, r, method="series").radii.sum())(radii)
+        jax.grad(lambda r: build_plan(Setup(full, region, grid, r), method="series").radii.sum())(
+            radii
+        )
 
 
 # the paper's geometries in small: of the first one all singular values come nearly in pairs
@@ -278,7 +276,7 @@ def test_derivatives_of_the_image_in_the_geometry(method, right):
     def geometry(z_right, radius, x_right, turn):
         curve = circular_arc(1.3 * radius, z_right, 24, angle=turn)
         size = {"n_chord": 0 if right == 1.0 else 18}
-        return curve, truncated_disk(radius, x_right, 48, **size)
+        return curve, disk(radius, x_right, n_boundary=48)
 
     start = (right + 0.05, 1.0, right, 0.02)
     radii = data_radii(*geometry(*start), grid.spacing[0])
@@ -292,7 +290,7 @@ def test_derivatives_of_the_image_in_the_geometry(method, right):
         curve, region = geometry(z_right, radius, x_right, turn)
         if right == 0.0:  # every detector by itself; else the arc remains one
             curve = detector_curve(curve.points + shift, closed=False)
-        plan = build_plan(curve, region, grid, radii, NormBound(K), method=method, layout=layout)
+        plan = build_plan(Setup(curve, region, grid, radii), NormBound(K), method=method)
         return jnp.sum(weights * reconstruct(plan, g))
 
     shift = jnp.asarray(0.01 * np.random.default_rng(1).standard_normal((24, 2)))
@@ -307,10 +305,10 @@ def test_derivatives_of_the_image_in_the_geometry(method, right):
 
 def test_too_few_detectors_are_reported():
     grid = ImageGrid(33)
-    curve, region = circular_arc(1.3, 1.0, 20), truncated_disk(1.0, 1.0, 260)
+    curve, region = circular_arc(1.3, 1.0, 20), disk(1.0, n_boundary=260)
     radii = data_radii(curve, region, grid.spacing[0])
     with pytest.warns(AccuracyWarning, match="of the plane waves are off"):
-        build_plan(curve, region, grid, radii, progress=False)
+        build_plan(Setup(curve, region, grid, radii))
 
 
 def test_batches_are_reconstructed_alike(either_plan):
@@ -325,7 +323,7 @@ def test_batches_are_reconstructed_alike(either_plan):
 
 
 def test_single_precision_densities_cost_little(small, either_plan):
-    plan = build_plan(*small, method=method_of(either_plan), precision="single", progress=False)
+    plan = build_plan(Setup(*small), method=method_of(either_plan), precision="single")
     large = plan.densities.groups if method_of(plan) == "harmonic" else plan.densities
     assert {leaf.dtype.name for leaf in jax.tree.leaves(large)} <= {"float32", "complex64"}
     g = BELL.circular_integrals(either_plan.curve, either_plan.radii)
@@ -383,17 +381,14 @@ def test_gradient_runs_from_the_image_through_the_data_to_the_image(small, small
 def test_derivatives_of_the_image_in_K_and_j_max_by_collocation():
     """In waves: test_gradients.py."""
     grid = ImageGrid(9)
-    curve, region = circular_arc(1.3, 0.6, 24), truncated_disk(1.0, 0.6, 48)
+    curve, region = circular_arc(1.3, 0.6, 24), disk(1.0, 0.6, n_boundary=48)
     radii = data_radii(curve, region, grid.spacing[0])
     g = BELL.circular_integrals(curve, radii)
 
     def total(rule):
         plan = build_plan(
-            *(curve, region, grid, radii, rule),
+            Setup(*(curve, region, grid, radii, rule), max_frequency=7.0, n_directions=8),
             method="collocation",
-            max_frequency=7.0,
-            n_directions=8,
-            progress=False,
         )
         return jnp.sum(reconstruct(plan, g)[2:5] ** 2)
 
@@ -423,16 +418,16 @@ def test_new_numbers_do_not_retrace(small_plan, monkeypatch):
 
 @pytest.mark.parametrize("method", SOLVED)
 def test_the_bar_shows_progress(small, capsys, method):
-    build_plan(*small, method=method, max_frequency=4.0, n_directions=8)
+    build_plan(Setup(*small, max_frequency=4.0, n_directions=8), method=method)
     assert "densities: 100%" in capsys.readouterr().err
 
 
 def test_a_poking_region_is_reported_not_refused():
     grid = ImageGrid(9)
-    curve, region = circular_arc(1.3, 0.0, 30), truncated_disk(1.0, 1.0, 60)
+    curve, region = circular_arc(1.3, 0.0, 30), disk(1.0, n_boundary=60)
     radii = data_radii(curve, region, grid.spacing[0])
     with pytest.warns(VisibilityWarning, match="of the lines through the region miss the curve"):
-        build_plan(curve, region, grid, radii, max_frequency=4, n_directions=8, progress=False)
+        build_plan(Setup(curve, region, grid, radii, max_frequency=4, n_directions=8))
 
 
 @pytest.mark.parametrize(
@@ -440,7 +435,7 @@ def test_a_poking_region_is_reported_not_refused():
     [
         ({"curve": circular_arc(1.0, 1.0, 60)}, "detectors lie inside or on the region"),
         ({"curve": circular_arc(1300.0, 1000.0, 60)}, "same unit of length"),
-        ({"region": truncated_disk(1.0, 1.0, 12)}, "use n_collocation >= "),
+        ({"region": disk(1.0, n_boundary=12)}, "use n_collocation >= "),
         ({"radii": np.linspace(0.6, 1.5, 20)}, "meet the region of interest for radii"),
         ({"radii": np.linspace(0.3, np.nan, 20)}, "NaN"),
         ({"radii": np.linspace(0.3, 2.3, 20)[:, None]}, "radii has shape"),
@@ -453,7 +448,7 @@ def test_a_poking_region_is_reported_not_refused():
 )
 def test_bad_geometries_are_refused(change, message):
     grid = ImageGrid(9)
-    curve, region = circular_arc(1.3, 1.0, 60), truncated_disk(1.0, 1.0, 120)
+    curve, region = circular_arc(1.3, 1.0, 60), disk(1.0, n_boundary=120)
     arguments = {
         "curve": curve,
         "region": region,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxtat import circular_arc, data_radii, phantoms, truncated_disk
+from jaxtat import circular_arc, data_radii, disk, phantoms
 from jaxtat.cli import main
 from jaxtat.io import Scan, save_ipasc
 
@@ -56,7 +56,7 @@ def test_measured_figures_are_those_of_the_benchmarks(page):
 def test_the_commands_work_as_shown(tmp_path, monkeypatch):
     """All but the main job, which tests/paper/test_paper.py runs."""
     monkeypatch.chdir(tmp_path)
-    curve, region = circular_arc(1.3, 0.0, 100), truncated_disk(1.0, 0.0, 200)
+    curve, region = circular_arc(1.3, 0.0, 100), disk(1.0, 0.0, n_boundary=200)
     bell = phantoms.Bells([[-0.4, 0.1]], [0.4])
     radii = data_radii(curve, region, 2 / 32)
     g = np.asarray(bell.circular_integrals(curve, radii))

@@ -19,17 +19,18 @@ import numpy as np
 from jaxtat import (
     ImageGrid,
     RelativeTikhonov,
+    Setup,
     Tikhonov,
     build_plan,
     circular_arc,
     data_radii,
     detector_curve,
+    disk,
     elliptic_arc,
     phantoms,
     problem_layout,
     reconstruct,
-    reconstruct_direct,
-    truncated_disk,
+    solve,
 )
 from jaxtat.geometry import transverse_weight
 from jaxtat.records import condition_record, pressure_to_circular_integrals
@@ -116,7 +117,7 @@ def of_images(rng: np.random.Generator) -> Iterator[Case]:
     grid = ImageGrid(9)
     bell = phantoms.Bells([rng.uniform(-0.5, -0.1, 2)], [0.4])
     for right in (2.0, 0.5, 0.0):
-        curve, region = circular_arc(1.3, right, 40), truncated_disk(1.0, right, 80)
+        curve, region = circular_arc(1.3, right, 40), disk(1.0, right)
         chord = int(np.sum(np.abs(np.asarray(region.points)[:, 0] - right) < 1e-12))
         radii = data_radii(curve, region, 0.1)
         layout = problem_layout(
@@ -130,20 +131,20 @@ def of_images(rng: np.random.Generator) -> Iterator[Case]:
                 curve,
                 (1.3 + p[0], curve.half_opening + p[1]),
             )
-            return arc, truncated_disk(1.0 + p[2], right + p[3], 80, n_chord=chord)
+            return arc, disk(1.0 + p[2], right + p[3])
 
         for alpha in (1e-3, 1e-6, RelativeTikhonov(0.1)):
             yield (
                 f"reconstruct_direct, chord {right}, alpha {alpha}",
                 lambda p, m=moved, r=radii, g=g, a=alpha, lay=layout: (
-                    reconstruct_direct(*m(p), grid, r, g, a, layout=lay).image
+                    solve(Setup(*m(p)), grid, r, g, a).image
                 ),
                 np.zeros(4),
             )
         yield (
             f"build_plan and reconstruct, chord {right}, Tikhonov(1e-3)",
             lambda p, m=moved, r=radii, g=g, lay=layout: reconstruct(
-                build_plan(*m(p), grid, r, Tikhonov(1e-3), layout=lay), g
+                build_plan(Setup(*m(p)), grid, r, Tikhonov(1e-3)), g
             ),
             np.zeros(4),
         )

@@ -40,23 +40,24 @@ class Writer(NamedTuple):
 def writers(folder: Path) -> list[Writer]:
     """`save_plan`, `save_image`, and the commands `reconstruct` and `report`."""
     from jaxtat import (
-        ImageGrid,
+        ImageGrid,  # fmt: skip
+        Setup,
         build_plan,
         circular_arc,
         data_radii,
+        disk,
         load_plan,
         load_settings,
         phantoms,
         save_image,
         save_plan,
-        truncated_disk,
-    )  # fmt: skip
+    )
     from jaxtat.cli import main
 
-    arc, region, grid = circular_arc(1.3, 1.0, 64), truncated_disk(0.8, 0.8, 96), ImageGrid(17)
+    arc, region, grid = circular_arc(1.3, 1.0, 64), disk(0.8), ImageGrid(17)
     radii = data_radii(arc, region, 0.1)
-    plan = build_plan(arc, region, grid, radii, progress=False)
-    wide = data_radii(arc, truncated_disk(1.0, 1.0, 96), 0.1)  # for the region that is chosen
+    plan = build_plan(Setup(arc, region, grid, radii))
+    wide = data_radii(arc, disk(1.0), 0.1)  # for the region that is chosen
     g = phantoms.Bells([[0.1, -0.2]], [0.4]).circular_integrals(arc, wide)
     data = folder / "data.npz"
     np.savez(data, circular_integrals=g, detectors=arc.points, radii=wide)

@@ -14,15 +14,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from jaxtat import (
-    ImageGrid,
-    circular_arc,
-    data_radii,
-    phantoms,
-    problem_layout,
-    reconstruct_direct,
-    truncated_disk,
-)
+from jaxtat import ImageGrid, Setup, circular_arc, data_radii, disk, phantoms, problem_layout, solve
 
 CENTERS = [[0.3, 0.3], [-0.4, 0.2]]
 
@@ -48,7 +40,7 @@ def main() -> None:
     chosen = parser.parse_args()
     grid = ImageGrid(chosen.pixels)
     pixel = float(grid.spacing[0])
-    curve, region = circular_arc(1.3, 1.0, 500), truncated_disk(1.0, 1.0, 1000)
+    curve, region = circular_arc(1.3, 1.0, 500), disk(1.0)
     inside = np.asarray(region.contains(grid.points))
     bells = {
         f"bells of {radius / pixel:.0f} pixels": phantoms.Bells(CENTERS, [radius] * 2)
@@ -72,7 +64,7 @@ def main() -> None:
                     for radii in several:
                         g = phantom.circular_integrals(curve, radii)
                         arguments = curve, region, grid, radii, g, alpha
-                        error = reconstruct_direct(*arguments, layout=layout).image - image
+                        error = solve(Setup(*arguments)).image - image
                         errors.append(np.abs(error)[inside].max())
                     found.append(max(errors))
                 print(

@@ -24,17 +24,18 @@ from jaxtat.reconstruction.inversion import invert  # noqa: E402
 from jaxtat import (
     AccuracyWarning,
     ImageGrid,
+    Setup,
     VisibilityWarning,
     circular_arc,
     data_radii,
     detector_curve,
+    disk,
     elliptic_arc,
     join_curves,
     phantoms,
     polyline,
     problem_layout,
-    reconstruct_direct,
-    truncated_disk,
+    solve,
 )
 from jaxtat.geometry import DetectorCurve, Region
 from jaxtat.studies import visibility_map
@@ -87,7 +88,7 @@ def draw(seed: int) -> Problem:
     reach = rng.uniform(0.3, 1.0)
     x_right = reach if rng.random() < 0.5 else rng.uniform(-0.3, 1.0) * reach
     angle = float(getattr(curve, "angle", 0.0))  # an arc opens where its region is cut
-    region = truncated_disk(reach, x_right, 512, angle=angle)
+    region = disk(reach, x_right, angle=angle)
     grid = ImageGrid(int(rng.choice([25, 33, 49, 65])), reach)
     pixel = float(grid.spacing[0])
     radii = np.array(data_radii(curve, region, pixel / rng.choice([1, 1, 2])))
@@ -147,7 +148,7 @@ def judge(problem: Problem) -> Outcome:
         warnings.simplefilter("always")
         # one group of frequencies compiles soonest
         layout = problem_layout(*geometry, max_frequency=p.max_frequency, n_groups=1)
-        found = reconstruct_direct(*geometry, g, p.alpha, layout=layout)
+        found = solve(Setup(*geometry), g, p.alpha)
     warned = {w.category for w in caught} & {AccuracyWarning, VisibilityWarning}
     fhat = p.phantom.fourier(np.append(0.0, layout.frequencies), layout.angles)
     step = layout.frequencies[0]

@@ -16,7 +16,7 @@ GIGA = 1e9
 def setup(pixels):
     return (
         jaxtat.circular_arc(1.3, 1.0, 24),
-        jaxtat.truncated_disk(1.0, 1.0, 64),
+        jaxtat.disk(1.0, n_boundary=64),
         jaxtat.ImageGrid(pixels),
         np.linspace(0.28, 2.32, 20),
     )
@@ -44,9 +44,9 @@ def test_images_that_do_not_fit_are_refused_at_the_entry(monkeypatch, work, give
     with pytest.raises(ValueError, match="20000 pixels a side take at least") as caught:
         if work == "direct":
             g = np.zeros((24, 20))
-            jaxtat.reconstruct_direct(curve, region, grid, radii, g, **given)
+            jaxtat.solve(jaxtat.Setup(curve, region, grid, radii), g, **given)
         elif work == "plan":
-            jaxtat.build_plan(curve, region, grid, radii, progress=False, **given)
+            jaxtat.build_plan(jaxtat.Setup(curve, region, grid, radii), **given)
         else:
             jaxtat.problem_layout(curve, region, grid, radii, **given)
     fits = int(str(caught.value).split("at most ")[1].split()[0])

@@ -9,14 +9,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxtat import (
-    ImageGrid,
-    circular_arc,
-    data_radii,
-    phantoms,
-    reconstruct,
-    truncated_disk,
-)
+from jaxtat import ImageGrid, circular_arc, data_radii, disk, phantoms, reconstruct
 from jaxtat.base.parallel import checked_mesh, map_shards
 
 PROBLEM = """
@@ -111,7 +104,7 @@ def test_shards_are_dealt_and_collected_in_order():
 
 
 def test_a_mesh_of_two_axes_is_refused(small_plan):
-    curve, region = circular_arc(1.3, 1.0, 130), truncated_disk(1.0, 1.0, 260)
+    curve, region = circular_arc(1.3, 1.0, 130), disk(1.0, n_boundary=260)
     radii = data_radii(curve, region, ImageGrid(33).spacing[0])
     g = phantoms.Bells([[0.1, 0.2]], [0.7]).circular_integrals(curve, radii)
     with pytest.raises(ValueError, match="of one axis"):

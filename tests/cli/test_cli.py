@@ -21,16 +21,17 @@ from jaxtat import (
     FixedRank,
     ImageGrid,
     NormBound,
+    Setup,
     SingularValueCutoff,
     build_plan,
     circular_arc,
     cosine_filter,
     data_radii,
     detector_curve,
+    disk,
     phantoms,
     reconstruct,
-    reconstruct_direct,
-    truncated_disk,
+    solve,
 )
 from jaxtat.cli import main
 from jaxtat.cli.cache import keep_programs, remove_oldest, user_folder
@@ -44,7 +45,7 @@ N, MAX_FREQUENCY = 24, 2 * np.pi / 0.8
 ARC = "--arc 1.3 1.0 24"
 REGION = f"--region-radius 0.8 --pixels 11 --max-frequency {MAX_FREQUENCY} --quiet"
 CURVE = circular_arc(1.3, 1.0, N)
-DISK = truncated_disk(0.8, 0.8, 2 * N)
+DISK = disk(0.8, n_boundary=2 * N)
 GRID = ImageGrid(11, 0.8)
 RADII = data_radii(CURVE, DISK, GRID.spacing[0])
 BELL = phantoms.Bells([[0.1, -0.15]], [0.6])
@@ -54,22 +55,20 @@ INTEGRALS = np.asarray(BELL.circular_integrals(CURVE, RADII))
 def record_radii(curve, region, end):
     """Radii for sources anywhere in the ring but its rim, as far as the record reaches."""
     inner = min(0.95 * 1.3, end - float(GRID.spacing[0]) - 1.3)
-    sources = truncated_disk(inner, inner, 256)
+    sources = disk(inner, n_boundary=256)
     return data_radii(curve, region, GRID.spacing[0], sources=sources)
 
 
 def image_of_plan(g, rule=None, curve=CURVE, low_pass=None, **options):
-    plan = build_plan(
-        curve, DISK, GRID, RADII, rule, max_frequency=MAX_FREQUENCY, progress=False, **options
-    )
+    plan = build_plan(Setup(curve, DISK, GRID, RADII, max_frequency=MAX_FREQUENCY), rule, **options)
     inside = DISK.contains(GRID.points)
     return np.where(inside, reconstruct(plan, g, low_pass=low_pass), 0.0)
 
 
 def direct_image(g, alpha=1e-6, curve=CURVE, region=DISK, radii=RADII, **options):
     """What the command makes without a plan: alpha is 1e-6 for integrals, 1e-3 for records."""
-    found = reconstruct_direct(
-        curve, region, GRID, radii, g, alpha, max_frequency=MAX_FREQUENCY, **options
+    found = solve(
+        Setup(curve, region, GRID, radii, max_frequency=MAX_FREQUENCY), g, alpha, **options
     )
     return np.where(region.contains(GRID.points), found.image, 0.0)
 
@@ -129,7 +128,7 @@ def test_without_a_plan_the_image_is_that_of_the_direct_reconstruction(jaxtat_co
 
 def test_a_smooth_phantom_comes_back_from_positions_in_three_dimensions(jaxtat_command):
     """The truth, not only the Python interface, for a planar array given in space."""
-    curve, region, grid = circular_arc(1.3, 1.0, 60), truncated_disk(1.0, 1.0, 120), ImageGrid(21)
+    curve, region, grid = circular_arc(1.3, 1.0, 60), disk(1.0, n_boundary=120), ImageGrid(21)
     bell = phantoms.Bells([[0.03, -0.02]], [0.95])
     radii = data_radii(curve, region, grid.spacing[0])
     positions = np.insert(np.asarray(curve.points), 1, 0.7, axis=1)
@@ -216,7 +215,7 @@ def test_pressure_of_part_of_a_ring(jaxtat_command):
     assert jaxtat_command(f"{line} {by_hand} --out image.npy") == 0
     curve = detector_curve(ring[used])
     opening = float(jnp.arctan2(*curve.points.mean(axis=0)[::-1])) + np.pi
-    region = truncated_disk(0.8, 0.8, 48, angle=opening)
+    region = disk(0.8, n_boundary=48, angle=opening)
     radii = record_radii(curve, region, 2.5)
     g = pressure_to_circular_integrals(pressure, np.linspace(0, 2.5, 101), radii)
     wanted = direct_image(g, 1e-3, curve, region, radii)

@@ -16,16 +16,17 @@ from jaxtat import (
     NormBound,
     RelativeCutoff,
     RelativeTikhonov,
+    Setup,
     build_plan,
     circular_arc,
     data_radii,
+    disk,
     phantoms,
     polygon,
     polyline,
     problem_layout,
     reconstruct,
-    reconstruct_direct,
-    truncated_disk,
+    solve,
 )
 from jaxtat.densities.boundary import BoundaryGeometry, solve_on_boundary
 from jaxtat.densities.harmonic import Data, alpha_rule
@@ -67,7 +68,7 @@ def by_hand(geometry, transformed, alphas):
 def test_against_brute_force(counts):
     n, m = counts
     curve = polyline([(-0.8, 1.2), (-0.8, -0.8), (1.2, -0.8)], n)
-    geometry = BoundaryGeometry(curve, polygon(CORNERS, m))
+    geometry = BoundaryGeometry(curve, polygon(CORNERS, n_boundary=m))
     transformed = jax.device_put(np.random.default_rng(0).standard_normal((2, 3, 2, n)))
     alphas = 8 * 0.03**2 / np.asarray(FREQUENCIES) ** 2
     wanted = by_hand(geometry, transformed, alphas)
@@ -85,7 +86,7 @@ def test_against_brute_force(counts):
 def l_shape():
     """(curve, region, grid, radii), a bell and its data around an L."""
     curve = polyline([(-0.8, 1.2), (-0.8, -0.8), (1.2, -0.8)], 60)
-    region = polygon(CORNERS, 120)
+    region = polygon(CORNERS, n_boundary=120)
     grid = ImageGrid(25)
     radii = data_radii(curve, region, grid.spacing[0] / 2)
     bell = phantoms.Bells([[-0.25, -0.25]], [0.38])
@@ -96,7 +97,7 @@ def test_around_an_l_the_library_says_which_basis_it_took(l_shape):
     setup, bell, g = l_shape
     curve, region, grid, radii = setup
     layout = problem_layout(*setup, max_frequency=40.0)
-    found = reconstruct_direct(*setup, g, RelativeCutoff(0.01), layout=layout)
+    found = solve(Setup(*setup), g, RelativeCutoff(0.01))
     assert found.basis == "boundary" == layout.basis and found.converged
     # the bell without what lies beyond lambda = 40, from its exact Fourier transform
     frequencies, angles = layout.frequencies, layout.angles
@@ -107,35 +108,35 @@ def test_around_an_l_the_library_says_which_basis_it_took(l_shape):
     wanted = invert(fhat, frequencies[0], angles, grid, region.center, eta, "fbp")[0]
     error = np.asarray(found.image - wanted)[np.asarray(region.contains(grid.points))]
     assert np.abs(error).max() < 5e-3
-    arc, disk = circular_arc(1.3, 1.0, 30), truncated_disk(1.0, 1.0, 60)
+    arc, disk = circular_arc(1.3, 1.0, 30), disk(1.0, n_boundary=60)
     layout = problem_layout(arc, disk, setup[2], data_radii(arc, disk, 0.1))
     assert layout.basis == "cylindrical"
     with pytest.raises(ValueError, match="in cylindrical waves"):
-        reconstruct_direct(*setup, g, NormBound(2.0), max_frequency=10.0)
+        solve(Setup(*setup, max_frequency=10.0), g, NormBound(2.0))
 
 
 def test_a_plan_makes_the_same_image(l_shape):
     setup, _, g = l_shape
     options = {"max_frequency": 20.0, "n_directions": 16}
-    plan = build_plan(*setup, RelativeTikhonov(0.05), progress=False, **options)
-    found = reconstruct_direct(*setup, g, RelativeCutoff(0.05), **options).image
+    plan = build_plan(Setup(*setup), RelativeTikhonov(0.05), **options)
+    found = solve(Setup(*setup), g, RelativeCutoff(0.05), **options).image
     np.testing.assert_allclose(reconstruct(plan, g), found, atol=1e-10)
-    noisy = reconstruct_direct(*setup, g, NoiseLevel(1e-3), **options)
+    noisy = solve(Setup(*setup), g, NoiseLevel(1e-3), **options)
     assert noisy.report.relative_alpha.min() > 1e-7 and noisy.converged
-    standard = build_plan(*setup, progress=False, **options)
+    standard = build_plan(Setup(*setup), **options)
     assert type(standard.regularization) is RelativeCutoff
 
 
 def test_on_an_arc_it_agrees_with_cylindrical_waves():
-    curve, region = circular_arc(1.3, 0.9, 60), truncated_disk(0.8, 0.8, 120)
+    curve, region = circular_arc(1.3, 0.9, 60), disk(0.8, n_boundary=120)
     grid = ImageGrid(17)
     radii = data_radii(curve, region, 0.05)
     g = phantoms.Bells([[0.1, 0.2]], [0.5]).circular_integrals(curve, radii)
     options = {"max_frequency": 20.0, "n_directions": 16}
     layout = problem_layout(curve, region, grid, radii, method="collocation", **options)
     args = curve, region, grid, radii, g, RelativeCutoff(0.02)
-    waves = reconstruct_direct(*args, **options)
-    traces = reconstruct_direct(*args, layout=layout)
+    waves = solve(Setup(*args), **options)
+    traces = solve(Setup(*args))
     assert (waves.basis, traces.basis) == ("cylindrical", "boundary")
     inside = np.asarray(region.contains(grid.points))
     np.testing.assert_allclose(traces.image[inside], waves.image[inside], atol=1e-6)
@@ -148,7 +149,7 @@ def test_derivatives_with_respect_to_positions_and_boundary():
 
     def setup(line, corners):
         curve = polyline(line, counts["n_detectors"])
-        return curve, polygon(corners, counts["n_collocation"]), grid, radii
+        return curve, polygon(corners, n_boundary=counts["n_collocation"]), grid, radii
 
     g = jax.device_put(np.random.default_rng(0).standard_normal((10, 16)))
     options = {"max_frequency": 6.0, "n_directions": 4}
@@ -157,6 +158,6 @@ def test_derivatives_with_respect_to_positions_and_boundary():
 
     def image(line, corners, g, kappa):
         rule = RelativeTikhonov(kappa)
-        return reconstruct_direct(*setup(line, corners), g, rule, layout=layout).image
+        return solve(Setup(*setup(line, corners)), g, rule).image
 
     check_grads(jax.jit(image), (start, CORNERS, g, 0.1), order=1, atol=1e-4, rtol=1e-4)

@@ -8,11 +8,12 @@ from jaxtat import (
     FixedRank,
     ImageGrid,
     NormBound,
+    Setup,
     SingularValueCutoff,
     build_plan,
     circular_arc,
     data_radii,
-    truncated_disk,
+    disk,
 )
 from jaxtat.densities import collocation_densities, find_mirror
 from jaxtat.densities.single_layer import plane_wave, plane_wave_traces, potential, potential_matrix
@@ -26,7 +27,7 @@ NORMS = full_circle_norm(LAM, 1.3)
 def geometry(right, **place):
     return (
         circular_arc(1.3, right, 90, **place),
-        truncated_disk(1.0, right, 180, **place),
+        disk(1.0, right, n_boundary=180),
     )
 
 
@@ -106,13 +107,14 @@ def test_densities_are_used_as_they_are_told(method, right, n_detectors, center)
     These are densities: their potentials are the plane waves, as far as the report says.
     """
     curve = circular_arc(1.3, right, n_detectors)
-    region, grid = truncated_disk(0.7, 0.7, 64, center=center), ImageGrid(5)
+    region, grid = disk(0.7, n_boundary=64, center=center), ImageGrid(5)
     plan = build_plan(
-        *(curve, region, grid, data_radii(curve, region, 0.3)),
+        Setup(
+            *(curve, region, grid, data_radii(curve, region, 0.3)),
+            max_frequency=7.0,
+            n_directions=5,
+        ),
         method=method,
-        max_frequency=7.0,
-        n_directions=5,
-        progress=False,
     )
     n, weights = len(plan.frequencies), curve.weights
     rng = np.random.default_rng(0)
@@ -144,7 +146,7 @@ def test_one_norm_is_not_enough_on_an_open_arc():
 def test_units_of_length_do_not_matter():
     curve, region = geometry(0.0)
     small_curve = circular_arc(1.3e-3, 0.0, 90)
-    small_region = truncated_disk(1e-3, 0.0, 180)
+    small_region = disk(1e-3, 0.0, n_boundary=180)
     metre, _ = collocation_densities(LAM, NORMS, ANGLES, curve, region, NormBound(2.0))
     norms = full_circle_norm(LAM * 1e3, 1.3e-3)
     milli, _ = collocation_densities(
@@ -154,6 +156,8 @@ def test_units_of_length_do_not_matter():
 
 
 def test_no_mirror_is_found_where_there_is_none():
-    assert find_mirror(circular_arc(1.3, 0.0, 91), truncated_disk(1.0, 0.0, 180)) is None
-    assert find_mirror(circular_arc(1.3, 0.0, 90, angle=0.1), truncated_disk(1.0, 0.0, 180)) is None
-    assert find_mirror(circular_arc(1.3, 1.3, 90), truncated_disk(1.0, 1.0, 180)) is None
+    assert find_mirror(circular_arc(1.3, 0.0, 91), disk(1.0, 0.0, n_boundary=180)) is None
+    assert (
+        find_mirror(circular_arc(1.3, 0.0, 90, angle=0.1), disk(1.0, 0.0, n_boundary=180)) is None
+    )
+    assert find_mirror(circular_arc(1.3, 1.3, 90), disk(1.0, n_boundary=180)) is None

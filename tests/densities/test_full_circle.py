@@ -7,12 +7,13 @@ from jax.test_util import check_grads
 
 from jaxtat import (
     ImageGrid,
+    Setup,
     build_plan,
     circular_arc,
     data_radii,
+    disk,
     phantoms,
     reconstruct,
-    truncated_disk,
 )
 from jaxtat.densities.full_circle import full_circle_densities
 from jaxtat.densities.single_layer import plane_wave, potential, potential_matrix
@@ -40,7 +41,7 @@ def test_potential_of_the_series_is_the_plane_wave_to_rounding(lam):
 
 def test_its_norm_is_that_of_the_least_solution():
     lam, n = 6.0, 64
-    curve, region = circular_arc(1.3, 1.3, n), truncated_disk(1.0, 1.0, 160)
+    curve, region = circular_arc(1.3, 1.3, n), disk(1.0, n_boundary=160)
     rho = full_circle_densities(jnp.array(lam), ANGLES, detector_angles(n), jnp.array(1.3), 60)
     norm = jnp.sqrt(jnp.sum(jnp.abs(rho) ** 2 * curve.weights, axis=(1, 2)))
     assert np.allclose(norm, full_circle_norm(jnp.array(lam), 1.3), rtol=1e-12)
@@ -55,9 +56,9 @@ def test_a_full_circle_reconstructs_without_solving_anything():
     grid = ImageGrid(65)
     center = (0.2, -0.1)
     curve = circular_arc(1.3, 1.3, 300, center=center)
-    region = truncated_disk(1.0, 1.0, 400, center=(0.25, -0.1))
+    region = disk(1.0, n_boundary=400, center=(0.25, -0.1))
     radii = data_radii(curve, region, grid.spacing[0])
-    plan = build_plan(curve, region, grid, radii, method="series", progress=False)
+    plan = build_plan(Setup(curve, region, grid, radii), method="series")
     assert plan.report.residual.max() < 1e-10
     bell = phantoms.Bells([[0.5, 0.2], [-0.2, -0.1]], [0.5, 0.45])
     image = reconstruct(plan, bell.circular_integrals(curve, radii))
@@ -66,10 +67,10 @@ def test_a_full_circle_reconstructs_without_solving_anything():
 
 
 def test_other_curves_are_refused():
-    region, grid = truncated_disk(1.0, 1.0, 100), ImageGrid(9)
+    region, grid = disk(1.0, n_boundary=100), ImageGrid(9)
     radii = jnp.linspace(0.3, 2.3, 30)
     with pytest.raises(ValueError, match="open"):
-        build_plan(circular_arc(1.3, 1.2, 50), region, grid, radii, method="series")
+        build_plan(Setup(circular_arc(1.3, 1.2, 50), region, grid, radii), method="series")
 
 
 def test_derivatives_in_frequency_radius_and_angles():

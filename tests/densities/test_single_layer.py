@@ -6,11 +6,11 @@ import pytest
 import scipy.special as sp
 from jax.test_util import check_grads
 
-from jaxtat import circular_arc, truncated_disk
+from jaxtat import circular_arc, disk
 from jaxtat.densities.single_layer import plane_wave, plane_wave_traces, potential, potential_matrix
 
 CURVE = circular_arc(1.3, 0.4, 7, center=(0.3, -0.2), angle=0.5)
-REGION = truncated_disk(1.0, 0.2, 12, center=(0.3, -0.2), angle=0.5)
+REGION = disk(1.0, 0.2, n_boundary=12, center=(0.3, -0.2), angle=0.5)
 LAM = 9.0
 
 
@@ -90,7 +90,7 @@ def test_derivatives_in_frequency_and_geometry(modes):
     def matrix(frequency, radius, region_radius):
         frequency = jnp.asarray(frequency)
         curve = circular_arc(radius, 0.4, 4)
-        region = truncated_disk(region_radius, 0.2, 8, n_chord=2)
+        region = disk(region_radius, 0.2, n_boundary=8)
         traces = plane_wave_traces(frequency, jnp.array([0.4]), region)
         return potential_matrix(frequency, curve, region), traces.real, traces.imag
 

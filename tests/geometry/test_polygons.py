@@ -7,7 +7,7 @@ import pytest
 from jax.test_util import check_grads
 from matplotlib.path import Path
 
-from jaxtat import circular_arc, polygon, rectangle, truncated_disk, union_of_regions
+from jaxtat import circular_arc, disk, polygon, rectangle, union_of_regions
 from jaxtat.geometry import require_outside, visibility
 
 NOTCHED = np.array([(-0.8, -0.5), (0.7, -0.6), (0.1, 0.0), (0.8, 0.6), (-0.7, 0.5)])  # not convex
@@ -15,7 +15,7 @@ NOTCHED = np.array([(-0.8, -0.5), (0.7, -0.6), (0.1, 0.0), (0.8, 0.6), (-0.7, 0.
 
 @pytest.fixture(scope="module")
 def notched():
-    return polygon(NOTCHED, 200)
+    return polygon(NOTCHED, n_boundary=200)
 
 
 def test_inside_is_what_another_library_says(notched):
@@ -32,7 +32,7 @@ def test_rows_through_vertices_and_beside_them():
     rows = np.concatenate([rows, vertices[:, 1]])
     rows = np.concatenate([rows, np.nextafter(rows, 2), np.nextafter(rows, -2)])
     points = np.stack(np.meshgrid(np.linspace(-1.21, 1.21, 40), rows, indexing="ij"), axis=-1)
-    found = np.asarray(polygon(vertices, 200).contains(jax.device_put(points))).ravel()
+    found = np.asarray(polygon(vertices, n_boundary=200).contains(jax.device_put(points))).ravel()
     # convex: on the left of every side
     ahead = np.roll(vertices, -1, axis=0) - vertices
     local = points.reshape(-1, 1, 2) - vertices
@@ -53,7 +53,7 @@ def test_level_is_the_distance_to_the_boundary(notched):
 @pytest.mark.parametrize("vertices", [NOTCHED, NOTCHED[::-1]], ids=["anticlockwise", "clockwise"])
 def test_boundary_integrals_obey_the_divergence_theorem(vertices):
     """∫ x·n dl is twice the area, ∫ n dl nothing."""
-    region = polygon(vertices, 200)
+    region = polygon(vertices, n_boundary=200)
     x, y = NOTCHED.T
     area = np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2
     flux = np.sum(region.weights * np.sum(region.points * region.normals, axis=1))
@@ -63,14 +63,14 @@ def test_boundary_integrals_obey_the_divergence_theorem(vertices):
 
 
 def test_a_rectangle_is_turned_and_moved():
-    region = rectangle((0.8, 0.3), 220, center=(2.0, 1.0), angle=np.pi / 2)
+    region = rectangle((0.8, 0.3), n_boundary=220, center=(2.0, 1.0), angle=np.pi / 2)
     np.testing.assert_allclose(np.ptp(region.vertices, axis=0), [0.6, 1.6], rtol=1e-12)
     np.testing.assert_allclose(region.center, [2.0, 1.0], rtol=1e-12)
     np.testing.assert_allclose(region.reach, np.hypot(0.8, 0.3), rtol=1e-12)
 
 
 def test_components_of_a_union():
-    left, right = (rectangle((0.2, 0.4), 120, center=(x, 0.0)) for x in (-0.6, 0.6))
+    left, right = (rectangle((0.2, 0.4), n_boundary=120, center=(x, 0.0)) for x in (-0.6, 0.6))
     both = union_of_regions(left, union_of_regions(right))
     assert [part is one for part, one in zip(both.components, (left, right), strict=True)] == [
         True,
@@ -90,7 +90,7 @@ def test_components_of_a_union():
 def test_lines_between_components_ask_for_nothing():
     """Half a circle sees the left of two disks, and not a line more."""
     curve = circular_arc(1.3, -0.5, 300)
-    near, far = (truncated_disk(0.2, 0.2, 200, center=(x, 0.0)) for x in (-0.8, 0.8))
+    near, far = (disk(0.2, n_boundary=200, center=(x, 0.0)) for x in (-0.8, 0.8))
     assert visibility(curve, near).invisible_fraction == 0
     alone = float(visibility(curve, far).invisible_fraction)
     both = float(visibility(curve, union_of_regions(near, far)).invisible_fraction)
@@ -104,18 +104,26 @@ def test_lines_between_components_ask_for_nothing():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: polygon(NOTCHED[:2], 100), "got 2 vertices"),
-        (lambda: polygon(NOTCHED[[0, 3, 1, 2, 4]], 100), "sides 0 and 3 of the polygon cross"),
-        (lambda: polygon([(0, 0), (1, 1), (2, 2)], 100), "cover each other"),
-        (lambda: polygon([(0, 0), (1, 1 + 1e-10), (2, 2)], 100), "no area"),
-        (lambda: polygon([(0, 0), (1, 0), (1, 2), (1, 1), (0, 1)], 100), "sides 1 and 2 .* cover"),
-        (lambda: polygon(NOTCHED[[0, 0, 1, 2]], (4, 4, 4, 4)), "same position"),
-        (lambda: polygon(NOTCHED, 20), "expected at least 4 on each"),
-        (lambda: polygon(NOTCHED[[0, 0, 1, 2]], 100), "same position"),
-        (lambda: rectangle((0.0, 1.0), 100), "half_widths"),
+        (lambda: polygon(NOTCHED[:2], n_boundary=100), "got 2 vertices"),
+        (
+            lambda: polygon(NOTCHED[[0, 3, 1, 2, 4]], n_boundary=100),
+            "sides 0 and 3 of the polygon cross",
+        ),
+        (lambda: polygon([(0, 0), (1, 1), (2, 2)], n_boundary=100), "cover each other"),
+        (lambda: polygon([(0, 0), (1, 1 + 1e-10), (2, 2)], n_boundary=100), "no area"),
+        (
+            lambda: polygon([(0, 0), (1, 0), (1, 2), (1, 1), (0, 1)], n_boundary=100),
+            "sides 1 and 2 .* cover",
+        ),
+        (lambda: polygon(NOTCHED[[0, 0, 1, 2]], n_boundary=(4, 4, 4, 4)), "same position"),
+        (lambda: polygon(NOTCHED, n_boundary=20), "expected at least 4 on each"),
+        (lambda: polygon(NOTCHED[[0, 0, 1, 2]], n_boundary=100), "same position"),
+        (lambda: rectangle((0.0, 1.0), n_boundary=100), "half_widths"),
         (lambda: union_of_regions(), "got no regions"),
         (
-            lambda: union_of_regions(polygon(NOTCHED, 200), rectangle((0.2, 0.2), 80)),
+            lambda: union_of_regions(
+                polygon(NOTCHED, n_boundary=200), rectangle((0.2, 0.2), n_boundary=80)
+            ),
             "regions 0 and 1 overlap",
         ),
     ],
@@ -127,7 +135,7 @@ def test_impossible_regions_are_refused(make, message):
 
 def test_derivatives_of_polygons():
     def parts(vertices):
-        region = polygon(vertices, (4, 4, 4))
+        region = polygon(vertices, n_boundary=(4, 4, 4))
         return region.points, region.weights, region.normals, region.center, region.reach
 
     triangle = np.array([(-0.6, -0.5), (0.8, -0.6), (-0.5, 0.7)])

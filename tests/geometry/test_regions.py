@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from jaxtat import ImageGrid, circular_arc, data_radii, detector_curve, truncated_disk
+from jaxtat import ImageGrid, circular_arc, data_radii, detector_curve, disk
 from jaxtat.geometry import require_cover, require_outside, visibility
 
 unit = st.floats(-3.0, 3.0)
@@ -18,7 +18,7 @@ unit = st.floats(-3.0, 3.0)
 )
 @settings(deadline=None, max_examples=40)
 def test_boundary_integrals_obey_the_divergence_theorem(radius, cut, n, c1, c2, angle):
-    region = truncated_disk(radius, cut * radius, n, center=(c1, c2), angle=angle)
+    region = disk(radius, cut * radius, n_boundary=n, center=(c1, c2), angle=angle)
     # ∫ n dl = 0 and ∫ x·n dl = 2 |Omega|, by the midpoint rule on arc and chord
     total = np.asarray(region.weights @ region.normals)
     scale = float(region.weights.sum())
@@ -35,16 +35,16 @@ def test_boundary_integrals_obey_the_divergence_theorem(radius, cut, n, c1, c2, 
 @settings(deadline=None, max_examples=20)
 def test_contains_turns_and_moves_with_the_region(c1, c2, angle):
     points = np.random.default_rng(1).uniform(-1.5, 1.5, (200, 2))
-    plain = truncated_disk(1.0, 0.3, 40).contains(jnp.asarray(points))
+    plain = disk(1.0, 0.3, n_boundary=40).contains(jnp.asarray(points))
     assert np.array_equal(plain, (np.linalg.norm(points, axis=1) < 1) & (points[:, 0] < 0.3))
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    moved = truncated_disk(1.0, 0.3, 40, center=(c1, c2), angle=angle)
+    moved = disk(1.0, 0.3, n_boundary=40, center=(c1, c2), angle=angle)
     assert np.array_equal(plain, moved.contains(jnp.asarray(points @ turn.T + [c1, c2])))
 
 
 def test_derivatives_of_regions():
     def fields(radius, x_right, center, angle):
-        region = truncated_disk(radius, x_right, 30, center=center, angle=angle, n_chord=10)
+        region = disk(radius, x_right, n_boundary=30, center=center, angle=angle)
         return region.points, region.weights, region.normals
 
     arguments = (jnp.array(1.0), jnp.array(0.2), jnp.array([0.2, 0.1]), jnp.array(0.3))
@@ -62,11 +62,11 @@ def test_derivatives_of_regions():
 )
 def test_bad_regions_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
-        truncated_disk(*arguments)
+        disk()
 
 
 def test_detectors_inside_or_on_the_region_are_refused():
-    region = truncated_disk(1.0, 1.0, 100)
+    region = disk(1.0, n_boundary=100)
     require_outside(circular_arc(1.01, 0.0, 10), region)
     for radius in (0.5, 1.0):
         with pytest.raises(ValueError, match="10 of 10 detectors lie inside or on the region"):
@@ -92,7 +92,7 @@ def test_bad_grids_are_refused(arguments, message):
 
 
 def test_radii_of_the_paper():
-    curve, region = circular_arc(1.3, 1.0, 500), truncated_disk(1.0, 1.0, 1000)
+    curve, region = circular_arc(1.3, 1.0, 500), disk(1.0, n_boundary=1000)
     radii = data_radii(curve, region, 1 / 64)
     assert np.allclose(radii, 0.3 + np.arange(129) / 64, atol=1e-4)
     require_cover(curve, region, radii)
@@ -111,7 +111,7 @@ def test_radii_of_the_paper():
     ],
 )
 def test_radii_that_do_not_cover_the_region_are_refused(radii, message):
-    curve, region = circular_arc(1.3, 1.0, 50), truncated_disk(1.0, 1.0, 100)
+    curve, region = circular_arc(1.3, 1.0, 50), disk(1.0, n_boundary=100)
     with pytest.raises(ValueError, match=message):
         require_cover(curve, region, jnp.asarray(radii))
 
@@ -122,7 +122,7 @@ def test_a_dead_piece_of_the_curve_is_not_visible():
     curve = detector_curve(np.asarray(whole.points)[alive])
     assert not curve.closed
     assert np.isclose(curve.weights.max(), whole.weights[0], rtol=1e-6)  # a gap is nobody's arc
-    region = truncated_disk(0.9, 0.0, 600)
+    region = disk(0.9, 0.0, n_boundary=600)
     assert visibility(whole, region).invisible_fraction == 0
     # brute force: both points where a line meets the circle, against the two live arcs
     angle = (np.arange(720) + 0.5) * np.pi / 720
@@ -139,11 +139,11 @@ def test_a_dead_piece_of_the_curve_is_not_visible():
 
 def test_visibility_of_the_papers_geometries_and_of_a_poking_region():
     for right in (1.0, 0.0):
-        seen = visibility(circular_arc(1.3, right, 500), truncated_disk(1.0, right, 1000))
+        seen = visibility(circular_arc(1.3, right, 500), disk(1.0, right, n_boundary=1000))
         assert seen.invisible_fraction == 0
     # a whole disk before a half circle: lines x·w = s with s > 1.3 |sin| miss the curve, of the
     # 2 wide shadow: ∫ max(0, 1 - 1.3 |sin|) over half a turn, over 2 π
-    seen = visibility(circular_arc(1.3, 0.0, 2000), truncated_disk(1.0, 1.0, 2000), 3600)
+    seen = visibility(circular_arc(1.3, 0.0, 2000), disk(1.0, n_boundary=2000), 3600)
     angle = np.linspace(0, np.pi, 200001)
     exact = np.maximum(0, 1 - 1.3 * np.sin(angle)).mean() / 2
     assert abs(float(seen.invisible_fraction) / exact - 1) < 5e-3

@@ -14,11 +14,11 @@ import tifffile
 from PIL import Image
 
 import jaxtat
-from jaxtat import ImageGrid, truncated_disk
+from jaxtat import ImageGrid, disk
 from jaxtat.io import load_settings, save_image
 from jaxtat.plotting import picture
 
-REGION = truncated_disk(1.0, 0.2, 16)
+REGION = disk(1.0, 0.2, n_boundary=16)
 GRID = ImageGrid((9, 12), (1.2, 1.0))
 IMAGE = 1.0 + np.random.default_rng(5).random((9, 12))
 INSIDE = np.array(
@@ -125,7 +125,7 @@ def test_settings_are_in_no_heap(tmp_path):
 
 def test_a_damaged_pixel_is_an_error_and_not_another_image(tmp_path):
     path = tmp_path / "a.h5"
-    save_image(path, IMAGE, GRID, truncated_disk(2.0, 2.0, 16), {})
+    save_image(path, IMAGE, GRID, disk(2.0, n_boundary=16), {})
     whole = path.read_bytes()
     at = whole.index(IMAGE.tobytes())
     path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
@@ -138,7 +138,7 @@ def test_a_damaged_pixel_is_an_error_and_not_another_image(tmp_path):
 
 def test_nifti_holds_positions_in_millimetres(tmp_path):
     grid = ImageGrid((9, 12), (0.012, 0.010), center=(0.001, -0.002))
-    region = truncated_disk(1.0, 1.0, 16)
+    region = disk(1.0, n_boundary=16)
     save_image(tmp_path / "a.nii.gz", IMAGE, grid, region, SETTINGS, unit="m")
     found = nibabel.load(tmp_path / "a.nii.gz")
     assert np.array_equal(found.get_fdata(), IMAGE[:, :, None])
@@ -171,7 +171,7 @@ def test_nifti_stacks_as_their_bytes_stand_in_the_file(tmp_path):
 
 def test_tiff_is_imagejs_with_x2_upwards(tmp_path):
     grid = ImageGrid((9, 12), (0.012, 0.011))  # steps of 3 and 2 mm
-    save_image(tmp_path / "a.tif", IMAGE, grid, truncated_disk(1.0, 1.0, 16), SETTINGS, unit="m")
+    save_image(tmp_path / "a.tif", IMAGE, grid, disk(1.0, n_boundary=16), SETTINGS, unit="m")
     with tifffile.TiffFile(tmp_path / "a.tif") as file:
         assert file.is_imagej
         page = file.pages[0]
@@ -211,7 +211,7 @@ def test_png_is_a_picture_with_x1_to_the_right_and_x2_upwards(tmp_path):
     x1, x2 = np.moveaxis(np.asarray(grid.points), -1, 0)
     dark_at_upper_left = np.where((x1 < 0) & (x2 > 0), 0.0, 1.0)
     path = tmp_path / "a.png"
-    save_image(path, dark_at_upper_left, grid, truncated_disk(1.0, 1.0, 16), {})
+    save_image(path, dark_at_upper_left, grid, disk(1.0, n_boundary=16), {})
     assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
     picture = matplotlib.image.imread(path)
     height, width, _ = picture.shape

@@ -16,6 +16,7 @@ from jaxtat import (
     FixedRank,
     ImageGrid,
     NormBound,
+    Setup,
     SingularValueCutoff,
     Tikhonov,
     TikhonovNormBound,
@@ -23,9 +24,9 @@ from jaxtat import (
     circular_arc,
     data_radii,
     detector_curve,
+    disk,
     phantoms,
     reconstruct,
-    truncated_disk,
 )
 from jaxtat.io import load_plan, save_plan
 from jaxtat.regularization import Regularization
@@ -39,8 +40,10 @@ TINY = {"max_frequency": 5, "n_directions": 4, "progress": False}
 
 def tiny(curve, method):
     """A plan of a few ten kilobytes, for three frequencies and four directions."""
-    region, grid = truncated_disk(0.8, 0.8, 48), ImageGrid(5)
-    return build_plan(curve, region, grid, data_radii(curve, region, 0.5), method=method, **TINY)
+    region, grid = disk(0.8, n_boundary=48), ImageGrid(5)
+    return build_plan(
+        Setup(curve, region, grid, data_radii(curve, region, 0.5)), method=method, **TINY
+    )
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +116,7 @@ def seal(path):
 def medium_plans(small, small_plan):
     return {
         "harmonic": small_plan,
-        "collocation": build_plan(*small, method="collocation", progress=False),
+        "collocation": build_plan(Setup(*small), method="collocation"),
     }
 
 

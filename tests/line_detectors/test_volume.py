@@ -19,15 +19,15 @@ from jaxtat import (
     LineDetectorScan,
     VisibilityWarning,
     cosine_filter,
+    disk,
     reconstruct_volume,
     reconstruct_volume_stack,
-    truncated_disk,
 )
 from jaxtat.line_detectors import Balls, invert_projections
 
 BELLS = Balls([[0.2, 0.1, 0.1], [-0.2, -0.2, -0.1]], [0.7, 0.65], [1.0, -0.7], exponent=5)
 HOW_TO = (Path(__file__).parents[2] / "docs/how-to/line_detectors.md").read_text()
-DISK = truncated_disk(1.0, 1.0, 64)
+DISK = disk(1.0, n_boundary=64)
 
 
 def scan_of(n, whole=False, axis=0.0, first=0.0):
@@ -95,7 +95,7 @@ def test_slices_for_an_axis_anywhere_and_any_sizes(inversion):
         projections,
         scan,
         grid,
-        truncated_disk(1.0, 1.0, 64, center=(0.13, 0.0)),
+        disk(1.0, n_boundary=64, center=(0.13, 0.0)),
         slices=slices,
         inversion=inversion,
     )
@@ -107,7 +107,7 @@ def test_slices_for_an_axis_anywhere_and_any_sizes(inversion):
 def test_a_whole_turn_of_half_the_projections_is_enough(edge):
     """Lines beside the region, some of them seen from neither side, are not even looked at."""
     grid, scan = ImageGrid((33, 5), (1.0, 0.4)), scan_of(96, whole=True)
-    region = truncated_disk(1.0, edge, 64)
+    region = disk(1.0, edge, n_boundary=64)
     inside = np.asarray(region.level(grid.points)) <= 1e-9
     projections = np.where(inside, projections_of(BELLS, scan, grid), np.pi)
     found = invert_projections(projections, scan, grid, region)
@@ -118,7 +118,7 @@ def test_a_whole_turn_of_half_the_projections_is_enough(edge):
 def test_a_region_beside_the_axis_asks_for_a_whole_turn():
     grid, scan = ImageGrid((33, 5), (1.0, 0.4)), scan_of(96)
     with pytest.raises(VisibilityWarning, match="lie on one side of the axis u = 0 only"):
-        invert_projections(np.zeros((96, 33, 5)), scan, grid, truncated_disk(1.0, 0.0, 64))
+        invert_projections(np.zeros((96, 33, 5)), scan, grid, disk(1.0, 0.0, n_boundary=64))
 
 
 def test_adjoint(shown):

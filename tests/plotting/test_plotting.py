@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jaxtat import ImageGrid, VolumeGrid, circular_arc, truncated_disk
+from jaxtat import ImageGrid, VolumeGrid, circular_arc, disk
 from jaxtat.geometry import SampledCurve
 from jaxtat.plotting import (
     new_figure,
@@ -43,7 +43,7 @@ def test_axes_in_millimetres_for_metres(axes):
     arc = circular_arc(0.0405, 0.02, 400)
     show_opening(axes, arc, unit="m")
     assert_allclose(np.hypot(*axes.lines[0].get_data()), 40.5, rtol=1e-9)
-    show_geometry(axes, arc, truncated_disk(0.01, 0.01, 30), unit="m")
+    show_geometry(axes, arc, disk(0.01, n_boundary=30), unit="m")
     assert_allclose(np.hypot(*axes.lines[1].get_data()), 10.0, rtol=1e-9)
     show_edges(axes, arc, [[0.001, 0.0], [0.002, 0.01]], 0.002, unit="m")
     rim = axes.collections[-2].get_paths()[0].get_extents()

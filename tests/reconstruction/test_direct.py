@@ -8,14 +8,15 @@ import pytest
 from jaxtat import (
     AccuracyWarning,
     ImageGrid,
+    Setup,
     circular_arc,
     cosine_filter,
     data_radii,
     detector_curve,
+    disk,
     phantoms,
     problem_layout,
-    reconstruct_direct,
-    truncated_disk,
+    solve,
 )
 from jaxtat.densities.harmonic import tikhonov
 from jaxtat.reconstruction import direct, filtered_back_projection, offset_step, radon_projections
@@ -27,7 +28,7 @@ BELL = phantoms.Bells([[0.2, 0.1], [-0.3, -0.2]], [0.6, 0.5], [1.0, 0.7])
 def problem(right=1.0, unit=1.0, center=(0.0, 0.0), angle=0.0):
     """Curve, region, grid, radii of the paper's geometry 1 (right = 1) or 2 (right = 0)."""
     curve = circular_arc(1.3 * unit, right * unit, N, center=center, angle=angle)
-    region = truncated_disk(unit, right * unit, 2 * N, center=center, angle=angle)
+    region = disk(unit, right * unit, n_boundary=2 * N, center=center, angle=angle)
     grid = ImageGrid(33, unit, center)
     return curve, region, grid, data_radii(curve, region, grid.spacing[0])
 
@@ -42,7 +43,7 @@ def largest_error(setup, phantom, alpha=1e-8, **options):
     """Of the image inside the region."""
     curve, region, grid, radii = setup
     g = phantom.circular_integrals(curve, radii)
-    found = reconstruct_direct(curve, region, grid, radii, g, alpha, **options)
+    found = solve(Setup(curve, region, grid, radii), g, alpha, **options)
     assert found.converged
     inside = region.contains(grid.points)
     return float(jnp.abs(found.image - phantom.image(grid))[inside].max())
@@ -82,15 +83,15 @@ def test_measured_positions_with_jitter():
 def test_the_same_image_by_other_means(first):
     """Millimetres, float32 data, gradients instead of factors, Fourier inversion."""
     curve, region, grid, radii, g = first
-    image = reconstruct_direct(curve, region, grid, radii, g).image
-    mm = reconstruct_direct(*problem(unit=1e-3), g * 1e-3).image
+    image = solve(Setup(curve, region, grid, radii), g).image
+    mm = solve(Setup(*problem(unit=1e-3)), g * 1e-3).image
     assert jnp.abs(mm - image).max() < 1e-12
-    single = reconstruct_direct(curve, region, grid, radii, g.astype(jnp.float32)).image
+    single = solve(Setup(curve, region, grid, radii), g.astype(jnp.float32)).image
     assert single.dtype == jnp.float64
     assert jnp.abs(single - image).max() < 1e-6  # 7e-8
-    iterated = reconstruct_direct(curve, region, grid, radii, g, solver="cg")
+    iterated = solve(Setup(curve, region, grid, radii), g, solver="cg")
     assert iterated.converged and jnp.abs(iterated.image - image).max() < 1e-9  # 2e-11
-    fourier = reconstruct_direct(curve, region, grid, radii, g, inversion="fourier").image
+    fourier = solve(Setup(curve, region, grid, radii), g, inversion="fourier").image
     inside = region.contains(grid.points)
     # 7e-5: fast Fourier inversion fades out what is not of the disk, such as Gibbs' ripples
     assert jnp.abs(fourier - image)[inside].max() < 2e-4
@@ -100,9 +101,9 @@ def test_batches(first):
     """Leading axes are images of their own."""
     curve, region, grid, radii, g = first
     batch = jnp.stack([g, 2 * g, 0 * g, g[::-1], -g, g + g[::-1]]).reshape(2, 3, *g.shape)
-    images = reconstruct_direct(curve, region, grid, radii, batch).image
+    images = solve(Setup(curve, region, grid, radii), batch).image
     assert images.shape == (2, 3, *grid.shape)
-    one, other = (reconstruct_direct(curve, region, grid, radii, d).image for d in (g, g[::-1]))
+    one, other = (solve(Setup(curve, region, grid, radii), d).image for d in (g, g[::-1]))
     for found, expected in (
         (images[0, 0], one),
         (images[0, 1], 2 * one),
@@ -117,7 +118,7 @@ def test_batches(first):
 def test_low_pass_acts_on_the_fourier_transform(first):
     """The image is that of the exact transform times eta."""
     curve, region, grid, radii, g = first
-    found = reconstruct_direct(curve, region, grid, radii, g, 1e-8, low_pass=cosine_filter).image
+    found = solve(Setup(curve, region, grid, radii), g, 1e-8, low_pass=cosine_filter).image
     layout = problem_layout(curve, region, grid, radii)
     n = layout.n_frequencies
     step = jnp.array(layout.max_frequency / n)
@@ -136,7 +137,7 @@ def test_systems_not_solved_are_reported(first, monkeypatch):
     curve, region, grid, radii, g = first
     g = jnp.stack([g, g])  # a shape that was not compiled with more steps
     with pytest.warns(AccuracyWarning, match="not solved"):
-        found = reconstruct_direct(curve, region, grid, radii, g, solver="cg")
+        found = solve(Setup(curve, region, grid, radii), g, solver="cg")
     assert not found.converged
     assert (found.report.iterations <= 3).all() and found.report.residual.max() > 1e-9
 
@@ -159,7 +160,7 @@ BAD = {
 def test_bad_options_are_refused(first, case):
     options, message = BAD[case]
     with pytest.raises(ValueError, match=message):
-        reconstruct_direct(*first, **options)
+        solve(Setup(*first), **options)
 
 
 def test_bad_data_are_refused(first):
@@ -170,7 +171,7 @@ def test_bad_data_are_refused(first):
         (jnp.ones(g.shape, int), "dtype"),
     ):
         with pytest.raises(ValueError, match=message):
-            reconstruct_direct(curve, region, grid, radii, bad)
+            solve(Setup(curve, region, grid, radii), bad)
 
 
 def test_detectors_too_near_for_waves(first):
@@ -180,9 +181,7 @@ def test_detectors_too_near_for_waves(first):
     radii = data_radii(near, region, grid.spacing[0])
     with pytest.raises(ValueError, match="farther off than the region"):
         problem_layout(near, region, grid, radii, method="harmonic")
-    found = reconstruct_direct(
-        near, region, grid, radii, BELL.circular_integrals(near, radii), 1e-10
-    )
+    found = solve(Setup(near, region, grid, radii), BELL.circular_integrals(near, radii), 1e-10)
     assert found.basis == "boundary"
     inside = region.contains(grid.points)
     assert jnp.abs(found.image - BELL.image(grid))[inside].max() < 1e-3
@@ -190,7 +189,7 @@ def test_detectors_too_near_for_waves(first):
 
 # ---- traced arguments: a small problem, whose parameters are all changed at once
 
-SMALL = (circular_arc(1.5, 1.2, 30), truncated_disk(1.0, 2.0, 60), ImageGrid(17))
+SMALL = (circular_arc(1.5, 1.2, 30), disk(1.0, n_boundary=60), ImageGrid(17))
 RADII = data_radii(*SMALL[:2], SMALL[2].spacing[0])
 DATA = BELL.circular_integrals(SMALL[0], RADII)
 WEIGHTS = SMALL[1].contains(SMALL[2].points) * np.random.default_rng(1).uniform(0.5, 1, (17, 17))
@@ -214,13 +213,11 @@ def image_of(parameters, layout):
     else:
         radius = parameters["arc radius"]
         curve = circular_arc(radius, 0.8 * radius, 30)
-    region = truncated_disk(parameters["region radius"], 2.0, 60, n_chord=0)
+    region = disk(parameters["region radius"], 2.0, n_boundary=60)
     grid = ImageGrid(17, parameters["half width"])
     radii = parameters["sound speed"] * parameters["times"]
     g, alpha = parameters["g"], parameters["alpha"]
-    return reconstruct_direct(
-        curve, region, grid, radii, g, alpha, tolerance=1e-13, layout=layout
-    ).image
+    return solve(Setup(curve, region, grid, radii), g, alpha, tolerance=1e-13).image
 
 
 @pytest.mark.parametrize("kind", PARAMETERS)
@@ -255,7 +252,7 @@ def test_plain_calls_compile_once_too(monkeypatch):
     for i in range(3):
         curve = circular_arc(1.5 * (1 + 1e-4 * i), 1.2, 30)
         data = jnp.stack([DATA] * 4) * (i + 1)
-        reconstruct_direct(curve, region, grid, RADII, data, 1e-4 * (1 + i))
+        solve(Setup(curve, region, grid, RADII), data, 1e-4 * (1 + i))
     assert len(calls) == 1
 
 
@@ -264,7 +261,7 @@ def test_traced_geometry_needs_a_layout():
 
     def image(radius):
         moved = circular_arc(radius, 1.2, 30)
-        return reconstruct_direct(moved, region, grid, RADII, DATA).image
+        return solve(Setup(moved, region, grid, RADII), DATA).image
 
     with pytest.raises(ValueError, match=r"layout = problem_layout"):
         jax.jit(image)(1.5)
@@ -278,7 +275,7 @@ def test_solver_follows_from_the_size(monkeypatch):
     assert problem_layout(*SMALL, RADII).solver == "cholesky"
     monkeypatch.setattr("jaxtat.layout.MOST_ORDERS", 10)
     assert problem_layout(*SMALL, RADII).solver == "cg"
-    half = truncated_disk(1.0, 0.0, 60)
+    half = disk(1.0, 0.0, n_boundary=60)
     assert problem_layout(curve, half, grid, RADII).solver == "cholesky"
 
 

@@ -9,15 +9,7 @@ from jax.test_util import check_grads
 from scipy.linalg import toeplitz
 from scipy.special import j0, y0
 
-from jaxtat import (
-    ImageGrid,
-    NoiseLevel,
-    circular_arc,
-    phantoms,
-    problem_layout,
-    reconstruct_direct,
-    truncated_disk,
-)
+from jaxtat import ImageGrid, NoiseLevel, Setup, circular_arc, disk, phantoms, problem_layout, solve
 from jaxtat.records import (
     RecordNoise,
     condition_record,
@@ -153,7 +145,7 @@ def test_the_level_has_derivatives_in_the_record():
 
 def test_an_image_by_the_noise_of_its_record_is_best():
     """Better than by more or less of it, and far better than by as much white noise in g."""
-    curve, region, grid = circular_arc(1.3, 1.0, 72), truncated_disk(1.0, 1.0, 512), ImageGrid(33)
+    curve, region, grid = circular_arc(1.3, 1.0, 72), disk(1.0, n_boundary=512), ImageGrid(33)
     times = np.arange(149) / 64
     radii = times[19:]  # sound arrives after 0.3
     bells = phantoms.Bells([[0.3, 0.3], [-0.4, 0.2], [-0.2, -0.5]], [0.4, 0.3, 0.25])
@@ -170,15 +162,8 @@ def test_an_image_by_the_noise_of_its_record_is_best():
     inside, truth = np.asarray(region.contains(grid.points)), np.asarray(bells.image(grid))
 
     def error(sigma):
-        found = reconstruct_direct(
-            curve,
-            region,
-            grid,
-            radii,
-            data[1],
-            NoiseLevel(sigma),
-            layout=layout,
-            inversion="fourier",
+        found = solve(
+            Setup(curve, region, grid, radii), data[1], NoiseLevel(sigma), inversion="fourier"
         )
         return np.linalg.norm((found.image - truth)[inside]) / np.linalg.norm(truth[inside])
 

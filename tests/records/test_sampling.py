@@ -9,14 +9,15 @@ from jax.test_util import check_grads
 from jaxtat import (
     ImageGrid,
     NoiseLevel,
+    Setup,
     circular_arc,
     detector_curve,
+    disk,
     keep_detectors,
     phantoms,
     polyline,
     problem_layout,
-    reconstruct_direct,
-    truncated_disk,
+    solve,
 )
 from jaxtat.records import first_arrival, supported
 
@@ -30,7 +31,7 @@ def arc():
 
 @pytest.fixture(scope="module")
 def disk():
-    return truncated_disk(1.0, 1.0, 512)
+    return disk(1.0, n_boundary=512)
 
 
 def test_circles_about_a_disk_follow_the_formula(arc, disk):
@@ -57,7 +58,7 @@ def test_gaps_do_not_decide_and_few_missing_detectors_little(arc, disk):
 
 def test_two_densities_are_both_sampled():
     """The sparse side of an L decides, first or last: its steps are no gaps."""
-    region = truncated_disk(0.3, 0.3, 64)
+    region = disk(0.3, n_boundary=64)
     corners = [(-1, 1), (-1, -1), (1, -1)]
     first, last = (
         float(supported(polyline(corners, n), region, TIMES).frequency_of_detectors)
@@ -71,7 +72,7 @@ def test_a_straight_array_is_sampled_by_its_steepest_wave():
     """A line at distance 1 from a disk of radius 1/2: its ends see waves the flattest."""
     x = np.linspace(-2, 2, 48)
     curve = detector_curve(np.stack([x, np.full(48, -1.0)], axis=1))
-    found = supported(curve, truncated_disk(0.5, 0.5, 512), TIMES)
+    found = supported(curve, disk(0.5, n_boundary=512), TIMES)
     angle = np.arctan2(np.abs(x), 1.0) + np.arcsin(0.5 / np.hypot(x, 1.0))
     steepest = np.where(angle < np.pi / 2, np.sin(angle), 1.0)
     expected = np.pi / np.quantile(4 / 47 * steepest, 0.9)
@@ -79,7 +80,7 @@ def test_a_straight_array_is_sampled_by_its_steepest_wave():
 
 
 def test_first_sound_arrives_from_the_nearest_point(arc):
-    region = truncated_disk(0.4, 0.4, 512, center=(-0.5, 0.0))
+    region = disk(0.4, n_boundary=512, center=(-0.5, 0.0))
     nearest = np.linalg.norm(np.asarray(arc.points) - [-0.5, 0.0], axis=1).min() - 0.4
     assert abs(first_arrival(arc, region, sound_speed=2.0) - nearest / 2) < 1e-5
 
@@ -106,12 +107,12 @@ def test_a_region_as_large_as_can_be_had_is_covered(arc, disk):
     options = {"sound_speed": 0.9, "dead_time": 0.3}
     most = float(supported(arc, disk, TIMES, **options).largest_reach)
     for factor, ok in ((0.999, True), (1.001, False)):
-        region = truncated_disk(factor * most, factor * most, 512)
+        region = disk(factor * most, n_boundary=512)
         assert (supported(arc, region, TIMES, **options).shortfalls == ()) == ok
 
 
 def test_derivatives_in_geometry_and_sound_speed():
-    region = truncated_disk(0.9, 0.9, 41)
+    region = disk(0.9, n_boundary=41)
 
     def found(speed, radius, center):
         curve = circular_arc(radius, 1.0, 16, center=center)
@@ -137,12 +138,10 @@ def test_images_fail_beyond_the_supported_frequency_and_not_before(disk):
     def error(ratio, region):
         bell = phantoms.Bells([[0.15, 0.1]], [30 / (ratio * limit)])
         g = bell.circular_integrals(arc, radii)
-        found = reconstruct_direct(
-            arc, region, grid, radii, g, hardly, layout=layout, inversion="fourier"
-        )
+        found = solve(Setup(arc, region, grid, radii), g, hardly, inversion="fourier")
         return float(jnp.abs(found.image - bell.image(grid))[region.contains(grid.points)].max())
 
     errors = [error(ratio, disk) for ratio in (0.9, 1.4, 2.0)]
     assert errors[0] < 1e-6
     assert errors[1] > 10 * errors[0] and errors[2] > 30 * errors[1]
-    assert error(2.0, truncated_disk(0.5, 0.5, 512)) < 0.2 * errors[2]
+    assert error(2.0, disk(0.5, n_boundary=512)) < 0.2 * errors[2]

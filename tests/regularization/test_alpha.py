@@ -9,12 +9,13 @@ from jax.test_util import check_grads
 from jaxtat import (
     ImageGrid,
     NormBound,
+    Setup,
     circular_arc,
     data_radii,
+    disk,
     phantoms,
     problem_layout,
-    reconstruct_direct,
-    truncated_disk,
+    solve,
 )
 from jaxtat.densities.harmonic import (
     Data,
@@ -31,9 +32,9 @@ from jaxtat.special import full_circle_norm
 
 FREQUENCIES = jnp.array([3.0, 9.0])
 N = 40
-ARC, DISK = circular_arc(1.5, 1.1, N, angle=0.4), truncated_disk(1.0, 1.0, 160)
+ARC, DISK = circular_arc(1.5, 1.1, N, angle=0.4), disk(1.0, n_boundary=160)
 HALF_ARC = circular_arc(1.5, 0.1, N, angle=0.4)
-HALF, ASKEW = (truncated_disk(1.0, 0.1, 160, angle=angle) for angle in (0.4, 0.7))
+HALF, ASKEW = (disk(1.0, 0.1, n_boundary=160, angle=angle) for angle in (0.4, 0.7))
 NORMS = full_circle_norm(FREQUENCIES, 1.5)
 ORDERS = int(harmonic_orders(polar_geometry(ARC, DISK), np.asarray(FREQUENCIES)).max())
 
@@ -98,7 +99,7 @@ BELLS = phantoms.Bells([[0.3, 0.1], [-0.35, -0.2], [0.0, 0.5]], [0.3, 0.4, 0.25]
 @pytest.fixture(scope="module")
 def noisy():
     """Data with white noise of 3 % of the largest value, and the geometry."""
-    curve, region, grid = circular_arc(1.5, 1.2, 60), truncated_disk(1.0, 1.2, 120), ImageGrid(33)
+    curve, region, grid = circular_arc(1.5, 1.2, 60), disk(1.0, n_boundary=120), ImageGrid(33)
     radii = data_radii(curve, region, grid.spacing[0])
     exact = BELLS.circular_integrals(curve, radii)
     sigma = 0.03 * float(exact.max())
@@ -109,7 +110,7 @@ def noisy():
 def test_noise_level_by_brute_force(noisy):
     """alpha of the whole pipeline from traces of the boundary matrix and sums over all data."""
     (curve, region, grid, radii, g), sigma = noisy
-    report = reconstruct_direct(curve, region, grid, radii, g, NoiseLevel(sigma)).report
+    report = solve(Setup(curve, region, grid, radii), g, NoiseLevel(sigma)).report
     layout = problem_layout(curve, region, grid, radii)
     step = layout.max_frequency / layout.n_frequencies
     for i in (0, 9, 24):
@@ -132,7 +133,7 @@ def test_noise_level_is_nearly_the_best_alpha(noisy):
     inside, exact = setup[1].contains(grid.points), BELLS.image(grid)
 
     def error(alpha):
-        image = reconstruct_direct(*setup, alpha).image
+        image = solve(Setup(*setup), alpha).image
         return float(jnp.linalg.norm((image - exact)[inside]))
 
     scanned = [error(alpha) for alpha in np.logspace(-6, 1, 15)]
@@ -230,4 +231,4 @@ def test_refusals(noisy):
         with pytest.raises(ValueError, match="sigma"):
             NoiseLevel(sigma)
     with pytest.raises(ValueError, match="solver='cholesky'"):
-        reconstruct_direct(*noisy[0], NormBound(3.0), solver="cg")
+        solve(Setup(*noisy[0]), NormBound(3.0), solver="cg")

@@ -14,15 +14,16 @@ from jaxtat import (
     RelativeCutoff,
     RelativeTikhonov,
     ResidualTarget,
+    Setup,
     VisibilityWarning,
     build_plan,
     circular_arc,
     data_radii,
+    disk,
     elliptic_arc,
     phantoms,
     problem_layout,
-    reconstruct_direct,
-    truncated_disk,
+    solve,
 )
 from jaxtat.regularization.filtered_solve import filtered_solve, singular_components
 
@@ -87,26 +88,26 @@ def test_cutoffs_count_in_waves_that_are_seen_once():
 
 def test_the_default_is_the_papers_where_its_assumptions_hold():
     grid = ImageGrid(9)
-    whole, half = truncated_disk(1.0, 1.0, 40), truncated_disk(1.0, 0.0, 40)
+    whole, half = disk(1.0, n_boundary=40), disk(1.0, 0.0, n_boundary=40)
     arc, ellipse = circular_arc(1.3, 0.0, 30), elliptic_arc((1.6, 1.25), 30, start=1.5, stop=4.8)
     radii = data_radii(arc, whole, grid.spacing[0])
     assert problem_layout(arc, half, grid, radii).as_in_the_paper
     far = data_radii(ellipse, half, grid.spacing[0])
     assert not problem_layout(ellipse, half, grid, far).as_in_the_paper
     with pytest.warns(VisibilityWarning):
-        found = build_plan(arc, whole, grid, radii, progress=False, n_directions=8)
+        found = build_plan(Setup(arc, whole, grid, radii, n_directions=8))
     assert isinstance(found.regularization, RelativeCutoff)
     with pytest.raises(ValueError, match="alpha is a ResidualTarget, expected a number"):
-        reconstruct_direct(arc, half, grid, radii, np.ones((30, len(radii))), ResidualTarget())
+        solve(Setup(arc, half, grid, radii), np.ones((30, len(radii))), ResidualTarget())
 
 
 def test_by_default_noise_does_no_harm_where_the_region_is_not_wholly_seen():
     """Half a circle and the whole disk: as large as with kappa = 0.1, and not as with a bound."""
-    curve, region, grid = circular_arc(1.3, 0.0, 60), truncated_disk(1.0, 1.0, 120), ImageGrid(33)
+    curve, region, grid = circular_arc(1.3, 0.0, 60), disk(1.0, n_boundary=120), ImageGrid(33)
     radii = data_radii(curve, region, grid.spacing[0])
     g = phantoms.Bells([[-0.4, 0.1], [0.5, -0.2]], [0.4, 0.35]).circular_integrals(curve, radii)
     g = g + phantoms.noise_like(jax.random.key(0), g, 0.05)
     inside = np.asarray(region.contains(grid.points))
     with pytest.warns(VisibilityWarning, match="% of the lines"):
-        found = reconstruct_direct(curve, region, grid, radii, g).image
+        found = solve(Setup(curve, region, grid, radii), g).image
     assert np.abs(np.asarray(found))[inside].max() < 1.3

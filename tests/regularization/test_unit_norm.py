@@ -8,10 +8,10 @@ from jax.test_util import check_grads
 from jaxtat import (
     circular_arc,
     detector_curve,
+    disk,
     join_curves,
     polyline,
     rectangle,
-    truncated_disk,
     union_of_regions,
 )
 from jaxtat.regularization import microlocal_norm, unit_norms
@@ -23,7 +23,7 @@ LINE = polyline([(-40.0, -1.0), (40.0, -1.0)], 4000)
 def test_beside_a_line_it_is_that_of_lines_seen_once_and_obliquely():
     """W = 1 / cos of the incidence, so that N_m² / lambda² is the region's shadow cos / 2."""
     angles = np.radians([60.0, 90.0, 100.0])  # directions of the lines; 90 is along x_2
-    region = rectangle((0.5, 0.2), 140)
+    region = rectangle((0.5, 0.2), n_boundary=140)
     found = microlocal_norm(LINE, region, angles)
     shadow = 2 * (0.5 * np.abs(np.sin(angles)) + 0.2 * np.abs(np.cos(angles)))
     # midpoints on the boundary leave half a piece of the shadow out
@@ -31,13 +31,13 @@ def test_beside_a_line_it_is_that_of_lines_seen_once_and_obliquely():
 
 
 def test_lines_between_components_do_not_count():
-    parts = [rectangle((0.1, 0.1), 80, center=(x, 0.0)) for x in (-0.6, 0.6)]
+    parts = [rectangle((0.1, 0.1), n_boundary=80, center=(x, 0.0)) for x in (-0.6, 0.6)]
     both = microlocal_norm(LINE, union_of_regions(*parts), [np.pi / 2])
     np.testing.assert_allclose(both, np.sqrt(2 * 0.2 / 2), rtol=2e-2)
 
 
 def test_on_a_circle_it_is_the_papers():
-    disk, frequencies = truncated_disk(0.9, 0.9, 80), jnp.array([3.0, 30.0])
+    disk, frequencies = disk(0.9, n_boundary=80), jnp.array([3.0, 30.0])
     arc = circular_arc(1.3, 0.2, 60, center=(0.1, 0.0))
     wanted = full_circle_norm(frequencies, 1.3)
     assert np.array_equal(unit_norms(arc, disk, frequencies), wanted)
@@ -48,7 +48,7 @@ def test_on_a_circle_it_is_the_papers():
     np.testing.assert_allclose(unit_norms(two, disk, frequencies), wanted, rtol=1e-12)
     # lines seen twice, by the whole circle: short by those that miss the disk
     whole = circular_arc(1.3, 1.3, 200)
-    micro = 30 * microlocal_norm(whole, truncated_disk(1.29, 1.29, 400), [0.0])
+    micro = 30 * microlocal_norm(whole, disk(1.29, n_boundary=400), [0.0])
     assert abs(float(micro[0] / wanted[1]) - 1) < 0.02
 
 
@@ -58,8 +58,8 @@ def test_every_component_has_its_derivative():
     @jax.jit
     def norm(a):
         sides = (6, 6, 6, 6)
-        left = rectangle(jnp.stack([a, a]), sides, center=(-0.6, 0.0))
-        right = rectangle(jnp.stack([2 * a, a]), sides, center=(0.6, 0.0))
+        left = rectangle(jnp.stack([a, a]), n_boundary=sides, center=(-0.6, 0.0))
+        right = rectangle(jnp.stack([2 * a, a]), n_boundary=sides, center=(0.6, 0.0))
         return microlocal_norm(LINE, union_of_regions(left, right), np.array([np.pi / 2]))[0]
 
     np.testing.assert_allclose(jax.grad(norm)(0.1), np.sqrt(3 / 0.1) / 2, rtol=1e-6)  # of √(6 a/2)
@@ -69,7 +69,7 @@ def test_derivatives():
     @jax.jit
     def norm(points, vertices):
         curve = detector_curve(points, closed=False)
-        region = rectangle(vertices, (6, 6, 6, 6))
+        region = rectangle(vertices, n_boundary=(6, 6, 6, 6))
         return unit_norms(curve, region, jnp.array([5.0]), 0, jnp.array([0.3, 1.4]))
 
     points = np.asarray(polyline([(-1.5, -1.0), (1.5, -0.9)], 12).points)

@@ -8,7 +8,7 @@ import pytest
 from jaxtat.plan import build_plan
 from numpy.testing import assert_allclose
 
-from jaxtat import circular_arc, data_radii, phantoms, reconstruct, truncated_disk
+from jaxtat import circular_arc, data_radii, disk, phantoms, reconstruct
 from jaxtat.cli import main
 from jaxtat.io import Scan
 from jaxtat.regularization.rules import Tikhonov
@@ -16,7 +16,7 @@ from jaxtat.reporting import report_scan
 from jaxtat.scans import choices_for
 
 # as in tests/cli/test_cli.py, so that programs are shared
-CURVE, DISK = circular_arc(1.3, 1.0, 24), truncated_disk(0.8, 0.8, 48)
+CURVE, DISK = circular_arc(1.3, 1.0, 24), disk(0.8, n_boundary=48)
 MAX_FREQUENCY = 2 * np.pi / 0.8
 RADII = np.asarray(data_radii(CURVE, DISK, 0.16))
 DATA = np.asarray(phantoms.Bells([[0.1, -0.15]], [0.6]).circular_integrals(CURVE, RADII))
@@ -33,7 +33,7 @@ def collocated(asked):
     """`build_plan` that notes what is asked for, by the method that compiles fastest."""
 
     def build(*arguments, **options):
-        plan = build_plan(*arguments, **options, method="collocation")
+        plan = build_plan(Setup(*arguments), **options, method="collocation")
         asked.update(options, rule=arguments[-1], plan=plan)
         return plan
 

@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat import ImageGrid, circular_arc, data_radii, phantoms, report, truncated_disk
+from jaxtat import ImageGrid, Setup, circular_arc, data_radii, disk, phantoms, report
 from jaxtat.io.provenance import provenance
 from jaxtat.reporting import write_report
 from jaxtat.reporting.findings import Level, findings
 from jaxtat.reporting.html import Html, element, join
 from jaxtat.studies import DataNoise, NoiseSource, Uncertainty, WaveAccuracy, diagnose
 
-GRID, REGION = ImageGrid(21), truncated_disk(0.7, 0.7, 100)
+GRID, REGION = ImageGrid(21), disk(0.7, n_boundary=100)
 HOSTILE = "\"><script>alert(1)</script><img src=x onerror=alert(1)>&amp;'</style>.npz"
 EMPTY = {"img", "meta"}
 ALLOWED = [
@@ -50,7 +50,7 @@ def diagnosed(right=1.3, n=60, noise=0.0, speed=1.0):
     bell = phantoms.Bells([[0.1, 0.2]], [0.4])
     g = np.asarray(bell.circular_integrals(curve, speed * radii))
     g = g + noise * np.random.default_rng(0).standard_normal(g.shape)
-    return diagnose(curve, REGION, GRID, radii, g, bell.image(GRID))
+    return diagnose(Setup(curve, REGION, GRID, radii), g, bell.image(GRID))
 
 
 @pytest.fixture(scope="module")
@@ -274,7 +274,7 @@ def test_noise_and_bad_channels_are_said():
     noisy = diagnosed(noise=0.06)
     g = np.array(noisy.g)
     g[[5, 17]] = 0.0
-    bad = diagnose(noisy.curve, REGION, GRID, noisy.radii, g, noisy.image)
+    bad = diagnose(Setup(noisy.curve, REGION, GRID, noisy.radii), g, noisy.image)
     explained, channels = levels(bad)[1], levels(bad)[-1]
     relative = float(bad.residual.relative)
     assert 0.15 < relative < 0.5

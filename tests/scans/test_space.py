@@ -13,12 +13,12 @@ from jaxtat.io import Scan, load_scan, load_settings, save_ipasc
 from jaxtat.scans import choices_for, describe, reconstruct_scan
 from jaxtat.scans import integrals as integrals_of
 from jaxtat.scans.space import Space
-from jaxtat.spherical import Bells, ball_part, cap_radii, reconstruct_cap, spherical_cap
+from jaxtat.spherical import Bells, ball, cap_radii, solve, spherical_cap
 
 CENTER = np.array([0.02, -0.01, 0.03])
 CAP = spherical_cap(0.04, 0.03, 13, 28, center=CENTER)
 BELL = Bells((CENTER + np.array([0.001, -0.001, 0.0005]))[None], [0.018])
-REGION, RADIUS = ball_part(0.02, center=CENTER), 0.02
+REGION, RADIUS = ball(0.02, center=CENTER), 0.02
 MAX_FREQUENCY = 8 * np.pi / 0.04
 # the ball in nine voxels across, and the radii of the command's rule
 GRID = VolumeGrid(9, RADIUS, CENTER)
@@ -36,7 +36,7 @@ def shuffled(upside_down=False):
 
 def radii_of(end):
     reach = min(0.95 * 0.04, end - RADIUS / 8 - 0.04)
-    return cap_radii(CAP, REGION, RADIUS / 8, sources=ball_part(reach, center=CENTER))
+    return cap_radii(CAP, REGION, RADIUS / 8, sources=ball(reach, center=CENTER))
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,9 @@ def integrals():
     """Radii, g, and the volume that Python makes of them."""
     radii = radii_of(1.0)
     g = BELL.spherical_integrals(CAP, radii)
-    found = reconstruct_cap(CAP, REGION, GRID, radii, g, 1e-6, max_frequency=MAX_FREQUENCY)
+    found = solve(
+        Setup(CAP, REGION, GRID, radii, max_frequency=MAX_FREQUENCY), g, 1e-6, inversion="fourier"
+    )
     inside = np.asarray(REGION.contains(GRID.points))
     assert (
         np.abs(np.asarray(found.volume - BELL.volume(GRID)))[inside].max() < 0.13
@@ -158,7 +160,7 @@ def test_radii_end_with_a_short_record(n):
 def of_open_cap():
     """Integrals over spheres of a bell in what a cap up to z_3 = R_g / 2 sees."""
     cap = spherical_cap(1.3, 0.65, 22, 56)
-    radii = cap_radii(cap, ball_part(0.975), 0.06, sources=ball_part(1.2))
+    radii = cap_radii(cap, ball(0.975), 0.06, sources=ball(1.2))
     bell = Bells([[0.02, 0.0, -0.2]], [0.75])
     known = {"detectors": np.asarray(cap.points).reshape(-1, 3), "radii": np.asarray(radii)}
     g = np.asarray(bell.spherical_integrals(cap, radii)).reshape(-1, len(radii))

@@ -10,7 +10,7 @@ import jaxtat
 from jaxtat import AccuracyWarning, VisibilityWarning, VolumeGrid
 from jaxtat.spherical import (
     DetectorPoints,
-    ball_part,
+    ball,
     cap_layout,
     cap_radii,
     enough_boundary,
@@ -40,7 +40,7 @@ def test_weights_integrate_over_the_cap(rule, order):
 
 def test_the_meridian_section_is_the_paper_geometry():
     """Rings lie on the arc, and what is seen at which distances is as in the plane."""
-    cap, region = spherical_cap(1.3, 1.0, 32, 64), ball_part(1.0)
+    cap, region = spherical_cap(1.3, 1.0, 32, 64), ball(1.0)
     arc = cap.meridian
     assert np.isclose(np.asarray(arc.points)[:, 0].max(), 1.0, atol=0.05)
     assert np.allclose(np.linalg.norm(np.asarray(arc.points), axis=1), 1.3)
@@ -55,7 +55,7 @@ def test_the_meridian_section_is_the_paper_geometry():
 def test_boundary_of_a_cut_ball_integrates_exactly():
     """Area, ∫ x_3 dS and the divergence theorem for the field (0, 0, x_3)."""
     radius, top = 1.5, 0.4
-    part = ball_part(radius, top, 40)
+    part = ball(radius, top)
     edge = part.boundary()
     x3, flat = np.asarray(edge.distance * edge.cosine), np.asarray(edge.flat)
     weights = np.asarray(edge.weights)
@@ -73,7 +73,7 @@ SOME = 1.5 * np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0
 def problem(**changes):
     given = {
         "detectors": spherical_cap(1.5, 1.1, 24, 48),
-        "region": ball_part(1.0),
+        "region": ball(1.0),
         "grid": VolumeGrid(13),
         "radii": 0.5 + 0.1 * np.arange(21),
     }
@@ -88,27 +88,27 @@ def problem(**changes):
         (lambda: spherical_cap(1.3, 1.0, 1, 16), "n_rings is 1"),
         (lambda: spherical_cap(1.3, 1.0, 8, 16, rule="lobatto"), "rule is 'lobatto'"),
         (lambda: spherical_cap(-1.3, 1.0, 8, 16), "radius is"),
-        (lambda: ball_part(1.0, 1.0, 40), "x_top is 1.0"),
-        (lambda: ball_part(1.0, 0.0), "n_boundary is missing"),
+        (lambda: ball(1.0, 1.0), "x_top is 1.0"),
+        (lambda: ball(1.0, 0.0), "n_boundary is missing"),
         (lambda: DetectorPoints(np.zeros((3, 2))), r"expected \(detectors, 3\)"),
         (lambda: DetectorPoints(np.ones((2, 3)), [1.0, -1.0]), "weights is"),
-        (lambda: problem(region=ball_part(1.0, center=(0.1, 0, 0))), "same center"),
+        (lambda: problem(region=ball(1.0, center=(0.1, 0, 0))), "same center"),
         (lambda: problem(detectors=spherical_cap(0.9, 0.7, 24, 48)), "lie inside or on"),
         (lambda: problem(detectors=spherical_cap(1.005, 1.0, 24, 48)), "radii run from"),
         (lambda: problem(radii=0.5 + 0.1 * np.arange(12)), "radii run from"),
         (lambda: problem(grid=VolumeGrid(13, 1.0, (5.0, 0.0, 0.0))), "no node of the grid"),
-        (lambda: problem(region=ball_part(1.0, 0.0, 16)), "use n_boundary >="),
+        (lambda: problem(region=ball(1.0, 0.0)), "use n_boundary >="),
         # inside the ball, and so is the corner of the grid's box, but above the cut
         (
             lambda: problem(
-                region=ball_part(1.0, 0.0, 60),
+                region=ball(1.0, 0.0),
                 grid=VolumeGrid(5, 0.2, (0, 0, 0.6)),
                 max_frequency=9,
             ),
             "no node of the grid",
         ),
         (
-            lambda: problem(detectors=DetectorPoints(SOME), region=ball_part(1.0, 0.0, 60)),
+            lambda: problem(detectors=DetectorPoints(SOME), region=ball(1.0, 0.0)),
             "needs detectors on rings",
         ),
         (lambda: jax.jit(lambda r: problem(radii=r))(0.5 + 0.1 * np.arange(21)), "layout = cap_"),
@@ -133,7 +133,7 @@ def test_a_bowl_without_a_bottom_is_flagged_and_keeps_its_frequencies():
     parts = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi
     rings = find_rings(1.5 * np.stack(parts, axis=-1).reshape(-1, 3)).rings
     with pytest.warns(VisibilityWarning, match="in a meridian plane 3") as caught:
-        problem(detectors=rings, region=ball_part(0.9))
+        problem(detectors=rings, region=ball(0.9))
     assert len(caught) == 1  # and none of sampling
     step = 1.4 / 39
     possible, gap = resolved_frequency(rings, 0.5)
@@ -157,14 +157,14 @@ def test_points_that_see_half_of_the_lines_are_flagged():
     with pytest.warns(VisibilityWarning, match=r"% of the lines .* miss the detectors"):
         problem(detectors=DetectorPoints(1.5 * unit), max_frequency=9.0)
     # those that end within 60 degrees of the only one count as seen, half of all
-    assert abs(missed_share(DetectorPoints([[0.0, 0.0, -1.5]]), ball_part(0.01)) - 0.5) < 0.02
+    assert abs(missed_share(DetectorPoints([[0.0, 0.0, -1.5]]), ball(0.01)) - 0.5) < 0.02
 
 
 def test_boundary_points_suffice_wherever_the_ball_is_cut():
     """As many as the quadrature needs on each part, and no other number does."""
     for top in (-0.7, -0.2, 0.0, 0.3, 0.9):
         n = enough_boundary(1.0, top, 40.0)
-        curved, flat = ball_part(1.0, top, n).n_boundary
+        curved, flat = ball(1.0, top).n_boundary
         angle = np.pi - np.arccos(top)
         assert curved >= 20 * angle + 8 and flat >= 20 * np.sin(angle) + 8
         assert n < 20 * max(5 / 3 * angle, 5 / 2 * np.sin(angle)) + 24
@@ -172,7 +172,7 @@ def test_boundary_points_suffice_wherever_the_ball_is_cut():
 
 def test_a_fixed_geometry_needs_no_layout_inside_jit():
     cap, grid = spherical_cap(1.5, 1.1, 24, 48), VolumeGrid(13)
-    where = cap, ball_part(1.0), grid, 0.5 + 0.1 * np.arange(21)
+    where = cap, ball(1.0), grid, 0.5 + 0.1 * np.arange(21)
     found = jax.jit(lambda g: g * cap_layout(*where).max_frequency)(1.0)
     assert float(found) == cap_layout(*where).max_frequency
 
@@ -180,7 +180,7 @@ def test_a_fixed_geometry_needs_no_layout_inside_jit():
 def test_layout_covers_every_degree_of_every_order():
     """Sizes are at least N + 1 - m for the first m of a piece, and never more than the largest."""
     for n, rings, azimuths in ((13, 24, 48), (65, 96, 256), (129, 192, 512)):
-        cap, region = spherical_cap(1.3, 1.0, rings, azimuths), ball_part(1.0)
+        cap, region = spherical_cap(1.3, 1.0, rings, azimuths), ball(1.0)
         layout = cap_layout(cap, region, VolumeGrid(n), cap_radii(cap, region, 1 / (n - 1)))
         assert (
             layout.n_pieces * layout.piece

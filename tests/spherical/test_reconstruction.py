@@ -16,11 +16,11 @@ from jaxtat.spherical import (
     Bells,
     DetectorPoints,
     SeenOnce,
-    ball_part,
+    ball,
     cap_layout,
     cap_radii,
     pressure_to_spherical_integrals,
-    reconstruct_cap,
+    solve,
     spherical_cap,
 )
 from jaxtat.spherical.alpha import cap_alpha_rule
@@ -41,7 +41,7 @@ class Problem:
     """A cap that sees all of the ball, two bells and their data, of two amplitudes."""
 
     cap = spherical_cap(1.5, 1.1, 26, 64, center=CENTER)
-    region = ball_part(1.0, center=CENTER)
+    region = ball(1.0, center=CENTER)
     grid = VolumeGrid(13, center=CENTER)
     radii = cap_radii(cap, region, 1 / 26)  # what aliases is 1e-9 of the bells
     layout = cap_layout(cap, region, grid, radii, max_frequency=6 * np.pi)
@@ -120,8 +120,12 @@ def test_volume_is_that_of_the_filtered_bells():
     expected = filtered(p.bells, p.layout.max_frequency, np.asarray(p.grid.points))
     inside = np.asarray(p.region.contains(p.grid.points))
     for inversion in ("fourier", "fbp"):
-        found = reconstruct_cap(
-            p.cap, p.region, p.grid, p.radii, p.stack, 1e-12, low_pass=low_pass, inversion=inversion
+        found = solve(
+            Setup(p.cap, p.region, p.grid, p.radii),
+            p.stack,
+            1e-12,
+            low_pass=low_pass,
+            inversion=inversion,
         )
         assert found.volume.shape == (2, 13, 13, 13) and bool(found.converged)
         error = np.abs(np.asarray(found.volume[0]) - expected)[inside].max()
@@ -177,7 +181,7 @@ def dense(region, frequency, alpha, data, xi):
 @pytest.mark.parametrize("kind", ["ball", "lower part", "ball, any positions"])
 def test_solution_is_that_of_the_dense_matrix_on_the_boundary(kind):
     """For data of no volume at all, and an alpha that matters."""
-    region = ball_part(SMALL_RADIUS, 0.1 if kind == "lower part" else None, 40)
+    region = ball(SMALL_RADIUS, 0.1 if kind == "lower part" else None)
     grid = VolumeGrid(9, half_width=SMALL_RADIUS)
     layout = cap_layout(SMALL_CAP, region, grid, SMALL_RADII, max_frequency=9.0)
     g = jax.device_put(np.random.default_rng(3).standard_normal((1, 7, 44, 11)))
@@ -266,19 +270,25 @@ def test_measured_positions_give_the_volume_too():
     unit = rng.standard_normal((260, 3))
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     points = 1.5 * unit * rng.uniform(0.98, 1.02, (260, 1))
-    detectors, region, grid = DetectorPoints(points), ball_part(1.0), VolumeGrid(9)
+    detectors, region, grid = DetectorPoints(points), ball(1.0), VolumeGrid(9)
     radii = 0.45 + 0.08 * np.arange(27)
     bell = Bells([[0.1, 0.0, -0.1]], [0.6])
     g = bell.spherical_integrals(detectors, radii)
-    found = reconstruct_cap(
-        detectors, region, grid, radii, g, 1e-8, max_frequency=9.0, low_pass=low_pass
+    found = solve(
+        Setup(detectors, region, grid, radii, max_frequency=9.0),
+        g,
+        1e-8,
+        low_pass=low_pass,
+        inversion="fourier",
     )
     inside = np.asarray(region.contains(grid.points))
     exact = filtered(bell, 9.0, np.asarray(grid.points))
     error = np.abs(np.asarray(found.volume) - exact)[inside].max()
     assert error < 5e-3 * exact.max()
     with pytest.raises(ValueError, match="needs detectors on rings"):
-        reconstruct_cap(detectors, ball_part(1.0, 0.0, 60), grid, radii, g, max_frequency=9.0)
+        solve(
+            Setup(detectors, ball(1.0, 0.0), grid, radii, max_frequency=9.0), g, inversion="fourier"
+        )
 
 
 def test_pressure_of_a_bell_in_space():
@@ -308,11 +318,11 @@ def test_bad_data_are_refused():
         (np.zeros((0, *p.g.shape)), "no images at all"),
     ):
         with pytest.raises(ValueError, match=message):
-            reconstruct_cap(p.cap, p.region, p.grid, p.radii, g)
+            solve(Setup(p.cap, p.region, p.grid, p.radii), g, inversion="fourier")
     with pytest.raises(ValueError, match="inversion is 'nufft'"):
-        reconstruct_cap(p.cap, p.region, p.grid, p.radii, p.g, inversion="nufft")
+        solve(Setup(p.cap, p.region, p.grid, p.radii), p.g, inversion="nufft")
     with pytest.raises(ValueError, match="alpha is"):
-        reconstruct_cap(p.cap, p.region, p.grid, p.radii, p.g, alpha=0.0)
+        solve(Setup(p.cap, p.region, p.grid, p.radii), p.g, 0.0, inversion="fourier")
 
 
 # --- derivatives ---------------------------------------------------------------------------------
@@ -323,7 +333,7 @@ def test_derivatives_in_everything_but_sizes():
 
     Rings are turned, and moved from where those of a cap are.
     """
-    cap, region = spherical_cap(1.6, 0.9, 6, 12), ball_part(0.8, 0.5, 40)
+    cap, region = spherical_cap(1.6, 0.9, 6, 12), ball(0.8, 0.5)
     grid, radii = VolumeGrid((5, 4, 4), half_width=0.5), 0.7 + 0.2 * np.arange(10)
     layout = cap_layout(cap, region, grid, radii, max_frequency=4.0)
     layout = dataclasses.replace(layout, in_group=3)  # no accuracy is asked for
@@ -337,9 +347,9 @@ def test_derivatives_in_everything_but_sizes():
         theta = jnp.arccos(changed.cosines) + moved
         rings = DetectorRings(center, radius, opening, 6, 12, "given", theta, turns)
         voxels = VolumeGrid((5, 4, 4), half_width, center)
-        cut = ball_part(reach, top, 40, center=center)
+        cut = ball(reach, top, center=center)
         alpha = jnp.exp(log_alpha)
-        found = reconstruct_cap(rings, cut, voxels, speed * radii, g, alpha, layout=layout)
+        found = solve(Setup(rings, cut, voxels, speed * radii), g, alpha, inversion="fourier")
         return jnp.sum(weights * found.volume)
 
     at = (1.6, 1.0, 0.5, 0.97, -7.0, np.zeros(3), 0.8, np.full(3, 0.5))
@@ -375,7 +385,7 @@ def test_derivatives_in_any_positions_also_on_the_axis():
     at = [jax.device_put(value) for value in at]
 
     def where(points, weights, center, reach):
-        return DetectorPoints(points, weights, center), ball_part(reach, center=center)
+        return DetectorPoints(points, weights, center), ball(reach, center=center)
 
     layout = cap_layout(*where(*at), VolumeGrid(4, 0.5), radii, max_frequency=2.4)
     g, rule = jax.device_put(rng.standard_normal((16, 10))), cap_alpha_rule(1e-3, 8)
@@ -401,11 +411,15 @@ def test_derivatives_in_any_positions_also_on_the_axis():
 
 def test_the_lowest_frequencies_alone():
     """A wave across the ball or less: the transform of a bell below lambda = 1."""
-    cap, region, grid = spherical_cap(1.5, 1.1, 6, 12), ball_part(1.0), VolumeGrid(4)
+    cap, region, grid = spherical_cap(1.5, 1.1, 6, 12), ball(1.0), VolumeGrid(4)
     radii, bell = cap_radii(cap, region, 0.1), Bells([[0.1, 0.0, -0.1]], [0.7])
     g = bell.spherical_integrals(cap, radii)
-    found = reconstruct_cap(
-        cap, region, grid, radii, g, 1e-10, max_frequency=1.0, low_pass=low_pass
+    found = solve(
+        Setup(cap, region, grid, radii, max_frequency=1.0),
+        g,
+        1e-10,
+        low_pass=low_pass,
+        inversion="fourier",
     )
     exact = filtered(bell, 1.0, np.asarray(grid.points))
     assert np.abs(np.asarray(found.volume) - exact).max() < 1e-3 * exact.max()
@@ -413,11 +427,14 @@ def test_the_lowest_frequencies_alone():
 
 def test_65_voxels_on_a_side_to_1e_5():
     """A cap that covers z_3 < 1 of R_g = 1.3, half the grid's step between radii."""
-    cap, region, grid = spherical_cap(1.3, 1.0, 86, 208), ball_part(1.0), VolumeGrid(65)
+    cap, region, grid = spherical_cap(1.3, 1.0, 86, 208), ball(1.0), VolumeGrid(65)
     radii = cap_radii(cap, region, grid.spacing[0] / 2)
     bells = Bells([[0.1, -0.35, 0.3]], [0.45])
-    found = reconstruct_cap(
-        cap, region, grid, radii, bells.spherical_integrals(cap, radii), alpha=1e-8
+    found = solve(
+        Setup(cap, region, grid, radii),
+        bells.spherical_integrals(cap, radii),
+        1e-8,
+        inversion="fourier",
     )
     error = np.abs(np.asarray(found.volume - bells.volume(grid)))
     assert error[np.asarray(region.contains(grid.points))].max() < 1e-5

@@ -6,7 +6,7 @@ import pytest
 
 from jaxtat import VolumeGrid
 from jaxtat.geometry.rings import fit_sphere
-from jaxtat.spherical import ball_part, cap_layout, find_rings, spherical_cap
+from jaxtat.spherical import ball, cap_layout, find_rings, spherical_cap
 from jaxtat.spherical.alpha import cap_alpha_rule
 from jaxtat.spherical.tikhonov import solve_rings
 
@@ -42,7 +42,7 @@ def test_rings_in_any_order_turned_and_upside_down():
 
 def test_turned_rings_give_what_turned_data_of_straight_ones_do():
     """F_m of detectors turned by an angle, from data that have been sampled there."""
-    theta, region = np.linspace(2.9, 0.9, 7), ball_part(0.5, center=CENTER)
+    theta, region = np.linspace(2.9, 0.9, 7), ball(0.5, center=CENTER)
     radii = jax.device_put(1.5 + 0.1 * np.arange(11))
     rng, n = np.random.default_rng(3), 44
     # of data with azimuthal orders up to 8 the values anywhere on a ring are known

@@ -6,18 +6,19 @@ import pytest
 from jaxtat import (
     AccuracyWarning,
     ImageGrid,
+    Setup,
     VolumeGrid,
     build_plan,
     circular_arc,
     data_radii,
+    disk,
     phantoms,
     problem_layout,
-    reconstruct_direct,
-    truncated_disk,
+    solve,
 )
-from jaxtat.spherical import ball_part, cap_layout, spherical_cap
+from jaxtat.spherical import ball, cap_layout, spherical_cap
 
-DISK = truncated_disk(1.0, 1.0, 160)
+DISK = disk(1.0, n_boundary=160)
 GRID = ImageGrid(33)
 RADII = data_radii(circular_arc(1.3, 1.0, 80), DISK, GRID.spacing[0])
 
@@ -32,7 +33,7 @@ def bells(radius):
 def error(curve, phantom, alpha=None):
     g = phantom.circular_integrals(curve, RADII)
     layout = problem_layout(curve, DISK, GRID, RADII, n_groups=1)
-    image = reconstruct_direct(curve, DISK, GRID, RADII, g, alpha, layout=layout).image
+    image = solve(Setup(curve, DISK, GRID, RADII), g, alpha).image
     exact = np.asarray(phantom.image(GRID))
     off = np.abs(np.asarray(image) - exact)[np.asarray(DISK.contains(GRID.points))]
     return off.max() / exact.max()
@@ -74,7 +75,7 @@ def test_pixels_larger_than_the_region():
     with pytest.raises(ValueError, match="pixels are 100 apart, but the region reaches only 1"):
         problem_layout(curve, DISK, ImageGrid(21, half_width=1000.0), RADII)
     with pytest.raises(ValueError, match="pixels are 100 apart"):
-        build_plan(curve, DISK, ImageGrid(21, 1000.0), RADII, progress=False)
+        build_plan(Setup(curve, DISK, ImageGrid(21, 1000.0), RADII))
     cap = spherical_cap(1.3, 1.0, 8, 16)
     with pytest.raises(ValueError, match="pixels are 100 apart"):
-        cap_layout(cap, ball_part(1.0), VolumeGrid(21, 1000.0), np.asarray(RADII))
+        cap_layout(cap, ball(1.0), VolumeGrid(21, 1000.0), np.asarray(RADII))

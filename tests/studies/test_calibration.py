@@ -10,7 +10,7 @@ import pytest
 from jax.test_util import check_grads
 
 import jaxtat
-from jaxtat import ImageGrid, circular_arc, phantoms, truncated_disk
+from jaxtat import ImageGrid, circular_arc, disk, phantoms
 from jaxtat.studies import calibrate
 from jaxtat.studies.calibration import _fit
 
@@ -18,7 +18,7 @@ DETECTORS = 50
 GRID = ImageGrid(33)
 STEP = float(GRID.spacing[0])
 CURVE = circular_arc(1.3, 1.0, DETECTORS)
-REGION = truncated_disk(0.95, 0.95, 2 * DETECTORS)
+REGION = disk(0.95, n_boundary=2 * DETECTORS)
 RADII = 0.25 + STEP * jnp.arange(35)
 CENTERS = [[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1], [0.2, -0.4]]
 BELLS = phantoms.Bells(CENTERS, [0.7, 0.4, 0.3, 0.3], [1, 1.5, -1.5, 1])
@@ -43,7 +43,7 @@ def test_gains_and_delays_of_every_detector():
     table = np.asarray(BELLS.circular_integrals(CURVE, fine))
     g, gains, delays = gains_and_delays(table, RADII, DETECTORS, np.random.default_rng(1))
     found = calibrate(
-        CURVE, REGION, GRID, RADII, noisy(jnp.asarray(g)), unknown=("gains", "delays")
+        Setup(CURVE, REGION, GRID, RADII), noisy(jnp.asarray(g)), unknown=("gains", "delays")
     )
     assert found.converged
     assert np.std(found.parameters.gains / gains) < 0.01
@@ -53,7 +53,7 @@ def test_gains_and_delays_of_every_detector():
     assert 0.6 < np.sqrt(np.mean((off / errors) ** 2)) < 1.4
 
     def error(g):
-        image = jaxtat.reconstruct_direct(CURVE, REGION, GRID, RADII, g, 1e-3).image
+        image = jaxtat.solve(jaxtat.Setup(CURVE, REGION, GRID, RADII), g, 1e-3).image
         return float(jnp.linalg.norm((image - BELLS.image(GRID))[REGION.contains(GRID.points)]))
 
     untouched = noisy(BELLS.circular_integrals(CURVE, RADII))
@@ -62,7 +62,7 @@ def test_gains_and_delays_of_every_detector():
 
 def test_standard_errors_are_the_scatter_of_many_draws():
     g = BELLS.circular_integrals(CURVE, RADII)
-    found = [calibrate(CURVE, REGION, GRID, RADII, noisy(g, i)) for i in range(5)]
+    found = [calibrate(Setup(CURVE, REGION, GRID, RADII), noisy(g, i)) for i in range(5)]
     speed = np.array([calibration.parameters.sound_speed for calibration in found])
     error = np.array([calibration.standard_errors.sound_speed for calibration in found])
     chi_square = np.sum(((speed - 1.0) / error) ** 2)
@@ -72,7 +72,7 @@ def test_standard_errors_are_the_scatter_of_many_draws():
 
 def test_what_is_not_unknown_stays_as_it_is():
     g = noisy(BELLS.circular_integrals(CURVE, RADII))
-    found = calibrate(CURVE, REGION, GRID, RADII, g, sound_speed=1500.0)
+    found = calibrate(Setup(CURVE, REGION, GRID, RADII), g, sound_speed=1500.0)
     assert found.parameters.radius == 1.3
     assert np.array_equal(found.parameters.gains, np.ones(DETECTORS))
     assert np.array_equal(found.parameters.delays, np.zeros(DETECTORS))
@@ -82,14 +82,14 @@ def test_what_is_not_unknown_stays_as_it_is():
     assert np.allclose(found.g, g, atol=1e-12)
     assert np.all(np.diff(found.stages.max_frequency) > 0)
     measured = jaxtat.detector_curve(CURVE.points)
-    other = calibrate(measured, REGION, GRID, RADII, g, sound_speed=1500.0)
+    other = calibrate(Setup(measured, REGION, GRID, RADII), g, sound_speed=1500.0)
     assert abs(other.parameters.sound_speed - found.parameters.sound_speed) < 0.05
     assert np.isnan(other.parameters.radius)
 
 
 def test_derivatives_of_the_sound_speed_with_respect_to_data():
     """Implicit ones, of the optimum that the steps end at."""
-    curve, region, grid = circular_arc(1.3, 1.0, 24), truncated_disk(0.8, 0.8, 48), ImageGrid(11)
+    curve, region, grid = circular_arc(1.3, 1.0, 24), disk(0.8, n_boundary=48), ImageGrid(11)
     radii = 0.3 + 0.1 * jnp.arange(21)
     bell = phantoms.Bells([[0.1, -0.1]], [0.6])
     g = noisy(bell.circular_integrals(curve, radii))
@@ -97,7 +97,7 @@ def test_derivatives_of_the_sound_speed_with_respect_to_data():
 
     def speed(size):
         changed = g + jnp.asarray(size) * 0.01 * direction
-        return calibrate(curve, region, grid, radii, changed).parameters.sound_speed
+        return calibrate(Setup(curve, region, grid, radii), changed).parameters.sound_speed
 
     check_grads(speed, (0.0,), 1, ["fwd", "rev"], atol=1e-5, rtol=1e-3, eps=0.1)
 
@@ -106,7 +106,9 @@ def test_new_numbers_need_no_new_program():
     g = BELLS.circular_integrals(CURVE, RADII)
     programs = set()
     for i, speed in enumerate((1.0, 1480.0, 3.0)):
-        calibrate(CURVE, REGION, GRID, RADII, noisy(g, i), sound_speed=speed, alpha=1e-5 * (i + 1))
+        calibrate(
+            Setup(CURVE, REGION, GRID, RADII), noisy(g, i), sound_speed=speed, alpha=1e-5 * (i + 1)
+        )
         programs.add(_fit._cached._cache_size())
     assert len(programs) == 1
 
@@ -130,4 +132,4 @@ def test_what_cannot_be_calibrated_is_refused(change, message):
     given = {"curve": CURVE, "g": jnp.ones((DETECTORS, len(RADII)))} | change
     curve, g = given.pop("curve"), given.pop("g")
     with pytest.raises(ValueError, match=message):
-        calibrate(curve, REGION, GRID, RADII, g, **given)
+        calibrate(Setup(curve, REGION, GRID, RADII), g, **given)

@@ -11,14 +11,15 @@ from jaxtat import (
     DirectReconstruction,
     FixedRank,
     ImageGrid,
+    Setup,
     Tikhonov,
     build_plan,
     circular_arc,
     cosine_filter,
     data_radii,
+    disk,
     phantoms,
     reconstruct,
-    truncated_disk,
 )
 from jaxtat.densities.harmonic import SolveReport
 from jaxtat.studies import (
@@ -29,7 +30,7 @@ from jaxtat.studies import (
     wave_accuracy,
 )
 
-CURVE, REGION, GRID = circular_arc(1.3, 1.0, 24), truncated_disk(0.8, 0.8, 48), ImageGrid(11, 0.8)
+CURVE, REGION, GRID = circular_arc(1.3, 1.0, 24), disk(0.8, n_boundary=48), ImageGrid(11, 0.8)
 RADII = data_radii(CURVE, REGION, GRID.spacing[0])
 PROBLEM = CURVE, REGION, GRID, RADII
 MAX_FREQUENCY = 2 * np.pi / 0.8
@@ -40,7 +41,7 @@ DATA = np.asarray(phantoms.Bells([[0.1, -0.15]], [0.6]).circular_integrals(CURVE
 def plan():
     """By collocation, which compiles fastest."""
     options = {"method": "collocation", "max_frequency": MAX_FREQUENCY, "progress": False}
-    return build_plan(*PROBLEM, FixedRank(20.5), **options)
+    return build_plan(Setup(*PROBLEM), FixedRank(20.5), **options)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,7 @@ def image(plan):
 
 @pytest.fixture(scope="module")
 def diagnosis(image, plan):
-    return diagnose(*PROBLEM, DATA, image, plan=plan, uncertainty_pixels=5, progress=False)
+    return diagnose(Setup(*PROBLEM), DATA, image, plan=plan, uncertainty_pixels=5)
 
 
 def test_the_plan_of_a_direct_reconstruction_has_its_alphas(plan, monkeypatch):
@@ -108,7 +109,7 @@ def test_standard_deviations_are_for_the_noise_that_is_given_or_what_is_left(dia
     assert_allclose(coarse.points[[0, -1], [0, -1]], GRID.points[[0, -1], [0, -1]], atol=1e-15)
     image = np.zeros(GRID.shape)
     options = {"plan": plan, "uncertainty_pixels": 5, "progress": False}
-    given = diagnose(*PROBLEM, DATA, image, sigma=0.3, **options)
+    given = diagnose(Setup(*PROBLEM), DATA, image, sigma=0.3, **options)
     assert_allclose(given.uncertainty.deviation, 0.3 * unit, rtol=1e-12)
     assert given.noise.source is NoiseSource.GIVEN
     assert_allclose(given.residual.relative, 1, rtol=1e-12)
@@ -118,7 +119,7 @@ def test_a_sample_of_the_noise_stands_for_white_noise_that_does_as_much_to_the_i
     """Judged by its image, at the pixels whose deviations are asked for."""
     draws = 0.2 * np.random.default_rng(5).standard_normal((200, *DATA.shape))
     options = {"plan": plan, "uncertainty_pixels": 5, "progress": False}
-    found = diagnose(*PROBLEM, DATA, np.zeros(GRID.shape), noise=draws[0], **options)
+    found = diagnose(Setup(*PROBLEM), DATA, np.zeros(GRID.shape), noise=draws[0], **options)
     assert found.noise.source is NoiseSource.RECORD
     assert_allclose(found.noise.sigma, 0.2, rtol=0.1)
     unit = np.asarray(found.uncertainty.deviation / found.uncertainty.sigma)
@@ -129,7 +130,7 @@ def test_a_sample_of_the_noise_stands_for_white_noise_that_does_as_much_to_the_i
     # this image has few degrees of freedom, so that single samples scatter: their mean square
     assert_allclose(np.sqrt(np.mean(sizes**2)), 0.2, rtol=0.1)
     with pytest.raises(ValueError, match="sigma and noise are both given"):
-        diagnose(*PROBLEM, DATA, np.zeros(GRID.shape), sigma=0.1, noise=draws[0])
+        diagnose(Setup(*PROBLEM), DATA, np.zeros(GRID.shape), sigma=0.1, noise=draws[0])
 
 
 def test_outside_the_region_there_is_nothing(diagnosis):
@@ -139,7 +140,7 @@ def test_outside_the_region_there_is_nothing(diagnosis):
 
 
 def test_without_a_plan_the_rest_is_there(diagnosis, image):
-    bare = diagnose(*PROBLEM, DATA, image)
+    bare = diagnose(Setup(*PROBLEM), DATA, image)
     assert bare.waves is None
     assert bare.uncertainty is None
     assert_allclose(bare.residual.values, diagnosis.residual.values)
@@ -147,4 +148,4 @@ def test_without_a_plan_the_rest_is_there(diagnosis, image):
 
 def test_a_noise_that_is_none_is_refused(image):
     with pytest.raises(ValueError, match=r"sigma is 0\.0, expected a value above zero"):
-        diagnose(*PROBLEM, DATA, image, sigma=0.0)
+        diagnose(Setup(*PROBLEM), DATA, image, sigma=0.0)

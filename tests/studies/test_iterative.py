@@ -9,12 +9,12 @@ import scipy.optimize
 from jax.test_util import check_grads
 from numpy.testing import assert_allclose
 
-from jaxtat import ImageGrid, circular_arc, circular_integrals, phantoms, truncated_disk
+from jaxtat import ImageGrid, circular_arc, circular_integrals, disk, phantoms
 from jaxtat.studies import least_squares, total_variation
 from jaxtat.studies.iterative import smoothed_variation
 
 GRID, CURVE, RADII = ImageGrid((8, 7)), circular_arc(1.5, 1.0, 12), jnp.linspace(0.3, 2.5, 14)
-REGION = truncated_disk(1.0, 0.6, 40)
+REGION = disk(1.0, 0.6, n_boundary=40)
 RNG = np.random.default_rng(0)
 DATA = jnp.asarray(RNG.standard_normal((12, 14)))
 
@@ -75,7 +75,7 @@ def test_a_smooth_phantom_comes_back_from_exact_data(larger):
     bell = phantoms.Bells([[0.2, 0.1], [-0.3, -0.2]], [0.6, 0.5], [1.0, 0.7])
     g = bell.circular_integrals(curve, radii)
     model_error = jnp.linalg.norm(circular_integrals(bell.image(grid), grid, curve, radii) - g)
-    found = least_squares(curve, grid, radii, g, region=truncated_disk(1.0, 1.0, 100), max_steps=30)
+    found = least_squares(curve, grid, radii, g, region=disk(1.0, n_boundary=100), max_steps=30)
     assert found.residual * jnp.linalg.norm(g) < model_error
     assert jnp.abs(found.image - bell.image(grid)).max() < 2e-2
 
@@ -175,7 +175,7 @@ def test_total_variation_can_be_differentiated():
 def test_total_variation_is_better_than_least_squares_for_edges_in_noise(larger):
     """Far better where the object is flat; pixels on its edge belong to neither side."""
     curve, grid, radii = larger
-    disk, region = phantoms.Disks([[0.1, 0.1]], [0.5]), truncated_disk(1.0, 1.0, 100)
+    disk, region = phantoms.Disks([[0.1, 0.1]], [0.5]), disk(1.0, n_boundary=100)
     g = disk.circular_integrals(curve, radii)
     given = curve, grid, radii, g + phantoms.noise_like(jax.random.key(0), g, 0.1)
     plain = [least_squares(*given, region=region, max_steps=n).image for n in (2, 4, 6)]

@@ -9,13 +9,14 @@ from jax.test_util import check_grads
 from jaxtat import (
     ImageGrid,
     RelativeTikhonov,
+    Setup,
     build_plan,
     circular_arc,
     cosine_filter,
     data_radii,
     detector_curve,
+    disk,
     elliptic_arc,
-    truncated_disk,
 )
 from jaxtat.studies import pixel_standard_deviation, predict_noise
 
@@ -24,9 +25,9 @@ from jaxtat.studies import pixel_standard_deviation, predict_noise
 def test_the_law_tells_the_noise_of_a_reconstruction(low_pass):
     """An ellipse and half a disk, in the middle of what is seen; one sigma for each detector."""
     curve = elliptic_arc((1.6, 1.25), 160, start=np.pi / 2, stop=3 * np.pi / 2)
-    region, grid = truncated_disk(1.0, 0.0, 320), ImageGrid(41)
+    region, grid = disk(1.0, 0.0, n_boundary=320), ImageGrid(41)
     radii = data_radii(curve, region, grid.spacing[0])
-    plan = build_plan(curve, region, grid, radii, RelativeTikhonov(0.1), progress=False)
+    plan = build_plan(Setup(curve, region, grid, radii), RelativeTikhonov(0.1))
     few = ImageGrid(4, 0.2, (-0.45, 0.1))
     sigma = np.linspace(0.5, 1.5, 160)
     exact = pixel_standard_deviation(plan, sigma, grid=few, low_pass=low_pass, progress=False)

@@ -5,25 +5,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jaxtat import (
-    ImageGrid,
-    circular_arc,
-    circular_integrals,
-    data_radii,
-    phantoms,
-    truncated_disk,
-)
+from jaxtat import ImageGrid, circular_arc, circular_integrals, data_radii, disk, phantoms
 from jaxtat.studies import data_residual
 
 GRID = ImageGrid(33)
-CURVE, REGION = circular_arc(1.3, 1.0, 24), truncated_disk(0.7, 0.7, 200, center=(0.1, 0.0))
-RADII = data_radii(CURVE, REGION, GRID.spacing[0], sources=truncated_disk(1.0, 1.0, 100))
+CURVE, REGION = circular_arc(1.3, 1.0, 24), disk(0.7, n_boundary=200, center=(0.1, 0.0))
+RADII = data_radii(CURVE, REGION, GRID.spacing[0], sources=disk(1.0, n_boundary=100))
 BELL = phantoms.Bells([[0.2, 0.1]], [0.5])
 IMAGE, DATA = np.asarray(BELL.image(GRID)), np.asarray(BELL.circular_integrals(CURVE, RADII))
 
 
 def residual(g, image=IMAGE):
-    return data_residual(image, GRID, REGION, CURVE, RADII, g)
+    return data_residual(Setup(CURVE, REGION, GRID, RADII), g, image)
 
 
 def test_an_exact_image_leaves_the_error_of_the_interpolation():

@@ -9,12 +9,13 @@ from numpy.testing import assert_allclose
 
 from jaxtat import (
     ImageGrid,
+    Setup,
     build_plan,
     circular_arc,
     cosine_filter,
     data_radii,
+    disk,
     reconstruct,
-    truncated_disk,
 )
 from jaxtat.studies import pixel_standard_deviation
 
@@ -23,13 +24,13 @@ from jaxtat.studies import pixel_standard_deviation
 def tiny():
     """(curve, region, grid, radii), with pixels in four blocks, of which three are cut."""
     grid = ImageGrid((11, 9))
-    curve, region = circular_arc(1.3, 0.8, 32), truncated_disk(1.0, 0.8, 64)
+    curve, region = circular_arc(1.3, 0.8, 32), disk(1.0, 0.8, n_boundary=64)
     return curve, region, grid, data_radii(curve, region, 0.2)
 
 
 @pytest.fixture(scope="module")
 def tiny_plan(tiny):
-    return build_plan(*tiny, method="collocation", progress=False)  # compiles fastest
+    return build_plan(Setup(*tiny), method="collocation")  # compiles fastest
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from jaxtat import circular_arc, phantoms, truncated_disk
+from jaxtat import circular_arc, disk, phantoms
 from jaxtat.densities.harmonic import polar_geometry, unexplained, wave_table
 from jaxtat.densities.harmonic.table import (
     alpha_unit,
@@ -19,15 +19,15 @@ from jaxtat.geometry import detector_curve, turned_views
 from jaxtat.reconstruction import radial_transform
 
 ARC = circular_arc(1.3, 0.6, 20)
-DISK = truncated_disk(0.8, 0.8, 60)
+DISK = disk(0.8, n_boundary=60)
 FREQUENCIES = jnp.array([2.0, 7.0])
 ALPHA, N_MAX = jnp.array(1e-3), 14
 GEOMETRIES = {
     "disk within an arc": (ARC, DISK),
-    "cut disk within an arc": (ARC, truncated_disk(0.8, 0.3, 60)),
+    "cut disk within an arc": (ARC, disk(0.8, 0.3, n_boundary=60)),
     "off a circle": (
         detector_curve(ARC.points * jnp.array([1.2, 1.0])),
-        truncated_disk(0.8, 0.8, 60),
+        disk(0.8, n_boundary=60),
     ),
 }
 
@@ -57,7 +57,7 @@ def test_it_is_what_dense_least_squares_leave(name):
 
 
 def test_exact_data_are_explained_but_not_with_a_wrong_speed():
-    curve, region = circular_arc(1.3, 1.0, 130), truncated_disk(1.0, 1.0, 260)
+    curve, region = circular_arc(1.3, 1.0, 130), disk(1.0, n_boundary=260)
     radii = 0.3 + jnp.arange(257) / 128
     g = phantoms.Bells([[0.3, -0.2]], [0.5]).circular_integrals(curve, radii)
     frequencies = jnp.array([3.0, 20.0])

@@ -11,6 +11,7 @@ from jaxtat import (
     FixedRank,
     ImageGrid,
     NormBound,
+    Setup,
     SingularValueCutoff,
     Tikhonov,
     TikhonovNormBound,
@@ -18,10 +19,10 @@ from jaxtat import (
     circular_arc,
     data_radii,
     detector_curve,
+    disk,
     phantoms,
     reconstruct,
-    reconstruct_direct,
-    truncated_disk,
+    solve,
 )
 from jaxtat.densities import collocation_densities
 from jaxtat.densities.harmonic import (
@@ -39,8 +40,8 @@ NORMS = full_circle_norm(FREQUENCIES, 1.5)
 ANGLES = jnp.array([0.0, 0.4, 1.1, 2.5])
 PLACE = {"center": (0.3, -0.2), "angle": 0.8}
 ARC, ODD = circular_arc(1.5, 0.1, 40, **PLACE), circular_arc(1.5, 0.1, 41, **PLACE)
-DISK, HALF = truncated_disk(1.0, 1.0, 160, **PLACE), truncated_disk(1.0, 0.1, 160, **PLACE)
-ASIDE = truncated_disk(0.8, 0.8, 160, center=(0.45, -0.1))
+DISK, HALF = disk(1.0, n_boundary=160), disk(1.0, 0.1, n_boundary=160)
+ASIDE = disk(0.8, n_boundary=160, center=(0.45, -0.1))
 JITTER = np.random.default_rng(1).uniform(-0.02, 0.02, (40, 2))
 GEOMETRIES = {
     "disk": (ODD, DISK),
@@ -137,11 +138,11 @@ def test_rows_are_few():
 )
 def test_tikhonov_plan_is_the_direct_reconstruction(rule, alpha):
     """Two ways to the same image: singular values of A, and systems with A A^T + alpha."""
-    curve, region = circular_arc(1.5, 0.0, 50), truncated_disk(1.0, 0.0, 120)
+    curve, region = circular_arc(1.5, 0.0, 50), disk(1.0, 0.0, n_boundary=120)
     grid = ImageGrid(21)
     radii = data_radii(curve, region, grid.spacing[0])
     g = phantoms.Bells([[-0.4, 0.1]], [0.5]).circular_integrals(curve, radii)
-    built = build_plan(curve, region, grid, radii, rule, progress=False)
+    built = build_plan(Setup(curve, region, grid, radii), rule)
     found = reconstruct(built, g)
-    expected = reconstruct_direct(curve, region, grid, radii, g, alpha).image
+    expected = solve(Setup(curve, region, grid, radii), g, alpha).image
     np.testing.assert_allclose(found, expected, atol=1e-8)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat import circular_arc, detector_curve, truncated_disk
+from jaxtat import circular_arc, detector_curve, disk
 from jaxtat.densities.harmonic import harmonic_orders, polar_geometry
 from jaxtat.geometry.curves import SampledCurve
 
@@ -27,7 +27,7 @@ def kind(polar):
 @pytest.mark.parametrize("measured", [False, True])
 def test_arcs_anywhere(n, right, measured):
     """Known as an arc or by its points, an arc is on its circle and mirrored about its middle."""
-    arc, region = circular_arc(1.3, right, n, **PLACE), truncated_disk(1.0, right, 80, **PLACE)
+    arc, region = circular_arc(1.3, right, n, **PLACE), disk(1.0, right, n_boundary=80)
     polar = polar_geometry(detector_curve(arc.points) if measured else arc, region)
     assert kind(polar) == (True, right == 1.0, True)
     np.testing.assert_allclose(positions(polar), arc.points, atol=1e-12)
@@ -40,7 +40,7 @@ def test_arcs_anywhere(n, right, measured):
 
 def test_half_of_a_mirrored_geometry_stands_for_all():
     """Sums of even functions over one side, twice weighted, are those over both sides."""
-    region = truncated_disk(1.0, 0.0, 80, **PLACE)
+    region = disk(1.0, 0.0, n_boundary=80)
     for n in (40, 41):
         polar = polar_geometry(circular_arc(1.3, 0.0, n, **PLACE), region)
         half = polar.one_side()
@@ -59,14 +59,14 @@ def test_half_of_a_mirrored_geometry_stands_for_all():
 def test_broken_symmetry_is_seen():
     """A moved detector, another weight, a turned region, one off the axis: no mirror is used."""
     arc = circular_arc(1.3, 0.0, 40, **PLACE)
-    half = truncated_disk(1.0, 0.0, 80, **PLACE)
-    disk = truncated_disk(0.9, 1.0, 80, **PLACE)
-    askew = truncated_disk(1.0, 0.0, 80, center=PLACE["center"], angle=2.4)
+    half = disk(1.0, 0.0, n_boundary=80)
+    disk = disk(0.9, n_boundary=80)
+    askew = disk(1.0, 0.0, n_boundary=80, center=PLACE["center"], angle=2.4)
     assert kind(polar_geometry(arc, askew)) == (False, False, True)
-    off_axis = truncated_disk(0.9, 1.0, 80, center=(2.05, -1.0))
+    off_axis = disk(0.9, n_boundary=80, center=(2.05, -1.0))
     assert kind(polar_geometry(arc, off_axis)) == (False, False, True)
     along = 0.1 * np.array([np.cos(2.3), np.sin(2.3)])
-    shifted = truncated_disk(0.9, 1.0, 80, center=np.array(PLACE["center"]) + along, angle=2.3)
+    shifted = disk(0.9, n_boundary=80, center=np.array(PLACE["center"]) + along, angle=2.3)
     assert kind(polar_geometry(arc, shifted)) == (True, False, True)
     moved = detector_curve(arc.points.at[3].add(1e-5))
     assert kind(polar_geometry(moved, disk)) == (False, True, False)
@@ -79,14 +79,14 @@ def test_a_straight_line_of_detectors():
     """Without a circle waves are about the centre of the region; the line is mirrored."""
     x = jnp.linspace(-2.0, 2.0, 21)
     curve = detector_curve(jnp.stack([jnp.full(21, -1.5), x], axis=1))
-    polar = polar_geometry(curve, truncated_disk(1.0, 1.0, 80))
+    polar = polar_geometry(curve, disk(1.0, n_boundary=80))
     assert kind(polar) == (True, True, False)
     np.testing.assert_allclose(positions(polar), curve.points, atol=1e-12)
 
 
 def test_traced_parameters():
     """A traced radius leaves an arc what it is; traced positions are taken one by one."""
-    disk = truncated_disk(1.0, 1.0, 80, **PLACE)
+    disk = disk(1.0, n_boundary=80)
     arc = circular_arc(1.3, 1.0, 40, **PLACE)
     seen = []
 
@@ -110,13 +110,13 @@ def test_traced_parameters():
 
 def test_reach_and_detectors_too_near():
     arc = circular_arc(1.3, 1.3, 40, **PLACE)
-    disk = truncated_disk(0.9, 1.0, 80, **PLACE)
+    disk = disk(0.9, n_boundary=80)
     assert polar_geometry(arc, disk).reach == 0.9
-    off_centre = truncated_disk(0.9, 1.0, 400, center=(2.2, -1.0))
+    off_centre = disk(0.9, n_boundary=400, center=(2.2, -1.0))
     np.testing.assert_allclose(polar_geometry(arc, off_centre).reach, 1.1, atol=1e-4)
     frequencies = np.array([1.0, 10.0])
     near, far = (harmonic_orders(polar_geometry(arc, r), frequencies) for r in (off_centre, disk))
     assert (near > far).all()
-    too_near = truncated_disk(1.1, 1.3, 80, center=(2.195, -1.0))
+    too_near = disk(1.1, n_boundary=80, center=(2.195, -1.0))
     with pytest.raises(ValueError, match="every detector farther off"):
         harmonic_orders(polar_geometry(arc, too_near), frequencies)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat import circular_arc, detector_curve, truncated_disk
+from jaxtat import circular_arc, detector_curve, disk
 from jaxtat.densities.harmonic import harmonic_orders, polar_geometry, wave_table
 from jaxtat.densities.harmonic.table import (
     RegionFactor,
@@ -25,9 +25,9 @@ from jaxtat.densities.single_layer import potential_matrix
 PLACE = {"center": (0.3, -0.2), "angle": 0.8}
 ARC = circular_arc(1.5, 0.3, 31, **PLACE)
 JITTER = np.random.default_rng(0).uniform(-0.02, 0.02, (31, 2))
-DISK = truncated_disk(1.0, 1.0, 240, **PLACE)
-HALF = truncated_disk(1.0, 0.3, 240, **PLACE)
-ASKEW = truncated_disk(1.0, 0.3, 240, center=PLACE["center"])
+DISK = disk(1.0, n_boundary=240)
+HALF = disk(1.0, 0.3, n_boundary=240)
+ASKEW = disk(1.0, 0.3, n_boundary=240, center=PLACE["center"])
 GEOMETRIES = {
     "disk": (ARC, DISK),
     "half disk": (ARC, HALF),

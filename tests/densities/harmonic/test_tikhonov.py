@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat import circular_arc, detector_curve, truncated_disk
+from jaxtat import circular_arc, detector_curve, disk
 from jaxtat.densities.harmonic import (
     Data,
     alpha_rule,
@@ -41,9 +41,9 @@ def ellipse(jitter):
 
 
 ARC = circular_arc(1.5, 1.1, N, **PLACE)
-DISK = truncated_disk(1.0, 1.0, 200, **PLACE)
-HALF = truncated_disk(1.0, 0.1, 200, **PLACE)
-ASKEW = truncated_disk(0.9, 0.1, 200, center=CENTER + 0.05)
+DISK = disk(1.0, n_boundary=200)
+HALF = disk(1.0, 0.1, n_boundary=200)
+ASKEW = disk(0.9, 0.1, n_boundary=200, center=CENTER + 0.05)
 # curve, region, and what kind it is: (mirror, disk, on_circle)
 GEOMETRIES = {
     "disk": (ARC, DISK, (True, True, True)),

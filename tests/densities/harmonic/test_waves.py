@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy.special
 
-from jaxtat import circular_arc, truncated_disk
+from jaxtat import circular_arc, disk
 from jaxtat.densities.harmonic import circular_harmonics_at, harmonic_orders, polar_geometry
 from jaxtat.densities.harmonic.waves import (
     angular,
@@ -21,8 +21,8 @@ from jaxtat.special import scaled_hankel_sequence
 
 CENTER = jnp.array([0.3, -0.2])
 ARC = circular_arc(1.5, 1.1, 7, center=CENTER, angle=0.8)
-DISK = truncated_disk(1.0, 1.0, 240, center=CENTER, angle=0.8)
-HALF = truncated_disk(1.0, 0.0, 240, center=CENTER, angle=0.8)
+DISK = disk(1.0, n_boundary=240, center=CENTER, angle=0.8)
+HALF = disk(1.0, 0.0, n_boundary=240, center=CENTER, angle=0.8)
 
 
 def waves_at(polar, steps, lam, points):
