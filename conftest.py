@@ -76,15 +76,42 @@ def data_file(data_folder, request):
     return path
 
 
+# Five problems that most tests, examples and pages share, so that they share programs too. Their
+# radii go with the pixels; data of a phantom: phantom.circular_integrals(setup.curve, setup.radii).
 @pytest.fixture(scope="session")
-def small():
-    """A three-quarter arc small enough for unit tests: (curve, region, grid, radii)."""
-    grid = jaxtat.ImageGrid(33)
-    curve = jaxtat.circular_arc(1.3, 1.0, 130)
-    region = jaxtat.truncated_disk(1.0, 1.0, 260)
-    return curve, region, grid, jaxtat.data_radii(curve, region, grid.spacing[0])
+def arc():
+    """A three-quarter arc that sees all of a disk: geometry #1 of the paper, small."""
+    return jaxtat.Setup(jaxtat.circular_arc(1.3, 1.0, 80), jaxtat.disk(1.0), jaxtat.ImageGrid(21))
 
 
 @pytest.fixture(scope="session")
-def small_plan(small):
-    return jaxtat.build_plan(*small, progress=False)
+def half_arc():
+    """Half a circle around half a disk: geometry #2 of the paper, small."""
+    curve, region = jaxtat.circular_arc(1.3, 0.0, 80), jaxtat.disk(1.0, 0.0)
+    return jaxtat.Setup(curve, region, jaxtat.ImageGrid(21))
+
+
+@pytest.fixture(scope="session")
+def l_shape():
+    """Detectors on an L beside a triangle, where no waves about a centre reach."""
+    curve = jaxtat.polyline([(-0.8, 1.2), (-0.8, -0.8), (1.2, -0.8)], 60)
+    region = jaxtat.polygon([(-0.65, -0.65), (0.75, -0.65), (-0.65, 0.75)])
+    return jaxtat.Setup(curve, region, jaxtat.ImageGrid(17, 0.7), max_frequency=12.0)
+
+
+@pytest.fixture(scope="session")
+def ring():
+    """A closed ring of detectors."""
+    return jaxtat.Setup(jaxtat.circular_arc(1.3, 1.3, 64), jaxtat.disk(0.8), jaxtat.ImageGrid(17))
+
+
+@pytest.fixture(scope="session")
+def cap():
+    """Rings of detectors on a spherical cap about a ball."""
+    curve = jaxtat.spherical.spherical_cap(1.5, 1.1, 24, 56)
+    return jaxtat.Setup(curve, jaxtat.spherical.ball(1.0), jaxtat.VolumeGrid(17))
+
+
+@pytest.fixture(scope="session")
+def arc_plan(arc):
+    return jaxtat.build_plan(arc)

@@ -5,12 +5,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxtat.reconstruction.inversion import invert
+from jaxtat.steps.inversion import invert
 from problems import problem
 
 from jaxtat import PAPER_K, NormBound, Setup, build_plan, problem_layout, reconstruct, solve
 from jaxtat.densities.harmonic import polar_geometry, wave_table
-from jaxtat.reconstruction import radial_transform
+from jaxtat.steps import radial_transform
 from jaxtat.studies import pixel_standard_deviation
 
 SIZES = [65, 129, 257, 513]
@@ -84,7 +84,7 @@ def bench_plan(measure, method, monkeypatch):
     """The last one as for an arc and a region that share no line of symmetry."""
     case = problem(129)
     if method == "collocation_without_mirror":
-        monkeypatch.setattr("jaxtat.plan.find_mirror", lambda *_: None)
+        monkeypatch.setattr("jaxtat.reconstruction.plan.find_mirror", lambda *_: None)
         method = "collocation"
 
     def build():

@@ -15,14 +15,7 @@ from numpy.typing import ArrayLike
 import jaxtat
 from jaxtat.densities import potential
 from jaxtat.plotting import DIVERGING, GRAY, new_figure, show_geometry, show_image
-from jaxtat.reconstruction import (
-    filtered_back_projection,
-    offset_step,
-    polar_fourier,
-    radial_transform,
-    radon_projections,
-    total_integrals,
-)
+from jaxtat.steps import filtered_back_projection, offset_step, polar_fourier, radial_transform, radon_projections, total_integrals
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 FREQUENCY = 15  # whose densities are shown

@@ -13,9 +13,9 @@ import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
-from jaxtat.reconstruction.inversion import invert
-from jaxtat.reconstruction.polar_fourier import with_origin
-from jaxtat.reconstruction.radial_transform import radial_transform, total_integrals
+from jaxtat.steps.inversion import invert
+from jaxtat.steps.polar_fourier import with_origin
+from jaxtat.steps.radial_transform import radial_transform, total_integrals
 
 import jaxtat
 from jaxtat.densities.harmonic import frequency_groups, harmonic_orders, polar_geometry, wave_table

@@ -31,7 +31,7 @@ def shown(page, language):
 def test_python_runs_from_top_to_bottom(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("jaxtat.layout.GROUPS", 1)  # less to compile
-    monkeypatch.setattr("jaxtat.plan._GROUPS", 1)
+    monkeypatch.setattr("jaxtat.reconstruction.plan._GROUPS", 1)
     program = "\n".join(shown(page, "python"))
     exec(compile(program, page.name, "exec"), {"__name__": page.stem})
     assert jax.config.jax_enable_x64

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
-from jaxtat.reconstruction.radial_transform import noise_power, radial_transform
+from jaxtat.steps.radial_transform import noise_power, radial_transform
 from numpy.testing import assert_allclose
 
 from jaxtat import (

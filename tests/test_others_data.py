@@ -81,7 +81,7 @@ def test_the_boundary_suffices_for_the_plan_that_is_chosen(
         raise ValueError("nothing was refused")
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("jaxtat.cli.setup.build_plan", build)
+    monkeypatch.setattr("jaxtat.cli.inputs.build_plan", build)
     monkeypatch.setattr("jaxtat.reporting.scan.build_plan", build)
     monkeypatch.setattr("jaxtat.scans.estimate_sound_speed", lambda scan, choices: choices)
     assert main([*command.format(data_file).split(), "--quiet"]) == 2

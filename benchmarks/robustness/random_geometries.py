@@ -19,7 +19,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from jaxtat.reconstruction.inversion import invert  # noqa: E402
+from jaxtat.steps.inversion import invert  # noqa: E402
 
 from jaxtat import (
     AccuracyWarning,

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import matplotlib.image
 import numpy as np
 import pytest
-from jaxtat.cli.setup import chosen
+from jaxtat.cli.inputs import chosen
 
 import jaxtat
 from jaxtat import (
@@ -177,7 +177,7 @@ def test_the_boundary_follows_from_the_frequency_and_the_plan_from_the_choices(
         require_boundary(geometry[1], max_frequency)
         raise ValueError("far enough")
 
-    monkeypatch.setattr("jaxtat.cli.setup.build_plan", build)
+    monkeypatch.setattr("jaxtat.cli.inputs.build_plan", build)
     line = f"plan {ARC} --region-radius 0.8 --pixels 65 --out plan.h5"
     assert jaxtat_command(line + " --max-frequency 100") == 2
     assert asked == {"max_frequency": 100.0}
@@ -515,7 +515,7 @@ def require_refusal(folder, capsys, line, reason):
     assert sorted(path.name for path in folder.iterdir()) == before
 
 
-WORK = ("jaxtat.cli.setup.build_plan", "jaxtat.scans.frames.reconstruct_direct")
+WORK = ("jaxtat.cli.inputs.build_plan", "jaxtat.scans.frames.reconstruct_direct")
 WITH_AND_WITHOUT_PLAN = pytest.mark.parametrize("option", ["--K 3", ""])
 
 

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
-from jaxtat.reconstruction.inversion import invert
-from jaxtat.reconstruction.polar_fourier import with_origin
-from jaxtat.reconstruction.radial_transform import total_integrals
+from jaxtat.steps.inversion import invert
+from jaxtat.steps.polar_fourier import with_origin
+from jaxtat.steps.radial_transform import total_integrals
 from scipy import special as sp
 
 from jaxtat import (

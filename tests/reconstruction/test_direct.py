@@ -19,7 +19,8 @@ from jaxtat import (
     solve,
 )
 from jaxtat.densities.harmonic import tikhonov
-from jaxtat.reconstruction import direct, filtered_back_projection, offset_step, radon_projections
+from jaxtat.reconstruction import direct
+from jaxtat.steps import filtered_back_projection, offset_step, radon_projections
 
 N = 100  # detectors
 BELL = phantoms.Bells([[0.2, 0.1], [-0.3, -0.2]], [0.6, 0.5], [1.0, 0.7])

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
-from jaxtat.reconstruction.fbp import (
+from jaxtat.steps.fbp import (
     OVERSAMPLING,
     _ramp_samples,
     back_project,
@@ -16,7 +16,7 @@ from scipy.integrate import simpson
 from scipy.interpolate import BSpline
 
 from jaxtat import ImageGrid, phantoms
-from jaxtat.reconstruction import filtered_back_projection
+from jaxtat.steps import filtered_back_projection
 
 CENTER, WIDTH = np.array([0.3, -0.2]), 0.5
 STEP = jnp.array(1 / 64)

@@ -25,7 +25,7 @@ from jaxtat.densities.harmonic import (
     solve_harmonics,
 )
 from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
-from jaxtat.reconstruction import radial_transform
+from jaxtat.steps import radial_transform
 from jaxtat.regularization import NoiseLevel
 from jaxtat.regularization.alpha import Problem, RelativeAlpha, _alpha_of_norm
 from jaxtat.special import full_circle_norm

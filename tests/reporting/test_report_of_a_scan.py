@@ -5,7 +5,7 @@ import shlex
 
 import numpy as np
 import pytest
-from jaxtat.plan import build_plan
+from jaxtat.reconstruction.plan import build_plan
 from numpy.testing import assert_allclose
 
 from jaxtat import circular_arc, data_radii, disk, phantoms, reconstruct

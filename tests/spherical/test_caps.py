@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxtat.spherical.layout import resolved_frequency
+from jaxtat.spherical.sizes import resolved_frequency
 
 import jaxtat
 from jaxtat import AccuracyWarning, VisibilityWarning, VolumeGrid

@@ -16,7 +16,7 @@ from jaxtat.densities.harmonic.table import (
     region_factor,
 )
 from jaxtat.geometry import detector_curve, turned_views
-from jaxtat.reconstruction import radial_transform
+from jaxtat.steps import radial_transform
 
 ARC = circular_arc(1.3, 0.6, 20)
 DISK = disk(0.8, n_boundary=60)
