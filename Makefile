@@ -49,7 +49,7 @@ bench: .venv/ready
 LOWEST := tests/regularization/test_filtered_solve.py tests/studies/test_iterative.py \
 	tests/base/test_parallel.py tests/studies/test_comparison.py tests/steps/test_steps.py \
 	tests/special tests/io/test_images.py tests/io/test_plans.py jaxtat/steps jaxtat/reconstruction \
-	jaxtat/plan.py jaxtat/studies/uncertainty.py
+	jaxtat/studies/uncertainty.py
 
 # old packages may use what newer ones among them deprecate: that is no error here
 test-lowest: .venv-lowest/ready

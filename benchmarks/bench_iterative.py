@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from problems import problem
 
-from jaxtat import NoiseLevel, Setup, build_plan, cosine_filter, phantoms, reconstruct, solve
+from jaxtat import NoiseLevel, build_plan, cosine_filter, phantoms, reconstruct
 from jaxtat.studies import least_squares, total_variation
 
 DISKS = phantoms.Disks(
@@ -29,7 +29,7 @@ def case(request):
     """(name, problem, phantom, data, standard deviation of the noise)."""
     given = problem(129)
     phantom = given.phantom if request.param.startswith("bells") else DISKS
-    g = phantom.circular_integrals(given.curve, given.radii)
+    g = phantom.circular_integrals(given.setup.curve, given.setup.radii)
     noise = phantoms.noise_like(jax.random.key(0), g, 0.05 if "noise" in request.param else 0.0)
     return request.param, given, phantom, g + noise, float(noise.std())
 
@@ -38,8 +38,8 @@ def case(request):
 def compare(measure, benchmark, case):
     """Measure ``work() -> (image, iterations)``: largest and relative error in the region."""
     _, given, phantom, _, _ = case
-    inside = np.asarray(given.region.contains(given.grid.points))
-    truth = np.asarray(phantom.image(given.grid))[inside]
+    inside = np.asarray(given.setup.region.contains(given.setup.grid.points))
+    truth = np.asarray(phantom.image(given.setup.grid))[inside]
 
     def run(work, rounds, compiles=None):
         image, iterations = measure(
@@ -58,12 +58,12 @@ def compare(measure, benchmark, case):
 def bench_direct_reconstruction(compare, case):
     _, given, _, g, sigma = case
     alpha = NoiseLevel(sigma) if sigma else 1e-12
-    compare(lambda: (solve(Setup(*given.where), g, alpha).image, 0), rounds=5)
+    compare(lambda: (reconstruct(given.setup, g, alpha), 0), rounds=5)
 
 
 def bench_reconstruction_with_plan(compare, case):
     _, given, _, g, sigma = case
-    plan = build_plan(Setup(*given.where))
+    plan = build_plan(given.setup)
     low_pass = cosine_filter if sigma else None
     compare(lambda: (reconstruct(plan, g, low_pass=low_pass), 0), rounds=7)
 
@@ -72,9 +72,7 @@ def bench_conjugate_gradients(compare, case):
     name, given, _, g, _ = case
 
     def work(max_steps=STEPS[name]):
-        found = least_squares(
-            given.curve, given.grid, given.radii, g, region=given.region, max_steps=max_steps
-        )
+        found = least_squares(given.setup, g, max_steps=max_steps)
         return found.image, found.iterations
 
     compare(work, rounds=1, compiles=lambda: work(1))
@@ -85,8 +83,9 @@ def bench_total_variation(compare, case):
 
     def work(tolerance=1e-4):
         found = total_variation(
-            *(given.curve, given.grid, given.radii, g, jnp.asarray(WEIGHTS[name])),
-            region=given.region,
+            given.setup,
+            g,
+            jnp.asarray(WEIGHTS[name]),
             tolerance=tolerance,
             max_steps=50,
         )

@@ -5,12 +5,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxtat.steps.inversion import invert
 from problems import problem
 
-from jaxtat import PAPER_K, NormBound, Setup, build_plan, problem_layout, reconstruct, solve
+from jaxtat import PAPER_K, NormBound, build_plan, reconstruct, solve
 from jaxtat.densities.harmonic import polar_geometry, wave_table
 from jaxtat.steps import radial_transform
+from jaxtat.steps.inversion import invert
 from jaxtat.studies import pixel_standard_deviation
 
 SIZES = [65, 129, 257, 513]
@@ -21,16 +21,16 @@ BATCH = 64
 def bench_radial_transform(measure, n):
     case = problem(n)
     frequencies = jnp.pi / 2 * jnp.arange(1, n)
-    measure(lambda: radial_transform(case.g, case.radii, frequencies), n=n)
+    measure(lambda: radial_transform(case.g, case.setup.radii, frequencies), n=n)
 
 
 @pytest.mark.parametrize("n", SIZES)
 def bench_wave_table(measure, n):
     case = problem(n)
-    layout = problem_layout(*case.where)
-    frequencies = layout.max_frequency / layout.n_frequencies * jnp.arange(1, n)
-    geometry = polar_geometry(case.curve, case.region)
-    measure(lambda: wave_table(geometry, frequencies, layout.groups[-1][-1]).steps, n=n)
+    setup = case.setup
+    geometry = polar_geometry(setup.curve, setup.region)
+    n_orders = setup.sizes.groups[-1][-1]
+    measure(lambda: wave_table(geometry, setup.frequencies, n_orders).steps, n=n)
 
 
 @pytest.mark.parametrize("inversion", ["fbp", "fourier"])
@@ -40,14 +40,13 @@ def bench_inversion(measure, n, images, inversion):
     if n > 129 and images > 1:
         pytest.skip("batches are measured at the paper's size")
     case = problem(n)
-    layout = problem_layout(*case.where)
-    angles = jnp.arange(layout.n_directions) * jnp.pi / layout.n_directions
-    step = jnp.asarray(layout.max_frequency / layout.n_frequencies)
+    setup = case.setup
+    angles, step = setup.sizes.angles, setup.frequencies[0]
     fhat = case.phantom.fourier(step * jnp.arange(n), angles)
     stack = jnp.broadcast_to(fhat, (images, *fhat.shape))
     eta, center = jnp.ones(n), jnp.zeros(2)
     measure(
-        lambda: invert(stack, step, angles, case.grid, center, eta, inversion),
+        lambda: invert(stack, step, angles, setup.grid, center, eta, inversion),
         n=n,
         images=images,
         error=lambda image: case.error(image[0]),
@@ -62,7 +61,7 @@ def bench_direct(measure, n, solver):
     alpha = {"cholesky": 1e-12, "cg": 1e-8}[solver]
     inversion = "fbp" if n <= 257 else "fourier"
     measure(
-        lambda: solve(Setup(*case.where), case.g, alpha, solver=solver, inversion=inversion).image,
+        lambda: solve(case.setup, case.g, alpha, solver=solver, inversion=inversion).image,
         n=n,
         error=case.error,
         rounds=1 if n > 257 else 5,
@@ -70,9 +69,9 @@ def bench_direct(measure, n, solver):
 
 
 def bench_direct_half_disk(measure):
-    case = problem(129, right=0.0)
+    case = problem(129, cut=0.0)
     measure(
-        lambda: solve(Setup(*case.where), case.g, 1e-12).image,
+        lambda: solve(case.setup, case.g, 1e-12).image,
         n=129,
         error=case.error,
         rounds=5,
@@ -88,7 +87,7 @@ def bench_plan(measure, method, monkeypatch):
         method = "collocation"
 
     def build():
-        return jax.tree.leaves(build_plan(Setup(*case.where), method=method).densities)
+        return jax.tree.leaves(build_plan(case.setup, method=method).densities)
 
     measure(build, n=129, rounds=3 if method == "harmonic" else 1)
 
@@ -117,7 +116,7 @@ def bench_standard_deviations(measure, plans):
 def plans():
     case = problem(129)
     names = ("double", "single")
-    return {p: (case, build_plan(Setup(*case.where), precision=p)) for p in names}
+    return {p: (case, build_plan(case.setup, precision=p)) for p in names}
 
 
 @pytest.mark.parametrize("geometry", [1, 2])
@@ -125,13 +124,12 @@ def plans():
 def bench_loss_of_K_radius_and_sound_speed(measure, geometry, what):
     """Plan and image anew, and the squared error's derivatives in (K, R_g, c)."""
     case = problem(129, 1.0 if geometry == 1 else 0.0)
-    layout = problem_layout(*case.where)
-    truth, inside = case.phantom.image(case.grid), case.region.contains(case.grid.points)
+    setup = case.setup
+    truth, inside = case.phantom.image(setup.grid), setup.region.contains(setup.grid.points)
 
     def loss(K, radius, speed):
-        moved = eqx.tree_at(lambda arc: arc.radius, case.curve, radius)
-        where = moved, case.region, case.grid, speed * case.radii
-        plan = build_plan(Setup(*where), NormBound(K))
+        arc = eqx.tree_at(lambda arc: arc.radius, setup.curve, radius)
+        plan = build_plan(setup.replace(curve=arc, radii=speed * setup.radii), NormBound(K))
         return jnp.sum(jnp.where(inside, reconstruct(plan, case.g) - truth, 0.0) ** 2)
 
     compiled = jax.jit(loss if what == "value" else jax.value_and_grad(loss, (0, 1, 2)))

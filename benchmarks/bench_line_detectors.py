@@ -15,7 +15,6 @@ import pytest
 from jaxtat import (
     PAPER_K,
     ImageGrid,
-    LineDetectorScan,
     NormBound,
     Setup,
     build_plan,
@@ -23,11 +22,10 @@ from jaxtat import (
     cosine_filter,
     data_radii,
     disk,
+    line_detectors,
     phantoms,
-    reconstruct_volume,
-    reconstruct_volume_stack,
 )
-from jaxtat.line_detectors import Balls, invert_projections
+from jaxtat.line_detectors import Balls, LineDetectorScan, invert_projections
 
 N = 129
 BELLS = Balls(
@@ -43,21 +41,21 @@ BALLS = Balls(
 )
 
 
-def geometry(arc: str) -> tuple:
-    """(curve, region, grid, radii)."""
+def setup_of(arc: str) -> Setup:
+    """The problem of one projection."""
     # half a circle reaches a little beyond the axis, so that its region can hold the axis
     arc_end, region_end, angle = (1.0, 1.0, math.pi / 2) if arc == "top" else (0.2, 0.1, 0.0)
     curve, grid = circular_arc(1.3, arc_end, 500, angle=angle), ImageGrid(N)
     whole = disk(1.0)
     region = disk(1.0, region_end, angle=angle)
-    return curve, region, grid, data_radii(curve, region, grid.spacing[0], sources=whole)
+    return Setup(curve, region, grid, data_radii(curve, region, grid.spacing[0], sources=whole))
 
 
 @cache
 def plan_of(arc: str):
     """What one side alone shows has a few directions that need larger densities."""
     rule = NormBound(PAPER_K if arc == "top" else 12.0)
-    return build_plan(Setup(*geometry(arc)), rule)
+    return build_plan(setup_of(arc), rule)
 
 
 def scan_of(arc: str, n: int) -> LineDetectorScan:
@@ -94,12 +92,11 @@ def compare(measure, benchmark):
 
 def bench_everything(compare):
     """Plan and volume, as for a new scanner."""
-    where, scan = geometry("top"), scan_of("top", 256)
-    g = BELLS.circular_integrals(scan, where[0], where[3])
+    setup, scan = setup_of("top"), scan_of("top", 256)
+    g = BELLS.circular_integrals(scan, setup.curve, setup.radii)
 
     def work():
-        plan = build_plan(Setup(*where))
-        return reconstruct_volume_stack(plan, g, scan, progress=False)
+        return line_detectors.reconstruct_stack(build_plan(setup), g, scan)
 
     compare(work, BELLS)
 
@@ -109,7 +106,7 @@ def bench_everything(compare):
 def bench_rotations(compare, n_rotations, inversion):
     plan, scan = plan_of("top"), scan_of("top", n_rotations)
     g = BELLS.circular_integrals(scan, plan.curve, plan.radii)
-    compare(lambda: reconstruct_volume(plan, g, scan, inversion=inversion), BELLS)
+    compare(lambda: line_detectors.reconstruct(plan, g, scan, inversion=inversion), BELLS)
 
 
 def bench_slices_alone(compare):
@@ -123,7 +120,7 @@ def bench_arc_at_one_side(compare):
     """From half the projections of a whole turn."""
     plan, scan = plan_of("side"), scan_of("side", 256)
     g = BELLS.circular_integrals(scan, plan.curve, plan.radii)
-    compare(lambda: reconstruct_volume(plan, g, scan), BELLS)
+    compare(lambda: line_detectors.reconstruct(plan, g, scan), BELLS)
 
 
 def narrow(relative_frequency):
@@ -138,4 +135,4 @@ def bench_balls(compare, noise, low_pass):
     plan, scan = plan_of("top"), scan_of("top", 256)
     g = BALLS.circular_integrals(scan, plan.curve, plan.radii)
     g = jnp.asarray(g + phantoms.noise_like(jax.random.key(0), g, noise))
-    compare(lambda: reconstruct_volume(plan, g, scan, low_pass=low_pass), BALLS)
+    compare(lambda: line_detectors.reconstruct(plan, g, scan, low_pass=low_pass), BALLS)

@@ -12,16 +12,17 @@ import scipy.linalg
 import scipy.special
 from problems import problem
 
-from jaxtat import Setup, build_plan, solve
+from jaxtat import build_plan, reconstruct
 from jaxtat.records import pressure_to_circular_integrals
 
 
 def bench_scipy_densities_of_one_frequency(measure):
     """Step 1 as the paper writes it, in numpy and scipy, at the highest frequency."""
     case = problem(129)
-    z, w = np.asarray(case.curve.points), np.asarray(case.curve.weights)
+    z, w = np.asarray(case.setup.curve.points), np.asarray(case.setup.curve.weights)
     x, v, normal = (
-        np.asarray(part) for part in (case.region.points, case.region.weights, case.region.normals)
+        np.asarray(part)
+        for part in (case.setup.region.points, case.setup.region.weights, case.setup.region.normals)
     )
     frequency = 64 * np.pi
     angles = np.arange(256) * np.pi / 256
@@ -53,12 +54,12 @@ def bench_scipy_densities_of_one_frequency(measure):
 def bench_scipy_steps_two_to_five(measure):
     """The rest as the paper writes it: sums over detectors, FFT, filtered back-projection."""
     case = problem(129)
-    plan = build_plan(Setup(*case.where))
+    plan = build_plan(case.setup)
     frequencies, angles = np.asarray(plan.frequencies), np.asarray(plan.angles)
-    radii, weights = np.asarray(case.radii), np.asarray(case.curve.weights)
+    radii, weights = np.asarray(case.setup.radii), np.asarray(case.setup.curve.weights)
     rho = np.stack([plan.densities.of_frequency(i, weights) for i in range(len(frequencies))])
     rho = rho.reshape(len(frequencies), len(angles), -1)
-    x1, x2 = np.meshgrid(case.grid.x1, case.grid.x2, indexing="ij")
+    x1, x2 = np.meshgrid(case.setup.grid.x1, case.setup.grid.x2, indexing="ij")
     g, step = np.asarray(case.g), frequencies[0]
     offsets = np.fft.fftshift(np.fft.fftfreq(8 * len(frequencies), step / (2 * np.pi)))
 
@@ -112,9 +113,9 @@ def bench_circular_back_projection(measure):
     Haltmeier and Rakesh, SIAM J. Appl. Math. 68 (2007) 392-412.
     """
     case = problem(129)
-    radii, g = np.asarray(case.radii), np.asarray(case.g)
-    z, weights = np.asarray(case.curve.points), np.asarray(case.curve.weights)
-    points = np.asarray(case.grid.points).reshape(-1, 2)
+    radii, g = np.asarray(case.setup.radii), np.asarray(case.g)
+    z, weights = np.asarray(case.setup.curve.points), np.asarray(case.setup.curve.weights)
+    points = np.asarray(case.setup.grid.points).reshape(-1, 2)
     step = radii[1] - radii[0]
     distances = np.arange(radii[0] - step, radii[-1] + step, step / 4)
 
@@ -130,7 +131,7 @@ def bench_circular_back_projection(measure):
         total = np.zeros(len(points))
         for place, weight, row in zip(z, weights, filtered, strict=True):
             total += weight * np.interp(np.linalg.norm(points - place, axis=1), distances, row)
-        return (total / (2 * np.pi * 1.3)).reshape(case.grid.shape)
+        return (total / (2 * np.pi * 1.3)).reshape(case.setup.grid.shape)
 
     measure(image, n=129, error=case.error, rounds=3)
 
@@ -162,14 +163,14 @@ def k_wave():
     x = np.asarray(grid.x_vec).ravel()
     source = kSource()
     source.p0 = np.asarray(case.phantom(np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1)))
-    record = simulate(source, np.asarray(case.curve.points).T.copy(), "p")
+    record = simulate(source, np.asarray(case.setup.curve.points).T.copy(), "p")
     return case, x, record, np.arange(record.shape[1]) * step / 4, kSource, simulate
 
 
 def bench_k_wave_time_reversal(measure, k_wave):
     """Detectors on the nearest grid points, the record played backwards."""
     case, x, record, _, source_class, simulate = k_wave
-    nearest = np.rint((np.asarray(case.curve.points) - x[0]) / (x[1] - x[0])).astype(int)
+    nearest = np.rint((np.asarray(case.setup.curve.points) - x[0]) / (x[1] - x[0])).astype(int)
     flat, first = np.unique(np.ravel_multi_index(nearest.T, (len(x),) * 2), return_index=True)
     mask = np.zeros(len(x) ** 2, bool)
     mask[flat] = True
@@ -180,7 +181,7 @@ def bench_k_wave_time_reversal(measure, k_wave):
         source.p = record[first][:, ::-1].copy()
         found = simulate(source, np.ones((len(x), len(x)), bool), "p_final")
         spline = scipy.interpolate.RectBivariateSpline(x, x, found)
-        return spline(np.asarray(case.grid.x1), np.asarray(case.grid.x2))
+        return spline(np.asarray(case.setup.grid.x1), np.asarray(case.setup.grid.x2))
 
     measure(image, n=129, error=case.error, rounds=3)
 
@@ -190,7 +191,7 @@ def bench_jaxtat_from_the_record_of_k_wave(measure, k_wave):
     case, _, record, times, *_ = k_wave
 
     def image():
-        g = pressure_to_circular_integrals(record, times, case.radii)
-        return jax.block_until_ready(solve(Setup(*case.where), g, 1e-6).image)
+        g = pressure_to_circular_integrals(record, times, case.setup.radii)
+        return jax.block_until_ready(reconstruct(case.setup, g, 1e-6))
 
     measure(image, n=129, error=case.error, rounds=5)

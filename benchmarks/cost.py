@@ -1,4 +1,4 @@
-"""Memory and time of reconstructions and plans by their sizes: the constants of jaxtat/base/cost.py.
+"""Memory and time of reconstructions and plans by their sizes: the constants of base/cost.py.
 
     python benchmarks/cost.py
 

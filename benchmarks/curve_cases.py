@@ -7,8 +7,8 @@ import numpy as np
 
 from jaxtat import (
     ImageGrid,
+    Setup,
     circular_arc,
-    data_radii,
     detector_curve,
     disk,
     elliptic_arc,
@@ -19,6 +19,7 @@ from jaxtat import (
     rectangle,
     union_of_regions,
 )
+from jaxtat.geometry import Region
 
 GEOMETRY_1 = [([0.3, 0.3], 0.55), ([-0.4, 0.2], 0.5)]
 HALF = [([-0.45, 0.3], 0.35), ([-0.5, -0.3], 0.3)]
@@ -60,55 +61,47 @@ class CurveCase:
     """A curve, a region, and bells (centre, radius) within it."""
 
     curve: Callable  # n_detectors -> DetectorCurve
-    region: Callable  # n_collocation -> Region
+    region: Region
     bells: list
     visible: bool = True
 
-    def setup(self, n: int, n_detectors: int):
-        """(curve, region, grid, radii, phantom) with n x n pixels."""
-        curve, region = self.curve(n_detectors), self.region(2 * n_detectors)
-        grid = ImageGrid(n)
-        radii = data_radii(curve, region, grid.spacing[0])
-        return curve, region, grid, radii, phantoms.Bells(*zip(*self.bells, strict=True))
+    def setup(self, n: int, n_detectors: int) -> tuple[Setup, phantoms.Bells]:
+        """With n x n pixels, and the phantom."""
+        bells = phantoms.Bells(*zip(*self.bells, strict=True))
+        return Setup(self.curve(n_detectors), self.region, ImageGrid(n)), bells
 
 
-def half_disk(m: int):
-    return disk(1.0, 0.0)
-
-
-def disk(m: int):
-    return disk(1.0)
-
+HALF_DISK, DISK = disk(1.0, 0.0), disk(1.0)
 
 CASES = {
-    "ellipse, half disk": CurveCase(ellipse, half_disk, HALF),
+    "ellipse, half disk": CurveCase(ellipse, HALF_DISK, HALF),
     "L, triangle": CurveCase(
         l_shape,
-        lambda m: polygon([(-0.65, -0.65), (0.75, -0.65), (-0.65, 0.75)]),
+        polygon([(-0.65, -0.65), (0.75, -0.65), (-0.65, 0.75)]),
         [([-0.35, -0.35], 0.28), ([-0.3, 0.1], 0.2), ([0.1, -0.4], 0.2)],
     ),
-    "U, disk": CurveCase(u_shape, disk, GEOMETRY_1),
+    "U, disk": CurveCase(u_shape, DISK, GEOMETRY_1),
     "U, rectangle": CurveCase(
         u_shape,
-        lambda m: rectangle((0.8, 0.6)),
+        rectangle((0.8, 0.6)),
         [([0.3, 0.2], 0.38), ([-0.35, -0.1], 0.4)],
     ),
-    "jagged arc, disk": CurveCase(jagged(1.0), disk, GEOMETRY_1),
-    "jagged arc, half disk": CurveCase(jagged(0.0), half_disk, HALF),
-    "two arcs, polygon": CurveCase(two_arcs, lambda m: polygon(CAP), IN_CAP),
+    "jagged arc, disk": CurveCase(jagged(1.0), DISK, GEOMETRY_1),
+    "jagged arc, half disk": CurveCase(jagged(0.0), HALF_DISK, HALF),
+    "two arcs, polygon": CurveCase(two_arcs, polygon(CAP), IN_CAP),
     "two arcs, two polygons": CurveCase(
         two_arcs,
-        lambda m: union_of_regions(polygon(CAP), polygon([(-x, -y) for x, y in CAP])),
+        union_of_regions(polygon(CAP), polygon([(-x, -y) for x, y in CAP])),
         [*IN_CAP, ([0.65, 0.1], 0.25)],
     ),
     "ellipse, region poking out": CurveCase(
         ellipse,
-        lambda m: disk(1.0, 0.3),
+        disk(1.0, 0.3),
         [([-0.45, 0.3], 0.35), ([0.0, -0.3], 0.28)],
         visible=False,
     ),
     "half circle, whole disk": CurveCase(
-        lambda n: circular_arc(1.3, 0.0, n), disk, GEOMETRY_1, visible=False
+        lambda n: circular_arc(1.3, 0.0, n), DISK, GEOMETRY_1, visible=False
     ),
-    "two arcs, whole disk": CurveCase(two_arcs, disk, GEOMETRY_1, visible=False),
+    "two arcs, whole disk": CurveCase(two_arcs, DISK, GEOMETRY_1, visible=False),
 }

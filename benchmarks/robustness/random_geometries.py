@@ -19,8 +19,6 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from jaxtat.steps.inversion import invert  # noqa: E402
-
 from jaxtat import (
     AccuracyWarning,
     ImageGrid,
@@ -38,6 +36,7 @@ from jaxtat import (
     solve,
 )
 from jaxtat.geometry import DetectorCurve, Region
+from jaxtat.steps.inversion import invert  # noqa: E402
 from jaxtat.studies import visibility_map
 
 DETECTORS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 300, 600)
