@@ -82,12 +82,12 @@ def errors(study: Study, rules) -> list[tuple[np.ndarray, np.ndarray]]:
         image = invert(whole, frequencies[0], angles, study.setup.grid, center, eta, "fbp")
         return study.error(image)
 
-    def along(fhat, slope):  # values first
+    def values_and_slopes(fhat, slope):  # values first
         pairs = [jax.jvp(of_fhat, (f,), (s,)) for f, s in zip(fhat, slope, strict=True)]
         return tuple(np.array(pairs).T)
 
     joined = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1), *pieces)
-    return [along(*one) for one in joined]
+    return [values_and_slopes(*one) for one in joined]
 
 
 @eqx.filter_jit

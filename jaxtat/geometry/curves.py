@@ -37,6 +37,11 @@ class DetectorCurve(eqx.Module):
     closed: eqx.AbstractVar[bool]
 
     @property
+    def shape(self) -> tuple[int]:
+        """Of the detectors: (detectors,)."""
+        return (self.n_detectors,)
+
+    @property
     def n_detectors(self) -> int:
         return self.points.shape[0]
 

@@ -1,12 +1,8 @@
 """The other way round: the data of an image, and the adjoint."""
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers
-from ..forward import integrate_over_circles, integrate_over_circles_adjoint
-from ..forward.spheres import integrate_over_spheres, integrate_over_spheres_adjoint
-from ..spherical.sizes import SpaceSizes
 from .setup import Setup
 
 
@@ -36,10 +32,8 @@ def circular_integrals(setup: Setup, image: Numbers) -> Float[Array, "..."]:
     >>> bool(abs(g - bell.circular_integrals(setup.curve, setup.radii)).max() < 1e-3)
     True
     """
-    sizes, places = setup.sizes, (setup.grid, setup.curve, setup.radii)
-    if isinstance(sizes, SpaceSizes):
-        return integrate_over_spheres(image, *places, n_points=sizes.n_sphere)
-    return integrate_over_circles(image, *places, n_points=sizes.n_circle)
+    where = setup.grid, setup.curve, setup.radii
+    return setup.kind.integrals(image, *where, n_points=setup.sizes.n_quadrature)
 
 
 def circular_integrals_adjoint(setup: Setup, data: Numbers) -> Float[Array, "..."]:
@@ -52,14 +46,10 @@ def circular_integrals_adjoint(setup: Setup, data: Numbers) -> Float[Array, "...
     Returns:
         (..., *setup.grid.shape).
     """
-    sizes, places = setup.sizes, (setup.grid, setup.curve, setup.radii)
-    if isinstance(sizes, SpaceSizes):
-        return integrate_over_spheres_adjoint(data, *places, n_points=sizes.n_sphere)
-    return integrate_over_circles_adjoint(data, *places, n_points=sizes.n_circle)
+    where = setup.grid, setup.curve, setup.radii
+    return setup.kind.adjoint(data, *where, n_points=setup.sizes.n_quadrature)
 
 
 def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:
     """Means of a pixel image over circles, g(z, r)/2πr, or of a volume over spheres, g/4πr²."""
-    space = isinstance(setup.sizes, SpaceSizes)
-    measure = 4 * jnp.pi * setup.radii**2 if space else 2 * jnp.pi * setup.radii
-    return circular_integrals(setup, image) / measure
+    return circular_integrals(setup, image) / setup.kind.measure(setup.radii)

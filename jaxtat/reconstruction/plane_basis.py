@@ -11,14 +11,27 @@ from ..densities.harmonic import (
     PolarGeometry,
     SolveReport,
     circular_harmonics_at,
+    polar_geometry,
     solve_harmonics,
 )
 from ..geometry import DetectorCurve, ImageGrid, Region
-from ..regularization import TikhonovRule, unit_norms
+from ..regularization import (
+    DEFAULT_KAPPA,
+    RelativeTikhonov,
+    Tikhonov,
+    TikhonovRule,
+    unit_norms,
+)
 from ..steps.inversion import invert
 from ..steps.polar_fourier import with_origin
 from ..steps.radial_transform import noise_power, radial_transform, total_integrals
 from .plane_sizes import PlaneSizes
+
+MOST_ORDERS = 5000  # up to which Cholesky decompositions are faster: extrapolated, see benchmarks/
+DEFAULT_ALPHA = 1e-6  # of detectors on a circle that see all of the region
+# Where there are about as many data as unknown waves, a smaller one magnifies all errors: the
+# worst number of detectors is neither the least nor the largest.
+UNSAMPLED_ALPHA = 1e-3
 
 
 class PlaneBasis(Basis):
@@ -93,6 +106,35 @@ class BoundaryTraces(_Solved):
         assert rule is not None
         asked = _asked(self.curve, self.region, self.radii, rule, self.sizes)
         return _on_boundary(self, transformed, asked)
+
+
+def plane_basis(
+    curve: DetectorCurve,
+    region: Region,
+    radii: Array,
+    sizes: PlaneSizes,
+    solver: str,
+    tolerance: Array,
+    mesh: Mesh | None,
+) -> PlaneBasis:
+    """Cylindrical waves if they reach, else the boundary; arguments as in `solve`, checked."""
+    common = curve, region, radii, sizes
+    exact = "cholesky" if solver == "auto" else solver
+    if not sizes.reached:
+        return BoundaryTraces(*common, exact, tolerance, mesh)
+    geometry = polar_geometry(curve, region)
+    rows = sizes.groups[-1][-1] * (1 if geometry.mirror else 2)
+    if solver == "auto" and geometry.on_circle and geometry.disk and rows > MOST_ORDERS:
+        exact = "cg"
+    return CylindricalWaves(*common, exact, tolerance, mesh, geometry)
+
+
+def default_rule(sizes: PlaneSizes) -> TikhonovRule:
+    """What `solve` takes where no rule is named."""
+    if not sizes.as_in_the_paper:
+        return RelativeTikhonov(DEFAULT_KAPPA)
+    sampled = sizes.frequencies <= sizes.sampled * sizes.max_frequency * (1 + 1e-9)
+    return Tikhonov(jnp.where(sampled, DEFAULT_ALPHA, UNSAMPLED_ALPHA))
 
 
 @eqx.filter_jit

@@ -27,7 +27,7 @@ class PlaneSizes(eqx.Module):
         groups: (first frequency, last + 1, orders) of frequencies that are solved alike; none
             where cylindrical waves do not reach.
         norm_orders: that N(lambda) needs; 0 for detectors off a circle, see `unit_norm`.
-        n_circle: points on a circle by which the integrals of an image are taken.
+        n_quadrature: points on a circle by which the integrals of an image are taken.
         as_in_the_paper: detectors on a circle that see all of the region: what its rule assumes.
             Its norm N(lambda) is that of a circle, and a bound on the norm admits noise without
             limit in directions that are not seen.
@@ -40,7 +40,7 @@ class PlaneSizes(eqx.Module):
     n_directions: int = eqx.field(static=True)
     groups: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
     norm_orders: int = eqx.field(static=True)
-    n_circle: int = eqx.field(static=True)
+    n_quadrature: int = eqx.field(static=True)
     as_in_the_paper: bool = eqx.field(static=True)
     sampled: float = eqx.field(static=True)
 
@@ -98,16 +98,17 @@ def plane_sizes(
             )
         if not (groups and geometry.disk):
             require_boundary(region, highest)
-        on_circle = near_circle(curve)
+        on_quadrature = near_circle(curve)
         farthest = highest * float(geometry.detector_radius.max())
         return PlaneSizes(
             max_frequency=highest,
             n_frequencies=frequencies.shape[0],
             n_directions=angles.shape[0],
             groups=groups,
-            norm_orders=enough_orders(1.1 * farthest) if on_circle else 0,
-            n_circle=default_points(grid),
-            as_in_the_paper=on_circle and float(visibility(curve, region).invisible_fraction) == 0,
+            norm_orders=enough_orders(1.1 * farthest) if on_quadrature else 0,
+            n_quadrature=default_points(grid),
+            as_in_the_paper=on_quadrature
+            and float(visibility(curve, region).invisible_fraction) == 0,
             sampled=_sampled_share(curve, region, highest),
         ), region
 

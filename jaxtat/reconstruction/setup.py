@@ -5,31 +5,13 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax.sharding import Mesh
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_x64, whole_number
-from ..densities import Basis
-from ..densities.harmonic import polar_geometry
-from ..geometry import (
-    DetectorCurve,
-    ImageGrid,
-    Region,
-    VolumeGrid,
-    data_radii,
-    require_cover,
-    require_outside,
-)
-from ..geometry.balls import Ball
-from ..geometry.caps import DetectorPoints, SphericalCap
-from ..spherical.basis import SphericalBasis
-from ..spherical.sizes import SpaceSizes, cap_radii, require_fitting, space_sizes
-from .plane_basis import BoundaryTraces, CylindricalWaves
-from .plane_sizes import GROUPS, PlaneSizes, plane_sizes
-
-MOST_ORDERS = 5000  # up to which Cholesky decompositions are faster: extrapolated, see benchmarks/
-SOLVERS = ("auto", "cholesky", "cg")
+from ..geometry import DetectorCurve, Region
+from ..spherical.sizes import SpaceSizes
+from .kinds import Kind, kind_of, named
+from .plane_sizes import GROUPS, PlaneSizes
 
 
 class Setup(eqx.Module):
@@ -92,29 +74,31 @@ class Setup(eqx.Module):
 
         >>> from jaxtat import ImageGrid, circular_arc, disk
         >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
-        >>> setup.data_shape, round(setup.sizes.max_frequency / np.pi, 6)
-        ((80, 21), 10.0)
+        >>> setup.data_shape, round(setup.sizes.max_frequency, 3)
+        ((80, 21), 31.416)
         """
         require_x64()
-        space = _require_kinds(curve, region, grid)
+        kind = kind_of(curve)
+        for name, part in {"curve": curve, "region": region, "grid": grid}.items():
+            kind.require(name, part)
         if not is_concrete(curve, region, grid, radii, max_frequency):
             raise ValueError(
                 "curve, region, grid or radii are traced, and sizes depend on them: make the Setup "
                 "of typical ones outside, and inside setup.replace(curve=..., radii=...)."
             )
         if radii is None:
-            wanted, share = (cap_radii, 2) if space else (data_radii, 1)
-            radii = wanted(curve, region, grid.spacing.max() / share)
+            radii = kind.radii(curve, region, grid.spacing.max() / kind.radii_per_pixel)
         self.curve, self.grid = curve, grid
         self.radii = real_array("radii", radii, ("radii",))
-        if space:
-            self.region = region
-            self.sizes = space_sizes(curve, region, grid, self.radii, max_frequency, n_directions)
-        else:
-            n_groups = whole_number("n_groups", n_groups, 1)
-            self.sizes, self.region = plane_sizes(
-                curve, region, grid, self.radii, max_frequency, n_directions, n_groups
-            )
+        n_groups = whole_number("n_groups", n_groups, 1)
+        self.sizes, self.region = kind.sizes(
+            curve, region, grid, self.radii, max_frequency, n_directions, n_groups
+        )
+
+    @property
+    def kind(self) -> Kind:
+        """What differs between the plane and space."""
+        return kind_of(self.curve)
 
     @property
     def frequencies(self) -> Float[Array, " frequencies"]:
@@ -124,8 +108,7 @@ class Setup(eqx.Module):
     @property
     def detectors_shape(self) -> tuple[int, ...]:
         """(detectors,), or (rings, azimuths) of a cap."""
-        curve = self.curve
-        return (curve.n_detectors,) if isinstance(curve, DetectorCurve) else curve.shape
+        return self.curve.shape
 
     @property
     def data_shape(self) -> tuple[int, ...]:
@@ -173,31 +156,8 @@ class Setup(eqx.Module):
             lambda setup: [getattr(setup, name) for name in names], self, list(new.values())
         )
         if is_concrete(changed) and new.keys() & {"curve", "region", "radii"}:
-            changed._require_fitting()
+            self.kind.require_fitting(changed.curve, changed.region, changed.radii)
         return changed
-
-    def _require_fitting(self) -> None:
-        curve, region = self.curve, self.region
-        if isinstance(region, Ball):
-            require_fitting(curve, region)
-            curve, region = curve.meridian, region.meridian
-        require_outside(curve, region)
-        require_cover(curve, region, self.radii)
-
-    def basis(self, solver: str, tolerance: Numbers, mesh: Mesh | None) -> Basis:
-        """The waves in which `solve` solves this problem; arguments are checked there."""
-        if isinstance(self.sizes, SpaceSizes):
-            return SphericalBasis(self.curve, self.region, self.radii, self.sizes, mesh)
-        common = self.curve, self.region, self.radii, self.sizes
-        exact = "cholesky" if solver == "auto" else solver
-        stop = real_array("tolerance", tolerance, ())
-        if not self.sizes.reached:
-            return BoundaryTraces(*common, exact, stop, mesh)
-        geometry = polar_geometry(self.curve, self.region)
-        rows = self.sizes.groups[-1][-1] * (1 if geometry.mirror else 2)
-        if solver == "auto" and geometry.on_circle and geometry.disk and rows > MOST_ORDERS:
-            exact = "cg"
-        return CylindricalWaves(*common, exact, stop, mesh, geometry)
 
 
 def plane_of(setup: Setup) -> tuple[DetectorCurve, Region, Array, PlaneSizes]:
@@ -232,37 +192,6 @@ def require_waves(sizes: PlaneSizes) -> None:
         )
 
 
-def _require_kinds(curve: Any, region: Any, grid: Any) -> bool:
-    """Whether it is a problem in space, or ValueError for things that do not go together."""
-    kinds = {
-        "curve": ((DetectorCurve, SphericalCap | DetectorPoints), curve),
-        "region": ((Region, Ball), region),
-        "grid": ((ImageGrid, VolumeGrid), grid),
-    }
-    makers = {
-        "curve": ("detector_curve(positions) or circular_arc", "spherical_cap or DetectorPoints"),
-        "region": ("disk(radius), polygon or rectangle", "spherical.ball(radius)"),
-        "grid": ("ImageGrid(n)", "VolumeGrid(n)"),
-    }
-    space = isinstance(curve, SphericalCap | DetectorPoints)
-    for name, (pair, part) in kinds.items():
-        if not isinstance(part, pair[space]):
-            where = "space" if space else "the plane"
-            raise ValueError(
-                f"{name} is {_named(part)}, expected for detectors in {where} what "
-                f"{makers[name][space]} makes."
-            )
-    return space
-
-
-def _named(part: Any) -> str:
-    if isinstance(part, int | float):
-        return repr(part)
-    if isinstance(part, np.ndarray | jax.Array):
-        return f"an array of shape {part.shape}"
-    return f"a {type(part).__name__}"
-
-
 def _with_counts(region: Region, like: Region) -> Region:
     if jax.tree.structure(region.counts) != jax.tree.structure(like.counts):
         raise ValueError(
@@ -277,6 +206,6 @@ def _require_alike(name: str, new: Any, old: Any) -> None:
     shapes = [[jnp.shape(leaf) for leaf in jax.tree.leaves(part)] for part in (new, old)]
     if type(new) is not type(old) or shapes[0] != shapes[1]:
         raise ValueError(
-            f"{name} is {_named(new)} of other sizes than the setup's {_named(old)}: make a new "
+            f"{name} is {named(new)} of other sizes than the setup's {named(old)}: make a new "
             "Setup for it."
         )

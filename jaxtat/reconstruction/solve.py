@@ -5,29 +5,25 @@ from functools import partial
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float
 
-from ..base.checks import Numbers, data_array, is_concrete, require_x64
+from ..base.checks import Numbers, data_array, is_concrete, real_array, require_x64
 from ..base.parallel import checked_mesh, in_groups, map_shards, replicated
 from ..densities.harmonic import SolveReport
-from ..regularization import DEFAULT_KAPPA, RelativeTikhonov, tikhonov_rule
+from ..regularization import tikhonov_rule
 from ..steps import UNSAMPLED, AccuracyWarning, warn_of_detectors
 from ..steps.inversion import IMAGES, require_inversion
 from ..steps.radon import LowPass, low_pass_values
 from .pipeline import images_of
 from .plan import ReconstructionPlan
 from .plane_sizes import PlaneSizes
-from .setup import SOLVERS, Setup, require_setup
+from .setup import Setup, require_setup
 
-DEFAULT_ALPHA = 1e-6  # of detectors on a circle that see all of the region, and in space
-# Where there are about as many data as unknown waves, a smaller one magnifies all errors: the
-# worst number of detectors is neither the least nor the largest.
-UNSAMPLED_ALPHA = 1e-3
 FINER = 2  # waves that the detectors sample in the inner half of the region only
 MAGNIFIED = 3  # times as much detail as the data hold
+SOLVERS = ("auto", "cholesky", "cg")
 DEFAULT_TOLERANCE = 1e-10  # of conjugate gradients
 
 
@@ -162,12 +158,15 @@ def solve(
     if solver not in SOLVERS:
         raise ValueError(f"solver is {solver!r}, expected 'auto', 'cholesky' or 'cg'.")
     mesh = checked_mesh(mesh)
-    space = len(setup.grid.shape) == 3
-    data = data_array(g, *setup.data_shape, kind="spherical" if space else "circular")
+    kind = setup.kind
+    data = data_array(g, *setup.data_shape, kind=kind.data)
     automatic = rule is None or (isinstance(rule, str) and rule == "auto")
-    used = tikhonov_rule(_default(setup) if automatic else rule, setup.sizes.n_frequencies)
+    used = kind.default_rule(setup.sizes) if automatic else rule
+    used = tikhonov_rule(used, setup.sizes.n_frequencies)
     eta = low_pass_values(low_pass, setup.sizes.n_frequencies)
-    basis = setup.basis(solver, tolerance, mesh)
+    stop = real_array("tolerance", tolerance, ())
+    where = setup.curve, setup.region, setup.radii, setup.sizes
+    basis = kind.basis(*where, solver, stop, mesh)
     stack = data.reshape(-1, *setup.data_shape)
     basis, stack, grid, used, eta = replicated((basis, stack, setup.grid, used, eta), mesh)
     image, report, energies = images_of(basis, stack, grid, used, eta, inversion)
@@ -180,16 +179,6 @@ def solve(
             assert isinstance(setup.sizes, PlaneSizes)
             _warn_of_detail(setup.sizes, np.asarray(energies))
     return found
-
-
-def _default(setup: Setup) -> Any:
-    sizes = setup.sizes
-    if not isinstance(sizes, PlaneSizes):
-        return DEFAULT_ALPHA
-    if not sizes.as_in_the_paper:
-        return RelativeTikhonov(DEFAULT_KAPPA)
-    sampled = sizes.frequencies <= sizes.sampled * sizes.max_frequency * (1 + 1e-9)
-    return jnp.where(sampled, DEFAULT_ALPHA, UNSAMPLED_ALPHA)
 
 
 def _warn_of_solution(found: Reconstruction) -> None:

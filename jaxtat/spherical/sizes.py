@@ -33,7 +33,7 @@ class SpaceSizes(eqx.Module):
         n_orders: m = 0 .. n_orders - 1.
         piece: how many orders m are worked on together.
         n_sizes: of the systems; numbers of degrees are rounded up to one of them.
-        n_sphere: points from a sphere's pole to the rim by which integrals of a volume are taken.
+        n_quadrature: points from pole to rim of a sphere, for the integrals of a volume.
         boundary: Gauss points on both parts of a meridian of a cut ball; none of a whole one.
     """
 
@@ -44,7 +44,7 @@ class SpaceSizes(eqx.Module):
     n_orders: int = eqx.field(static=True)
     piece: int = eqx.field(static=True)
     n_sizes: int = eqx.field(static=True)
-    n_sphere: int = eqx.field(static=True)
+    n_quadrature: int = eqx.field(static=True)
     boundary: tuple[int, int] | None = eqx.field(static=True)
 
     @property
@@ -86,8 +86,12 @@ def space_sizes(
     radii: Float[Array, " radii"],
     max_frequency: Numbers | None,
     n_directions: int | None,
-) -> SpaceSizes:
-    """Sizes of a concrete problem, which is checked.
+    n_groups: int,
+) -> tuple[SpaceSizes, Ball]:
+    """Sizes of a concrete problem, which is checked, and the region.
+
+    Args:
+        n_groups: of frequencies, at most.
 
     Warns:
         VisibilityWarning, AccuracyWarning: see `Setup`.
@@ -101,7 +105,7 @@ def space_sizes(
         _require_nodes(region, grid)
         warn_of_visibility(detectors, region)
         n, highest, reach = len(frequencies), float(frequencies[-1]), float(region.radius)
-        n_groups = min(MOST_GROUPS, max(1, n // 8))
+        n_groups = min(n_groups, MOST_GROUPS, max(1, n // 8))
         ends = highest * np.arange(1, n_groups + 1) / n_groups
         distance = float(np.linalg.norm(np.asarray(arc.points), axis=1).min())
         if reach >= 0.99 * distance:
@@ -116,22 +120,23 @@ def space_sizes(
             _warn_of_sampling(detectors, highest, reach)
             n_orders = min(n_orders, detectors.n_azimuths // 2)
     n_degrees, points = int(orders[-1]) + 1, max(detectors.shape[0], len(angles) // 2 + 1)
-    sizes = min(MOST_SIZES, max(1, n_degrees // 24 - 4))
-    pieces = max(sizes, -(-n_orders * n_degrees * points // TABLE))
+    n_sizes = min(MOST_SIZES, max(1, n_degrees // 24 - 4))
+    pieces = max(n_sizes, -(-n_orders * n_degrees * points // TABLE))
     boundary = None
     if not region.whole:
         boundary = enough_boundary(reach, float(region.cut), highest)
-    return SpaceSizes(
+    sizes = SpaceSizes(
         max_frequency=highest,
         groups=tuple(int(order) for order in orders),
         in_group=max(-(-n // n_groups), LEAST_FREQUENCIES),
         n_directions=len(angles),
         n_orders=n_orders,
         piece=-(-n_orders // pieces),
-        n_sizes=sizes,
-        n_sphere=default_points(grid),
+        n_sizes=n_sizes,
+        n_quadrature=default_points(grid),
         boundary=boundary,
     )
+    return sizes, region
 
 
 def cap_radii(

@@ -1,0 +1,141 @@
+"""Problems in the plane and in space: what differs between them, in one table."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ..densities import Basis
+from ..forward import integrate_over_circles, integrate_over_circles_adjoint
+from ..forward.spheres import integrate_over_spheres, integrate_over_spheres_adjoint
+from ..geometry import (
+    DetectorCurve,
+    ImageGrid,
+    Region,
+    VolumeGrid,
+    data_radii,
+    require_cover,
+    require_outside,
+)
+from ..geometry.balls import Ball
+from ..geometry.caps import DetectorPoints, SphericalCap
+from ..regularization import Tikhonov, TikhonovRule
+from ..spherical.basis import SphericalBasis
+from ..spherical.sizes import cap_radii, require_fitting, space_sizes
+from .plane_basis import default_rule, plane_basis
+from .plane_sizes import plane_sizes
+
+DEFAULT_ALPHA_IN_SPACE = 1e-6
+
+
+class Kind(NamedTuple):
+    """What a problem is made of and how it is answered, in the plane or in space.
+
+    Attributes:
+        where: in words.
+        data: what the integrals are called.
+        parts: for curve, region and grid the class, and what makes it, in words.
+        radii: (curve, region, step) -> radii that the data need.
+        radii_per_pixel: of the default ones.
+        sizes: (curve, region, grid, radii, max_frequency, n_directions, n_groups) -> sizes, and the
+            region with enough boundary points.
+        require_fitting: (curve, region, radii): raise ValueError where they do not go together.
+        basis: (curve, region, radii, sizes, solver, tolerance, mesh) -> the waves to solve in.
+        default_rule: of sizes.
+        integrals, adjoint: over circles or spheres, and back, by quadrature.
+        measure: of a circle or sphere, by its radius.
+    """
+
+    where: str
+    data: str
+    parts: Mapping[str, tuple[Any, str]]
+    radii: Callable[..., Array]
+    radii_per_pixel: int
+    sizes: Callable[..., tuple[Any, Any]]
+    require_fitting: Callable[[Any, Any, Array], None]
+    basis: Callable[..., Basis]
+    default_rule: Callable[[Any], TikhonovRule]
+    integrals: Callable[..., Array]
+    adjoint: Callable[..., Array]
+    measure: Callable[[Array], Array]
+
+    def require(self, name: str, part: Any) -> None:
+        """Raise ValueError for a curve, region or grid of another kind."""
+        expected, maker = self.parts[name]
+        if not isinstance(part, expected):
+            raise ValueError(
+                f"{name} is {named(part)}, expected for detectors in {self.where} what {maker} "
+                "makes."
+            )
+
+
+def _require_plane(curve: DetectorCurve, region: Region, radii: Array) -> None:
+    require_outside(curve, region)
+    require_cover(curve, region, radii)
+
+
+def _require_space(curve: Any, region: Ball, radii: Array) -> None:
+    require_fitting(curve, region)
+    _require_plane(curve.meridian, region.meridian, radii)
+
+
+def _spherical_basis(
+    curve: Any, region: Ball, radii: Array, sizes: Any, solver: str, tolerance: Array, mesh: Any
+) -> Basis:
+    return SphericalBasis(curve, region, radii, sizes, mesh)  # solved in one way
+
+
+PLANE = Kind(
+    where="the plane",
+    data="circular",
+    parts={
+        "curve": (DetectorCurve, "detector_curve(positions) or circular_arc"),
+        "region": (Region, "disk(radius), polygon or rectangle"),
+        "grid": (ImageGrid, "ImageGrid(n)"),
+    },
+    radii=data_radii,
+    radii_per_pixel=1,
+    sizes=plane_sizes,
+    require_fitting=_require_plane,
+    basis=plane_basis,
+    default_rule=default_rule,
+    integrals=integrate_over_circles,
+    adjoint=integrate_over_circles_adjoint,
+    measure=lambda radii: 2 * jnp.pi * radii,
+)
+
+SPACE = Kind(
+    where="space",
+    data="spherical",
+    parts={
+        "curve": (SphericalCap | DetectorPoints, "spherical_cap or DetectorPoints"),
+        "region": (Ball, "spherical.ball(radius)"),
+        "grid": (VolumeGrid, "VolumeGrid(n)"),
+    },
+    radii=cap_radii,
+    radii_per_pixel=2,
+    sizes=space_sizes,
+    require_fitting=_require_space,
+    basis=_spherical_basis,
+    default_rule=lambda sizes: Tikhonov(DEFAULT_ALPHA_IN_SPACE),
+    integrals=integrate_over_spheres,
+    adjoint=integrate_over_spheres_adjoint,
+    measure=lambda radii: 4 * jnp.pi * radii**2,
+)
+
+
+def kind_of(curve: Any) -> Kind:
+    """SPACE for detectors around a volume, else PLANE."""
+    return SPACE if isinstance(curve, SPACE.parts["curve"][0]) else PLANE
+
+
+def named(part: Any) -> str:
+    """A wrong part, in words."""
+    if isinstance(part, int | float):
+        return repr(part)
+    if isinstance(part, np.ndarray | jax.Array):
+        return f"an array of shape {part.shape}"
+    return f"a {type(part).__name__}"
