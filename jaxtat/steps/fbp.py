@@ -24,7 +24,7 @@ OVERSAMPLING = 3  # spline nodes per sample of the projections
 IMAGES, DIRECTIONS = 32, 32  # worked on together, to find cells once and yet stay in the cache
 LARGEST_GROUP = 2**24  # values of projections of the images worked on together
 
-MARGIN = 6  # nodes on either side with q = 0, whither positions further out are moved
+MARGIN = 6  # nodes on either side with q = 0, where positions farther out are moved to
 
 
 @eqx.filter_jit

@@ -28,7 +28,7 @@ from ..reconstruction.setup import plane_of
 
 
 class IterativeReconstruction(eqx.Module):
-    """An image and how it was come by.
+    """An image and how it was obtained.
 
     Attributes:
         image: f, (x1, x2), the unit of g per length.

@@ -16,7 +16,7 @@ from ..base.checks import Numbers, real_array, require_positive, whole_number
 
 
 class RidgeSolution(eqx.Module):
-    """A minimiser and how it was come by.
+    """A minimiser and how it was obtained.
 
     Attributes:
         q: (blocks, unknowns, rhs).
