@@ -102,7 +102,8 @@ def problem_layout(
     if solver not in ("auto", "cholesky", "cg"):
         raise ValueError(f"solver is {solver!r}, expected 'auto', 'cholesky' or 'cg'.")
     with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
-        frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
+        polar = polar_grid(region, grid, radii, max_frequency, n_directions)
+        frequencies, angles = map(np.asarray, polar)
         require_problem(curve, region, grid, radii)
         geometry = polar_geometry(curve, region)
         reached = waves_reach(curve, region)
@@ -111,7 +112,7 @@ def problem_layout(
             require_boundary(region, float(frequencies[-1]))
         groups = ()
         if harmonic:
-            orders = harmonic_orders(geometry, np.asarray(frequencies))
+            orders = harmonic_orders(geometry, frequencies)
             groups = tuple(
                 (part.start, part.stop, -(-n // 4) * 4)
                 for part, n in frequency_groups(orders, n_groups)
@@ -122,7 +123,7 @@ def problem_layout(
             rows = groups[-1][-1] * (1 if geometry.mirror else 2)
             cheap = geometry.on_circle and geometry.disk
             solver = "cg" if cheap and rows > MOST_ORDERS else "cholesky"
-        farthest = float(frequencies[-1]) * float(geometry.detector_radius.max())
+        farthest = float(frequencies[-1]) * float(np.asarray(geometry.detector_radius).max())
         return Layout(
             max_frequency=float(frequencies[-1]),
             n_frequencies=frequencies.shape[0],

@@ -10,16 +10,15 @@ parameters are numbers, or arrays with one entry for each frequency of a plan.
 """
 
 from abc import abstractmethod
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Float
 
-from .checks import Numbers, is_concrete, real_array
+from .checks import Numbers, by_library, is_concrete, real_array
 
 
 class Regularization(eqx.Module):
@@ -372,6 +371,8 @@ def alpha_of_norm(
         edge = jnp.where(log_alpha <= lower, 1.0, 0.0) - jnp.where(log_alpha >= upper, 1.0, 0.0)
         return jnp.where(edge == 0, jnp.log(norm / square), edge)
 
+    import optimistix as optx  # slow to import
+
     solver = optx.Bisection(rtol=1e-12, atol=1e-12)
     options = {"lower": lower, "upper": upper}
     found = optx.root_find(
@@ -411,7 +412,11 @@ def per_frequency(rule: _Rule, n_frequencies: int) -> _Rule:
                 f"{jax.tree_util.keystr(path, simple=True)} has shape {leaf.shape}, expected a "
                 f"number or one per frequency ({n_frequencies},)."
             )
-    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (n_frequencies,)), rule)
+
+    def repeated(xp: Any, leaf: Any) -> Any:
+        return xp.broadcast_to(leaf, (n_frequencies,))
+
+    return jax.tree.map(lambda leaf: by_library(repeated, (leaf,)), rule)
 
 
 def _not_negative(name: str, value: Numbers) -> Array:

@@ -150,7 +150,7 @@ def reconstruct_scan(
             if plan is None:
                 layout = layout or _layout(where, choices)  # once the data were found good
                 image, solved = _images(where, layout, choices, g)
-                worst = max(worst, float(solved.residual.max()))
+                worst = max(worst, float(np.asarray(solved.residual).max()))
             else:
                 image = _by_plan(plan, choices, g)
             n = min(size, scan.n_frames - start)

@@ -10,7 +10,15 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Complex, Float
 
 from ..boundary import BoundaryGeometry, geometry_for, solve_on_boundary
-from ..checks import Numbers, data_array, is_concrete, real_array, require_objects, require_x64
+from ..checks import (
+    Numbers,
+    by_library,
+    data_array,
+    is_concrete,
+    real_array,
+    require_objects,
+    require_x64,
+)
 from ..geometry import DetectorCurve, ImageGrid, Region
 from ..harmonic import (
     AlphaRule,
@@ -224,7 +232,7 @@ def direct_arguments(
             alpha = jnp.where(sampled, DEFAULT_ALPHA, UNSAMPLED_ALPHA)
     rule = alpha_rule(alpha, n)
     eta = low_pass_values(low_pass, n)
-    unit_norm = jnp.ones(n)  # not asked for
+    unit_norm = by_library(lambda xp: xp.ones(n), ())  # not asked for
     if rule.needs_matrix:
         unit_norm = unit_norms(curve, region, layout.frequencies, layout.norm_orders)
     geometry = geometry_for(curve, region, layout)
@@ -237,11 +245,7 @@ def _direct(
     """And the energies of data and image at every frequency, if detectors do not sample all."""
     # several programs: as one, XLA has been seen to wait for ever with two devices on one CPU
     data = _transformed(given, layout)
-    if isinstance(given.geometry, BoundaryGeometry):
-        fhat, report = _solve_on_boundary(given.geometry, data, layout, tolerance, mesh)
-    else:
-        harmonics, report = _solve(given.geometry, data, layout, tolerance, mesh)
-        fhat = _on_polar_grid(given.geometry, harmonics, layout)
+    fhat, report = polar_spectrum(given.geometry, data, layout, tolerance, mesh)
     energies = None if layout.sampled == 1 else _energies(data, fhat, layout)
     fhat = _with_origin(given, fhat)
     step = jnp.asarray(layout.max_frequency / layout.n_frequencies)
@@ -249,6 +253,20 @@ def _direct(
     image = invert(fhat, step, angles, given.grid, center, given.eta, inversion)
     image = image.reshape(*given.g.shape[:-2], *given.grid.shape)
     return DirectReconstruction(image, report, layout.basis), energies
+
+
+def polar_spectrum(
+    geometry: PolarGeometry | BoundaryGeometry,
+    data: Data,
+    layout: Layout,
+    tolerance: float = DEFAULT_TOLERANCE,
+    mesh: Mesh | None = None,
+) -> tuple[Complex[Array, "images frequencies directions"], SolveReport]:
+    """Steps 1 and 3: fhat at all frequencies but 0, from what step 2 gives."""
+    if isinstance(geometry, BoundaryGeometry):
+        return _solve_on_boundary(geometry, data, layout, tolerance, mesh)
+    harmonics, report = _solve(geometry, data, layout, tolerance, mesh)
+    return _on_polar_grid(geometry, harmonics, layout), report
 
 
 @eqx.filter_jit
