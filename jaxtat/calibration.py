@@ -29,6 +29,7 @@ from .checks import Numbers, data_array, is_concrete, real_array, require_positi
 from .geometry import CircularArc, DetectorCurve, ImageGrid, Region, turned_views
 from .harmonic import PolarGeometry, polar_geometry, unexplained
 from .layout import Layout, problem_layout
+from .radial_quadrature import interpolation_matrix
 from .reconstruction import delayed_transform, radial_transform
 from .reconstruction.radial_transform import radial_kernels
 
@@ -352,13 +353,18 @@ def _standard_errors(problem: _Problem, free: Free, layout: Layout) -> Parameter
 
 
 def _corrected(problem: _Problem, found: Parameters) -> Float[Array, "detectors radii"]:
-    """Data read c delay farther out, by a phase of their Fourier transform, over the gain."""
-    views, n = problem.turns.shape[0], problem.radii.shape[0]
-    step = problem.radii[1] - problem.radii[0]
-    samples = jnp.tile(found.delays * problem.sound_speed, views) / step
+    """Data read c delay farther out, by a phase of their Fourier transform, over the gain.
+
+    At equispaced radii, and from there back at those of the data.
+    """
+    views, radii = problem.turns.shape[0], problem.radii
+    n = radii.shape[0]
+    nodes = jnp.linspace(radii[0], radii[-1], n)
+    samples = jnp.tile(found.delays * problem.sound_speed, views) / (nodes[1] - nodes[0])
     phase = 2j * jnp.pi * jnp.fft.rfftfreq(2 * n) * samples[:, None]
-    read = jnp.fft.irfft(jnp.fft.rfft(problem.g, 2 * n) * jnp.exp(phase), 2 * n)[:, :n]
-    return read / jnp.tile(found.gains, views)[:, None]
+    g = problem.g @ interpolation_matrix(radii, nodes).T
+    read = jnp.fft.irfft(jnp.fft.rfft(g, 2 * n) * jnp.exp(phase), 2 * n)[:, :n]
+    return read @ interpolation_matrix(nodes, radii).T / jnp.tile(found.gains, views)[:, None]
 
 
 def _cutoffs(layout: Layout) -> list[Array]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ..checks import Numbers
-from ..diagnostics import UNCERTAINTY_PIXELS, Diagnosis, diagnose
+from ..diagnostics import Diagnosis, diagnose
 from ..geometry import DetectorCurve, ImageGrid, Region
 from ..io.atomic import replacing, require_place
 from ..io.provenance import provenance
@@ -28,7 +28,7 @@ def report(
     noise: Numbers | None = None,
     low_pass: LowPass | None = None,
     inversion: str = "fbp",
-    uncertainty_pixels: int = UNCERTAINTY_PIXELS,
+    uncertainty_pixels: int | None = None,
     title: str = "Reconstruction",
     choices: Sequence[tuple[str, str, str]] = (),
     channels: Sequence[int] | None = None,

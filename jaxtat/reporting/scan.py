@@ -1,5 +1,6 @@
 """From a scan, and what was chosen for it, to a page."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..checks import Numbers, whole_number
-from ..diagnostics import UNCERTAINTY_PIXELS, Diagnosis
+from ..diagnostics import Diagnosis
 from ..io import Scan, load_scan
 from ..measured import Choices, Where, choices_for, estimate_sound_speed, integrals, with_facts
 from ..measured.choices import LOW_PASSES
 from ..measured.facts import facts_of, times_of
 from ..plan import ReconstructionPlan, build_plan
+from ..problem import AccuracyWarning
 from ..reconstruction import reconstruct
 from ..record_noise import LEAST_SAMPLES, noise_of_record
 from ..regularization import Tikhonov
@@ -62,7 +64,7 @@ def report_scan(
     plan: ReconstructionPlan | None = None,
     frame: int = 0,
     sigma: Numbers | None = None,
-    uncertainty_pixels: int = UNCERTAINTY_PIXELS,
+    uncertainty_pixels: int | None = None,
     title: str = "Reconstruction",
     inputs: Sequence[str | Path] = (),
     unit: str | None = None,
@@ -98,7 +100,9 @@ def report_scan(
     noise = _noise_alone(scan, choices, where, scan.frame(frame)) if sigma is None else None
     if plan is None:
         rule, most = Tikhonov(choices.alpha), choices.max_frequency
-        plan = build_plan(*problem, rule, max_frequency=most, progress=progress)
+        with warnings.catch_warnings():  # of waves below the noise, which the page grades
+            warnings.filterwarnings("ignore", ".* of the plane waves are off", AccuracyWarning)
+            plan = build_plan(*problem, rule, max_frequency=most, progress=progress)
     last = {"low_pass": LOW_PASSES[choices.low_pass], "inversion": choices.inversion}
     several = f", frame {frame} of {scan.n_frames}" if scan.n_frames > 1 else ""
     return report(

@@ -21,7 +21,13 @@ from jaxtat import (
     reconstruct,
     truncated_disk,
 )
-from jaxtat.diagnostics import NoiseSource, diagnose, plan_of_direct, wave_accuracy
+from jaxtat.diagnostics import (
+    NoiseSource,
+    affordable_pixels,
+    diagnose,
+    plan_of_direct,
+    wave_accuracy,
+)
 from jaxtat.harmonic import SolveReport
 
 CURVE, REGION, GRID = circular_arc(1.3, 1.0, 24), truncated_disk(0.8, 0.8, 48), ImageGrid(11, 0.8)
@@ -46,6 +52,19 @@ def image(plan):
 @pytest.fixture(scope="module")
 def diagnosis(image, plan):
     return diagnose(*PROBLEM, DATA, image, plan=plan, uncertainty_pixels=5, progress=False)
+
+
+def test_standard_deviations_of_large_plans_are_fewer(plan):
+    """No more than those of which work and number are bounded; a block at least."""
+
+    def of(size):
+        many = [np.ones(size)] * 3
+        return eqx.tree_at(lambda tree: (tree.radii, tree.frequencies, tree.angles), plan, many)
+
+    assert affordable_pixels(plan) == 24
+    found = [affordable_pixels(of(size)) for size in (100, 300, 450, 700, 5000)]
+    assert found == sorted(found, reverse=True)
+    assert set(found) == {24, 16, 8}
 
 
 def test_the_plan_of_a_direct_reconstruction_has_its_alphas(plan, monkeypatch):
