@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .checks import Numbers, by_library, constants, is_concrete, real_array, require_objects
+from .cost import Systems, require_room, systems_cost
 from .geometry import DetectorCurve, ImageGrid, Region, near_circle, visibility
 from .harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
 from .problem import polar_grid, require_boundary, require_problem
@@ -110,6 +111,7 @@ def problem_layout(
         harmonic = method == "harmonic" or (method == "auto" and reached)
         if not (harmonic and geometry.disk):
             require_boundary(region, float(frequencies[-1]))
+        systems_fit(curve, region, radii, polar, harmonic)
         groups = ()
         if harmonic:
             orders = harmonic_orders(geometry, frequencies)
@@ -136,6 +138,54 @@ def problem_layout(
             as_in_the_paper=as_in_the_paper(curve, region),
             sampled=_sampled_share(curve, region, float(frequencies[-1])),
         )
+
+
+def systems_fit(
+    curve: DetectorCurve,
+    region: Region,
+    radii: Array,
+    polar: tuple[Any, Any],
+    harmonic: bool,
+    plan: bool = False,
+) -> None:
+    """Raise ValueError unless the systems of step 1 fit into memory, or the densities of a plan.
+
+    Args:
+        curve, region, radii: concrete.
+        polar: frequencies and angles.
+        harmonic: in cylindrical waves, or on the boundary.
+        plan: whether densities are kept.
+    """
+    highest, n_all, n_directions = float(polar[0][-1]), len(polar[0]), len(polar[1])
+    geometry = polar_geometry(curve, region) if harmonic else None
+    mirror, disk, on_circle = False, True, False
+    if geometry is not None:
+        mirror, disk, on_circle = geometry.mirror, geometry.disk, geometry.on_circle
+
+    def sizes(n: int) -> Systems:
+        """Up to the n-th frequency."""
+        rows = region.points.shape[0]
+        if geometry is not None:
+            rows = 2 * int(harmonic_orders(geometry, np.array([highest * n / n_all]))[0])
+        return Systems(
+            n_detectors=curve.n_detectors,
+            n_radii=radii.shape[0],
+            n_frequencies=n,
+            n_directions=32 * -(-n_directions * n // (32 * n_all)),  # as `polar_grid` rounds them
+            rows=rows,
+            blocks=2 if mirror else 1,
+            n_boundary=0 if disk else region.points.shape[0],
+            on_circle=on_circle,
+        )
+
+    def advice(fits: int) -> str:
+        if fits == 0:
+            return "use fewer detectors, radii or boundary points"
+        return f"pass max_frequency={highest * fits / n_all:.4g}"
+
+    kept = ("harmonic" if harmonic else "sampled") if plan else None
+    what = f"frequencies for {curve.n_detectors} detectors and {radii.shape[0]} radii"
+    require_room(lambda n: systems_cost(sizes(max(n, 1)), kept), n_all, what, advice)
 
 
 def _sampled_share(curve: DetectorCurve, region: Region, highest: float) -> float:

@@ -35,7 +35,7 @@ from .harmonic import (
     wave_table,
     waves_reach,
 )
-from .layout import Layout, as_in_the_paper, problem_layout
+from .layout import Layout, as_in_the_paper, problem_layout, systems_fit
 from .problem import AccuracyWarning, polar_grid, require_boundary, require_problem
 from .regularization import (
     DEFAULT_KAPPA,
@@ -184,6 +184,7 @@ def build_plan(
         norms = unit_norms(curve, region, frequencies, angles=angles)
         if method == "auto":
             method = "harmonic" if waves_reach(curve, region) else "collocation"
+        systems_fit(curve, region, radii, (frequencies, angles), method == "harmonic", plan=True)
         by_paper = as_in_the_paper(curve, region)
         regularization = _rule(method, regularization, by_paper)
     build = {"harmonic": _harmonic, "collocation": _collocation, "series": _series}[method]

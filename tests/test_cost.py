@@ -8,7 +8,14 @@ import pytest
 
 import jaxtat
 from jaxtat import cost
-from jaxtat.cost import Cost, LongWorkWarning, image_cost, require_room
+from jaxtat.cost import (
+    Cost,
+    LongWorkWarning,
+    Systems,
+    image_cost,
+    require_room,
+    systems_cost,
+)
 
 GIGA = 1e9
 
@@ -52,6 +59,57 @@ def test_images_that_do_not_fit_are_refused_at_the_entry(monkeypatch, work, give
     fits = int(str(caught.value).split("at most ")[1].split()[0])
     assert 0.8 < fits / np.sqrt(8 * GIGA / cost.BYTES_PER_PIXEL) <= 1
     jaxtat.problem_layout(curve, region, jaxtat.ImageGrid(4), radii, **given)
+
+
+@pytest.mark.parametrize(
+    ("work", "room"), [("direct", 0.016), ("harmonic", 0.02), ("collocation", 0.05)]
+)
+def test_systems_that_do_not_fit_are_refused_with_the_frequency_that_does(monkeypatch, work, room):
+    """Few pixels, but waves beyond the memory; with what is named the same problem is accepted."""
+    curve, region, grid, _ = setup(17)
+    region = jaxtat.truncated_disk(1.0, 1.0, 800)
+    problem = curve, region, grid, np.linspace(0.28, 2.32, 400)
+
+    def asked(highest):
+        if work == "direct":
+            jaxtat.problem_layout(*problem, max_frequency=highest)
+        else:
+            jaxtat.build_plan(*problem, max_frequency=highest, method=work, progress=False)
+
+    monkeypatch.setattr(cost, "available_memory", lambda: room * GIGA)
+    with pytest.raises(ValueError, match="128 frequencies for 24 detectors and 400") as caught:
+        asked(200.0)
+    said = caught.value.args[0]
+    fits = int(said.split("at most ")[1].split()[0])
+    highest = float(said.split("max_frequency=")[1].rstrip("."))
+    assert 0 < fits < 128
+    assert highest == pytest.approx(200.0 * fits / 128, rel=1e-3)
+    monkeypatch.setattr("jaxtat.plan.as_in_the_paper", stop)
+    if work == "direct":
+        asked(highest * 0.99)
+    else:
+        with pytest.raises(RuntimeError, match="accepted"):
+            asked(highest * 0.99)
+
+
+def stop(*geometry):
+    """In place of what follows when a plan was found to fit."""
+    raise RuntimeError("accepted")
+
+
+def test_more_of_anything_costs_more():
+    small = Systems(100, 100, 50, 64, rows=200)
+    larger = [
+        small._replace(**{name: 3 * getattr(small, name)})
+        for name in ("n_detectors", "n_radii", "n_frequencies", "n_directions", "rows")
+    ]
+    larger += [small._replace(n_boundary=400), small._replace(on_circle=False)]
+    for plan in (None, "harmonic", "sampled"):
+        least = systems_cost(small, plan)
+        assert systems_cost(small._replace(blocks=2), plan).nbytes <= least.nbytes
+        costs = [systems_cost(sizes, plan) for sizes in larger]
+        assert all(found.nbytes >= least.nbytes for found in costs)
+        assert all(found.seconds >= least.seconds for found in costs)
 
 
 def test_more_pixels_directions_and_frequencies_cost_more():

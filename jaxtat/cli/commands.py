@@ -105,7 +105,15 @@ def _asked(options: argparse.Namespace, start: float):
     """The scan, everything chosen for it, and the plan that is given or asked for, or None."""
     from ..io.plans import load_plan
     from ..measured import Where, choices_for, estimate_sound_speed, integrals
-    from .setup import given, plan_for, repeated, require_same, require_size, scan_of
+    from .setup import (
+        given,
+        plan_for,
+        repeated,
+        require_same,
+        require_size,
+        scan_of,
+        with_unit,
+    )
 
     choices = repeated(options) if options.repeat else None
     plan = load_plan(options.plan) if options.plan else None
@@ -115,6 +123,7 @@ def _asked(options: argparse.Namespace, start: float):
         require_size(choices)
         if plan is None:
             choices = estimate_sound_speed(scan, choices)
+    choices = with_unit(choices, options.length_unit)
     _report(options, f"{options.file}\n{choices.table()}", start)
     if plan is not None:
         require_same(scan, choices, plan)

@@ -157,6 +157,7 @@ class Choices(eqx.Module):
             "alpha": f"{self.alpha:.2g}",
             "low_pass": self.low_pass,
             "inversion": self.inversion,
+            "length_unit": self.units.length or "unknown",
         }
 
     def settings(self) -> dict[str, Any]:
