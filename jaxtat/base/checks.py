@@ -91,7 +91,7 @@ def real_array(name: str, value: Numbers, shape: tuple[int | str | None, ...] | 
         raise ValueError(f"{name} has dtype {dtype}, expected real numbers: pass float64 values.")
     # a constant stays concrete inside jax.jit too, so that it can be looked at
     with jax.ensure_compile_time_eval() if is_concrete(value) else nullcontext():
-        array = jnp.asarray(value, jnp.float64)
+        array = _array(value, np.float64)
     if shape is not None and not _matches(array.shape, shape):
         wanted = ", ".join("any" if size is None else str(size) for size in shape)
         raise ValueError(f"{name} has shape {array.shape}, expected ({wanted}).")
@@ -116,9 +116,22 @@ def data_array(g: Numbers, *shape: int, kind: str = "circular") -> Array:
 def dtype_of(name: str, value: Any) -> np.dtype:
     """The dtype that ``value`` has as an array, or ValueError if it cannot be one."""
     try:
-        return jnp.asarray(value).dtype
+        return _array(value).dtype
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} is no array of real numbers: {error}.") from error
+
+
+def _array(value: Any, dtype: Any = None) -> Any:
+    """An array of JAX, or without a dtype one of numpy; numbers are converted by numpy.
+
+    `jnp.asarray` would take a compiled program for each new size.
+    """
+    plain = isinstance(value, bool | int | float | np.number | list | tuple)
+    if (plain or type(value) is np.ndarray) and is_concrete(value):
+        array = np.array(value, dtype)
+        if array.dtype.kind in "biufc":
+            return array if dtype is None else jax.device_put(array)
+    return jnp.asarray(value, dtype)
 
 
 def require_finite(name: str, array: Array) -> None:

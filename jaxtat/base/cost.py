@@ -15,7 +15,13 @@ import numpy as np
 
 BYTES_PER_PIXEL = 33.0  # of image, nodes, and what back-projection keeps: 33 to 65 were measured
 SECONDS_PER_PIXEL = 2e-8  # of one processor, for each direction: 1.25e-8 to 3.4e-8 were measured
+SECONDS_PER_VOXEL = 1e-7  # of one processor
 LONG = 300.0  # seconds above which it is said beforehand
+
+GROUPS = 4  # of frequencies, whose densities are kept in full until the group is done
+BYTES_PER_RADIUS = 24.0 * 25**2  # of the polynomials through its neighbours
+# of one processor: an entry of a matrix times its shorter side, decomposed, and in a product
+SECONDS_PER_ENTRY = {"direct": 3e-11, "plan": 2e-9}
 
 
 class LongWorkWarning(UserWarning):
@@ -43,17 +49,83 @@ def image_cost(shape: tuple[int | float, ...], n_frequencies: int, n_directions:
     pixels, n = float(np.prod(shape, dtype=float)), float(n_frequencies)
     polar = n * float(n_directions) ** (len(shape) - 1)
     nbytes = BYTES_PER_PIXEL * pixels + 32.0 * polar + 96.0 * n**2
-    # volumes are inverted in two stages of planes, each pixel in all directions of a plane
-    seconds = SECONDS_PER_PIXEL * pixels * n_directions * (len(shape) - 1)
+    seconds = SECONDS_PER_PIXEL * pixels * n_directions
+    if len(shape) == 3:  # by Fourier sums, as is usual in space
+        seconds = SECONDS_PER_VOXEL * pixels
     return Cost(nbytes, seconds / (os.cpu_count() or 1))
 
 
-def require_room(cost_of: Callable[[int], Cost], n: int) -> None:
+class Systems(NamedTuple):
+    """Sizes of steps 1 to 3.
+
+    Attributes:
+        n_detectors, n_radii: of the data.
+        n_frequencies, n_directions: of the polar grid.
+        rows: of A at the highest frequency: two for each order, or the boundary points.
+        blocks: into which A falls apart, 2 in a mirrored geometry.
+        n_boundary: points on the boundary of a region that is no disk; 0 of a disk.
+        on_circle: whether the detectors are; else their waves are in memory one by one.
+    """
+
+    n_detectors: int
+    n_radii: int
+    n_frequencies: int
+    n_directions: int
+    rows: int
+    blocks: int = 1
+    n_boundary: int = 0
+    on_circle: bool = True
+
+
+def systems_cost(sizes: Systems, plan: str | None = None) -> Cost:
+    """Of steps 1 to 3 for one image, or of a plan.
+
+    Step 2 has the matrix of the radial quadrature, and kernels at all frequencies and radii; step 3
+    a few matrices of one frequency. Densities are rows of all frequencies, and those of one group
+    have besides their singular vectors and the factors of single directions.
+
+    Args:
+        sizes: of the problem.
+        plan: None for a reconstruction without densities; "harmonic" or "sampled" by how a plan
+            keeps them.
+    """
+    n_detectors, n_radii, n, n_directions, rows, n_blocks, n_boundary, on_circle = sizes
+    columns = 2 * n_detectors
+    system = rows**2 / n_blocks
+    if not on_circle or plan:
+        system += 3.0 * rows * columns / (n_blocks if on_circle else 1)
+    system += 3.0 * rows * n_boundary
+    rank = min(rows, columns)
+    nbytes = 8.0 * (4 * system + 4 * n * rows)
+    seconds = SECONDS_PER_ENTRY["plan" if plan else "direct"] * n / 2
+    if plan is None:
+        nbytes += BYTES_PER_RADIUS * n_radii + 8.0 * (3 * n_radii**2 + 6 * n * n_radii)
+        nbytes += 8.0 * 6 * n * n_detectors
+        seconds *= rows**3 / n_blocks**2
+    elif plan == "harmonic":
+        nbytes += 8.0 * n * rows * columns / n_blocks / 2  # fewer orders at low frequencies
+        of_group = (rows + rank) * columns / n_blocks + 2.0 * rank * n_directions
+        nbytes += 8.0 * 2 * (n / GROUPS) * of_group
+        seconds *= rows * columns * rank / n_blocks**2
+    else:
+        nbytes += 2 * 16.0 * n * n_directions * columns  # pieces, and all of them
+        seconds *= rows * columns * rank
+    return Cost(nbytes, seconds / (os.cpu_count() or 1))
+
+
+def require_room(
+    cost_of: Callable[[int], Cost],
+    n: int,
+    what: str = "pixels a side",
+    advice: Callable[[int], str] | None = None,
+) -> None:
     """Raise ValueError if an image with n pixels along its longer side does not fit into memory.
 
     Args:
-        cost_of: the cost with that many pixels, everything else being equal.
+        cost_of: the cost with that many pixels, or whatever else, everything else being equal.
         n: that are wanted.
+        what: that is counted.
+        advice: what to do if so many fit.
 
     Raises:
         ValueError: with the largest number that fits.
@@ -70,12 +142,13 @@ def require_room(cost_of: Callable[[int], Cost], n: int) -> None:
                 (middle, too_many) if cost_of(middle).nbytes <= room else (fits, middle)
             )
         raise ValueError(
-            f"{n} pixels a side take at least {_gigabytes(cost.nbytes)} of memory, and "
-            f"{_gigabytes(room)} are free: at most {fits} fit."
+            f"{n} {what} take at least {_gigabytes(cost.nbytes)} of memory, and "
+            f"{_gigabytes(room)} are free: at most {fits} fit"
+            f"{': ' + advice(fits) if advice else ''}."
         )
     if cost.seconds > LONG:
         warnings.warn(
-            f"{n} pixels a side take {cost.seconds / 60:.0f} minutes or more on this machine, and "
+            f"{n} {what} take {cost.seconds / 60:.0f} minutes or more on this machine, and "
             f"{_gigabytes(cost.nbytes)} of memory.",
             LongWorkWarning,
             stacklevel=4,

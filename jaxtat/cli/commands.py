@@ -104,7 +104,15 @@ def _asked(options: argparse.Namespace, start: float):
     """The scan, everything chosen for it, and the plan that is given or asked for, or None."""
     from ..io.plans import load_plan
     from ..scans import choose, estimate_sound_speed, integrals, setup_of
-    from .inputs import given, plan_for, repeated, require_same, require_size, scan_of
+    from .inputs import (
+        given,
+        plan_for,
+        repeated,
+        require_same,
+        require_size,
+        scan_of,
+        with_unit,
+    )
 
     choices = None
     if options.repeat:
@@ -116,6 +124,7 @@ def _asked(options: argparse.Namespace, start: float):
         require_size(choices)
         if plan is None:
             choices = estimate_sound_speed(scan, choices)
+    choices = with_unit(choices, options.length_unit)
     _report(options, f"{options.file}\n{choices.table()}", start)
     if plan is not None:
         require_same(scan, choices, plan)

@@ -7,16 +7,17 @@ from typing import Any
 import numpy as np
 
 from ..base.choice_table import OPTIONS
-from ..geometry import Disk, circular_arc
+from ..geometry import Disk, circular_arc, in_plane
 from ..io import Scan, load_scan, load_settings
 from ..io.frames import LazyFrames
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..regularization import FixedRank, NormBound, Regularization, SingularValueCutoff
 from ..scans import Choices, choose, setup_of, with_facts
-from ..scans.facts import facts_of
+from ..scans.facts import facts_of, in_space
 from ..steps import polar_grid
 from .refusals import OF_PLANS, band, is_given, slices
 
+SAME = 1e-6  # of the size: places and radii that differ by less are the same
 FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use", "frames")
 _OPTIONS = ("file", "out", "quiet", "cache", "no_cache", "repeat", "length_unit", "plan")
 
@@ -58,7 +59,7 @@ def given(
         return made
     region, grid = plan.region, plan.grid
     return made | {
-        "use": np.arange(scan.n_detectors) if made["use"] is None else made["use"],
+        "use": _rows_of(plan, scan) if made["use"] is None else made["use"],
         "region_radius": float(region.reach),
         "region_cut": float(getattr(region, "cut", region.reach)),
         "region_angle": float(np.degrees(getattr(region, "angle", 0.0))),
@@ -114,14 +115,14 @@ def require_size(choices: Choices) -> None:
 
 def require_same(scan: Scan, choices: Choices, plan: ReconstructionPlan) -> None:
     """A plan made for other detectors or radii would give a wrong image without a sign."""
-    points, planned = facts_of(scan).points[list(choices.order)], np.asarray(plan.curve.points)
+    points, planned = facts_of(scan).points[list(choices.channels)], np.asarray(plan.curve.points)
     if points.shape != planned.shape:
         raise ValueError(
             f"the data have {len(points)} detectors, the geometry has {len(planned)}: choose them "
             "with --use, or use another plan."
         )
     off = float(np.abs(points - planned).max())
-    if off > 1e-6 * float(np.abs(planned).max()):
+    if off > SAME * float(np.abs(planned).max()):
         raise ValueError(
             f"the plan was built for other detectors (positions differ by up to {off:.3g}): "
             "build one for this scan."
@@ -130,11 +131,31 @@ def require_same(scan: Scan, choices: Choices, plan: ReconstructionPlan) -> None
     if own is None or own.shape != plan.radii.shape or scan.kind == "pressure":
         return
     off = float(np.abs(own - np.asarray(plan.radii)).max())
-    if off > 1e-6 * float(np.max(own)):
+    if off > SAME * float(np.max(own)):
         raise ValueError(
             f"the plan was built for other radii (they differ by up to {off:.3g}): "
             "build one for this scan."
         )
+
+
+def _rows_of(plan: ReconstructionPlan, scan: Scan) -> np.ndarray:
+    """Rows of the plan's detectors, which leave out bad ones; all, if the scan has others."""
+    every = np.arange(scan.n_detectors)
+    if in_space(scan):
+        return every
+    points, planned = np.asarray(in_plane(scan.known["detectors"])), np.asarray(plan.curve.points)
+    distance = np.linalg.norm(planned[:, None] - points, axis=-1)
+    rows = distance.argmin(axis=1)
+    same = distance.min(axis=1).max() <= SAME * np.abs(planned).max()
+    return rows if same and len(set(rows)) == len(rows) else every
+
+
+def with_unit(choices: Choices, unit: str | None) -> Choices:
+    """With lengths in words as the option says, and a line that tells it."""
+    if unit is None:
+        return choices
+    units = choices.units._replace(length=unit)
+    return replace(choices, units=units, reasons=(*choices.reasons, ("length_unit", "given")))
 
 
 def chosen(use: str | None, n: int, option: str = "--use", what: str = "detectors") -> np.ndarray:

@@ -145,9 +145,8 @@ def _add_report(subparsers) -> None:
     parser.add_argument(
         "--uncertainty-pixels",
         type=int,
-        default=25,
         metavar="N",
-        help="standard deviations at N x N pixels (default 25), 0 for none",
+        help="standard deviations at N x N pixels (default 24, of large plans fewer), 0 for none",
     )
     _add_unit_and_plan(parser)
     _add_choices(parser)

@@ -9,7 +9,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
-from scipy.spatial import KDTree
 
 from ..base.checks import is_concrete
 from ..geometry import DetectorCurve, Region
@@ -80,6 +79,8 @@ def mirrored_pairs(points: np.ndarray, weights: np.ndarray, axis: np.ndarray) ->
 
     None if the points and their weights are not mirrored, or one lies on the line.
     """
+    from scipy.spatial import KDTree  # slow to import
+
     images = 2 * np.outer(points @ axis, axis) - points
     distance, partner = map(np.asarray, KDTree(points).query(images))
     index = np.arange(len(points))

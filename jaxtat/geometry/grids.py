@@ -3,7 +3,6 @@
 from typing import Any, ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -28,7 +27,7 @@ class Grid(eqx.Module):
         width = real_array("half_width", half_width, None)
         if width.shape not in ((), (d,)):
             raise ValueError(f"half_width has shape {width.shape}, expected a number or {d}.")
-        self.half_width = jnp.broadcast_to(width, (d,))
+        self.half_width = by_library(lambda xp, width: xp.broadcast_to(width, (d,)), (width,))
         self.center = real_array("center", center, (d,))
         require_positive("half_width", self.half_width)
 

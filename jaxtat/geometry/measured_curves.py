@@ -9,9 +9,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from scipy.spatial import KDTree
 
-from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..base.checks import (
+    Numbers,
+    by_library,
+    is_concrete,
+    real_array,
+    require_positive,
+    whole_number,
+)
 from .crossing import first_crossing
 from .curves import DetectorCurve, SampledCurve, one_after_another, outward, require_detectors
 
@@ -240,7 +246,7 @@ def in_plane(positions: Numbers) -> Float[Array, "detectors 2"]:
             f"the detectors do not lie in a coordinate plane: their coordinates spread over "
             f"{spread}; rotate them into a plane and pass the two coordinates in it."
         )
-    return jnp.delete(points, flat, axis=1)
+    return by_library(lambda xp, points: xp.delete(points, flat, axis=1), (points,))
 
 
 def is_closed(points: np.ndarray) -> bool:
@@ -277,10 +283,17 @@ def require_sorted(points: np.ndarray, closed: bool) -> None:
         )
 
 
+def _same_points(points: np.ndarray, distance: float) -> set[tuple[int, int]]:
+    from scipy.spatial import KDTree  # slow to import
+
+    return KDTree(points).query_pairs(distance)
+
+
 def require_simple(points: np.ndarray, closed: bool) -> None:
     """Raise ValueError for a curve that crosses or repeats itself, not counting wide gaps."""
-    same = KDTree(points).query_pairs(_SAME * np.ptp(points, axis=0).max())
-    if same:
+    near = _SAME * np.ptp(points, axis=0).max()
+    shadow = np.sort(points @ (np.cos(1.0), np.sin(1.0)))  # equal points are neighbours in it
+    if np.diff(shadow).min(initial=np.inf) <= near and (same := _same_points(points, near)):
         i, j = min(same)
         raise ValueError(
             f"detectors {i} and {j} are at the same position, {points[i]}: leave one out, or go "

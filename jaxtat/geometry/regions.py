@@ -72,7 +72,7 @@ class Region(eqx.Module):
 
     def contains(self, points: Float[Array, "*n 2"]) -> Bool[Array, "*n"]:
         """Whether each point lies inside (the boundary does not)."""
-        return self.level(points) < 0
+        return by_library(lambda xp, level: level < 0, (self.level(points),))
 
 
 class Disk(Region):

@@ -11,8 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.ndimage import distance_transform_edt
-from scipy.spatial import KDTree
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from .curves import DetectorCurve
@@ -119,6 +117,9 @@ def visible_disk(
     >>> 0.4 < radius < 0.59  # 2 - √2 is that of the whole triangle
     True
     """
+    from scipy.ndimage import distance_transform_edt  # slow to import
+    from scipy.spatial import KDTree
+
     points = np.asarray(curve.points)
     half = np.maximum(np.ptp(points, axis=0).max() / 2, 1e-300)
     grid = ImageGrid(n, half, (points.max(axis=0) + points.min(axis=0)) / 2)

@@ -45,7 +45,7 @@ from ..regularization import (
 )
 from ..steps import AccuracyWarning, require_boundary
 from .plane_basis import StoredDensities
-from .plane_sizes import PlaneSizes
+from .plane_sizes import PlaneSizes, systems_fit
 from .setup import Setup, plane_of, require_setup
 
 METHODS = ("auto", "harmonic", "collocation", "series")
@@ -178,6 +178,8 @@ def build_plan(
         with jax.ensure_compile_time_eval():
             if method != "harmonic":
                 require_boundary(region, sizes.max_frequency)
+            polar = sizes.frequencies, sizes.angles
+            systems_fit(curve, region, setup.radii, polar, method == "harmonic", plan=True)
             norms = unit_norms(
                 curve, region, sizes.frequencies, sizes.norm_orders, angles=sizes.angles
             )

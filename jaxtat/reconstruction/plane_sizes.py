@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, by_library
+from ..base.cost import Systems, require_room, systems_cost
 from ..densities.harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
 from ..forward import default_points
 from ..geometry import DetectorCurve, ImageGrid, Region, near_circle, visibility
@@ -89,8 +90,9 @@ def plane_sizes(
             region = region.with_counts(region.shared_out(enough_boundary(length, highest)))
         require_problem(curve, region, grid, radii)
         groups: tuple[tuple[int, int, int], ...] = ()
-        geometry = polar_geometry(curve, region)
-        if waves_reach(curve, region):
+        geometry, reached = polar_geometry(curve, region), waves_reach(curve, region)
+        systems_fit(curve, region, radii, (frequencies, angles), reached)
+        if reached:
             orders = harmonic_orders(geometry, np.asarray(frequencies))
             groups = tuple(
                 (part.start, part.stop, -(-n // 4) * 4)
@@ -99,7 +101,7 @@ def plane_sizes(
         if not (groups and geometry.disk):
             require_boundary(region, highest)
         on_quadrature = near_circle(curve)
-        farthest = highest * float(geometry.detector_radius.max())
+        farthest = highest * float(np.asarray(geometry.detector_radius).max())
         return PlaneSizes(
             max_frequency=highest,
             n_frequencies=frequencies.shape[0],
@@ -117,3 +119,51 @@ def _sampled_share(curve: DetectorCurve, region: Region, highest: float) -> floa
     """Rounded down, so that small changes of the geometry keep the sizes."""
     octaves = np.log2(float(sampled_frequency(curve, region, np)) / highest)
     return float(2 ** (np.floor(4 * min(octaves, 0.0) + 1e-9) / 4))
+
+
+def systems_fit(
+    curve: DetectorCurve,
+    region: Region,
+    radii: Array,
+    polar: tuple[Any, Any],
+    harmonic: bool,
+    plan: bool = False,
+) -> None:
+    """Raise ValueError unless the systems of step 1 fit into memory, or the densities of a plan.
+
+    Args:
+        curve, region, radii: concrete.
+        polar: frequencies and angles.
+        harmonic: in cylindrical waves, or on the boundary.
+        plan: whether densities are kept.
+    """
+    highest, n_all, n_directions = float(polar[0][-1]), len(polar[0]), len(polar[1])
+    geometry = polar_geometry(curve, region) if harmonic else None
+    mirror, disk, on_circle = False, True, False
+    if geometry is not None:
+        mirror, disk, on_circle = geometry.mirror, geometry.disk, geometry.on_circle
+
+    def sizes(n: int) -> Systems:
+        """Up to the n-th frequency."""
+        rows = region.points.shape[0]
+        if geometry is not None:
+            rows = 2 * int(harmonic_orders(geometry, np.array([highest * n / n_all]))[0])
+        return Systems(
+            n_detectors=curve.n_detectors,
+            n_radii=radii.shape[0],
+            n_frequencies=n,
+            n_directions=32 * -(-n_directions * n // (32 * n_all)),  # as `polar_grid` rounds them
+            rows=rows,
+            blocks=2 if mirror else 1,
+            n_boundary=0 if disk else region.points.shape[0],
+            on_circle=on_circle,
+        )
+
+    def advice(fits: int) -> str:
+        if fits == 0:
+            return "use fewer detectors, radii or boundary points"
+        return f"pass max_frequency={highest * fits / n_all:.4g}"
+
+    kept = ("harmonic" if harmonic else "sampled") if plan else None
+    what = f"frequencies for {curve.n_detectors} detectors and {radii.shape[0]} radii"
+    require_room(lambda n: systems_cost(sizes(max(n, 1)), kept), n_all, what, advice)

@@ -4,16 +4,17 @@ What stays when a detector is left out is a curve with fewer detectors, whose we
 arcs that belong to each (`keep_detectors`); zeros in its place would be data, and wrong ones.
 """
 
+from functools import partial
 from math import comb
+from statistics import NormalDist
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from scipy.special import ndtri
 
-from ..base.checks import Numbers, is_concrete, real_array, require_positive
+from ..base.checks import Numbers, by_library, is_concrete, real_array, require_positive
 from ..special import root
 from .pressure import require_equispaced
 
@@ -45,7 +46,8 @@ class ChannelQuality(eqx.Module):
     @property
     def good(self) -> Bool[Array, " detectors"]:
         """Detectors to keep."""
-        return ~(self.dead | self.saturated | self.noisy)
+        masks = self.dead, self.saturated, self.noisy
+        return by_library(lambda xp, *masks: ~(masks[0] | masks[1] | masks[2]), masks)
 
     @property
     def weights(self) -> Float[Array, " detectors"]:
@@ -124,11 +126,12 @@ def channel_quality(
             f"{times.shape[0] - first} samples are left after dead_time, expected at least "
             f"{SHORTEST_BLOCK + 4}: check that dead_time and times have the same unit."
         )
-    return _quality(record.reshape(-1, *record.shape[-2:])[..., first:], dead, noisy)
+    return _quality(record, dead, noisy, first)
 
 
-@jax.jit
-def _quality(record: Array, dead: Array, noisy: Array) -> ChannelQuality:
+@partial(jax.jit, static_argnames="first")
+def _quality(record: Array, dead: Array, noisy: Array, first: int) -> ChannelQuality:
+    record = record.reshape(-1, *record.shape[-2:])[..., first:]
     noise, signal = _noise(record), _signal(record)
     typical = jnp.quantile(signal, 0.75)
     is_dead = signal <= dead * typical
@@ -160,7 +163,7 @@ def _least_of(blocks: int, size: int) -> float:
     Fourth differences have the correlations C(8, 4 + k)/70, so that n of them are worth 0.38 n.
     """
     worth = size * 70**2 / sum(comb(8, k) ** 2 for k in range(9))
-    return 1 + float(ndtri(0.625 / (blocks + 0.25))) / (2 * worth) ** 0.5
+    return 1 + NormalDist().inv_cdf(0.625 / (blocks + 0.25)) / (2 * worth) ** 0.5
 
 
 def _signal(record: Float[Array, "frames detectors times"]) -> Float[Array, " detectors"]:

@@ -128,15 +128,20 @@ def condition_record(
     if band is not None:
         limits = (real_array("band[0]", band[0], ()), real_array("band[1]", band[1], ()))
     _require_units(times, dead_time, limits)
+    return _condition(pressure, times, dead_time, limits, order, baseline)
+
+
+@partial(jax.jit, static_argnames=("order", "baseline"))
+def _condition(
+    pressure: Array,
+    times: Array,
+    dead_time: Array,
+    band: tuple[Array, Array] | None,
+    order: int,
+    baseline: bool,
+) -> Array:
     if baseline:
         pressure = pressure - _baseline(pressure)
-    return _condition(pressure, times, dead_time, limits, order)
-
-
-@partial(jax.jit, static_argnames="order")
-def _condition(
-    pressure: Array, times: Array, dead_time: Array, band: tuple[Array, Array] | None, order: int
-) -> Array:
     duration = times[-1] - times[0]
     since = times - times[0]
     fade = jnp.clip(dead_time, 2 * (times[1] - times[0]), duration / 10)
@@ -151,21 +156,31 @@ def _condition(
 def _convert(
     pressure: Array, times: Array, radii: Array, sound_speed: Array, model: str, n_waves: int
 ) -> Array:
-    matrix = _record_matrix(times, radii, sound_speed, model, n_waves)
-    return jnp.einsum("...kt,rt->...kr", pressure, matrix)
+    records = pressure.reshape(-1, pressure.shape[-1])
+    n_times, n_radii = times.shape[0], radii.shape[0]
+    if records.shape[0] * (n_times + n_radii) < n_times * n_radii:
+        found = _integrals(records.T, times, radii, sound_speed, model, n_waves)
+    else:  # the matrix of all records costs less
+        found = _integrals(None, times, radii, sound_speed, model, n_waves) @ records.T
+    return found.T.reshape(*pressure.shape[:-1], n_radii)
 
 
-def _record_matrix(
-    times: Array, radii: Array, sound_speed: Array, model: str, n_waves: int
-) -> Array:
-    """W with g = W p: cosine coefficients of the record, then the integral of each cosine."""
+def _integrals(
+    records: Float[Array, "times records"] | None,
+    times: Array,
+    radii: Array,
+    sound_speed: Array,
+    model: str,
+    n_waves: int,
+) -> Float[Array, "radii records"]:
+    """W p: cosine coefficients of the record, then the integral of each cosine; None gives W."""
     n_times, step, end = times.shape[0], times[1] - times[0], times[-1]
     j = jnp.arange(n_times)
     # the trapezoid rule on [0, T]; before a late start the record is zero
     halved = (j == n_times - 1) | ((j == 0) & (times[0] < step / 2))
     weights = jnp.where(halved, 0.5, 1.0) * (2 * step / end)
 
-    def add(matrix: Array, m: Array) -> tuple[Array, None]:
+    def add(found: Array, m: Array) -> tuple[Array, None]:
         omega = jnp.pi / end * m
         ends = (m == 0) | (m == n_waves - 1)
         share = jnp.where(m < n_waves, jnp.where(ends, 0.5, 1.0), 0.0)
@@ -175,12 +190,13 @@ def _record_matrix(
             integrals = 2 * jnp.pi * radii[:, None] * j0(argument)
         else:
             integrals = radii[:, None] ** 2 * jnp.sinc(argument / jnp.pi)
-        return matrix + integrals @ to_coefficients, None
+        coefficients = to_coefficients if records is None else to_coefficients @ records
+        return found + integrals @ coefficients, None
 
     # a block of waves at a time: all at once would take memory with the square of the samples
     blocks = jnp.arange(-(-n_waves // _WAVES_AT_A_TIME) * _WAVES_AT_A_TIME)
     blocks = blocks.reshape(-1, _WAVES_AT_A_TIME)
-    start = jnp.zeros((radii.shape[0], n_times))
+    start = jnp.zeros((radii.shape[0], n_times if records is None else records.shape[1]))
     return jax.lax.scan(jax.checkpoint(add), start, blocks)[0]
 
 

@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, real_array, require_positive
@@ -211,6 +210,8 @@ def alpha_of_norm(
         # at the bounds the sign is given, so that a bound is found where the norm is never reached
         edge = jnp.where(log_alpha <= lower, 1.0, 0.0) - jnp.where(log_alpha >= upper, 1.0, 0.0)
         return jnp.where(edge == 0, jnp.log(norm / square), edge)
+
+    import optimistix as optx  # slow to import
 
     solver = optx.Bisection(rtol=1e-12, atol=1e-12)
     options = {"lower": lower, "upper": upper}

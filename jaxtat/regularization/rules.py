@@ -10,7 +10,7 @@ parameters are numbers, or arrays with one entry for each frequency of a plan.
 """
 
 from abc import abstractmethod
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import equinox as eqx
 import jax
@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, is_concrete, real_array
+from ..base.checks import Numbers, by_library, is_concrete, real_array
 
 
 class Regularization(eqx.Module):
@@ -307,7 +307,11 @@ def per_frequency(rule: _Rule, n_frequencies: int) -> _Rule:
                 f"{jax.tree_util.keystr(path, simple=True)} has shape {leaf.shape}, expected a "
                 f"number or one per frequency ({n_frequencies},)."
             )
-    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (n_frequencies,)), rule)
+
+    def repeated(xp: Any, leaf: Any) -> Any:
+        return xp.broadcast_to(leaf, (n_frequencies,))
+
+    return jax.tree.map(lambda leaf: by_library(repeated, (leaf,)), rule)
 
 
 def not_negative(name: str, value: Numbers) -> Array:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..studies import Diagnosis
+from ..studies import UNCERTAINTY_PIXELS, Diagnosis
 from . import figures
 from .findings import Finding, Level, findings
 from .html import Html, element, join, picture
@@ -192,12 +192,28 @@ def _uncertainty(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
     )
     n = int((~_nan(found.deviation)).sum())
     wanted = int((~_nan(diagnosis.image)).sum())
+    side, most = found.grid.shape[0], UNCERTAINTY_PIXELS
+    all_of_them = max(1.0, found.seconds * wanted / max(n, 1))
     cost = element(
         "p",
-        f"Computed at {n} pixels in {found.seconds:.1f} s; all {wanted} pixels of the image would "
-        f"take about {max(1.0, found.seconds * wanted / max(n, 1)):.0f} s.",
+        f"Computed at the {n} of {side} x {side} pixels that lie in the region, in "
+        f"{_duration(found.seconds)}; all {wanted} of the image would take about "
+        f"{_duration(all_of_them)}. Unless a number is asked for, there are {most} x {most}, and "
+        "fewer where they would take minutes.",
     )
     return [_figure(figures.uncertainty(diagnosis, unit), caption), cost]
+
+
+def _duration(seconds: float) -> str:
+    """In seconds, minutes or hours.
+
+    >>> _duration(4.26), _duration(200.0), _duration(40000.0)
+    ('4.3 s', '3.3 min', '11 h')
+    """
+    for size, unit in ((3600, "h"), (60, "min")):
+        if seconds > 2 * size:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds:.2g} s"
 
 
 def _nan(values):

@@ -10,7 +10,7 @@ from ..io.atomic import replacing, require_place
 from ..io.provenance import provenance
 from ..reconstruction import ReconstructionPlan, Setup
 from ..steps.radon import LowPass
-from ..studies import UNCERTAINTY_PIXELS, Diagnosis, diagnose
+from ..studies import Diagnosis, diagnose
 
 
 def report(
@@ -24,7 +24,7 @@ def report(
     noise: Numbers | None = None,
     low_pass: LowPass | None = None,
     inversion: str = "fbp",
-    uncertainty_pixels: int = UNCERTAINTY_PIXELS,
+    uncertainty_pixels: int | None = None,
     title: str = "Reconstruction",
     choices: Sequence[tuple[str, str, str]] = (),
     channels: Sequence[int] | None = None,

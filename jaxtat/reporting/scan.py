@@ -1,5 +1,6 @@
 """From a scan, and what was chosen for it, to a page."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,8 @@ from ..records import LEAST_SAMPLES, noise_of_record
 from ..regularization import Tikhonov
 from ..scans import Choices, choose, estimate_sound_speed, integrals, setup_of, with_facts
 from ..scans.facts import facts_of, times_of
-from ..studies import UNCERTAINTY_PIXELS, Diagnosis
+from ..steps import AccuracyWarning
+from ..studies import Diagnosis
 from .report import report
 
 
@@ -60,7 +62,7 @@ def report_scan(
     plan: ReconstructionPlan | None = None,
     frame: int = 0,
     sigma: Numbers | None = None,
-    uncertainty_pixels: int = UNCERTAINTY_PIXELS,
+    uncertainty_pixels: int | None = None,
     title: str = "Reconstruction",
     inputs: Sequence[str | Path] = (),
     unit: str | None = None,
@@ -94,7 +96,9 @@ def report_scan(
     g = integrals(scan, choices, setup, scan.frame(frame))
     noise = _noise_alone(scan, choices, setup, scan.frame(frame)) if sigma is None else None
     if plan is None:
-        plan = build_plan(setup, Tikhonov(choices.alpha), progress=progress)
+        with warnings.catch_warnings():  # of waves below the noise, which the page grades
+            warnings.filterwarnings("ignore", ".* of the plane waves are off", AccuracyWarning)
+            plan = build_plan(setup, Tikhonov(choices.alpha), progress=progress)
     low_pass, inversion = choices.low_pass, choices.inversion
     several = f", frame {frame} of {scan.n_frames}" if scan.n_frames > 1 else ""
     return report(

@@ -131,6 +131,7 @@ class Choices(eqx.Module):
         reasons = dict(self.reasons)
         shown = {"channels": f"{len(self.channels)} of {len(self.order)}"}
         shown |= {choice.name: choice.shown(self) for choice in CHOICES if choice.shown}
+        shown["length_unit"] = self.units.length or "unknown"
         return [(name, value, reasons[name]) for name, value in shown.items() if name in reasons]
 
     def table(self) -> str:

@@ -147,7 +147,8 @@ def reconstruct(
             g = integrals(scan, choices, setup, _frames(scan, start, size))
             if plan is None:
                 found = _solve(setup, g, choices)
-                image, worst = found.image, max(worst, float(found.report.residual.max()))
+                residual = np.asarray(found.report.residual)
+                image, worst = found.image, max(worst, float(residual.max()))
             else:
                 image = _by_plan(plan, g, choices)
             image = image[..., ::-1] if flipped else image

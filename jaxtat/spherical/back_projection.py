@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from ..geometry.caps import SphericalCap
+from ..steps.radial_quadrature import interpolation_matrix
 
 _DETECTORS = 64  # worked on together
 
@@ -18,11 +19,12 @@ def back_projection(
     """f(x) = -1/(8π² R_g) ∫ (1/r) d²g(z, r)/dr² at r = |x - z| dS(z), exact on a whole sphere.
 
     On a cap the integral runs over what there is of the sphere, as is customary: what is missing
-    shows as artefacts. Second differences in r, straight lines between.
+    shows as artefacts. Second differences in r, straight lines between, on as many equispaced radii
+    as there are; data on others are read there first, see `radial_quadrature`.
 
     Args:
         cap: the detectors.
-        radii: equispaced, at least 3, above zero, (radii,) [length].
+        radii: increasing, at least 3, above zero, (radii,) [length].
         g: spherical integrals, (rings, azimuths, radii).
         points: x, (..., 3), inside the sphere [length].
 
@@ -30,7 +32,7 @@ def back_projection(
         (...), the unit of g per length².
 
     Raises:
-        ValueError: for radii with unequal steps, wrong shapes, or NaN.
+        ValueError: for radii that do not increase, wrong shapes, or NaN.
 
     Source: Finch, Patch, Rakesh, SIAM J. Math. Anal. 35 (2004) 1213-1240, theorem 3.
 
@@ -45,13 +47,8 @@ def back_projection(
     radii = real_array("radii", radii, ("radii",))
     whole_number("the number of radii", radii.shape[0], 3)
     require_positive("radii", radii)
-    if is_concrete(radii):
-        steps = np.diff(np.asarray(radii))
-        if not (steps > 0).all() or np.ptp(steps) > 1e-6 * steps.mean():
-            raise ValueError(
-                f"radii have steps from {steps.min():.6g} to {steps.max():.6g}, expected equal "
-                "positive ones: interpolate the data."
-            )
+    if is_concrete(radii) and not (np.diff(np.asarray(radii)) > 0).all():
+        raise ValueError("radii do not increase from one to the next: sort them, and g with them.")
     g = real_array("g", g, (*cap.shape, radii.shape[0]))
     points = real_array("points", points, ("...", 3))
     return _back_projection(cap, radii, g, points.reshape(-1, 3)).reshape(points.shape[:-1])
@@ -59,7 +56,8 @@ def back_projection(
 
 @eqx.filter_jit
 def _back_projection(cap: SphericalCap, radii: Array, g: Array, points: Array) -> Array:
-    step = radii[1] - radii[0]
+    nodes = jnp.linspace(radii[0], radii[-1], len(radii))
+    g, radii, step = g @ interpolation_matrix(radii, nodes).T, nodes, nodes[1] - nodes[0]
     curvature = (g[..., 2:] - 2 * g[..., 1:-1] + g[..., :-2]) / step**2
     filtered = jnp.pad(curvature, ((0, 0), (0, 0), (1, 1))) / radii * cap.weights[..., None]
 

@@ -3,7 +3,6 @@
 import warnings
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from ..geometry import VisibilityWarning, visibility
 from ..geometry.balls import Ball
@@ -43,6 +42,8 @@ def missed_share(detectors: DetectorPoints, region: Ball) -> float:
     >>> [missed_share(DetectorPoints(1.3 * z), ball(1.0)) > 0.01 for z in (unit, below)]
     [False, True]
     """
+    from scipy.spatial import KDTree  # slow to import
+
     local = np.asarray(detectors.points) - np.asarray(detectors.center)
     distance = np.linalg.norm(local, axis=1, keepdims=True)
     tree = KDTree(local / distance)

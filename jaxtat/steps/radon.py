@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..base import names
@@ -20,7 +21,7 @@ def cosine_filter(relative_frequency: Float[Array, "*n"]) -> Float[Array, "*n"]:
     >>> cosine_filter(jnp.array(0.0)).tolist()
     1.0
     """
-    return jnp.cos(jnp.pi / 2 * relative_frequency)
+    return by_library(lambda xp, x: xp.cos(np.pi / 2 * x), (relative_frequency,))
 
 
 _EXPECTED = f"{', '.join(map(repr, names.LOW_PASSES))}, or a function such as cosine_filter"

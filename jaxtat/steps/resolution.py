@@ -92,7 +92,7 @@ def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid, radii
 
 def require_pixels(grid: Grid, reach: float) -> None:
     """Raise ValueError for pixels larger than the region."""
-    pixel = float(grid.spacing.max())
+    pixel = float(np.asarray(grid.spacing).max())
     if pixel > reach:
         raise ValueError(
             f"pixels are {pixel:.6g} apart, but the region reaches only {reach:.6g} from its "

@@ -37,6 +37,7 @@ from ..reconstruction import Setup
 from ..reconstruction.plane_sizes import PlaneSizes
 from ..reconstruction.setup import plane_of, require_waves
 from ..steps import delayed_transform, radial_transform
+from ..steps.radial_quadrature import interpolation_matrix
 from ..steps.radial_transform import radial_kernels
 
 UNKNOWNS = ("sound_speed", "radius", "center", "gains", "delays")
@@ -355,13 +356,18 @@ def _standard_errors(problem: _Problem, free: Free) -> Parameters:
 
 
 def _corrected(problem: _Problem, found: Parameters) -> Float[Array, "detectors radii"]:
-    """Data read c delay farther out, by a phase of their Fourier transform, over the gain."""
-    views, n = problem.turns.shape[0], problem.radii.shape[0]
-    step = problem.radii[1] - problem.radii[0]
-    samples = jnp.tile(found.delays * problem.sound_speed, views) / step
+    """Data read c delay farther out, by a phase of their Fourier transform, over the gain.
+
+    At equispaced radii, and from there back at those of the data.
+    """
+    views, radii = problem.turns.shape[0], problem.radii
+    n = radii.shape[0]
+    nodes = jnp.linspace(radii[0], radii[-1], n)
+    samples = jnp.tile(found.delays * problem.sound_speed, views) / (nodes[1] - nodes[0])
     phase = 2j * jnp.pi * jnp.fft.rfftfreq(2 * n) * samples[:, None]
-    read = jnp.fft.irfft(jnp.fft.rfft(problem.g, 2 * n) * jnp.exp(phase), 2 * n)[:, :n]
-    return read / jnp.tile(found.gains, views)[:, None]
+    g = problem.g @ interpolation_matrix(radii, nodes).T
+    read = jnp.fft.irfft(jnp.fft.rfft(g, 2 * n) * jnp.exp(phase), 2 * n)[:, :n]
+    return read @ interpolation_matrix(nodes, radii).T / jnp.tile(found.gains, views)[:, None]
 
 
 def _cutoffs(sizes: PlaneSizes) -> list[Array]:

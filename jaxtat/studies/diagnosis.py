@@ -4,6 +4,7 @@ import time
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, real_array, require_positive, require_x64
@@ -15,9 +16,10 @@ from ..steps.radon import LowPass, low_pass_values
 from .data_noise import DataNoise, NoiseSource, noise_of_residual
 from .residual import DataResidual, data_residual
 from .seen_edges import visibility_map
-from .uncertainty import pixel_standard_deviation
+from .uncertainty import BLOCK, pixel_standard_deviation
 
-UNCERTAINTY_PIXELS = 25
+UNCERTAINTY_PIXELS = 3 * BLOCK  # nodes per axis, of plans that are not too large for it
+MOST_WORK = 3e11  # multiplications for standard deviations that were not asked for: a minute or two
 
 
 class WaveAccuracy(eqx.Module):
@@ -92,7 +94,7 @@ def diagnose(
     noise: Numbers | None = None,
     low_pass: LowPass | None = None,
     inversion: str = "fbp",
-    uncertainty_pixels: int = UNCERTAINTY_PIXELS,
+    uncertainty_pixels: int | None = None,
     progress: bool = False,
 ) -> Diagnosis:
     """Visibility, residual, accuracy of plane waves and standard deviations of one image.
@@ -108,8 +110,8 @@ def diagnose(
         noise: in place of sigma, a sample of the data's noise, (detectors, radii), which need not
             be white: what the record holds without sound, made into circular integrals.
         low_pass, inversion: of the reconstruction.
-        uncertainty_pixels: nodes per axis at which standard deviations are computed, about 20 ms
-            each at the paper's size; 0 for none.
+        uncertainty_pixels: nodes per axis at which standard deviations are computed, 0 for none; by
+            default `affordable_pixels` of the plan.
         progress: show progress bars.
 
     Returns:
@@ -140,6 +142,8 @@ def diagnose(
     found = _noise(residual, curve, radii, sigma, noise)
     inside = region.contains(setup.grid.points)
     uncertainty = None
+    if uncertainty_pixels is None:
+        uncertainty_pixels = 0 if plan is None else affordable_pixels(plan)
     if plan is not None and uncertainty_pixels:
         options = {"low_pass": low_pass, "inversion": inversion, "progress": progress}
         uncertainty = _uncertainty(plan, found, noise, uncertainty_pixels, options)
@@ -169,6 +173,19 @@ def wave_accuracy(plan: ReconstructionPlan, low_pass: LowPass | None = None) -> 
     gain = report.norm / (plan.frequencies[:, None] * jnp.sqrt(breadth) / 2)
     eta = low_pass_values(low_pass, n)[1:]
     return WaveAccuracy(plan.frequencies, plan.angles, report.residual, gain, eta)
+
+
+def affordable_pixels(plan: ReconstructionPlan) -> int:
+    """24 nodes per axis, 16 or 8 of plans so large that standard deviations would take too long.
+
+    For each pixel the kernels, the densities and the ramp are multiplied with once.
+    """
+    n_detectors, n_radii = plan.curve.n_detectors, plan.radii.shape[0]
+    n, n_directions = len(plan.frequencies), len(plan.angles)
+    ramp = 12 * n * n_directions  # from 2 n offsets to three times as many nodes, over n
+    work = n * (2 * n_detectors * (n_radii + n_directions) + ramp)
+    blocks = int(np.sqrt(MOST_WORK / work)) // BLOCK
+    return BLOCK * int(np.clip(blocks, 1, UNCERTAINTY_PIXELS // BLOCK))
 
 
 def plan_of(setup: Setup, found: Reconstruction, *, progress: bool = False) -> ReconstructionPlan:

@@ -262,3 +262,25 @@ for wrong in (
     assert grid.startswith("grid is 129, expected an ImageGrid")
     assert "NoiseLevel, which looks at the data: it is for alpha of reconstruct_direct." in level
     assert number == "regularization is 4.0, expected a rule such as NormBound(4.0)."
+
+
+def test_numbers_and_small_geometries_take_no_compiled_program():
+    """It would be traced and loaded for every new size, at every start of the command."""
+    seen = []
+
+    def listener(event, seconds, **_):
+        seen.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(listener)
+    try:
+        given = np.arange(617, dtype=np.int16)
+        array = real_array("a", given, (617,))
+        real_array("a", [0.5] * 619, (619,))
+        grid = jaxtat.ImageGrid(23, 1.5)
+        jaxtat.truncated_disk(1.0, 1.0, 613).contains(grid.points)
+        jaxtat.cosine_filter(jax.device_put(np.linspace(0.0, 1.0, 607)))
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listener)
+    assert not [event for event in seen if "compile" in event]
+    given[:] = 0
+    assert array[616] == 616, "what comes is copied"

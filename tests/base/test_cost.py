@@ -8,7 +8,14 @@ import pytest
 
 import jaxtat
 from jaxtat.base import cost
-from jaxtat.base.cost import Cost, LongWorkWarning, image_cost, require_room
+from jaxtat.base.cost import (
+    Cost,
+    LongWorkWarning,
+    Systems,
+    image_cost,
+    require_room,
+    systems_cost,
+)
 
 GIGA = 1e9
 
@@ -52,6 +59,55 @@ def test_images_that_do_not_fit_are_refused_at_the_entry(monkeypatch, work, give
     fits = int(str(caught.value).split("at most ")[1].split()[0])
     assert 0.8 < fits / np.sqrt(8 * GIGA / cost.BYTES_PER_PIXEL) <= 1
     jaxtat.problem_layout(curve, region, jaxtat.ImageGrid(4), radii, **given)
+
+
+@pytest.mark.parametrize(
+    ("work", "room"), [("direct", 0.016), ("harmonic", 0.02), ("collocation", 0.05)]
+)
+def test_systems_that_do_not_fit_are_refused_with_the_frequency_that_does(monkeypatch, work, room):
+    """Few pixels, but waves beyond the memory; with what is named the same problem is accepted."""
+    curve, region = jaxtat.circular_arc(1.3, 1.0, 24), jaxtat.disk(1.0, n_boundary=800)
+    problem = curve, region, jaxtat.ImageGrid(17), np.linspace(0.28, 2.32, 400)
+
+    def asked(highest):
+        setup = jaxtat.Setup(*problem, max_frequency=highest)
+        if work != "direct":
+            jaxtat.build_plan(setup, method=work)
+
+    monkeypatch.setattr("jaxtat.reconstruction.plan.unit_norms", stop)
+    monkeypatch.setattr(cost, "available_memory", lambda: room * GIGA)
+    with pytest.raises(ValueError, match="128 frequencies for 24 detectors and 400") as caught:
+        asked(200.0)
+    said = caught.value.args[0]
+    fits = int(said.split("at most ")[1].split()[0])
+    highest = float(said.split("max_frequency=")[1].rstrip("."))
+    assert 0 < fits < 128
+    assert highest == pytest.approx(200.0 * fits / 128, rel=1e-3)
+    if work == "direct":
+        asked(highest * 0.99)
+    else:
+        with pytest.raises(RuntimeError, match="accepted"):
+            asked(highest * 0.99)
+
+
+def stop(*geometry, **options):
+    """In place of what follows when a plan was found to fit."""
+    raise RuntimeError("accepted")
+
+
+def test_more_of_anything_costs_more():
+    small = Systems(100, 100, 50, 64, rows=200)
+    larger = [
+        small._replace(**{name: 3 * getattr(small, name)})
+        for name in ("n_detectors", "n_radii", "n_frequencies", "n_directions", "rows")
+    ]
+    larger += [small._replace(n_boundary=400), small._replace(on_circle=False)]
+    for plan in (None, "harmonic", "sampled"):
+        least = systems_cost(small, plan)
+        assert systems_cost(small._replace(blocks=2), plan).nbytes <= least.nbytes
+        costs = [systems_cost(sizes, plan) for sizes in larger]
+        assert all(found.nbytes >= least.nbytes for found in costs)
+        assert all(found.seconds >= least.seconds for found in costs)
 
 
 def test_more_pixels_directions_and_frequencies_cost_more():

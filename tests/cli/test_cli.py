@@ -93,6 +93,20 @@ def pulses(n_times, seed=0):
     return amplitudes @ np.cos(np.pi * np.arange(6)[:, None] * np.linspace(0, 1, n_times))
 
 
+def test_a_plan_takes_its_own_detectors_of_the_scan(jaxtat_command, small_cli_plan, capsys):
+    """The scan has one more, which the plan was built without; the table tells the unit given."""
+    points = np.insert(np.asarray(CURVE.points), 12, 1.3 * np.array([-1.0, 0.0]), axis=0)
+    g = np.insert(INTEGRALS, 12, 1e3, axis=0)
+    np.savez("data.npz", circular_integrals=g, radii=RADII, detectors=points)
+    line = f"reconstruct data.npz --plan {small_cli_plan} --length-unit cm --out image.npy"
+    assert jaxtat_command(line) == 0
+    printed = capsys.readouterr().out
+    assert "24 of 24" in printed
+    assert "length_unit    cm " in printed
+    assert "region_radius  8 mm " in printed
+    assert agree(np.load("image.npy"), image_of_plan(INTEGRALS))
+
+
 def test_plan_then_reconstruct_gives_the_image_of_python(jaxtat_command, tmp_path, capsys):
     np.savez("data.npz", circular_integrals=INTEGRALS)
     loud = REGION.replace("--quiet", "")

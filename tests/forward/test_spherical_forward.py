@@ -128,8 +128,12 @@ def test_back_projection_is_exact_on_a_whole_sphere_only():
         found = back_projection(cap, radii, bell.spherical_integrals(cap, radii), points)
         errors.append(float(np.abs(np.asarray(found - bell(points))).max()))
     assert errors[0] < 2e-3 < 0.1 < errors[1]
+    cap, jitter = spherical_cap(1.3, 1.3, 24, 48), np.random.default_rng(2).uniform(-0.2, 0.2, 221)
+    uneven = radii + (radii[1] - radii[0]) * jitter
+    found = back_projection(cap, uneven, bell.spherical_integrals(cap, uneven), points)
+    assert float(np.abs(np.asarray(found - bell(points))).max()) < 2e-3, "at any distances"
     for bad, message in (
-        ([0.3, 0.5, 0.8], "equal positive ones"),
+        ([0.3, 0.8, 0.5], "radii do not increase"),
         ([0.0, 0.5, 1.0], "radii is"),
         ([0.3, 0.5], "the number of radii is 2"),
     ):

@@ -69,6 +69,10 @@ def test_the_image_is_that_of_the_direct_reconstructions_regularisation(
     text = (tmp_path / "r.html").read_text()
     assert "two frames, frame 1 of 2" in text
     assert re.search(r"alpha</th><td>1e-06</td><td>given", text)
+    coarse = choices_for(scan, **GIVEN | {"alpha": 10.0})  # leaves out waves on purpose
+    report_scan(tmp_path / "r.html", scan, coarse, sigma=0.1, uncertainty_pixels=0, progress=False)
+    off = np.asarray(asked["plan"].report.residual) > 0.3
+    assert off.mean() > 0.1, "of which build_plan warns, and the page says what it means"
     with pytest.raises(ValueError, match="frame is 2, but the scan has 2, counted from 0"):
         report_scan(tmp_path / "r.html", scan, choices_for(scan, **GIVEN), frame=2)
 

@@ -11,8 +11,9 @@ from jax.test_util import check_grads
 
 import jaxtat
 from jaxtat import ImageGrid, circular_arc, disk, phantoms
+from jaxtat.densities.harmonic import polar_geometry
 from jaxtat.studies import calibrate
-from jaxtat.studies.calibration import _fit
+from jaxtat.studies.calibration import Parameters, _corrected, _fit, _Problem
 
 DETECTORS = 50
 GRID = ImageGrid(33)
@@ -58,6 +59,27 @@ def test_gains_and_delays_of_every_detector():
 
     untouched = noisy(BELLS.circular_integrals(CURVE, RADII))
     assert error(found.g) < 1.5 * error(untouched) < 0.5 * error(jnp.asarray(g))
+
+
+def test_delays_are_taken_out_at_any_radii():
+    """Delayed data are known exactly: those of radii that are shorter by c times the delay."""
+    rng, curve = np.random.default_rng(4), circular_arc(1.3, 1.0, 5)
+    radii = 0.2 + STEP / 2 * (jnp.arange(75) + rng.uniform(-0.2, 0.2, 75))
+    delays = STEP * rng.uniform(-1, 1, 5)
+    late = [BELLS.circular_integrals(curve, radii - delay)[k] for k, delay in enumerate(delays)]
+    problem = _Problem(
+        curve=curve,
+        region=REGION,
+        geometry=polar_geometry(curve, REGION),
+        radii=radii,
+        g=jnp.stack(late),
+        sound_speed=jnp.ones(()),
+        turns=jnp.zeros(1),
+        alpha=jnp.ones(()),
+    )
+    found = Parameters(jnp.ones(()), jnp.ones(()), jnp.zeros(2), jnp.ones(5), jnp.asarray(delays))
+    true = BELLS.circular_integrals(curve, radii)
+    assert np.abs(_corrected(problem, found) - true).max() < 1e-3 * np.abs(true).max()
 
 
 def test_standard_errors_are_the_scatter_of_many_draws():

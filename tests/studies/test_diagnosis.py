@@ -1,5 +1,7 @@
 """A diagnosis against what it is made of: images, densities and standard deviations."""
 
+from types import SimpleNamespace
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -24,9 +26,10 @@ from jaxtat import (
 from jaxtat.densities.harmonic import SolveReport
 from jaxtat.studies import (
     NoiseSource,
+    affordable_pixels,
     diagnose,
     pixel_standard_deviation,
-    plan_of_direct,
+    plan_of,
     wave_accuracy,
 )
 
@@ -52,6 +55,19 @@ def image(plan):
 @pytest.fixture(scope="module")
 def diagnosis(image, plan):
     return diagnose(Setup(*PROBLEM), DATA, image, plan=plan, uncertainty_pixels=5)
+
+
+def test_standard_deviations_of_large_plans_are_fewer(plan):
+    """No more than those of which work and number are bounded; a block at least."""
+
+    def of(size):
+        many = np.ones(size)
+        return SimpleNamespace(curve=plan.curve, radii=many, frequencies=many, angles=many)
+
+    assert affordable_pixels(plan) == 24
+    found = [affordable_pixels(of(size)) for size in (100, 300, 450, 700, 5000)]
+    assert found == sorted(found, reverse=True)
+    assert set(found) == {24, 16, 8}
 
 
 def test_the_plan_of_a_direct_reconstruction_has_its_alphas(plan, monkeypatch):

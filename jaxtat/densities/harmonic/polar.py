@@ -92,7 +92,7 @@ def waves_reach(curve: DetectorCurve, region: Region) -> bool:
     """
     geometry = polar_geometry(curve, region)
     least = 1 / _REACHED if near_circle(curve) else FARTHER * (1 - _ROUNDING)
-    return float(geometry.detector_radius.min()) > least * float(geometry.reach)
+    return float(np.asarray(geometry.detector_radius).min()) > least * float(geometry.reach)
 
 
 def half_weights(weights: Float[Array, " detectors"]) -> Float[Array, " half"]:
@@ -155,12 +155,12 @@ def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
 def _about_points(curve: DetectorCurve, region: Region) -> PolarGeometry:
     """Measured positions: on a circle and mirrored if they are to rounding."""
     center, radius = _circle(curve, region)
-    local = np.asarray(curve.points - center)
+    local = np.asarray(curve.points) - np.asarray(center)
     angles = np.unwrap(np.arctan2(local[:, 1], local[:, 0]))
     axis = (angles[0] + angles[-1]) / 2
     angles = angles - axis
     weights, distance = np.asarray(curve.weights), np.linalg.norm(local, axis=1)
-    offset = float(jnp.abs(region.center - center).max())
+    offset = float(np.abs(np.asarray(region.center) - np.asarray(center)).max())
     disk = _is_whole_disk(region) and offset <= _ROUNDING * float(region.reach)
     mirrored = (
         np.abs(angles + angles[::-1]).max() < _ROUNDING
@@ -170,9 +170,9 @@ def _about_points(curve: DetectorCurve, region: Region) -> PolarGeometry:
     half = _one_side(region, center, float(axis)) if mirrored and not disk else None
     return PolarGeometry(
         center=center,
-        axis=jnp.asarray(axis),
-        detector_radius=jnp.asarray(distance) if radius is None else radius,
-        detector_angles=jnp.asarray(angles),
+        axis=jax.device_put(axis),
+        detector_radius=jax.device_put(distance) if radius is None else radius,
+        detector_angles=jax.device_put(angles),
         weights=curve.weights,
         region=region if half is None else half,
         mirror=bool(mirrored and disk) or half is not None,
@@ -186,8 +186,9 @@ def _circle(curve: DetectorCurve, region: Region) -> tuple[Array, Array | None]:
         circle = fit_circle(curve.points)
     except ValueError:  # a straight line
         return jax.device_put(_best_center(curve, region, np)), None
-    distance = jnp.linalg.norm(curve.points - circle.center, axis=1)
-    if jnp.abs(distance - circle.radius).max() > _ROUNDING * circle.radius:
+    points, center, radius = map(np.asarray, (curve.points, circle.center, circle.radius))
+    distance = np.linalg.norm(points - center, axis=1)
+    if np.abs(distance - radius).max() > _ROUNDING * radius:
         return jax.device_put(_best_center(curve, region, np)), None
     return circle.center, circle.radius
 

@@ -230,7 +230,9 @@ def cholesky_solve(
     matrix: Float[Array, "blocks r r"], rhs: Float[Array, "blocks r columns"]
 ) -> Float[Array, "blocks r columns"]:
     """matrix^-1 rhs of symmetric blocks, with implicit derivatives: one more solve each."""
-    triangle = jnp.linalg.cholesky(jax.lax.stop_gradient(matrix), symmetrize_input=False)
+    # LAPACK wants columns in order, XLA has rows: turned, a symmetric matrix needs no copy
+    turned = jnp.swapaxes(jax.lax.stop_gradient(matrix), -1, -2)
+    triangle = jnp.linalg.cholesky(turned, symmetrize_input=False)
 
     def solve(_, right: Array) -> Array:
         return jax.scipy.linalg.cho_solve((triangle, True), right)
