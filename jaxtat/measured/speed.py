@@ -49,7 +49,8 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
     geometry = where.curve, where.region, where.grid, where.radii
     given = direct_arguments(*geometry, g, coarse.alpha, low_pass, layout)
 
-    def sharpness_at(stretches: np.ndarray) -> np.ndarray:
+    def sharpness_at(speeds: np.ndarray) -> np.ndarray:
+        stretches = jax.device_put(speeds)
         data = _stretched(given, stretches, layout)
         fhat, _ = polar_spectrum(given.geometry, data, layout)
         return np.asarray(_sharpness(fhat, given.eta, stretches, layout))

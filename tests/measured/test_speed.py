@@ -19,7 +19,7 @@ from jaxtat.reconstruction.direct import direct_arguments, polar_spectrum
 
 CURVE, DISK, GRID = circular_arc(1.3, 1.3, 96), truncated_disk(0.8, 0.8, 96), ImageGrid(41, 0.8)
 RADII = data_radii(CURVE, DISK, GRID.spacing[0])
-STRETCHES = np.array([0.94, 1.0, 1.05])
+STRETCHES = jnp.array([0.94, 1.0, 1.05])
 HIGHEST = 50.0
 LAYOUT = problem_layout(CURVE, DISK, GRID, RADII, max_frequency=HIGHEST)
 
@@ -49,7 +49,7 @@ def test_sharpness_without_an_image_is_the_images():
         exact.append(float(sharpness(bells.image(ImageGrid(201, 0.8)), ImageGrid(201, 0.8))))
     assert values[1][1] / values[0][1] == pytest.approx(exact[1] / exact[0], rel=0.01)
     twice = _sharpness(fhat, arguments.eta, 2 * STRETCHES, LAYOUT)
-    np.testing.assert_allclose(twice, 4 * jnp.asarray(values[1]), rtol=1e-12)
+    np.testing.assert_allclose(twice, 4 * values[1], rtol=1e-12)
 
 
 def test_no_speed_is_believed_that_hardly_stands_out():
