@@ -51,7 +51,8 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
     rule = tikhonov_rule(coarse.alpha, sizes.n_frequencies)
     eta = low_pass_values(coarse.low_pass, sizes.n_frequencies)[1:]
 
-    def sharpness_at(stretches: np.ndarray) -> np.ndarray:
+    def sharpness_at(speeds: np.ndarray) -> np.ndarray:
+        stretches = jax.device_put(speeds)
         fhat, _ = basis.fhat(_stretched(g, radii, stretches, sizes.frequencies), rule)
         return np.asarray(_sharpness(fhat, eta, stretches, sizes.frequencies))
 

@@ -4,51 +4,44 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat import (
-    ImageGrid,
-    circular_arc,
-    data_radii,
-    phantoms,
-    problem_layout,
-    sharpness,
-    truncated_disk,
-)
-from jaxtat.measured.speed import _sharpness, _stretched, sharpest
-from jaxtat.reconstruction import radial_transform
-from jaxtat.reconstruction.direct import direct_arguments, polar_spectrum
+from jaxtat import ImageGrid, Setup, circular_arc, disk, phantoms
+from jaxtat.reconstruction.plane_basis import plane_basis
+from jaxtat.reconstruction.setup import plane_of
+from jaxtat.regularization import tikhonov_rule
+from jaxtat.scans.speed import _sharpness, _stretched, sharpest
+from jaxtat.steps import radial_transform
+from jaxtat.studies import sharpness
 
-CURVE, DISK, GRID = circular_arc(1.3, 1.3, 96), truncated_disk(0.8, 0.8, 96), ImageGrid(41, 0.8)
-RADII = data_radii(CURVE, DISK, GRID.spacing[0])
-STRETCHES = np.array([0.94, 1.0, 1.05])
-HIGHEST = 50.0
-LAYOUT = problem_layout(CURVE, DISK, GRID, RADII, max_frequency=HIGHEST)
+SETUP = Setup(circular_arc(1.3, 1.3, 96), disk(0.8), ImageGrid(41, 0.8), max_frequency=50.0)
+FREQUENCIES, RADII = SETUP.frequencies, SETUP.radii
+STRETCHES = jnp.array([0.94, 1.0, 1.05])
 
 
-def given(bells):
-    g = bells.circular_integrals(CURVE, RADII)
-    return direct_arguments(CURVE, DISK, GRID, RADII, g, 1e-8, None, LAYOUT)
+def data(bells):
+    return bells.circular_integrals(SETUP.curve, RADII)
 
 
 def test_data_of_all_speeds_are_those_of_stretched_radii():
-    arguments = given(phantoms.Bells([[0.1, -0.15]], [0.5]))
-    found = _stretched(arguments, STRETCHES, LAYOUT).transformed
+    g = data(phantoms.Bells([[0.1, -0.15]], [0.5]))
+    found = _stretched(g, RADII, STRETCHES, FREQUENCIES)
     for number, stretch in enumerate(STRETCHES):
-        one = radial_transform(arguments.g, stretch * RADII, LAYOUT.frequencies)
-        np.testing.assert_allclose(found[:, number], one, atol=1e-12 * np.abs(one).max())
+        one = radial_transform(g, stretch * RADII, FREQUENCIES)
+        np.testing.assert_allclose(found[number], one, atol=1e-12 * np.abs(one).max())
 
 
 def test_sharpness_without_an_image_is_the_images():
     """Up to a factor, of bells of two sizes; fhat² itself would be half as large. Times speed²."""
     wide, narrow = (phantoms.Bells([[0.1, -0.15]], [size]) for size in (0.6, 0.45))
+    basis = plane_basis(*plane_of(SETUP), "auto", jnp.array(1e-10), None)
+    rule, eta = tikhonov_rule(1e-8, len(FREQUENCIES)), jnp.ones(len(FREQUENCIES))
     values, exact = [], []
     for bells in (wide, narrow):
-        arguments = given(bells)
-        data = _stretched(arguments, STRETCHES, LAYOUT)
-        fhat, _ = polar_spectrum(arguments.geometry, data, LAYOUT)
-        values.append(np.asarray(_sharpness(fhat, arguments.eta, STRETCHES, LAYOUT)))
-        exact.append(float(sharpness(bells.image(ImageGrid(201, 0.8)), ImageGrid(201, 0.8))))
+        fhat, _ = basis.fhat(_stretched(data(bells), RADII, STRETCHES, FREQUENCIES), rule)
+        values.append(np.asarray(_sharpness(fhat, eta, STRETCHES, FREQUENCIES)))
+        fine = ImageGrid(201, 0.8)
+        exact.append(float(sharpness(bells.image(fine), fine)))
     assert values[1][1] / values[0][1] == pytest.approx(exact[1] / exact[0], rel=0.01)
-    twice = _sharpness(fhat, arguments.eta, 2 * STRETCHES, LAYOUT)
+    twice = _sharpness(fhat, eta, 2 * STRETCHES, FREQUENCIES)
     np.testing.assert_allclose(twice, 4 * jnp.asarray(values[1]), rtol=1e-12)
 
 
