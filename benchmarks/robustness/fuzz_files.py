@@ -178,7 +178,9 @@ def fuzz(
             found += said
             took = time.perf_counter() - began
             ends = ", ".join(
-                f"{n} {outcome}" for outcome, n in zip(OUTCOMES, counts[case.name], strict=True) if n
+                f"{n} {outcome}"
+                for outcome, n in zip(OUTCOMES, counts[case.name], strict=True)
+                if n
             )
             line = f"{case.name}: {share} files in {took:.1f} s: {ends}\n{said}"
             print(line, end="", file=sys.stderr, flush=True)

@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float, jaxtyped
 
 from ..checks import require_x64
+from ..cost import image_cost, require_room
 from ..densities import DensityReport, SampledDensities
 from ..geometry import (
     CircularArc,
@@ -233,6 +234,12 @@ def _require_consistent(plan: Any) -> None:
     n, m, detectors = len(plan.frequencies), len(plan.angles), plan.curve.n_detectors
     if min(n, m, len(plan.radii)) == 0:
         raise ValueError("no frequencies, directions or radii.")
+    largest = max(plan.grid.shape)  # a size, which no array of the file bears out
+    with refusing("a grid whose "):
+        require_room(
+            lambda side: image_cost(tuple(k * side / largest for k in plan.grid.shape), n, m),
+            largest,
+        )
     try:
         per_frequency(plan.regularization, n)
     except ValueError as error:

@@ -653,6 +653,7 @@ def test_arrays_of_another_type_are_refused(files, tmp_path, name, value, reason
         ("grid", "shape", np.array([5, 5, 5]), "shape"),
         ("grid", "shape", np.array([-5, 5]), "expected"),
         ("grid", "shape", np.array([True, True]), "expected"),
+        ("grid", "shape", np.array([5, 2**40]), "a grid whose 1099511627776 pixels a side"),
         ("curve", "kind", "CircularArc", "has no kind"),
         ("curve", "n", 10**12, "no plan can hold"),
         ("curve", "n", np.zeros(10**3), "no text of fixed length and no number"),
