@@ -18,6 +18,7 @@ from derivatives import Case
 
 import jaxtat as jt
 from jaxtat import line_detectors, phantoms, special, spherical
+from jaxtat.iterative import smoothed_variation
 
 Rng = np.random.Generator
 Cases = Iterator[Case]
@@ -59,11 +60,11 @@ def of_curves(rng: Rng) -> Cases:
     corners = np.array([(1.2, 1.2), (-1.2, 1.2), (-1.2, -1.2), (1.2, -1.2)])
     corners += 0.1 * rng.normal(size=(4, 2))
     yield Case("polyline", lambda v: _parts(jt.polyline(v, [4, 3, 5])), {"v": corners})
-    yield Case("polygon", lambda v: _parts(jt.polygon(v, [4, 3, 5, 4])), {"v": corners})
+    yield Case("polygon", lambda v: _parts(jt.polygon(v, [4, 6, 5, 4])), {"v": corners})
     yield Case(
         "rectangle",
         lambda half_widths, center, angle: _parts(
-            jt.rectangle(half_widths, [4, 3, 4, 3], center=center, angle=angle)
+            jt.rectangle(half_widths, [4, 5, 4, 5], center=center, angle=angle)
         ),
         {"half_widths": rng.uniform(1, 2, 2), "center": center, "angle": turn},
     )
@@ -305,14 +306,29 @@ def of_integrals(rng: Rng) -> Cases:
         ),
         {"g": g, "log_alpha": -1.0, "p": points, "radii": radii},
     )
-    yield Case(
-        "total_variation",
-        lambda g, log_weight, smoothing: jt.total_variation(
+    operator = jax.jacobian(lambda f: jt.circular_integrals(f, grid, curve(points), radii))(image)
+    operator = operator.reshape(g.size, -1)
+
+    def minimum(g: jax.Array, log_weight: jax.Array, smoothing: jax.Array) -> jax.Array:
+        """To rounding, by Newton's method, for differences."""
+
+        def cost(f: jax.Array) -> jax.Array:
+            variation = smoothed_variation(f.reshape(grid.shape), smoothing)
+            return jnp.sum((operator @ f - g.ravel()) ** 2) / 2 + 10**log_weight * variation
+
+        f = found(g, log_weight, smoothing).ravel()
+        for _ in range(5):
+            f = f - jnp.linalg.solve(jax.hessian(cost)(f), jax.grad(cost)(f))
+        return f
+
+    def found(g: jax.Array, log_weight: jax.Array, smoothing: jax.Array) -> jax.Array:
+        return jt.total_variation(
             curve(points), grid, radii, g, 10**log_weight, smoothing=smoothing, tolerance=1e-12,
             max_steps=3000,
-        ).image,
-        {"g": g, "log_weight": -2.0, "smoothing": 0.1},
-    )  # fmt: skip
+        ).image  # fmt: skip
+
+    arguments = {"g": g, "log_weight": -2.0, "smoothing": 0.1}
+    yield Case("total_variation", found, arguments, exact=minimum)
     volume_grid = jt.VolumeGrid(5)
     volume, at = rng.normal(size=(5, 5, 5)), np.array([0.6, 1.1])
     cap = spherical.spherical_cap(1.3, 0.5, 2, 4)
@@ -337,7 +353,8 @@ def of_direct(rng: Rng) -> Cases:
         "1e-3": 1e-3, "1e-6": 1e-6, "RelativeTikhonov": jt.RelativeTikhonov(0.1),
         "NoiseLevel": jt.NoiseLevel(0.01), "NormBound": jt.NormBound(3.0),
     }  # fmt: skip
-    for problem in (_Problem(1.0, 2.0, grid, bell), *_cut(grid, bell)):
+    for right in (2.0, 0.5, 0.0):
+        problem = _Problem(min(right, 1.0), right, grid, bell)
         for name, alpha in alphas.items():
             yield Case(
                 f"reconstruct_direct, {problem.name}, {name}",
@@ -403,7 +420,7 @@ def of_plans(rng: Rng) -> Cases:
         (jt.FixedRank, 10.3), (partial(jt.FixedRank, softness=5.0), 10.3),
         (jt.SingularValueCutoff, 0.05), (jt.RelativeCutoff, 0.13), (jt.ResidualTarget, 1e-2),
     )  # fmt: skip
-    for problem in (_Problem(1.0, 2.0, grid, bell), *_cut(grid, bell)):
+    for problem in (_Problem(1.0, 2.0, grid, bell), _Problem(0.0, 0.0, grid, bell)):
         for rule, number in rules:
             name = type(rule(number)).__name__ + ", soft" * isinstance(rule, partial)
             yield Case(
@@ -578,10 +595,6 @@ class _Problem:
     def planned(self, rule, radius, opening, reach, g, radii, chord=2.0):
         where = self._at(radius, opening, reach, chord)
         return jt.reconstruct(jt.build_plan(*where, radii, rule, layout=self.layout), g)
-
-
-def _cut(grid: jt.ImageGrid, bell: phantoms.Bells) -> tuple[_Problem, ...]:
-    return tuple(_Problem(right, right, grid, bell) for right in (0.5, 0.0))
 
 
 def _scattered(rng: Rng, n: int, noise: float) -> np.ndarray:
