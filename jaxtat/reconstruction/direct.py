@@ -83,7 +83,8 @@ def reconstruct_direct(
     that are too near for waves about a centre, on an L or U, A is taken on the boundary itself, see
     `boundary`; the result tells its basis. Steps 4 and 5 follow as in `reconstruct`. Linear in g;
     differentiable, through implicit derivatives, with respect to g, alpha, radii, and all positions
-    and sizes of curve, region and grid.
+    and sizes of curve, region and grid; a number as alpha makes a kink where a closed ring begins
+    to open, see `alpha_unit`.
 
     Args:
         curve: the detectors, all outside the region.
