@@ -1,168 +1,138 @@
 """Derivatives of public functions against central differences, in both modes.
 
-Random small problems. Differences are extrapolated (Richardson) at several steps, of which the best
-counts: an error that no step brings below 1e-6 is one of the derivative.
+Random small problems, see `derivative_cases`. Differences are extrapolated (Richardson) at several
+steps, of which the best counts: an error that no step brings below 1e-6 is one of the derivative.
+Each argument is moved by itself.
 
-    python benchmarks/robustness/derivatives.py [seed]
+    python benchmarks/robustness/derivatives.py --seed 0
+    python benchmarks/robustness/derivatives.py --only elliptic_arc
 
 prints a table; the exit code is 1 if something smooth is off by more than 1e-6.
 """
 
+import argparse
 import sys
+import time
+import warnings
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 
-from jaxtat import (
-    ImageGrid,
-    RelativeTikhonov,
-    Setup,
-    Tikhonov,
-    build_plan,
-    circular_arc,
-    data_radii,
-    detector_curve,
-    disk,
-    elliptic_arc,
-    phantoms,
-    problem_layout,
-    reconstruct,
-    solve,
-)
-from jaxtat.geometry import transverse_weight
-from jaxtat.records import condition_record, pressure_to_circular_integrals
-from jaxtat.studies import predict_noise
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 TOLERANCE = 1e-6
 STEPS = (1e-3, 1e-4, 1e-5)
-Case = tuple[str, Callable, np.ndarray]
 
 
-def errors(function: Callable, at: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
-    """Of forward mode against differences, and of reverse against forward mode; relative."""
-    function, at = jax.jit(function), jnp.asarray(at, float)
-    along = jnp.asarray(rng.normal(size=at.shape))
-    value, slope = jax.jvp(function, (at,), (along,))
-    test = jnp.asarray(rng.normal(size=value.shape))
-    forward = float(jnp.vdot(test, slope))
-    reverse = float(jnp.vdot(jax.vjp(function, at)[1](test)[0], along))
-    size = float(jnp.abs(slope).max())
-    best = np.inf
-    for step in STEPS:
-        wide, narrow = (
-            np.asarray(function(at + h * along) - function(at - h * along)) / (2 * h)
-            for h in (step, step / 2)
-        )
-        best = min(best, float(np.abs((4 * narrow - wide) / 3 - slope).max()))
-    return best / size, abs(forward - reverse) / max(abs(forward), size)
+class Case(NamedTuple):
+    """A function, and where its derivatives are taken.
+
+    Attributes:
+        name: of the function and its problem.
+        function: of the arguments, to any tree of numbers.
+        arguments: by name, each moved by itself, all others at rest.
+        jit: whether it can be compiled; what searches for its result cannot.
+        exact: the same to rounding, of which differences are taken; by default the function.
+    """
+
+    name: str
+    function: Callable[..., Any]
+    arguments: dict[str, Any]
+    jit: bool = True
+    exact: Callable[..., Any] | None = None
 
 
-def of_curves(rng: np.random.Generator) -> Iterator[Case]:
-    regular = np.asarray(circular_arc(1.3, 0.3, 24).points)
-    lines = jnp.asarray(rng.uniform(0, 3, 5)), jnp.asarray(rng.uniform(-0.5, 0.5, 5))
-    for name, points in (
-        ("regular", regular),
-        ("scattered", regular + 0.01 * rng.normal(size=regular.shape)),
-    ):
-        yield (
-            f"transverse_weight, {name} positions",
-            lambda p: transverse_weight(detector_curve(p, closed=False), *lines),
-            points,
-        )
-        yield (
-            f"predict_noise, {name} positions",
-            lambda p: predict_noise(
-                detector_curve(p, closed=False), ImageGrid(4, 0.3), 1.0, radial_step=0.1
-            ),
-            points,
-        )
-    for name, ends in (
-        ("any", rng.uniform((0, 3), (2, 6))),
-        ("symmetric", (np.pi / 2, np.pi * 1.5)),
-    ):
-        for what in ("points", "weights", "normals"):
-            yield (
-                f"elliptic_arc, {name} ends, {what}",
-                lambda s, what=what: getattr(
-                    elliptic_arc((1.6, 1.2), 13, start=s[0], stop=s[1]), what
-                ),
-                np.asarray(ends),
+def real_numbers(tree: Any) -> jax.Array:
+    """All real and complex numbers of a tree in one row, real parts before imaginary ones."""
+    leaves = [jnp.asarray(leaf) for leaf in jax.tree.leaves(tree)]
+    leaves = [leaf.ravel() for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.inexact)]
+    parts = [*map(jnp.real, leaves), *(jnp.imag(leaf) for leaf in leaves if jnp.iscomplexobj(leaf))]
+    return jnp.concatenate(parts)
+
+
+def errors(case: Case, rng: np.random.Generator) -> Iterator[tuple[str, float, float]]:
+    """By argument: of forward mode against differences, and of reverse against forward mode.
+
+    Both are relative to the largest slope.
+    """
+    at, back = ravel_pytree({k: jnp.asarray(v, float) for k, v in case.arguments.items()})
+
+    def function(x: jax.Array) -> jax.Array:
+        return real_numbers(case.function(**back(x)))
+
+    def exact(x: jax.Array) -> jax.Array:
+        return real_numbers((case.exact or case.function)(**back(x)))
+
+    def pushed(x: jax.Array, along: jax.Array) -> jax.Array:
+        return jax.jvp(function, (x,), (along,))[1]
+
+    def pulled(x: jax.Array, test: jax.Array) -> jax.Array:
+        return jax.vjp(function, x)[1](test)[0]
+
+    value, push, pull = map(jax.jit if case.jit else lambda f: f, (exact, pushed, pulled))
+    test = jnp.asarray(rng.normal(size=value(at).shape))
+    gradient = pull(at, test)
+    for name in case.arguments:
+        some = {k: np.ones(np.shape(v)) * (k == name) for k, v in case.arguments.items()}
+        along = rng.normal(size=at.shape) * ravel_pytree(some)[0]
+        slope = push(at, along)
+        size, forward = float(jnp.abs(slope).max()), float(test @ slope)
+        best = np.inf
+        for step in STEPS:
+            wide, narrow = (
+                (value(at + h * along) - value(at - h * along)) / (2 * h) for h in (step, step / 2)
             )
+            best = min(best, float(jnp.abs((4 * narrow - wide) / 3 - slope).max()))
+        difference = abs(forward - float(gradient @ along))
+        scale = max(abs(forward), size)
+        yield name, best / size if size else np.inf, difference / scale if scale else np.inf
 
 
-def of_records(rng: np.random.Generator) -> Iterator[Case]:
-    times = jnp.arange(96) / 96
-    record = rng.normal(size=(2, 96))
-    yield "condition_record, pressure", lambda p: condition_record(p, times, band=(2, 20)), record
-    yield (
-        "condition_record, dead time and band",
-        lambda d: condition_record(record, times, dead_time=d[0], band=(d[1], d[2])),
-        np.array([0.06, 2.0, 20.0]),
-    )
-    for model in ("2d", "in-plane"):
-        yield (
-            f"pressure_to_circular_integrals, {model}, radii and speed",
-            lambda x, model=model: pressure_to_circular_integrals(
-                record, times, x[1:], sound_speed=x[0], model=model
-            ),
-            np.array([1.1, 0.3, 0.5, 0.8]),
-        )
+def measure(case: Case, rng: np.random.Generator) -> tuple[bool, str]:
+    """Whether all is right, and a line for the table."""
+    start = time.perf_counter()
+    try:
+        found = list(errors(case, rng))
+    except Exception as error:  # the sweep goes on
+        return False, f"| {case.name} | {type(error).__name__}: {str(error)[:150]!r} | | | WRONG |"
+    took = time.perf_counter() - start
+    wrong = [f"{name} {max(two):.0e}" for name, *two in found if not max(two) < TOLERANCE]
+    forward, modes = (max(column) for column in list(zip(*found, strict=True))[1:])
+    line = f"| {case.name} | {', '.join(case.arguments)} | {forward:.1e} | {modes:.1e} | "
+    print(f"{took:.1f} s", file=sys.stderr, end=" ")
+    return not wrong, line + (f"WRONG: {', '.join(wrong)} |" if wrong else "|")
 
 
-def of_images(rng: np.random.Generator) -> Iterator[Case]:
-    """In radius and opening of the arc, radius and chord of the region."""
-    grid = ImageGrid(9)
-    bell = phantoms.Bells([rng.uniform(-0.5, -0.1, 2)], [0.4])
-    for right in (2.0, 0.5, 0.0):
-        curve, region = circular_arc(1.3, right, 40), disk(1.0, right)
-        chord = int(np.sum(np.abs(np.asarray(region.points)[:, 0] - right) < 1e-12))
-        radii = data_radii(curve, region, 0.1)
-        layout = problem_layout(
-            curve, region, grid, radii, max_frequency=10.0, n_directions=8, n_groups=1
-        )
-        g = bell.circular_integrals(curve, radii)
+def main() -> int:
+    from derivative_cases import FAMILIES
 
-        def moved(p, curve=curve, right=right, chord=chord):
-            arc = eqx.tree_at(
-                lambda arc: (arc.radius, arc.half_opening),
-                curve,
-                (1.3 + p[0], curve.half_opening + p[1]),
-            )
-            return arc, disk(1.0 + p[2], right + p[3])
-
-        for alpha in (1e-3, 1e-6, RelativeTikhonov(0.1)):
-            yield (
-                f"reconstruct_direct, chord {right}, alpha {alpha}",
-                lambda p, m=moved, r=radii, g=g, a=alpha, lay=layout: (
-                    solve(Setup(*m(p)), grid, r, g, a).image
-                ),
-                np.zeros(4),
-            )
-        yield (
-            f"build_plan and reconstruct, chord {right}, Tikhonov(1e-3)",
-            lambda p, m=moved, r=radii, g=g, lay=layout: reconstruct(
-                build_plan(Setup(*m(p)), grid, r, Tikhonov(1e-3)), g
-            ),
-            np.zeros(4),
-        )
-
-
-def main(seed: int = 0) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--families", nargs="+", default=[f.__name__ for f in FAMILIES])
+    parser.add_argument("--only", default="", help="functions whose name holds this")
+    options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    rng, wrong = np.random.default_rng(seed), 0
-    print(f"{'function and argument':72s} differences    modes", flush=True)
-    for cases in (of_curves, of_records, of_images):
-        for name, function, at in cases(rng):
-            found = errors(function, at, rng)
-            bad = not max(found) < TOLERANCE
-            wrong += bad
-            print(f"{name:72s} {found[0]:.1e}  {found[1]:.1e}{'  WRONG' * bad}", flush=True)
-    print(f"{wrong} wrong")
+    warnings.simplefilter("ignore")  # of small problems
+    wrong = number = 0
+    print("| function | arguments | differences | modes | |\n| --- | --- | ---: | ---: | --- |")
+    for k, family in enumerate(FAMILIES):
+        if family.__name__ not in options.families:
+            continue
+        for case in family(np.random.default_rng([options.seed, k])):
+            if options.only not in case.name:
+                continue
+            right, line = measure(case, np.random.default_rng([options.seed, number]))
+            wrong, number = wrong + (not right), number + 1
+            print(line, flush=True)
+        jax.clear_caches()
+    print(f"\n{number} functions, {wrong} of them wrong")
     return int(wrong > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:])))
+    sys.exit(main())

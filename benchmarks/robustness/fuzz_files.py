@@ -177,7 +177,13 @@ def fuzz(
             counts[case.name], said = run(batch, Path(folder), keep)
             found += said
             took = time.perf_counter() - began
-            print(f"{case.name}: {share} files in {took:.1f} s\n{said}", end="", file=sys.stderr)
+            ends = ", ".join(
+                f"{n} {outcome}"
+                for outcome, n in zip(OUTCOMES, counts[case.name], strict=True)
+                if n
+            )
+            line = f"{case.name}: {share} files in {took:.1f} s: {ends}\n{said}"
+            print(line, end="", file=sys.stderr, flush=True)
     return counts, found
 
 

@@ -311,6 +311,8 @@ def _edit(file: h5py.File, rng: Rng) -> None:
         return
     if name in group:
         shape = group[name].shape if isinstance(group[name], h5py.Dataset) else (3, 4)
+        if shape is not None and np.prod(shape, dtype=float) > 10**6:  # a bomb put there before
+            shape = (3, 4)
         del group[name]
     else:
         shape = (3, 4)

@@ -2,11 +2,15 @@
 
 Of the file the old content or the complete new one must be there, never a third thing. After
 Ctrl-C and a full disk no temporary file stays; what a killed process left, the next writer removes.
-Writers are warm (everything is compiled) and each runs in a process of its own, so that most of its
-time is spent on what is measured. A full disk is a limit on the size of files here, which the
-system answers alike ("File too large"); `--folder` takes a small disk that is really full.
+
+A writer runs up to where it begins to write its file. From there it goes on in processes forked for
+each trial, so that all of their time is spent on what is measured. Before, nothing is written that
+stays, and so the commands as a whole are only interrupted ("Ctrl-C anywhere"). A full disk is a
+limit on the size of files, which the system answers alike ("File too large"), or with `--folder` on
+a small disk one that other files fill but for a random rest.
 
     python benchmarks/robustness/interrupted.py --times 100
+    mount -t tmpfs -o size=2m tmpfs /mnt && python ... --folder /mnt --fill
 """
 
 import argparse
@@ -23,9 +27,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-WAYS = ("kill -9", "Ctrl-C", "full disk")
+WAYS = ("kill -9", "Ctrl-C", "full disk", "Ctrl-C anywhere")
 OUTCOMES = ("old", "new", "third thing", "temporary file", "raw error", "stuck")
-STUCK = 60  # [s]
+STUCK = 20  # [s]
+OLD, FILLING = b"old content", "filling"
 
 
 class Writer(NamedTuple):
@@ -97,55 +102,129 @@ def writers(folder: Path) -> list[Writer]:
     ]  # fmt: skip
 
 
-def child(writer: Writer, path: Path, limit: int | None) -> None:
-    """Write; never returns."""
+class Trial(NamedTuple):
+    """What is done to one process that writes.
+
+    Attributes:
+        way: one of `WAYS`.
+        moment: share of the time that writing takes.
+        room: share of the file for which there is room.
+        old: whether there is a file already.
+    """
+
+    way: str
+    moment: float
+    room: float
+    old: bool
+
+
+def trials_of(way: str, times: int, seed: int) -> list[Trial]:
+    """Half of the moments are late, when files are finished."""
+    rng = np.random.default_rng([seed, WAYS.index(way)])
+    lows = np.where(rng.random(times) < 0.5, 0.0, 0.7)
+    return [
+        Trial(way, rng.uniform(low, 1.1), rng.random(), bool(rng.random() < 0.5)) for low in lows
+    ]
+
+
+class Forks:
+    """Trials at the moment when a writer begins to write, with a look for what others left.
+
+    Args:
+        writer, path: who writes where.
+        trials: what is done to each process.
+        fill: fill the disk with another file rather than limit sizes.
+    """
+
+    def __init__(self, writer: Writer, path: Path, trials: list[Trial], fill: bool):
+        self.writer, self.path, self.trials, self.fill = writer, path, trials, fill
+        self.found: list[tuple[str, str]] = []  # way and outcome
+        self.whole, self.took = 0, 0.0  # size of the file [byte], time to write it [s]
+
+    def run(self) -> None:
+        """Trials; then the file is written to its end."""
+        from jaxtat.io import atomic
+
+        sweep, parent, code = atomic._sweep, os.getpid(), 0
+
+        def begin(target: Path) -> None:
+            atomic._sweep = sweep
+            self._try_all()
+            sweep(target)
+
+        atomic._sweep = begin
+        try:
+            self.writer.write(self.path)
+        except (KeyboardInterrupt, OSError):
+            code = 2
+        except BaseException:
+            code = 3
+        if os.getpid() != parent:
+            os._exit(code)
+        if code:
+            raise RuntimeError(f"{self.writer.name}: writing without a trial failed")
+
+    def _try_all(self) -> None:
+        """Returns at once in each child, to write, and in the parent after all trials."""
+        seconds = []
+        for _ in range(5):
+            start = time.perf_counter()
+            process = os.fork()
+            if process == 0:
+                return _be_silent()
+            if _wait(process) != 0:
+                raise RuntimeError(f"{self.writer.name}: a forked process does not write")
+            seconds.append(time.perf_counter() - start)
+        self.took, self.whole = min(seconds), self.path.stat().st_size
+        for trial in self.trials:
+            _prepare(self.path, trial.old)
+            if trial.way == "full disk" and self.fill:
+                _fill(self.path.parent / FILLING, int(trial.room * self.whole))
+            process = os.fork()
+            if process == 0:
+                _be_silent()
+                if trial.way == "full disk" and not self.fill:
+                    limit = int(trial.room * self.whole)
+                    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+                return
+            if trial.way != "full disk":
+                time.sleep(self.took * trial.moment)
+                os.kill(process, signal.SIGKILL if trial.way == "kill -9" else signal.SIGINT)
+            status = _wait(process)
+            (self.path.parent / FILLING).unlink(missing_ok=True)
+            self.found.append((trial.way, outcome_of(self.writer, self.path, trial, status)))
+
+
+def _be_silent() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     silence = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silence, 1)
     os.dup2(silence, 2)
-    code = 0
-    try:
-        if limit is not None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-        writer.write(path)
-    except (KeyboardInterrupt, OSError):
-        code = 2
-    except BaseException:
-        code = 3
-    os._exit(code)
 
 
-def trial(
-    writer: Writer, path: Path, way: str, rng: np.random.Generator, whole: int, took: float
-) -> str:
-    """One writer stopped in one way: what is there then.
-
-    Args:
-        writer, path, way: who writes where, and what happens to it.
-        rng: for the moment at which it happens.
-        whole: size of a whole file [byte].
-        took: how long it takes to write one [s].
-    """
+def _prepare(path: Path, old: bool) -> None:
     path.unlink(missing_ok=True)
-    if there := rng.random() < 0.5:
-        path.write_bytes(b"old content")
-    limit = int(rng.integers(whole)) if way == "full disk" else None
-    process = os.fork()
-    if process == 0:
-        child(writer, path, limit)
-    if way != "full disk":
-        # half of them late, when files are written
-        time.sleep(took * (rng.uniform(0.7, 1.1) if rng.random() < 0.5 else rng.uniform(0, 1.1)))
-        os.kill(process, signal.SIGKILL if way == "kill -9" else signal.SIGINT)
-    status = _wait(process)
+    if old:
+        path.write_bytes(OLD)
+
+
+def _fill(path: Path, rest: int) -> None:
+    """A file that leaves so many bytes of its disk free."""
+    disk = os.statvfs(path.parent)
+    with path.open("wb") as file:
+        file.write(bytes(max(0, disk.f_bavail * disk.f_frsize - rest)))
+
+
+def outcome_of(writer: Writer, path: Path, trial: Trial, status: int | None) -> str:
+    """What is there after a process that ended with a status of `os.waitpid`."""
     if status is None:
         return "stuck"
     if os.WIFEXITED(status) and os.WEXITSTATUS(status) == 3:
         return "raw error"
     rest = [name for name in os.listdir(path.parent) if name != path.name]
-    if rest and way != "kill -9":
+    if rest and trial.way != "kill -9":
         return "temporary file"
-    if path.exists() != there or (there and path.read_bytes() != b"old content"):
+    if path.exists() != trial.old or (trial.old and path.read_bytes() != OLD):
         return _judge(writer, path)
     return "old"
 
@@ -170,27 +249,52 @@ def _wait(process: int) -> int | None:
     return None
 
 
-def measure(writer: Writer, path: Path) -> tuple[int, float]:
-    """Size of a whole file and how long it takes, once all is compiled."""
-    for _ in range(2):
+def interrupted_anywhere(writer: Writer, path: Path, trials: list[Trial]) -> list[str]:
+    """Outcomes of Ctrl-C from the first to the last line of a writer, in this process."""
+
+    def seconds() -> float:
         start = time.perf_counter()
         writer.write(path)
-        took = time.perf_counter() - start
-    return path.stat().st_size, took
+        return time.perf_counter() - start
+
+    found, took = [], min(seconds() for _ in range(2))
+    # as the handler of Ctrl-C does
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    for trial in trials:
+        _prepare(path, trial.old)
+        status = 0
+        try:
+            signal.setitimer(signal.ITIMER_REAL, max(1e-4, took * trial.moment))
+            writer.write(path)
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        except (KeyboardInterrupt, OSError):
+            status = 2 << 8
+        except BaseException as error:
+            print(repr(error)[:300], file=sys.stderr)
+            status = 3 << 8
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        found.append(outcome_of(writer, path, trial, status))
+    signal.signal(signal.SIGALRM, before)
+    return found
 
 
-def run(writer: Writer, folder: Path, times: int, seed: int) -> dict[str, np.ndarray]:
+def run(writer: Writer, folder: Path, times: int, seed: int, fill: bool) -> dict[str, np.ndarray]:
     """Counts of outcomes by way, and of files that stayed after the last clean write."""
-    counts, path = {}, folder / writer.target
-    whole, took = measure(writer, path)
-    for way in WAYS:
-        rng, found = np.random.default_rng([seed, WAYS.index(way)]), np.zeros(len(OUTCOMES), int)
-        for _ in range(times):
-            found[OUTCOMES.index(trial(writer, path, way, rng, whole, took))] += 1
-        writer.write(path)
-        found[OUTCOMES.index("temporary file")] += len(os.listdir(folder)) - 1
-        counts[way] = found
-    return counts
+    path = folder / writer.target
+    writer.write(path)  # compiles
+    forks = Forks(writer, path, [t for way in WAYS[:3] for t in trials_of(way, times, seed)], fill)
+    forks.run()
+    found = list(forks.found)
+    found += [(WAYS[0], "temporary file")] * (len(os.listdir(folder)) - 1)
+    if writer.name.startswith("jaxtat "):
+        ends = interrupted_anywhere(writer, path, trials_of(WAYS[3], times, seed))
+        found += [(WAYS[3], end) for end in ends]
+    return {
+        way: np.array([found.count((way, outcome)) for outcome in OUTCOMES])
+        for way in WAYS
+        if way in dict(found)
+    }
 
 
 def main() -> int:
@@ -198,23 +302,27 @@ def main() -> int:
     parser.add_argument("--times", type=int, default=100, help="of each writer in each way")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, help="where to write, by default a temporary one")
+    parser.add_argument("--fill", action="store_true", help="fill that folder's disk")
     parser.add_argument("--writers", nargs="+", help="some of them")
     options = parser.parse_args()
-    warnings.simplefilter("ignore")  # of forking: children compute in their only thread
-    os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false"
+    warnings.simplefilter("ignore")  # of forking: children compute nothing
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    jax.config.update("jax_cpu_enable_async_dispatch", False)
     print(f"| writer | stopped by | {' | '.join(OUTCOMES)} |\n| --- | --- |{' --- |' * 6}")
     good = True
-    with tempfile.TemporaryDirectory(dir=options.folder) as place:
-        for writer in writers(Path(place)):
+    with (
+        tempfile.TemporaryDirectory(dir=options.folder) as place,
+        tempfile.TemporaryDirectory() as data,
+    ):
+        for writer in writers(Path(data)):
             if options.writers and writer.name not in options.writers:
                 continue
             folder = Path(place) / "written"
             folder.mkdir()
-            for way, found in run(writer, folder, options.times, options.seed).items():
+            for way, found in run(
+                writer, folder, options.times, options.seed, options.fill
+            ).items():
                 print(f"| {writer.name} | {way} | {' | '.join(map(str, found))} |", flush=True)
                 good &= found[2:].sum() == 0
             for path in folder.iterdir():

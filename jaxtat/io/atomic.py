@@ -82,7 +82,7 @@ def require_place(path: str | Path) -> None:
     """Raise ValueError if ``path`` cannot be a file to write: asked before hours of work too.
 
     A small file is made there and removed again, since permissions do not tell of a file system
-    that is read-only or full.
+    that is read-only or full. Of a process killed meanwhile the next writer removes it.
     """
     target = Path(path)
     if target.exists() and not target.is_file():
@@ -91,8 +91,9 @@ def require_place(path: str | Path) -> None:
     folder = target.resolve().parent
     if not folder.is_dir():
         raise ValueError(f"cannot write {target}: there is no folder {folder}.")
+    name = {"prefix": f"{_mark(target)}{os.getpid()}-", "suffix": target.suffix}
     try:
-        with tempfile.NamedTemporaryFile(dir=folder, prefix=".", suffix=target.suffix) as trial:
+        with tempfile.NamedTemporaryFile(dir=folder, **name) as trial:
             trial.write(bytes(_LEAST))
     except OSError as error:
         raise ValueError(

@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float, jaxtyped
 
 from ..base.checks import require_x64
+from ..base.cost import image_cost, require_room
 from ..densities import DensityReport, SampledDensities
 from ..densities.harmonic import DensityGroup, HarmonicDensities
 from ..geometry import (
@@ -236,6 +237,12 @@ def _require_consistent(plan: Any) -> None:
     n, m, detectors = len(plan.frequencies), len(plan.angles), plan.curve.n_detectors
     if min(n, m, len(plan.radii)) == 0:
         raise ValueError("no frequencies, directions or radii.")
+    largest = max(plan.grid.shape)  # a size, which no array of the file bears out
+    with refusing("a grid whose "):
+        require_room(
+            lambda side: image_cost(tuple(k * side / largest for k in plan.grid.shape), n, m),
+            largest,
+        )
     try:
         per_frequency(plan.regularization, n)
     except ValueError as error:

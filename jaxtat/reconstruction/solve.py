@@ -115,7 +115,8 @@ def solve(
     Around detectors that are too near for waves about a centre, on an L or U, A is taken on the
     boundary itself; the result tells its basis. Linear in g for a fixed rule; differentiable,
     through implicit derivatives, with respect to g, the rule's numbers, radii, and all positions
-    and sizes of curve, region and grid.
+    and sizes of curve, region and grid; a number as rule makes a kink where a closed ring begins to
+    open, see `alpha_unit`.
 
     Args:
         setup: detectors, region, grid and radii.

@@ -94,11 +94,23 @@ def test_a_folder_that_refuses_new_files_is_found_by_making_one(tmp_path, monkey
 
 
 @pytest.mark.skipif(os.name != "posix", reason="processes are not asked for elsewhere")
-def test_what_a_killed_writer_left_is_removed_by_the_next(tmp_path):
-    """And nothing else: not what another writer has in hand, nor other files with such a name."""
+@pytest.mark.parametrize("asking", [False, True])
+def test_what_a_killed_writer_left_is_removed_by_the_next(tmp_path, asking):
+    """And nothing else: not what another writer has in hand, nor other files with such a name.
+
+    Killed while it writes, or while it asks whether it can.
+    """
     target = tmp_path / "image.png"
-    writer = "from pathlib import Path\nfrom jaxtat.io.atomic import replacing\nimport os\n"
-    writer += f"with replacing(Path({str(target)!r})) as path: os.kill(os.getpid(), 9)"
+    writer = f"""
+import os, tempfile
+from pathlib import Path
+from jaxtat.io.atomic import replacing
+make, kill = tempfile.NamedTemporaryFile, lambda: os.kill(os.getpid(), 9)
+if {asking}:
+    tempfile.NamedTemporaryFile = lambda **where: (make(**where), kill())
+with replacing(Path({str(target)!r})):
+    kill()
+"""
     done = subprocess.run([sys.executable, "-c", writer], cwd=Path(__file__).parents[2])
     assert done.returncode == -9
     (left,) = names(tmp_path)

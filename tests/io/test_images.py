@@ -1,5 +1,6 @@
 """Images out, read back by their own readers."""
 
+import contextlib
 import hashlib
 import importlib
 import json
@@ -11,6 +12,7 @@ import nibabel
 import numpy as np
 import pytest
 import tifffile
+from interruptions import files_of_at_most, lines_of
 from PIL import Image
 
 import jaxtat
@@ -362,3 +364,38 @@ def test_a_failing_write_leaves_the_old_image(tmp_path, monkeypatch):
         save_image(path, 2 * IMAGE, GRID, REGION, {})
     assert path.read_bytes() == before
     assert names(tmp_path) == ["a.npy"]
+
+
+@pytest.mark.parametrize("name", ["a.h5", "a.npy"])
+def test_a_writer_that_is_stopped_leaves_the_old_file_or_the_whole_new_one(tmp_path, name):
+    """At lines of `jaxtat.io` chosen at random, the last ones among them, and with too little room;
+    `benchmarks/robustness/interrupted.py` does it at any time, and kills."""
+
+    def write():
+        save_image(path, IMAGE, GRID, REGION, SETTINGS)
+
+    def require_whole():
+        if name == "a.h5":
+            load_settings(path)
+            with h5py.File(path) as file:
+                found = file["image"][()]
+        else:
+            found = np.load(path)
+        assert np.array_equal(found, np.where(INSIDE, IMAGE, 0.0))
+
+    path, rng = tmp_path / name, np.random.default_rng(8)
+    write()
+    size, n = path.stat().st_size, lines_of(write)
+    for last in {*range(n - 15, n), *rng.integers(1, n, size=15).tolist()}:
+        path.write_bytes(b"old")
+        with contextlib.suppress(KeyboardInterrupt):
+            lines_of(write, last)
+        assert names(tmp_path) == [name], last
+        if path.read_bytes() != b"old":
+            require_whole()
+    for room in rng.integers(size, size=5).tolist():
+        path.write_bytes(b"old")
+        with files_of_at_most(room), pytest.raises((OSError, ValueError), match="cannot write"):
+            write()
+        assert names(tmp_path) == [name]
+        assert path.read_bytes() == b"old"

@@ -222,7 +222,9 @@ def alpha_unit(factor: RegionFactor, powers: Float[Array, "blocks r"]) -> Float[
 
     On a disk, where R is diagonal, it is the largest diagonal entry of A A^T. Of other regions that
     entry would depend on the order in which waves are made orthogonal, and at high frequencies on
-    rounding, and so have no derivative; this one has.
+    rounding, and so have no derivative; this one has. Where two waves share the largest entry it
+    has a kink, and the derivative is the mean of both sides: in the opening of a closed ring, where
+    cosines and sines are alike as long as there is none.
 
     Args:
         factor: R.
