@@ -7,7 +7,7 @@ from ..base.checks import Numbers
 from ..forward import integrate_over_circles, integrate_over_circles_adjoint
 from ..forward.spheres import integrate_over_spheres, integrate_over_spheres_adjoint
 from ..spherical.sizes import SpaceSizes
-from .setup import Setup
+from .setup import Setup, require_setup
 
 
 def circular_integrals(setup: Setup, image: Numbers) -> Float[Array, "..."]:
@@ -36,6 +36,7 @@ def circular_integrals(setup: Setup, image: Numbers) -> Float[Array, "..."]:
     >>> bool(abs(g - bell.circular_integrals(setup.curve, setup.radii)).max() < 1e-3)
     True
     """
+    require_setup(setup)
     sizes, places = setup.sizes, (setup.grid, setup.curve, setup.radii)
     if isinstance(sizes, SpaceSizes):
         return integrate_over_spheres(image, *places, n_points=sizes.n_sphere)
@@ -52,6 +53,7 @@ def circular_integrals_adjoint(setup: Setup, data: Numbers) -> Float[Array, "...
     Returns:
         (..., *setup.grid.shape).
     """
+    require_setup(setup)
     sizes, places = setup.sizes, (setup.grid, setup.curve, setup.radii)
     if isinstance(sizes, SpaceSizes):
         return integrate_over_spheres_adjoint(data, *places, n_points=sizes.n_sphere)
@@ -60,6 +62,7 @@ def circular_integrals_adjoint(setup: Setup, data: Numbers) -> Float[Array, "...
 
 def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:
     """Means of a pixel image over circles, g(z, r)/2πr, or of a volume over spheres, g/4πr²."""
+    require_setup(setup)
     space = isinstance(setup.sizes, SpaceSizes)
     measure = 4 * jnp.pi * setup.radii**2 if space else 2 * jnp.pi * setup.radii
     return circular_integrals(setup, image) / measure

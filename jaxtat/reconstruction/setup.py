@@ -202,6 +202,7 @@ class Setup(eqx.Module):
 
 def plane_of(setup: Setup) -> tuple[DetectorCurve, Region, Array, PlaneSizes]:
     """Curve, region, radii and sizes of a setup in the plane, or ValueError."""
+    require_setup(setup)
     curve, region, sizes = setup.curve, setup.region, setup.sizes
     if not (
         isinstance(curve, DetectorCurve)

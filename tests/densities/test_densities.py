@@ -27,7 +27,7 @@ NORMS = full_circle_norm(LAM, 1.3)
 def geometry(right, **place):
     return (
         circular_arc(1.3, right, 90, **place),
-        disk(1.0, right, n_boundary=180),
+        disk(1.0, right, n_boundary=180, **place),
     )
 
 

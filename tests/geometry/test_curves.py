@@ -62,9 +62,9 @@ def test_measured_positions_at_any_spacing_give_exact_weights_and_normals(
     assert np.allclose(curve.normals, outward, atol=1e-9)
 
 
-@pytest.mark.parametrize("z_right", [-0.5, 0.0, 1.0, 1.3])
-def test_positions_of_an_arc_give_the_arc_back(z_right):
-    arc = circular_arc(1.3, z_right, 256, center=(0.4, -2.0), angle=2.2)
+@pytest.mark.parametrize("cut", [-0.5, 0.0, 1.0, 1.3])
+def test_positions_of_an_arc_give_the_arc_back(cut):
+    arc = circular_arc(1.3, cut, 256, center=(0.4, -2.0), angle=2.2)
     measured = detector_curve(arc.points)
     assert measured.closed == arc.closed
     assert np.allclose(measured.weights, arc.weights, rtol=1e-9)
@@ -216,8 +216,8 @@ def test_fit_circle_finds_the_circle_of_an_arc(radius, c1, c2, span, start):
 def test_derivatives_of_curves():
     arc = circular_arc(1.3, 0.5, 12)
 
-    def arc_fields(radius, z_right, center, angle):
-        curve = circular_arc(radius, z_right, 12, center=center, angle=angle)
+    def arc_fields(radius, cut, center, angle):
+        curve = circular_arc(radius, cut, 12, center=center, angle=angle)
         return curve.points, curve.weights, curve.normals
 
     def measured_fields(points):

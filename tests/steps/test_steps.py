@@ -6,11 +6,20 @@ import numpy as np
 import pytest
 import scipy.special as sp
 from jax.test_util import check_grads
-from jaxtat.steps.radial_transform import radial_kernels
 
 from jaxtat import ImageGrid, circular_arc, cosine_filter, phantoms
 from jaxtat.densities import SampledDensities
-from jaxtat.steps import delayed_transform, filtered_back_projection, offset_step, polar_fourier, polar_fourier_of_projections, radial_transform, radon_projections, total_integrals
+from jaxtat.steps import (
+    delayed_transform,
+    filtered_back_projection,
+    offset_step,
+    polar_fourier,
+    polar_fourier_of_projections,
+    radial_transform,
+    radon_projections,
+    total_integrals,
+)
+from jaxtat.steps.radial_transform import radial_kernels
 
 CENTER, WIDTH = np.array([0.3, -0.2]), 0.5
 BELL = phantoms.Bells([CENTER], [WIDTH])

@@ -48,7 +48,7 @@ class SolveReport(eqx.Module):
 
     Attributes:
         alpha: in the unit of A A^T [length²].
-        relative_alpha: in the unit in which numbers are given, see `AlphaRule`.
+        relative_alpha: in the unit in which numbers are given, see `Tikhonov`.
         residual: largest ||(A A^T + alpha) y - A G|| / ||A G|| of the images.
         iterations: of conjugate gradients, the most of all images; 0 for a factorisation.
         converged: whether the residual is as small as was asked (all finite for a factorisation).

@@ -40,7 +40,7 @@ NORMS = full_circle_norm(FREQUENCIES, 1.5)
 ANGLES = jnp.array([0.0, 0.4, 1.1, 2.5])
 PLACE = {"center": (0.3, -0.2), "angle": 0.8}
 ARC, ODD = circular_arc(1.5, 0.1, 40, **PLACE), circular_arc(1.5, 0.1, 41, **PLACE)
-DISK, HALF = disk(1.0, n_boundary=160), disk(1.0, 0.1, n_boundary=160)
+DISK, HALF = disk(1.0, n_boundary=160, **PLACE), disk(1.0, 0.1, n_boundary=160, **PLACE)
 ASIDE = disk(0.8, n_boundary=160, center=(0.45, -0.1))
 JITTER = np.random.default_rng(1).uniform(-0.02, 0.02, (40, 2))
 GEOMETRIES = {

@@ -25,8 +25,8 @@ from jaxtat.densities.single_layer import potential_matrix
 PLACE = {"center": (0.3, -0.2), "angle": 0.8}
 ARC = circular_arc(1.5, 0.3, 31, **PLACE)
 JITTER = np.random.default_rng(0).uniform(-0.02, 0.02, (31, 2))
-DISK = disk(1.0, n_boundary=240)
-HALF = disk(1.0, 0.3, n_boundary=240)
+DISK = disk(1.0, n_boundary=240, **PLACE)
+HALF = disk(1.0, 0.3, n_boundary=240, **PLACE)
 ASKEW = disk(1.0, 0.3, n_boundary=240, center=PLACE["center"])
 GEOMETRIES = {
     "disk": (ARC, DISK),

@@ -8,8 +8,7 @@ import pytest
 
 from jaxtat import circular_arc, detector_curve, disk
 from jaxtat.densities.harmonic import (
-    Data,
-    alpha_rule,
+    Asked,
     circular_harmonics_at,
     harmonic_orders,
     polar_geometry,
@@ -20,6 +19,7 @@ from jaxtat.densities.harmonic import (
 from jaxtat.densities.harmonic.table import detector_matrix
 from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
 from jaxtat.geometry.curves import SampledCurve
+from jaxtat.regularization import tikhonov_rule
 
 FREQUENCIES = jnp.array([2.0, 5.0, 9.0])
 ANGLES = jnp.array([0.0, 0.4, 1.1, 2.5])
@@ -41,8 +41,8 @@ def ellipse(jitter):
 
 
 ARC = circular_arc(1.5, 1.1, N, **PLACE)
-DISK = disk(1.0, n_boundary=200)
-HALF = disk(1.0, 0.1, n_boundary=200)
+DISK = disk(1.0, n_boundary=200, **PLACE)
+HALF = disk(1.0, 0.1, n_boundary=200, **PLACE)
 ASKEW = disk(0.9, 0.1, n_boundary=200, center=CENTER + 0.05)
 # curve, region, and what kind it is: (mirror, disk, on_circle)
 GEOMETRIES = {
@@ -63,8 +63,8 @@ def some_data(curve, images=2):
 @eqx.filter_jit
 def solve(polar, transformed, groups, solver, alpha=1e-6, tolerance=1e-12):
     ones = jnp.ones(len(FREQUENCIES))
-    data = Data(transformed, ones, ones, alpha_rule(alpha, len(FREQUENCIES)))
-    return solve_harmonics(polar, FREQUENCIES, groups, data, solver, tolerance)
+    asked = Asked(ones, ones, tikhonov_rule(alpha, len(FREQUENCIES)))
+    return solve_harmonics(polar, FREQUENCIES, groups, transformed, asked, solver, tolerance)
 
 
 def one_group(polar):
