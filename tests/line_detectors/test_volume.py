@@ -59,7 +59,7 @@ def shown():
 
 
 def test_volume_from_an_open_arc_is_exact(shown):
-    exact = np.asarray(BELLS.volume(shown.grid, shown.grid.x2))
+    exact = np.asarray(BELLS.volume(shown.plan.grid, shown.plan.grid.x2))
     assert np.abs(np.asarray(shown.volume) - exact).max() < 1e-4
     assert np.abs(exact).max() > 0.8
     assert 0 < float(shown.printed) < 1e-4
@@ -68,7 +68,7 @@ def test_volume_from_an_open_arc_is_exact(shown):
 def test_low_pass_acts_on_all_directions_of_the_volume_alike(shown):
     """In space, f(x) = (1/2π²) ∫ eta F(lambda) sin(lambda |x|)/(lambda |x|) lambda² dlambda."""
     bell, scan = Balls(np.zeros((2, 3)), [0.8, 0.8], [0.6, 0.4], exponent=5), shown.scan
-    g = bell.circular_integrals(scan, shown.curve, shown.radii)
+    g = bell.circular_integrals(scan, shown.plan.curve, shown.plan.radii)
     found = np.asarray(reconstruct(shown.plan, g, scan, low_pass=cosine_filter))
     nodes, weights = np.polynomial.legendre.leggauss(400)
     t, last = 0.4 * (nodes + 1), float(shown.plan.frequencies[-1])
@@ -76,7 +76,7 @@ def test_low_pass_acts_on_all_directions_of_the_volume_alike(shown):
     radial = 0.4 * weights * (1 - (t / 0.8) ** 2) ** 5 * t**2
     transform = 4 * np.pi * np.sinc(lam[:, None] * t / np.pi) @ radial
     filtered = transform * np.cos(np.pi / 2 * lam / last) * lam**2 * step / (2 * np.pi**2)
-    grid, third = shown.grid, np.asarray(shown.grid.x2)
+    grid, third = shown.plan.grid, np.asarray(shown.plan.grid.x2)
     distance = np.sqrt((np.asarray(grid.points) ** 2).sum(-1)[..., None] + third**2)
     exact = np.sinc(distance[..., None] * lam / np.pi) @ filtered
     assert np.abs(exact - np.asarray(bell.volume(grid, third))).max() > 1e-2
