@@ -104,7 +104,8 @@ class Setup(eqx.Module):
             )
         if radii is None:
             wanted, share = (cap_radii, 2) if space else (data_radii, 1)
-            radii = wanted(curve, region, grid.spacing.max() / share)
+            with jax.ensure_compile_time_eval():  # inside jax.jit too
+                radii = wanted(curve, region, grid.spacing.max() / share)
         self.curve, self.grid = curve, grid
         self.radii = real_array("radii", radii, ("radii",))
         if space:

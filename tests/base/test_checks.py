@@ -202,9 +202,16 @@ def test_concrete_values_deep_inside_are_seen():
 
 def test_a_fixed_geometry_is_no_traced_one(arc):
     """Inside jit of the data alone sizes can be had; derivatives are taken off what has them."""
-    parts = arc.curve, arc.region, arc.grid
-    found = jax.jit(lambda x: x * jaxtat.Setup(*parts).sizes.max_frequency)(1.0)
-    assert float(found) == arc.sizes.max_frequency
+    parts, inside = (arc.curve, arc.region, arc.grid), []
+
+    @jax.jit
+    def double(x):
+        inside.extend([jaxtat.Setup(*parts, arc.radii), jaxtat.Setup(*parts)])
+        return 2 * x
+
+    double(1.0)
+    assert inside[0].sizes == arc.sizes
+    np.testing.assert_allclose(inside[1].radii, arc.radii, rtol=1e-14)
     assert jax.grad(lambda x: x * constants(x))(2.0) == 2.0
 
 

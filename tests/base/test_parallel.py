@@ -24,7 +24,7 @@ if len(sys.argv) > 2:
 else:
     jax.config.update("jax_num_cpu_devices", n_devices)
 mesh = jax.make_mesh((n_devices,), ("devices",))
-setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
+setup = Setup(circular_arc(1.3, 1.0, 60), disk(1.0), ImageGrid(15))
 bell = phantoms.Bells([[0.1, 0.2]], [0.7])
 g = np.asarray(bell.circular_integrals(setup.curve, setup.radii))
 def here(array):

@@ -179,23 +179,16 @@ def test_blocks_are_the_block_diagonal_matrix(rule):
         assert np.allclose(getattr(blocks, name), getattr(whole, name), atol=1e-9)
 
 
-def test_derivatives_in_K_j_max_alpha_and_the_right_hand_side():
+@pytest.mark.parametrize(("rule", "at"), [(NormBound, 33.0), (FixedRank, 5.4), (Tikhonov, 0.3)])
+def test_derivatives_in_the_number_of_a_rule_and_the_right_hand_side(rule, at):
     *_, a, u = problem()
 
-    def of_rule(rule):
-        found = singular_components(a[None], u[None], rule, ONE)
+    @jax.jit
+    def of(number, real):
+        found = singular_components(a[None], real[None] + 0j, rule(number), ONE)
         return found.solution.real, found.norm, found.residual
 
-    check_grads(lambda K: of_rule(NormBound(K)), (jnp.array(33.0),), 1, modes=["fwd", "rev"])
-    check_grads(lambda j: of_rule(FixedRank(j)), (jnp.array(5.4),), 1, modes=["fwd", "rev"])
-    check_grads(lambda a: of_rule(Tikhonov(a)), (jnp.array(0.3),), 1, modes=["fwd", "rev"])
-
-    def of_rhs(real):
-        return singular_components(
-            a[None], jnp.asarray(real)[None] + 0j, NormBound(33.0), ONE
-        ).solution.real
-
-    check_grads(of_rhs, (u.real,), 1, modes=["fwd", "rev"])
+    check_grads(of, (jnp.array(at), u.real), 1, modes=["fwd", "rev"])
 
 
 SOFT = [
