@@ -7,10 +7,8 @@ import pytest
 from jax.test_util import check_grads
 
 from jaxtat import (
-    ImageGrid,
     NoiseLevel,
     NormBound,
-    Setup,
     Tikhonov,
     TikhonovNormBound,
     circular_arc,
@@ -31,6 +29,7 @@ from jaxtat.regularization.alpha import Problem, _alpha_of_matrix
 from jaxtat.special import full_circle_norm
 from jaxtat.steps import radial_transform
 
+matrix_of, traces_of = jax.jit(potential_matrix), jax.jit(plane_wave_traces)
 FREQUENCIES = jnp.array([3.0, 9.0])
 N = 40
 ARC, DISK = circular_arc(1.5, 1.1, N, angle=0.4), disk(1.0, n_boundary=160)
@@ -81,7 +80,7 @@ def test_numbers_are_relative_to_the_largest_diagonal_entry():
     np.testing.assert_allclose(each.alpha / one.alpha, [100.0, 1.0], rtol=1e-12)
     # no diagonal entry exceeds the largest eigenvalue, and the largest is of its size
     for lam, alpha in zip(FREQUENCIES, one.alpha, strict=True):
-        sigma = np.linalg.svd(potential_matrix(lam, ARC, DISK), compute_uv=False)
+        sigma = np.linalg.svd(matrix_of(lam, ARC, DISK), compute_uv=False)
         assert 0.1 * sigma[0] ** 2 < alpha / 1e-6 <= sigma[0] ** 2
 
 
@@ -99,13 +98,12 @@ BELLS = phantoms.Bells([[0.3, 0.1], [-0.35, -0.2], [0.0, 0.5]], [0.3, 0.4, 0.25]
 
 
 @pytest.fixture(scope="module")
-def noisy():
+def noisy(arc):
     """A problem, data with white noise of 3 % of the largest value, and its standard deviation."""
-    setup = Setup(circular_arc(1.5, 1.2, 60), disk(1.0), ImageGrid(33))
-    exact = BELLS.circular_integrals(setup.curve, setup.radii)
+    exact = BELLS.circular_integrals(arc.curve, arc.radii)
     sigma = 0.03 * float(exact.max())
     noise = sigma * np.random.default_rng(0).standard_normal(exact.shape)
-    return setup, exact + noise, sigma
+    return arc, exact + noise, sigma
 
 
 def test_noise_level_by_brute_force(noisy):
@@ -113,13 +111,13 @@ def test_noise_level_by_brute_force(noisy):
     setup, g, sigma = noisy
     curve, region, radii = setup.curve, setup.region, setup.radii
     report = solve(setup, g, NoiseLevel(sigma)).report
-    for i in (0, 9, 24):
+    for i in (0, 9, 19):
         lam = setup.frequencies[i]
         transform = radial_transform(jnp.eye(len(radii))[:, None], radii, lam[None])[:, 0, :, 0]
         root = np.sqrt(np.asarray(curve.weights))
         data = np.asarray(jnp.einsum("kr,rj->jk", g, transform)) * root
         noise = sigma**2 * (root**2).sum() * (np.asarray(transform) ** 2).sum()
-        trace = np.sum(np.asarray(potential_matrix(lam, curve, region)) ** 2)
+        trace = np.sum(np.asarray(matrix_of(lam, curve, region)) ** 2)
         signal = max((data**2).sum() - noise, 0.01 * noise) / trace
         per_datum = noise / data.size
         np.testing.assert_allclose(report.alpha[i], per_datum / signal, rtol=1e-6)
@@ -143,8 +141,8 @@ def test_noise_level_is_nearly_the_best_alpha(noisy):
 def norm_of_densities(lam, curve, region, alpha):
     """Root mean square of ||rho|| over all directions, rho = A^T (A A^T + alpha)^-1 u."""
     angles = jnp.arange(90) * 2 * jnp.pi / 90
-    a = np.asarray(potential_matrix(lam, curve, region))
-    u = np.asarray(plane_wave_traces(lam, angles, region))
+    a = np.asarray(matrix_of(lam, curve, region))
+    u = np.asarray(traces_of(lam, angles, region))
     rho = a.T @ np.linalg.solve(a @ a.T + float(alpha) * np.eye(len(a)), u)
     return np.sqrt(np.mean(np.sum(np.abs(rho) ** 2, axis=0)))
 

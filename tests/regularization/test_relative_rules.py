@@ -2,6 +2,7 @@
 
 import re
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -33,10 +34,11 @@ A = RANDOM.standard_normal((9, 14)) @ np.diag(np.geomspace(1, 1e-3, 14))
 U = RANDOM.standard_normal((9, 3)) + 1j * RANDOM.standard_normal((9, 3))
 
 
+compiled = eqx.filter_jit(singular_components)
+
+
 def solved(rule, unit_norm=1.0):
-    return singular_components(
-        jax.device_put(A)[None], jax.device_put(U)[None], rule, jax.device_put(np.array(unit_norm))
-    )
+    return compiled(*jax.device_put((A[None], U[None])), rule, jnp.asarray(unit_norm))
 
 
 @given(st.floats(1e-4, 0.9), st.floats(0.1, 300.0))

@@ -1,6 +1,6 @@
 """Densities in cylindrical waves against those of collocation, and sums over them."""
 
-import operator
+from operator import itemgetter
 
 import jax
 import jax.numpy as jnp
@@ -57,8 +57,9 @@ def densities_of(curve, region, rule):
     n_max = int(harmonic_orders(polar, np.asarray(FREQUENCIES)).max())
     table = wave_table(polar, FREQUENCIES, n_max)
     local = ANGLES - polar.axis
+    table = jax.tree.map(np.asarray, table)
     parts = [slice(i, i + 1) for i in range(len(FREQUENCIES))]
-    tables = [jax.tree.map(operator.itemgetter(part), table) for part in parts]
+    tables = [jax.device_put(jax.tree.map(itemgetter(part), table)) for part in parts]
     found = [
         harmonic_densities(polar, one, n_max, NORMS[part], local, rule)
         for one, part in zip(tables, parts, strict=True)

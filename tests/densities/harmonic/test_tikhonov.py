@@ -21,6 +21,7 @@ from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
 from jaxtat.geometry.curves import SampledCurve
 from jaxtat.regularization import tikhonov_rule
 
+matrix_of, traces_of = jax.jit(potential_matrix), jax.jit(plane_wave_traces)
 FREQUENCIES = jnp.array([2.0, 5.0, 9.0])
 ANGLES = jnp.array([0.0, 0.4, 1.1, 2.5])
 N = 41  # detectors, of which one is on the axis of mirrored curves
@@ -72,6 +73,7 @@ def one_group(polar):
     return ((0, len(FREQUENCIES), int(harmonic_orders(polar, np.asarray(FREQUENCIES)).max())),)
 
 
+@eqx.filter_jit
 def at_angles(polar, region, harmonics):
     """fhat, its phases counted from the region's centre, (images, frequencies, directions)."""
     directions = jnp.stack([jnp.cos(ANGLES), jnp.sin(ANGLES)], axis=-1)
@@ -84,8 +86,8 @@ def dense(curve, region, transformed, alphas):
     """fhat = rho·√w G / 2π with rho = A^T (A A^T + alpha)^-1 u, A of the boundary points."""
     found = []
     for lam, data, alpha in zip(FREQUENCIES, transformed, alphas, strict=True):
-        a = np.asarray(potential_matrix(lam, curve, region))
-        u = np.asarray(plane_wave_traces(lam, ANGLES, region))
+        a = np.asarray(matrix_of(lam, curve, region))
+        u = np.asarray(traces_of(lam, ANGLES, region))
         rho = a.T @ np.linalg.solve(a @ a.T + float(alpha) * np.eye(len(a)), u)
         scaled = np.asarray(jnp.sqrt(curve.weights) * data)
         found.append(scaled.reshape(len(data), -1) @ rho / (2 * np.pi))
