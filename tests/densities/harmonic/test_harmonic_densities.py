@@ -9,20 +9,16 @@ import pytest
 
 from jaxtat import (
     FixedRank,
-    ImageGrid,
     NormBound,
-    Setup,
     SingularValueCutoff,
     Tikhonov,
     TikhonovNormBound,
     build_plan,
     circular_arc,
-    data_radii,
     detector_curve,
     disk,
     phantoms,
     reconstruct,
-    solve,
 )
 from jaxtat.densities import collocation_densities
 from jaxtat.densities.harmonic import (
@@ -134,16 +130,10 @@ def test_rows_are_few():
     assert group.rows.shape[-2] < 40
 
 
-@pytest.mark.parametrize(
-    ("rule", "alpha"), [(Tikhonov(1e-6), 1e-6), (TikhonovNormBound(2.0), NormBound(2.0))]
-)
-def test_tikhonov_plan_is_the_direct_reconstruction(rule, alpha):
+@pytest.mark.parametrize("rule", [Tikhonov(1e-6), TikhonovNormBound(2.0)])
+def test_tikhonov_plan_is_the_direct_reconstruction(half_arc, rule):
     """Two ways to the same image: singular values of A, and systems with A A^T + alpha."""
-    curve, region = circular_arc(1.5, 0.0, 50), disk(1.0, 0.0, n_boundary=120)
-    grid = ImageGrid(21)
-    radii = data_radii(curve, region, grid.spacing[0])
-    g = phantoms.Bells([[-0.4, 0.1]], [0.5]).circular_integrals(curve, radii)
-    built = build_plan(Setup(curve, region, grid, radii), rule)
-    found = reconstruct(built, g)
-    expected = solve(Setup(curve, region, grid, radii), g, alpha).image
+    bell = phantoms.Bells([[-0.4, 0.1]], [0.5])
+    g = bell.circular_integrals(half_arc.curve, half_arc.radii)
+    found, expected = reconstruct(build_plan(half_arc, rule), g), reconstruct(half_arc, g, rule)
     np.testing.assert_allclose(found, expected, atol=1e-8)
