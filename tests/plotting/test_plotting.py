@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 
 from jaxtat import ImageGrid, VolumeGrid, circular_arc, disk
 from jaxtat.geometry import SampledCurve
+from jaxtat.geometry.visible_edges import seen_share
 from jaxtat.plotting import (
     new_figure,
     show_detectors,
