@@ -202,7 +202,7 @@ def test_concrete_values_deep_inside_are_seen():
 
 def test_a_fixed_geometry_is_no_traced_one(arc):
     """Inside jit of the data alone sizes can be had; derivatives are taken off what has them."""
-    parts, inside = (arc.curve, arc.region, arc.grid), []
+    parts, inside = (arc.curve, jaxtat.disk(1.0), arc.grid), []
 
     @jax.jit
     def double(x):
