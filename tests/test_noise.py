@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
-from jaxtat.steps.radial_transform import noise_power, radial_transform
 from numpy.testing import assert_allclose
 
 from jaxtat import (
@@ -23,6 +22,7 @@ from jaxtat import (
     reconstruct,
 )
 from jaxtat.densities.harmonic import harmonic_orders, polar_geometry, wave_system, wave_table
+from jaxtat.steps.radial_transform import noise_power, radial_transform
 from jaxtat.studies import choose_regularization, image_power
 
 BELL = phantoms.Bells([[0.2, 0.1], [-0.3, -0.2]], [0.6, 0.5], [1.0, 0.7])

@@ -58,7 +58,7 @@ def require_x64() -> None:
 # argument: what its class has, what it is, and how it is made
 _OBJECTS = {
     "curve": ("n_detectors", "a DetectorCurve", "detector_curve(positions), positions in order"),
-    "region": ("contains", "a Region", "truncated_disk(radius, radius, n) for a disk"),
+    "region": ("contains", "a Region", "disk(radius), polygon or rectangle"),
     "grid": ("spacing", "an ImageGrid", "ImageGrid(n) for n x n nodes"),
 }
 

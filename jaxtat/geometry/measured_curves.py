@@ -171,6 +171,7 @@ def keep_detectors(curve: DetectorCurve, keep: Numbers | np.ndarray) -> SampledC
     Raises:
         ValueError: for a mask that does not fit, is traced, or keeps fewer than 3.
 
+    >>> from jaxtat import circular_arc
     >>> curve = circular_arc(1.3, 0.0, 100)
     >>> keep = np.arange(100) != 40
     >>> found = keep_detectors(curve, keep).weights * (100 / (np.pi * 1.3))

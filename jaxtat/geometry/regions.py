@@ -143,7 +143,7 @@ def disk(
     Raises:
         ValueError: for fewer than 8 points, radius <= 0 or an empty region.
 
-    Source: Kunyansky 2008, section 4 (Omega(R, x_right), R = 1, cut at 1 and 0).
+    Source: Kunyansky 2008, section 4 (Omega(R, x_right): R = 1, cut at 1 and 0).
 
     >>> import jax.numpy as jnp
     >>> region = disk(1.0, 0.0)

@@ -3,7 +3,7 @@
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers
-from .setup import Setup
+from .setup import Setup, require_setup
 
 
 def circular_integrals(setup: Setup, image: Numbers) -> Float[Array, "..."]:
@@ -32,6 +32,7 @@ def circular_integrals(setup: Setup, image: Numbers) -> Float[Array, "..."]:
     >>> bool(abs(g - bell.circular_integrals(setup.curve, setup.radii)).max() < 1e-3)
     True
     """
+    require_setup(setup)
     where = setup.grid, setup.curve, setup.radii
     return setup.kind.integrals(image, *where, n_points=setup.sizes.n_quadrature)
 
@@ -46,10 +47,12 @@ def circular_integrals_adjoint(setup: Setup, data: Numbers) -> Float[Array, "...
     Returns:
         (..., *setup.grid.shape).
     """
+    require_setup(setup)
     where = setup.grid, setup.curve, setup.radii
     return setup.kind.adjoint(data, *where, n_points=setup.sizes.n_quadrature)
 
 
 def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:
     """Means of a pixel image over circles, g(z, r)/2πr, or of a volume over spheres, g/4πr²."""
+    require_setup(setup)
     return circular_integrals(setup, image) / setup.kind.measure(setup.radii)

@@ -46,7 +46,7 @@ from ..regularization import (
 from ..steps import AccuracyWarning, require_boundary
 from .plane_basis import StoredDensities
 from .plane_sizes import PlaneSizes, systems_fit
-from .setup import Setup, plane_of, require_setup
+from .setup import Setup, plane_of
 
 METHODS = ("auto", "harmonic", "collocation", "series")
 _FREQUENCIES_AT_A_TIME = 4
@@ -162,7 +162,6 @@ def build_plan(
     True
     """
     require_x64()
-    require_setup(setup)
     if precision not in ("double", "single"):
         raise ValueError(f"precision is {precision!r}, expected 'double' or 'single'.")
     if not (rule is None or isinstance(rule, Regularization)):

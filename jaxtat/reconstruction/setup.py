@@ -87,7 +87,8 @@ class Setup(eqx.Module):
                 "of typical ones outside, and inside setup.replace(curve=..., radii=...)."
             )
         if radii is None:
-            radii = kind.radii(curve, region, grid.spacing.max() / kind.radii_per_pixel)
+            with jax.ensure_compile_time_eval():  # inside jax.jit too
+                radii = kind.radii(curve, region, grid.spacing.max() / kind.radii_per_pixel)
         self.curve, self.grid = curve, grid
         self.radii = real_array("radii", radii, ("radii",))
         n_groups = whole_number("n_groups", n_groups, 1)
@@ -162,6 +163,7 @@ class Setup(eqx.Module):
 
 def plane_of(setup: Setup) -> tuple[DetectorCurve, Region, Array, PlaneSizes]:
     """Curve, region, radii and sizes of a setup in the plane, or ValueError."""
+    require_setup(setup)
     curve, region, sizes = setup.curve, setup.region, setup.sizes
     if not (
         isinstance(curve, DetectorCurve)

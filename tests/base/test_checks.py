@@ -200,10 +200,18 @@ def test_concrete_values_deep_inside_are_seen():
     assert found == [False]
 
 
-def test_a_fixed_geometry_is_no_traced_one(small):
+def test_a_fixed_geometry_is_no_traced_one(arc):
     """Inside jit of the data alone sizes can be had; derivatives are taken off what has them."""
-    found = jax.jit(lambda x: x * jaxtat.problem_layout(*small).max_frequency)(1.0)
-    assert float(found) == jaxtat.problem_layout(*small).max_frequency
+    parts, inside = (arc.curve, jaxtat.disk(1.0), arc.grid), []
+
+    @jax.jit
+    def double(x):
+        inside.extend([jaxtat.Setup(*parts, arc.radii), jaxtat.Setup(*parts)])
+        return 2 * x
+
+    double(1.0)
+    assert inside[0].sizes == arc.sizes
+    np.testing.assert_allclose(inside[1].radii, arc.radii, rtol=1e-14)
     assert jax.grad(lambda x: x * constants(x))(2.0) == 2.0
 
 
@@ -215,7 +223,7 @@ def test_a_fixed_geometry_is_no_traced_one(small):
             r"curve is an array of shape \(24, 2\), expected a DetectorCurve: detector_curve\(pos",
         ),
         ({"curve": [[0.0, 1.0]]}, "curve is a list, expected a DetectorCurve"),
-        ({"region": 1.0}, r"region is 1.0, expected a Region: truncated_disk\("),
+        ({"region": 1.0}, r"region is 1.0, expected a Region: disk\("),
         ({"grid": 129}, r"grid is 129, expected an ImageGrid: ImageGrid\(n\)"),
         ({"grid": None}, "grid is None, expected"),
     ],
@@ -225,7 +233,7 @@ def test_what_is_no_curve_region_or_grid_is_named_with_what_makes_one(given, mes
         require_objects(**given)
 
 
-def test_public_functions_say_it(tmp_path):
+def test_public_functions_say_it():
     """In a process of its own: here every annotation is checked before the functions are."""
     program = """
 import jax
@@ -233,19 +241,26 @@ jax.config.update("jax_enable_x64", True)
 import numpy as np
 import jaxtat as jt
 
-points, radii = np.asarray([[1.3, 0.0], [0.0, 1.3], [-1.3, 0.0], [0.0, -1.3]]), np.ones(5)
-curve, grid, region = jt.detector_curve(points), jt.ImageGrid(5), jt.truncated_disk(1.0, 1.0, 8)
-image, g = np.zeros((5, 5)), np.zeros((4, 5))
+curve, grid, region = jt.circular_arc(1.3, 1.0, 24), jt.ImageGrid(5), jt.disk(0.7)
+points, setup = np.asarray(curve.points), jt.Setup(curve, region, grid)
+image, g = np.zeros((5, 5)), np.zeros(setup.data_shape)
 for wrong in (
-    lambda: jt.reconstruct_direct(points, region, grid, radii, g),
-    lambda: jt.build_plan(points, region, grid, radii),
-    lambda: jt.problem_layout(points, region, grid, radii),
+    lambda: jt.Setup(points, region, grid),
     lambda: jt.data_radii(points, region, 0.1),
-    lambda: jt.circular_integrals(image, grid, points, radii),
-    lambda: jt.least_squares(points, grid, radii, g),
-    lambda: jt.reconstruct_direct(curve, region, 129, radii, g),
-    lambda: jt.build_plan(curve, region, grid, radii, jt.NoiseLevel(0.1)),
-    lambda: jt.build_plan(curve, region, grid, radii, 4.0),
+    lambda: jt.Setup(curve, 0.7, grid),
+    lambda: jt.Setup(curve, region, 129),
+    lambda: jt.Setup(curve, jt.spherical.ball(0.7), grid),
+    lambda: jt.solve(points, g),
+    lambda: jt.reconstruct(g, setup),
+    lambda: jt.build_plan(curve),
+    lambda: jt.circular_integrals(image, setup),
+    lambda: jt.circular_integrals_adjoint(g, setup),
+    lambda: jt.circular_means(image, setup),
+    lambda: jt.studies.least_squares(g, setup),
+    lambda: jt.studies.visibility_map(curve),
+    lambda: jt.build_plan(setup, jt.NoiseLevel(0.1)),
+    lambda: jt.build_plan(setup, 4.0),
+    lambda: jt.solve(setup, g, jt.NormBound(4.0)),
 ):
     try:
         wrong()
@@ -255,13 +270,19 @@ for wrong in (
     run = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
-    *curves, grid, level, number = run.stdout.splitlines()
-    assert len(curves) == 6
-    for line in curves:
-        assert line.startswith("curve is an array of shape (4, 2), expected a DetectorCurve")
-    assert grid.startswith("grid is 129, expected an ImageGrid")
-    assert "NoiseLevel, which looks at the data: it is for alpha of reconstruct_direct." in level
-    assert number == "regularization is 4.0, expected a rule such as NormBound(4.0)."
+    first, second, number, grid, space, *setups, level, rule, bound = run.stdout.splitlines()
+    assert first.startswith("curve is an array of shape (24, 2), expected for detectors in the pl")
+    assert "what detector_curve(positions) or circular_arc makes." in first
+    assert second.startswith("curve is an array of shape (24, 2), expected a DetectorCurve")
+    assert number.startswith("region is 0.7, expected")
+    assert grid.startswith("grid is 129, expected") and "ImageGrid(n)" in grid
+    assert space.startswith("region is a Ball, expected for detectors in the plane what disk(")
+    assert len(setups) == 8
+    for line in setups:
+        assert "expected a Setup(curve, region, grid, radii) first." in line
+    assert level.startswith("NoiseLevel looks at the data, which a plan has not seen: use solve(")
+    assert rule == "rule is 4.0, expected one such as NormBound(4.0)."
+    assert bound.endswith("or its twin TikhonovNormBound(K) here.")
 
 
 def test_numbers_and_small_geometries_take_no_compiled_program():
@@ -277,7 +298,7 @@ def test_numbers_and_small_geometries_take_no_compiled_program():
         array = real_array("a", given, (617,))
         real_array("a", [0.5] * 619, (619,))
         grid = jaxtat.ImageGrid(23, 1.5)
-        jaxtat.truncated_disk(1.0, 1.0, 613).contains(grid.points)
+        jaxtat.disk(1.0, n_boundary=613).contains(grid.points)
         jaxtat.cosine_filter(jax.device_put(np.linspace(0.0, 1.0, 607)))
     finally:
         jax.monitoring.unregister_event_duration_listener(listener)

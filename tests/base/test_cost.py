@@ -20,15 +20,6 @@ from jaxtat.base.cost import (
 GIGA = 1e9
 
 
-def setup(pixels):
-    return (
-        jaxtat.circular_arc(1.3, 1.0, 24),
-        jaxtat.disk(1.0, n_boundary=64),
-        jaxtat.ImageGrid(pixels),
-        np.linspace(0.28, 2.32, 20),
-    )
-
-
 def test_the_largest_size_that_fits_is_named(monkeypatch):
     """Of n pixels that take n² bytes, 31 fit into 1000."""
     monkeypatch.setattr(cost, "available_memory", lambda: 1000.0)
@@ -44,21 +35,13 @@ def test_long_work_is_said_beforehand():
 
 
 @pytest.mark.parametrize("given", [{}, {"max_frequency": 10.0}])
-@pytest.mark.parametrize("work", ["direct", "plan", "layout"])
-def test_images_that_do_not_fit_are_refused_at_the_entry(monkeypatch, work, given):
+def test_images_that_do_not_fit_are_refused_at_the_entry(monkeypatch, arc, given):
     monkeypatch.setattr(cost, "available_memory", lambda: 8 * GIGA)
-    curve, region, grid, radii = setup(20000)
     with pytest.raises(ValueError, match="20000 pixels a side take at least") as caught:
-        if work == "direct":
-            g = np.zeros((24, 20))
-            jaxtat.solve(jaxtat.Setup(curve, region, grid, radii), g, **given)
-        elif work == "plan":
-            jaxtat.build_plan(jaxtat.Setup(curve, region, grid, radii), **given)
-        else:
-            jaxtat.problem_layout(curve, region, grid, radii, **given)
+        jaxtat.Setup(arc.curve, arc.region, jaxtat.ImageGrid(20000), arc.radii, **given)
     fits = int(str(caught.value).split("at most ")[1].split()[0])
     assert 0.8 < fits / np.sqrt(8 * GIGA / cost.BYTES_PER_PIXEL) <= 1
-    jaxtat.problem_layout(curve, region, jaxtat.ImageGrid(4), radii, **given)
+    jaxtat.Setup(arc.curve, arc.region, jaxtat.ImageGrid(4), arc.radii, **given)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import matplotlib.image
 import numpy as np
 import pytest
-from jaxtat.cli.inputs import chosen
 
 import jaxtat
 from jaxtat import (
@@ -35,6 +34,7 @@ from jaxtat import (
 )
 from jaxtat.cli import main
 from jaxtat.cli.cache import keep_programs, remove_oldest, user_folder
+from jaxtat.cli.inputs import chosen
 from jaxtat.cli.parser import build_parser
 from jaxtat.io import load_plan, load_settings
 from jaxtat.records import condition_record, pressure_to_circular_integrals

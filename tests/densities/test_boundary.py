@@ -1,50 +1,48 @@
 """Tikhonov on boundary traces: brute force, cylindrical waves, and derivatives around an L."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
-from jaxtat.steps.inversion import invert
-from jaxtat.steps.polar_fourier import with_origin
-from jaxtat.steps.radial_transform import total_integrals
 from scipy import special as sp
 
 from jaxtat import (
     ImageGrid,
     NoiseLevel,
-    NormBound,
-    RelativeCutoff,
     RelativeTikhonov,
     Setup,
+    TikhonovNormBound,
     build_plan,
-    circular_arc,
-    data_radii,
-    disk,
     phantoms,
     polygon,
     polyline,
-    problem_layout,
     reconstruct,
     solve,
 )
-from jaxtat.densities.boundary import BoundaryGeometry, solve_on_boundary
-from jaxtat.densities.harmonic import Data, alpha_rule
+from jaxtat.densities import solve_on_boundary
+from jaxtat.densities.harmonic import Asked
+from jaxtat.reconstruction.plane_basis import BoundaryTraces
+from jaxtat.regularization import tikhonov_rule
+from jaxtat.steps.inversion import invert
+from jaxtat.steps.polar_fourier import with_origin
+from jaxtat.steps.radial_transform import total_integrals
 
 CORNERS = np.array([(-0.65, -0.65), (0.75, -0.65), (-0.65, 0.75)])
 FREQUENCIES = jnp.array([3.0, 9.0])
 ANGLES = jnp.array([0.3, 2.0])
+BELL = phantoms.Bells([[-0.25, -0.25]], [0.38])
 
 
-def solved(geometry, transformed, alpha, solver="cholesky"):
-    n = len(FREQUENCIES)
-    data = Data(transformed, jnp.ones(n), jnp.ones(n), alpha_rule(alpha, n))
-    return solve_on_boundary(geometry, FREQUENCIES, ANGLES, data, solver, 1e-12)
+@eqx.filter_jit
+def solved(curve, region, transformed, rule, solver="cholesky"):
+    asked = Asked(jnp.ones(2), jnp.ones(2), tikhonov_rule(rule, 2))
+    return solve_on_boundary(curve, region, FREQUENCIES, ANGLES, transformed, asked, solver, 1e-12)
 
 
-def by_hand(geometry, transformed, alphas):
+def by_hand(curve, region, transformed, alphas):
     """u^T (A A^T + alpha)^-1 A √w G / 2π with scipy's functions."""
-    curve, region = geometry.curve, geometry.region
     z, x, n = (np.asarray(v) for v in (curve.points, region.points, region.normals))
     root_z, root_x = np.sqrt(np.asarray(curve.weights)), np.sqrt(np.asarray(region.weights))
     local = x[:, None] - z
@@ -68,96 +66,79 @@ def by_hand(geometry, transformed, alphas):
 def test_against_brute_force(counts):
     n, m = counts
     curve = polyline([(-0.8, 1.2), (-0.8, -0.8), (1.2, -0.8)], n)
-    geometry = BoundaryGeometry(curve, polygon(CORNERS, n_boundary=m))
+    region = polygon(CORNERS, n_boundary=m)
     transformed = jax.device_put(np.random.default_rng(0).standard_normal((2, 3, 2, n)))
     alphas = 8 * 0.03**2 / np.asarray(FREQUENCIES) ** 2
-    wanted = by_hand(geometry, transformed, alphas)
-    found, report = solved(geometry, transformed, RelativeCutoff(0.03))
+    wanted = by_hand(curve, region, transformed, alphas)
+    found, report = solved(curve, region, transformed, RelativeTikhonov(0.03))
     scale = np.abs(wanted).max()
     np.testing.assert_allclose(found, wanted, atol=1e-9 * scale)
     np.testing.assert_allclose(report.alpha, alphas, rtol=1e-12)
     np.testing.assert_allclose(report.relative_alpha, 0.03**2, rtol=1e-12)
-    iterated, report = solved(geometry, transformed, 0.03**2, "cg")  # in the same unit
+    iterated, report = solved(curve, region, transformed, 0.03**2, "cg")  # in the same unit
     np.testing.assert_allclose(iterated, wanted, atol=1e-8 * scale)
     assert report.converged.all() and report.iterations.min() > 3
 
 
-@pytest.fixture(scope="module")
-def l_shape():
-    """(curve, region, grid, radii), a bell and its data around an L."""
-    curve = polyline([(-0.8, 1.2), (-0.8, -0.8), (1.2, -0.8)], 60)
-    region = polygon(CORNERS, n_boundary=120)
-    grid = ImageGrid(25)
-    radii = data_radii(curve, region, grid.spacing[0] / 2)
-    bell = phantoms.Bells([[-0.25, -0.25]], [0.38])
-    return (curve, region, grid, radii), bell, bell.circular_integrals(curve, radii)
-
-
-def test_around_an_l_the_library_says_which_basis_it_took(l_shape):
-    setup, bell, g = l_shape
-    curve, region, grid, radii = setup
-    layout = problem_layout(*setup, max_frequency=40.0)
-    found = solve(Setup(*setup), g, RelativeCutoff(0.01))
-    assert found.basis == "boundary" == layout.basis and found.converged
-    # the bell without what lies beyond lambda = 40, from its exact Fourier transform
-    frequencies, angles = layout.frequencies, layout.angles
+def test_around_an_l_the_library_says_which_basis_it_took(l_shape, arc):
+    g = BELL.circular_integrals(l_shape.curve, l_shape.radii)
+    found = solve(l_shape, g, RelativeTikhonov(0.01))
+    assert found.basis == "boundary" and found.converged and not l_shape.sizes.reached
+    assert arc.sizes.reached
+    # the bell without what lies beyond lambda_max, from its exact Fourier transform
+    region, frequencies, angles = l_shape.region, l_shape.frequencies, l_shape.sizes.angles
     toward = region.center @ np.stack([np.cos(angles), np.sin(angles)])
-    exact = bell.fourier(frequencies, angles) * np.exp(1j * frequencies[:, None] * toward)
-    fhat = with_origin(exact[None], total_integrals(g[None], radii), curve.weights)
+    exact = BELL.fourier(frequencies, angles) * np.exp(1j * frequencies[:, None] * toward)
+    mass = total_integrals(g[None], l_shape.radii)
+    fhat = with_origin(exact[None], mass, l_shape.curve.weights)
     eta = jnp.ones(len(frequencies) + 1)
-    wanted = invert(fhat, frequencies[0], angles, grid, region.center, eta, "fbp")[0]
-    error = np.asarray(found.image - wanted)[np.asarray(region.contains(grid.points))]
-    assert np.abs(error).max() < 5e-3
-    arc, disk = circular_arc(1.3, 1.0, 30), disk(1.0, n_boundary=60)
-    layout = problem_layout(arc, disk, setup[2], data_radii(arc, disk, 0.1))
-    assert layout.basis == "cylindrical"
+    wanted = invert(fhat, frequencies[0], angles, l_shape.grid, region.center, eta, "fbp")[0]
+    inside = np.asarray(region.contains(l_shape.grid.points))
+    assert np.abs(np.asarray(found.image - wanted)[inside]).max() < 5e-3
     with pytest.raises(ValueError, match="in cylindrical waves"):
-        solve(Setup(*setup, max_frequency=10.0), g, NormBound(2.0))
+        solve(l_shape, g, TikhonovNormBound(2.0))
 
 
 def test_a_plan_makes_the_same_image(l_shape):
-    setup, _, g = l_shape
-    options = {"max_frequency": 20.0, "n_directions": 16}
-    plan = build_plan(Setup(*setup), RelativeTikhonov(0.05), **options)
-    found = solve(Setup(*setup), g, RelativeCutoff(0.05), **options).image
+    g = BELL.circular_integrals(l_shape.curve, l_shape.radii)
+    plan = build_plan(l_shape, RelativeTikhonov(0.05))
+    found = reconstruct(l_shape, g, RelativeTikhonov(0.05))
     np.testing.assert_allclose(reconstruct(plan, g), found, atol=1e-10)
-    noisy = solve(Setup(*setup), g, NoiseLevel(1e-3), **options)
+    noisy = solve(l_shape, g, NoiseLevel(1e-3))
     assert noisy.report.relative_alpha.min() > 1e-7 and noisy.converged
-    standard = build_plan(Setup(*setup), **options)
-    assert type(standard.regularization) is RelativeCutoff
+    assert not l_shape.sizes.as_in_the_paper
 
 
-def test_on_an_arc_it_agrees_with_cylindrical_waves():
-    curve, region = circular_arc(1.3, 0.9, 60), disk(0.8, n_boundary=120)
-    grid = ImageGrid(17)
-    radii = data_radii(curve, region, 0.05)
-    g = phantoms.Bells([[0.1, 0.2]], [0.5]).circular_integrals(curve, radii)
-    options = {"max_frequency": 20.0, "n_directions": 16}
-    layout = problem_layout(curve, region, grid, radii, method="collocation", **options)
-    args = curve, region, grid, radii, g, RelativeCutoff(0.02)
-    waves = solve(Setup(*args), **options)
-    traces = solve(Setup(*args))
-    assert (waves.basis, traces.basis) == ("cylindrical", "boundary")
-    inside = np.asarray(region.contains(grid.points))
-    np.testing.assert_allclose(traces.image[inside], waves.image[inside], atol=1e-6)
+def test_on_a_ring_it_agrees_with_cylindrical_waves(ring):
+    g = BELL.circular_integrals(ring.curve, ring.radii)
+    waves = ring.basis("cholesky", 1e-10, None)
+    tolerance = jnp.array(1e-10)
+    places = ring.curve, ring.region, ring.radii, ring.sizes
+    traces = BoundaryTraces(*places, "cholesky", tolerance, None)
+    assert (waves.name, traces.name) == ("cylindrical", "boundary")
+    rule = tikhonov_rule(RelativeTikhonov(0.02), ring.sizes.n_frequencies)
+    transformed, _ = waves.transform(g[None])
+    found, wanted = (basis.fhat(transformed, rule)[0] for basis in (traces, waves))
+    np.testing.assert_allclose(found, wanted, atol=1e-6)
 
 
 def test_derivatives_with_respect_to_positions_and_boundary():
-    grid, radii = ImageGrid(5, 0.4), 0.1 + 0.15 * jnp.arange(16)
-    counts = {"n_detectors": (5, 5), "n_collocation": (6, 8, 6)}
     start = np.array([(-0.8, 1.2), (-0.8, -0.8), (1.2, -0.8)])
-
-    def setup(line, corners):
-        curve = polyline(line, counts["n_detectors"])
-        return curve, polygon(corners, n_boundary=counts["n_collocation"]), grid, radii
-
-    g = jax.device_put(np.random.default_rng(0).standard_normal((10, 16)))
+    radii = 0.1 + 0.15 * jnp.arange(16)
     options = {"max_frequency": 6.0, "n_directions": 4}
-    layout = problem_layout(*setup(start, CORNERS), **options)
-    assert layout.basis == "boundary"
 
-    def image(line, corners, g, kappa):
-        rule = RelativeTikhonov(kappa)
-        return solve(Setup(*setup(line, corners)), g, rule).image
+    def parts(line, corners):
+        return polyline(line, (5, 5)), polygon(corners, n_boundary=(6, 8, 6))
 
-    check_grads(jax.jit(image), (start, CORNERS, g, 0.1), order=1, atol=1e-4, rtol=1e-4)
+    setup = Setup(*parts(start, CORNERS), ImageGrid(5, 0.4), radii, **options)
+    g = jax.device_put(np.random.default_rng(0).standard_normal((10, 16)))
+
+    def fhat(line, corners, g, kappa):
+        curve, region = parts(line, corners)
+        basis = setup.replace(curve=curve, region=region).basis("cholesky", 1e-10, None)
+        rule = tikhonov_rule(RelativeTikhonov(kappa), setup.sizes.n_frequencies)
+        found, _ = basis.fhat(basis.transform(g[None])[0], rule)
+        return found.real, found.imag
+
+    assert not setup.sizes.reached
+    check_grads(jax.jit(fhat), (start, CORNERS, g, 0.1), order=1, atol=1e-4, rtol=1e-4)

@@ -1,5 +1,6 @@
 """Step 1: plane waves from the curve, in every position, with and without mirror symmetry."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from jaxtat.densities import collocation_densities, find_mirror
 from jaxtat.densities.single_layer import plane_wave, plane_wave_traces, potential, potential_matrix
 from jaxtat.special import full_circle_norm
 
+matrix_of, traces_of, potential_of = map(jax.jit, (potential_matrix, plane_wave_traces, potential))
 LAM = jnp.array([3.0, 20.0])
 ANGLES = jnp.array([0.0, 0.9, 2.0])
 NORMS = full_circle_norm(LAM, 1.3)
@@ -27,19 +29,20 @@ NORMS = full_circle_norm(LAM, 1.3)
 def geometry(right, **place):
     return (
         circular_arc(1.3, right, 90, **place),
-        disk(1.0, right, n_boundary=180),
+        disk(1.0, right, n_boundary=180, **place),
     )
 
 
 def wave_error(curve, region, densities):
     """Largest error of the plane waves at points inside the region."""
     local = np.random.default_rng(0).uniform(-1, 1, (400, 2)) + np.asarray(region.center)
-    points = jnp.asarray(local)[region.contains(jnp.asarray(local))]
-    assert points.shape[0] > 50
+    points = jax.device_put(local[np.asarray(region.contains(jnp.asarray(local)))][:60])
+    assert points.shape[0] == 60
     return [
         float(
             jnp.abs(
-                potential(lam, rho, curve, points) - plane_wave(lam, ANGLES, points - region.center)
+                potential_of(lam, rho, curve, points)
+                - plane_wave(lam, ANGLES, points - region.center)
             ).max()
         )
         for lam, rho in zip(LAM, densities, strict=True)
@@ -83,8 +86,8 @@ def test_the_report_tells_norm_and_residual_of_what_is_returned():
     densities, report = collocation_densities(LAM, NORMS, ANGLES, curve, region, NormBound(2.0))
     for i, lam in enumerate(LAM):
         unknowns = (densities[i] * jnp.sqrt(curve.weights)).reshape(3, -1).T
-        traces = plane_wave_traces(lam, ANGLES, region)
-        misfit = potential_matrix(lam, curve, region) @ unknowns - traces
+        traces = traces_of(lam, ANGLES, region)
+        misfit = matrix_of(lam, curve, region) @ unknowns - traces
         residual = jnp.linalg.norm(misfit, axis=0) / jnp.linalg.norm(traces, axis=0)
         assert np.allclose(report.residual[i], residual, rtol=1e-6, atol=1e-12)
         assert np.allclose(report.norm[i], jnp.linalg.norm(unknowns, axis=0), rtol=1e-10)
@@ -128,8 +131,8 @@ def test_densities_are_used_as_they_are_told(method, right, n_detectors, center)
     assert np.allclose(single, exact, atol=1e-4 * np.abs(exact).max())
     for i, rho in enumerate(each):
         unknowns = (rho * jnp.sqrt(weights)).reshape(5, -1).T
-        traces = plane_wave_traces(plan.frequencies[i], plan.angles, region)
-        misfit = potential_matrix(plan.frequencies[i], curve, region) @ unknowns - traces
+        traces = traces_of(plan.frequencies[i], plan.angles, region)
+        misfit = matrix_of(plan.frequencies[i], curve, region) @ unknowns - traces
         residual = jnp.linalg.norm(misfit, axis=0) / jnp.linalg.norm(traces, axis=0)
         assert np.allclose(plan.report.residual[i], residual, rtol=1e-4, atol=1e-9)
         assert np.allclose(plan.report.norm[i], jnp.linalg.norm(unknowns, axis=0), rtol=1e-8)

@@ -14,6 +14,7 @@ from jaxtat import (
     circular_means,
     phantoms,
 )
+from jaxtat.forward import integrate_over_circles, integrate_over_circles_adjoint
 from jaxtat.forward.circles import sample
 
 CURVE, RADII = circular_arc(1.3, 1.0, 6), jnp.linspace(0.3, 2.3, 11)
@@ -51,7 +52,7 @@ def test_sampling_is_keys_convolution_also_of_rough_images_and_beyond_the_edge()
 def test_circular_integrals_are_those_of_the_interpolated_image():
     grid = ImageGrid(12)
     image = jnp.asarray(np.random.default_rng(1).standard_normal(grid.shape))
-    g = circular_integrals(image, grid, CURVE, RADII, n_points=4000)
+    g = integrate_over_circles(image, grid, CURVE, RADII, n_points=4000)
     phi = (np.arange(60000) + 0.5) * 2 * np.pi / 60000
     around = np.stack([np.cos(phi), np.sin(phi)], axis=1)
     for k, j in ((0, 3), (2, 5), (5, 9)):
@@ -69,7 +70,7 @@ def test_error_falls_with_the_third_order_of_the_pixel_size():
     def error(n):
         grid = ImageGrid(n)
         return float(
-            jnp.abs(circular_integrals(bell.image(grid), grid, CURVE, RADII) - exact).max()
+            jnp.abs(integrate_over_circles(bell.image(grid), grid, CURVE, RADII) - exact).max()
         )
 
     order = np.log2(error(33) / error(65)), np.log2(error(65) / error(129))
@@ -83,36 +84,45 @@ def test_detectors_inside_the_grid_see_whole_circles():
     bell = phantoms.Bells([[0.0, 0.0]], [0.8])
     curve = circular_arc(0.2, 0.2, 5)
     radii = jnp.array([0.05, 0.3, 0.7])
-    g = circular_integrals(bell.image(grid), grid, curve, radii)
+    g = integrate_over_circles(bell.image(grid), grid, curve, radii)
     assert np.allclose(g, bell.circular_integrals(curve, radii), atol=2e-4)
     centre = circular_arc(1e-300, 1e-300, 2)  # a detector at the centre of the grid itself
-    g = circular_integrals(bell.image(grid), grid, centre, radii)
+    g = integrate_over_circles(bell.image(grid), grid, centre, radii)
     assert np.allclose(g, bell.circular_integrals(centre, radii), atol=2e-4)
 
 
-def test_means_are_integrals_over_circumferences():
-    grid = ImageGrid(17)
-    image = phantoms.Bells([[0.1, 0.2]], [0.6]).image(grid)
-    means = circular_means(image, grid, CURVE, RADII)
-    integrals = circular_integrals(image, grid, CURVE, RADII)
-    assert np.allclose(means * 2 * np.pi * np.asarray(RADII), integrals, rtol=1e-14)
+def test_a_setup_has_its_integrals_adjoint_and_means(arc):
+    """Also inside jit, passed in with other radii."""
+    image = phantoms.Bells([[0.1, 0.2]], [0.6]).image(arc.grid)
+    places = arc.grid, arc.curve, arc.radii
+    g = circular_integrals(arc, image)
+    assert np.allclose(g, integrate_over_circles(image, *places), rtol=1e-12, atol=1e-14)
+    back = circular_integrals_adjoint(arc, g)
+    assert np.allclose(back, integrate_over_circles_adjoint(g, *places), rtol=1e-12, atol=1e-14)
+    assert np.allclose(circular_means(arc, image) * 2 * np.pi * np.asarray(arc.radii), g)
+    wider = jax.jit(lambda setup, r: circular_integrals(setup.replace(radii=r), image))
+    found = wider(arc, 1.01 * arc.radii)
+    wanted = integrate_over_circles(image, arc.grid, arc.curve, 1.01 * arc.radii)
+    assert np.allclose(found, wanted, rtol=1e-12, atol=1e-14)
 
 
 def test_flat_pixels_are_resolved_too():
     grid = ImageGrid(33, half_width=(1.0, 0.1))
     image = jnp.asarray(np.random.default_rng(3).standard_normal(grid.shape))
-    g = circular_integrals(image, grid, CURVE, RADII)
-    fine = circular_integrals(image, grid, CURVE, RADII, n_points=20000)
+    g = integrate_over_circles(image, grid, CURVE, RADII)
+    fine = integrate_over_circles(image, grid, CURVE, RADII, n_points=20000)
     assert np.abs(np.asarray(g - fine)).max() < 5e-3
 
 
 def test_batches_go_through_both_ways():
     grid = ImageGrid(9)
     images = jnp.asarray(np.random.default_rng(4).standard_normal((2, 1, 9, 9)))
-    g = circular_integrals(images, grid, CURVE, RADII)
+    g = integrate_over_circles(images, grid, CURVE, RADII)
     assert g.shape == (2, 1, 6, 11)
-    assert np.allclose(g[1, 0], circular_integrals(images[1, 0], grid, CURVE, RADII), atol=1e-15)
-    back = circular_integrals_adjoint(g, grid, CURVE, RADII)
+    assert np.allclose(
+        g[1, 0], integrate_over_circles(images[1, 0], grid, CURVE, RADII), atol=1e-15
+    )
+    back = integrate_over_circles_adjoint(g, grid, CURVE, RADII)
     assert back.shape == images.shape
     assert np.isclose(jnp.vdot(back, images), jnp.vdot(g, g), rtol=1e-12)
 
@@ -122,21 +132,21 @@ def test_adjoint_passes_the_dot_test():
     rng = np.random.default_rng(2)
     image = jnp.asarray(rng.standard_normal(grid.shape))
     data = jnp.asarray(rng.standard_normal((6, 11)))
-    one = jnp.vdot(circular_integrals(image, grid, CURVE, RADII), data)
-    other = jnp.vdot(image, circular_integrals_adjoint(data, grid, CURVE, RADII))
+    one = jnp.vdot(integrate_over_circles(image, grid, CURVE, RADII), data)
+    other = jnp.vdot(image, integrate_over_circles_adjoint(data, grid, CURVE, RADII))
     assert abs(float(one - other)) < 1e-13 * float(jnp.abs(one) + jnp.linalg.norm(data))
 
 
 def test_derivatives_in_image_positions_and_radii():
-    grid = ImageGrid(33)
+    grid = ImageGrid(21)
     image = phantoms.Bells([[0.1, 0.2]], [0.8]).image(grid)
 
     def g(image, center, radii):
         curve = circular_arc(1.3, 1.0, 3, center=center)
-        return circular_integrals(image, grid, curve, radii)
+        return integrate_over_circles(image, grid, curve, radii)
 
     arguments = (image, jnp.array([0.01, 0.02]), RADII)
-    check_grads(g, arguments, order=1, modes=["fwd", "rev"], rtol=1e-4, eps=1e-5)
+    check_grads(jax.jit(g), arguments, order=1, modes=["fwd", "rev"], rtol=1e-4, eps=1e-5)
 
 
 def test_derivative_in_position_is_that_of_the_exact_integrals():
@@ -145,7 +155,7 @@ def test_derivative_in_position_is_that_of_the_exact_integrals():
 
     def approximate(center):
         curve = circular_arc(1.3, 1.0, 3, center=center)
-        return circular_integrals(image, grid, curve, RADII).sum()
+        return integrate_over_circles(image, grid, curve, RADII).sum()
 
     def exact(center):
         return bell.circular_integrals(circular_arc(1.3, 1.0, 3, center=center), RADII).sum()
@@ -159,7 +169,7 @@ def test_memory_at_paper_size_stays_bounded_forwards_and_backwards():
     radii, image = 0.3 + jnp.arange(129) / 64, jnp.zeros((129, 129))
 
     def loss(image, curve, radii):
-        return jnp.sum(circular_integrals(image, grid, curve, radii) ** 2)
+        return jnp.sum(integrate_over_circles(image, grid, curve, radii) ** 2)
 
     for function in (loss, jax.grad(loss), jax.grad(loss, argnums=(0, 1, 2))):
         analysis = jax.jit(function).lower(image, curve, radii).compile().memory_analysis()
@@ -176,17 +186,17 @@ def test_memory_at_paper_size_stays_bounded_forwards_and_backwards():
 )
 def test_bad_images_are_refused(image, message):
     with pytest.raises(ValueError, match=message):
-        circular_integrals(image, ImageGrid(33), CURVE, RADII)
+        integrate_over_circles(image, ImageGrid(33), CURVE, RADII)
 
 
 def test_bad_radii_are_refused():
     for radii, message in ((-RADII, "radii is"), (0 * RADII, "radii is"), (RADII[0], "radii has")):
         with pytest.raises(ValueError, match=message):
-            circular_integrals(np.zeros((33, 33)), ImageGrid(33), CURVE, radii)
+            integrate_over_circles(np.zeros((33, 33)), ImageGrid(33), CURVE, radii)
         with pytest.raises(ValueError, match=message):
             phantoms.Bells([[0.0, 0.0]], [0.5]).circular_integrals(CURVE, radii)
 
 
 def test_bad_data_are_refused_by_the_adjoint():
     with pytest.raises(ValueError, match=r"data has shape \(5, 11\), expected \(..., 6, 11\)"):
-        circular_integrals_adjoint(np.zeros((5, 11)), ImageGrid(33), CURVE, RADII)
+        integrate_over_circles_adjoint(np.zeros((5, 11)), ImageGrid(33), CURVE, RADII)

@@ -8,14 +8,17 @@ from jax.test_util import check_grads
 
 from jaxtat import VolumeGrid
 from jaxtat.base.interpolation import KEYS, LINEAR
-from jaxtat.forward.spheres import _sphere_nodes, _taps
+from jaxtat.forward.spheres import (
+    _sphere_nodes,
+    _taps,
+    integrate_over_spheres,
+    integrate_over_spheres_adjoint,
+)
 from jaxtat.spherical import (
     Bells,
     DetectorPoints,
     back_projection,
     spherical_cap,
-    spherical_integrals,
-    spherical_integrals_adjoint,
 )
 
 GRID = VolumeGrid((7, 8, 9), half_width=(0.9, 1.0, 1.1), center=(0.1, 0.0, -0.1))
@@ -71,7 +74,7 @@ def test_exact_integrals_are_reached_with_the_kernel_s_order():
     for kernel in ("cubic", "linear"):
         for n in (17, 33):
             grid = VolumeGrid(n)
-            g = spherical_integrals(
+            g = integrate_over_spheres(
                 bell.volume(grid), grid, POINTS, RADII, kernel=kernel, n_points=48
             )
             errors[kernel, n] = float(np.abs(np.asarray(g - exact)).max())
@@ -85,8 +88,8 @@ def test_adjoint_passes_the_dot_test_for_batches_and_caps():
     rng = np.random.default_rng(2)
     volumes = jax.device_put(rng.standard_normal((2, *GRID.shape)))
     data = jax.device_put(rng.standard_normal((2, 3, 4, 3)))
-    g = spherical_integrals(volumes, GRID, cap, RADII, n_points=N_POINTS)
-    back = spherical_integrals_adjoint(data, GRID, cap, RADII, n_points=N_POINTS)
+    g = integrate_over_spheres(volumes, GRID, cap, RADII, n_points=N_POINTS)
+    back = integrate_over_spheres_adjoint(data, GRID, cap, RADII, n_points=N_POINTS)
     assert g.shape == data.shape and back.shape == volumes.shape
     for k in range(2):
         one, other = float(jnp.vdot(g[k], data[k])), float(jnp.vdot(volumes[k], back[k]))
@@ -97,7 +100,9 @@ def test_derivatives_in_volume_positions_and_radii():
     volume = Bells([[0.1, 0.0, -0.1]], [0.9]).volume(GRID)
 
     def g(volume, points, radii):
-        return spherical_integrals(volume, GRID, DetectorPoints(points), radii, n_points=N_POINTS)
+        return integrate_over_spheres(
+            volume, GRID, DetectorPoints(points), radii, n_points=N_POINTS
+        )
 
     check_grads(
         jax.jit(g), (volume, POINTS.points[:2], RADII), 1, modes=["fwd", "rev"], rtol=1e-4, eps=1e-5
@@ -107,16 +112,16 @@ def test_derivatives_in_volume_positions_and_radii():
 def test_default_points_and_refusals():
     grid = VolumeGrid(5)
     zero = np.zeros((5, 5, 5))
-    assert spherical_integrals(zero, grid, POINTS, RADII).shape == (3, 3)
+    assert integrate_over_spheres(zero, grid, POINTS, RADII).shape == (3, 3)
     for arguments, options, message in (
         ((np.zeros((5, 5, 4)), grid, POINTS, RADII), {}, "volume has shape"),
         ((zero, grid, POINTS, -RADII), {}, "radii is"),
         ((zero, grid, POINTS, RADII), {"kernel": "quintic"}, "kernel is 'quintic'"),
     ):
         with pytest.raises(ValueError, match=message):
-            spherical_integrals(*arguments, **options)
+            integrate_over_spheres(*arguments, **options)
     with pytest.raises(ValueError, match="data has shape"):
-        spherical_integrals_adjoint(np.zeros((2, 3)), grid, POINTS, RADII)
+        integrate_over_spheres_adjoint(np.zeros((2, 3)), grid, POINTS, RADII)
 
 
 def test_back_projection_is_exact_on_a_whole_sphere_only():

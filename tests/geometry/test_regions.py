@@ -1,5 +1,6 @@
 """Regions, grids, radii and visibility."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -43,18 +44,18 @@ def test_contains_turns_and_moves_with_the_region(c1, c2, angle):
 
 
 def test_derivatives_of_regions():
-    def fields(radius, x_right, center, angle):
-        region = disk(radius, x_right, n_boundary=30, center=center, angle=angle)
+    def fields(radius, cut, center, angle):
+        region = disk(radius, cut, n_boundary=30, center=center, angle=angle)
         return region.points, region.weights, region.normals
 
     arguments = (jnp.array(1.0), jnp.array(0.2), jnp.array([0.2, 0.1]), jnp.array(0.3))
-    check_grads(fields, arguments, order=1, modes=["fwd", "rev"])
+    check_grads(jax.jit(fields), arguments, order=1, modes=["fwd", "rev"])
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((1.0, 0.0, 7), "n_collocation is 7"),
+        ((1.0, 0.0, 7), "n_boundary is 7"),
         ((0.0, 0.0, 100), "radius is 0"),
         ((1.0, -1.0, 100), "is empty"),
         ((1.0, np.inf, 100), "infinite"),
@@ -62,7 +63,7 @@ def test_derivatives_of_regions():
 )
 def test_bad_regions_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
-        disk()
+        disk(*arguments[:2], n_boundary=arguments[2])
 
 
 def test_detectors_inside_or_on_the_region_are_refused():

@@ -110,9 +110,9 @@ def test_densities_may_differ_from_piece_to_piece():
     assert [len(piece) - 2 for piece in connected_pieces(join_curves(*arcs))] == [160, 30]
     found = detector_curve(join_curves(*arcs).points, closed=False)
     np.testing.assert_allclose(found.weights, join_curves(*arcs).weights, rtol=1e-9)
-    disk = disk(0.3, n_boundary=200)
+    region = disk(0.3, n_boundary=200)
     dense = join_curves(arcs[0], circular_arc(1.3, -0.3364, 160, angle=np.pi))
-    seen = [float(visibility(c, disk).invisible_fraction) for c in (join_curves(*arcs), dense)]
+    seen = [float(visibility(c, region).invisible_fraction) for c in (join_curves(*arcs), dense)]
     assert seen[1] > 0.01
     np.testing.assert_allclose(*seen, atol=2e-3)
 
@@ -193,7 +193,7 @@ def test_impossible_curves_are_refused(make, message):
     ("make", "message"),
     [
         (lambda: polyline([(0, 0), (1, 0)], 9.0), "n_detectors is 9.0, expected a whole number"),
-        (lambda: polygon([(0, 0), (1, 0), (0, 1)], n_boundary=99.0), "n_collocation is 99.0, expected"),
+        (lambda: polygon([(0, 0), (1, 0), (0, 1)], n_boundary=99.0), "n_boundary is 99.0, expect"),
         (lambda: detector_curve(EIGHT, pieces=10), "pieces is 10, expected one number"),
         (lambda: join_curves([1, 2]), "got a list for a curve: expected each curve as an argument"),
         (lambda: union_of_regions([1, 2]), "got a list for a region"),

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxtat import LineDetectorScan
+from jaxtat.line_detectors import LineDetectorScan
 
 
 @settings(deadline=None, max_examples=20)

@@ -7,9 +7,9 @@ import pytest
 from jax.test_util import check_grads
 from scipy.special import ellipe, ellipk
 
-from jaxtat import ImageGrid, LineDetectorScan, detector_curve
+from jaxtat import ImageGrid, detector_curve
 from jaxtat.geometry import SampledCurve
-from jaxtat.line_detectors import Balls, ProjectedBalls
+from jaxtat.line_detectors import Balls, LineDetectorScan, ProjectedBalls
 
 CENTERS = np.array([[0.3, 0.1, 0.2], [-0.4, 0.2, -0.1]])
 RADII, AMPLITUDES = np.array([0.45, 0.5]), np.array([1.0, -0.7])

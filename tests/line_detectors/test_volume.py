@@ -14,16 +14,14 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from jaxtat import (
-    ImageGrid,
+from jaxtat import ImageGrid, VisibilityWarning, cosine_filter, disk
+from jaxtat.line_detectors import (
+    Balls,
     LineDetectorScan,
-    VisibilityWarning,
-    cosine_filter,
-    disk,
-    reconstruct_volume,
-    reconstruct_volume_stack,
+    invert_projections,
+    reconstruct,
+    reconstruct_stack,
 )
-from jaxtat.line_detectors import Balls, invert_projections
 
 BELLS = Balls([[0.2, 0.1, 0.1], [-0.2, -0.2, -0.1]], [0.7, 0.65], [1.0, -0.7], exponent=5)
 HOW_TO = (Path(__file__).parents[2] / "docs/how-to/line_detectors.md").read_text()
@@ -61,7 +59,7 @@ def shown():
 
 
 def test_volume_from_an_open_arc_is_exact(shown):
-    exact = np.asarray(BELLS.volume(shown.grid, shown.grid.x2))
+    exact = np.asarray(BELLS.volume(shown.plan.grid, shown.plan.grid.x2))
     assert np.abs(np.asarray(shown.volume) - exact).max() < 1e-4
     assert np.abs(exact).max() > 0.8
     assert 0 < float(shown.printed) < 1e-4
@@ -70,15 +68,15 @@ def test_volume_from_an_open_arc_is_exact(shown):
 def test_low_pass_acts_on_all_directions_of_the_volume_alike(shown):
     """In space, f(x) = (1/2π²) ∫ eta F(lambda) sin(lambda |x|)/(lambda |x|) lambda² dlambda."""
     bell, scan = Balls(np.zeros((2, 3)), [0.8, 0.8], [0.6, 0.4], exponent=5), shown.scan
-    g = bell.circular_integrals(scan, shown.curve, shown.radii)
-    found = np.asarray(reconstruct_volume(shown.plan, g, scan, low_pass=cosine_filter))
+    g = bell.circular_integrals(scan, shown.plan.curve, shown.plan.radii)
+    found = np.asarray(reconstruct(shown.plan, g, scan, low_pass=cosine_filter))
     nodes, weights = np.polynomial.legendre.leggauss(400)
     t, last = 0.4 * (nodes + 1), float(shown.plan.frequencies[-1])
     lam, step = last * (nodes + 1) / 2, last / 2 * weights
     radial = 0.4 * weights * (1 - (t / 0.8) ** 2) ** 5 * t**2
     transform = 4 * np.pi * np.sinc(lam[:, None] * t / np.pi) @ radial
     filtered = transform * np.cos(np.pi / 2 * lam / last) * lam**2 * step / (2 * np.pi**2)
-    grid, third = shown.grid, np.asarray(shown.grid.x2)
+    grid, third = shown.plan.grid, np.asarray(shown.plan.grid.x2)
     distance = np.sqrt((np.asarray(grid.points) ** 2).sum(-1)[..., None] + third**2)
     exact = np.sinc(distance[..., None] * lam / np.pi) @ filtered
     assert np.abs(exact - np.asarray(bell.volume(grid, third))).max() > 1e-2
@@ -126,7 +124,7 @@ def test_adjoint(shown):
     g, weights = rng.standard_normal(shown.g.shape), rng.standard_normal(shown.volume.shape)
 
     def volume(g):
-        return reconstruct_volume(plan, g, scan)
+        return reconstruct(plan, g, scan)
 
     found = volume(g)
     (adjoint,) = jax.linear_transpose(volume, jax.ShapeDtypeStruct(g.shape, g.dtype))(
@@ -157,8 +155,8 @@ def test_from_and_into_files(shown, tmp_path, capfd):
         frames = file.create_dataset("g", data=np.asarray(shown.g))
         out = file.create_dataset("volume", whole.shape, dtype="f8")
         kept = file.create_dataset("projections", (64, 33, 33), dtype="f8")
-        found = reconstruct_volume_stack(
-            plan, frames, scan, out=out, projections=kept, batch_size=24
+        found = reconstruct_stack(
+            plan, frames, scan, out=out, projections=kept, batch_size=24, progress=True
         )
         assert found is out
         assert np.allclose(out[:], whole, atol=1e-6)
@@ -172,16 +170,16 @@ def test_from_and_into_files(shown, tmp_path, capfd):
 def test_wrong_arguments_are_refused(shown):
     plan, scan, g = shown.plan, shown.scan, np.asarray(shown.g)
     with pytest.raises(ValueError, match=r"g has shape \(63, 130, 33\), .* 64 rotations"):
-        reconstruct_volume(plan, g[1:], scan)
+        reconstruct(plan, g[1:], scan)
     with pytest.raises(ValueError, match=r"g has shape \(64, 129, 33\)"):
-        reconstruct_volume(plan, g[:, 1:], scan)
+        reconstruct(plan, g[:, 1:], scan)
     with pytest.raises(ValueError, match="1 NaN"):
-        reconstruct_volume(plan, np.where(g == g.max(), np.nan, g), scan)
+        reconstruct(plan, np.where(g == g.max(), np.nan, g), scan)
     with pytest.raises(ValueError, match=r"axis of rotation is u = 20, but the grid runs from"):
-        reconstruct_volume_stack(plan, g, scan_of(64, axis=20.0))
+        reconstruct_stack(plan, g, scan_of(64, axis=20.0))
     with pytest.raises(ValueError, match=r"out has shape \(33, 33\), expected \(33, 33, 33\)"):
-        reconstruct_volume_stack(plan, g, scan, out=np.empty((33, 33)))
+        reconstruct_stack(plan, g, scan, out=np.empty((33, 33)))
     with pytest.raises(ValueError, match="frames has shape"):
-        reconstruct_volume_stack(plan, g[0], scan)
+        reconstruct_stack(plan, g[0], scan)
     with pytest.raises(ValueError, match="inversion is 'radon'"):
-        reconstruct_volume_stack(plan, g, scan, inversion="radon")
+        reconstruct_stack(plan, g, scan, inversion="radon")

@@ -7,29 +7,29 @@ import pytest
 from jax.test_util import check_grads
 
 from jaxtat import (
-    ImageGrid,
+    NoiseLevel,
     NormBound,
-    Setup,
+    Tikhonov,
+    TikhonovNormBound,
     circular_arc,
-    data_radii,
     disk,
     phantoms,
-    problem_layout,
+    reconstruct,
     solve,
 )
 from jaxtat.densities.harmonic import (
-    Data,
-    alpha_rule,
+    Asked,
     harmonic_orders,
     polar_geometry,
     solve_harmonics,
 )
 from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
-from jaxtat.steps import radial_transform
-from jaxtat.regularization import NoiseLevel
-from jaxtat.regularization.alpha import Problem, RelativeAlpha, _alpha_of_norm
+from jaxtat.regularization import tikhonov_rule
+from jaxtat.regularization.alpha import Problem, _alpha_of_matrix
 from jaxtat.special import full_circle_norm
+from jaxtat.steps import radial_transform
 
+matrix_of, traces_of = jax.jit(potential_matrix), jax.jit(plane_wave_traces)
 FREQUENCIES = jnp.array([3.0, 9.0])
 N = 40
 ARC, DISK = circular_arc(1.5, 1.1, N, angle=0.4), disk(1.0, n_boundary=160)
@@ -43,13 +43,14 @@ ORDERS = int(harmonic_orders(polar_geometry(ARC, DISK), np.asarray(FREQUENCIES))
 def zeros_solved(polar, rule, norms):
     """alpha of a rule that does not look at the data."""
     n = polar.detector_angles.shape[0]
-    data = Data(jnp.zeros((2, 1, 2, n)), jnp.ones(2), norms, rule)
+    asked = Asked(jnp.ones(2), norms, rule)
+    nothing = jnp.zeros((2, 1, 2, n))
     groups = ((0, 2, ORDERS),)
-    return solve_harmonics(polar, FREQUENCIES, groups, data, "cholesky", 1e-10)[1]
+    return solve_harmonics(polar, FREQUENCIES, groups, nothing, asked, "cholesky", 1e-10)[1]
 
 
 def alphas(curve, region, alpha, norms=NORMS):
-    rule = alpha_rule(alpha, 2)
+    rule = tikhonov_rule(alpha, 2)
     return zeros_solved(polar_geometry(curve, region), rule, norms)
 
 
@@ -72,14 +73,14 @@ def diagonal_problem(values):
 def test_numbers_are_relative_to_the_largest_diagonal_entry():
     """One for all frequencies or one for each; on a disk the diagonal is known in closed form."""
     problem = diagonal_problem([4.0, 2.0])
-    assert RelativeAlpha(jnp.array(1e-3)).absolute(problem) == 4e-3
+    assert Tikhonov(1e-3).absolute(problem) == 4e-3
     each = alphas(ARC, DISK, [1e-4, 1e-6])
     np.testing.assert_allclose(each.relative_alpha, [1e-4, 1e-6], rtol=1e-12)
     one = alphas(ARC, DISK, 1e-6)
     np.testing.assert_allclose(each.alpha / one.alpha, [100.0, 1.0], rtol=1e-12)
     # no diagonal entry exceeds the largest eigenvalue, and the largest is of its size
     for lam, alpha in zip(FREQUENCIES, one.alpha, strict=True):
-        sigma = np.linalg.svd(potential_matrix(lam, ARC, DISK), compute_uv=False)
+        sigma = np.linalg.svd(matrix_of(lam, ARC, DISK), compute_uv=False)
         assert 0.1 * sigma[0] ** 2 < alpha / 1e-6 <= sigma[0] ** 2
 
 
@@ -97,29 +98,26 @@ BELLS = phantoms.Bells([[0.3, 0.1], [-0.35, -0.2], [0.0, 0.5]], [0.3, 0.4, 0.25]
 
 
 @pytest.fixture(scope="module")
-def noisy():
-    """Data with white noise of 3 % of the largest value, and the geometry."""
-    curve, region, grid = circular_arc(1.5, 1.2, 60), disk(1.0, n_boundary=120), ImageGrid(33)
-    radii = data_radii(curve, region, grid.spacing[0])
-    exact = BELLS.circular_integrals(curve, radii)
+def noisy(arc):
+    """A problem, data with white noise of 3 % of the largest value, and its standard deviation."""
+    exact = BELLS.circular_integrals(arc.curve, arc.radii)
     sigma = 0.03 * float(exact.max())
     noise = sigma * np.random.default_rng(0).standard_normal(exact.shape)
-    return (curve, region, grid, radii, exact + noise), sigma
+    return arc, exact + noise, sigma
 
 
 def test_noise_level_by_brute_force(noisy):
     """alpha of the whole pipeline from traces of the boundary matrix and sums over all data."""
-    (curve, region, grid, radii, g), sigma = noisy
-    report = solve(Setup(curve, region, grid, radii), g, NoiseLevel(sigma)).report
-    layout = problem_layout(curve, region, grid, radii)
-    step = layout.max_frequency / layout.n_frequencies
-    for i in (0, 9, 24):
-        lam = jnp.array((i + 1) * step)
+    setup, g, sigma = noisy
+    curve, region, radii = setup.curve, setup.region, setup.radii
+    report = solve(setup, g, NoiseLevel(sigma)).report
+    for i in (0, 9, 19):
+        lam = setup.frequencies[i]
         transform = radial_transform(jnp.eye(len(radii))[:, None], radii, lam[None])[:, 0, :, 0]
         root = np.sqrt(np.asarray(curve.weights))
         data = np.asarray(jnp.einsum("kr,rj->jk", g, transform)) * root
         noise = sigma**2 * (root**2).sum() * (np.asarray(transform) ** 2).sum()
-        trace = np.sum(np.asarray(potential_matrix(lam, curve, region)) ** 2)
+        trace = np.sum(np.asarray(matrix_of(lam, curve, region)) ** 2)
         signal = max((data**2).sum() - noise, 0.01 * noise) / trace
         per_datum = noise / data.size
         np.testing.assert_allclose(report.alpha[i], per_datum / signal, rtol=1e-6)
@@ -128,13 +126,11 @@ def test_noise_level_by_brute_force(noisy):
 @pytest.mark.filterwarnings("ignore:detectors are too few")  # the least alphas: noise, and so said
 def test_noise_level_is_nearly_the_best_alpha(noisy):
     """The error of the image is within 20 % of that of the best constant alpha."""
-    setup, sigma = noisy
-    grid = setup[2]
-    inside, exact = setup[1].contains(grid.points), BELLS.image(grid)
+    setup, g, sigma = noisy
+    inside, exact = setup.region.contains(setup.grid.points), BELLS.image(setup.grid)
 
     def error(alpha):
-        image = solve(Setup(*setup), alpha).image
-        return float(jnp.linalg.norm((image - exact)[inside]))
+        return float(jnp.linalg.norm((reconstruct(setup, g, alpha) - exact)[inside]))
 
     scanned = [error(alpha) for alpha in np.logspace(-6, 1, 15)]
     best = min(scanned)
@@ -145,8 +141,8 @@ def test_noise_level_is_nearly_the_best_alpha(noisy):
 def norm_of_densities(lam, curve, region, alpha):
     """Root mean square of ||rho|| over all directions, rho = A^T (A A^T + alpha)^-1 u."""
     angles = jnp.arange(90) * 2 * jnp.pi / 90
-    a = np.asarray(potential_matrix(lam, curve, region))
-    u = np.asarray(plane_wave_traces(lam, angles, region))
+    a = np.asarray(matrix_of(lam, curve, region))
+    u = np.asarray(traces_of(lam, angles, region))
     rho = a.T @ np.linalg.solve(a @ a.T + float(alpha) * np.eye(len(a)), u)
     return np.sqrt(np.mean(np.sum(np.abs(rho) ** 2, axis=0)))
 
@@ -159,7 +155,7 @@ def norm_of_densities(lam, curve, region, alpha):
 )
 def test_norm_bound_is_the_mean_norm_of_the_densities(curve, region, K):
     """Densities by brute force have the norm K N(lambda) on average."""
-    report = alphas(curve, region, NormBound(K))
+    report = alphas(curve, region, TikhonovNormBound(K))
     for lam, alpha, norm in zip(FREQUENCIES, report.alpha, NORMS, strict=True):
         found = norm_of_densities(lam, curve, region, alpha)
         np.testing.assert_allclose(found, K * norm, rtol=1e-6)
@@ -167,9 +163,9 @@ def test_norm_bound_is_the_mean_norm_of_the_densities(curve, region, K):
 
 def test_norm_bound_out_of_reach():
     """A norm that is never reached gives the least alpha, a vanishing one the largest."""
-    report = alphas(ARC, DISK, NormBound(1e30))
+    report = alphas(ARC, DISK, TikhonovNormBound(1e30))
     assert (report.relative_alpha < 1e-13).all()
-    report = alphas(ARC, DISK, NormBound(1e-30))
+    report = alphas(ARC, DISK, TikhonovNormBound(1e-30))
     assert (report.relative_alpha > 1).all()
 
 
@@ -180,7 +176,7 @@ def test_derivatives_of_the_norm_bound():
         K, radius = parameters
         norms = full_circle_norm(FREQUENCIES, radius, 60)
         circle = circular_arc(radius, 2 * radius, N)
-        return jnp.log(alphas(circle, DISK, NormBound(K), norms).alpha)
+        return jnp.log(alphas(circle, DISK, TikhonovNormBound(K), norms).alpha)
 
     point = jnp.array([0.6, 1.5])
     slopes = jax.jacfwd(found)(point)
@@ -200,7 +196,7 @@ def test_derivatives_where_eigenvalues_coincide():
 
     def found(change, root, square):
         symmetric = matrix + change + jnp.swapaxes(change, -1, -2)
-        return jnp.log(_alpha_of_norm(symmetric, root @ jnp.swapaxes(root, -1, -2), square))
+        return jnp.log(_alpha_of_matrix(symmetric, root @ jnp.swapaxes(root, -1, -2), square))
 
     for square in (0.5, 3.0):
         point = jnp.zeros((1, 4, 4)), root, jnp.array(square)
@@ -209,7 +205,7 @@ def test_derivatives_where_eigenvalues_coincide():
 
 def test_derivatives_at_a_tiny_alpha():
     """At a bound of three norms alpha is 1e-11 of the diagonal, and its derivative still exact."""
-    found = jax.jit(lambda K: jnp.log(alphas(ARC, DISK, NormBound(K)).alpha))
+    found = jax.jit(lambda K: jnp.log(alphas(ARC, DISK, TikhonovNormBound(K)).alpha))
     slope = jax.jacfwd(found)(jnp.array(3.0))
     np.testing.assert_allclose(slope, (found(3.0003) - found(2.9997)) / 6e-4, rtol=1e-5)
     assert (slope < -1).all()
@@ -226,9 +222,11 @@ def test_refusals(noisy):
         ("much", "no array of real numbers|real numbers"),
     ):
         with pytest.raises(ValueError, match=message):
-            alpha_rule(bad, 2)
+            tikhonov_rule(bad, 2)
     for sigma in (0.0, -1.0, np.nan):
         with pytest.raises(ValueError, match="sigma"):
             NoiseLevel(sigma)
     with pytest.raises(ValueError, match="solver='cholesky'"):
-        solve(Setup(*noisy[0]), NormBound(3.0), solver="cg")
+        solve(noisy[0], noisy[1], TikhonovNormBound(3.0), solver="cg")
+    with pytest.raises(ValueError, match="its twin TikhonovNormBound"):
+        tikhonov_rule(NormBound(3.0), 2)

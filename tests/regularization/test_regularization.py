@@ -1,5 +1,6 @@
 """The filtered solve against numpy, and each rule against its definition."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,7 @@ from jaxtat import FixedRank, NormBound, SingularValueCutoff, Tikhonov, Tikhonov
 from jaxtat.regularization import singular_components
 
 ONE = jnp.array(1.0)
+solved = eqx.filter_jit(singular_components)  # one program for all numbers of a rule
 
 
 def problem(m=12, n=8, rhs=3, spread=4.0, seed=0):
@@ -26,7 +28,7 @@ def problem(m=12, n=8, rhs=3, spread=4.0, seed=0):
 @pytest.mark.parametrize("shape", [(12, 8), (8, 12), (9, 9)])
 def test_keeping_everything_is_least_squares(shape):
     *_, a, u = problem(*shape)
-    found = singular_components(a[None], u[None], SingularValueCutoff(0.0), ONE)
+    found = solved(a[None], u[None], SingularValueCutoff(0.0), ONE)
     exact, *_ = np.linalg.lstsq(np.asarray(a), np.asarray(u), rcond=None)
     assert np.allclose(found.solution[0], exact, atol=1e-9)
     misfit = np.linalg.norm(np.asarray(a) @ exact - u, axis=0) / np.linalg.norm(u, axis=0)
@@ -39,7 +41,7 @@ def test_keeping_everything_is_least_squares(shape):
 @settings(deadline=None, max_examples=25)
 def test_fixed_rank_interpolates_between_whole_ranks(j_max):
     left, sigma, right, a, u = problem()
-    found = singular_components(a[None], u[None], FixedRank(j_max), ONE)
+    found = solved(a[None], u[None], FixedRank(j_max), ONE)
     phi = np.clip(j_max - np.arange(8), 0, 1)
     exact = right @ ((phi / sigma)[:, None] * (left.T @ np.asarray(u)))
     assert np.allclose(found.solution[0], exact, rtol=1e-9, atol=1e-9)
@@ -50,8 +52,8 @@ def test_fixed_rank_interpolates_between_whole_ranks(j_max):
 @settings(deadline=None, max_examples=40)
 def test_norm_bound_is_reached_exactly_or_everything_is_kept(K, unit_norm):
     *_, a, u = problem()
-    found = singular_components(a[None], u[None], NormBound(K), jnp.array(unit_norm))
-    everything = singular_components(a[None], u[None], FixedRank(8), ONE)
+    found = solved(a[None], u[None], NormBound(K), jnp.array(unit_norm))
+    everything = solved(a[None], u[None], FixedRank(8), ONE)
     wanted = np.minimum(K * unit_norm, np.asarray(everything.norm))
     assert np.allclose(found.norm, wanted, rtol=1e-9)
 
@@ -61,7 +63,7 @@ def test_hard_norm_bound_keeps_the_most_whole_terms_that_fit():
     c = np.abs(left.T @ np.asarray(u)) / sigma[:, None]
     cumulative = np.sqrt(np.cumsum(c**2, axis=0))
     for K in (0.5, 10.0, 300.0, 1e6):
-        found = singular_components(a[None], u[None], NormBound(K, fractional=False), ONE)
+        found = solved(a[None], u[None], NormBound(K, fractional=False), ONE)
         assert np.array_equal(found.terms, (cumulative <= K).sum(axis=0))
 
 
@@ -69,7 +71,7 @@ def test_norm_bound_is_continuous_and_monotonic_in_K():
     *_, a, u = problem()
 
     def norms(K):
-        return singular_components(a[None], u[None], NormBound(K), ONE).norm
+        return solved(a[None], u[None], NormBound(K), ONE).norm
 
     values = jax.vmap(norms)(jnp.linspace(0.1, 2000.0, 4001))
     steps = np.diff(np.asarray(values), axis=0)
@@ -79,7 +81,7 @@ def test_norm_bound_is_continuous_and_monotonic_in_K():
 
 def test_singular_value_cutoff_keeps_what_reaches_it():
     left, sigma, right, a, u = problem()
-    found = singular_components(
+    found = solved(
         a[None], u[None], SingularValueCutoff(0.999 * float(sigma[4]), fractional=False), ONE
     )
     exact = right[:, :5] @ ((left.T[:5] @ np.asarray(u)) / sigma[:5, None])
@@ -90,7 +92,7 @@ def test_singular_value_cutoff_keeps_what_reaches_it():
 def test_rounding_of_a_singular_matrix_is_never_divided_by():
     _, _, _, a, u = problem()
     singular = a.at[:, 7].set(a[:, 6])
-    found = singular_components(singular[None], u[None], FixedRank(8), ONE)
+    found = solved(singular[None], u[None], FixedRank(8), ONE)
     exact = np.linalg.pinv(np.asarray(singular), rcond=1e-13) @ np.asarray(u)
     assert np.all(np.asarray(found.terms) == 7)
     assert np.allclose(found.solution[0], exact, rtol=1e-8)
@@ -102,7 +104,7 @@ def test_tikhonov_solves_the_damped_normal_equations(alpha):
     *_, a, u = problem()
     matrix = np.asarray(a)
     damping = alpha * np.sum(matrix**2, axis=1).max()
-    found = singular_components(a[None], u[None], Tikhonov(damping), ONE)
+    found = solved(a[None], u[None], Tikhonov(damping), ONE)
     # as least squares of [A; sqrt(damping)], which does not square the condition number
     stacked = np.concatenate([matrix, np.sqrt(damping) * np.eye(8)])
     exact, *_ = np.linalg.lstsq(stacked, np.concatenate([u, np.zeros((8, 3))]))
@@ -115,14 +117,14 @@ def test_tikhonov_solves_the_damped_normal_equations(alpha):
 def test_tikhonov_with_a_norm_has_that_norm(K):
     """Or the least alpha, where least squares have less."""
     *_, a, u = problem()
-    found = singular_components(a[None], u[None], TikhonovNormBound(K), jnp.array(3.0))
+    found = solved(a[None], u[None], TikhonovNormBound(K), jnp.array(3.0))
     assert np.isclose(np.sqrt(np.mean(found.norm**2)), 3 * K, rtol=1e-9)
-    least = singular_components(a[None], u[None], TikhonovNormBound(1e30), ONE)
+    least = solved(a[None], u[None], TikhonovNormBound(1e30), ONE)
     assert np.isclose(least.rule.alpha, 1e-15 * np.max(least.sigma) ** 2)
 
 
 def test_tikhonov_of_nothing_is_nothing():
-    found = singular_components(jnp.zeros((1, 4, 3)), jnp.ones((1, 4, 2)) + 0j, Tikhonov(0.0), ONE)
+    found = solved(jnp.zeros((1, 4, 3)), jnp.ones((1, 4, 2)) + 0j, Tikhonov(0.0), ONE)
     assert np.all(np.asarray(found.solution) == 0)
     assert np.all(np.asarray(found.terms) == 0)
     assert np.allclose(found.residual, 1)
@@ -143,7 +145,7 @@ def test_components_are_those_of_the_problem_and_of_the_solution(rule):
     *_, first, u1 = problem(seed=1)
     *_, second, u2 = problem(seed=2, spread=3.0)
     blocks, rhs = jnp.stack([first, second]), jnp.stack([u1, u2])
-    found = singular_components(blocks, rhs, rule, ONE)
+    found = solved(blocks, rhs, rule, ONE)
     sigma = 1 / np.asarray(found.inverse)
     assert np.allclose(np.asarray(found.left) * sigma[:, None] @ found.right, blocks, atol=1e-13)
     assert np.allclose(np.sort(sigma.ravel())[::-1], found.singular_values, rtol=1e-12)
@@ -162,7 +164,7 @@ def test_components_are_those_of_the_problem_and_of_the_solution(rule):
 @pytest.mark.parametrize("rule", RULES)
 def test_only_the_norm_bound_tells_right_hand_sides_apart(rule):
     *_, a, u = problem()
-    factors = np.asarray(singular_components(a[None], u[None], rule, ONE).factors)
+    factors = np.asarray(solved(a[None], u[None], rule, ONE).factors)
     assert np.all(factors == factors[..., :1]) == (not isinstance(rule, NormBound))
 
 
@@ -172,30 +174,23 @@ def test_blocks_are_the_block_diagonal_matrix(rule):
     *_, second, u2 = problem(seed=2, spread=3.0)
     dense = jax.scipy.linalg.block_diag(first, second)[None]
     both = jnp.concatenate([u1, u2])[None]
-    whole = singular_components(dense, both, rule, ONE)
-    blocks = singular_components(jnp.stack([first, second]), jnp.stack([u1, u2]), rule, ONE)
+    whole = solved(dense, both, rule, ONE)
+    blocks = solved(jnp.stack([first, second]), jnp.stack([u1, u2]), rule, ONE)
     assert np.allclose(blocks.solution.reshape(16, 3), whole.solution[0], atol=1e-9)
     for name in ("singular_values", "terms", "norm", "residual"):
         assert np.allclose(getattr(blocks, name), getattr(whole, name), atol=1e-9)
 
 
-def test_derivatives_in_K_j_max_alpha_and_the_right_hand_side():
+@pytest.mark.parametrize(("rule", "at"), [(NormBound, 33.0), (FixedRank, 5.4), (Tikhonov, 0.3)])
+def test_derivatives_in_the_number_of_a_rule_and_the_right_hand_side(rule, at):
     *_, a, u = problem()
 
-    def of_rule(rule):
-        found = singular_components(a[None], u[None], rule, ONE)
+    @jax.jit
+    def of(number, real):
+        found = solved(a[None], real[None] + 0j, rule(number), ONE)
         return found.solution.real, found.norm, found.residual
 
-    check_grads(lambda K: of_rule(NormBound(K)), (jnp.array(33.0),), 1, modes=["fwd", "rev"])
-    check_grads(lambda j: of_rule(FixedRank(j)), (jnp.array(5.4),), 1, modes=["fwd", "rev"])
-    check_grads(lambda a: of_rule(Tikhonov(a)), (jnp.array(0.3),), 1, modes=["fwd", "rev"])
-
-    def of_rhs(real):
-        return singular_components(
-            a[None], jnp.asarray(real)[None] + 0j, NormBound(33.0), ONE
-        ).solution.real
-
-    check_grads(of_rhs, (u.real,), 1, modes=["fwd", "rev"])
+    check_grads(of, (jnp.array(at), u.real), 1, modes=["fwd", "rev"])
 
 
 SOFT = [
@@ -221,7 +216,7 @@ def test_a_soft_edge_is_the_mean_over_sharp_ones(soft, value):
         numbers = (low + high) / 2 + t * (high - low) / 2
 
     def factors(rule):
-        return singular_components(a[None], u[None], rule, ONE).factors[0]
+        return solved(a[None], u[None], rule, ONE).factors[0]
 
     sharp = jax.jit(jax.vmap(lambda number: factors(kind(number))))(numbers)
     mean = np.average(sharp, axis=0, weights=1 - np.abs(t))
@@ -234,8 +229,8 @@ def test_a_soft_edge_is_the_mean_over_sharp_ones(soft, value):
 def test_the_bound_holds_with_a_soft_edge_too(K, softness):
     """And is used up to what the fractions of the terms in the band leave of it."""
     *_, a, u = problem()
-    found = singular_components(a[None], u[None], NormBound(K, softness=softness), ONE)
-    everything = np.asarray(singular_components(a[None], u[None], FixedRank(8), ONE).norm)
+    found = solved(a[None], u[None], NormBound(K, softness=softness), ONE)
+    everything = np.asarray(solved(a[None], u[None], FixedRank(8), ONE).norm)
     assert np.all(found.norm <= np.minimum(K, everything) * (1 + 1e-9))
     assert np.all(found.norm >= np.minimum(K * np.sqrt(1 - softness), everything) * 0.9)
     assert np.all(np.diff(found.factors[0], axis=0) <= 1e-9)
@@ -244,7 +239,7 @@ def test_the_bound_holds_with_a_soft_edge_too(K, softness):
 def test_a_soft_rank_has_as_many_terms():
     *_, a, u = problem(16, 14)
     for j_max in (3.0, 6.4, 11.5):
-        found = singular_components(a[None], u[None], FixedRank(j_max, softness=5.0), ONE)
+        found = solved(a[None], u[None], FixedRank(j_max, softness=5.0), ONE)
         assert np.allclose(found.terms, j_max, rtol=1e-12)
 
 
@@ -257,7 +252,7 @@ def test_no_softness_is_the_sharp_edge():
         assert jax.tree.structure(sharp) == jax.tree.structure(soft)
         least = 1e-3 if isinstance(soft, NormBound) else 1e-2
         nearly = type(sharp)(33.0 if isinstance(soft, NormBound) else 5.4, softness=least)
-        one, other = (singular_components(a[None], u[None], r, ONE) for r in (sharp, nearly))
+        one, other = (solved(a[None], u[None], r, ONE) for r in (sharp, nearly))
         assert np.allclose(one.factors, other.factors, atol=1e-2)
 
 

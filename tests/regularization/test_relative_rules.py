@@ -1,5 +1,8 @@
 """Rules that mean the same for any geometry: cut-offs by frequency, residual and norm at once."""
 
+import re
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,11 +21,10 @@ from jaxtat import (
     VisibilityWarning,
     build_plan,
     circular_arc,
-    data_radii,
     disk,
     elliptic_arc,
     phantoms,
-    problem_layout,
+    reconstruct,
     solve,
 )
 from jaxtat.regularization.filtered_solve import filtered_solve, singular_components
@@ -32,10 +34,11 @@ A = RANDOM.standard_normal((9, 14)) @ np.diag(np.geomspace(1, 1e-3, 14))
 U = RANDOM.standard_normal((9, 3)) + 1j * RANDOM.standard_normal((9, 3))
 
 
+compiled = eqx.filter_jit(singular_components)
+
+
 def solved(rule, unit_norm=1.0):
-    return singular_components(
-        jax.device_put(A)[None], jax.device_put(U)[None], rule, jax.device_put(np.array(unit_norm))
-    )
+    return compiled(*jax.device_put((A[None], U[None])), rule, jnp.asarray(unit_norm))
 
 
 @given(st.floats(1e-4, 0.9), st.floats(0.1, 300.0))
@@ -86,28 +89,29 @@ def test_cutoffs_count_in_waves_that_are_seen_once():
         RelativeCutoff(-1.0)
 
 
-def test_the_default_is_the_papers_where_its_assumptions_hold():
-    grid = ImageGrid(9)
-    whole, half = disk(1.0, n_boundary=40), disk(1.0, 0.0, n_boundary=40)
-    arc, ellipse = circular_arc(1.3, 0.0, 30), elliptic_arc((1.6, 1.25), 30, start=1.5, stop=4.8)
-    radii = data_radii(arc, whole, grid.spacing[0])
-    assert problem_layout(arc, half, grid, radii).as_in_the_paper
-    far = data_radii(ellipse, half, grid.spacing[0])
-    assert not problem_layout(ellipse, half, grid, far).as_in_the_paper
+def test_the_default_is_the_papers_where_its_assumptions_hold(half_arc):
+    assert half_arc.sizes.as_in_the_paper
+    ellipse = elliptic_arc((1.6, 1.25), 30, start=1.5, stop=4.8)
+    assert not Setup(ellipse, half_arc.region, ImageGrid(9)).sizes.as_in_the_paper
     with pytest.warns(VisibilityWarning):
-        found = build_plan(Setup(arc, whole, grid, radii, n_directions=8))
-    assert isinstance(found.regularization, RelativeCutoff)
-    with pytest.raises(ValueError, match="alpha is a ResidualTarget, expected a number"):
-        solve(Setup(arc, half, grid, radii), np.ones((30, len(radii))), ResidualTarget())
+        partly = Setup(circular_arc(1.3, 0.0, 30), disk(1.0), ImageGrid(9), n_directions=8)
+    assert isinstance(build_plan(partly).regularization, RelativeCutoff)
 
 
-def test_by_default_noise_does_no_harm_where_the_region_is_not_wholly_seen():
+def test_truncations_are_for_plans_and_tell_their_twin(half_arc):
+    rules = (ResidualTarget(), "TikhonovNormBound(K)"), (RelativeCutoff(0.1), "RelativeTikhonov(k")
+    for rule, twin in rules:
+        name = re.escape(type(rule).__name__)
+        with pytest.raises(ValueError, match=f"build_plan.setup, {name}.* {re.escape(twin)}"):
+            solve(half_arc, np.ones(half_arc.data_shape), rule)
+
+
+def test_by_default_noise_does_no_harm_where_the_region_is_not_wholly_seen(half_arc):
     """Half a circle and the whole disk: as large as with kappa = 0.1, and not as with a bound."""
-    curve, region, grid = circular_arc(1.3, 0.0, 60), disk(1.0, n_boundary=120), ImageGrid(33)
-    radii = data_radii(curve, region, grid.spacing[0])
-    g = phantoms.Bells([[-0.4, 0.1], [0.5, -0.2]], [0.4, 0.35]).circular_integrals(curve, radii)
-    g = g + phantoms.noise_like(jax.random.key(0), g, 0.05)
-    inside = np.asarray(region.contains(grid.points))
     with pytest.warns(VisibilityWarning, match="% of the lines"):
-        found = solve(Setup(curve, region, grid, radii), g).image
-    assert np.abs(np.asarray(found))[inside].max() < 1.3
+        setup = Setup(half_arc.curve, disk(1.0), half_arc.grid)
+    bells = phantoms.Bells([[-0.4, 0.1], [0.5, -0.2]], [0.4, 0.35])
+    g = bells.circular_integrals(setup.curve, setup.radii)
+    g = g + phantoms.noise_like(jax.random.key(0), g, 0.05)
+    inside = np.asarray(setup.region.contains(setup.grid.points))
+    assert np.abs(np.asarray(reconstruct(setup, g)))[inside].max() < 1.3

@@ -37,15 +37,15 @@ def test_lines_between_components_do_not_count():
 
 
 def test_on_a_circle_it_is_the_papers():
-    disk, frequencies = disk(0.9, n_boundary=80), jnp.array([3.0, 30.0])
+    region, frequencies = disk(0.9, n_boundary=80), jnp.array([3.0, 30.0])
     arc = circular_arc(1.3, 0.2, 60, center=(0.1, 0.0))
     wanted = full_circle_norm(frequencies, 1.3)
-    assert np.array_equal(unit_norms(arc, disk, frequencies), wanted)
+    assert np.array_equal(unit_norms(arc, region, frequencies), wanted)
     np.testing.assert_allclose(
-        unit_norms(detector_curve(arc.points), disk, frequencies), wanted, rtol=1e-12
+        unit_norms(detector_curve(arc.points), region, frequencies), wanted, rtol=1e-12
     )
     two = join_curves(*(circular_arc(1.3, -0.3, 30, angle=angle) for angle in (0.0, np.pi)))
-    np.testing.assert_allclose(unit_norms(two, disk, frequencies), wanted, rtol=1e-12)
+    np.testing.assert_allclose(unit_norms(two, region, frequencies), wanted, rtol=1e-12)
     # lines seen twice, by the whole circle: short by those that miss the disk
     whole = circular_arc(1.3, 1.3, 200)
     micro = 30 * microlocal_norm(whole, disk(1.29, n_boundary=400), [0.0])

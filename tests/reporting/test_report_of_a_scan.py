@@ -5,12 +5,12 @@ import shlex
 
 import numpy as np
 import pytest
-from jaxtat.reconstruction.plan import build_plan
 from numpy.testing import assert_allclose
 
 from jaxtat import circular_arc, data_radii, disk, phantoms, reconstruct
 from jaxtat.cli import main
 from jaxtat.io import Scan
+from jaxtat.reconstruction.plan import build_plan
 from jaxtat.regularization.rules import Tikhonov
 from jaxtat.reporting import report_scan
 from jaxtat.scans import choices_for

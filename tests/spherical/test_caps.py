@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxtat.spherical.sizes import resolved_frequency
 
 import jaxtat
 from jaxtat import AccuracyWarning, VisibilityWarning, VolumeGrid
@@ -17,6 +16,7 @@ from jaxtat.spherical import (
     find_rings,
     spherical_cap,
 )
+from jaxtat.spherical.sizes import resolved_frequency
 from jaxtat.spherical.visible import missed_share
 
 

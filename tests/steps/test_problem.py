@@ -8,15 +8,12 @@ from jaxtat import (
     ImageGrid,
     Setup,
     VolumeGrid,
-    build_plan,
     circular_arc,
     data_radii,
     disk,
     phantoms,
-    problem_layout,
-    solve,
+    reconstruct,
 )
-from jaxtat.spherical import ball, cap_layout, spherical_cap
 
 DISK = disk(1.0, n_boundary=160)
 GRID = ImageGrid(33)
@@ -30,10 +27,9 @@ def bells(radius):
     return phantoms.Bells(centers, [radius] * 8)
 
 
-def error(curve, phantom, alpha=None):
+def error(curve, phantom):
     g = phantom.circular_integrals(curve, RADII)
-    layout = problem_layout(curve, DISK, GRID, RADII, n_groups=1)
-    image = solve(Setup(curve, DISK, GRID, RADII), g, alpha).image
+    image = reconstruct(Setup(curve, DISK, GRID, RADII, n_groups=1), g)
     exact = np.asarray(phantom.image(GRID))
     off = np.abs(np.asarray(image) - exact)[np.asarray(DISK.contains(GRID.points))]
     return off.max() / exact.max()
@@ -56,7 +52,7 @@ def test_more_detectors_are_not_worse():
 def test_frequencies_that_radii_do_not_sample():
     curve = circular_arc(1.3, 1.0, 80)
     with pytest.warns(AccuracyWarning, match="do not sample waves of lambda = 500"):
-        problem_layout(curve, DISK, GRID, RADII, max_frequency=500.0)
+        Setup(curve, DISK, GRID, RADII, max_frequency=500.0)
 
 
 def test_radii_too_uneven_for_a_frequency():
@@ -66,16 +62,12 @@ def test_radii_too_uneven_for_a_frequency():
     radii[1:-1:3] += 0.8 * (radii[1] - radii[0])
     highest = np.pi / (radii[-1] - radii[0]) * (len(radii) - 1)
     with pytest.warns(AccuracyWarning, match=r"come out wrong by \d+ %"):
-        problem_layout(curve, DISK, GRID, radii, max_frequency=0.99 * highest)
-    problem_layout(curve, DISK, GRID, radii, max_frequency=0.5 * highest)
+        Setup(curve, DISK, GRID, radii, max_frequency=0.99 * highest)
+    Setup(curve, DISK, GRID, radii, max_frequency=0.5 * highest)
 
 
-def test_pixels_larger_than_the_region():
-    curve = circular_arc(1.3, 1.0, 80)
+def test_pixels_larger_than_the_region(arc, cap):
     with pytest.raises(ValueError, match="pixels are 100 apart, but the region reaches only 1"):
-        problem_layout(curve, DISK, ImageGrid(21, half_width=1000.0), RADII)
+        Setup(arc.curve, arc.region, ImageGrid(21, half_width=1000.0), arc.radii)
     with pytest.raises(ValueError, match="pixels are 100 apart"):
-        build_plan(Setup(curve, DISK, ImageGrid(21, 1000.0), RADII))
-    cap = spherical_cap(1.3, 1.0, 8, 16)
-    with pytest.raises(ValueError, match="pixels are 100 apart"):
-        cap_layout(cap, ball(1.0), VolumeGrid(21, 1000.0), np.asarray(RADII))
+        Setup(cap.curve, cap.region, VolumeGrid(21, 1000.0), cap.radii)

@@ -6,11 +6,20 @@ import numpy as np
 import pytest
 import scipy.special as sp
 from jax.test_util import check_grads
-from jaxtat.steps.radial_transform import radial_kernels
 
 from jaxtat import ImageGrid, circular_arc, cosine_filter, phantoms
 from jaxtat.densities import SampledDensities
-from jaxtat.steps import delayed_transform, filtered_back_projection, offset_step, polar_fourier, polar_fourier_of_projections, radial_transform, radon_projections, total_integrals
+from jaxtat.steps import (
+    delayed_transform,
+    filtered_back_projection,
+    offset_step,
+    polar_fourier,
+    polar_fourier_of_projections,
+    radial_transform,
+    radon_projections,
+    total_integrals,
+)
+from jaxtat.steps.radial_transform import radial_kernels
 
 CENTER, WIDTH = np.array([0.3, -0.2]), 0.5
 BELL = phantoms.Bells([CENTER], [WIDTH])
@@ -112,8 +121,8 @@ def test_derivatives_of_the_delayed_transform():
     g = jax.random.normal(jax.random.key(0), (3, 9))
     radii, delays = jnp.linspace(0.5, 1.3, 9), jnp.array([0.1, -0.1, 0.02])
 
-    def transformed(*values):
-        g, radii, delays = map(jnp.asarray, values)
+    @jax.jit
+    def transformed(g, radii, delays):
         return delayed_transform(g, radii, jnp.array([2.0, 5.0]), delays)
 
     check_grads(transformed, (g, radii, delays), 2, ["fwd", "rev"], eps=1e-4)
@@ -161,22 +170,17 @@ def test_low_pass_multiplies_the_transform():
     assert np.isclose(eta[-1], 0, atol=1e-15)
 
 
-def on_arrays(function):
-    """check_grads calls with NumPy arrays, which the strict annotations of the steps refuse."""
-    return lambda *arguments: function(*map(jnp.asarray, arguments))
-
-
 def test_derivatives_of_every_step():
     rng = np.random.default_rng(2)
     g = jnp.asarray(rng.standard_normal((5, 9)))
     radii, frequencies = jnp.linspace(0.4, 1.2, 9), jnp.array([2.0, 5.0])
     both = {"order": 1, "modes": ["fwd", "rev"]}
-    check_grads(on_arrays(radial_transform), (g, radii, frequencies), **both)
+    check_grads(jax.jit(radial_transform), (g, radii, frequencies), **both)
     transformed = radial_transform(g, radii, frequencies)
     rho = jnp.asarray(rng.standard_normal((2, 4, 2, 5)))
     weights = jnp.asarray(rng.uniform(0.5, 1, 5))
 
-    @on_arrays
+    @jax.jit
     def fhat(transformed, real, imaginary, weights, g):
         mass = total_integrals(g, radii)
         densities = SampledDensities(real + 1j * imaginary)
@@ -185,7 +189,7 @@ def test_derivatives_of_every_step():
 
     check_grads(fhat, (transformed, rho, rho[::-1], weights, g), **both)
 
-    @on_arrays
+    @jax.jit
     def image(real, imaginary, step, eta, center, half_width):
         p = radon_projections(real + 1j * imaginary, step, eta)
         grid = ImageGrid(6, half_width)

@@ -29,7 +29,6 @@ from jaxtat.studies import (
     affordable_pixels,
     diagnose,
     pixel_standard_deviation,
-    plan_of,
     wave_accuracy,
 )
 

@@ -32,23 +32,30 @@ GEOMETRIES = {
 }
 
 
+explained = eqx.filter_jit(unexplained)
+
+
+@eqx.filter_jit
+def parts_of(geometry):
+    """Potentials by waves, (frequencies, J and Y, waves, detectors), and the units of alpha."""
+
+    def at(wave):
+        factor, matrix = region_factor(geometry, wave), detector_matrix(geometry, wave)
+        each = jnp.stack([factor.matrix_times(matrix[j]).reshape(-1, 20) for j in range(2)])
+        return each, alpha_unit(factor, detector_powers(geometry, wave))
+
+    return jax.lax.map(at, wave_table(geometry, FREQUENCIES, N_MAX))
+
+
 @pytest.mark.parametrize("name", GEOMETRIES)
 def test_it_is_what_dense_least_squares_leave(name):
     geometry = polar_geometry(*GEOMETRIES[name])
     data = jax.random.normal(jax.random.key(0), (2, 2, 20))
-    left, penalty = unexplained(geometry, FREQUENCIES, N_MAX, data, ALPHA)
+    left, penalty = explained(geometry, FREQUENCIES, N_MAX, data, ALPHA)
     root = np.sqrt(np.asarray(geometry.weights))
-    table = wave_table(geometry, FREQUENCIES, N_MAX)
-    for i in range(2):
-        wave = jax.tree.map(lambda leaf, i=i: leaf[i], table)
-        factor = region_factor(geometry, wave)
-        columns, squares = [], []
-        for j in range(2):
-            matrix = factor.matrix_times(detector_matrix(geometry, wave)[j])
-            columns.append(np.asarray(matrix).reshape(-1, 20) * root)
-        a = np.concatenate(columns, axis=1).T  # (J and Y, waves)
-        unit = float(alpha_unit(factor, detector_powers(geometry, wave)))
-        squares = np.sqrt(float(ALPHA) * unit) * np.eye(a.shape[1])
+    for i, (matrices, unit) in enumerate(zip(*parts_of(geometry), strict=True)):
+        a = np.concatenate(list(np.asarray(matrices) * root), axis=1).T  # (J and Y, waves)
+        squares = np.sqrt(float(ALPHA * unit)) * np.eye(a.shape[1])
         right = (np.asarray(data[i]) * root).ravel()
         stacked = np.concatenate([a, squares]), np.concatenate([right, np.zeros(a.shape[1])])
         y = np.linalg.lstsq(*stacked, rcond=None)[0]
@@ -57,14 +64,15 @@ def test_it_is_what_dense_least_squares_leave(name):
 
 
 def test_exact_data_are_explained_but_not_with_a_wrong_speed():
-    curve, region = circular_arc(1.3, 1.0, 130), disk(1.0, n_boundary=260)
+    curve = circular_arc(1.3, 1.0, 130)
+    geometry = polar_geometry(curve, disk(1.0))
     radii = 0.3 + jnp.arange(257) / 128
     g = phantoms.Bells([[0.3, -0.2]], [0.5]).circular_integrals(curve, radii)
     frequencies = jnp.array([3.0, 20.0])
 
     def share(stretch):
         data = radial_transform(g, stretch * radii, frequencies)
-        left, _ = unexplained(polar_geometry(curve, region), frequencies, 80, data, jnp.array(1e-9))
+        left, _ = explained(geometry, frequencies, 80, data, jnp.array(1e-9))
         whole = jnp.sqrt(curve.weights) * data
         return jnp.linalg.norm(left, axis=(1, 2)) / jnp.linalg.norm(whole, axis=(1, 2))
 

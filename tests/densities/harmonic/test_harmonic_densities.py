@@ -1,6 +1,6 @@
 """Densities in cylindrical waves against those of collocation, and sums over them."""
 
-import operator
+from operator import itemgetter
 
 import jax
 import jax.numpy as jnp
@@ -9,20 +9,16 @@ import pytest
 
 from jaxtat import (
     FixedRank,
-    ImageGrid,
     NormBound,
-    Setup,
     SingularValueCutoff,
     Tikhonov,
     TikhonovNormBound,
     build_plan,
     circular_arc,
-    data_radii,
     detector_curve,
     disk,
     phantoms,
     reconstruct,
-    solve,
 )
 from jaxtat.densities import collocation_densities
 from jaxtat.densities.harmonic import (
@@ -40,7 +36,7 @@ NORMS = full_circle_norm(FREQUENCIES, 1.5)
 ANGLES = jnp.array([0.0, 0.4, 1.1, 2.5])
 PLACE = {"center": (0.3, -0.2), "angle": 0.8}
 ARC, ODD = circular_arc(1.5, 0.1, 40, **PLACE), circular_arc(1.5, 0.1, 41, **PLACE)
-DISK, HALF = disk(1.0, n_boundary=160), disk(1.0, 0.1, n_boundary=160)
+DISK, HALF = disk(1.0, n_boundary=160, **PLACE), disk(1.0, 0.1, n_boundary=160, **PLACE)
 ASIDE = disk(0.8, n_boundary=160, center=(0.45, -0.1))
 JITTER = np.random.default_rng(1).uniform(-0.02, 0.02, (40, 2))
 GEOMETRIES = {
@@ -57,8 +53,9 @@ def densities_of(curve, region, rule):
     n_max = int(harmonic_orders(polar, np.asarray(FREQUENCIES)).max())
     table = wave_table(polar, FREQUENCIES, n_max)
     local = ANGLES - polar.axis
+    table = jax.tree.map(np.asarray, table)
     parts = [slice(i, i + 1) for i in range(len(FREQUENCIES))]
-    tables = [jax.tree.map(operator.itemgetter(part), table) for part in parts]
+    tables = [jax.device_put(jax.tree.map(itemgetter(part), table)) for part in parts]
     found = [
         harmonic_densities(polar, one, n_max, NORMS[part], local, rule)
         for one, part in zip(tables, parts, strict=True)
@@ -133,16 +130,10 @@ def test_rows_are_few():
     assert group.rows.shape[-2] < 40
 
 
-@pytest.mark.parametrize(
-    ("rule", "alpha"), [(Tikhonov(1e-6), 1e-6), (TikhonovNormBound(2.0), NormBound(2.0))]
-)
-def test_tikhonov_plan_is_the_direct_reconstruction(rule, alpha):
+@pytest.mark.parametrize("rule", [Tikhonov(1e-6), TikhonovNormBound(2.0)])
+def test_tikhonov_plan_is_the_direct_reconstruction(half_arc, rule):
     """Two ways to the same image: singular values of A, and systems with A A^T + alpha."""
-    curve, region = circular_arc(1.5, 0.0, 50), disk(1.0, 0.0, n_boundary=120)
-    grid = ImageGrid(21)
-    radii = data_radii(curve, region, grid.spacing[0])
-    g = phantoms.Bells([[-0.4, 0.1]], [0.5]).circular_integrals(curve, radii)
-    built = build_plan(Setup(curve, region, grid, radii), rule)
-    found = reconstruct(built, g)
-    expected = solve(Setup(curve, region, grid, radii), g, alpha).image
+    bell = phantoms.Bells([[-0.4, 0.1]], [0.5])
+    g = bell.circular_integrals(half_arc.curve, half_arc.radii)
+    found, expected = reconstruct(build_plan(half_arc, rule), g), reconstruct(half_arc, g, rule)
     np.testing.assert_allclose(found, expected, atol=1e-8)

@@ -27,7 +27,7 @@ def kind(polar):
 @pytest.mark.parametrize("measured", [False, True])
 def test_arcs_anywhere(n, right, measured):
     """Known as an arc or by its points, an arc is on its circle and mirrored about its middle."""
-    arc, region = circular_arc(1.3, right, n, **PLACE), disk(1.0, right, n_boundary=80)
+    arc, region = circular_arc(1.3, right, n, **PLACE), disk(1.0, right, n_boundary=80, **PLACE)
     polar = polar_geometry(detector_curve(arc.points) if measured else arc, region)
     assert kind(polar) == (True, right == 1.0, True)
     np.testing.assert_allclose(positions(polar), arc.points, atol=1e-12)
@@ -40,7 +40,7 @@ def test_arcs_anywhere(n, right, measured):
 
 def test_half_of_a_mirrored_geometry_stands_for_all():
     """Sums of even functions over one side, twice weighted, are those over both sides."""
-    region = disk(1.0, 0.0, n_boundary=80)
+    region = disk(1.0, 0.0, n_boundary=80, **PLACE)
     for n in (40, 41):
         polar = polar_geometry(circular_arc(1.3, 0.0, n, **PLACE), region)
         half = polar.one_side()
@@ -59,8 +59,8 @@ def test_half_of_a_mirrored_geometry_stands_for_all():
 def test_broken_symmetry_is_seen():
     """A moved detector, another weight, a turned region, one off the axis: no mirror is used."""
     arc = circular_arc(1.3, 0.0, 40, **PLACE)
-    half = disk(1.0, 0.0, n_boundary=80)
-    disk = disk(0.9, n_boundary=80)
+    half = disk(1.0, 0.0, n_boundary=80, **PLACE)
+    whole = disk(0.9, n_boundary=80, **PLACE)
     askew = disk(1.0, 0.0, n_boundary=80, center=PLACE["center"], angle=2.4)
     assert kind(polar_geometry(arc, askew)) == (False, False, True)
     off_axis = disk(0.9, n_boundary=80, center=(2.05, -1.0))
@@ -69,10 +69,10 @@ def test_broken_symmetry_is_seen():
     shifted = disk(0.9, n_boundary=80, center=np.array(PLACE["center"]) + along, angle=2.3)
     assert kind(polar_geometry(arc, shifted)) == (True, False, True)
     moved = detector_curve(arc.points.at[3].add(1e-5))
-    assert kind(polar_geometry(moved, disk)) == (False, True, False)
+    assert kind(polar_geometry(moved, whole)) == (False, True, False)
     assert kind(polar_geometry(moved, half)) == (False, False, False)
     uneven = SampledCurve(arc.points, arc.weights.at[3].multiply(1.001), arc.normals, False)
-    assert kind(polar_geometry(uneven, disk)) == (False, True, True)
+    assert kind(polar_geometry(uneven, whole)) == (False, True, True)
 
 
 def test_a_straight_line_of_detectors():
@@ -86,17 +86,17 @@ def test_a_straight_line_of_detectors():
 
 def test_traced_parameters():
     """A traced radius leaves an arc what it is; traced positions are taken one by one."""
-    disk = disk(1.0, n_boundary=80)
+    region = disk(1.0, n_boundary=80, **PLACE)
     arc = circular_arc(1.3, 1.0, 40, **PLACE)
     seen = []
 
     def of_radius(radius):
-        polar = polar_geometry(circular_arc(radius, 1.0, 40, **PLACE), disk)
+        polar = polar_geometry(circular_arc(radius, 1.0, 40, **PLACE), region)
         seen.append(kind(polar))
         return positions(polar)
 
     def of_positions(points):
-        polar = polar_geometry(detector_curve(points, closed=False), disk)
+        polar = polar_geometry(detector_curve(points, closed=False), region)
         seen.append(kind(polar))
         return positions(polar)
 
@@ -110,12 +110,14 @@ def test_traced_parameters():
 
 def test_reach_and_detectors_too_near():
     arc = circular_arc(1.3, 1.3, 40, **PLACE)
-    disk = disk(0.9, n_boundary=80)
-    assert polar_geometry(arc, disk).reach == 0.9
+    concentric = disk(0.9, n_boundary=80, **PLACE)
+    assert polar_geometry(arc, concentric).reach == 0.9
     off_centre = disk(0.9, n_boundary=400, center=(2.2, -1.0))
     np.testing.assert_allclose(polar_geometry(arc, off_centre).reach, 1.1, atol=1e-4)
     frequencies = np.array([1.0, 10.0])
-    near, far = (harmonic_orders(polar_geometry(arc, r), frequencies) for r in (off_centre, disk))
+    near, far = (
+        harmonic_orders(polar_geometry(arc, r), frequencies) for r in (off_centre, concentric)
+    )
     assert (near > far).all()
     too_near = disk(1.1, n_boundary=80, center=(2.195, -1.0))
     with pytest.raises(ValueError, match="every detector farther off"):

@@ -25,8 +25,8 @@ from jaxtat.densities.single_layer import potential_matrix
 PLACE = {"center": (0.3, -0.2), "angle": 0.8}
 ARC = circular_arc(1.5, 0.3, 31, **PLACE)
 JITTER = np.random.default_rng(0).uniform(-0.02, 0.02, (31, 2))
-DISK = disk(1.0, n_boundary=240)
-HALF = disk(1.0, 0.3, n_boundary=240)
+DISK = disk(1.0, n_boundary=240, **PLACE)
+HALF = disk(1.0, 0.3, n_boundary=240, **PLACE)
 ASKEW = disk(1.0, 0.3, n_boundary=240, center=PLACE["center"])
 GEOMETRIES = {
     "disk": (ARC, DISK),
@@ -43,7 +43,11 @@ def table_of(polar):
 
 
 def at(table, i):
-    return jax.tree.map(lambda leaf: leaf[i], table)
+    return jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf)[i], table))
+
+
+matrix_of, waves_of = eqx.filter_jit(potential_matrix), eqx.filter_jit(detector_matrix)
+factor_of, traces_of = eqx.filter_jit(region_factor), eqx.filter_jit(boundary_traces)
 
 
 @pytest.mark.parametrize("name", GEOMETRIES)
@@ -51,13 +55,14 @@ def test_singular_values_are_those_of_the_matrix_on_the_boundary(name):
     """A = R M acts as the collocation matrix does, up to an isometry."""
     curve, region = GEOMETRIES[name]
     polar = polar_geometry(curve, region)
+    table = table_of(polar)
     for i in range(2):
-        wave = at(table_of(polar), i)
-        factor = region_factor(polar, wave)
-        matrix = jnp.moveaxis(detector_matrix(polar, wave) * jnp.sqrt(polar.weights), 0, -2)
+        wave = at(table, i)
+        factor = factor_of(polar, wave)
+        matrix = jnp.moveaxis(waves_of(polar, wave) * jnp.sqrt(polar.weights), 0, -2)
         a = factor.matrix_times(matrix.reshape(*matrix.shape[:2], -1))
         found = np.sort(np.linalg.svd(a, compute_uv=False).ravel())[::-1]
-        expected = np.linalg.svd(potential_matrix(FREQUENCIES[i], curve, region), compute_uv=False)
+        expected = np.linalg.svd(matrix_of(FREQUENCIES[i], curve, region), compute_uv=False)
         n = min(len(found), len(expected))
         # waves are cut at 1e-12; both matrices have the same points on the boundary
         np.testing.assert_allclose(found[:n], expected[:n], atol=2e-12 * expected[0])
@@ -70,8 +75,8 @@ def test_factor_of_the_gram_matrix(name):
     polar = polar_geometry(*GEOMETRIES[name])
     whole = eqx.tree_at(lambda tree: tree.region, polar, GEOMETRIES[name][1])
     wave = at(table_of(polar), 1)
-    r = region_factor(polar, wave).values
-    traces = boundary_traces(wave.frequencies, wave.steps, whole)
+    r = factor_of(polar, wave).values
+    traces = traces_of(wave.frequencies, wave.steps, whole)
     gram = jnp.einsum("tpm,tqn->pmqn", traces, traces)
     found = jnp.einsum("bij,bik->bjk", r, r)
     if polar.mirror:
@@ -151,7 +156,7 @@ def test_detectors_on_a_circle_and_one_by_one_have_the_same_matrix():
     each = jnp.full(31, polar.detector_radius)
     single = eqx.tree_at(lambda tree: tree.detector_radius, polar, each)
     assert polar.on_circle and not single.on_circle
-    matrices = [detector_matrix(p, at(table_of(p), 0)) for p in (polar, single)]
+    matrices = [waves_of(p, at(table_of(p), 0)) for p in (polar, single)]
     np.testing.assert_allclose(*matrices, rtol=1e-12)
 
 
@@ -168,8 +173,8 @@ def test_the_unit_of_alpha_is_that_of_the_strongest_wave(name):
     """max_n |B_n|² |M_n|², by the columns and rows of both; on a disk the diagonal of A A^T."""
     polar = polar_geometry(*GEOMETRIES[name])
     wave = at(table_of(polar), 1)
-    factor = region_factor(polar, wave)
-    waves = jnp.moveaxis(detector_matrix(polar, wave) * jnp.sqrt(polar.weights), 0, -2)
+    factor = factor_of(polar, wave)
+    waves = jnp.moveaxis(waves_of(polar, wave) * jnp.sqrt(polar.weights), 0, -2)
     waves = waves.reshape(*waves.shape[:2], -1)
     found = alpha_unit(factor, detector_powers(polar, wave))
     r = factor.values if not factor.is_diagonal else jax.vmap(jnp.diag)(factor.values)

@@ -8,8 +8,7 @@ import pytest
 
 from jaxtat import circular_arc, detector_curve, disk
 from jaxtat.densities.harmonic import (
-    Data,
-    alpha_rule,
+    Asked,
     circular_harmonics_at,
     harmonic_orders,
     polar_geometry,
@@ -20,7 +19,9 @@ from jaxtat.densities.harmonic import (
 from jaxtat.densities.harmonic.table import detector_matrix
 from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
 from jaxtat.geometry.curves import SampledCurve
+from jaxtat.regularization import tikhonov_rule
 
+matrix_of, traces_of = jax.jit(potential_matrix), jax.jit(plane_wave_traces)
 FREQUENCIES = jnp.array([2.0, 5.0, 9.0])
 ANGLES = jnp.array([0.0, 0.4, 1.1, 2.5])
 N = 41  # detectors, of which one is on the axis of mirrored curves
@@ -41,8 +42,8 @@ def ellipse(jitter):
 
 
 ARC = circular_arc(1.5, 1.1, N, **PLACE)
-DISK = disk(1.0, n_boundary=200)
-HALF = disk(1.0, 0.1, n_boundary=200)
+DISK = disk(1.0, n_boundary=200, **PLACE)
+HALF = disk(1.0, 0.1, n_boundary=200, **PLACE)
 ASKEW = disk(0.9, 0.1, n_boundary=200, center=CENTER + 0.05)
 # curve, region, and what kind it is: (mirror, disk, on_circle)
 GEOMETRIES = {
@@ -63,8 +64,8 @@ def some_data(curve, images=2):
 @eqx.filter_jit
 def solve(polar, transformed, groups, solver, alpha=1e-6, tolerance=1e-12):
     ones = jnp.ones(len(FREQUENCIES))
-    data = Data(transformed, ones, ones, alpha_rule(alpha, len(FREQUENCIES)))
-    return solve_harmonics(polar, FREQUENCIES, groups, data, solver, tolerance)
+    asked = Asked(ones, ones, tikhonov_rule(alpha, len(FREQUENCIES)))
+    return solve_harmonics(polar, FREQUENCIES, groups, transformed, asked, solver, tolerance)
 
 
 def one_group(polar):
@@ -72,6 +73,7 @@ def one_group(polar):
     return ((0, len(FREQUENCIES), int(harmonic_orders(polar, np.asarray(FREQUENCIES)).max())),)
 
 
+@eqx.filter_jit
 def at_angles(polar, region, harmonics):
     """fhat, its phases counted from the region's centre, (images, frequencies, directions)."""
     directions = jnp.stack([jnp.cos(ANGLES), jnp.sin(ANGLES)], axis=-1)
@@ -84,8 +86,8 @@ def dense(curve, region, transformed, alphas):
     """fhat = rho·√w G / 2π with rho = A^T (A A^T + alpha)^-1 u, A of the boundary points."""
     found = []
     for lam, data, alpha in zip(FREQUENCIES, transformed, alphas, strict=True):
-        a = np.asarray(potential_matrix(lam, curve, region))
-        u = np.asarray(plane_wave_traces(lam, ANGLES, region))
+        a = np.asarray(matrix_of(lam, curve, region))
+        u = np.asarray(traces_of(lam, ANGLES, region))
         rho = a.T @ np.linalg.solve(a @ a.T + float(alpha) * np.eye(len(a)), u)
         scaled = np.asarray(jnp.sqrt(curve.weights) * data)
         found.append(scaled.reshape(len(data), -1) @ rho / (2 * np.pi))

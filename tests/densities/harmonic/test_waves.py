@@ -1,5 +1,6 @@
 """Cylindrical waves: addition theorems, traces on the boundary, norms on a disk."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -19,12 +20,14 @@ from jaxtat.densities.harmonic.waves import (
 )
 from jaxtat.special import scaled_hankel_sequence
 
+traces_of, steps_of = eqx.filter_jit(boundary_traces), eqx.filter_jit(wave_steps)
 CENTER = jnp.array([0.3, -0.2])
 ARC = circular_arc(1.5, 1.1, 7, center=CENTER, angle=0.8)
 DISK = disk(1.0, n_boundary=240, center=CENTER, angle=0.8)
 HALF = disk(1.0, 0.0, n_boundary=240, center=CENTER, angle=0.8)
 
 
+@eqx.filter_jit
 def waves_at(polar, steps, lam, points):
     """phi_n at points, (2, orders, points), from the definition."""
     local = points - polar.center
@@ -38,7 +41,7 @@ def setup(region, lam, n_max=None):
     """The geometry, and the steps of all orders that potentials need, or of fewer."""
     polar = polar_geometry(ARC, region)
     n_max = int(harmonic_orders(polar, np.array([lam]))[0]) if n_max is None else n_max
-    return polar, wave_steps(n_max, jnp.array(lam), polar)
+    return polar, steps_of(n_max, jnp.array(lam), polar)
 
 
 @pytest.fixture
@@ -86,7 +89,7 @@ def test_traces_are_values_and_normal_derivatives(region, lam):
     """Against central differences of the waves, at all boundary points, also near the centre."""
     polar, steps = setup(region, lam, 40)
     side, m, h = polar.region, polar.region.points.shape[0], 1e-4
-    found = boundary_traces(jnp.array(lam), steps, polar)
+    found = traces_of(jnp.array(lam), steps, polar)
     assert found.shape == (2 * m, 2, steps.shape[0] - 1)
     root = jnp.sqrt(side.weights)
 
@@ -104,7 +107,7 @@ def test_traces_are_values_and_normal_derivatives(region, lam):
 def test_traces_on_a_disk_are_orthogonal_with_known_norms(lam):
     """Against sums over the boundary points, exact for orders below half their number."""
     polar, steps = setup(DISK, lam, 40)
-    traces = boundary_traces(jnp.array(lam), steps, polar).reshape(480, -1)
+    traces = traces_of(jnp.array(lam), steps, polar).reshape(480, -1)
     norms = disk_norms(jnp.array(lam), DISK.reach, steps).ravel()
     gram = np.asarray(traces.T @ traces)
     np.testing.assert_allclose(np.diag(gram), norms**2, rtol=1e-11)
