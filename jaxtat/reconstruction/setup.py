@@ -4,7 +4,6 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Float
@@ -260,7 +259,8 @@ def _named(part: Any) -> str:
         return repr(part)
     if isinstance(part, np.ndarray | jax.Array):
         return f"an array of shape {part.shape}"
-    return f"a {type(part).__name__}"
+    kind = type(part).__name__
+    return f"{'an' if kind[0] in 'AEIOU' else 'a'} {kind}"
 
 
 def _with_counts(region: Region, like: Region) -> Region:
@@ -274,9 +274,18 @@ def _with_counts(region: Region, like: Region) -> Region:
 
 def _require_alike(name: str, new: Any, old: Any) -> None:
     """Raise ValueError unless a part has the same kind and sizes as before."""
-    shapes = [[jnp.shape(leaf) for leaf in jax.tree.leaves(part)] for part in (new, old)]
-    if type(new) is not type(old) or shapes[0] != shapes[1]:
+    if type(new) is not type(old) or _sizes_of(new) != _sizes_of(old):
         raise ValueError(
-            f"{name} is {_named(new)} of other sizes than the setup's {_named(old)}: make a new "
-            "Setup for it."
+            f"{name} is {_named(new)} of other sizes than that of the setup, {_named(old)}: make a "
+            "new Setup for it."
         )
+
+
+def _sizes_of(part: Any) -> Any:
+    if isinstance(part, Ball):
+        return part.whole
+    if isinstance(part, DetectorCurve):
+        return part.n_detectors
+    if isinstance(part, Region):
+        return part.counts
+    return part.shape

@@ -8,7 +8,12 @@ from jax.test_util import check_grads
 from jaxtat.steps.cartesian_fourier import LATTICE_STEP, direct_fourier_inversion
 
 from jaxtat import ImageGrid, cosine_filter, phantoms
-from jaxtat.steps import filtered_back_projection, offset_step, polar_fourier_of_projections, radon_projections
+from jaxtat.steps import (
+    filtered_back_projection,
+    offset_step,
+    polar_fourier_of_projections,
+    radon_projections,
+)
 
 N, STEP = 128, jnp.array(jnp.pi / 2)  # the reach is 1
 ANGLES = 0.3 + jnp.arange(256) * jnp.pi / 256
