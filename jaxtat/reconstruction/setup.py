@@ -1,5 +1,6 @@
 """The problem: detectors, region of interest, pixels and radii, checked once."""
 
+from contextlib import nullcontext
 from typing import Any
 
 import equinox as eqx
@@ -192,7 +193,10 @@ class Setup(eqx.Module):
         stop = real_array("tolerance", tolerance, ())
         if not self.sizes.reached:
             return BoundaryTraces(*common, exact, stop, mesh)
-        geometry = polar_geometry(self.curve, self.region)
+        # of a known geometry known inside jax.jit too
+        known = is_concrete(self.curve, self.region)
+        with jax.ensure_compile_time_eval() if known else nullcontext():
+            geometry = polar_geometry(self.curve, self.region)
         rows = self.sizes.groups[-1][-1] * (1 if geometry.mirror else 2)
         if solver == "auto" and geometry.on_circle and geometry.disk and rows > MOST_ORDERS:
             exact = "cg"
@@ -264,7 +268,7 @@ def _named(part: Any) -> str:
 
 
 def _with_counts(region: Region, like: Region) -> Region:
-    if jax.tree.structure(region.counts) != jax.tree.structure(like.counts):
+    if jax.tree.map(bool, region.counts) != jax.tree.map(bool, like.counts):  # a cut or none
         raise ValueError(
             f"region has the boundary pieces {region.counts}, expected as many as {like.counts}: "
             "make a new Setup for a region of another kind."

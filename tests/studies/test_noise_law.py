@@ -34,31 +34,31 @@ def test_the_law_tells_the_noise_of_a_reconstruction(low_pass):
     assert np.all(np.abs(ratio - 1) < 0.1)
 
 
-def setup_of(arc, unit=1.0, radial_step=0.02, **options):
-    radii = unit * (0.6 + radial_step * np.arange(round(1.4 / radial_step) + 1))
-    return Setup(arc, disk(0.6 * unit), ImageGrid(4, 0.3 * unit), radii, **options)
+def setup_of(arc, unit=1.0, coarser=1):
+    radii = unit * (0.6 + 0.02 * np.arange(71))
+    highest = np.pi / (0.02 * unit * coarser)
+    return Setup(arc, disk(0.6 * unit), ImageGrid(4, 0.3 * unit), radii, max_frequency=highest)
 
 
 def test_it_follows_units_and_numbers():
     arc = circular_arc(1.3, 0.7, 50)
-    one = np.asarray(predict_noise(setup_of(arc), 1.0))
-    far = np.asarray(predict_noise(setup_of(arc, max_frequency=np.pi / 0.04), 3.0))
+    setup = setup_of(arc)
+    one = np.asarray(predict_noise(setup, 1.0))
+    far = np.asarray(predict_noise(setup_of(arc, coarser=2), 3.0))
     np.testing.assert_allclose(far, one * 3 / 2**1.5, rtol=1e-4)
     mm = setup_of(circular_arc(1.3e3, 0.7e3, 50), 1e3)
     np.testing.assert_allclose(predict_noise(mm, 1.0), one / 1e3, rtol=1e-9)
-    damped = np.asarray(predict_noise(setup_of(arc), 1.0, kappa=1.0))
-    assert np.all(damped < one)
+    assert np.all(np.asarray(predict_noise(setup, 1.0, kappa=1.0)) < one)
 
 
 def test_on_a_detector_it_is_infinite(arc):
-    """A node in the middle of the line between two others, each 1.3 from the centre."""
-    x, y = np.asarray(arc.curve.points[7])
-    found = np.asarray(predict_noise(arc, 1.0, grid=ImageGrid(5, 0.6, (x, y))))
+    grid = ImageGrid(5, 0.6, arc.curve.points[7])
+    found = np.asarray(predict_noise(arc, 1.0, grid=grid))
     assert np.isinf(found[2, 2]) and np.isfinite(found).sum() == 24
 
 
 def test_derivatives():
-    measured = detector_curve(circular_arc(1.3, 0.0, 12).points, closed=False)
+    measured = detector_curve(circular_arc(1.3, 0.2, 12).points, closed=False)
     setup = Setup(measured, disk(1.0, 0.0), ImageGrid(4, 0.3), 0.3 + 0.1 * np.arange(22))
 
     def deviation(points, sigma, kappa):
