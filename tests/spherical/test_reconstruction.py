@@ -129,7 +129,7 @@ def test_volume_is_that_of_the_filtered_bells():
         assert found.basis == "spherical"
         error = np.abs(np.asarray(found.image[0]) - expected)[inside].max()
         assert error < 5e-6, (inversion, error)  # of 0.19; the low-pass has tails beyond the ball
-        np.testing.assert_allclose(found.volume[1], 2 * found.volume[0], atol=1e-10)
+        np.testing.assert_allclose(found.image[1], 2 * found.image[0], atol=1e-10)
 
 
 # --- the linear algebra against a dense solution on the boundary ---------------------------------

@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
-from jaxtat.steps.cartesian_fourier import LATTICE_STEP, direct_fourier_inversion
 
 from jaxtat import ImageGrid, cosine_filter, phantoms
 from jaxtat.steps import (
@@ -14,6 +13,7 @@ from jaxtat.steps import (
     polar_fourier_of_projections,
     radon_projections,
 )
+from jaxtat.steps.cartesian_fourier import LATTICE_STEP, direct_fourier_inversion
 
 N, STEP = 128, jnp.array(jnp.pi / 2)  # the reach is 1
 ANGLES = 0.3 + jnp.arange(256) * jnp.pi / 256

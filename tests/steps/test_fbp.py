@@ -5,6 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
+from scipy.integrate import simpson
+from scipy.interpolate import BSpline
+
+from jaxtat import ImageGrid, phantoms
+from jaxtat.steps import filtered_back_projection
 from jaxtat.steps.fbp import (
     OVERSAMPLING,
     _ramp_samples,
@@ -12,11 +17,6 @@ from jaxtat.steps.fbp import (
     project,
     ramp_matrix,
 )
-from scipy.integrate import simpson
-from scipy.interpolate import BSpline
-
-from jaxtat import ImageGrid, phantoms
-from jaxtat.steps import filtered_back_projection
 
 CENTER, WIDTH = np.array([0.3, -0.2]), 0.5
 STEP = jnp.array(1 / 64)
