@@ -197,27 +197,27 @@ def test_replace_is_a_new_setup(parts):
         traced.append(1)
         return reconstruct(setup.replace(**parts(*numbers)), g, alpha)
 
-    compiled = jax.jit(image)
-    changed = jnp.asarray(start) + jnp.array([[0.0, 0.0, 0.0], [0.01, 0.01, 0.002], [-0.01, 0, 0]])
-    found = [compiled(numbers, 1e-3 * (i + 1)) for i, numbers in enumerate(changed)]
-    assert len(traced) == 1
-    for i, numbers in enumerate(changed):
+    compiled, start = jax.jit(image), jnp.asarray(start)
+    shifts = jnp.array([[0.0, 0.0, 0.0], [0.01, 0.01, 0.002]])
+    images = []
+    for i, numbers in enumerate(start + shifts):
         again = Setup(**parts(*map(float, numbers)), **sizes)
-        expected = reconstruct(again, g, 1e-3 * (i + 1))
-        assert_allclose(found[i], expected, atol=1e-11 * abs(expected).max())
-    together = jax.jit(jax.vmap(image))(changed, 1e-3 * jnp.arange(1.0, 4.0))
-    assert_allclose(together, jnp.stack(found), atol=1e-10 * abs(found[0]).max())
+        images.append(reconstruct(again, g, 1e-3 * (i + 1)))
+        found = compiled(numbers, 1e-3 * (i + 1))
+        assert_allclose(found, images[i], atol=1e-11 * abs(found).max())
+    assert len(traced) == 1
 
     @jax.jit
+    @jax.vmap
     @jax.value_and_grad
-    def total(numbers):
-        return jnp.sum(weights * image(numbers, 1e-3) ** 2)
+    def totals(given):
+        return jnp.sum(weights * image(given[:3], given[3]) ** 2)
 
-    slopes = total(jnp.asarray(start))[1]
-    for i in range(3):
-        step = 1e-5 * np.eye(3)[i]
-        ahead, behind = (total(jnp.asarray(start) + sign * step)[0] for sign in (1, -1))
-        assert_allclose(slopes[i], (ahead - behind) / 2e-5, rtol=1e-5, err_msg=str(i))
+    steps = 1e-5 * jnp.concatenate([jnp.eye(3), -jnp.eye(3)])
+    rows = start + jnp.concatenate([shifts, steps])
+    values, slopes = totals(jnp.c_[rows, jnp.array([1e-3, 2e-3, *[1e-3] * 6])])
+    assert_allclose(values[:2], [jnp.sum(weights * one**2) for one in images], rtol=1e-9)
+    assert_allclose(slopes[0, :3], (values[2:5] - values[5:]) / 2e-5, rtol=1e-5)
 
 
 def programs_of(work):
