@@ -138,4 +138,5 @@ def named(part: Any) -> str:
         return repr(part)
     if isinstance(part, np.ndarray | jax.Array):
         return f"an array of shape {part.shape}"
-    return f"a {type(part).__name__}"
+    kind = type(part).__name__
+    return f"{'an' if kind[0] in 'AEIOU' else 'a'} {kind}"

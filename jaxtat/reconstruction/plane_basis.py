@@ -1,10 +1,14 @@
 """The bases of the plane: cylindrical waves, the boundary itself, and the densities of a plan."""
 
+from contextlib import nullcontext
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float
 
+from ..base.checks import is_concrete
 from ..densities import Basis, Densities, solve_on_boundary
 from ..densities.harmonic import (
     Asked,
@@ -122,7 +126,10 @@ def plane_basis(
     exact = "cholesky" if solver == "auto" else solver
     if not sizes.reached:
         return BoundaryTraces(*common, exact, tolerance, mesh)
-    geometry = polar_geometry(curve, region)
+    # of a known geometry known inside jax.jit too
+    known = is_concrete(curve, region)
+    with jax.ensure_compile_time_eval() if known else nullcontext():
+        geometry = polar_geometry(curve, region)
     rows = sizes.groups[-1][-1] * (1 if geometry.mirror else 2)
     if solver == "auto" and geometry.on_circle and geometry.disk and rows > MOST_ORDERS:
         exact = "cg"

@@ -11,7 +11,14 @@ from ..base.checks import Numbers, by_library
 from ..base.cost import Systems, require_room, systems_cost
 from ..densities.harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
 from ..forward import default_points
-from ..geometry import DetectorCurve, ImageGrid, Region, near_circle, visibility
+from ..geometry import (
+    DetectorCurve,
+    ImageGrid,
+    Region,
+    near_circle,
+    require_cover,
+    visibility,
+)
 from ..records import sampled_frequency
 from ..special import enough_orders
 from ..steps import enough_boundary, polar_grid, require_boundary, require_problem
@@ -83,6 +90,7 @@ def plane_sizes(
     Orders are rounded up to fours, so that small changes of the geometry keep them.
     """
     with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
+        require_cover(curve, region, radii)  # before anything is made of their steps
         frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
         highest = float(frequencies[-1])
         if region.automatic:

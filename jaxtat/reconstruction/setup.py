@@ -4,11 +4,11 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_x64, whole_number
 from ..geometry import DetectorCurve, Region
+from ..geometry.balls import Ball
 from ..spherical.sizes import SpaceSizes
 from .kinds import Kind, kind_of, named
 from .plane_sizes import GROUPS, PlaneSizes
@@ -195,7 +195,7 @@ def require_waves(sizes: PlaneSizes) -> None:
 
 
 def _with_counts(region: Region, like: Region) -> Region:
-    if jax.tree.structure(region.counts) != jax.tree.structure(like.counts):
+    if jax.tree.map(bool, region.counts) != jax.tree.map(bool, like.counts):  # a cut or none
         raise ValueError(
             f"region has the boundary pieces {region.counts}, expected as many as {like.counts}: "
             "make a new Setup for a region of another kind."
@@ -205,9 +205,18 @@ def _with_counts(region: Region, like: Region) -> Region:
 
 def _require_alike(name: str, new: Any, old: Any) -> None:
     """Raise ValueError unless a part has the same kind and sizes as before."""
-    shapes = [[jnp.shape(leaf) for leaf in jax.tree.leaves(part)] for part in (new, old)]
-    if type(new) is not type(old) or shapes[0] != shapes[1]:
+    if type(new) is not type(old) or _sizes_of(new) != _sizes_of(old):
         raise ValueError(
-            f"{name} is {named(new)} of other sizes than the setup's {named(old)}: make a new "
-            "Setup for it."
+            f"{name} is {named(new)} of other sizes than that of the setup, {named(old)}: make a "
+            "new Setup for it."
         )
+
+
+def _sizes_of(part: Any) -> Any:
+    if isinstance(part, Ball):
+        return part.whole
+    if isinstance(part, DetectorCurve):
+        return part.n_detectors
+    if isinstance(part, Region):
+        return part.counts
+    return part.shape

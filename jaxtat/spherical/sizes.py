@@ -207,4 +207,4 @@ def _warn_of_sampling(cap: SphericalCap, highest: float, reach: float) -> None:
     possible, gap = resolved_frequency(cap, reach)
     if highest > possible * (1 + 1e-3):  # the bound is not as sharp as that
         found = f"rings are up to {gap:.3g} rad apart, with {cap.n_azimuths} azimuths"
-        warn_of_detectors(highest, possible, found, stacklevel=4)
+        warn_of_detectors(highest, possible, found, stacklevel=6)

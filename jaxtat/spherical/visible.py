@@ -25,7 +25,7 @@ def warn_of_visibility(detectors: Detectors, region: Ball) -> None:
         if not seen.invisible_fraction > 0:
             return
         said = f"in a meridian plane {seen}"
-    warnings.warn(said, VisibilityWarning, stacklevel=4)
+    warnings.warn(said, VisibilityWarning, stacklevel=6)
 
 
 def missed_share(detectors: DetectorPoints, region: Ball) -> float:

@@ -86,8 +86,8 @@ def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid, radii
             "move or widen the grid."
         )
     seen = visibility(curve, region)
-    if seen.invisible_fraction > 0:
-        warnings.warn(str(seen), VisibilityWarning, stacklevel=4)
+    if seen.invisible_fraction > 0:  # told where the Setup is made, two calls of equinox further up
+        warnings.warn(str(seen), VisibilityWarning, stacklevel=6)
 
 
 def require_pixels(grid: Grid, reach: float) -> None:
@@ -114,7 +114,7 @@ def _warn_of_radii(radii: np.ndarray, highest: float) -> None:
             f"lambda = {highest:.4g}, they come out wrong by {100 * error:.0f} %: pass a lower "
             "max_frequency, or data on equispaced radii.",
             AccuracyWarning,
-            stacklevel=4,
+            stacklevel=7,
         )
 
 

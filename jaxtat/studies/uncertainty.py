@@ -11,6 +11,7 @@ at once: the matrix, 16641 x 64500 numbers at the paper's size, is never there a
 """
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import partial
 from typing import Any
 
@@ -46,7 +47,8 @@ def pixel_standard_deviation(
     """√Var f_i = √(Σ_j L_ij² sigma_j²) of the images that `reconstruct` makes.
 
     Exact for independent noise of any distribution; nothing is drawn at random. Differentiable
-    with respect to sigma.
+    with respect to sigma. Where the geometry is traced by `jax.jit` all pixels are worked out,
+    since nobody knows yet which are wanted.
 
     Args:
         problem: a plan, or a `Setup`, of which the plan is built first.
@@ -63,7 +65,7 @@ def pixel_standard_deviation(
 
     Raises:
         ValueError: for sigma of the wrong shape, negative or NaN, a ``where`` that is not boolean
-            or of the wrong shape, an unknown inversion, and a geometry traced by `jax.jit`.
+            or of the wrong shape, and an unknown inversion.
 
     Source: propagation of variance; e.g. Tarantola, Inverse Problem Theory (SIAM 2005), section 3.
 
@@ -109,13 +111,9 @@ def _variance(
     return jnp.broadcast_to(sigma[:, None] if sigma.ndim == 1 else sigma, shape) ** 2
 
 
-def _wanted(where: Any, region: Region, grid: ImageGrid) -> Bool[np.ndarray, "x1 x2"]:
-    if not is_concrete(region, grid, where):
-        raise ValueError(
-            "region, grid or where are traced by jax.jit, and sizes depend on them: only sigma "
-            "may be traced."
-        )
-    wanted = np.asarray(region.contains(grid.points) if where is None else where)
+def _wanted(where: Any, region: Region, grid: ImageGrid) -> Bool[Array | np.ndarray, "x1 x2"]:
+    wanted = region.contains(grid.points) if where is None else where
+    wanted = np.asarray(wanted) if is_concrete(wanted) else wanted
     if wanted.dtype != bool or wanted.shape != grid.shape:
         raise ValueError(
             f"where has dtype {wanted.dtype} and shape {wanted.shape}, expected booleans "
@@ -127,14 +125,31 @@ def _wanted(where: Any, region: Region, grid: ImageGrid) -> Bool[np.ndarray, "x1
 def _map(
     of_block: Callable[[ImageGrid], Array],
     grid: ImageGrid,
-    wanted: Bool[np.ndarray, "x1 x2"],
+    wanted: Bool[Array | np.ndarray, "x1 x2"],
     progress: bool,
 ) -> Float[Array, "x1 x2"]:
     """Block by block; those without a wanted pixel are left out."""
+    blocks = [-(-n // BLOCK) for n in grid.shape]
+    if is_concrete(wanted, grid):
+        found = _some_blocks(of_block, grid, np.asarray(wanted), blocks, progress)
+    else:
+        places = BLOCK * np.argwhere(np.ones(blocks))
+        found = jax.lax.map(lambda place: of_block(_block(grid, place)), places)
+        found = found.reshape(*blocks, BLOCK, BLOCK)
+    image = found.swapaxes(1, 2).reshape(BLOCK * blocks[0], BLOCK * blocks[1])
+    return jnp.where(wanted, image[: grid.shape[0], : grid.shape[1]], jnp.nan)
+
+
+def _some_blocks(
+    of_block: Callable[[ImageGrid], Array],
+    grid: ImageGrid,
+    wanted: Bool[np.ndarray, "x1 x2"],
+    blocks: list[int],
+    progress: bool,
+) -> Float[Array, "rows columns pixels1 pixels2"]:
+    """NaN in those left out."""
     beyond = [(0, -n % BLOCK) for n in grid.shape]
-    tiles = np.pad(wanted, beyond).reshape(-(-grid.shape[0] // BLOCK), BLOCK, -1, BLOCK)
-    tiles = tiles.swapaxes(1, 2)  # (blocks, blocks, BLOCK, BLOCK)
-    found = jnp.full(tiles.shape, jnp.nan)
+    tiles = np.pad(wanted, beyond).reshape(blocks[0], BLOCK, blocks[1], BLOCK).swapaxes(1, 2)
     places = np.argwhere(tiles.any(axis=(2, 3)))
     spreads = []
     bar = tqdm(
@@ -147,15 +162,14 @@ def _map(
                 spread.block_until_ready()  # or the bar would run ahead
             spreads.append(spread)
             bar.update(int(tiles[tuple(place)].sum()))
-    if spreads:
-        found = found.at[places[:, 0], places[:, 1]].set(jnp.stack(spreads))
-    image = found.swapaxes(1, 2).reshape(BLOCK * tiles.shape[0], BLOCK * tiles.shape[1])
-    return jnp.where(wanted, image[: grid.shape[0], : grid.shape[1]], jnp.nan)
+    found = jnp.full(tiles.shape, jnp.nan)
+    return found.at[places[:, 0], places[:, 1]].set(jnp.stack(spreads)) if spreads else found
 
 
-def _block(grid: ImageGrid, first: np.ndarray) -> ImageGrid:
+def _block(grid: ImageGrid, first: Any) -> ImageGrid:
     """BLOCK x BLOCK nodes of the grid from ``first`` on, perhaps beyond its end."""
-    with jax.ensure_compile_time_eval():  # inside jax.jit too: only sigma may be traced
+    # of a known grid known inside jax.jit too
+    with jax.ensure_compile_time_eval() if is_concrete(grid, first) else nullcontext():
         corner, half = grid.center - grid.half_width, (BLOCK - 1) / 2
         return ImageGrid(BLOCK, half * grid.spacing, corner + (first + half) * grid.spacing)
 

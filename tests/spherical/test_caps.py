@@ -1,4 +1,4 @@
-"""Caps, regions and layouts: quadrature, meridian sections, and what is refused."""
+"""Caps, regions and sizes: quadrature, meridian sections, and what is refused."""
 
 import jax
 import jax.numpy as jnp
@@ -6,16 +6,9 @@ import numpy as np
 import pytest
 
 import jaxtat
-from jaxtat import AccuracyWarning, VisibilityWarning, VolumeGrid
-from jaxtat.spherical import (
-    DetectorPoints,
-    ball,
-    cap_layout,
-    cap_radii,
-    enough_boundary,
-    find_rings,
-    spherical_cap,
-)
+from jaxtat import AccuracyWarning, Setup, VisibilityWarning, VolumeGrid
+from jaxtat.geometry.balls import enough_boundary
+from jaxtat.spherical import DetectorPoints, ball, cap_radii, find_rings, spherical_cap
 from jaxtat.spherical.sizes import resolved_frequency
 from jaxtat.spherical.visible import missed_share
 
@@ -55,8 +48,7 @@ def test_the_meridian_section_is_the_paper_geometry():
 def test_boundary_of_a_cut_ball_integrates_exactly():
     """Area, ∫ x_3 dS and the divergence theorem for the field (0, 0, x_3)."""
     radius, top = 1.5, 0.4
-    part = ball(radius, top)
-    edge = part.boundary()
+    edge = ball(radius, top).boundary((36, 24))
     x3, flat = np.asarray(edge.distance * edge.cosine), np.asarray(edge.flat)
     weights = np.asarray(edge.weights)
     curved, disk = 2 * np.pi * radius * (top + radius), np.pi * (radius**2 - top**2)
@@ -72,12 +64,12 @@ SOME = 1.5 * np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0
 
 def problem(**changes):
     given = {
-        "detectors": spherical_cap(1.5, 1.1, 24, 48),
+        "curve": spherical_cap(1.5, 1.1, 24, 48),
         "region": ball(1.0),
         "grid": VolumeGrid(13),
         "radii": 0.5 + 0.1 * np.arange(21),
     }
-    return cap_layout(**{**given, **changes})
+    return Setup(**(given | changes))
 
 
 @pytest.mark.parametrize(
@@ -88,16 +80,14 @@ def problem(**changes):
         (lambda: spherical_cap(1.3, 1.0, 1, 16), "n_rings is 1"),
         (lambda: spherical_cap(1.3, 1.0, 8, 16, rule="lobatto"), "rule is 'lobatto'"),
         (lambda: spherical_cap(-1.3, 1.0, 8, 16), "radius is"),
-        (lambda: ball(1.0, 1.0), "x_top is 1.0"),
-        (lambda: ball(1.0, 0.0), "n_boundary is missing"),
+        (lambda: ball(1.0, 1.0), "cut is 1.0"),
         (lambda: DetectorPoints(np.zeros((3, 2))), r"expected \(detectors, 3\)"),
         (lambda: DetectorPoints(np.ones((2, 3)), [1.0, -1.0]), "weights is"),
         (lambda: problem(region=ball(1.0, center=(0.1, 0, 0))), "same center"),
-        (lambda: problem(detectors=spherical_cap(0.9, 0.7, 24, 48)), "lie inside or on"),
-        (lambda: problem(detectors=spherical_cap(1.005, 1.0, 24, 48)), "radii run from"),
+        (lambda: problem(curve=spherical_cap(0.9, 0.7, 24, 48)), "lie inside or on"),
+        (lambda: problem(curve=spherical_cap(1.005, 1.0, 24, 48)), "radii run from"),
         (lambda: problem(radii=0.5 + 0.1 * np.arange(12)), "radii run from"),
         (lambda: problem(grid=VolumeGrid(13, 1.0, (5.0, 0.0, 0.0))), "no node of the grid"),
-        (lambda: problem(region=ball(1.0, 0.0)), "use n_boundary >="),
         # inside the ball, and so is the corner of the grid's box, but above the cut
         (
             lambda: problem(
@@ -108,10 +98,9 @@ def problem(**changes):
             "no node of the grid",
         ),
         (
-            lambda: problem(detectors=DetectorPoints(SOME), region=ball(1.0, 0.0)),
+            lambda: problem(curve=DetectorPoints(SOME), region=ball(1.0, 0.0)),
             "needs detectors on rings",
         ),
-        (lambda: jax.jit(lambda r: problem(radii=r))(0.5 + 0.1 * np.arange(21)), "layout = cap_"),
         (lambda: VolumeGrid((4, 4)), "expected a number or 3"),
     ],
 )
@@ -122,9 +111,9 @@ def test_what_cannot_work_is_refused(make, message):
 
 def test_warnings_of_sampling_and_visibility():
     with pytest.warns(AccuracyWarning, match=r"pass max_frequency=\d"):
-        problem(detectors=spherical_cap(1.5, 1.1, 24, 20))
+        problem(curve=spherical_cap(1.5, 1.1, 24, 20))
     with pytest.warns(VisibilityWarning, match="in a meridian plane"):
-        problem(detectors=spherical_cap(1.5, 0.5, 24, 48))
+        problem(curve=spherical_cap(1.5, 0.5, 24, 48))
 
 
 def test_a_bowl_without_a_bottom_is_flagged_and_keeps_its_frequencies():
@@ -133,7 +122,7 @@ def test_a_bowl_without_a_bottom_is_flagged_and_keeps_its_frequencies():
     parts = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi
     rings = find_rings(1.5 * np.stack(parts, axis=-1).reshape(-1, 3)).rings
     with pytest.warns(VisibilityWarning, match="in a meridian plane 3") as caught:
-        problem(detectors=rings, region=ball(0.9))
+        problem(curve=rings, region=ball(0.9))
     assert len(caught) == 1  # and none of sampling
     step = 1.4 / 39
     possible, gap = resolved_frequency(rings, 0.5)
@@ -145,58 +134,56 @@ def test_a_bowl_without_a_bottom_is_flagged_and_keeps_its_frequencies():
         np.asarray(spherical_cap(1.5, 1.1, 24, 48, rule="equal").points).reshape(-1, 3)
     )
     assert np.isclose(down.rings.lowest_angle, np.pi)
-    problem(detectors=down.rings, max_frequency=20.0)
+    problem(curve=down.rings, max_frequency=20.0)
 
 
 def test_points_that_see_half_of_the_lines_are_flagged():
     rng = np.random.default_rng(0)
     unit = rng.standard_normal((120, 3))
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
-    problem(detectors=DetectorPoints(1.5 * unit), max_frequency=9.0)
+    problem(curve=DetectorPoints(1.5 * unit), max_frequency=9.0)
     unit[:, 2] = -abs(unit[:, 2])
     with pytest.warns(VisibilityWarning, match=r"% of the lines .* miss the detectors"):
-        problem(detectors=DetectorPoints(1.5 * unit), max_frequency=9.0)
+        problem(curve=DetectorPoints(1.5 * unit), max_frequency=9.0)
     # those that end within 60 degrees of the only one count as seen, half of all
     assert abs(missed_share(DetectorPoints([[0.0, 0.0, -1.5]]), ball(0.01)) - 0.5) < 0.02
 
 
 def test_boundary_points_suffice_wherever_the_ball_is_cut():
-    """As many as the quadrature needs on each part, and no other number does."""
+    """As many as the quadrature needs on each part, and hardly more; chosen by the setup."""
     for top in (-0.7, -0.2, 0.0, 0.3, 0.9):
-        n = enough_boundary(1.0, top, 40.0)
-        curved, flat = ball(1.0, top).n_boundary
+        curved, flat = enough_boundary(1.0, top, 40.0)
         angle = np.pi - np.arccos(top)
         assert curved >= 20 * angle + 8 and flat >= 20 * np.sin(angle) + 8
-        assert n < 20 * max(5 / 3 * angle, 5 / 2 * np.sin(angle)) + 24
+        assert curved + flat < 20 * max(5 / 3 * angle, 5 / 2 * np.sin(angle)) + 24
+    setup = problem(region=ball(1.0, 0.3), max_frequency=9.0)
+    assert setup.sizes.boundary == enough_boundary(1.0, 0.3, 9.0)
+    assert problem(max_frequency=9.0).sizes.boundary is None
 
 
-def test_a_fixed_geometry_needs_no_layout_inside_jit():
-    cap, grid = spherical_cap(1.5, 1.1, 24, 48), VolumeGrid(13)
-    where = cap, ball(1.0), grid, 0.5 + 0.1 * np.arange(21)
-    found = jax.jit(lambda g: g * cap_layout(*where).max_frequency)(1.0)
-    assert float(found) == cap_layout(*where).max_frequency
+def test_a_setup_can_be_made_inside_jit_of_a_known_geometry():
+    where = spherical_cap(1.5, 1.1, 24, 48), ball(1.0), VolumeGrid(13), 0.5 + 0.1 * np.arange(21)
+    found = jax.jit(lambda g: g * Setup(*where).sizes.max_frequency)(1.0)
+    assert float(found) == Setup(*where).sizes.max_frequency
 
 
-def test_layout_covers_every_degree_of_every_order():
+def test_sizes_cover_every_degree_of_every_order():
     """Sizes are at least N + 1 - m for the first m of a piece, and never more than the largest."""
     for n, rings, azimuths in ((13, 24, 48), (65, 96, 256), (129, 192, 512)):
         cap, region = spherical_cap(1.3, 1.0, rings, azimuths), ball(1.0)
-        layout = cap_layout(cap, region, VolumeGrid(n), cap_radii(cap, region, 1 / (n - 1)))
-        assert (
-            layout.n_pieces * layout.piece
-            >= layout.n_orders
-            == min(azimuths // 2, layout.groups[-1] + 1)
-        )
-        np.testing.assert_allclose(layout.frequencies[-1], np.pi * (n - 1) / 2)
-        assert layout.frequency_step <= np.pi / 2 * (1 + 1e-12)
-        sizes = {size for row in layout.degrees for size in row if size}
-        assert len(sizes) <= layout.n_sizes and max(sizes) == layout.groups[-1] + 1
-        for l_max, row in zip(layout.groups, layout.degrees, strict=True):
+        sizes = Setup(cap, region, VolumeGrid(n), cap_radii(cap, region, 1 / (n - 1))).sizes
+        assert sizes.n_orders == min(azimuths // 2, sizes.groups[-1] + 1)
+        assert sizes.n_pieces * sizes.piece >= sizes.n_orders
+        np.testing.assert_allclose(sizes.frequencies[-1], np.pi * (n - 1) / 2)
+        assert sizes.frequency_step <= np.pi / 2 * (1 + 1e-12)
+        distinct = {size for row in sizes.degrees for size in row if size}
+        assert len(distinct) <= sizes.n_sizes and max(distinct) == sizes.groups[-1] + 1
+        for l_max, row in zip(sizes.groups, sizes.degrees, strict=True):
             for piece, size in enumerate(row):
-                needed = l_max + 1 - piece * layout.piece
+                needed = l_max + 1 - piece * sizes.piece
                 assert size >= needed if needed > 0 else size == 0
-                assert size + piece * layout.piece + layout.piece <= (
-                    layout.groups[-1] + 1 + layout.n_pieces * layout.piece
+                assert size + piece * sizes.piece + sizes.piece <= (
+                    sizes.groups[-1] + 1 + sizes.n_pieces * sizes.piece
                 )
 
 

@@ -4,10 +4,10 @@ import jax
 import numpy as np
 import pytest
 
-from jaxtat import VolumeGrid
+from jaxtat import Setup, VolumeGrid
 from jaxtat.geometry.rings import fit_sphere
-from jaxtat.spherical import ball, cap_layout, find_rings, spherical_cap
-from jaxtat.spherical.alpha import cap_alpha_rule
+from jaxtat.regularization import tikhonov_rule
+from jaxtat.spherical import ball, find_rings, spherical_cap
 from jaxtat.spherical.tikhonov import solve_rings
 
 CENTER = np.array([0.1, -0.2, 0.3])
@@ -54,9 +54,9 @@ def test_turned_rings_give_what_turned_data_of_straight_ones_do():
         waves = np.exp(1j * phi[..., None] * np.arange(9))
         g = jax.device_put(np.einsum("tam,trm->tar", waves, series).real)
         grid = VolumeGrid(9, half_width=0.5, center=CENTER)
-        layout = cap_layout(rings, region, grid, radii, max_frequency=9.0)
-        rule = cap_alpha_rule(1e-4, layout.n_frequencies)
-        return np.asarray(solve_rings(rings, region, radii, g[None], rule, layout)[0])
+        sizes = Setup(rings, region, grid, radii, max_frequency=9.0).sizes
+        rule = tikhonov_rule(1e-4, sizes.n_frequencies)
+        return np.asarray(solve_rings(rings, region, radii, g[None], rule, sizes)[0])
 
     straight, turned = found(np.zeros(7)), found(rng.uniform(-3, 3, 7))
     np.testing.assert_allclose(turned, straight, atol=1e-10 * np.abs(straight).max())

@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-import jaxtat
-from jaxtat import ImageGrid, circular_arc, disk, phantoms
+from jaxtat import (
+    ImageGrid,
+    Setup,
+    circular_arc,
+    detector_curve,
+    disk,
+    phantoms,
+    reconstruct,
+)
 from jaxtat.densities.harmonic import polar_geometry
 from jaxtat.studies import calibrate
 from jaxtat.studies.calibration import Parameters, _corrected, _fit, _Problem
@@ -18,9 +25,9 @@ from jaxtat.studies.calibration import Parameters, _corrected, _fit, _Problem
 DETECTORS = 50
 GRID = ImageGrid(33)
 STEP = float(GRID.spacing[0])
-CURVE = circular_arc(1.3, 1.0, DETECTORS)
-REGION = disk(0.95, n_boundary=2 * DETECTORS)
+CURVE, REGION = circular_arc(1.3, 1.0, DETECTORS), disk(0.95)
 RADII = 0.25 + STEP * jnp.arange(35)
+SETUP = Setup(CURVE, REGION, GRID, RADII)
 CENTERS = [[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1], [0.2, -0.4]]
 BELLS = phantoms.Bells(CENTERS, [0.7, 0.4, 0.3, 0.3], [1, 1.5, -1.5, 1])
 
@@ -43,9 +50,7 @@ def test_gains_and_delays_of_every_detector():
     fine = RADII[0] - STEP + STEP / 8 * jnp.arange(8 * len(RADII) + 16)
     table = np.asarray(BELLS.circular_integrals(CURVE, fine))
     g, gains, delays = gains_and_delays(table, RADII, DETECTORS, np.random.default_rng(1))
-    found = calibrate(
-        Setup(CURVE, REGION, GRID, RADII), noisy(jnp.asarray(g)), unknown=("gains", "delays")
-    )
+    found = calibrate(SETUP, noisy(jnp.asarray(g)), unknown=("gains", "delays"))
     assert found.converged
     assert np.std(found.parameters.gains / gains) < 0.01
     assert np.abs(found.parameters.delays - delays).max() < 0.1 * STEP
@@ -54,7 +59,7 @@ def test_gains_and_delays_of_every_detector():
     assert 0.6 < np.sqrt(np.mean((off / errors) ** 2)) < 1.4
 
     def error(g):
-        image = jaxtat.solve(jaxtat.Setup(CURVE, REGION, GRID, RADII), g, 1e-3).image
+        image = reconstruct(SETUP, g, 1e-3)
         return float(jnp.linalg.norm((image - BELLS.image(GRID))[REGION.contains(GRID.points)]))
 
     untouched = noisy(BELLS.circular_integrals(CURVE, RADII))
@@ -84,7 +89,7 @@ def test_delays_are_taken_out_at_any_radii():
 
 def test_standard_errors_are_the_scatter_of_many_draws():
     g = BELLS.circular_integrals(CURVE, RADII)
-    found = [calibrate(Setup(CURVE, REGION, GRID, RADII), noisy(g, i)) for i in range(5)]
+    found = [calibrate(SETUP, noisy(g, i)) for i in range(5)]
     speed = np.array([calibration.parameters.sound_speed for calibration in found])
     error = np.array([calibration.standard_errors.sound_speed for calibration in found])
     chi_square = np.sum(((speed - 1.0) / error) ** 2)
@@ -94,7 +99,7 @@ def test_standard_errors_are_the_scatter_of_many_draws():
 
 def test_what_is_not_unknown_stays_as_it_is():
     g = noisy(BELLS.circular_integrals(CURVE, RADII))
-    found = calibrate(Setup(CURVE, REGION, GRID, RADII), g, sound_speed=1500.0)
+    found = calibrate(SETUP, g, sound_speed=1500.0)
     assert found.parameters.radius == 1.3
     assert np.array_equal(found.parameters.gains, np.ones(DETECTORS))
     assert np.array_equal(found.parameters.delays, np.zeros(DETECTORS))
@@ -103,23 +108,22 @@ def test_what_is_not_unknown_stays_as_it_is():
         assert np.all(getattr(found.standard_errors, name) == 0)
     assert np.allclose(found.g, g, atol=1e-12)
     assert np.all(np.diff(found.stages.max_frequency) > 0)
-    measured = jaxtat.detector_curve(CURVE.points)
-    other = calibrate(Setup(measured, REGION, GRID, RADII), g, sound_speed=1500.0)
+    measured = Setup(detector_curve(CURVE.points), REGION, GRID, RADII)
+    other = calibrate(measured, g, sound_speed=1500.0)
     assert abs(other.parameters.sound_speed - found.parameters.sound_speed) < 0.05
     assert np.isnan(other.parameters.radius)
 
 
 def test_derivatives_of_the_sound_speed_with_respect_to_data():
     """Implicit ones, of the optimum that the steps end at."""
-    curve, region, grid = circular_arc(1.3, 1.0, 24), disk(0.8, n_boundary=48), ImageGrid(11)
     radii = 0.3 + 0.1 * jnp.arange(21)
-    bell = phantoms.Bells([[0.1, -0.1]], [0.6])
-    g = noisy(bell.circular_integrals(curve, radii))
+    setup = Setup(circular_arc(1.3, 1.0, 24), disk(0.8), ImageGrid(11), radii)
+    g = noisy(phantoms.Bells([[0.1, -0.1]], [0.6]).circular_integrals(setup.curve, radii))
     direction = jax.random.normal(jax.random.key(5), g.shape)
 
     def speed(size):
         changed = g + jnp.asarray(size) * 0.01 * direction
-        return calibrate(Setup(curve, region, grid, radii), changed).parameters.sound_speed
+        return calibrate(setup, changed).parameters.sound_speed
 
     check_grads(speed, (0.0,), 1, ["fwd", "rev"], atol=1e-5, rtol=1e-3, eps=0.1)
 
@@ -128,9 +132,7 @@ def test_new_numbers_need_no_new_program():
     g = BELLS.circular_integrals(CURVE, RADII)
     programs = set()
     for i, speed in enumerate((1.0, 1480.0, 3.0)):
-        calibrate(
-            Setup(CURVE, REGION, GRID, RADII), noisy(g, i), sound_speed=speed, alpha=1e-5 * (i + 1)
-        )
+        calibrate(SETUP, noisy(g, i), sound_speed=speed, alpha=1e-5 * (i + 1))
         programs.add(_fit._cached._cache_size())
     assert len(programs) == 1
 
@@ -143,7 +145,7 @@ def test_new_numbers_need_no_new_program():
         ({"unknown": ("sound_speed", "radius")}, "cannot both be unknown"),
         ({"unknown": ("center",)}, "in a single view"),
         ({"unknown": ("center",), "turns": [1.0, 1.0 + 2 * np.pi]}, "in a single view"),
-        ({"curve": jaxtat.detector_curve(CURVE.points), "unknown": ("radius",)}, "only a circular"),
+        ({"curve": detector_curve(CURVE.points), "unknown": ("radius",)}, "only a circular"),
         ({"turns": [0.0, 1.0]}, "g has shape"),
         ({"sound_speed": 0.0}, "sound_speed is"),
         ({"alpha": -1.0}, "alpha is"),

@@ -26,9 +26,9 @@ K, ALPHA = [2.0, 5.0], [1e-2, 1e-4]
 def setup_of(right, shift):
     center = np.array(shift)
     curve = circular_arc(1.3, right, 70, center=center)
-    region = disk(1.0, right, n_boundary=140, center=center)
-    grid = ImageGrid(25, 1.0, center)
-    return curve, region, grid, data_radii(curve, region, grid.spacing[0] / 4)
+    region, grid = disk(1.0, right, center=center), ImageGrid(25, 1.0, center)
+    radii = data_radii(curve, region, grid.spacing[0] / 4)
+    return Setup(curve, region, grid, radii, n_directions=64)
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +36,9 @@ def compared():
     right, shift = 0.0, (0.1, -0.2)
     setup = setup_of(right, shift)
     moved = phantoms.Bells(BELL.centers + jnp.array(shift), BELL.radii, BELL.amplitudes)
-    frequency = build_plan(Setup(*setup)).frequencies[9]
+    frequency = setup.frequencies[9]
     options = {"K": K, "alpha": ALPHA, "noise": 0.1, "n_directions": 64, "max_steps": 3000}
-    return setup, moved, compare_regularizations(Setup(*setup), moved, frequency, **options)
+    return setup, moved, compare_regularizations(setup, moved, frequency, **options)
 
 
 @pytest.mark.parametrize("name", ["truncation", "tikhonov"])
@@ -47,7 +47,7 @@ def test_residuals_and_norms_are_those_of_plans(compared, name):
     found = getattr(comparison, name)
     for i in (0, 1):
         rule = NormBound(K[i]) if name == "truncation" else Tikhonov(ALPHA[i])
-        report = build_plan(Setup(*setup, n_directions=64), rule).report
+        report = build_plan(setup, rule).report
         residual = np.sqrt(np.mean(report.residual[9] ** 2))
         norm = np.sqrt(np.mean(report.norm[9] ** 2)) / report.unit_norm[9]
         assert_allclose((found.residual[i], found.norm[i]), (residual, norm), rtol=1e-5)
@@ -90,6 +90,6 @@ def test_what_cannot_be_compared_is_refused():
         ({"frequency": -1.0}, "frequency is"),
     ):
         with pytest.raises(ValueError, match=message):
-            compare_regularizations(Setup(*setup), BELL, **({"frequency": 10.0} | change))
+            compare_regularizations(setup, BELL, **({"frequency": 10.0} | change))
     with pytest.raises(ValueError, match="nothing of it can be traced"):
-        jax.jit(lambda f: compare_regularizations(Setup(*setup), BELL, f))(10.0)
+        jax.jit(lambda f: compare_regularizations(setup, BELL, f))(10.0)

@@ -10,15 +10,15 @@ from numpy.testing import assert_allclose
 from scipy.special import j0, j1, y0, y1
 
 from jaxtat import (
-    DirectReconstruction,
     FixedRank,
     ImageGrid,
+    Reconstruction,
+    RelativeTikhonov,
     Setup,
     Tikhonov,
     build_plan,
     circular_arc,
     cosine_filter,
-    data_radii,
     disk,
     phantoms,
     reconstruct,
@@ -29,21 +29,19 @@ from jaxtat.studies import (
     affordable_pixels,
     diagnose,
     pixel_standard_deviation,
+    plan_of,
     wave_accuracy,
 )
 
 CURVE, REGION, GRID = circular_arc(1.3, 1.0, 24), disk(0.8, n_boundary=48), ImageGrid(11, 0.8)
-RADII = data_radii(CURVE, REGION, GRID.spacing[0])
-PROBLEM = CURVE, REGION, GRID, RADII
-MAX_FREQUENCY = 2 * np.pi / 0.8
-DATA = np.asarray(phantoms.Bells([[0.1, -0.15]], [0.6]).circular_integrals(CURVE, RADII))
+SETUP = Setup(CURVE, REGION, GRID, max_frequency=2 * np.pi / 0.8)
+DATA = np.asarray(phantoms.Bells([[0.1, -0.15]], [0.6]).circular_integrals(CURVE, SETUP.radii))
 
 
 @pytest.fixture(scope="module")
 def plan():
     """By collocation, which compiles fastest."""
-    options = {"method": "collocation", "max_frequency": MAX_FREQUENCY, "progress": False}
-    return build_plan(Setup(*PROBLEM), FixedRank(20.5), **options)
+    return build_plan(SETUP, FixedRank(20.5), method="collocation")
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +51,7 @@ def image(plan):
 
 @pytest.fixture(scope="module")
 def diagnosis(image, plan):
-    return diagnose(Setup(*PROBLEM), DATA, image, plan=plan, uncertainty_pixels=5)
+    return diagnose(SETUP, DATA, image, plan=plan, uncertainty_pixels=5)
 
 
 def test_standard_deviations_of_large_plans_are_fewer(plan):
@@ -69,8 +67,12 @@ def test_standard_deviations_of_large_plans_are_fewer(plan):
     assert set(found) == {24, 16, 8}
 
 
-def test_the_plan_of_a_direct_reconstruction_has_its_alphas(plan, monkeypatch):
-    """That such plans make the same images is tested in test_harmonic_densities."""
+@pytest.mark.parametrize(
+    ("basis", "kind", "method"),
+    [("cylindrical", Tikhonov, "harmonic"), ("boundary", RelativeTikhonov, "collocation")],
+)
+def test_the_plan_of_a_reconstruction_has_its_alphas(plan, monkeypatch, basis, kind, method):
+    """That such plans make the same images is tested in test_setup and test_boundary."""
     asked = {}
 
     def build(*arguments, **options):
@@ -80,13 +82,10 @@ def test_the_plan_of_a_direct_reconstruction_has_its_alphas(plan, monkeypatch):
     monkeypatch.setattr("jaxtat.studies.diagnosis.build_plan", build)
     alphas = jnp.array([1e-3, 2e-3, 4e-3, 8e-3])
     solved = SolveReport(2 * alphas, alphas, 0 * alphas, jnp.zeros(4, int), jnp.ones(4, bool))
-    found = DirectReconstruction(jnp.zeros(GRID.shape), solved, "cylindrical")
-    plan_of_direct(found, *PROBLEM, max_frequency=MAX_FREQUENCY, progress=False)
-    *problem, rule = asked["arguments"]
-    assert all(one is other for one, other in zip(problem, PROBLEM, strict=True))
-    assert isinstance(rule, Tikhonov)
-    assert_allclose(rule.alpha, alphas)
-    assert asked["options"]["max_frequency"] == MAX_FREQUENCY
+    assert plan_of(SETUP, Reconstruction(jnp.zeros(GRID.shape), solved, basis)) is plan
+    setup, rule = asked["arguments"]
+    assert setup is SETUP and isinstance(rule, kind) and asked["options"]["method"] == method
+    assert_allclose(rule.alpha if basis == "cylindrical" else rule.kappa**2, alphas)
 
 
 def test_error_and_gain_are_those_of_the_densities(plan):
@@ -116,15 +115,15 @@ def test_error_and_gain_are_those_of_the_densities(plan):
 
 def test_standard_deviations_are_for_the_noise_that_is_given_or_what_is_left(diagnosis, plan):
     coarse = diagnosis.uncertainty.grid
-    unit = pixel_standard_deviation(plan, 1.0, grid=coarse, progress=False)
+    unit = pixel_standard_deviation(plan, 1.0, grid=coarse)
     left = float(diagnosis.noise.sigma)
     assert left > 0
     assert_allclose(diagnosis.uncertainty.deviation, left * unit, rtol=1e-12)
     assert diagnosis.noise.source is not NoiseSource.GIVEN
     assert_allclose(coarse.points[[0, -1], [0, -1]], GRID.points[[0, -1], [0, -1]], atol=1e-15)
     image = np.zeros(GRID.shape)
-    options = {"plan": plan, "uncertainty_pixels": 5, "progress": False}
-    given = diagnose(Setup(*PROBLEM), DATA, image, sigma=0.3, **options)
+    options = {"plan": plan, "uncertainty_pixels": 5}
+    given = diagnose(SETUP, DATA, image, sigma=0.3, **options)
     assert_allclose(given.uncertainty.deviation, 0.3 * unit, rtol=1e-12)
     assert given.noise.source is NoiseSource.GIVEN
     assert_allclose(given.residual.relative, 1, rtol=1e-12)
@@ -133,19 +132,19 @@ def test_standard_deviations_are_for_the_noise_that_is_given_or_what_is_left(dia
 def test_a_sample_of_the_noise_stands_for_white_noise_that_does_as_much_to_the_image(plan):
     """Judged by its image, at the pixels whose deviations are asked for."""
     draws = 0.2 * np.random.default_rng(5).standard_normal((200, *DATA.shape))
-    options = {"plan": plan, "uncertainty_pixels": 5, "progress": False}
-    found = diagnose(Setup(*PROBLEM), DATA, np.zeros(GRID.shape), noise=draws[0], **options)
+    options = {"plan": plan, "uncertainty_pixels": 5}
+    found = diagnose(SETUP, DATA, np.zeros(GRID.shape), noise=draws[0], **options)
     assert found.noise.source is NoiseSource.RECORD
     assert_allclose(found.noise.sigma, 0.2, rtol=0.1)
     unit = np.asarray(found.uncertainty.deviation / found.uncertainty.sigma)
-    here = eqx.tree_at(lambda tree: tree.grid, plan, found.uncertainty.grid)
+    here = eqx.tree_at(lambda tree: tree.setup.grid, plan, found.uncertainty.grid)
     made = np.asarray(reconstruct(here, draws))
     sizes = np.sqrt(np.sum(made**2, axis=(1, 2), where=np.isfinite(unit)) / np.nansum(unit**2))
     assert_allclose(found.uncertainty.sigma, sizes[0], rtol=1e-9)
     # this image has few degrees of freedom, so that single samples scatter: their mean square
     assert_allclose(np.sqrt(np.mean(sizes**2)), 0.2, rtol=0.1)
     with pytest.raises(ValueError, match="sigma and noise are both given"):
-        diagnose(Setup(*PROBLEM), DATA, np.zeros(GRID.shape), sigma=0.1, noise=draws[0])
+        diagnose(SETUP, DATA, np.zeros(GRID.shape), sigma=0.1, noise=draws[0])
 
 
 def test_outside_the_region_there_is_nothing(diagnosis):
@@ -155,7 +154,7 @@ def test_outside_the_region_there_is_nothing(diagnosis):
 
 
 def test_without_a_plan_the_rest_is_there(diagnosis, image):
-    bare = diagnose(Setup(*PROBLEM), DATA, image)
+    bare = diagnose(SETUP, DATA, image)
     assert bare.waves is None
     assert bare.uncertainty is None
     assert_allclose(bare.residual.values, diagnosis.residual.values)
@@ -163,4 +162,4 @@ def test_without_a_plan_the_rest_is_there(diagnosis, image):
 
 def test_a_noise_that_is_none_is_refused(image):
     with pytest.raises(ValueError, match=r"sigma is 0\.0, expected a value above zero"):
-        diagnose(Setup(*PROBLEM), DATA, image, sigma=0.0)
+        diagnose(SETUP, DATA, image, sigma=0.0)

@@ -9,12 +9,12 @@ import scipy.optimize
 from jax.test_util import check_grads
 from numpy.testing import assert_allclose
 
-from jaxtat import ImageGrid, circular_arc, circular_integrals, disk, phantoms
+from jaxtat import ImageGrid, Setup, circular_arc, circular_integrals, disk, phantoms
 from jaxtat.studies import least_squares, total_variation
 from jaxtat.studies.iterative import smoothed_variation
 
-GRID, CURVE, RADII = ImageGrid((8, 7)), circular_arc(1.5, 1.0, 12), jnp.linspace(0.3, 2.5, 14)
-REGION = disk(1.0, 0.6, n_boundary=40)
+CURVE, REGION, GRID = circular_arc(1.5, 1.0, 12), disk(1.0, 0.6), ImageGrid((8, 7))
+SETUP = Setup(CURVE, REGION, GRID, jnp.linspace(0.3, 2.5, 14), max_frequency=6.0)
 RNG = np.random.default_rng(0)
 DATA = jnp.asarray(RNG.standard_normal((12, 14)))
 
@@ -23,12 +23,12 @@ DATA = jnp.asarray(RNG.standard_normal((12, 14)))
 def matrix():
     """A, (data, pixels), column by column."""
     units = np.eye(56).reshape(56, 8, 7)
-    return np.asarray(circular_integrals(units, GRID, CURVE, RADII)).reshape(56, -1).T
+    return np.asarray(circular_integrals(SETUP, units)).reshape(56, -1).T
 
 
 def solve(g=DATA, alpha=0.05, **options):
-    given = {"tolerance": 1e-12, "max_steps": 500} | options
-    return least_squares(CURVE, GRID, RADII, g, alpha, **given)
+    given = {"everywhere": True, "tolerance": 1e-12, "max_steps": 500} | options
+    return least_squares(SETUP, g, alpha, **given)
 
 
 def dense(matrix, g, alpha):
@@ -52,7 +52,7 @@ def test_least_squares_is_the_dense_solution(matrix, alpha, size):
 
 def test_pixels_outside_the_region_stay_zero(matrix):
     inside = np.asarray(REGION.contains(GRID.points)).ravel()
-    image = np.asarray(solve(region=REGION).image).ravel()
+    image = np.asarray(solve(everywhere=False).image).ravel()
     assert_allclose(image[inside], dense(matrix[:, inside], np.asarray(DATA), 0.05), atol=1e-9)
     assert not image[~inside].any()
 
@@ -65,28 +65,30 @@ def test_steps_are_counted_and_bounded():
 
 @pytest.fixture(scope="module")
 def larger():
-    """(curve, grid, radii), of which programs are compiled once."""
-    return circular_arc(1.3, 1.0, 70), ImageGrid(29), 0.3 + jnp.arange(29) / 14
+    """Of which programs are compiled once."""
+    radii = 0.3 + jnp.arange(29) / 14
+    return Setup(circular_arc(1.3, 1.0, 70), disk(1.0), ImageGrid(29), radii)
 
 
 def test_a_smooth_phantom_comes_back_from_exact_data(larger):
     """As far as the image between its pixels is known."""
-    curve, grid, radii = larger
     bell = phantoms.Bells([[0.2, 0.1], [-0.3, -0.2]], [0.6, 0.5], [1.0, 0.7])
-    g = bell.circular_integrals(curve, radii)
-    model_error = jnp.linalg.norm(circular_integrals(bell.image(grid), grid, curve, radii) - g)
-    found = least_squares(curve, grid, radii, g, region=disk(1.0, n_boundary=100), max_steps=30)
+    g, image = bell.circular_integrals(larger.curve, larger.radii), bell.image(larger.grid)
+    model_error = jnp.linalg.norm(circular_integrals(larger, image) - g)
+    found = least_squares(larger, g, max_steps=30)
     assert found.residual * jnp.linalg.norm(g) < model_error
-    assert jnp.abs(found.image - bell.image(grid)).max() < 2e-2
+    assert jnp.abs(found.image - image).max() < 2e-2
 
 
 @jax.jit
 def image_of(g, alpha, radii, radius):
     curve = eqx.tree_at(lambda curve: curve.radius, CURVE, radius)
-    return least_squares(curve, GRID, radii, g, alpha, tolerance=1e-12, max_steps=500).image
+    moved = SETUP.replace(curve=curve, radii=radii)
+    options = {"everywhere": True, "tolerance": 1e-12, "max_steps": 500}
+    return least_squares(moved, g, alpha, **options).image
 
 
-ARGUMENTS = DATA, jnp.array(0.05), RADII, CURVE.radius
+ARGUMENTS = DATA, jnp.array(0.05), SETUP.radii, CURVE.radius
 
 
 def test_least_squares_can_be_differentiated_by_data_and_geometry():
@@ -124,8 +126,8 @@ def test_variation_of_a_disk_is_its_circumference_and_has_the_right_gradient():
 
 
 def minimise(g=DATA, weight=0.3, **options):
-    given = {"smoothing": 0.1, "tolerance": 1e-9, "max_steps": 1000} | options
-    return total_variation(CURVE, GRID, RADII, g, weight, **given)
+    given = {"everywhere": True, "smoothing": 0.1, "tolerance": 1e-9, "max_steps": 1000}
+    return total_variation(SETUP, g, weight, **(given | options))
 
 
 def test_no_data_no_image():
@@ -134,9 +136,9 @@ def test_no_data_no_image():
         assert found.converged
 
 
-@pytest.mark.parametrize("region", [None, REGION])
-def test_total_variation_is_the_minimum_found_by_scipy(matrix, region):
-    inside = np.ones(56, bool) if region is None else np.asarray(region.contains(GRID.points))
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_total_variation_is_the_minimum_found_by_scipy(matrix, everywhere):
+    inside = np.ones(56, bool) if everywhere else np.asarray(REGION.contains(GRID.points))
     inside, g = inside.ravel(), np.asarray(DATA).ravel()
 
     @jax.jit
@@ -150,12 +152,12 @@ def test_total_variation_is_the_minimum_found_by_scipy(matrix, region):
     expected = scipy.optimize.minimize(
         objective, np.zeros(56), jac=True, method="L-BFGS-B", options=options
     )
-    found = minimise(region=region)
+    found = minimise(everywhere=everywhere)
     assert found.converged
     assert_allclose(found.image.ravel(), expected.x, atol=1e-4 * abs(expected.x).max())
     # a search that stops early stays near where it began, here at the minimum
     early, again = (
-        minimise(region=region, tolerance=1e-2, initial=start).image - found.image
+        minimise(everywhere=everywhere, tolerance=1e-2, initial=start).image - found.image
         for start in (None, found.image)
     )
     assert abs(again).max() < 1e-3 * abs(early).max()
@@ -174,14 +176,13 @@ def test_total_variation_can_be_differentiated():
 
 def test_total_variation_is_better_than_least_squares_for_edges_in_noise(larger):
     """Far better where the object is flat; pixels on its edge belong to neither side."""
-    curve, grid, radii = larger
-    disk, region = phantoms.Disks([[0.1, 0.1]], [0.5]), disk(1.0, n_boundary=100)
-    g = disk.circular_integrals(curve, radii)
-    given = curve, grid, radii, g + phantoms.noise_like(jax.random.key(0), g, 0.1)
-    plain = [least_squares(*given, region=region, max_steps=n).image for n in (2, 4, 6)]
-    edges = total_variation(*given, 0.1, region=region).image
+    disk, grid = phantoms.Disks([[0.1, 0.1]], [0.5]), larger.grid
+    g = disk.circular_integrals(larger.curve, larger.radii)
+    g = g + phantoms.noise_like(jax.random.key(0), g, 0.1)
+    plain = [least_squares(larger, g, max_steps=n).image for n in (2, 4, 6)]
+    edges = total_variation(larger, g, 0.1).image
     from_edge = jnp.abs(jnp.linalg.norm(grid.points - 0.1, axis=-1) - 0.5)
-    flat = region.contains(grid.points) & (from_edge > 2 * grid.spacing[0])
+    flat = larger.region.contains(grid.points) & (from_edge > 2 * grid.spacing[0])
 
     def error(image, where):
         return float(jnp.linalg.norm((image - disk.image(grid))[where]))
@@ -197,16 +198,14 @@ def test_total_variation_is_better_than_least_squares_for_edges_in_noise(larger)
         ({"g": DATA[:-1]}, r"g has shape \(11, 14\)"),
         ({"g": DATA[None]}, r"expected one image's \(12, 14\)"),
         ({"g": DATA.at[0, 0].set(jnp.nan)}, "NaN"),
-        ({"radii": -RADII}, "radii is"),
         ({"alpha": -1.0}, "alpha is -1.0, expected zero or more"),
         ({"tolerance": 0.0}, "tolerance is 0"),
         ({"max_steps": 0}, "max_steps is 0"),
     ],
 )
 def test_bad_arguments_of_least_squares_are_refused(change, message):
-    given = {"curve": CURVE, "grid": GRID, "radii": RADII, "g": DATA}
     with pytest.raises(ValueError, match=message):
-        least_squares(**(given | change))
+        least_squares(SETUP, **({"g": DATA} | change))
 
 
 @pytest.mark.parametrize(

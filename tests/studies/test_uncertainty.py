@@ -1,5 +1,6 @@
 """Standard deviations of pixels: the dense matrix, sampling, scaling, derivatives, refusals."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,15 +23,14 @@ from jaxtat.studies import pixel_standard_deviation
 
 @pytest.fixture(scope="module")
 def tiny():
-    """(curve, region, grid, radii), with pixels in four blocks, of which three are cut."""
-    grid = ImageGrid((11, 9))
-    curve, region = circular_arc(1.3, 0.8, 32), disk(1.0, 0.8, n_boundary=64)
-    return curve, region, grid, data_radii(curve, region, 0.2)
+    """With pixels in four blocks, of which three are cut."""
+    curve, region = circular_arc(1.3, 0.8, 32), disk(1.0, 0.8)
+    return Setup(curve, region, ImageGrid((11, 9)), data_radii(curve, region, 0.2))
 
 
 @pytest.fixture(scope="module")
 def tiny_plan(tiny):
-    return build_plan(Setup(*tiny), method="collocation")  # compiles fastest
+    return build_plan(tiny, method="collocation")  # compiles fastest
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def columns(work, curve, radii):
 
 
 def spread(*arguments, **options):
-    return np.asarray(pixel_standard_deviation(*arguments, progress=False, **options))
+    return np.asarray(pixel_standard_deviation(*arguments, **options))
 
 
 @pytest.mark.parametrize("axes", [0, 1, 2])
@@ -111,7 +111,7 @@ def test_derivative_with_respect_to_sigma(tiny_plan, matrix):
 
     @jax.jit
     def pixel(sigma):
-        return pixel_standard_deviation(tiny_plan, sigma, where=where, progress=False)[5, 4]
+        return pixel_standard_deviation(tiny_plan, sigma, where=where)[5, 4]
 
     value, slope = jax.value_and_grad(pixel)(jnp.asarray(sigma))
     assert_allclose(slope, square * sigma / float(value), rtol=1e-9)
@@ -119,8 +119,10 @@ def test_derivative_with_respect_to_sigma(tiny_plan, matrix):
     check_grads(pixel, (sigma,), 1, modes=["fwd", "rev"], atol=1e-6, rtol=1e-6)
 
 
-def test_the_bar_counts_pixels(tiny_plan, capsys):
+def test_the_bar_counts_pixels_if_it_is_asked_for(tiny_plan, capsys):
     pixel_standard_deviation(tiny_plan, 1.0)
+    assert not capsys.readouterr().err
+    pixel_standard_deviation(tiny_plan, 1.0, progress=True)
     n = int(tiny_plan.region.contains(tiny_plan.grid.points).sum())
     assert f"{n}/{n}" in capsys.readouterr().err
 
@@ -139,9 +141,10 @@ def test_the_bar_counts_pixels(tiny_plan, capsys):
 )
 def test_bad_arguments_are_refused(tiny_plan, change, message):
     with pytest.raises(ValueError, match=message):
-        pixel_standard_deviation(tiny_plan, **({"sigma": 1.0, "progress": False} | change))
+        pixel_standard_deviation(tiny_plan, **({"sigma": 1.0} | change))
 
 
-def test_a_traced_plan_is_refused(tiny_plan):
-    with pytest.raises(ValueError, match=r"only sigma may be traced"):
-        jax.jit(lambda plan: pixel_standard_deviation(plan, 1.0, progress=False))(tiny_plan)
+def test_a_traced_plan_gives_the_same(tiny_plan):
+    """All pixels are worked out where nobody knows yet which are in the region."""
+    found = eqx.filter_jit(pixel_standard_deviation)(tiny_plan, 1.0)
+    assert_allclose(found, spread(tiny_plan, 1.0), rtol=1e-9)

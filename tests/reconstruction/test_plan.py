@@ -1,0 +1,438 @@
+"""Plans: accuracy, invariances, batches, derivatives and refusals."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from exact import data_of, filtered, inside, turned
+from jax.test_util import check_grads
+from numpy.testing import assert_allclose
+
+from jaxtat import (
+    PAPER_K,
+    AccuracyWarning,
+    FixedRank,
+    ImageGrid,
+    NormBound,
+    Setup,
+    SingularValueCutoff,
+    Tikhonov,
+    build_plan,
+    circular_arc,
+    circular_integrals,
+    cosine_filter,
+    data_radii,
+    detector_curve,
+    disk,
+    phantoms,
+    reconstruct,
+)
+from jaxtat.densities import SampledDensities
+from jaxtat.densities.harmonic import HarmonicDensities
+from jaxtat.reconstruction import plane_basis
+
+BELL = phantoms.Bells([[0.08, 0.03], [-0.05, -0.06]], [0.9, 0.9], [1.0, 0.7])
+HALF_BELL = phantoms.Bells([[-0.5, 0.1]], [0.45])
+SOLVED = ("harmonic", "collocation")
+
+
+def with_boundary(setup, n_boundary=260, **sizes):
+    """With points enough for collocation to agree with waves to rounding."""
+    region = setup.region
+    region = disk(region.radius, None if region.whole else region.cut, n_boundary=n_boundary)
+    return Setup(setup.curve, region, setup.grid, setup.radii, **sizes)
+
+
+@pytest.fixture(scope="module")
+def collocation_plan(arc):
+    return build_plan(with_boundary(arc), method="collocation")
+
+
+@pytest.fixture(params=SOLVED)
+def either_plan(request, arc_plan, collocation_plan):
+    """What holds for plans holds for those of either method."""
+    return arc_plan if request.param == "harmonic" else collocation_plan
+
+
+@pytest.fixture(scope="module")
+def half_plans(half_arc):
+    setup = with_boundary(half_arc)
+    return {method: build_plan(setup, method=method) for method in SOLVED}
+
+
+@pytest.fixture(scope="module")
+def data(arc):
+    return data_of(BELL, arc)
+
+
+def method_of(plan):
+    return "harmonic" if isinstance(plan.densities, HarmonicDensities) else "collocation"
+
+
+def largest(plan, image):
+    return float(jnp.abs(image)[inside(plan.setup)].max())
+
+
+def largest_error(plan, image, phantom):
+    return largest(plan, image - phantom.image(plan.grid))
+
+
+def test_a_smooth_phantom_comes_back(either_plan, data):
+    assert largest_error(either_plan, reconstruct(either_plan, data), BELL) < 1e-3
+
+
+@pytest.mark.parametrize("method", SOLVED)
+def test_half_circle_and_half_disk(half_plans, method):
+    plan = half_plans[method]
+    g = data_of(HALF_BELL, plan.setup)
+    image = reconstruct(plan, g, low_pass=cosine_filter)
+    assert largest(plan, image - filtered(plan.setup, HALF_BELL, cosine_filter)) < 1e-2
+
+
+@pytest.mark.filterwarnings("ignore::jaxtat.AccuracyWarning")  # a rank is too low for some waves
+@pytest.mark.parametrize(
+    ("geometry", "rule", "tolerance"),
+    [
+        ("half_arc", SingularValueCutoff(1e-2), 1e-9),
+        ("arc", FixedRank(54.3), 1e-6),  # keeps singular values 1e-9 times the largest
+        ("arc", Tikhonov(np.geomspace(1e-3, 1e-5, 20)), 1e-6),
+    ],
+)
+def test_both_methods_solve_the_same_problem(request, geometry, rule, tolerance):
+    """Singular values, accuracy and images agree to rounding where the rule names the terms."""
+    setup = with_boundary(request.getfixturevalue(geometry), n_directions=16)
+    one, other = (build_plan(setup, rule, method=method) for method in SOLVED)
+    for name in ("j_max", "norm", "residual"):
+        assert_allclose(getattr(one.report, name), getattr(other.report, name), rtol=tolerance)
+    rank = one.report.singular_values.shape[1]
+    values = other.report.singular_values
+    assert_allclose(one.report.singular_values, values[:, :rank], atol=1e-12 * values.max())
+    noise = jnp.asarray(np.random.default_rng(0).standard_normal(setup.data_shape))
+    image, within = reconstruct(other, noise), inside(setup)
+    found = reconstruct(one, noise)[within]
+    assert_allclose(found, image[within], atol=tolerance * largest(other, image))
+
+
+def test_both_methods_are_alike_under_the_norm_bound(half_plans, arc_plan, collocation_plan):
+    """A bound that is not reached is filled with components near rounding, which are anyone's.
+
+    They add nothing on the boundary and little to images, far less than these are wrong by.
+    """
+    pairs = [(arc_plan, collocation_plan, BELL), (*half_plans.values(), HALF_BELL)]
+    for one, other, bell in pairs:
+        assert_allclose(one.report.residual, other.report.residual, atol=1e-11)
+        assert np.all(one.report.norm <= PAPER_K * one.report.unit_norm[:, None] * (1 + 1e-9))
+        g = data_of(bell, one.setup)
+        image = reconstruct(other, g)
+        difference = largest(one, reconstruct(one, g) - image)
+        assert difference < 1e-2 * largest_error(other, image, bell)
+
+
+def test_collocation_is_for_detectors_nearer_to_the_centre_than_the_region_reaches():
+    """A cap of a disk, whose centre is close to the ellipse of detectors around the cap."""
+    angle = 2 * np.pi * np.arange(120) / 120
+    curve = detector_curve(np.stack([-0.6 + 0.75 * np.cos(angle), 1.25 * np.sin(angle)], axis=1))
+    setup = Setup(curve, disk(1.0, -0.3), ImageGrid(33))
+    with pytest.raises(ValueError, match=r"only 0\.74\d* away.*'collocation' of build_plan"):
+        build_plan(setup, method="harmonic")
+    # found without being asked for; the norm of the rule is the microlocal one
+    plan = build_plan(setup, NormBound(PAPER_K))
+    bell = phantoms.Bells([[-0.6, 0.1]], [0.35])
+    image = reconstruct(plan, data_of(bell, setup))
+    assert largest_error(plan, image, bell) < 1e-2
+    assert plan.report.residual.max() < 1e-8
+
+
+@pytest.mark.parametrize("method", SOLVED)
+def test_turning_and_moving_everything_changes_nothing(arc, data, method):
+    angle, shift = 2.0, np.array([5.0, -3.0])
+    curve = circular_arc(1.3, 1.0, 80, center=shift, angle=angle)
+    region, grid = disk(1.0, center=shift, angle=angle), ImageGrid(21, 1.0, shift)
+    plan = build_plan(arc.replace(curve=curve, region=region, grid=grid), method=method)
+    moved = turned(BELL, angle, shift)
+    g = data_of(moved, plan.setup)
+    assert largest_error(plan, reconstruct(plan, g), moved) < 1e-3
+    assert np.allclose(data, g, atol=1e-13)
+
+
+def test_the_unit_of_length_does_not_matter(data, either_plan):
+    mm = 1e-3
+    region = disk(mm, n_boundary=260)
+    setup = Setup(circular_arc(1.3 * mm, mm, 80), region, ImageGrid(21, mm))
+    plan = build_plan(setup, method=method_of(either_plan))
+    assert np.allclose(
+        reconstruct(plan, data * mm), reconstruct(either_plan, data), atol=1e-6
+    )  # rounding, amplified by the smallest singular values kept
+
+
+def test_radii_must_reach_sources_outside_the_region_too():
+    """Circles that miss the region still carry what lies outside it; cutting them is an error."""
+    grid = ImageGrid(33, 0.6)
+    curve, region = circular_arc(1.3, 1.0, 200), disk(0.6)
+    outside = phantoms.Bells([[0.5, 0.3], [-0.6, -0.3]], [0.4, 0.35])
+
+    def error(radii):
+        plan = build_plan(Setup(curve, region, grid, radii, max_frequency=100.0))
+        return largest_error(plan, reconstruct(plan, data_of(outside, plan.setup)), outside)
+
+    whole = data_radii(curve, region, 1 / 40, sources=disk(1.0))
+    assert error(whole) < 1e-4
+    assert error(data_radii(curve, region, 1 / 40)) > 0.1
+
+
+def test_the_plan_keeps_the_rule_that_was_used(either_plan):
+    assert isinstance(either_plan.regularization, NormBound)
+    assert float(either_plan.regularization.K) == PAPER_K
+    kinds = {"harmonic": HarmonicDensities, "collocation": SampledDensities}
+    assert type(either_plan.densities) is kinds[method_of(either_plan)]
+
+
+@pytest.mark.parametrize("method", SOLVED)
+def test_rules_may_differ_between_frequencies(arc, method):
+    setup, K = with_boundary(arc, n_directions=16), np.linspace(2.0, 5.0, 20)
+    varied = build_plan(setup, NormBound(K), method=method)
+    for i in (0, 8, 19):
+        plain = build_plan(setup, NormBound(K[i]), method=method)
+        for name in ("j_max", "norm", "residual"):
+            found, expected = getattr(varied.report, name)[i], getattr(plain.report, name)[i]
+            assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_the_default_method_is_harmonic(arc_plan):
+    assert method_of(arc_plan) == "harmonic"
+
+
+@pytest.mark.parametrize(
+    ("rule", "method", "message"),
+    [
+        (FixedRank(3), "series", "closed form"),
+        (Tikhonov(1e-6), "series", "closed form"),
+        (
+            FixedRank([3.0, 4.0]),
+            "harmonic",
+            r"j_max has shape \(2,\), expected a number or",
+        ),
+        (FixedRank([3.0, 4.0]), "collocation", "j_max has shape"),
+    ],
+)
+def test_rules_that_a_method_cannot_use_are_refused(arc, rule, method, message):
+    with pytest.raises(ValueError, match=message):
+        build_plan(arc, rule, method=method)
+
+
+@pytest.mark.parametrize("method", SOLVED)
+def test_plans_can_be_built_under_jit_for_a_traced_K(arc, data, method):
+    setup = Setup(arc.curve, arc.region, arc.grid, arc.radii, max_frequency=15.0)
+
+    def image(K):
+        return reconstruct(build_plan(setup, NormBound(K), method=method), data)
+
+    assert np.allclose(jax.jit(image)(3.0), image(3.0), atol=1e-10)
+
+
+def test_the_closed_form_needs_a_known_geometry(ring):
+    with pytest.raises(ValueError, match="series"):
+        jax.grad(lambda r: build_plan(ring.replace(radii=r), method="series").radii.sum())(
+            ring.radii
+        )
+
+
+# Of the first geometry all singular values come nearly in pairs. For the second, by waves: see
+# test_gradients.py.
+@pytest.mark.filterwarnings("ignore::jaxtat.AccuracyWarning")
+@pytest.mark.parametrize(("method", "cut"), [("harmonic", None), ("collocation", 0.0)])
+def test_derivatives_of_the_image_in_the_geometry(method, cut):
+    end = 1.05 if cut is None else cut + 0.05
+    radius, turn = jnp.array(1.0), jnp.array(0.02)
+
+    def geometry(end, radius, cut, turn):
+        return circular_arc(1.3 * radius, end, 24, angle=turn), disk(radius, cut, angle=turn)
+
+    curve, region = geometry(end, radius, cut, turn)
+    if cut is not None:  # every detector by itself; else the arc remains one
+        curve = detector_curve(curve.points, closed=False)
+    grid = ImageGrid(9)
+    setup = Setup(curve, region, grid, max_frequency=7.0, n_directions=8)
+    g = data_of(BELL, setup)
+    weights = jnp.asarray(np.random.default_rng(0).standard_normal((9, 9)))
+
+    @jax.jit
+    def loss(end, radius, turn, K, *more):
+        curve, region = geometry(end, radius, more[0] if more else None, turn)
+        if more:
+            curve = detector_curve(curve.points + more[1], closed=False)
+        moved = setup.replace(curve=curve, region=region)
+        return jnp.sum(weights * reconstruct(build_plan(moved, NormBound(K), method=method), g))
+
+    arguments = [jnp.array(end), radius, turn, jnp.array(3.3)]
+    if cut is not None:
+        shift = jnp.asarray(0.01 * np.random.default_rng(1).standard_normal((24, 2)))
+        arguments += [jnp.array(cut), shift]
+    check_grads(loss, arguments, 1, modes=["fwd", "rev"], eps=1e-6, atol=1e-4, rtol=1e-4)
+    slopes = jax.jit(jax.grad(loss, range(len(arguments))))(*arguments)
+    assert all(np.isfinite(slope).all() and np.abs(slope).max() > 0 for slope in slopes)
+
+
+def test_too_few_detectors_are_reported(arc):
+    with pytest.warns(AccuracyWarning, match="of the plane waves are off"):
+        build_plan(Setup(circular_arc(1.3, 1.0, 16), arc.region, arc.grid))
+
+
+def test_batches_are_reconstructed_alike(either_plan, data):
+    g = data
+    batch = jnp.stack([g, 2 * g, -g, 0 * g]).reshape(2, 2, *g.shape)
+    images = reconstruct(either_plan, batch)
+    one = reconstruct(either_plan, g)
+    assert images.shape == (2, 2, 21, 21)
+    assert np.allclose(images[0, 1], 2 * one, atol=1e-12)
+    assert np.allclose(images[1, 1], 0)
+    assert np.allclose(reconstruct(either_plan, g[None])[0], one, atol=1e-13)
+
+
+def test_single_precision_densities_cost_little(data, either_plan):
+    plan = build_plan(either_plan.setup, method=method_of(either_plan), precision="single")
+    large = plan.densities.groups if method_of(plan) == "harmonic" else plan.densities
+    assert {leaf.dtype.name for leaf in jax.tree.leaves(large)} <= {"float32", "complex64"}
+    image = reconstruct(plan, data)
+    assert image.dtype == jnp.float64
+    assert np.allclose(image, reconstruct(either_plan, data), atol=1e-5)
+
+
+def test_float32_data_are_accepted(either_plan, data):
+    single = reconstruct(either_plan, data.astype(jnp.float32))
+    assert np.allclose(single, reconstruct(either_plan, data), atol=1e-5)
+
+
+def test_low_pass_smooths(arc_plan, data):
+    noise = phantoms.noise_like(jax.random.key(0), data, 0.15)
+    within = inside(arc_plan.setup)
+    rough = reconstruct(arc_plan, noise)[within].std()
+    assert reconstruct(arc_plan, noise, low_pass=cosine_filter)[within].std() < 0.6 * rough
+
+
+@pytest.mark.parametrize("inversion", ["fbp", "fourier"])
+def test_gradient_with_respect_to_the_data_is_the_adjoint(either_plan, inversion):
+    rng = np.random.default_rng(0)
+    g = jnp.asarray(rng.standard_normal(either_plan.setup.data_shape))
+    image = jnp.asarray(rng.standard_normal(either_plan.grid.shape))
+    forward, back = jax.vjp(lambda g: reconstruct(either_plan, g, inversion=inversion), g)
+    one, other = jnp.vdot(forward, image), jnp.vdot(g, back(image)[0])
+    assert abs(float(one - other)) < 1e-10 * float(
+        jnp.linalg.norm(forward) * jnp.linalg.norm(image)
+    )
+
+
+def test_gradient_runs_from_the_image_through_the_data_to_the_image(arc, arc_plan):
+    within, target = inside(arc), BELL.image(arc.grid)
+
+    @jax.jit
+    def loss(image):
+        g = circular_integrals(arc, image)
+        return jnp.sum(jnp.where(within, reconstruct(arc_plan, g) - target, 0.0) ** 2)
+
+    rng = np.random.default_rng(1)
+    direction = jnp.asarray(rng.standard_normal(arc.grid.shape))
+    start, step = 0.5 * target, 1e-4
+    slope = float(jnp.vdot(jax.grad(loss)(start), direction))
+    difference = loss(start + step * direction) - loss(start - step * direction)
+    assert np.isclose(slope, float(difference) / (2 * step), rtol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore::jaxtat.AccuracyWarning")
+def test_derivatives_of_the_image_in_K_and_j_max_by_collocation():
+    """In waves: test_gradients.py."""
+    curve, region = circular_arc(1.3, 0.6, 24), disk(1.0, 0.6)
+    setup = Setup(curve, region, ImageGrid(9), max_frequency=7.0, n_directions=8)
+    g = data_of(BELL, setup)
+
+    for make, at in ((NormBound, 2.34), (FixedRank, 11.3)):
+
+        @jax.jit
+        @jax.value_and_grad
+        def total(value, make=make):
+            plan = build_plan(setup, make(value), method="collocation")
+            return jnp.sum(reconstruct(plan, g)[2:5] ** 2)
+
+        slope, step = total(at)[1], 1e-5
+        difference = total(at + step)[0] - total(at - step)[0]
+        assert np.isclose(float(slope), float(difference) / (2 * step), rtol=1e-5)
+        assert abs(float(slope)) > 0
+
+
+def test_new_numbers_do_not_retrace(arc_plan, data, monkeypatch):
+    traced = []
+    original = plane_basis.radial_transform
+
+    def counted(*arguments):
+        traced.append(1)
+        return original(*arguments)
+
+    monkeypatch.setattr(plane_basis, "radial_transform", counted)
+    jax.clear_caches()
+    for scale in (1.0, 2.0, 3.5):
+        reconstruct(arc_plan, scale * data)
+    assert len(traced) == 1
+
+
+@pytest.mark.parametrize("method", SOLVED)
+def test_the_bar_shows_progress_if_it_is_asked_for(arc, capsys, method):
+    setup = Setup(arc.curve, arc.region, arc.grid, arc.radii, max_frequency=4.0, n_directions=8)
+    for progress in (False, True):
+        build_plan(setup, method=method, progress=progress)
+        assert ("densities: 100%" in capsys.readouterr().err) == progress
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "magic"}, "expected one of auto, harmonic, collocation, series"),
+        ({"precision": "half"}, "expected 'double' or 'single'"),
+    ],
+)
+def test_bad_options_are_refused(arc, options, message):
+    with pytest.raises(ValueError, match=message):
+        build_plan(arc, **options)
+
+
+def test_too_few_boundary_points_matter_to_collocation_alone(arc):
+    """A number that an expert asked for; waves about the centre of a whole disk need none."""
+    few = Setup(arc.curve, disk(1.0, n_boundary=12), arc.grid, arc.radii)
+    with pytest.raises(ValueError, match="n_boundary"):
+        build_plan(few, method="collocation")
+    with pytest.raises(ValueError, match="n_boundary"):
+        Setup(arc.curve, disk(1.0, 0.9, n_boundary=12), arc.grid, arc.radii)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda g: g[:-1], r"g has shape \(79, "),
+        (lambda g: g.T, "g has shape"),
+        (lambda g: g[0], "g has shape"),
+        (lambda g: g.at[3, 4].set(jnp.nan), r"first at index \(3, 4\)"),
+        (lambda g: g.at[3, 4].set(jnp.inf), "NaN or infinite"),
+        (lambda g: "pressure.npz", "no array of real numbers"),
+        (lambda g: g + 0j, "complex128, expected float64 or float32"),
+        (lambda g: (1000 * g).astype(jnp.uint16), "raw counts"),
+    ],
+)
+def test_bad_data_are_refused(arc_plan, data, change, message):
+    with pytest.raises(ValueError, match=message):
+        reconstruct(arc_plan, change(data))
+
+
+def test_an_unknown_inversion_and_a_second_rule_are_refused(arc_plan, data):
+    with pytest.raises(ValueError, match="inversion is 'magic', expected one of fbp, fourier"):
+        reconstruct(arc_plan, data, inversion="magic")
+    with pytest.raises(ValueError, match="the plan has its own"):
+        reconstruct(arc_plan, data, 1e-3)
+
+
+def test_32_bits_are_refused_with_the_remedy(arc, arc_plan):
+    with jax.enable_x64(False):
+        with pytest.raises(ValueError, match="jax_enable_x64"):
+            circular_arc(1.3, 1.0, 10)
+        with pytest.raises(ValueError, match="jax_enable_x64"):
+            Setup(arc.curve, arc.region, arc.grid)
+        with pytest.raises(ValueError, match="jax_enable_x64"):
+            reconstruct(arc_plan, np.zeros((80, 21), np.float32))

@@ -1,0 +1,383 @@
+"""The problem as one thing: refusals, one warning, new positions without new programs, jit."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from exact import data_of
+from numpy.testing import assert_allclose
+
+from jaxtat import (
+    FixedRank,
+    ImageGrid,
+    NoiseLevel,
+    NormBound,
+    RelativeCutoff,
+    RelativeTikhonov,
+    ResidualTarget,
+    Setup,
+    SingularValueCutoff,
+    Tikhonov,
+    TikhonovNormBound,
+    VisibilityWarning,
+    VolumeGrid,
+    build_plan,
+    circular_arc,
+    circular_integrals,
+    circular_integrals_adjoint,
+    disk,
+    phantoms,
+    polygon,
+    reconstruct,
+    solve,
+)
+from jaxtat.spherical import DetectorPoints, ball, spherical_cap
+from jaxtat.studies import data_residual, pixel_standard_deviation, predict_noise, visibility_map
+
+ARC, DISK, GRID = circular_arc(1.3, 1.0, 24), disk(1.0), ImageGrid(9)
+CAP, BALL, VOXELS = spherical_cap(1.5, 1.1, 6, 12), ball(1.0), VolumeGrid(4)
+BELL = phantoms.Bells([[-0.3, 0.1]], [0.5])
+
+
+@pytest.fixture(scope="module")
+def small():
+    """A few frequencies, for what compiles many programs."""
+    return Setup(ARC, DISK, GRID, max_frequency=6.0, n_directions=8)
+
+
+@pytest.fixture(scope="module")
+def small_cut():
+    curve, region = circular_arc(1.3, 0.0, 24), disk(1.0, 0.0)
+    radii = np.linspace(0.29, 2.42, 10)  # no circle touches the region in one point
+    return Setup(curve, region, GRID, radii, max_frequency=6.0, n_directions=8)
+
+
+@pytest.fixture(scope="module")
+def small_cap():
+    return Setup(CAP, BALL, VOXELS, max_frequency=2.0, n_directions=8)
+
+
+# ---- what is refused, and what is said once
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ((ARC, BALL, GRID), r"region is a Ball, expected for detectors in the plane.*disk\(rad"),
+        ((ARC, DISK, VOXELS), r"grid is a VolumeGrid, expected for .* the plane.*ImageGrid\(n\)"),
+        ((CAP, DISK, VOXELS), r"region is a Disk, expected for detectors in space.*ball\(radius"),
+        ((CAP, BALL, GRID), r"grid is an ImageGrid, expected for .* space what VolumeGrid\(n\)"),
+        ((ARC.points, DISK, GRID), r"curve is an array of shape \(24, 2\).*detector_curve\(pos"),
+        ((ARC, DISK, 9), r"grid is 9, expected for .* the plane what ImageGrid\(n\) makes"),
+        ((ARC, 1.0, GRID), r"region is 1\.0, expected"),
+        ((circular_arc(1.0, 1.0, 24), DISK, GRID), "detectors lie inside or on the region"),
+        ((circular_arc(1300.0, 1000.0, 24), DISK, GRID, np.linspace(0.3, 2.3, 9)), "same unit"),
+        ((ARC, DISK, GRID, np.linspace(0.6, 1.5, 20)), "meet the region of interest for radii"),
+        ((ARC, DISK, GRID, np.linspace(0.3, np.nan, 20)), "radii holds .* NaN"),
+        ((ARC, DISK, GRID, np.linspace(0.3, 2.3, 20)[:, None]), "radii has shape"),
+        ((ARC, DISK, GRID, np.linspace(2.3, 0.3, 20)), "in increasing order"),
+        ((ARC, DISK, ImageGrid(9, 0.1, (5.0, 5.0))), "no node of the image grid"),
+        ((spherical_cap(0.9, 0.7, 6, 12), BALL, VOXELS), "detectors lie inside or on"),
+        ((DetectorPoints(CAP.points.reshape(-1, 3)), ball(1.0, 0.0), VOXELS), "needs detectors on"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(parts, message):
+    with pytest.raises(ValueError, match=message):
+        Setup(*parts)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"max_frequency": -1.0}, "max_frequency is -1"),
+        ({"max_frequency": 0.0}, "max_frequency is 0.*above zero"),
+        ({"n_directions": 0}, "n_directions is 0, expected at least 1"),
+        ({"n_groups": 0}, "n_groups is 0, expected at least 1"),
+    ],
+)
+def test_bad_sizes_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        Setup(ARC, DISK, GRID, **options)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda x: Setup(circular_arc(1.3 * x, 1.0, 24), DISK, GRID),
+        lambda x: Setup(ARC, DISK, GRID, x * np.linspace(0.3, 2.3, 9)),
+        lambda x: Setup(CAP, ball(x), VOXELS),
+    ],
+)
+def test_traced_geometry_asks_for_replace(make):
+    with pytest.raises(ValueError, match=r"are traced.*inside setup\.replace\(curve"):
+        jax.jit(lambda x: make(x).radii)(1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"curve": circular_arc(1.3, 1.0, 25)}, "curve is a CircularArc of other"),
+        ({"curve": CAP}, "curve is a SphericalCap of other sizes.*, a CircularArc"),
+        ({"region": disk(1.0, 0.0)}, "region has the boundary pieces"),
+        ({"region": polygon([(-0.5, -0.5), (0.5, -0.5), (0.0, 0.5)])}, "region"),
+        ({"grid": ImageGrid(10)}, "grid is an ImageGrid of other sizes"),
+        ({"radii": np.linspace(0.3, 2.3, 8)}, r"radii has shape \(8,\), expected \(9\)"),
+        ({"radii": np.linspace(0.6, 1.5, 9)}, "meet the region of interest for radii"),
+        ({"curve": circular_arc(0.9, 0.7, 24)}, "detectors lie inside or on the region"),
+    ],
+)
+def test_replace_keeps_kinds_and_sizes(small, change, message):
+    with pytest.raises(ValueError, match=message):
+        small.replace(**change)
+
+
+def test_a_whole_ball_is_not_replaced_by_a_part(small_cap):
+    with pytest.raises(ValueError, match="region is a Ball of other sizes"):
+        small_cap.replace(region=ball(1.0, 0.5))
+
+
+def test_what_is_not_seen_is_said_once(small_cut):
+    """When the setup is made, and not again by what takes it: warnings are errors here."""
+    with pytest.warns(VisibilityWarning, match="of the lines through the region miss") as caught:
+        setup = Setup(small_cut.curve, DISK, GRID, max_frequency=6.0, n_directions=8)
+    assert len(caught) == 1
+    g = jnp.zeros(setup.data_shape)
+    reconstruct(setup, g)
+    reconstruct(build_plan(setup), g)
+    setup.replace(radii=setup.radii)
+    visibility_map(setup, n_angles=8)
+
+
+def test_radii_and_boundary_points_are_chosen(small, small_cap):
+    """A pixel apart; and as many points as the highest frequency asks."""
+    for setup, share in ((small, 1), (small_cap, 2)):
+        step = float(setup.grid.spacing.max()) / share
+        assert_allclose(np.diff(setup.radii), step, rtol=1e-12)
+        assert setup.data_shape == (*setup.curve.points.shape[:-1], setup.radii.shape[0])
+    fine = Setup(ARC, DISK, ImageGrid(41))
+    assert small.region.n_boundary < fine.region.n_boundary < DISK.n_boundary
+    asked = Setup(ARC, disk(1.0, n_boundary=100), GRID)
+    assert asked.region.n_boundary == 100
+
+
+# ---- other positions, the same programs
+
+
+def plane_parts(radius, shift, stretch):
+    return {
+        "curve": circular_arc(radius, 0.1, 24),
+        "region": disk(1.0, shift),
+        "grid": ImageGrid(9, stretch),
+        "radii": stretch * jnp.linspace(0.3, 2.4, 9),
+    }
+
+
+def space_parts(radius, shift, stretch):
+    center = shift * jnp.ones(3)
+    return {
+        "curve": spherical_cap(radius, 1.1, 6, 12, center=center),
+        "region": ball(1.0, center=center),
+        "grid": VolumeGrid(4, stretch, center),
+        "radii": stretch * jnp.linspace(0.4, 2.5, 8),
+    }
+
+
+@pytest.mark.parametrize("parts", [plane_parts, space_parts])
+def test_replace_is_a_new_setup(parts):
+    """Under jit, grad and vmap: the image of a setup that is made anew, and one program for all."""
+    start = (1.3, 0.0, 1.0) if parts is plane_parts else (1.5, 0.0, 1.0)
+    sizes = {"max_frequency": 6.0 if parts is plane_parts else 2.0, "n_directions": 8}
+    setup = Setup(**parts(*start), **sizes)
+    rng = np.random.default_rng(0)
+    g, weights = rng.standard_normal(setup.data_shape), rng.standard_normal(setup.grid.shape)
+    traced = []
+
+    def image(numbers, alpha):
+        traced.append(1)
+        return reconstruct(setup.replace(**parts(*numbers)), g, alpha)
+
+    compiled, start = jax.jit(image), jnp.asarray(start)
+    shifts = jnp.array([[0.0, 0.0, 0.0], [0.01, 0.01, 0.002]])
+    images = []
+    for i, numbers in enumerate(start + shifts):
+        again = Setup(**parts(*map(float, numbers)), **sizes)
+        images.append(reconstruct(again, g, 1e-3 * (i + 1)))
+        found = compiled(numbers, 1e-3 * (i + 1))
+        assert_allclose(found, images[i], atol=1e-11 * abs(found).max())
+    assert len(traced) == 1
+
+    @jax.jit
+    @jax.vmap
+    @jax.value_and_grad
+    def totals(given):
+        return jnp.sum(weights * image(given[:3], given[3]) ** 2)
+
+    steps = 1e-5 * jnp.concatenate([jnp.eye(3), -jnp.eye(3)])
+    rows = start + jnp.concatenate([shifts, steps])
+    values, slopes = totals(jnp.c_[rows, jnp.array([1e-3, 2e-3, *[1e-3] * 6])])
+    assert_allclose(values[:2], [jnp.sum(weights * one**2) for one in images], rtol=1e-9)
+    assert_allclose(slopes[0, :3], (values[2:5] - values[5:]) / 2e-5, rtol=1e-5)
+
+
+def programs_of(work):
+    """Names of the programs that are compiled for it, as JAX logs them."""
+    import logging
+
+    names = []
+
+    class Kept(logging.Handler):
+        def emit(self, record):
+            if record.getMessage().startswith("Finished XLA compilation"):
+                names.append(record.getMessage().split(" in ")[0])
+
+    logger, handler = logging.getLogger("jax._src.dispatch"), Kept()
+    logger.addHandler(handler)
+    old, logger.propagate = logger.propagate, False
+    try:
+        with jax.log_compiles():
+            work()
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = old
+    return names
+
+
+def test_new_numbers_compile_nothing(small):
+    """Without jit around it: setups, plans and solutions for other radii, positions and rules."""
+    g = jnp.asarray(np.random.default_rng(1).standard_normal(small.data_shape))
+
+    def work(x):
+        curve = circular_arc(1.3 * x, 1.0, 24)
+        setup = small.replace(curve=curve, radii=small.radii * x, grid=ImageGrid(9, x))
+        reconstruct(setup, g * x, 1e-3 * x)
+        reconstruct(setup, g * x, RelativeTikhonov(0.1 * x))
+        reconstruct(build_plan(setup, NormBound(3 * x)), g)
+        circular_integrals_adjoint(setup, circular_integrals(setup, reconstruct(setup, g, 1e-3)))
+
+    assert programs_of(lambda: work(1.0))  # it does count
+    assert programs_of(lambda: work(1.001)) == []
+
+
+# ---- inside jax.jit
+
+
+def image_like(setup):
+    return jnp.asarray(np.random.default_rng(2).standard_normal(setup.grid.shape))
+
+
+def data_like(setup):
+    return jnp.asarray(np.random.default_rng(3).standard_normal(setup.data_shape))
+
+
+def plan_image(setup, g):
+    return reconstruct(build_plan(setup, Tikhonov(1e-3)), g)
+
+
+def deviation(setup, g):
+    return pixel_standard_deviation(setup, jnp.abs(g), Tikhonov(1e-3))
+
+
+ANYWHERE = {
+    "circular_integrals": (circular_integrals, image_like),
+    "circular_integrals_adjoint": (circular_integrals_adjoint, data_like),
+    "solve": (lambda setup, g: solve(setup, g, NoiseLevel(0.1)).image, data_like),
+    "reconstruct": (reconstruct, data_like),
+}
+IN_THE_PLANE = {
+    "build_plan": (plan_image, data_like),
+    "data_residual": (lambda setup, f: data_residual(setup, 0 * data_like(setup), f), image_like),
+    "pixel_standard_deviation": (deviation, data_like),
+    "predict_noise": (lambda setup, g: predict_noise(setup, jnp.abs(g[:, 0])), data_like),
+    "visibility_map": (
+        lambda setup, g: visibility_map(setup, n_angles=32, width=0.3 + 0 * g[0, 0]),
+        data_like,
+    ),
+}
+CASES = [(name, "small_cut") for name in ANYWHERE | IN_THE_PLANE]
+CASES += [(name, "small_cap") for name in ANYWHERE]
+
+
+@pytest.mark.parametrize(("name", "where"), CASES)
+def test_every_function_works_inside_jit(request, name, where):
+    """With the setup passed in, and closed over."""
+    setup = request.getfixturevalue(where)
+    work, make = (ANYWHERE | IN_THE_PLANE)[name]
+    given = make(setup)
+    plain = work(setup, given)
+    passed = eqx.filter_jit(work)(setup, given)
+    closed = jax.jit(lambda given: work(setup, given))(given)
+    # a plan of a known geometry leaves out what is below rounding
+    for found in (passed, closed):
+        for one, other in zip(*map(jax.tree.leaves, (found, plain)), strict=True):
+            scale = np.nanmax(np.abs(other), initial=1e-300)
+            assert_allclose(one, other, atol=1e-9 * scale, equal_nan=True)
+
+
+# ---- one family of rules
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [Tikhonov(1e-3), RelativeTikhonov(0.05), TikhonovNormBound(2.0)],
+    ids=lambda rule: type(rule).__name__,
+)
+def test_a_rule_means_the_same_in_plan_and_solve(small_cut, rule):
+    """Where there are directions enough for a mean over all of them."""
+    parts = small_cut.curve, small_cut.region, small_cut.grid, small_cut.radii
+    setup = Setup(*parts, max_frequency=6.0)
+    g = data_like(setup)
+    plan, direct = reconstruct(build_plan(setup, rule), g), reconstruct(setup, g, rule)
+    assert_allclose(plan, direct, atol=1e-8 * abs(direct).max())
+
+
+def test_a_number_is_tikhonovs(small):
+    g = data_like(small)
+    assert jnp.array_equal(reconstruct(small, g, 1e-3), reconstruct(small, g, Tikhonov(1e-3)))
+
+
+@pytest.mark.parametrize(
+    ("rule", "twin"),
+    [
+        (NormBound(2.0), r"TikhonovNormBound\(K\)"),
+        (FixedRank(8.0), r"Tikhonov\(alpha\)"),
+        (SingularValueCutoff(0.1), r"Tikhonov\(alpha\)"),
+        (RelativeCutoff(0.1), r"RelativeTikhonov\(kappa\)"),
+        (ResidualTarget(), r"TikhonovNormBound\(K\)"),
+    ],
+)
+@pytest.mark.parametrize("where", ["small", "small_cap"])
+def test_truncations_are_for_plans(request, where, rule, twin):
+    setup = request.getfixturevalue(where)
+    for verb in (solve, reconstruct):
+        with pytest.raises(ValueError, match=rf"{type(rule).__name__} keeps or drops.*{twin}"):
+            verb(setup, data_like(setup), rule)
+
+
+def test_rules_that_are_refused_elsewhere(small, small_cap):
+    with pytest.raises(ValueError, match=r"NoiseLevel looks at the data.*use solve\(setup, g"):
+        build_plan(small, NoiseLevel(0.1))
+    with pytest.raises(ValueError, match="not available in space"):
+        reconstruct(small_cap, data_like(small_cap), TikhonovNormBound(2.0))
+    with pytest.raises(ValueError, match="the setup is in space"):
+        build_plan(small_cap)
+
+
+# ---- many images, several devices
+
+
+def test_batches_and_meshes_in_space(small_cap):
+    rng = np.random.default_rng(4)
+    g = jnp.asarray(rng.standard_normal((2, 2, *small_cap.data_shape)))
+    mesh = jax.make_mesh((1,), ("devices",))
+    one_by_one = jnp.stack([reconstruct(small_cap, one) for one in g.reshape(4, *g.shape[2:])])
+    for options in ({}, {"mesh": mesh}):
+        found = reconstruct(small_cap, g, **options)
+        assert found.shape == (2, 2, *small_cap.grid.shape)
+        scale = abs(one_by_one).max()
+        assert_allclose(found.reshape(one_by_one.shape), one_by_one, atol=1e-10 * scale)
+
+
+def test_data_of_a_phantom_have_the_setups_shape(small, small_cap):
+    assert data_of(BELL, small).shape == small.data_shape == (24, 9)
+    assert small_cap.data_shape[:2] == (6, 12) == small_cap.detectors_shape

@@ -1,0 +1,266 @@
+"""Solving with nothing beforehand: exact phantoms, every basis, refusals and derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from exact import data_of, filtered, inside, turned
+
+from jaxtat import (
+    AccuracyWarning,
+    ImageGrid,
+    NormBound,
+    Setup,
+    circular_arc,
+    cosine_filter,
+    detector_curve,
+    disk,
+    phantoms,
+    reconstruct,
+    solve,
+)
+from jaxtat.densities.harmonic import tikhonov
+from jaxtat.reconstruction import plane_basis
+from jaxtat.reconstruction.setup import require_setup
+
+BELL = phantoms.Bells([[0.08, 0.03], [-0.05, -0.06]], [0.9, 0.9], [1.0, 0.7])
+
+
+def largest_error(setup, phantom, expected=None, rule=1e-8, **options):
+    """Of the image inside the region."""
+    found = solve(setup, data_of(phantom, setup), rule, **options)
+    assert found.converged
+    expected = phantom.image(setup.grid) if expected is None else expected
+    return float(jnp.abs(found.image - expected)[inside(setup)].max())
+
+
+@pytest.fixture(scope="module")
+def data(arc):
+    return data_of(BELL, arc)
+
+
+def test_a_smooth_phantom_comes_back(arc):
+    """As given; and turned and moved, detectors, region, grid and all."""
+    assert largest_error(arc, BELL) < 1e-3
+    angle, shift = 2.0, np.array([5.0, -3.0])
+    curve = circular_arc(1.3, 1.0, 80, center=shift, angle=angle)
+    region, grid = disk(1.0, center=shift, angle=angle), ImageGrid(21, 1.0, shift)
+    moved = arc.replace(curve=curve, region=region, grid=grid)
+    assert largest_error(moved, turned(BELL, angle, shift)) < 1e-3
+
+
+def test_a_full_circle(arc):
+    assert largest_error(Setup(circular_arc(1.3, 1.3, 80), arc.region, arc.grid), BELL) < 1e-3
+
+
+def test_half_circle_and_half_disk(half_arc):
+    """Turned, where the waves are made orthogonal on the boundary."""
+    bell = turned(phantoms.Bells([[-0.5, 0.1]], [0.45]), 0.7, 0.0)
+    curve, region = circular_arc(1.3, 0.0, 80, angle=0.7), disk(1.0, 0.0, angle=0.7)
+    setup = half_arc.replace(curve=curve, region=region)
+    expected = filtered(setup, bell, cosine_filter)
+    assert largest_error(setup, bell, expected, low_pass=cosine_filter) < 1e-2
+
+
+def test_measured_positions_with_jitter(arc):
+    """Detectors off the circle are taken where they are; weights follow from the positions."""
+    jitter = np.random.default_rng(0).uniform(-0.01, 0.01, (80, 2))
+    measured = detector_curve(arc.curve.points + jitter)
+    assert largest_error(Setup(measured, arc.region, arc.grid), BELL) < 1e-3
+
+
+def test_the_same_image_by_other_means(arc, data):
+    """Millimetres, float32 data, gradients instead of factors, Fourier inversion."""
+    image = solve(arc, data).image
+    assert np.array_equal(reconstruct(arc, data), image)
+    small = Setup(circular_arc(1.3e-3, 1e-3, 80), disk(1e-3), ImageGrid(21, 1e-3))
+    assert jnp.abs(solve(small, data * 1e-3).image - image).max() < 1e-12
+    single = solve(arc, data.astype(jnp.float32)).image
+    assert single.dtype == jnp.float64
+    assert jnp.abs(single - image).max() < 1e-6
+    iterated = solve(arc, data, solver="cg")
+    assert iterated.converged and jnp.abs(iterated.image - image).max() < 1e-9
+    fourier = solve(arc, data, inversion="fourier").image
+    # 7e-5: fast Fourier inversion fades out what is not of the disk, such as Gibbs' ripples
+    assert jnp.abs(fourier - image)[inside(arc)].max() < 2e-4
+
+
+def test_batches(arc, data):
+    """Leading axes are images of their own."""
+    g = data
+    batch = jnp.stack([g, 2 * g, 0 * g, g[::-1], -g, g + g[::-1]]).reshape(2, 3, *g.shape)
+    images = solve(arc, batch).image
+    assert images.shape == (2, 3, *arc.grid.shape)
+    one, other = (solve(arc, d).image for d in (g, g[::-1]))
+    for found, expected in (
+        (images[0, 0], one),
+        (images[0, 1], 2 * one),
+        (images[0, 2], 0 * one),
+        (images[1, 0], other),
+        (images[1, 1], -one),
+        (images[1, 2], one + other),
+    ):
+        assert jnp.abs(found - expected).max() < 1e-9 * jnp.abs(one).max()
+
+
+def test_low_pass_acts_on_the_fourier_transform(arc, data):
+    """The image is that of the exact transform times eta."""
+    found = solve(arc, data, 1e-8, low_pass=cosine_filter).image
+    expected = filtered(arc, BELL, cosine_filter)
+    assert jnp.abs(found - expected)[inside(arc)].max() < 1e-4
+    assert jnp.abs(BELL.image(arc.grid) - expected)[inside(arc)].max() > 1e-2
+
+
+def test_systems_not_solved_are_reported(arc, data, monkeypatch):
+    """Three steps of conjugate gradients are too few: a warning, and converged is False."""
+    monkeypatch.setattr(tikhonov, "MAX_ITERATIONS", 3)
+    g = jnp.stack([data, data])  # a shape that was not compiled with more steps
+    with pytest.warns(AccuracyWarning, match="not solved"):
+        found = solve(arc, g, solver="cg")
+    assert not found.converged
+    assert (found.report.iterations <= 3).all() and found.report.residual.max() > 1e-9
+
+
+# ---- refusals
+
+BAD = {
+    "solver": ({"solver": "lu"}, "solver is 'lu'"),
+    "inversion": ({"inversion": "radon"}, "inversion is 'radon'"),
+    "alpha of zero": ({"rule": 0.0}, "above zero"),
+    "negative alpha": ({"rule": -1e-3}, "above zero"),
+    "alpha of NaN": ({"rule": np.nan}, "NaN"),
+    "alpha per detector": ({"rule": np.full(80, 1e-6)}, "one per frequency"),
+    "rule of plans": ({"rule": NormBound(2.0)}, r"build_plan\(setup, NormBound.*TikhonovNormBound"),
+    "tolerance of many": ({"tolerance": [1e-9, 1e-10]}, "tolerance has shape"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_options_are_refused(arc, data, case):
+    options, message = BAD[case]
+    with pytest.raises(ValueError, match=message):
+        solve(arc, data, **options)
+
+
+def test_bad_data_are_refused(arc, data):
+    for bad, message in (
+        (data.at[3, 4].set(jnp.nan), "NaN"),
+        (data[:-1], "shape"),
+        (jnp.ones(data.shape, int), "dtype"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            solve(arc, bad)
+    with pytest.raises(ValueError, match=r"got a tuple, expected a Setup\(curve, region, grid"):
+        require_setup((arc.curve, arc.region, arc.grid))
+
+
+def test_detectors_too_near_for_waves(arc):
+    """Those about the centre do not reach detectors that are hardly outside the region."""
+    near = Setup(circular_arc(1.005, 1.0, 100), disk(1.0), arc.grid)
+    found = solve(near, data_of(BELL, near), 1e-10)
+    assert found.basis == "boundary"
+    assert jnp.abs(found.image - BELL.image(near.grid))[inside(near)].max() < 1e-3
+
+
+# ---- programs and derivatives
+
+
+def test_plain_calls_compile_once(arc, data, monkeypatch):
+    """Other detectors, alpha and data find the compiled function of the first call."""
+    calls = []
+    plain = plane_basis.solve_harmonics
+
+    def counted(*arguments, **options):
+        calls.append(1)
+        return plain(*arguments, **options)
+
+    monkeypatch.setattr(plane_basis, "solve_harmonics", counted)
+    for i in range(3):
+        moved = arc.replace(curve=circular_arc(1.3 * (1 + 1e-4 * i), 1.0, 80))
+        solve(moved, jnp.stack([data] * 4) * (i + 1), 1e-4 * (1 + i))
+    assert len(calls) == 1
+
+
+def test_solver_follows_from_the_size(arc, half_arc, monkeypatch):
+    """Conjugate gradients for very many orders, where they are cheap: disks and circles."""
+    assert arc.basis("auto", 1e-10, None).solver == "cholesky"
+    monkeypatch.setattr("jaxtat.reconstruction.setup.MOST_ORDERS", 10)
+    assert arc.basis("auto", 1e-10, None).solver == "cg"
+    assert half_arc.basis("auto", 1e-10, None).solver == "cholesky"
+
+
+# a small problem, whose parameters are all changed at once
+SMALL = Setup(circular_arc(1.5, 1.2, 30), disk(1.0), ImageGrid(9), max_frequency=12.0)
+SHARED = {
+    "g": data_of(BELL, SMALL),
+    "alpha": jnp.array(1e-4),
+    "region radius": jnp.array(1.0),
+    "times": SMALL.radii / 1.5,
+    "sound speed": jnp.array(1.5),
+    "half width": jnp.array(1.0),
+}
+PARAMETERS = {
+    "arc": SHARED | {"arc radius": jnp.array(1.5)},
+    "positions": SHARED | {"positions": SMALL.curve.points},
+}
+
+
+def energy_of(kind, solver):
+    """A weighted sum of squared pixels; value and slopes."""
+    weights = inside(SMALL) * np.random.default_rng(1).uniform(0.5, 1, SMALL.grid.shape)
+    measured = detector_curve(SMALL.curve.points, closed=False)
+    setup = SMALL if kind == "arc" else Setup(measured, SMALL.region, SMALL.grid, SMALL.radii)
+
+    def energy(parameters):
+        if kind == "positions":
+            curve = detector_curve(parameters["positions"], closed=False)
+        else:
+            radius = parameters["arc radius"]
+            curve = circular_arc(radius, 0.8 * radius, 30)
+        moved = setup.replace(
+            curve=curve,
+            region=disk(parameters["region radius"]),
+            grid=ImageGrid(9, parameters["half width"]),
+            radii=parameters["sound speed"] * parameters["times"],
+        )
+        found = solve(moved, parameters["g"], parameters["alpha"], solver=solver)
+        return jnp.sum(weights * found.image**2)
+
+    return energy
+
+
+def step_along(name, value):
+    """A direction in which to change a parameter."""
+    if value.ndim == 0:
+        return value
+    size = 0.05 if name == "positions" else 0.3  # a fraction of the spacing
+    return size * jnp.asarray(np.random.default_rng(2).uniform(-1, 1, value.shape))
+
+
+@pytest.mark.parametrize(("kind", "solver"), [("arc", "cg"), ("positions", "cholesky")])
+def test_derivatives_of_the_image(kind, solver):
+    """Reverse mode equals forward mode, and finite differences in every parameter."""
+    energy, parameters = energy_of(kind, solver), PARAMETERS[kind]
+    value_and_slopes = jax.jit(jax.value_and_grad(energy))
+    _, slopes = value_and_slopes(parameters)
+    steps = {name: step_along(name, value) for name, value in parameters.items()}
+    along = {name: float(jnp.vdot(slopes[name], steps[name])) for name in parameters}
+    forward = jax.jit(lambda p, s: jax.jvp(energy, (p,), (s,))[1])(parameters, steps)
+    size = max(abs(value) for value in along.values())
+    np.testing.assert_allclose(forward, sum(along.values()), rtol=0, atol=1e-9 * size)
+    for name, step in steps.items():
+        change = {sign: parameters[name] + sign * 1e-5 * step for sign in (1, -1)}
+        ahead, behind = (value_and_slopes(parameters | {name: change[s]})[0] for s in (1, -1))
+        np.testing.assert_allclose((ahead - behind) / 2e-5, along[name], rtol=1e-5, err_msg=name)
+
+
+def test_the_transpose_in_g(arc):
+    """<R g, f> = <g, R^T f>: images are linear in the data, and reverse mode is the transpose."""
+    rng = np.random.default_rng(3)
+    g, f = (jnp.asarray(rng.standard_normal(s)) for s in (arc.data_shape, arc.grid.shape))
+    image, pull_back = jax.vjp(lambda g: reconstruct(arc, g), jnp.zeros_like(g))
+    assert not image.any()
+    image = reconstruct(arc, g)
+    left, right = jnp.vdot(image, f), jnp.vdot(g, pull_back(f)[0])
+    bound = jnp.linalg.norm(image) * jnp.linalg.norm(f)
+    assert jnp.abs(left - right) < 1e-10 * bound
