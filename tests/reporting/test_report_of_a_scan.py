@@ -13,7 +13,7 @@ from jaxtat.cli import main
 from jaxtat.io import Scan
 from jaxtat.regularization.rules import Tikhonov
 from jaxtat.reporting import report_scan
-from jaxtat.scans import choices_for
+from jaxtat.scans import choose
 
 # as in tests/cli/test_cli.py, so that programs are shared
 CURVE, DISK = circular_arc(1.3, 1.0, 24), disk(0.8, n_boundary=48)
@@ -52,7 +52,7 @@ def test_the_image_is_that_of_the_direct_reconstructions_regularisation(
     found = report_scan(
         tmp_path / "r.html",
         scan,
-        choices_for(scan, **GIVEN),
+        choose(scan, **GIVEN),
         frame=1,
         sigma=0.1,
         uncertainty_pixels=0,
@@ -70,7 +70,7 @@ def test_the_image_is_that_of_the_direct_reconstructions_regularisation(
     assert "two frames, frame 1 of 2" in text
     assert re.search(r"alpha</th><td>1e-06</td><td>given", text)
     with pytest.raises(ValueError, match="frame is 2, but the scan has 2, counted from 0"):
-        report_scan(tmp_path / "r.html", scan, choices_for(scan, **GIVEN), frame=2)
+        report_scan(tmp_path / "r.html", scan, choose(scan, **GIVEN), frame=2)
 
 
 def test_the_command_writes_a_page(tmp_path, monkeypatch, few_figures, capsys):

@@ -80,7 +80,7 @@ def test_the_phantom_comes_back_with_nothing_given(recorded):
     with pytest.warns(AccuracyWarning, match="no third coordinate nor counts"):
         found = reconstruct_file(recorded(positions, 2e-4))
     assert found.choices.model == "2d"
-    assert relative_error(found.images, found.region, found.grid) < 0.01
+    assert relative_error(found.image, found.region, found.grid) < 0.01
 
 
 def test_a_volume_comes_back_with_nothing_given(recorded):
@@ -88,7 +88,7 @@ def test_a_volume_comes_back_with_nothing_given(recorded):
     cap = spherical_cap(RADIUS, 10e-3, 32, 64)
     found = reconstruct_file(recorded(np.asarray(cap.points).reshape(-1, 3), 4.5e-4))
     assert found.choices.model == "in-space"
-    assert relative_error(found.images, found.region, found.grid) < 0.03
+    assert relative_error(found.image, found.region, found.grid) < 0.03
 
 
 def test_a_curve_that_is_no_arc(simulated):
