@@ -49,7 +49,7 @@ def reconstruct(options: argparse.Namespace) -> None:
     start = time.perf_counter()
     require_suffix(options.out)  # and the package that writes it
     require_place(options.out)
-    scan, choices, plan = _asked(options, start)
+    scan, choices, plan, options = _asked(options, start)
     found = reconstruct_scan(scan, choices, plan=plan, progress=not options.quiet)
     if found.report:
         _report(options, found.report, start)
@@ -74,7 +74,7 @@ def report(options: argparse.Namespace) -> None:
 
     start = time.perf_counter()
     require_place(options.out)
-    scan, choices, plan = _asked(options, start)
+    scan, choices, plan, options = _asked(options, start)
     report_scan(
         options.out,
         scan,
@@ -101,7 +101,10 @@ def sample(options: argparse.Namespace) -> None:
 
 
 def _asked(options: argparse.Namespace, start: float):
-    """The scan, everything chosen for it, and the plan that is given or asked for, or None."""
+    """The scan, its choices, the plan that is given or asked for, or None, and the options.
+
+    They are those of an earlier image where an option asks for them.
+    """
     from ..io.plans import load_plan
     from ..scans import choose, estimate_sound_speed, integrals, setup_of
     from .inputs import given, plan_for, repeated, require_same, require_size, scan_of
@@ -110,9 +113,9 @@ def _asked(options: argparse.Namespace, start: float):
     if options.repeat:
         choices, options = repeated(options)
     plan = load_plan(options.plan) if options.plan else None
-    scan, options = scan_of(options, plan)
+    scan, left = scan_of(options, plan)
     if choices is None:
-        choices = choose(scan, **given(options, scan, plan))
+        choices = choose(scan, **given(left, scan, plan))
         require_size(choices)
         if plan is None:
             choices = estimate_sound_speed(scan, choices)
@@ -125,7 +128,7 @@ def _asked(options: argparse.Namespace, start: float):
         plan = plan_for(options, setup)
     if plan is not None:
         _report(options, _accuracy(plan), start)
-    return scan, choices, plan
+    return scan, choices, plan, options
 
 
 def _accuracy(plan) -> str:

@@ -1,8 +1,8 @@
 """Reconstruction plans in HDF5.
 
 A plan is a tree of modules. Each becomes a group with the name of its class; arrays become
-datasets, sizes and flags attributes, tuples of sizes as JSON. A new curve, region or regularisation only has to be named in
-`_KINDS`.
+datasets, sizes and flags attributes, tuples of sizes as JSON. A new curve, region or
+regularisation only has to be named in `_KINDS`.
 
 The file begins with a user block, which HDF5 leaves to its writer: a line with format, version and
 a digest over all bytes behind the block. A damaged file is told by it before HDF5 sees the rest,
@@ -50,7 +50,7 @@ from ..regularization import (
     per_frequency,
 )
 from .atomic import replacing
-from .hdf5 import Hdf5File, creating_hdf5, open_hdf5
+from .hdf5 import LONGEST_TEXT, Hdf5File, creating_hdf5, open_hdf5
 from .limits import Allowance, name_of, refusing
 from .scan import REAL
 
@@ -158,7 +158,12 @@ def _write(group: h5py.Group, module: eqx.Module) -> None:
         elif isinstance(value, jax.Array | np.ndarray):
             group.create_dataset(field.name, data=np.asarray(value))
         elif isinstance(value, tuple):
-            group.attrs[field.name] = np.bytes_(json.dumps(value))
+            text = json.dumps(value)
+            if len(text) > LONGEST_TEXT:
+                raise ValueError(
+                    f"plans with {len(value)} {field.name} in a {kind} cannot be saved."
+                )
+            group.attrs[field.name] = np.bytes_(text)
         else:
             group.attrs[field.name] = h5py.Empty("f8") if value is None else value
 
