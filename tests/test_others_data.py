@@ -76,8 +76,8 @@ def test_the_boundary_suffices_for_the_plan_that_is_chosen(
 ):
     """With no option for it, up to the work itself, which takes a minute and more."""
 
-    def build(curve, region, grid, radii, *rule, max_frequency, **options):
-        require_boundary(region, max_frequency)
+    def build(setup, rule, **options):
+        require_boundary(setup.region, setup.sizes.max_frequency)
         raise ValueError("nothing was refused")
 
     monkeypatch.chdir(tmp_path)

@@ -116,7 +116,7 @@ def _asked(options: argparse.Namespace, start: float):
     scan, left = scan_of(options, plan)
     if choices is None:
         choices = choose(scan, **given(left, scan, plan))
-        require_size(choices)
+        require_size(scan, choices)
         if plan is None:
             choices = estimate_sound_speed(scan, choices)
     _report(options, f"{options.file}\n{choices.table()}", start)

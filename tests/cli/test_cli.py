@@ -455,7 +455,10 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"good.npz {ARC} --region-radius 1.4 --out a.png", "inside or on the region"),
         (f"good.npz {GEOMETRY} --region-center 30 0 --out a.png", "inside or on the region|radii"),
         (f"good.npz {GEOMETRY} --half-width 0 --out a.png", "--half-width is 0.0"),
-        (f"good.npz {ARC} --region-radius 0.8 --pixels 0 --out a.png", "expected at least 4"),
+        (
+            f"good.npz {ARC} --region-radius 0.8 --pixels 0 --out a.png",
+            "expected a whole number of at least 4",
+        ),
         (f"good.npz {GEOMETRY} --use 0:30 --out a.png", "there are 24 detectors"),
         (f"good.npz {GEOMETRY} --K -1 --out a.png", "K is -1.0"),
         (f"good.npz {GEOMETRY} --K nan --out a.png", "K is nan"),

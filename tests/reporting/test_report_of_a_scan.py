@@ -5,18 +5,16 @@ import shlex
 
 import numpy as np
 import pytest
-from jaxtat.reconstruction.plan import build_plan
 from numpy.testing import assert_allclose
 
-from jaxtat import circular_arc, data_radii, disk, phantoms, reconstruct
+from jaxtat import Tikhonov, build_plan, circular_arc, data_radii, disk, phantoms, reconstruct
 from jaxtat.cli import main
 from jaxtat.io import Scan
-from jaxtat.regularization.rules import Tikhonov
 from jaxtat.reporting import report_scan
 from jaxtat.scans import choose
 
 # as in tests/cli/test_cli.py, so that programs are shared
-CURVE, DISK = circular_arc(1.3, 1.0, 24), disk(0.8, n_boundary=48)
+CURVE, DISK = circular_arc(1.3, 1.0, 24), disk(0.8)
 MAX_FREQUENCY = 2 * np.pi / 0.8
 RADII = np.asarray(data_radii(CURVE, DISK, 0.16))
 DATA = np.asarray(phantoms.Bells([[0.1, -0.15]], [0.6]).circular_integrals(CURVE, RADII))
@@ -32,9 +30,9 @@ def few_figures(monkeypatch):
 def collocated(asked):
     """`build_plan` that notes what is asked for, by the method that compiles fastest."""
 
-    def build(*arguments, **options):
-        plan = build_plan(Setup(*arguments), **options, method="collocation")
-        asked.update(options, rule=arguments[-1], plan=plan)
+    def build(setup, rule, **options):
+        plan = build_plan(setup, rule, **options, method="collocation")
+        asked.update(options, rule=rule, plan=plan)
         return plan
 
     return build
@@ -57,11 +55,10 @@ def test_the_image_is_that_of_the_direct_reconstructions_regularisation(
         sigma=0.1,
         uncertainty_pixels=0,
         title="two frames",
-        progress=False,
     )
     assert isinstance(asked["rule"], Tikhonov)
     assert float(asked["rule"].alpha) == 1e-6
-    assert asked["max_frequency"] == MAX_FREQUENCY
+    assert asked["plan"].setup.sizes.max_frequency == MAX_FREQUENCY
     inside = np.asarray(found.region.contains(found.grid.points))
     expected = np.asarray(reconstruct(asked["plan"], DATA))
     assert expected.max() > 0.5

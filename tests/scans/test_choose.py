@@ -7,7 +7,7 @@ from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, N, positions, raw_coun
 from jaxtat import detector_curve, phantoms
 from jaxtat.io import Scan
 from jaxtat.io.frames import LazyFrames
-from jaxtat.scans import describe, with_facts
+from jaxtat.scans import choose, describe, with_facts
 from jaxtat.steps import AccuracyWarning
 
 REACH = max(np.hypot(*c) + r for c, r in zip(BELLS["centers"], BELLS["radii"], strict=True))

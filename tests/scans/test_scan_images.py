@@ -12,6 +12,7 @@ from jaxtat import phantoms, polyline, reconstruct_file
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_settings, save_ipasc
 from jaxtat.io.frames import LazyFrames
+from jaxtat.scans import choose, reconstruct
 
 # one size for nearly all tests: few programs
 GIVEN = {"region_radius": 0.011, "pixels": 45, "max_frequency": 3500.0, "band": (2e4, 1.5e6)}
@@ -42,7 +43,7 @@ def noise_level(pressure, clean):
 
 def image(of, **given):
     chosen = choose(of, **GIVEN | {"alpha": 1e-2, "dead_time": 4e-6} | given)
-    found = reconstruct_scan(of, chosen, progress=False)
+    found = reconstruct(of, chosen)
     return np.where(found.region.contains(found.grid.points), found.image, 0.0)
 
 
@@ -134,7 +135,7 @@ def test_frames_are_read_a_few_at_a_time_and_each_is_its_own(counts, clean, monk
     together.clear()
     monkeypatch.setattr(jaxtat.scans.images, "AT_A_TIME", 2 * 8 * counts.size)
     out = np.full((5, 45, 45), np.nan)
-    found = reconstruct_scan(lazy, chosen, out=out, progress=False)
+    found = reconstruct(lazy, chosen, out=out)
     assert max(together) == 2
     assert found.image is out
     assert found.frames.tolist() == known["wavelengths"]
@@ -144,10 +145,10 @@ def test_frames_are_read_a_few_at_a_time_and_each_is_its_own(counts, clean, monk
     assert relative(out[1][inside], clean[inside] / 2) < 5e-3  # half counts are rounded
     assert relative(out[4][inside], out[2][inside] / 2) < 5e-3
     with pytest.raises(ValueError, match="out has shape"):
-        reconstruct_scan(lazy, chosen, out=out[:4], progress=False)
+        reconstruct(lazy, chosen, out=out[:4])
     endless = scan(LazyFrames((10**12, *counts.shape), frames.dtype, read))
     with pytest.raises(ValueError, match="1000000000000 frames do not fit into memory"):
-        reconstruct_scan(endless, chosen, progress=False)
+        reconstruct(endless, chosen)
 
 
 def test_an_impulse_response_is_removed(pressure, clean):

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import tifffile
 
-from jaxtat import VolumeGrid, reconstruct_file
+import jaxtat
+from jaxtat import Setup, VolumeGrid, reconstruct_file
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_scan, load_settings, save_ipasc
-from jaxtat.scans import choose, describe, reconstruct_scan
+from jaxtat.scans import choose, describe, reconstruct, setup_of
 from jaxtat.scans import integrals as integrals_of
-from jaxtat.scans.space import Space
-from jaxtat.spherical import Bells, ball, cap_radii, solve, spherical_cap
+from jaxtat.spherical import Bells, ball, cap_radii, spherical_cap
 
 CENTER = np.array([0.02, -0.01, 0.03])
 CAP = spherical_cap(0.04, 0.03, 13, 28, center=CENTER)
@@ -44,14 +44,12 @@ def integrals():
     """Radii, g, and the volume that Python makes of them."""
     radii = radii_of(1.0)
     g = BELL.spherical_integrals(CAP, radii)
-    found = solve(
-        Setup(CAP, REGION, GRID, radii, max_frequency=MAX_FREQUENCY), g, 1e-6, inversion="fourier"
-    )
+    setup = Setup(CAP, REGION, GRID, radii, max_frequency=MAX_FREQUENCY)
+    volume = jaxtat.reconstruct(setup, g, 1e-6)
     inside = np.asarray(REGION.contains(GRID.points))
-    assert (
-        np.abs(np.asarray(found.volume - BELL.volume(GRID)))[inside].max() < 0.13
-    )  # beyond the grid
-    return radii, np.asarray(g), np.where(inside, found.volume, 0.0)
+    off = np.abs(np.asarray(volume - BELL.image(GRID)))[inside]
+    assert off.max() < 0.13  # beyond the grid
+    return radii, np.asarray(g), np.where(inside, volume, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +100,6 @@ def test_upside_down_is_turned_over(scan_file, integrals):
         region_radius=RADIUS,
         pixels=9,
         max_frequency=MAX_FREQUENCY,
-        progress=False,
     )
     assert found.image.shape == (2, 9, 9, 9)
     inside = np.asarray(found.region.contains(found.grid.points))
@@ -138,7 +135,7 @@ def test_pressure_in_the_exchange_format(integrals, tmp_path, capsys):
     )
     assert choices.alpha < 1e-5 and choices.low_pass == "none"
     given = {"region_radius": RADIUS, "pixels": 9, "max_frequency": MAX_FREQUENCY}
-    found = reconstruct_file(path, **given, progress=False)
+    found = reconstruct_file(path, **given)
     inside = np.asarray(found.region.contains(found.grid.points))
     error = np.abs(found.image * inside - integrals[2]).max()
     assert found.unit == "m" and error < 0.02
@@ -153,8 +150,8 @@ def test_radii_end_with_a_short_record(n):
     end = SOUND / RATE * (n - 1)
     assert choices.region_radius == pytest.approx(end - 0.04)
     assert choices.radii[-1] <= end < choices.radii[-1] + 1.01 * choices.radial_step
-    Space.of(scan, choices).layout(choices)  # they still cover the region
-    integrals_of(scan, choices, choices.radii, scan.frame(0))  # and are in it
+    setup = setup_of(scan, choices)  # they still cover the region
+    integrals_of(scan, choices, setup, scan.frame(0))  # and are in it
 
 
 def of_open_cap():
@@ -175,12 +172,12 @@ def test_caps_open_above_the_middle_too():
         noise = np.random.default_rng(4).random((len(points), 40))
         choices = choose(scan := Scan("circular_integrals", noise, known), pixels=33)
         assert choices.region_cut < choices.region_radius
-        Space.of(scan, choices).layout(choices)
+        setup_of(scan, choices)
     scan, bell = of_open_cap()
-    found = reconstruct_scan(scan, choose(scan, pixels=17), progress=False)
+    found = reconstruct(scan, choose(scan, pixels=17))
     inside = np.array(found.region.contains(found.grid.points))
     inside &= np.asarray(found.grid.points)[..., 2] < 0.4
-    error = np.abs(found.image - np.asarray(bell.volume(found.grid)))[inside].max()
+    error = np.abs(found.image - np.asarray(bell.image(found.grid)))[inside].max()
     assert inside.sum() > 400 and error < 0.03
 
 
