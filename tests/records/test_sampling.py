@@ -40,7 +40,7 @@ def test_circles_about_a_disk_follow_the_formula():
 def test_gaps_do_not_decide_and_few_missing_detectors_little():
     def without(missing):
         keep = ~np.isin(np.arange(64), missing)
-        return float(supported(keep_detectors(ARC, keep), disk, TIMES).frequency_of_detectors)
+        return float(supported(keep_detectors(ARC, keep), REGION, TIMES).frequency_of_detectors)
 
     whole = float(supported(ARC, REGION, TIMES).frequency_of_detectors)
     assert abs(without(np.arange(20, 36)) / whole - 1) < 1e-6  # a gap

@@ -59,7 +59,7 @@ def test_the_image_is_that_of_the_direct_reconstructions_regularisation(
     assert isinstance(asked["rule"], Tikhonov)
     assert float(asked["rule"].alpha) == 1e-6
     assert asked["plan"].setup.sizes.max_frequency == MAX_FREQUENCY
-    inside = np.asarray(found.region.contains(found.grid.points))
+    inside = np.asarray(found.setup.region.contains(found.setup.grid.points))
     expected = np.asarray(reconstruct(asked["plan"], DATA))
     assert expected.max() > 0.5
     assert_allclose(np.asarray(found.image)[inside], expected[inside], rtol=1e-12)

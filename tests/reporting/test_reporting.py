@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+from contextlib import nullcontext
 from html.parser import HTMLParser
 
 import equinox as eqx
@@ -9,7 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat import ImageGrid, Setup, circular_arc, data_radii, disk, phantoms, report
+from jaxtat import (
+    ImageGrid,
+    Setup,
+    VisibilityWarning,
+    circular_arc,
+    data_radii,
+    disk,
+    phantoms,
+    report,
+)
 from jaxtat.io.provenance import provenance
 from jaxtat.reporting import write_report
 from jaxtat.reporting.findings import Level, findings
@@ -50,7 +60,10 @@ def diagnosed(right=1.3, n=60, noise=0.0, speed=1.0):
     bell = phantoms.Bells([[0.1, 0.2]], [0.4])
     g = np.asarray(bell.circular_integrals(curve, speed * radii))
     g = g + noise * np.random.default_rng(0).standard_normal(g.shape)
-    return diagnose(Setup(curve, REGION, GRID, radii), g, bell.image(GRID))
+    all_seen = nullcontext() if right == 1.3 else pytest.warns(VisibilityWarning)
+    with all_seen:
+        setup = Setup(curve, REGION, GRID, radii)
+    return diagnose(setup, g, bell.image(GRID))
 
 
 @pytest.fixture(scope="module")
