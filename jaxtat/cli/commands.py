@@ -106,8 +106,16 @@ def _asked(options: argparse.Namespace, start: float):
     They are those of an earlier image where an option asks for them.
     """
     from ..io.plans import load_plan
-    from ..scans import choose, estimate_sound_speed, integrals, setup_of
-    from .inputs import given, plan_for, repeated, require_same, require_size, scan_of
+    from ..scans import choose, estimate_sound_speed, integrals
+    from .inputs import (
+        given,
+        plan_for,
+        repeated,
+        require_same,
+        require_size,
+        scan_of,
+        setup_in_plane,
+    )
 
     choices = None
     if options.repeat:
@@ -123,7 +131,7 @@ def _asked(options: argparse.Namespace, start: float):
     if plan is not None:
         require_same(scan, choices, plan)
     elif wants_plan(options):
-        setup = setup_of(scan, choices)
+        setup = setup_in_plane(scan, choices)
         integrals(scan, choices, setup, scan.frame(0))  # refused before anything is built
         plan = plan_for(options, setup)
     if plan is not None:

@@ -92,7 +92,13 @@ def setup_of_plan(options: argparse.Namespace) -> Setup:
         n = 1 if positions is None else len(positions)
         scan = Scan("circular_integrals", np.zeros((n, 1)))  # geometry alone
         scan = with_facts(scan, scanner=options.scanner, detectors=positions)
-    return setup_of(scan, choose(scan, **given(options, scan)))
+    return setup_in_plane(scan, choose(scan, **given(options, scan)))
+
+
+def setup_in_plane(scan: Scan, choices: Choices) -> Setup:
+    """The problem of a plan, or ValueError for a scan in space."""
+    facts_of(scan)
+    return setup_of(scan, choices)
 
 
 def plan_for(options: argparse.Namespace, setup: Setup) -> ReconstructionPlan:
