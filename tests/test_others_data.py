@@ -15,7 +15,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from jaxtat.cli import main
 from jaxtat.io import load_scan, load_settings, save_ipasc
-from jaxtat.scans import choices_for, with_facts
+from jaxtat.scans import choose, with_facts
 from jaxtat.steps import require_boundary
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -76,8 +76,8 @@ def test_the_boundary_suffices_for_the_plan_that_is_chosen(
 ):
     """With no option for it, up to the work itself, which takes a minute and more."""
 
-    def build(curve, region, grid, radii, *rule, max_frequency, **options):
-        require_boundary(region, max_frequency)
+    def build(setup, rule, **options):
+        require_boundary(setup.region, setup.sizes.max_frequency)
         raise ValueError("nothing was refused")
 
     monkeypatch.chdir(tmp_path)
@@ -110,7 +110,7 @@ def test_faded_channels_of_another_code_are_found(data_file):
     theta = 2 * np.pi * np.arange(1024) / 1024
     ring = np.stack([np.cos(theta), np.sin(theta)], axis=1)
     scan = with_facts(load_scan(data_file), detectors=ring, times=np.linspace(0, 6, 769))
-    choices = choices_for(scan)
+    choices = choose(scan)
     assert set(range(618, 919)) <= set(choices.left_out) <= set(range(616, 921))
     assert abs(choices.region_angle + 90) < 1
     assert 0.55 < choices.region_cut < 0.65

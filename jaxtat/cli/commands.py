@@ -49,7 +49,7 @@ def reconstruct(options: argparse.Namespace) -> None:
     start = time.perf_counter()
     require_suffix(options.out)  # and the package that writes it
     require_place(options.out)
-    scan, choices, plan = _asked(options, start)
+    scan, choices, plan, options = _asked(options, start)
     found = reconstruct_scan(scan, choices, plan=plan, progress=not options.quiet)
     if found.report:
         _report(options, found.report, start)
@@ -74,7 +74,7 @@ def report(options: argparse.Namespace) -> None:
 
     start = time.perf_counter()
     require_place(options.out)
-    scan, choices, plan = _asked(options, start)
+    scan, choices, plan, options = _asked(options, start)
     report_scan(
         options.out,
         scan,
@@ -101,9 +101,12 @@ def sample(options: argparse.Namespace) -> None:
 
 
 def _asked(options: argparse.Namespace, start: float):
-    """The scan, everything chosen for it, and the plan that is given or asked for, or None."""
+    """The scan, its choices, the plan that is given or asked for, or None, and the options.
+
+    They are those of an earlier image where an option asks for them.
+    """
     from ..io.plans import load_plan
-    from ..scans import choose, estimate_sound_speed, integrals, setup_of
+    from ..scans import choose, estimate_sound_speed, integrals
     from .inputs import (
         given,
         plan_for,
@@ -111,6 +114,7 @@ def _asked(options: argparse.Namespace, start: float):
         require_same,
         require_size,
         scan_of,
+        setup_in_plane,
         with_unit,
     )
 
@@ -118,10 +122,10 @@ def _asked(options: argparse.Namespace, start: float):
     if options.repeat:
         choices, options = repeated(options)
     plan = load_plan(options.plan) if options.plan else None
-    scan, options = scan_of(options, plan)
+    scan, left = scan_of(options, plan)
     if choices is None:
-        choices = choose(scan, **given(options, scan, plan))
-        require_size(choices)
+        choices = choose(scan, **given(left, scan, plan))
+        require_size(scan, choices)
         if plan is None:
             choices = estimate_sound_speed(scan, choices)
     choices = with_unit(choices, options.length_unit)
@@ -129,12 +133,12 @@ def _asked(options: argparse.Namespace, start: float):
     if plan is not None:
         require_same(scan, choices, plan)
     elif wants_plan(options):
-        setup = setup_of(scan, choices)
+        setup = setup_in_plane(scan, choices)
         integrals(scan, choices, setup, scan.frame(0))  # refused before anything is built
         plan = plan_for(options, setup)
     if plan is not None:
         _report(options, _accuracy(plan), start)
-    return scan, choices, plan
+    return scan, choices, plan, options
 
 
 def _accuracy(plan) -> str:

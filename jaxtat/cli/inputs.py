@@ -14,6 +14,7 @@ from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..regularization import FixedRank, NormBound, Regularization, SingularValueCutoff
 from ..scans import Choices, choose, setup_of, with_facts
 from ..scans.facts import facts_of, in_space
+from ..scans.frames import require_radii
 from ..steps import polar_grid
 from .refusals import OF_PLANS, band, is_given, slices
 
@@ -92,7 +93,13 @@ def setup_of_plan(options: argparse.Namespace) -> Setup:
         n = 1 if positions is None else len(positions)
         scan = Scan("circular_integrals", np.zeros((n, 1)))  # geometry alone
         scan = with_facts(scan, scanner=options.scanner, detectors=positions)
-    return setup_of(scan, choose(scan, **given(options, scan)))
+    return setup_in_plane(scan, choose(scan, **given(options, scan)))
+
+
+def setup_in_plane(scan: Scan, choices: Choices) -> Setup:
+    """The problem of a plan, or ValueError for a scan in space."""
+    facts_of(scan)
+    return setup_of(scan, choices)
 
 
 def plan_for(options: argparse.Namespace, setup: Setup) -> ReconstructionPlan:
@@ -106,8 +113,13 @@ def plan_for(options: argparse.Namespace, setup: Setup) -> ReconstructionPlan:
     )
 
 
-def require_size(choices: Choices) -> None:
-    """Raise ValueError for more pixels than fit into memory, before any work; warn of long work."""
+def require_size(scan: Scan, choices: Choices) -> None:
+    """Raise ValueError for other radii than the data's, and for more pixels than fit into memory.
+
+    Before any work; warns of long work.
+    """
+    if scan.kind != "pressure":
+        require_radii(scan.n_samples, choices.n_radii)
     region = choices.region
     if isinstance(region, Disk):  # in space nothing is done before
         polar_grid(region, choices.grid, choices.radii, choices.max_frequency, None)

@@ -31,7 +31,7 @@ from .limits import DEFLATE, Allowance, name_of, refusing, require_held
 from .scan import REAL, require_numbers
 
 _GZIP, _SHUFFLE, _CHECKSUM = 1, 2, 3  # numbers of HDF5's own filters
-_LONGEST_TEXT = 4096  # [byte]
+LONGEST_TEXT = 4096  # [byte]
 _LONGEST_HEAP = 2**20  # [byte], of strings; the library writes 4096
 _Filter = tuple[int, tuple[int, ...]]  # its number, and its parameters
 
@@ -90,7 +90,7 @@ class Hdf5File:
         path = self.path.absolute()  # the working folder may change
         return LazyFrames(shape, native, partial(_read_again, path, _stamp(path), name, read))
 
-    def text(self, name: str, longest: int = _LONGEST_TEXT) -> str | None:
+    def text(self, name: str, longest: int = LONGEST_TEXT) -> str | None:
         """A text, or None if there is none, or one that cannot be read."""
         dataset = self._dataset(name)
         if dataset is None or dataset.shape != () or _is_elsewhere(dataset):
@@ -129,7 +129,7 @@ class Hdf5File:
             return None
         text = value.dtype.kind == "S" and value.shape == ()
         size = math.prod(value.shape) * value.dtype.itemsize
-        if not (text or value.dtype.kind in "biuf") or size > _LONGEST_TEXT:
+        if not (text or value.dtype.kind in "biuf") or size > LONGEST_TEXT:
             raise ValueError(f"{attribute} of {name} is no text of fixed length and no number.")
         found: Any = np.asarray(item.attrs[attribute]).tolist()
         if text:
@@ -334,7 +334,7 @@ def _text_of_heap(path: Path, offset: int) -> bytes | None:
     with path.open("rb") as file:
         file.seek(offset)
         length, address, number = struct.unpack("<IQI", file.read(16).ljust(16, b"\0"))
-        if length > _LONGEST_TEXT or address > os.fstat(file.fileno()).st_size:
+        if length > LONGEST_TEXT or address > os.fstat(file.fileno()).st_size:
             return None
         file.seek(address)
         heap = file.read(16)

@@ -1,8 +1,8 @@
 """Reconstruction plans in HDF5.
 
 A plan is a tree of modules. Each becomes a group with the name of its class; arrays become
-datasets, sizes and flags attributes. A new curve, region or regularisation only has to be named in
-`_KINDS`.
+datasets, sizes and flags attributes, tuples of sizes as JSON. A new curve, region or
+regularisation only has to be named in `_KINDS`.
 
 The file begins with a user block, which HDF5 leaves to its writer: a line with format, version and
 a digest over all bytes behind the block. A damaged file is told by it before HDF5 sees the rest,
@@ -10,6 +10,7 @@ since HDF5 trusts what it reads, and may fill the whole memory for one wrong bit
 """
 
 import hashlib
+import json
 from dataclasses import fields
 from io import BufferedRandom, BufferedReader
 from pathlib import Path
@@ -28,9 +29,11 @@ from ..densities import DensityReport, SampledDensities
 from ..densities.harmonic import DensityGroup, HarmonicDensities
 from ..geometry import (
     CircularArc,
+    DetectorCurve,
     Disk,
     ImageGrid,
     Polygon,
+    Region,
     RegionUnion,
     SampledCurve,
 )
@@ -48,11 +51,11 @@ from ..regularization import (
     per_frequency,
 )
 from .atomic import replacing
-from .hdf5 import Hdf5File, creating_hdf5, open_hdf5
+from .hdf5 import LONGEST_TEXT, Hdf5File, creating_hdf5, open_hdf5
 from .limits import Allowance, name_of, refusing
 from .scan import REAL
 
-FORMAT, VERSION = "jaxtat plan", 3
+FORMAT, VERSION = "jaxtat plan", 4
 _BLOCK = 512  # [byte], the least HDF5 allows
 _KINDS: dict[str, type[eqx.Module]] = {
     kind.__name__: kind
@@ -155,6 +158,13 @@ def _write(group: h5py.Group, module: eqx.Module) -> None:
                 _write(members.create_group(str(number)), member)
         elif isinstance(value, jax.Array | np.ndarray):
             group.create_dataset(field.name, data=np.asarray(value))
+        elif isinstance(value, tuple):
+            text = json.dumps(value)
+            if len(text) > LONGEST_TEXT:
+                raise ValueError(
+                    f"plans with {len(value)} {field.name} in a {kind} cannot be saved."
+                )
+            group.attrs[field.name] = np.bytes_(text)
         else:
             group.attrs[field.name] = h5py.Empty("f8") if value is None else value
 
@@ -185,7 +195,8 @@ def _read(file: Hdf5File, where: str, seen: set[int]) -> Any:
 def _read_field(file: Hdf5File, where: str, name: str, seen: set[int]) -> Any:
     place = f"{where}/{name}"
     if not file.has(place):
-        return file.attribute(where, name)
+        value = file.attribute(where, name)
+        return _as_tuples(json.loads(value)) if isinstance(value, str) else value
     if file.identity(place) in seen:
         raise ValueError(f"{place} is there under two names.")
     seen.add(file.identity(place))
@@ -194,6 +205,10 @@ def _read_field(file: Hdf5File, where: str, name: str, seen: set[int]) -> Any:
     if file.mark(place, "kind"):
         return _read(file, place, seen)
     return tuple(_read(file, f"{place}/{k}", seen) for k in range(len(file.names(place))))
+
+
+def _as_tuples(value: Any) -> Any:
+    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
 
 
 def _seal(path: Path) -> None:
@@ -229,10 +244,17 @@ def _require_consistent(plan: Any) -> None:
     """Every field against its annotation, and the densities against those who use them."""
     if not isinstance(plan, ReconstructionPlan):
         raise ValueError(f"a {type(plan).__name__}, expected a plan.")
+    _require_plane(plan.setup)
+    _require_sizes(plan)
     # reports may be of one frequency or many, and so name their number in a way of their own
-    for member in _require_fields(plan, plan.frequencies, Float[Array, "*frequencies"]):
-        _require_fields(member, plan.angles, Float[Array, " directions"])
+    each, directions = Float[Array, " frequencies"], Float[Array, " directions"]
+    reported = Float[Array, "*frequencies"]
+    known = (plan.frequencies, each), (plan.frequencies, reported), (plan.angles, directions)
+    for member in _require_fields(plan, *known):
+        _require_fields(member, (plan.angles, directions))
     ImageGrid(plan.grid.shape, plan.grid.half_width, plan.grid.center)  # refuses what is no grid
+    if sum(jax.tree.leaves(plan.region.counts)) != plan.region.n_boundary:
+        raise ValueError(f"a region whose counts {plan.region.counts} are not of its points.")
     _require_one_precision(plan)
     n, m, detectors = len(plan.frequencies), len(plan.angles), plan.curve.n_detectors
     if min(n, m, len(plan.radii)) == 0:
@@ -261,6 +283,29 @@ def _require_consistent(plan: Any) -> None:
         ) from error
 
 
+def _require_plane(setup: Any) -> None:
+    """The parts of a setup, whose annotations leave open whether it is in the plane."""
+    kinds = {"curve": DetectorCurve, "region": Region, "grid": ImageGrid, "sizes": PlaneSizes}
+    for name, kind in kinds.items():
+        part = getattr(setup, name, None)
+        if not isinstance(part, kind):
+            raise ValueError(f"a {type(part).__name__} as {name}, expected a {kind.__name__}.")
+
+
+def _require_sizes(plan: ReconstructionPlan) -> None:
+    """Numbers of frequencies and directions that arrays bear out, before any is made of them."""
+    sizes = plan.setup.sizes
+    assert isinstance(sizes, PlaneSizes)
+    _require_fields(sizes)
+    found, shape = (sizes.n_frequencies, sizes.n_directions), np.shape(plan.report.residual)
+    if found != shape:
+        raise ValueError(f"{found} frequencies and directions, but residuals of shape {shape}.")
+    ends = [0, *(stop for _, stop, _ in sizes.groups)]
+    starts = [*(start for start, _, _ in sizes.groups), found[0]]
+    if sizes.groups and (starts != ends or sorted({*ends}) != ends):
+        raise ValueError(f"groups {sizes.groups} that are not of its {found[0]} frequencies.")
+
+
 def _require_one_precision(plan: ReconstructionPlan) -> None:
     """Arrays of 64 bits, or densities of 32 bits among them, as `save_plan` has it."""
 
@@ -276,24 +321,27 @@ def _require_one_precision(plan: ReconstructionPlan) -> None:
         raise ValueError("arrays of different precision.")
 
 
-def _require_fields(module: eqx.Module, known: Array, sizes: Any) -> list[eqx.Module]:
+def _require_fields(module: eqx.Module, *known: tuple[Array, Any]) -> list[eqx.Module]:
     """Every field of a tree of modules, where one name stands for one size throughout.
 
     Members of tuples have sizes of their own: they are returned, not looked into.
 
     Args:
         module: the root of the tree.
-        known, sizes: an array and the names of its sizes, which hold for the tree.
+        known: arrays, each with the names of its sizes, which hold for the tree.
     """
     modules, members = [module], []
     with jaxtyped("context"):
-        isinstance(known, sizes)
+        for array, sizes in known:
+            isinstance(array, sizes)
         for part in modules:  # grows
             for field in fields(part):  # pyright: ignore[reportArgumentType]
                 value, wanted = getattr(part, field.name), cast(Any, field.type)
-                # here and in no function, which would have sizes of its own
-                alone = () if get_origin(wanted) is tuple else wanted
-                if not (isinstance(value, alone) or _is_tuple_of(value, wanted)):
+                if get_origin(wanted) is tuple:
+                    fits = _is_tuple_of(value, wanted)
+                else:  # here and in no function, which would have sizes of its own
+                    fits = wanted is Any or isinstance(value, wanted)
+                if not fits:
                     array = isinstance(value, Array)
                     found = f"of shape {value.shape} ({value.dtype})" if array else f"{value!r:.60}"
                     raise ValueError(
@@ -308,10 +356,12 @@ def _require_fields(module: eqx.Module, known: Array, sizes: Any) -> list[eqx.Mo
 
 
 def _is_tuple_of(value: Any, wanted: Any) -> bool:
-    """Whether a value is of an annotated type that is a tuple of types."""
-    members = get_args(wanted)
-    if get_origin(wanted) is not tuple or not isinstance(value, tuple):
+    """Whether a value is of an annotated type that may be a tuple of types, or of tuples."""
+    if get_origin(wanted) is not tuple:
+        return wanted is Any or isinstance(value, wanted)
+    if not isinstance(value, tuple):
         return False
+    members = get_args(wanted)
     if members[-1] is Ellipsis:
         members = members[:1] * len(value)
-    return len(value) == len(members) > 0 and all(map(isinstance, value, members))
+    return len(value) == len(members) and all(map(_is_tuple_of, value, members))

@@ -92,6 +92,7 @@ def report_scan(
     frame = whole_number("frame", frame, 0)
     if frame >= scan.n_frames:
         raise ValueError(f"frame is {frame}, but the scan has {scan.n_frames}, counted from 0.")
+    facts = facts_of(scan)  # refuses detectors around a volume
     setup = setup_of(scan, choices) if plan is None else plan.setup
     g = integrals(scan, choices, setup, scan.frame(frame))
     noise = _noise_alone(scan, choices, setup, scan.frame(frame)) if sigma is None else None
@@ -114,7 +115,7 @@ def report_scan(
         choices=choices.rows(),
         channels=choices.channels,
         inputs=inputs,
-        unit=unit or facts_of(scan).units.length,
+        unit=unit or facts.units.length,
         progress=progress,
         low_pass=low_pass,
         inversion=inversion,

@@ -162,7 +162,7 @@ def facts_of(scan: Scan, use: Any = None) -> Facts:
     if in_space(scan):
         raise ValueError(
             "the detectors surround a volume, and plans and reports are for images: use jaxtat "
-            "reconstruct, without a plan and what asks for one (in Python reconstruct_scan)."
+            "reconstruct, without a plan and what asks for one (in Python scans.reconstruct)."
         )
     points, rows = np.asarray(in_plane(scan.known["detectors"])), rows_used(scan, use)
     order = rows[order_along_curve(points[rows])]

@@ -60,11 +60,7 @@ def _integrals(scan: Scan, choices: Choices, radii: Array, frames: np.ndarray) -
     part = real_array(scan.kind, frames[..., list(choices.channels), :], None)
     times = times_of(scan)
     if times is None:
-        if part.shape[-1] != radii.shape[0]:
-            raise ValueError(
-                f"the data have {part.shape[-1]} radii, the geometry has {radii.shape[0]}: name "
-                "radii in the file, or choose --region-radius, --pixels and --half-width to match."
-            )
+        require_radii(part.shape[-1], radii.shape[0])
         return part
     in_plane = choices.model == "in-plane"  # the slow tail of 2-D waves is signal
     if choices.band is not None or choices.dead_time:
@@ -80,3 +76,12 @@ def _integrals(scan: Scan, choices: Choices, radii: Array, frames: np.ndarray) -
     return pressure_to_circular_integrals(
         part, times, radii, sound_speed=speed, model=choices.model
     )
+
+
+def require_radii(of_data: int, of_setup: int) -> None:
+    """Raise ValueError for integrals over more or fewer circles than a setup has."""
+    if of_data != of_setup:
+        raise ValueError(
+            f"the data have {of_data} radii, the geometry has {of_setup}: name radii in the file, "
+            "or choose --region-radius, --pixels and --half-width to match."
+        )

@@ -4,13 +4,13 @@ import os
 import socket
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import jax
 import numpy as np
 import pytest
 
-from jaxtat import reconstruct
+from jaxtat import phantoms, reconstruct
 from jaxtat.base.parallel import checked_mesh, map_shards
 
 PROBLEM = """
@@ -25,18 +25,17 @@ else:
     jax.config.update("jax_num_cpu_devices", n_devices)
 mesh = jax.make_mesh((n_devices,), ("devices",))
 setup = Setup(circular_arc(1.3, 1.0, 60), disk(1.0), ImageGrid(15))
-bell = phantoms.Bells([[0.1, 0.2]], [0.7])
-g = np.asarray(bell.circular_integrals(setup.curve, setup.radii))
+g = np.asarray(phantoms.Bells([[0.1, 0.2]], [0.7]).circular_integrals(setup.curve, setup.radii))
 def here(array):
     return np.asarray(array.addressable_data(0))
 """
 
 DIRECT = """
-alone = solve(setup, g, 1e-8)
+alone = reconstruct(setup, g, 1e-8)
 for solver in ("cholesky",) if len(sys.argv) > 2 else ("cholesky", "cg"):
-    shared = solve(setup, g, 1e-8, solver=solver, mesh=mesh)
-    assert len(shared.image.sharding.device_set) == n_devices
-    error = np.abs(here(shared.image) - here(alone.image)).max()
+    shared = solve(setup, g, 1e-8, solver=solver, mesh=mesh).image
+    assert len(shared.sharding.device_set) == n_devices
+    error = np.abs(here(shared) - here(alone)).max()
     assert error < 1e-6, (solver, error)
 print("direct: the same")
 """
@@ -59,10 +58,22 @@ assert error < 1e-12, error
 print("plan: the same")
 """
 
+SPACE = """
+cap = spherical.spherical_cap(1.5, 1.1, 8, 16)
+setup = Setup(cap, spherical.ball(1.0), VolumeGrid(7), max_frequency=6.0)
+g = np.asarray(spherical.Bells([[0.1, 0.2, 0.0]], [0.7]).spherical_integrals(cap, setup.radii))
+stack = np.stack([g, -2 * g, 3 * g])
+shared, alone = (reconstruct(setup, stack, 1e-6, mesh=which) for which in (mesh, None))
+assert len(shared.sharding.device_set) == n_devices
+error = np.abs(here(shared) - here(alone)).max() / np.abs(here(alone)).max()
+assert error < 1e-9, error
+print("space: the same")
+"""
+
 
 @contextmanager
 def running(script: str, *arguments: str):
-    """A process that is gone afterwards, whatever happens."""
+    """A process that ends with the block, whatever happens in it; a busy machine has its time."""
     environment = os.environ | {"NPROC": "8", "OPENBLAS_NUM_THREADS": "1", "JAX_PLATFORMS": "cpu"}
     process = subprocess.Popen(
         [sys.executable, "-c", PROBLEM + script, *arguments],
@@ -71,7 +82,7 @@ def running(script: str, *arguments: str):
         stderr=subprocess.STDOUT,
         text=True,
     )
-    with process:
+    with process:  # waits for it, and closes its pipe
         try:
             yield process
         finally:
@@ -79,16 +90,15 @@ def running(script: str, *arguments: str):
 
 
 def finish(process: subprocess.Popen) -> str:
-    """What it says; it may take as long as a busy machine wants."""
     output, _ = process.communicate()
     assert process.returncode == 0, output[-3000:]
     return output
 
 
 def test_two_devices_share_frequencies_and_images(unoptimised):
-    with running(DIRECT + GRADIENT + PLAN, "2") as process:
+    with running(DIRECT + GRADIENT + PLAN + SPACE, "2") as process:
         output = finish(process)
-    for what in ("direct", "gradient", "plan"):
+    for what in ("direct", "gradient", "plan", "space"):
         assert f"{what}: the same" in output
 
 
@@ -96,8 +106,16 @@ def test_two_processes_share_the_frequencies(unoptimised):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"
-    with running(DIRECT, "2", address, "0") as one, running(DIRECT, "2", address, "1") as other:
-        assert all("direct: the same" in finish(process) for process in (one, other))
+    with ExitStack() as stack:
+        both = [stack.enter_context(running(DIRECT, "2", address, str(k))) for k in (0, 1)]
+        assert all("direct: the same" in finish(process) for process in both)
+
+
+def test_no_process_is_left_behind_when_a_test_is_interrupted(monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "PROBLEM", "import time; time.sleep(3600)")
+    with pytest.raises(KeyboardInterrupt), running("") as process:
+        raise KeyboardInterrupt
+    assert process.poll() is not None
 
 
 def test_shards_are_dealt_and_collected_in_order():
@@ -110,9 +128,10 @@ def test_shards_are_dealt_and_collected_in_order():
 
 
 def test_a_mesh_of_two_axes_is_refused(arc, arc_plan):
+    bell = phantoms.Bells([[0.1, 0.2]], [0.7])
+    g = bell.circular_integrals(arc.curve, arc.radii)
     for problem in (arc, arc_plan):
         with pytest.raises(ValueError, match="of one axis"):
-            mesh = jax.make_mesh((1, 1), ("a", "b"))
-            reconstruct(problem, np.zeros(arc.data_shape), mesh=mesh)
+            reconstruct(problem, g, mesh=jax.make_mesh((1, 1), ("a", "b")))
     with pytest.raises(ValueError, match="of one axis"):
         checked_mesh("gpu")

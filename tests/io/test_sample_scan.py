@@ -7,6 +7,7 @@ from jaxtat.cli import main
 from jaxtat.io import load_scan
 from jaxtat.io.datasets import sample_scan
 from jaxtat.io.sample_scan import SOUND_SPEED, sample_phantom
+from jaxtat.scans import choose, reconstruct
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +30,7 @@ def test_it_is_a_scanners_record(path):
         assert file["detectors"].shape == (256, 3)
         assert set(file.files) == {"pressure", "detectors", "sampling_rate"}
         assert file["pressure"].min() > 0
-    chosen = choices_for(load_scan(path), sound_speed=SOUND_SPEED)
+    chosen = choose(load_scan(path), sound_speed=SOUND_SPEED)
     assert chosen.model == "in-plane"
     assert len(chosen.channels) == 256
     assert 8.5e-3 < chosen.region_radius < 1.5 * 8.5e-3
@@ -38,11 +39,11 @@ def test_it_is_a_scanners_record(path):
 def test_the_image_shows_the_phantom(path):
     """Up to a factor and the slow parts that the record has not."""
     scan = load_scan(path)
-    choices = choices_for(scan, sound_speed=SOUND_SPEED, pixels=41, max_frequency=4000.0)
-    found = reconstruct_scan(scan, choices, progress=False)
+    choices = choose(scan, sound_speed=SOUND_SPEED, pixels=41, max_frequency=4000.0)
+    found = reconstruct(scan, choices)
     points = found.grid.points
     inside = np.asarray(found.region.contains(points))
-    image = np.asarray(found.images).reshape(found.grid.shape)[inside]
+    image = np.asarray(found.image).reshape(found.grid.shape)[inside]
     truth = np.asarray(sample_phantom()(points))[inside]
     assert np.corrcoef(image, truth)[0, 1] > 0.7
 

@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jaxtat import circular_arc, data_radii, disk, phantoms, reconstruct
+from jaxtat import Tikhonov, build_plan, circular_arc, data_radii, disk, phantoms, reconstruct
 from jaxtat.cli import main
 from jaxtat.io import Scan
-from jaxtat.reconstruction.plan import build_plan
-from jaxtat.regularization.rules import Tikhonov
 from jaxtat.reporting import report_scan
-from jaxtat.scans import choices_for
+from jaxtat.scans import choose
 
 # as in tests/cli/test_cli.py, so that programs are shared
-CURVE, DISK = circular_arc(1.3, 1.0, 24), disk(0.8, n_boundary=48)
+CURVE, DISK = circular_arc(1.3, 1.0, 24), disk(0.8)
 MAX_FREQUENCY = 2 * np.pi / 0.8
 RADII = np.asarray(data_radii(CURVE, DISK, 0.16))
 DATA = np.asarray(phantoms.Bells([[0.1, -0.15]], [0.6]).circular_integrals(CURVE, RADII))
@@ -32,9 +30,9 @@ def few_figures(monkeypatch):
 def collocated(asked):
     """`build_plan` that notes what is asked for, by the method that compiles fastest."""
 
-    def build(*arguments, **options):
-        plan = build_plan(Setup(*arguments), **options, method="collocation")
-        asked.update(options, rule=arguments[-1], plan=plan)
+    def build(setup, rule, **options):
+        plan = build_plan(setup, rule, **options, method="collocation")
+        asked.update(options, rule=rule, plan=plan)
         return plan
 
     return build
@@ -52,29 +50,28 @@ def test_the_image_is_that_of_the_direct_reconstructions_regularisation(
     found = report_scan(
         tmp_path / "r.html",
         scan,
-        choices_for(scan, **GIVEN),
+        choose(scan, **GIVEN),
         frame=1,
         sigma=0.1,
         uncertainty_pixels=0,
         title="two frames",
-        progress=False,
     )
     assert isinstance(asked["rule"], Tikhonov)
     assert float(asked["rule"].alpha) == 1e-6
-    assert asked["max_frequency"] == MAX_FREQUENCY
-    inside = np.asarray(found.region.contains(found.grid.points))
+    assert asked["plan"].setup.sizes.max_frequency == MAX_FREQUENCY
+    inside = np.asarray(found.setup.region.contains(found.setup.grid.points))
     expected = np.asarray(reconstruct(asked["plan"], DATA))
     assert expected.max() > 0.5
     assert_allclose(np.asarray(found.image)[inside], expected[inside], rtol=1e-12)
     text = (tmp_path / "r.html").read_text()
     assert "two frames, frame 1 of 2" in text
     assert re.search(r"alpha</th><td>1e-06</td><td>given", text)
-    coarse = choices_for(scan, **GIVEN | {"alpha": 10.0})  # leaves out waves on purpose
-    report_scan(tmp_path / "r.html", scan, coarse, sigma=0.1, uncertainty_pixels=0, progress=False)
+    coarse = choose(scan, **GIVEN | {"alpha": 10.0})  # leaves out waves on purpose
+    report_scan(tmp_path / "r.html", scan, coarse, sigma=0.1, uncertainty_pixels=0)
     off = np.asarray(asked["plan"].report.residual) > 0.3
     assert off.mean() > 0.1, "of which build_plan warns, and the page says what it means"
     with pytest.raises(ValueError, match="frame is 2, but the scan has 2, counted from 0"):
-        report_scan(tmp_path / "r.html", scan, choices_for(scan, **GIVEN), frame=2)
+        report_scan(tmp_path / "r.html", scan, choose(scan, **GIVEN), frame=2)
 
 
 def test_the_command_writes_a_page(tmp_path, monkeypatch, few_figures, capsys):

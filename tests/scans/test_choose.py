@@ -7,7 +7,7 @@ from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, N, positions, raw_coun
 from jaxtat import detector_curve, phantoms
 from jaxtat.io import Scan
 from jaxtat.io.frames import LazyFrames
-from jaxtat.scans import describe, with_facts
+from jaxtat.scans import choose, describe, with_facts
 from jaxtat.steps import AccuracyWarning
 
 REACH = max(np.hypot(*c) + r for c, r in zip(BELLS["centers"], BELLS["radii"], strict=True))
@@ -25,7 +25,7 @@ def counts(pressure):
 
 @pytest.fixture(scope="module")
 def chosen(counts):
-    return choices_for(scan(counts))
+    return choose(scan(counts))
 
 
 def test_a_raw_scan(chosen):
@@ -53,14 +53,14 @@ def test_a_raw_scan(chosen):
 @pytest.mark.parametrize("noise", [0.003, 0.03])
 def test_alpha_is_noise_over_signal_power(pressure, noise):
     """Signal over the whole of the record that may sound, noise of this size in all of it."""
-    chosen = choices_for(scan(raw_counts(pressure, noise)))
+    chosen = choose(scan(raw_counts(pressure, noise)))
     arrival = (RADIUS - chosen.region_radius) / SPEED
     signal = np.mean(pressure[:, arrival < TIMES] ** 2) / np.abs(pressure).max() ** 2
     assert 0.3 < chosen.alpha / (noise**2 / signal) < 3
 
 
 def test_exact_records_are_hardly_regularised_and_not_smoothed(pressure):
-    chosen = choices_for(scan(pressure))
+    chosen = choose(scan(pressure))
     assert chosen.alpha == 1e-6
     assert chosen.low_pass == "none"
     assert chosen.dead_time == 0.0
@@ -72,16 +72,16 @@ def test_bad_channels_are_left_out_and_named(counts, pressure):
     bad[40] = 32768
     rng = np.random.default_rng(1)
     bad[61] = (32768 + 8000 * rng.standard_normal(len(TIMES))).clip(0, 65535)
-    chosen = choices_for(scan(bad))
+    chosen = choose(scan(bad))
     assert chosen.left_out == (5, 40, 61)
     assert dict(chosen.reasons)["channels"] == "left out: dead 5, 40; noisy 61"
     assert set(chosen.channels) == set(range(N)) - {5, 40, 61}
     blank = pressure.copy()
     blank[7, 20], blank[12, 3] = np.nan, np.inf
-    assert choices_for(scan(blank)).left_out == (7, 12)
-    assert choices_for(scan(bad), use=np.arange(N)).left_out == ()
+    assert choose(scan(blank)).left_out == (7, 12)
+    assert choose(scan(bad), use=np.arange(N)).left_out == ()
     with pytest.raises(ValueError, match="of 90 detectors are good"):
-        choices_for(scan(np.zeros_like(counts)))
+        choose(scan(np.zeros_like(counts)))
 
 
 def faded_record(pressure, first, last):
@@ -103,7 +103,7 @@ def test_faded_channels_are_left_out_and_the_arc_is_that_of_the_others(pressure)
     whole = (means[:, len(radii) :] - means[:, : len(radii)]) / h
     record, out = faded_record(whole, 40, 55)
     known = {"detectors": points, "times": TIMES, "sound_speed": SPEED}
-    chosen = choices_for(found := Scan("pressure", record, known), model="in-plane")
+    chosen = choose(found := Scan("pressure", record, known), model="in-plane")
     assert set(out) - set(chosen.left_out) <= {31, 64}  # of 97 % of the gain
     assert set(chosen.left_out) <= set(out)
     assert "dead 39-56; faded 3" in dict(chosen.reasons)["channels"]
@@ -113,19 +113,19 @@ def test_faded_channels_are_left_out_and_the_arc_is_that_of_the_others(pressure)
     assert abs((chosen.region_angle - middle + 180) % 360 - 180) < 5
     assert not bool(chosen.curve(points).closed)
     assert "opens towards" in describe(found, chosen)
-    assert choices_for(Scan("pressure", whole, known), model="in-plane").left_out == ()
+    assert choose(Scan("pressure", whole, known), model="in-plane").left_out == ()
 
 
 def test_positions_in_the_plane_are_a_scanners_if_sizes_rate_and_counts_are(counts, pressure):
     """Two columns, as people save them: the physics does not follow from the missing third."""
     known = {"detectors": positions()[:, :2], "sampling_rate": RATE, "sound_speed": SPEED}
     for data in (counts, counts.astype(float), pressure + 40 * pressure.max()):
-        chosen = choices_for(Scan("pressure", data, known))
+        chosen = choose(Scan("pressure", data, known))
         assert chosen.model == "in-plane"
         assert "rate and counts" in dict(chosen.reasons)["model"]
     with pytest.warns(AccuracyWarning, match="scanner's record needs model in-plane"):
-        assert choices_for(Scan("pressure", pressure, known)).model == "2d"
-    assert choices_for(Scan("pressure", pressure, known), model="2d").model == "2d"
+        assert choose(Scan("pressure", pressure, known)).model == "2d"
+    assert choose(Scan("pressure", pressure, known), model="2d").model == "2d"
 
 
 @pytest.mark.parametrize("turn", [0.0, 70.0, 211.0])
@@ -137,7 +137,7 @@ def test_wherever_the_arc_opens(counts, chosen, turn):
         counts[mixed],
         {"detectors": positions(turn)[mixed], "times": TIMES, "sound_speed": SPEED},
     )
-    found = choices_for(other)
+    found = choose(other)
     assert np.array_equal(mixed[list(found.order)], np.arange(N))
     away = (found.region_angle - (turn - 90) + 180) % 360 - 180
     assert abs(away) < 1e-9
@@ -150,7 +150,7 @@ def test_millimetres_and_microseconds(counts, chosen):
     other = Scan(
         "pressure", counts, {"detectors": 1e3 * positions(), "times": 1e6 * TIMES}, {"date": "now"}
     )
-    found = choices_for(other)
+    found = choose(other)
     assert found.model == "in-plane"
     assert found.sound_speed == 1.5  # nominal
     assert np.isclose(found.region_radius, 1e3 * chosen.region_radius)
@@ -159,7 +159,7 @@ def test_millimetres_and_microseconds(counts, chosen):
 
 def test_a_simulation_without_units(pressure):
     known = {"detectors": positions()[:, :2] / RADIUS, "times": TIMES * SPEED / RADIUS}
-    chosen = choices_for(Scan("pressure", pressure, known))
+    chosen = choose(Scan("pressure", pressure, known))
     assert (chosen.model, chosen.sound_speed, chosen.band) == ("2d", 1.0, None)
     assert "taken to be 1" in dict(chosen.reasons)["sound_speed"]
     assert 0.8 * REACH < RADIUS * chosen.region_radius < 1.6 * REACH
@@ -167,12 +167,12 @@ def test_a_simulation_without_units(pressure):
 
 def test_the_file_bounds_the_view(counts):
     view = [-5e-3, 5e-3, -4e-3, 4e-3, 0.0, 0.0]
-    chosen = choices_for(scan(counts, field_of_view=view))
+    chosen = choose(scan(counts, field_of_view=view))
     assert np.isclose(chosen.region_radius, np.hypot(5e-3, 4e-3))
     assert dict(chosen.reasons)["region_radius"] == "the field of view in the file"
-    wide = choices_for(scan(counts, field_of_view=[-0.03, 0.03] * 3))
+    wide = choose(scan(counts, field_of_view=[-0.03, 0.03] * 3))
     assert wide.region_radius < 2 * REACH
-    assert choices_for(scan(counts, field_of_view=[0.0] * 6)).region_radius == wide.region_radius
+    assert choose(scan(counts, field_of_view=[0.0] * 6)).region_radius == wide.region_radius
 
 
 def test_beyond_the_ends_of_the_arc_nothing_is_seen(pressure):
@@ -180,10 +180,10 @@ def test_beyond_the_ends_of_the_arc_nothing_is_seen(pressure):
     points = positions(n=N, span=240.0)  # the chord is half the radius from the middle
     loud = np.random.default_rng(0).standard_normal(pressure.shape)
     known = {"detectors": points, "times": TIMES, "sound_speed": SPEED}
-    chosen = choices_for(Scan("pressure", loud, known))
+    chosen = choose(Scan("pressure", loud, known))
     assert chosen.region_radius > 0.6 * RADIUS
     assert np.isclose(chosen.region_cut, 0.5 * RADIUS)
-    given = choices_for(Scan("pressure", loud, known), region_radius=0.7 * RADIUS)
+    given = choose(Scan("pressure", loud, known), region_radius=0.7 * RADIUS)
     assert given.region_cut == given.region_radius  # as asked
 
 
@@ -207,20 +207,20 @@ def test_beyond_the_ends_of_the_arc_nothing_is_seen(pressure):
     ],
 )
 def test_every_choice_can_be_given(counts, name, value):
-    chosen = choices_for(scan(counts), **{name: value})
+    chosen = choose(scan(counts), **{name: value})
     assert getattr(chosen, name) == value
     assert dict(chosen.reasons)[name] == "given"
 
 
 def test_details_beyond_what_is_supported_are_named(counts, chosen):
-    reason = dict(choices_for(scan(counts), max_frequency=1e5).reasons)["max_frequency"]
+    reason = dict(choose(scan(counts), max_frequency=1e5).reasons)["max_frequency"]
     assert reason == f"given; {dict(chosen.reasons)['max_frequency']} supports " + (
         f"{chosen.max_frequency * 1e-3:.5g} rad/mm"
     )
 
 
 def test_no_band_can_be_asked_for(counts):
-    assert choices_for(scan(counts), band="none").band is None
+    assert choose(scan(counts), band="none").band is None
 
 
 @pytest.mark.parametrize(
@@ -236,20 +236,20 @@ def test_no_band_can_be_asked_for(counts):
 )
 def test_what_cannot_be_given(counts, given, reason):
     with pytest.raises(ValueError, match=reason):
-        choices_for(scan(counts), **given)
+        choose(scan(counts), **given)
 
 
 def test_what_a_file_lacks(counts, tmp_path):
     bare = Scan("pressure", counts)
     with pytest.raises(ValueError, match="no detector positions"):
-        choices_for(bare)
+        choose(bare)
     with pytest.raises(ValueError, match="no sample times"):
-        choices_for(with_facts(bare, detectors=positions()))
+        choose(with_facts(bare, detectors=positions()))
     known = with_facts(bare, detectors=positions(), sampling_rate=4e6)
-    assert choices_for(known).sound_speed == 1500.0
+    assert choose(known).sound_speed == 1500.0
     line = np.stack([np.linspace(-0.02, 0.02, N), np.zeros(N)], axis=1)
     with pytest.raises(ValueError, match="see no point from all sides"):
-        choices_for(with_facts(bare, detectors=line, sampling_rate=4e6))
+        choose(with_facts(bare, detectors=line, sampling_rate=4e6))
     with pytest.raises(ValueError, match="the scanner is 'ct'"):
         with_facts(bare, scanner="ct")
     with pytest.raises(ValueError, match="256"):
@@ -261,15 +261,15 @@ def test_what_a_file_lacks(counts, tmp_path):
 def test_a_record_that_ends_early_bounds_the_region_and_what_is_asked_beyond_is_refused():
     """48.4 mm of sound from everywhere, detectors at 40."""
     short, end = scan(np.random.default_rng(0).standard_normal((N, 130))), SPEED * TIMES[129]
-    chosen = choices_for(short)
+    chosen = choose(short)
     assert chosen.region_radius == pytest.approx(end - RADIUS)
     assert "detectors and record (path 48.37 mm) cover" in dict(chosen.reasons)["region_radius"]
     last = chosen.first_radius + chosen.radial_step * (chosen.n_radii - 1)
     assert end - 1.01 * chosen.radial_step < last <= end
     with pytest.raises(ValueError, match=r"ends 0.0026\d+ before .* up to 0.0083\d+ can be had"):
-        choices_for(short, region_radius=0.011)
+        choose(short, region_radius=0.011)
     known = {name: short.known[name] for name in ("detectors", "sampling_rate")}
-    unknown = choices_for(Scan("pressure", short.data, known))
+    unknown = choose(Scan("pressure", short.data, known))
     # the record must do for the least speed that will be tried
     assert unknown.region_radius == pytest.approx(1400 * TIMES[129] - RADIUS)
 
@@ -283,7 +283,7 @@ def test_a_record_that_ends_early_bounds_the_region_and_what_is_asked_beyond_is_
 )
 def test_units_that_do_not_fit_each_other_are_refused(counts, known, path):
     with pytest.raises(ValueError, match=path + ".* in units that fit each other"):
-        choices_for(scan(counts, **known))
+        choose(scan(counts, **known))
 
 
 def test_a_scanner_gives_what_a_file_lacks():
@@ -303,7 +303,7 @@ def test_of_many_frames_few_are_read(counts, chosen):
         return np.stack([counts * (k % 7 != 0) for k in numbers])
 
     many = scan(LazyFrames((1000, *counts.shape), counts.dtype, read))
-    assert choices_for(many).alpha == pytest.approx(chosen.alpha)
+    assert choose(many).alpha == pytest.approx(chosen.alpha)
     assert len(asked) <= 5
 
 

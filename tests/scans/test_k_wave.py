@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxtat import ImageGrid, RelativeCutoff, Setup, disk, elliptic_arc, reconstruct_file, solve
+from jaxtat import ImageGrid, RelativeTikhonov, Setup, disk, elliptic_arc, reconstruct_file, solve
 from jaxtat.records import pressure_to_circular_integrals
 from jaxtat.spherical import spherical_cap
 from jaxtat.steps import AccuracyWarning
@@ -80,7 +80,7 @@ def test_the_phantom_comes_back_with_nothing_given(recorded):
     with pytest.warns(AccuracyWarning, match="no third coordinate nor counts"):
         found = reconstruct_file(recorded(positions, 2e-4))
     assert found.choices.model == "2d"
-    assert relative_error(found.images, found.region, found.grid) < 0.01
+    assert relative_error(found.image, found.region, found.grid) < 0.01
 
 
 def test_a_volume_comes_back_with_nothing_given(recorded):
@@ -88,18 +88,18 @@ def test_a_volume_comes_back_with_nothing_given(recorded):
     cap = spherical_cap(RADIUS, 10e-3, 32, 64)
     found = reconstruct_file(recorded(np.asarray(cap.points).reshape(-1, 3), 4.5e-4))
     assert found.choices.model == "in-space"
-    assert relative_error(found.images, found.region, found.grid) < 0.03
+    assert relative_error(found.image, found.region, found.grid) < 0.03
 
 
 def test_a_curve_that_is_no_arc(simulated):
     """Two thirds of an ellipse, seen by which the disk of the phantom is wholly."""
     curve = elliptic_arc((15e-3, 11e-3), 150, start=np.radians(55), stop=np.radians(305))
-    region = disk(7.5e-3, n_boundary=300, center=(-1.2e-3, 0.5e-3))
+    region = disk(7.5e-3, center=(-1.2e-3, 0.5e-3))
     interval, pressure = simulated(np.asarray(curve.points), 2e-4, 15e-3, 26e-3)
     times = interval * np.arange(pressure.shape[1])
     grid = ImageGrid(81, 8e-3, (-1.2e-3, 0.5e-3))
     radii = np.arange(2e-3, 25e-3, 2e-4)
     g = pressure_to_circular_integrals(pressure, times, radii, sound_speed=SPEED)
-    found = solve(Setup(curve, region, grid, radii), g, RelativeCutoff(0.03))
+    found = solve(Setup(curve, region, grid, radii), g, RelativeTikhonov(0.03))
     assert found.basis == "cylindrical"
     assert relative_error(found.image, region, grid) < 0.03

@@ -12,6 +12,7 @@ from jaxtat import phantoms, polyline, reconstruct_file
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_settings, save_ipasc
 from jaxtat.io.frames import LazyFrames
+from jaxtat.scans import choose, reconstruct
 
 # one size for nearly all tests: few programs
 GIVEN = {"region_radius": 0.011, "pixels": 45, "max_frequency": 3500.0, "band": (2e4, 1.5e6)}
@@ -41,9 +42,9 @@ def noise_level(pressure, clean):
 
 
 def image(of, **given):
-    chosen = choices_for(of, **GIVEN | {"alpha": 1e-2, "dead_time": 4e-6} | given)
-    found = reconstruct_scan(of, chosen, progress=False)
-    return np.where(found.region.contains(found.grid.points), found.images, 0.0)
+    chosen = choose(of, **GIVEN | {"alpha": 1e-2, "dead_time": 4e-6} | given)
+    found = reconstruct(of, chosen)
+    return np.where(found.region.contains(found.grid.points), found.image, 0.0)
 
 
 def relative(one, other):
@@ -67,7 +68,7 @@ def test_everything_chosen_the_image_is_that_of_the_phantom(counts, tmp_path):
     inside = np.asarray(found.region.contains(found.grid.points))
     assert found.unit == "m"
     assert found.frames is None
-    assert like(found.images[inside], truth(found.grid.points)[inside]) > 0.98
+    assert like(found.image[inside], truth(found.grid.points)[inside]) > 0.98
     assert "region_radius" in lines[0]
 
 
@@ -81,7 +82,7 @@ def test_around_an_l_the_largest_disk_that_is_seen(tmp_path):
     inscribed = 2 * (1 - 0.5**0.5)  # of the triangle
     assert 0.75 * inscribed < found.choices.region_radius < inscribed
     inside = np.asarray(found.region.contains(found.grid.points))
-    assert relative(found.images[inside], np.asarray(bell(found.grid.points))[inside]) < 0.05
+    assert relative(found.image[inside], np.asarray(bell(found.grid.points))[inside]) < 0.05
 
 
 def test_shuffled_detectors_give_the_same_image(counts, clean):
@@ -98,7 +99,7 @@ def test_without_a_tenth_of_the_channels_the_image_is_the_same_within_the_noise(
     broken[dead[:5]] = 0
     broken[dead[5:]] = 32768
     found = scan(broken)
-    assert set(choices_for(found).left_out) == set(dead.tolist())
+    assert set(choose(found).left_out) == set(dead.tolist())
     assert relative(image(found), clean) < 1.5 * noise_level
     # as zeros they would be data, and wrong ones
     assert relative(image(found, use=np.arange(N)), clean) > 3 * noise_level
@@ -130,13 +131,13 @@ def test_frames_are_read_a_few_at_a_time_and_each_is_its_own(counts, clean, monk
 
     known = {"wavelengths": [700.0, 730.0, 760.0, 800.0, 850.0]}
     lazy = scan(LazyFrames(frames.shape, frames.dtype, read), **known)
-    chosen = choices_for(lazy, **GIVEN, alpha=1e-2, dead_time=4e-6)
+    chosen = choose(lazy, **GIVEN, alpha=1e-2, dead_time=4e-6)
     together.clear()
     monkeypatch.setattr(jaxtat.scans.images, "AT_A_TIME", 2 * 8 * counts.size)
     out = np.full((5, 45, 45), np.nan)
-    found = reconstruct_scan(lazy, chosen, out=out, progress=False)
+    found = reconstruct(lazy, chosen, out=out)
     assert max(together) == 2
-    assert found.images is out
+    assert found.image is out
     assert found.frames.tolist() == known["wavelengths"]
     inside = np.asarray(found.region.contains(found.grid.points))
     assert relative(out[0][inside], clean[inside]) < 1e-9
@@ -144,10 +145,10 @@ def test_frames_are_read_a_few_at_a_time_and_each_is_its_own(counts, clean, monk
     assert relative(out[1][inside], clean[inside] / 2) < 5e-3  # half counts are rounded
     assert relative(out[4][inside], out[2][inside] / 2) < 5e-3
     with pytest.raises(ValueError, match="out has shape"):
-        reconstruct_scan(lazy, chosen, out=out[:4], progress=False)
+        reconstruct(lazy, chosen, out=out[:4])
     endless = scan(LazyFrames((10**12, *counts.shape), frames.dtype, read))
     with pytest.raises(ValueError, match="1000000000000 frames do not fit into memory"):
-        reconstruct_scan(endless, chosen, progress=False)
+        reconstruct(endless, chosen)
 
 
 def test_an_impulse_response_is_removed(pressure, clean):

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import tifffile
 
-from jaxtat import VolumeGrid, reconstruct_file
+import jaxtat
+from jaxtat import Setup, VolumeGrid, reconstruct_file
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_scan, load_settings, save_ipasc
-from jaxtat.scans import choices_for, describe, reconstruct_scan
+from jaxtat.scans import choose, describe, reconstruct, setup_of
 from jaxtat.scans import integrals as integrals_of
-from jaxtat.scans.space import Space
-from jaxtat.spherical import Bells, ball, cap_radii, solve, spherical_cap
+from jaxtat.spherical import Bells, ball, cap_radii, spherical_cap
 
 CENTER = np.array([0.02, -0.01, 0.03])
 CAP = spherical_cap(0.04, 0.03, 13, 28, center=CENTER)
@@ -44,14 +44,12 @@ def integrals():
     """Radii, g, and the volume that Python makes of them."""
     radii = radii_of(1.0)
     g = BELL.spherical_integrals(CAP, radii)
-    found = solve(
-        Setup(CAP, REGION, GRID, radii, max_frequency=MAX_FREQUENCY), g, 1e-6, inversion="fourier"
-    )
+    setup = Setup(CAP, REGION, GRID, radii, max_frequency=MAX_FREQUENCY)
+    volume = jaxtat.reconstruct(setup, g, 1e-6, inversion="fourier")
     inside = np.asarray(REGION.contains(GRID.points))
-    assert (
-        np.abs(np.asarray(found.volume - BELL.volume(GRID)))[inside].max() < 0.13
-    )  # beyond the grid
-    return radii, np.asarray(g), np.where(inside, found.volume, 0.0)
+    off = np.abs(np.asarray(volume - BELL.volume(GRID)))[inside]
+    assert off.max() < 0.13  # beyond the grid
+    return radii, np.asarray(g), np.where(inside, volume, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -102,12 +100,11 @@ def test_upside_down_is_turned_over(scan_file, integrals):
         region_radius=RADIUS,
         pixels=9,
         max_frequency=MAX_FREQUENCY,
-        progress=False,
     )
-    assert found.images.shape == (2, 9, 9, 9)
+    assert found.image.shape == (2, 9, 9, 9)
     inside = np.asarray(found.region.contains(found.grid.points))
-    np.testing.assert_allclose(found.images[1], 2 * found.images[0], atol=1e-12)
-    error = np.abs(found.images[0][:, :, ::-1] - wanted) * inside
+    np.testing.assert_allclose(found.image[1], 2 * found.image[0], atol=1e-12)
+    error = np.abs(found.image[0][:, :, ::-1] - wanted) * inside
     assert error.max() < 0.02
 
 
@@ -132,15 +129,15 @@ def test_pressure_in_the_exchange_format(integrals, tmp_path, capsys):
     said = capsys.readouterr().out
     for text in ("13 rings of 28 on a sphere, open upwards, radius 40 mm", "in-space", "water's"):
         assert text in said
-    choices = choices_for(load_scan(path))
+    choices = choose(load_scan(path))
     assert choices.region_radius == pytest.approx(0.03) and choices.region_cut == pytest.approx(
         0.03
     )
     assert choices.alpha < 1e-5 and choices.low_pass == "none"
     given = {"region_radius": RADIUS, "pixels": 9, "max_frequency": MAX_FREQUENCY}
-    found = reconstruct_file(path, **given, progress=False)
+    found = reconstruct_file(path, **given)
     inside = np.asarray(found.region.contains(found.grid.points))
-    error = np.abs(found.images * inside - integrals[2]).max()
+    error = np.abs(found.image * inside - integrals[2]).max()
     assert found.unit == "m" and error < 0.02
 
 
@@ -149,12 +146,12 @@ def test_radii_end_with_a_short_record(n):
     """Where the region is as much as the record covers, its last radius must be there too."""
     known = {"detectors": shuffled()[0], "sampling_rate": RATE}
     scan = Scan("pressure", record()[:, :n], known)
-    choices = choices_for(scan)
+    choices = choose(scan)
     end = SOUND / RATE * (n - 1)
     assert choices.region_radius == pytest.approx(end - 0.04)
     assert choices.radii[-1] <= end < choices.radii[-1] + 1.01 * choices.radial_step
-    Space.of(scan, choices).layout(choices)  # they still cover the region
-    integrals_of(scan, choices, choices.radii, scan.frame(0))  # and are in it
+    setup = setup_of(scan, choices)  # they still cover the region
+    integrals_of(scan, choices, setup, scan.frame(0))  # and are in it
 
 
 def of_open_cap():
@@ -173,14 +170,14 @@ def test_caps_open_above_the_middle_too():
         points = np.asarray(spherical_cap(1.3, 1.3 * top, 22, 56).points).reshape(-1, 3)
         known = {"detectors": points, "radii": 0.3 + 0.05 * np.arange(40)}
         noise = np.random.default_rng(4).random((len(points), 40))
-        choices = choices_for(scan := Scan("circular_integrals", noise, known), pixels=33)
+        choices = choose(scan := Scan("circular_integrals", noise, known), pixels=33)
         assert choices.region_cut < choices.region_radius
-        Space.of(scan, choices).layout(choices)
+        setup_of(scan, choices)
     scan, bell = of_open_cap()
-    found = reconstruct_scan(scan, choices_for(scan, pixels=17), progress=False)
+    found = reconstruct(scan, choose(scan, pixels=17))
     inside = np.array(found.region.contains(found.grid.points))
     inside &= np.asarray(found.grid.points)[..., 2] < 0.4
-    error = np.abs(found.images - np.asarray(bell.volume(found.grid)))[inside].max()
+    error = np.abs(found.image - np.asarray(bell.volume(found.grid)))[inside].max()
     assert inside.sum() > 400 and error < 0.03
 
 
@@ -190,12 +187,12 @@ def test_choices_of_few_detectors_anywhere_and_of_a_hemisphere():
     unit = rng.standard_normal((90, 3))
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     scan = Scan("circular_integrals", data, {"detectors": unit, "radii": radii})
-    choices = choices_for(scan)
+    choices = choose(scan)
     assert choices.max_frequency < (np.sqrt(90) - 1) / 0.7 and "on no rings" in choices.table()
     assert "radius 1 about" in describe(scan, choices).replace("radius 1.0", "radius 1")
     half = np.asarray(spherical_cap(1.3, 0.0, 12, 24, rule="equal").points).reshape(-1, 3)
     known = {"detectors": half, "radii": radii}
-    choices = choices_for(Scan("circular_integrals", rng.random((288, 40)), known))
+    choices = choose(Scan("circular_integrals", rng.random((288, 40)), known))
     assert abs(choices.region_cut) < 1e-9 < choices.region_radius == pytest.approx(0.975)
 
 
@@ -208,11 +205,11 @@ def test_detectors_without_data_are_named():
     known = {"detectors": np.asarray(cap.points).reshape(-1, 3), "radii": radii}
     scan = Scan("circular_integrals", data, known)
     with pytest.raises(ValueError, match=r"3 of 960 detectors .* \(rows 7, 90, 500\)"):
-        choices_for(scan)
+        choose(scan)
     with pytest.raises(ValueError, match=r"same even number.*up to 800 .* choose some with --use"):
-        choices_for(scan, use=np.delete(np.arange(960), [7, 90, 500]))
+        choose(scan, use=np.delete(np.arange(960), [7, 90, 500]))
     whole = np.setdiff1d(np.arange(960), np.r_[0:160, 480:560])
-    assert "9 rings of 80" in choices_for(scan, use=whole).table()
+    assert "9 rings of 80" in choose(scan, use=whole).table()
 
 
 def test_contradictions_in_space_are_refused():
@@ -223,20 +220,20 @@ def test_contradictions_in_space_are_refused():
     for rate, path in ((1.2, r"3.112e\+05"), (1e9, "0.0003735")):
         other = Scan("pressure", data, known | {"sampling_rate": rate, "sound_speed": SOUND})
         with pytest.raises(ValueError, match=f"path of {path}, while .* 0.04 from their middle"):
-            choices_for(other)
+            choose(other)
     with pytest.raises(ValueError, match=r"ends 0\.005.* before the far side"):
-        choices_for(Scan("pressure", data[:, :160], known), region_radius=0.025)
+        choose(Scan("pressure", data[:, :160], known), region_radius=0.025)
     slow = Scan("pressure", data, known | {"sampling_rate": 1e4, "sound_speed": SOUND})
     with pytest.raises(ValueError, match=r"more than the whole region, 0\.04 across"):
-        choices_for(slow, region_radius=RADIUS)
-    assert choices_for(whole, max_frequency=10.0).max_frequency == 10.0  # as asked
+        choose(slow, region_radius=RADIUS)
+    assert choose(whole, max_frequency=10.0).max_frequency == 10.0  # as asked
     known = {"detectors": points, "radii": 0.03 + 1e-3 * np.arange(20)}
     integrals = Scan("circular_integrals", np.ones((364, 20)) * np.arange(20), known)
-    chosen = choices_for(integrals)
+    chosen = choose(integrals)
     assert chosen.region_radius == pytest.approx(0.009)
     assert dict(chosen.reasons)["region_radius"] == "as much as the radii cover"
     with pytest.raises(ValueError, match=r"radii run from 0\.03 to 0\.049"):
-        choices_for(integrals, region_radius=RADIUS)
+        choose(integrals, region_radius=RADIUS)
 
 
 def test_what_does_not_apply_in_space_is_refused(scan_file, tmp_path, capsys):
@@ -255,7 +252,7 @@ def test_what_does_not_apply_in_space_is_refused(scan_file, tmp_path, capsys):
         assert "plans and reports are for images" in capsys.readouterr().err
     points = np.random.default_rng(0).standard_normal((900, 3))
     with pytest.raises(ValueError, match="Only up to 800 detectors may lie anywhere"):
-        choices_for(Scan("circular_integrals", np.ones((900, 5)), {"detectors": points}))
+        choose(Scan("circular_integrals", np.ones((900, 5)), {"detectors": points}))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -269,7 +266,7 @@ def test_rows_that_are_not_there_are_refused(dimension):
         (np.ones(364, bool), "expected whole numbers"),
     ):
         with pytest.raises(ValueError, match=message):
-            choices_for(scan, use=use)
+            choose(scan, use=use)
 
 
 def test_detectors_in_a_plane_do_not_record_volumes():
@@ -277,4 +274,4 @@ def test_detectors_in_a_plane_do_not_record_volumes():
     points = np.stack([np.cos(theta), np.sin(theta), 0 * theta], axis=1)
     scan = Scan("pressure", np.ones((64, 300)), {"detectors": points, "sampling_rate": 1e2})
     with pytest.raises(ValueError, match="model is 'in-space', but the detectors lie in a plane"):
-        choices_for(scan, model="in-space")
+        choose(scan, model="in-space")
