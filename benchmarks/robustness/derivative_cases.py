@@ -15,10 +15,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from derivatives import Case
+from jaxtat.iterative import smoothed_variation
 
 import jaxtat as jt
 from jaxtat import line_detectors, phantoms, special, spherical
-from jaxtat.iterative import smoothed_variation
 
 Rng = np.random.Generator
 Cases = Iterator[Case]

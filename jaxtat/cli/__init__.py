@@ -1,5 +1,5 @@
 """The command ``jaxtat``."""
 
-from .main import main
+from .entry import main
 
 __all__ = ["main"]

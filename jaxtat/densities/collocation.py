@@ -7,7 +7,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..geometry import Circle, DetectorCurve, Region
 from ..regularization import Regularization, per_frequency
-from ..regularization.filtered_solve import filtered_solve
+from ..regularization.filtered import filtered_solve
 from .full_circle import full_circle_densities
 from .single_layer import plane_wave_traces, potential_matrix
 from .stored import DensityReport, mean_norm

@@ -10,14 +10,14 @@ from .caps import DetectorPoints, SphericalCap, spherical_cap
 from .circles import Circle, fit_circle, near_circle
 from .curves import CircularArc, DetectorCurve, SampledCurve, circular_arc, turned_views
 from .grids import Grid, ImageGrid, VolumeGrid
+from .line_weights import transverse_weight
 from .measured_curves import detector_curve, in_plane, keep_detectors
 from .polygons import Polygon, RegionUnion, polygon, rectangle, union_of_regions
 from .radii import data_radii, require_cover
 from .regions import Disk, Region, disk, require_outside
 from .rings import DetectorRings, find_rings
+from .seen_lines import Visibility, VisibilityWarning, visibility
 from .shapes import elliptic_arc, join_curves, parametric_curve, polyline
-from .transverse_weight import transverse_weight
-from .visibility import Visibility, VisibilityWarning, visibility
 from .visible_edges import VISIBLE, edge_weight, seen_share, visible_disk
 
 __all__ = [

@@ -15,8 +15,8 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from .curves import DetectorCurve
 from .grids import ImageGrid
-from .transverse_weight import kernel_width, line_normals, transverse_weight, weight_of_line
-from .visibility import connected_pieces
+from .line_weights import kernel_width, line_normals, transverse_weight, weight_of_line
+from .seen_lines import connected_pieces
 
 VISIBLE = 0.75  # least transverse weight of a line whose wave is reconstructed stably
 _STEPS = 8.0  # of the table of offsets within the Gaussian's width

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .optional import optional
-from .provenance import sha256
-from .sample_scan import sample_scan as sample_scan
+from .optional_packages import optional
+from .origin import sha256
+from .samples import sample_scan as sample_scan
 
 FOLDER = "JAXTAT_DATA"
 _PATATO = "https://github.com/BohndiekLab/patato"

@@ -21,8 +21,8 @@ from ..geometry import ImageGrid, VolumeGrid
 from .atomic import replacing
 from .hdf5 import creating_hdf5, open_hdf5
 from .limits import MAX_BYTES, Allowance, name_of, refusing
-from .optional import optional
-from .provenance import as_json, provenance
+from .optional_packages import optional
+from .origin import as_json, provenance
 
 FORMAT, VERSION = "jaxtat image", 2
 

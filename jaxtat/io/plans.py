@@ -38,7 +38,7 @@ from ..geometry import (
     SampledCurve,
 )
 from ..reconstruction import ReconstructionPlan, Setup
-from ..reconstruction.plane_sizes import PlaneSizes
+from ..reconstruction.sizes import PlaneSizes
 from ..regularization import (
     FixedRank,
     NormBound,

@@ -3,8 +3,8 @@
 from .data_model import circular_integrals, circular_integrals_adjoint, circular_means
 from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .setup import Setup
-from .solve import Reconstruction, reconstruct, solve
 from .stack import reconstruct_stack
+from .verbs import Reconstruction, reconstruct, solve
 
 __all__ = [
     "PAPER_K",

@@ -26,7 +26,7 @@ from ..regularization import Tikhonov, TikhonovRule
 from ..spherical.basis import SphericalBasis
 from ..spherical.sizes import cap_radii, require_fitting, space_sizes
 from .plane_basis import default_rule, plane_basis
-from .plane_sizes import plane_sizes
+from .sizes import plane_sizes
 
 DEFAULT_ALPHA_IN_SPACE = 1e-6
 

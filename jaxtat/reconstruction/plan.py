@@ -45,8 +45,8 @@ from ..regularization import (
 )
 from ..steps import AccuracyWarning, require_boundary
 from .plane_basis import StoredDensities
-from .plane_sizes import PlaneSizes, systems_fit
 from .setup import Setup, plane_of
+from .sizes import PlaneSizes, systems_fit
 
 METHODS = ("auto", "harmonic", "collocation", "series")
 _FREQUENCIES_AT_A_TIME = 4

@@ -28,8 +28,8 @@ from ..regularization import (
 )
 from ..steps.inversion import invert
 from ..steps.polar_fourier import with_origin
-from ..steps.radial_transform import noise_power, radial_transform, total_integrals
-from .plane_sizes import PlaneSizes
+from ..steps.radial_transforms import noise_power, radial_transform, total_integrals
+from .sizes import PlaneSizes
 
 MOST_ORDERS = 5000  # up to which Cholesky decompositions are faster: extrapolated, see benchmarks/
 DEFAULT_ALPHA = 1e-6  # of detectors on a circle that see all of the region

@@ -11,7 +11,7 @@ from ..geometry import DetectorCurve, Region
 from ..geometry.balls import Ball
 from ..spherical.sizes import SpaceSizes
 from .kinds import Kind, kind_of, named
-from .plane_sizes import GROUPS, PlaneSizes
+from .sizes import GROUPS, PlaneSizes
 
 
 class Setup(eqx.Module):

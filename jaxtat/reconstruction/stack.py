@@ -9,7 +9,7 @@ from ..base.checks import whole_number
 from ..steps.radon import LowPass
 from .plan import ReconstructionPlan
 from .setup import Setup
-from .solve import reconstruct
+from .verbs import reconstruct
 
 
 def reconstruct_stack(

@@ -22,7 +22,7 @@ from ..base.checks import Numbers, is_concrete, real_array, require_positive
 from ..geometry import DetectorCurve
 from ..regularization import NoiseLevel
 from ..special import root
-from ..steps.radial_transform import noise_power, radial_kernels
+from ..steps.radial_transforms import noise_power, radial_kernels
 from .pressure import pressure_to_circular_integrals, require_equispaced
 
 LEAST_SAMPLES = 16  # of a quiet part

@@ -9,7 +9,7 @@ from .alpha import (
     TikhonovRule,
     tikhonov_rule,
 )
-from .filtered_solve import SINGULAR, singular_components
+from .filtered import SINGULAR, singular_components
 from .rules import (
     DEFAULT_KAPPA,
     FixedRank,

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, real_array
 from ..geometry import CircularArc, DetectorCurve, Region, fit_circle, near_circle
-from ..geometry.transverse_weight import kernel_width, line_normals, weight_of_line
+from ..geometry.line_weights import kernel_width, line_normals, weight_of_line
 from ..special import full_circle_norm
 
 _LINES = 512  # across the region

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from ..studies import UNCERTAINTY_PIXELS, Diagnosis
 from . import figures
-from .findings import Finding, Level, findings
 from .html import Html, element, join, picture
+from .verdicts import Finding, Level, findings
 
 Rows = Sequence[Sequence[str]]
 

@@ -19,7 +19,7 @@ from ..scans import Choices, choose, estimate_sound_speed, integrals, setup_of, 
 from ..scans.facts import facts_of, times_of
 from ..steps import AccuracyWarning
 from ..studies import Diagnosis
-from .report import report
+from .writing import report
 
 
 def report_file(

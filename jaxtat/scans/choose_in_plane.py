@@ -25,7 +25,7 @@ from ..geometry import (
 )
 from ..io import Scan
 from ..records import MODELS, channel_quality, ranges, supported
-from ..records.onsets import (
+from ..records.power import (
     RecordPower,
     artefact_end,
     faded,

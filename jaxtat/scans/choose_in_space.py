@@ -13,7 +13,7 @@ import numpy as np
 from ..geometry import DetectorPoints, ball, require_cover
 from ..io import Scan
 from ..records import supported
-from ..records.onsets import highest_frequency, noise_before, record_power
+from ..records.power import highest_frequency, noise_before, record_power
 from ..spherical import cap_radii
 from ..spherical.sizes import resolved_frequency
 from .choices import IN_SPACE, Choices

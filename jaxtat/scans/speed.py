@@ -18,10 +18,10 @@ from jaxtyping import Array, Complex, Float
 from ..io import Scan
 from ..reconstruction.plane_basis import plane_basis
 from ..reconstruction.setup import plane_of
-from ..reconstruction.solve import DEFAULT_TOLERANCE
+from ..reconstruction.verbs import DEFAULT_TOLERANCE
 from ..regularization import tikhonov_rule
 from ..special import j0, y0
-from ..steps.radial_quadrature import radial_quadrature
+from ..steps.quadrature import radial_quadrature
 from ..steps.radon import low_pass_values
 from .choices import Choices
 from .choose_in_plane import TO_BE_ESTIMATED

@@ -4,7 +4,7 @@ from .bessel import j0 as j0
 from .bessel import j1 as j1
 from .bessel import y0 as y0
 from .bessel import y1 as y1
-from .root import root as root
+from .roots import root as root
 from .sequences import decay_steps as decay_steps
 from .sequences import enough_orders as enough_orders
 from .sequences import full_circle_norm as full_circle_norm

@@ -10,7 +10,7 @@ from ..geometry import (
     spherical_cap,
 )
 from ..phantoms.space import Balls, Bells
-from .back_projection import back_projection
+from .classical import back_projection
 from .pressure import pressure_to_spherical_integrals
 from .sizes import cap_radii
 

@@ -12,7 +12,7 @@ from ..geometry import VolumeGrid
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, Detectors, SphericalCap
 from ..regularization.alpha import TikhonovRule
-from ..steps.radial_transform import total_integrals
+from ..steps.radial_transforms import total_integrals
 from .alpha import require_no_matrix
 from .inversion import meridian_projections, slices_of_projections
 from .scattered import solve_points

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..steps.radial_quadrature import radial_quadrature
+from ..steps.quadrature import radial_quadrature
 
 
 def spherical_kernels(

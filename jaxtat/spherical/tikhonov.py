@@ -27,7 +27,7 @@ from ..geometry.balls import Ball, Boundary
 from ..geometry.caps import SphericalCap
 from ..regularization.alpha import TikhonovRule
 from ..special import legendre_functions
-from ..steps.radial_transform import kernel_noise_power
+from ..steps.radial_transforms import kernel_noise_power
 from .alpha import absolute_alpha
 from .polar_fourier import polar_cosines, synthesis
 from .radial_transform import azimuthal_transform, spherical_kernels

@@ -4,8 +4,8 @@ from .cartesian_fourier import direct_fourier_inversion
 from .classical import classical_fbp
 from .fbp import filtered_back_projection
 from .polar_fourier import polar_fourier
-from .radial_quadrature import trapezoid_weights
-from .radial_transform import delayed_transform, radial_transform, total_integrals
+from .quadrature import trapezoid_weights
+from .radial_transforms import delayed_transform, radial_transform, total_integrals
 from .radon import cosine_filter, offset_step, polar_fourier_of_projections, radon_projections
 from .resolution import (
     UNSAMPLED,

@@ -18,7 +18,7 @@ from ..geometry import (
     require_outside,
     visibility,
 )
-from .radial_quadrature import wave_error
+from .quadrature import wave_error
 
 UNSAMPLED = 0.05  # of the data that is too fine for the detectors without a word
 _SHORTEST = 0.2  # error of the shortest wave, read between the radii; longer ones are much better

@@ -34,11 +34,11 @@ from ..base.checks import (
 from ..densities.harmonic import PolarGeometry, polar_geometry, unexplained
 from ..geometry import CircularArc, DetectorCurve, Region, turned_views
 from ..reconstruction import Setup
-from ..reconstruction.plane_sizes import PlaneSizes
 from ..reconstruction.setup import plane_of, require_waves
+from ..reconstruction.sizes import PlaneSizes
 from ..steps import delayed_transform, radial_transform
-from ..steps.radial_quadrature import interpolation_matrix
-from ..steps.radial_transform import radial_kernels
+from ..steps.quadrature import interpolation_matrix
+from ..steps.radial_transforms import radial_kernels
 
 UNKNOWNS = ("sound_speed", "radius", "center", "gains", "delays")
 STAGES = 5  # the first one uses 1/16 of the frequencies

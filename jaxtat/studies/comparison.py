@@ -26,10 +26,10 @@ from ..phantoms import Phantom, noise_like
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of
 from ..regularization import NormBound, Tikhonov, unit_norms
-from ..regularization.filtered_solve import filtered_solve
+from ..regularization.filtered import filtered_solve
 from ..steps import polar_grid
-from ..steps.radial_transform import radial_transform
-from .ridge import ridge
+from ..steps.radial_transforms import radial_transform
+from .ridge_solver import ridge
 
 
 class TradeOff(eqx.Module):

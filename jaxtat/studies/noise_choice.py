@@ -24,8 +24,8 @@ from jaxtyping import Array, Bool, Float
 from ..base.checks import Numbers, data_array, real_array, require_positive, require_x64
 from ..densities.harmonic import PolarGeometry, polar_geometry, wave_system, wave_table
 from ..reconstruction import ReconstructionPlan, Setup
-from ..reconstruction.plane_sizes import PlaneSizes
 from ..reconstruction.setup import plane_of, require_waves
+from ..reconstruction.sizes import PlaneSizes
 from ..regularization import (
     FixedRank,
     NormBound,
@@ -35,7 +35,7 @@ from ..regularization import (
     unit_norms,
 )
 from ..special import root
-from ..steps.radial_transform import noise_power, radial_transform
+from ..steps.radial_transforms import noise_power, radial_transform
 
 Kind = Callable[..., Regularization]  # made of one number
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array
 from ..geometry import DetectorCurve, ImageGrid
-from ..geometry.transverse_weight import kernel_width, weight_at
+from ..geometry.line_weights import kernel_width, weight_at
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of
 from ..regularization import DEFAULT_KAPPA

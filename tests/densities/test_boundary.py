@@ -27,7 +27,7 @@ from jaxtat.reconstruction.plane_basis import BoundaryTraces
 from jaxtat.regularization import tikhonov_rule
 from jaxtat.steps.inversion import invert
 from jaxtat.steps.polar_fourier import with_origin
-from jaxtat.steps.radial_transform import total_integrals
+from jaxtat.steps.radial_transforms import total_integrals
 
 CORNERS = np.array([(-0.65, -0.65), (0.75, -0.65), (-0.65, 0.75)])
 FREQUENCIES = jnp.array([3.0, 9.0])

@@ -20,7 +20,7 @@ from jaxtat import (
     union_of_regions,
 )
 from jaxtat.geometry import visibility
-from jaxtat.geometry.visibility import connected_pieces
+from jaxtat.geometry.seen_lines import connected_pieces
 
 N = 60
 

@@ -8,7 +8,7 @@ from scipy.stats import norm
 
 from jaxtat import ImageGrid, circular_arc, detector_curve, join_curves, polyline
 from jaxtat.geometry import VISIBLE, SampledCurve, edge_weight, visible_disk
-from jaxtat.geometry.visibility import connected_pieces
+from jaxtat.geometry.seen_lines import connected_pieces
 from jaxtat.geometry.visible_edges import seen_share
 
 N_ANGLES = 360

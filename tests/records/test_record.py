@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxtat.records.onsets import (
+from jaxtat.records.power import (
     artefact_end,
     highest_frequency,
     onsets,

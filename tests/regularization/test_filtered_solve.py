@@ -8,7 +8,7 @@ import pytest
 from jax.test_util import check_grads
 
 from jaxtat import FixedRank, NormBound, SingularValueCutoff, Tikhonov, TikhonovNormBound
-from jaxtat.regularization.filtered_solve import filtered_solve, singular_components
+from jaxtat.regularization.filtered import filtered_solve, singular_components
 
 ONE = jnp.array(1.0)
 EVERY_WAY = {"order": 1, "modes": ["fwd", "rev"], "atol": 1e-5, "rtol": 1e-5, "eps": 1e-5}

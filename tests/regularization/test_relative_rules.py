@@ -27,7 +27,7 @@ from jaxtat import (
     reconstruct,
     solve,
 )
-from jaxtat.regularization.filtered_solve import filtered_solve, singular_components
+from jaxtat.regularization.filtered import filtered_solve, singular_components
 
 RANDOM = np.random.default_rng(3)
 A = RANDOM.standard_normal((9, 14)) @ np.diag(np.geomspace(1, 1e-3, 14))

@@ -20,10 +20,10 @@ from jaxtat import (
     phantoms,
     report,
 )
-from jaxtat.io.provenance import provenance
+from jaxtat.io.origin import provenance
 from jaxtat.reporting import write_report
-from jaxtat.reporting.findings import Level, findings
 from jaxtat.reporting.html import Html, element, join
+from jaxtat.reporting.verdicts import Level, findings
 from jaxtat.studies import DataNoise, NoiseSource, Uncertainty, WaveAccuracy, diagnose
 
 GRID, REGION = ImageGrid(21), disk(0.7)

@@ -19,7 +19,7 @@ from jaxtat.steps import (
     radon_projections,
     total_integrals,
 )
-from jaxtat.steps.radial_transform import radial_kernels
+from jaxtat.steps.radial_transforms import radial_kernels
 
 CENTER, WIDTH = np.array([0.3, -0.2]), 0.5
 BELL = phantoms.Bells([CENTER], [WIDTH])

@@ -22,7 +22,7 @@ from jaxtat import (
     reconstruct,
 )
 from jaxtat.densities.harmonic import harmonic_orders, polar_geometry, wave_system, wave_table
-from jaxtat.steps.radial_transform import noise_power, radial_transform
+from jaxtat.steps.radial_transforms import noise_power, radial_transform
 from jaxtat.studies import choose_regularization, image_power
 
 BELL = phantoms.Bells([[0.2, 0.1], [-0.3, -0.2]], [0.6, 0.5], [1.0, 0.7])

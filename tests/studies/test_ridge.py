@@ -10,8 +10,8 @@ import pytest
 from jax.test_util import check_grads
 
 from jaxtat import Tikhonov
-from jaxtat.regularization.filtered_solve import filtered_solve
-from jaxtat.studies.ridge import _jaxopt, ridge
+from jaxtat.regularization.filtered import filtered_solve
+from jaxtat.studies.ridge_solver import _jaxopt, ridge
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ import jax.numpy as jnp
 import jaxtat
 assert jaxtat.studies.compare_regularizations  # which uses it, and all else, is imported
 assert "jaxopt" not in sys.modules
-from jaxtat.studies.ridge import _jaxopt, ridge
+from jaxtat.studies.ridge_solver import _jaxopt, ridge
 assert "jaxopt" not in sys.modules
 ridge(jnp.ones((1, 2, 2)), jnp.ones((1, 2, 1)) + 0j, 1.0)
 assert "jaxopt" in sys.modules

@@ -21,7 +21,7 @@ from jaxtyping import Array, Complex, Float
 
 from ...base.checks import is_concrete
 from ...regularization import SINGULAR, Regularization, per_frequency, singular_components
-from ...regularization.filtered_solve import filtered_solve
+from ...regularization.filtered import filtered_solve
 from ..stored import Densities, DensityReport, mean_norm
 from .polar import PolarGeometry, half_weights
 from .table import (

@@ -7,7 +7,7 @@ from typing import Any
 from ..base.checks import Numbers
 from ..base.units import millimetres
 from ..io.atomic import replacing, require_place
-from ..io.provenance import provenance
+from ..io.origin import provenance
 from ..reconstruction import ReconstructionPlan, Setup
 from ..steps.radon import LowPass
 from ..studies import Diagnosis, diagnose
@@ -90,7 +90,7 @@ def write_report(
         path: the file to write.
         diagnosis: from `diagnose`.
         title, choices, channels, unit: as in `report`.
-        origin: of `jaxtat.io.provenance`; by default without input files.
+        origin: of `jaxtat.io.origin`; by default without input files.
     """
     from .page import Page, html_page  # matplotlib is slow to import
 

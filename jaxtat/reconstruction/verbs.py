@@ -18,8 +18,8 @@ from ..steps.inversion import IMAGES, require_inversion
 from ..steps.radon import LowPass, low_pass_values
 from .pipeline import images_of
 from .plan import ReconstructionPlan
-from .plane_sizes import PlaneSizes
 from .setup import Setup, require_setup
+from .sizes import PlaneSizes
 
 FINER = 2  # waves that the detectors sample in the inner half of the region only
 MAGNIFIED = 3  # times as much detail as the data hold

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from ..geometry.caps import SphericalCap
-from ..steps.radial_quadrature import interpolation_matrix
+from ..steps.quadrature import interpolation_matrix
 
 _DETECTORS = 64  # worked on together
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..special import j0, y0
-from .radial_quadrature import radial_quadrature
+from .quadrature import radial_quadrature
 
 
 @jax.jit
