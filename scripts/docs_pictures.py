@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike
 import jaxtat
 from jaxtat.densities import potential
 from jaxtat.plotting import DIVERGING, GRAY, new_figure, show_geometry, show_image
-from jaxtat.steps import filtered_back_projection, offset_step, polar_fourier, radial_transform, radon_projections, total_integrals
+from jaxtat.steps import (
+    filtered_back_projection,
+    offset_step,
+    polar_fourier,
+    radial_transform,
+    radon_projections,
+    total_integrals,
+)
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 FREQUENCY = 15  # whose densities are shown
@@ -25,14 +32,13 @@ LOWEST = 24  # frequencies, of which the transforms are shown
 def main() -> None:
     """Compute the five steps and draw each."""
     jax.config.update("jax_enable_x64", True)
-    grid = jaxtat.ImageGrid(129)
     curve = jaxtat.circular_arc(radius=1.3, cut=1.0, n_detectors=500)
-    region = jaxtat.disk(1.0)
-    radii = jaxtat.data_radii(curve, region, step=grid.spacing[0])
+    setup = jaxtat.Setup(curve, jaxtat.disk(1.0), jaxtat.ImageGrid(129))
+    region, grid, radii = setup.region, setup.grid, setup.radii
     inside = np.asarray(region.contains(grid.points))
     phantom = jaxtat.phantoms.Bells(centers=[[0.3, 0.3], [-0.4, 0.2]], radii=[0.55, 0.5])
     truth, g = phantom.image(grid), phantom.circular_integrals(curve, radii)
-    plan = jaxtat.build_plan(jaxtat.Setup(curve, region, grid, radii))
+    plan = jaxtat.build_plan(setup)
     transformed = radial_transform(g, radii, plan.frequencies)
     fhat = polar_fourier(transformed, plan.densities, curve.weights, total_integrals(g, radii))
     projections = radon_projections(fhat, plan.frequency_step, np.ones(len(plan.frequencies) + 1))

@@ -37,6 +37,7 @@ def main() -> None:
     grid = jaxtat.ImageGrid(301, RADIUS, center)
     sources = jaxtat.disk(0.033, center=center)
     radii = jaxtat.data_radii(curve, region, grid.spacing[0], sources=sources)
+    setup = jaxtat.Setup(curve, region, grid, radii, max_frequency=MAX_FREQUENCY)
     images = {}
     for name, pressure in (("as recorded", record), ("response divided out", sharp)):
         # the same band for both: what differs is the response alone
@@ -44,12 +45,8 @@ def main() -> None:
         g = jaxtat.records.pressure_to_circular_integrals(
             limited, times, radii, sound_speed=SOUND_SPEED, model="in-plane"
         )
-        found = jaxtat.solve(
-            jaxtat.Setup(*(curve, region, grid, radii, g, 1e-3), max_frequency=MAX_FREQUENCY),
-            low_pass=jaxtat.cosine_filter,
-        )
+        image = np.asarray(jaxtat.reconstruct(setup, g, 1e-3, low_pass=jaxtat.cosine_filter))
         inside = np.asarray(region.contains(grid.points))
-        image = np.asarray(found.image)
         images[name] = image / image[inside].std()  # the response changes the scale
         sharpness = RADIUS**2 * float(jaxtat.studies.sharpness(images[name], grid, region))
         sharpness /= np.pi * RADIUS**2

@@ -13,15 +13,15 @@ import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
-from jaxtat.steps.inversion import invert
-from jaxtat.steps.polar_fourier import with_origin
-from jaxtat.steps.radial_transform import radial_transform, total_integrals
 
 import jaxtat
 from jaxtat.densities.harmonic import frequency_groups, harmonic_orders, polar_geometry, wave_table
 from jaxtat.densities.harmonic.densities import fold, wave_system
+from jaxtat.reconstruction.setup import plane_of
 from jaxtat.regularization import singular_components, unit_norms
-from jaxtat.steps import polar_grid
+from jaxtat.steps import radial_transform, total_integrals
+from jaxtat.steps.inversion import invert
+from jaxtat.steps.polar_fourier import with_origin
 
 OUT = Path("notebooks/soft_truncation.png")
 PIXELS, N_DETECTORS, NOISE = 129, 500, 0.15
@@ -34,68 +34,60 @@ CURVES = {
 
 
 class Study(eqx.Module):
-    """A geometry, its data and the truth."""
+    """A problem, its data and the truth."""
 
-    curve: jaxtat.geometry.DetectorCurve
-    region: jaxtat.geometry.Region
-    grid: jaxtat.ImageGrid
-    radii: jax.Array
+    setup: jaxtat.Setup
     data: jax.Array
     truth: jax.Array
 
     @classmethod
     def of_size(cls, pixels: int, n_detectors: int) -> "Study":
-        grid = jaxtat.ImageGrid(pixels)
-        curve = jaxtat.circular_arc(1.3, 0.0, n_detectors)
-        region = jaxtat.disk(1.0, 0.0)
-        radii = jaxtat.data_radii(curve, region, grid.spacing[0])
+        curve, grid = jaxtat.circular_arc(1.3, 0.0, n_detectors), jaxtat.ImageGrid(pixels)
+        setup = jaxtat.Setup(curve, jaxtat.disk(1.0, 0.0), grid)
         bells = jaxtat.phantoms.Bells([[-0.45, 0.3], [-0.5, -0.3]], [0.35, 0.3])
-        g = bells.circular_integrals(curve, radii)
+        g = bells.circular_integrals(curve, setup.radii)
         data = g + jaxtat.phantoms.noise_like(jax.random.key(0), g, NOISE)
-        return cls(curve, region, grid, radii, data, bells.image(grid))
-
-    @property
-    def setup(self):
-        return self.curve, self.region, self.grid, self.radii
+        return cls(setup, data, bells.image(grid))
 
     def error(self, image):
         """Relative L2 error in the region."""
-        inside = self.region.contains(self.grid.points)
+        inside = self.setup.region.contains(self.setup.grid.points)
         off, all_of_it = (jnp.where(inside, f, 0.0) for f in (image - self.truth, self.truth))
         return jnp.linalg.norm(off) / jnp.linalg.norm(all_of_it)
 
 
 def errors(study: Study, rules) -> list[tuple[np.ndarray, np.ndarray]]:
     """Errors and their slopes for (kind, softness, values) each."""
-    frequencies, angles = polar_grid(study.region, study.grid, study.radii, None, None)
-    geometry = polar_geometry(study.curve, study.region)
+    curve, region, radii, sizes = plane_of(study.setup)
+    frequencies, angles = sizes.frequencies, sizes.angles
+    geometry = polar_geometry(curve, region)
     orders = harmonic_orders(geometry, np.asarray(frequencies))
-    norms = unit_norms(study.curve, study.region, frequencies, angles=angles)
-    transformed = radial_transform(study.data, study.radii, frequencies)
-    folded = fold(transformed[..., None], study.curve.weights, geometry.mirror)[..., 0]
+    norms = unit_norms(curve, region, frequencies, angles=angles)
+    transformed = radial_transform(study.data, radii, frequencies)
+    folded = fold(transformed[..., None], curve.weights, geometry.mirror)[..., 0]
     table = wave_table(geometry, frequencies, int(orders.max()))
     pieces = []
     for part, n_max in frequency_groups(orders, 4):
         few = jax.tree.map(lambda leaf: leaf[part], (table, norms, folded))  # noqa: B023
         pieces.append(_transforms(geometry, n_max, angles - geometry.axis, few, rules))
-    offset = study.region.center - geometry.center
+    offset = region.center - geometry.center
     along = jnp.cos(angles) * offset[0] + jnp.sin(angles) * offset[1]
     phases = jnp.exp(1j * frequencies[:, None] * along)
-    mass = total_integrals(study.data, study.radii)
+    mass = total_integrals(study.data, radii)
 
     @jax.jit
     def of_fhat(fhat):
-        whole = with_origin(fhat * phases, mass, study.curve.weights)
-        eta, center = jnp.ones(len(frequencies) + 1), study.region.center
-        image = invert(whole, frequencies[0], angles, study.grid, center, eta, "fbp")
+        whole = with_origin(fhat * phases, mass, curve.weights)
+        eta, center = jnp.ones(len(frequencies) + 1), region.center
+        image = invert(whole, frequencies[0], angles, study.setup.grid, center, eta, "fbp")
         return study.error(image)
 
-    def curve(fhat, slope):  # values first
+    def errors_of(fhat, slope):  # values first
         pairs = [jax.jvp(of_fhat, (f,), (s,)) for f, s in zip(fhat, slope, strict=True)]
         return tuple(np.array(pairs).T)
 
     joined = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1), *pieces)
-    return [curve(*one) for one in joined]
+    return [errors_of(*one) for one in joined]
 
 
 @eqx.filter_jit
@@ -135,7 +127,7 @@ def main() -> None:
     study = Study.of_size(PIXELS, N_DETECTORS)
     rules = [(*edge, values) for *edges, values in CURVES.values() for edge in edges]
     found = errors(study, rules)
-    plan = jaxtat.build_plan(jaxtat.Setup(*study.setup), jaxtat.NormBound(K[36], softness=SOFT_K))
+    plan = jaxtat.build_plan(study.setup, jaxtat.NormBound(K[36], softness=SOFT_K))
     by_plan = float(study.error(jaxtat.reconstruct(plan, study.data)))
     print(f"K = {K[36]:.3f}: error {found[1][0][36]:.8f}, by a plan {by_plan:.8f}")
     figure, axes = plt.subplots(2, 2, figsize=(11, 6.5), sharex="col", layout="constrained")
