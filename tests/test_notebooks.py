@@ -40,7 +40,11 @@ def run(kernel, name, data_folder, cells=None):
     notebook.cells = [notebook.cells[i] for i in cells or range(len(notebook.cells))]
     fresh = f"%reset -f\nimport os\nos.environ['JAXTAT_DATA'] = {str(data_folder)!r}"
     notebook.cells.insert(0, nbformat.v4.new_code_cell(fresh))
-    NotebookClient(notebook, km=kernel, timeout=None).execute()
+    client = NotebookClient(notebook, km=kernel, timeout=None)
+    try:
+        client.execute()
+    finally:
+        client.kc.stop_channels()
     text = "".join(o.get("text", "") for c in notebook.cells for o in c.get("outputs", []))
     return text, "\n".join(c.source for c in notebook.cells if c.cell_type == "code")
 
