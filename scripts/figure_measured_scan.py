@@ -49,8 +49,8 @@ def back_projection(setup: jaxtat.Setup, g: Array) -> Float[np.ndarray, "x1 x2"]
     Source: Xu, Wang, Phys. Rev. E 71 (2005) 016706, equations 20 and 22.
     """
     r, curve = setup.radii, setup.curve
-    pressure = jnp.gradient(g / r, r[1] - r[0], axis=1)
-    terms = pressure - r * jnp.gradient(pressure, r[1] - r[0], axis=1)
+    pressure = derivative(g / r, r)
+    terms = pressure - r * derivative(pressure, r)
     center = jaxtat.geometry.fit_circle(curve.points).center
     points = setup.grid.points.reshape(-1, 2)
 
@@ -65,6 +65,11 @@ def back_projection(setup: jaxtat.Setup, g: Array) -> Float[np.ndarray, "x1 x2"]
     start = jnp.zeros(len(points)), jnp.zeros(len(points))
     (total, angles), _ = jax.lax.scan(add, start, (curve.points, curve.weights, terms))
     return np.asarray(total / angles).reshape(setup.grid.shape)
+
+
+def derivative(values: Array, r: Array) -> Array:
+    """d/dr along the last axis, for equal steps."""
+    return jnp.asarray(np.gradient(np.asarray(values), float(r[1] - r[0]), axis=-1))
 
 
 if __name__ == "__main__":
