@@ -54,10 +54,10 @@ def unoptimised(monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", UNOPTIMISED)
 
 
-@pytest.fixture
-def little_optimised(monkeypatch):
-    """For processes that compile as long as they compute."""
-    monkeypatch.setenv("XLA_FLAGS", UNOPTIMISED.replace("level=0", "level=1"))
+@pytest.fixture(scope="session")
+def few_optimisations() -> str:
+    """XLA_FLAGS for processes that compile as long as they compute."""
+    return UNOPTIMISED.replace("level=0", "level=1")
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -15,8 +15,14 @@ from numpy.typing import ArrayLike
 import jaxtat
 from jaxtat.densities import potential
 from jaxtat.plotting import DIVERGING, GRAY, new_figure, show_geometry, show_image
-from jaxtat.steps import filtered_back_projection, offset_step, radon_projections
-from jaxtat.steps.polar_fourier import with_origin
+from jaxtat.steps import (
+    filtered_back_projection,
+    offset_step,
+    polar_fourier,
+    radial_transform,
+    radon_projections,
+    total_integrals,
+)
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 FREQUENCY = 15  # whose densities are shown
@@ -26,18 +32,15 @@ LOWEST = 24  # frequencies, of which the transforms are shown
 def main() -> None:
     """Compute the five steps and draw each."""
     jax.config.update("jax_enable_x64", True)
-    grid = jaxtat.ImageGrid(129)
     curve = jaxtat.circular_arc(radius=1.3, cut=1.0, n_detectors=500)
-    region = jaxtat.disk(1.0)
-    setup = jaxtat.Setup(curve, region, grid)
-    radii = setup.radii
+    setup = jaxtat.Setup(curve, jaxtat.disk(1.0), jaxtat.ImageGrid(129))
+    region, grid, radii = setup.region, setup.grid, setup.radii
     inside = np.asarray(region.contains(grid.points))
     phantom = jaxtat.phantoms.Bells(centers=[[0.3, 0.3], [-0.4, 0.2]], radii=[0.55, 0.5])
     truth, g = phantom.image(grid), phantom.circular_integrals(curve, radii)
     plan = jaxtat.build_plan(setup)
-    transformed, mass = plan.basis.transform(g[None])
-    fhat = with_origin(plan.basis.fhat(transformed, None)[0], mass, curve.weights)[0]
-    transformed = transformed[0]
+    transformed = radial_transform(g, radii, plan.frequencies)
+    fhat = polar_fourier(transformed, plan.densities, curve.weights, total_integrals(g, radii))
     projections = radon_projections(fhat, plan.frequency_step, np.ones(len(plan.frequencies) + 1))
     step = offset_step(plan.frequency_step, len(plan.frequencies))
     image = filtered_back_projection(projections, step, plan.angles, grid, region.center)

@@ -1,18 +1,21 @@
-"""What `make docs` asks beyond mkdocs: examples in docstrings, and a reference without gaps.
+"""What `make docs` adds to mkdocs: examples in docstrings, a reference without gaps, formulas.
 
 A hook of mkdocs and an extension of griffe, which reads the docstrings; see mkdocs.yml.
 """
 
 import ast
+import html
 import logging
 import re
 from pathlib import Path
 from typing import Any
 
 import griffe  # pyright: ignore[reportMissingImports]
+from latex2mathml.converter import convert  # pyright: ignore[reportMissingImports]
 
 _LOG = logging.getLogger("mkdocs.hooks.docs_site")  # its warnings are errors under --strict
 _PACKAGE = Path(__file__).resolve().parents[1] / "jaxtat" / "__init__.py"
+_shown: set[str] = set()  # public names with an entry on some page of the reference
 
 
 class DoctestsAreExamples(griffe.Extension):
@@ -26,14 +29,43 @@ class DoctestsAreExamples(griffe.Extension):
         obj.docstring.value = text + "Examples:\n" + "\n".join(f"    {line}" for line in lines)
 
 
-def on_page_content(html: str, *, page: Any, **others: Any) -> str:
+def on_page_content(content: str, *, page: Any, **others: Any) -> str:
+    """Formulas become MathML, which browsers show by themselves: the site needs no network."""
+    source = page.file.src_uri
+    if source.startswith("api/"):
+        ids = re.findall(r'id="(jaxtat\.[\w.]+)"', content)
+        _shown.update(name.split(".")[-1] for name in ids)
+    if source.endswith(".ipynb"):
+        # mkdocs-jupyter's own MathJax comes from the network
+        content = re.sub(r'<script[^>]*\ssrc="(https?://[^"]*)?"[^>]*>\s*</script>', "", content)
+        return _TAG_OR_FORMULA.sub(_of_notebook, content)
+    return _IN_PAGE.sub(lambda found: _mathml(found[2], found[1] == "div"), content)
+
+
+def on_env(env: Any, **others: Any) -> None:
     """Warn of public names that the reference does not show."""
-    if page.file.src_uri == "api/index.md":
-        shown = {name.split(".")[-1] for name in re.findall(r'id="(jaxtat\.[\w.]+)"', html)}
-        for name in _public_names():
-            if name not in shown:
-                _LOG.warning(f"{name} is public, but not in the reference: add it to api/index.md.")
-    return html
+    for name in _public_names():
+        if name not in _shown:
+            _LOG.warning(f"{name} is public, but not in the reference: add it to docs/api.")
+
+
+_IN_PAGE = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.S)
+_TAG_OR_FORMULA = re.compile(
+    r"<(pre|code|script|style)\b.*?</\1>|<[^>]+>|\$\$([^$]+)\$\$|\$([^$<>]+)\$", re.S
+)
+
+
+def _of_notebook(found: re.Match[str]) -> str:
+    block, inline = found[2], found[3]
+    return _mathml(block or inline, bool(block)) if block or inline else found[0]
+
+
+def _mathml(tex: str, block: bool) -> str:
+    try:
+        return convert(html.unescape(tex).strip(), display="block" if block else "inline")
+    except Exception as error:
+        _LOG.warning(f"the formula {tex} cannot be shown: {error!r}")
+        return tex
 
 
 def _public_names() -> list[str]:
@@ -42,13 +74,18 @@ def _public_names() -> list[str]:
         for node in ast.parse(_PACKAGE.read_text()).body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
     )
-    elsewhere = {
-        "__version__",
-        "datasets",
-        "line_detectors",
-        "phantoms",
-        "records",
-        "scans",
-        "studies",
-    }
-    return [name for name in ast.literal_eval(names) if name not in elsewhere]
+    return [name for name in ast.literal_eval(names) if name not in _ROOMS]
+
+
+# shown by what they hold
+_ROOMS = {
+    "__version__",
+    "datasets",
+    "line_detectors",
+    "phantoms",
+    "records",
+    "scanners",
+    "scans",
+    "spherical",
+    "studies",
+}

@@ -15,7 +15,7 @@ import numpy as np
 
 import jaxtat
 from jaxtat.io.atomic import replacing
-from jaxtat.line_detectors import Balls
+from jaxtat.line_detectors import Balls, LineDetectorScan, reconstruct
 from jaxtat.plotting import new_figure, show_geometry, show_image
 
 PARTS = (
@@ -48,12 +48,12 @@ def main(path: Path) -> None:
         whole = jaxtat.disk(1.0)
         radii = jaxtat.data_radii(curve, region, grid.spacing[0], sources=whole)
         plan = jaxtat.build_plan(jaxtat.Setup(curve, region, grid, radii), jaxtat.NormBound(K))
-        scan = jaxtat.LineDetectorScan(np.arange(256 * turns) * np.pi / 256)
+        scan = LineDetectorScan(np.arange(256 * turns) * np.pi / 256)
         g = balls.circular_integrals(scan, curve, radii)
         noisy = g + jaxtat.phantoms.noise_like(jax.random.key(0), g, 0.05)
         volumes = (
-            jaxtat.reconstruct_volume(plan, g, scan),
-            jaxtat.reconstruct_volume(plan, noisy, scan, low_pass=narrow),
+            reconstruct(plan, g, scan),
+            reconstruct(plan, noisy, scan, low_pass=narrow),
         )
         show_image(row[0], balls.projection(0.0).image(grid), grid)
         row[0].set_title(f"projection; array {name}", fontsize=8)

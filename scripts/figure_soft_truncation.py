@@ -19,9 +19,9 @@ from jaxtat.densities.harmonic import frequency_groups, harmonic_orders, polar_g
 from jaxtat.densities.harmonic.densities import fold, wave_system
 from jaxtat.reconstruction.setup import plane_of
 from jaxtat.regularization import singular_components, unit_norms
+from jaxtat.steps import radial_transform, total_integrals
 from jaxtat.steps.inversion import invert
 from jaxtat.steps.polar_fourier import with_origin
-from jaxtat.steps.radial_transforms import radial_transform, total_integrals
 
 OUT = Path("notebooks/soft_truncation.png")
 PIXELS, N_DETECTORS, NOISE = 129, 500, 0.15
@@ -34,7 +34,7 @@ CURVES = {
 
 
 class Study(eqx.Module):
-    """A geometry, its data and the truth."""
+    """A problem, its data and the truth."""
 
     setup: jaxtat.Setup
     data: jax.Array
@@ -42,12 +42,12 @@ class Study(eqx.Module):
 
     @classmethod
     def of_size(cls, pixels: int, n_detectors: int) -> "Study":
-        curve, region = jaxtat.circular_arc(1.3, 0.0, n_detectors), jaxtat.disk(1.0, 0.0)
-        setup = jaxtat.Setup(curve, region, jaxtat.ImageGrid(pixels))
+        curve, grid = jaxtat.circular_arc(1.3, 0.0, n_detectors), jaxtat.ImageGrid(pixels)
+        setup = jaxtat.Setup(curve, jaxtat.disk(1.0, 0.0), grid)
         bells = jaxtat.phantoms.Bells([[-0.45, 0.3], [-0.5, -0.3]], [0.35, 0.3])
         g = bells.circular_integrals(curve, setup.radii)
         data = g + jaxtat.phantoms.noise_like(jax.random.key(0), g, NOISE)
-        return cls(setup, data, bells.image(setup.grid))
+        return cls(setup, data, bells.image(grid))
 
     def error(self, image):
         """Relative L2 error in the region."""
@@ -82,12 +82,12 @@ def errors(study: Study, rules) -> list[tuple[np.ndarray, np.ndarray]]:
         image = invert(whole, frequencies[0], angles, study.setup.grid, center, eta, "fbp")
         return study.error(image)
 
-    def values_and_slopes(fhat, slope):  # values first
+    def errors_of(fhat, slope):  # values first
         pairs = [jax.jvp(of_fhat, (f,), (s,)) for f, s in zip(fhat, slope, strict=True)]
         return tuple(np.array(pairs).T)
 
     joined = jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=1), *pieces)
-    return [values_and_slopes(*one) for one in joined]
+    return [errors_of(*one) for one in joined]
 
 
 @eqx.filter_jit

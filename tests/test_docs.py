@@ -1,5 +1,6 @@
 """What the documentation shows is run as it stands there, and names what there is."""
 
+import ast
 import importlib
 import re
 import shlex
@@ -30,11 +31,40 @@ def shown(page, language):
 @pytest.mark.parametrize("page", [page for page in PAGES if shown(page, "python")], ids=str)
 def test_python_runs_from_top_to_bottom(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("jaxtat.layout.GROUPS", 1)  # less to compile
-    monkeypatch.setattr("jaxtat.reconstruction.plan._GROUPS", 1)
     program = "\n".join(shown(page, "python"))
     exec(compile(program, page.name, "exec"), {"__name__": page.stem})
     assert jax.config.jax_enable_x64
+
+
+@pytest.mark.parametrize("page", sorted((DOCS / "how-to").glob("*.md")), ids=str)
+def test_every_how_to_has_code_that_is_run(page):
+    assert shown(page, "python")
+
+
+def test_rooms_are_used_from_above_only():
+    """In the order of docs/architecture.md, which names all of them."""
+    rooms = re.findall(r"^\| `(\w+)` \|", (DOCS / "architecture.md").read_text(), re.M)
+    package = ROOT / "jaxtat"
+    assert sorted(rooms) == sorted(path.parent.name for path in package.glob("*/__init__.py"))
+    for path in package.glob("*/**/*.py"):
+        room, *inner = path.relative_to(package).parts
+        for used in used_rooms(path, len(inner)):
+            if used in rooms:
+                assert rooms.index(used) <= rooms.index(room), path
+
+
+def used_rooms(path, depth):
+    """First names of what a module that lies so deep imports from the package's root."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.level == depth + 1:
+            yield from [node.module.split(".")[0]] if node.module else [a.name for a in node.names]
+
+
+def test_the_lines_of_the_pipeline_are_those_of_the_code():
+    (block,) = shown(DOCS / "architecture.md", "text")
+    code = (ROOT / "jaxtat" / "reconstruction" / "pipeline.py").read_text()
+    for line in block.strip().splitlines():
+        assert re.sub(r" +#", "  #", line) in code
 
 
 def lines(page):

@@ -1,33 +1,63 @@
 """Notebooks run from top to bottom, and what they claim holds."""
 
+import os
 import re
 from pathlib import Path
 
 import nbformat
 import pytest
+from jupyter_client.manager import KernelManager
 from nbclient import NotebookClient
 
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
-# these compute longer than they compile
-COMPUTE = ("01_paper.ipynb", "03_choosing_K_by_gradient.ipynb", "05_uncertainty.ipynb")
+# by the time they take
+NAMES = (
+    "01_paper.ipynb",
+    "05_uncertainty.ipynb",
+    "03_choosing_K_by_gradient.ipynb",
+    "02_truncation_and_tikhonov.ipynb",
+    "04_calibration.ipynb",
+    "07_three_dimensions.ipynb",
+    "06_any_curve.ipynb",
+    "08_designing_an_array.ipynb",
+    "09_your_own_phantom.ipynb",
+)
 
 
-def run(name, cells=None):
-    """What all or some of a notebook's cells print, run where the notebook is, and its code."""
+@pytest.fixture(scope="module")
+def kernel(few_optimisations):
+    """One process for all notebooks: they import once, and share compiled programs."""
+    manager = KernelManager(kernel_name="python3")
+    environment = os.environ | {"XLA_FLAGS": few_optimisations}
+    manager.start_kernel(cwd=str(FOLDER), env=environment)
+    yield manager
+    manager.shutdown_kernel(now=True)
+
+
+def run(kernel, name, data_folder, cells=None):
+    """What all or some of a notebook's cells print, without variables of others, and its code."""
     notebook = nbformat.read(FOLDER / name, as_version=4)
     notebook.cells = [notebook.cells[i] for i in cells or range(len(notebook.cells))]
-    folder = {"metadata": {"path": str(FOLDER)}}
-    NotebookClient(notebook, timeout=900, kernel_name="python3", resources=folder).execute()
+    fresh = f"%reset -f\nimport os\nos.environ['JAXTAT_DATA'] = {str(data_folder)!r}"
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(fresh))
+    client = NotebookClient(notebook, km=kernel, timeout=None)
+    try:
+        client.execute()
+    finally:
+        client.kc.stop_channels()
     text = "".join(o.get("text", "") for c in notebook.cells for o in c.get("outputs", []))
     return text, "\n".join(c.source for c in notebook.cells if c.cell_type == "code")
 
 
-@pytest.mark.parametrize("name", sorted(path.name for path in FOLDER.glob("*.ipynb")))
-def test_notebooks_run_from_top_to_bottom(name, data_folder, monkeypatch, request):
+def test_all_are_run():
+    assert sorted(NAMES) == sorted(path.name for path in FOLDER.glob("*.ipynb"))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_notebooks_run_from_top_to_bottom(name, kernel, data_folder):
     """What a notebook claims it asserts itself, or prints as an error that is almost rounding."""
-    request.getfixturevalue("little_optimised" if name in COMPUTE else "unoptimised")
-    monkeypatch.setenv("JAXTAT_DATA", str(data_folder))
-    text, code = run(name)
+    text, code = run(kernel, name, data_folder)
+    assert 'jax.config.update("jax_enable_x64", True)' in code  # in each, for it stays on
     errors = [float(v) for v in re.findall(r"largest error: (\S+)", text)]
     assert errors or "\nassert " in code
     assert max(errors, default=0.0) < 1e-7
@@ -37,7 +67,7 @@ DRAWS = ("plt.subplots(", "plt.figure(", "show_image(", "show_slices(")
 LARGEST = 1_000_000  # bytes of a notebook
 
 
-@pytest.mark.parametrize("name", sorted(path.name for path in FOLDER.glob("*.ipynb")))
+@pytest.mark.parametrize("name", NAMES)
 def test_notebooks_are_kept_with_their_pictures(name):
     """The documentation shows them as they are: every cell run in order, a picture of each plot."""
     assert (FOLDER / name).stat().st_size < LARGEST
@@ -53,7 +83,6 @@ def test_notebooks_are_kept_with_their_pictures(name):
             assert any("image/png" in output.get("data", {}) for output in cell.outputs), body
 
 
-def test_calibration_without_the_measured_scan_says_so(tmp_path, monkeypatch):
-    monkeypatch.setenv("JAXTAT_DATA", str(tmp_path))
-    text, _ = run("04_calibration.ipynb", [1, 8, 10])
+def test_calibration_without_the_measured_scan_says_so(kernel, tmp_path):
+    text, _ = run(kernel, "04_calibration.ipynb", tmp_path, [1, 8, 10])
     assert text == f"msot_scan9.npz is not in {tmp_path}: nothing is measured here.\n"
