@@ -23,7 +23,8 @@ from jaxtat import (
 )
 from jaxtat.densities import solve_on_boundary
 from jaxtat.densities.harmonic import Asked
-from jaxtat.reconstruction.plane_basis import BoundaryTraces
+from jaxtat.reconstruction.plane_basis import BoundaryTraces, plane_basis
+from jaxtat.reconstruction.setup import plane_of
 from jaxtat.regularization import tikhonov_rule
 from jaxtat.steps.inversion import invert
 from jaxtat.steps.polar_fourier import with_origin
@@ -111,9 +112,9 @@ def test_a_plan_makes_the_same_image(l_shape):
 
 def test_on_a_ring_it_agrees_with_cylindrical_waves(ring):
     g = BELL.circular_integrals(ring.curve, ring.radii)
-    waves = ring.basis("cholesky", 1e-10, None)
     tolerance = jnp.array(1e-10)
     places = ring.curve, ring.region, ring.radii, ring.sizes
+    waves = plane_basis(*places, "cholesky", tolerance, None)
     traces = BoundaryTraces(*places, "cholesky", tolerance, None)
     assert (waves.name, traces.name) == ("cylindrical", "boundary")
     rule = tikhonov_rule(RelativeTikhonov(0.02), ring.sizes.n_frequencies)
@@ -135,7 +136,8 @@ def test_derivatives_with_respect_to_positions_and_boundary():
 
     def fhat(line, corners, g, kappa):
         curve, region = parts(line, corners)
-        basis = setup.replace(curve=curve, region=region).basis("cholesky", 1e-10, None)
+        moved = setup.replace(curve=curve, region=region)
+        basis = plane_basis(*plane_of(moved), "cholesky", jnp.array(1e-10), None)
         rule = tikhonov_rule(RelativeTikhonov(kappa), setup.sizes.n_frequencies)
         found, _ = basis.fhat(basis.transform(g[None])[0], rule)
         return found.real, found.imag

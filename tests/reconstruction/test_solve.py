@@ -20,8 +20,8 @@ from jaxtat import (
     solve,
 )
 from jaxtat.densities.harmonic import tikhonov
-from jaxtat.reconstruction import plane_basis
-from jaxtat.reconstruction.setup import require_setup
+from jaxtat.reconstruction.plane_basis import plane_basis
+from jaxtat.reconstruction.setup import plane_of, require_setup
 
 BELL = phantoms.Bells([[0.08, 0.03], [-0.05, -0.06]], [0.9, 0.9], [1.0, 0.7])
 
@@ -181,12 +181,16 @@ def test_plain_calls_compile_once(arc, data, monkeypatch):
     assert len(calls) == 1
 
 
+def basis_of(setup):
+    return plane_basis(*plane_of(setup), "auto", jnp.array(1e-10), None)
+
+
 def test_solver_follows_from_the_size(arc, half_arc, monkeypatch):
     """Conjugate gradients for very many orders, where they are cheap: disks and circles."""
-    assert arc.basis("auto", 1e-10, None).solver == "cholesky"
-    monkeypatch.setattr("jaxtat.reconstruction.setup.MOST_ORDERS", 10)
-    assert arc.basis("auto", 1e-10, None).solver == "cg"
-    assert half_arc.basis("auto", 1e-10, None).solver == "cholesky"
+    assert basis_of(arc).solver == "cholesky"
+    monkeypatch.setattr("jaxtat.reconstruction.plane_basis.MOST_ORDERS", 10)
+    assert basis_of(arc).solver == "cg"
+    assert basis_of(half_arc).solver == "cholesky"
 
 
 # a small problem, whose parameters are all changed at once
