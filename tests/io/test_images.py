@@ -366,22 +366,20 @@ def test_a_failing_write_leaves_the_old_image(tmp_path, monkeypatch):
     assert names(tmp_path) == ["a.npy"]
 
 
-@pytest.mark.parametrize("name", ["a.h5", "a.npy"])
-def test_a_writer_that_is_stopped_leaves_the_old_file_or_the_whole_new_one(tmp_path, name):
-    """At lines of `jaxtat.io` chosen at random, the last ones among them, and with too little room;
-    `benchmarks/robustness/interrupted.py` does it at any time, and kills."""
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # its opening was stopped
+def test_a_writer_that_is_stopped_leaves_the_old_file_or_the_whole_new_one(tmp_path):
+    """At lines of `jaxtat.io` chosen at random, the last ones among them, and with too little room.
+
+    HDF5 files are written by a library that must not be stopped so within a process that lives on:
+    `benchmarks/robustness/interrupted.py` kills and interrupts their writers in children.
+    """
+    name = "a.npy"
 
     def write():
         save_image(path, IMAGE, GRID, REGION, SETTINGS)
 
     def require_whole():
-        if name == "a.h5":
-            load_settings(path)
-            with h5py.File(path) as file:
-                found = file["image"][()]
-        else:
-            found = np.load(path)
-        assert np.array_equal(found, np.where(INSIDE, IMAGE, 0.0))
+        assert np.array_equal(np.load(path), np.where(INSIDE, IMAGE, 0.0))
 
     path, rng = tmp_path / name, np.random.default_rng(8)
     write()

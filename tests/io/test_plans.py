@@ -1,6 +1,5 @@
 """Plans through files: equal to the last bit, or refused with the reason."""
 
-import contextlib
 import hashlib
 from dataclasses import replace
 
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from interruptions import files_of_at_most, lines_of
 
 from jaxtat import (
     FixedRank,
@@ -296,30 +294,6 @@ def test_a_failing_write_leaves_the_old_file_and_no_other(
     assert len(calls) == failing_call + 1
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["plan.h5"]
-
-
-def test_a_writer_that_is_stopped_leaves_the_old_file_or_the_whole_new_one(tiny_plan, tmp_path):
-    """As `test_images` has it: the digest is written last, and a file without it is refused."""
-
-    def write():
-        save_plan(tiny_plan, path)
-
-    path, rng = tmp_path / "plan.h5", np.random.default_rng(9)
-    write()
-    size, n = path.stat().st_size, lines_of(write)
-    for last in {*range(n - 15, n), *rng.integers(1, n, size=15).tolist()}:
-        path.write_bytes(b"old")
-        with contextlib.suppress(KeyboardInterrupt):
-            lines_of(write, last)
-        assert [p.name for p in tmp_path.iterdir()] == ["plan.h5"], last
-        if path.read_bytes() != b"old":
-            load_plan(path)
-    for room in rng.integers(size, size=5).tolist():
-        path.write_bytes(b"old")
-        with files_of_at_most(room), pytest.raises((OSError, ValueError), match="cannot write"):
-            write()
-        assert [p.name for p in tmp_path.iterdir()] == ["plan.h5"]
-        assert path.read_bytes() == b"old"
 
 
 class Everything(Regularization):

@@ -20,7 +20,7 @@ from jaxtat import (
     solve,
 )
 from jaxtat.densities.harmonic import tikhonov
-from jaxtat.reconstruction.plane_basis import plane_basis
+from jaxtat.reconstruction import plane_basis as bases
 from jaxtat.reconstruction.setup import plane_of, require_setup
 
 BELL = phantoms.Bells([[0.08, 0.03], [-0.05, -0.06]], [0.9, 0.9], [1.0, 0.7])
@@ -168,13 +168,13 @@ def test_detectors_too_near_for_waves(arc):
 def test_plain_calls_compile_once(arc, data, monkeypatch):
     """Other detectors, alpha and data find the compiled function of the first call."""
     calls = []
-    plain = plane_basis.solve_harmonics
+    plain = bases.solve_harmonics
 
     def counted(*arguments, **options):
         calls.append(1)
         return plain(*arguments, **options)
 
-    monkeypatch.setattr(plane_basis, "solve_harmonics", counted)
+    monkeypatch.setattr(bases, "solve_harmonics", counted)
     for i in range(3):
         moved = arc.replace(curve=circular_arc(1.3 * (1 + 1e-4 * i), 1.0, 80))
         solve(moved, jnp.stack([data] * 4) * (i + 1), 1e-4 * (1 + i))
@@ -182,7 +182,7 @@ def test_plain_calls_compile_once(arc, data, monkeypatch):
 
 
 def basis_of(setup):
-    return plane_basis(*plane_of(setup), "auto", jnp.array(1e-10), None)
+    return bases.plane_basis(*plane_of(setup), "auto", jnp.array(1e-10), None)
 
 
 def test_solver_follows_from_the_size(arc, half_arc, monkeypatch):
