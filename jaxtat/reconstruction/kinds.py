@@ -22,6 +22,7 @@ from ..geometry import (
 )
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, SphericalCap
+from ..geometry.regions import DEFAULT_BOUNDARY
 from ..regularization import Tikhonov, TikhonovRule
 from ..spherical.basis import SphericalBasis
 from ..spherical.sizes import cap_radii, require_fitting, space_sizes
@@ -72,6 +73,12 @@ class Kind(NamedTuple):
             )
 
 
+def _plane_radii(curve: DetectorCurve, region: Region, step: Array) -> Array:
+    if region.automatic:  # the same, whichever setup the region has been in
+        region = region.with_counts(region.shared_out(DEFAULT_BOUNDARY))
+    return data_radii(curve, region, step)
+
+
 def _require_plane(curve: DetectorCurve, region: Region, radii: Array) -> None:
     require_outside(curve, region)
     require_cover(curve, region, radii)
@@ -96,7 +103,7 @@ PLANE = Kind(
         "region": (Region, "disk(radius), polygon or rectangle"),
         "grid": (ImageGrid, "ImageGrid(n)"),
     },
-    radii=data_radii,
+    radii=_plane_radii,
     radii_per_pixel=1,
     sizes=plane_sizes,
     require_fitting=_require_plane,

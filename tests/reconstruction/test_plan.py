@@ -157,8 +157,8 @@ def test_turning_and_moving_everything_changes_nothing(arc, data, method):
 
 def test_the_unit_of_length_does_not_matter(data, either_plan):
     mm = 1e-3
-    region = disk(mm, n_boundary=260)
-    setup = Setup(circular_arc(1.3 * mm, mm, 80), region, ImageGrid(21, mm))
+    curve, region = circular_arc(1.3 * mm, mm, 80), disk(mm, n_boundary=260)
+    setup = Setup(curve, region, ImageGrid(21, mm), mm * either_plan.radii)
     plan = build_plan(setup, method=method_of(either_plan))
     assert np.allclose(
         reconstruct(plan, data * mm), reconstruct(either_plan, data), atol=1e-6
