@@ -91,9 +91,9 @@ def require_place(path: str | Path) -> None:
     folder = target.resolve().parent
     if not folder.is_dir():
         raise ValueError(f"cannot write {target}: there is no folder {folder}.")
-    name = {"prefix": f"{_mark(target)}{os.getpid()}-", "suffix": target.suffix}
+    prefix = f"{_mark(target)}{os.getpid()}-"
     try:
-        with tempfile.NamedTemporaryFile(dir=folder, **name) as trial:
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=prefix, suffix=target.suffix) as trial:
             trial.write(bytes(_LEAST))
     except OSError as error:
         raise ValueError(
