@@ -91,9 +91,9 @@ def require_place(path: str | Path) -> None:
     folder = target.resolve().parent
     if not folder.is_dir():
         raise ValueError(f"cannot write {target}: there is no folder {folder}.")
-    prefix = f"{_mark(target)}{os.getpid()}-"
+    mark, suffix = f"{_mark(target)}{os.getpid()}-", target.suffix
     try:
-        with tempfile.NamedTemporaryFile(dir=folder, prefix=prefix, suffix=target.suffix) as trial:
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=mark, suffix=suffix) as trial:
             trial.write(bytes(_LEAST))
     except OSError as error:
         raise ValueError(
