@@ -24,7 +24,6 @@ from jaxtat import (
     TikhonovNormBound,
     build_plan,
     circular_arc,
-    data_radii,
     detector_curve,
     disk,
     phantoms,
@@ -37,15 +36,13 @@ BLOCK = 512  # bytes of the user block, before the digest's range
 BELL = phantoms.Bells([[0.1, -0.2]], [0.6])
 
 
-TINY = {"max_frequency": 5, "n_directions": 4, "progress": False}
+TINY = {"max_frequency": 5, "n_directions": 4}
 
 
 def tiny(curve, method):
     """A plan of a few ten kilobytes, for three frequencies and four directions."""
-    region, grid = disk(0.8, n_boundary=48), ImageGrid(5)
-    return build_plan(
-        Setup(curve, region, grid, data_radii(curve, region, 0.5)), method=method, **TINY
-    )
+    region = disk(0.8, n_boundary=48)
+    return build_plan(Setup(curve, region, ImageGrid(5), **TINY), method=method)
 
 
 @pytest.fixture(scope="module")
