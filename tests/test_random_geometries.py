@@ -36,9 +36,8 @@ def test_detectors_in_no_order_are_refused(script):
         script.draw(7)
 
 
-@pytest.mark.parametrize(("seed", "fails"), [(1004, True), (1023, False)])
-def test_what_fails_is_announced(script, seed, fails):
-    """8 scattered detectors, and a ring of 32: all that is seen of the image is compared."""
-    outcome = script.judge(script.draw(seed))
-    assert outcome.failed == fails, outcome
-    assert bool(outcome.warned) == fails, outcome
+def test_what_fails_is_announced(script):
+    """An image by 8 scattered detectors, compared where all of it is seen."""
+    outcome = script.judge(script.draw(1004))
+    assert outcome.failed, outcome
+    assert AccuracyWarning in outcome.warned, outcome

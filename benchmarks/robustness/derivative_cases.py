@@ -119,12 +119,12 @@ def of_curves(rng: Rng) -> Cases:
 def of_visibility(rng: Rng) -> Cases:
     """Weights of lines, noise and norms by them, and what a geometry supports."""
     lines = {"angles": rng.uniform(0, 3, 5), "offsets": rng.uniform(-0.5, 0.5, 5)}
-    region, grid = jt.disk(0.8, 0.3, n_boundary=40), jt.ImageGrid(4, 0.3)
+    region, grid = jt.disk(0.8, 0.2, n_boundary=40), jt.ImageGrid(4, 0.3)
     for name, noise in (("regular", 0.0), ("scattered", 0.01)):
         points = _scattered(rng, 24, noise)
         curve = partial(jt.detector_curve, closed=False)
         radii = geometry.data_radii(curve(points), region, 0.1)
-        setup = jt.Setup(curve(points), region, jt.ImageGrid(9, 0.8), radii)
+        setup = jt.Setup(curve(points), region, grid, radii, max_frequency=8.0)
         yield Case(
             f"transverse_weight, {name} positions",
             lambda p, angles, offsets, c=curve: geometry.transverse_weight(c(p), angles, offsets),

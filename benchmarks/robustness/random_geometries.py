@@ -129,7 +129,7 @@ def _bells(region: Region, pixel: float, rng: np.random.Generator) -> phantoms.B
     centers = []
     for center in rng.uniform(-reach, reach, (500, 2)):
         points = center + np.stack([rim.real, rim.imag], axis=-1)
-        if np.asarray(region.contains(points)).all():
+        if np.asarray(region.contains(jax.numpy.asarray(points))).all():
             centers.append(center)
     if not centers:
         raise ValueError("no bell fits into the region")

@@ -366,6 +366,7 @@ def test_a_failing_write_leaves_the_old_image(tmp_path, monkeypatch):
     assert names(tmp_path) == ["a.npy"]
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # files left open
 @pytest.mark.parametrize("name", ["a.h5", "a.npy"])
 def test_a_writer_that_is_stopped_leaves_the_old_file_or_the_whole_new_one(tmp_path, name):
     """At lines of `jaxtat.io` chosen at random, the last ones among them, and with too little room;

@@ -294,6 +294,7 @@ def test_a_failing_write_leaves_the_old_file_and_no_other(
     assert [p.name for p in tmp_path.iterdir()] == ["plan.h5"]
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # files left open
 def test_a_writer_that_is_stopped_leaves_the_old_file_or_the_whole_new_one(tiny_plan, tmp_path):
     """As `test_images` has it: the digest is written last, and a file without it is refused."""
 
