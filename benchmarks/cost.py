@@ -5,7 +5,7 @@
 
 Each case runs in a process of its own: its peak memory less that before the work (so programs count
 too, some 150 MB, and those of a second call), the processor time of the second call, in which
-nothing is compiled, and beside them what jaxtat/cost.py says: the larger of steps 1 to 3 and of
+nothing is compiled, and beside them what base/cost.py says: the larger of steps 1 to 3 and of
 steps 4 and 5, as they come one after the other.
 """
 
@@ -36,29 +36,27 @@ import jax
 jax.config.update("jax_enable_x64", True)
 import numpy as np
 import jaxtat as jt
-from jaxtat import cost
+import jaxtat.reconstruction
+from jaxtat.spherical import ball, spherical_cap
 what, pixels, n, waves = json.loads(sys.argv[1])
 told = []
 def note(of, count, *words):
     told.append(of(count))
-jt.problem.require_room = jt.layout.require_room = note
+for name, module in list(sys.modules.items()):  # wherever room is asked for
+    if name.startswith("jaxtat.") and "require_room" in vars(module):
+        module.require_room = note
 if what == "space":  # n rings of twice as many azimuths
-    from jaxtat.spherical import ball_part, reconstruct_cap, spherical_cap
-    cap, region, grid = spherical_cap(1.3, 1.0, n, 2 * n), ball_part(1.0), jt.VolumeGrid(pixels)
-    radii = np.linspace(0.28, 2.32, 2 * waves + 9)
-    g = np.random.default_rng(0).standard_normal((*cap.shape, len(radii)))
-if what != "space":
+    curve, region, grid = spherical_cap(1.3, 1.0, n, 2 * n), ball(1.0), jt.VolumeGrid(pixels)
+else:
     curve, grid = jt.circular_arc(1.3, 1.0, n), jt.ImageGrid(pixels)
-if what != "space":
-    region = jt.truncated_disk(1, 1, 4 * waves)
-    radii = np.linspace(0.28, 2.32, 2 * waves + 9)
-    g = np.random.default_rng(0).standard_normal((n, len(radii)))
+    region = jt.disk(1.0)
+radii = np.linspace(0.28, 2.32, 2 * waves + 9)
 def work():
-    if what == "space":
-        return reconstruct_cap(cap, region, grid, radii, g, max_frequency=float(waves))
+    setup = jt.Setup(curve, region, grid, radii, max_frequency=float(waves))
     if what == "plan":
-        return jt.build_plan(curve, region, grid, radii, max_frequency=float(waves), progress=False)
-    return jt.reconstruct_direct(curve, region, grid, radii, g, max_frequency=float(waves))
+        return jt.build_plan(setup)
+    g = np.random.default_rng(0).standard_normal(setup.data_shape)
+    return jt.reconstruct(setup, g, inversion="fourier" if what == "space" else "fbp")
 before = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 jax.block_until_ready(work())
 first = list(told)

@@ -114,7 +114,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--families", nargs="+", default=[f.__name__ for f in FAMILIES])
-    parser.add_argument("--only", default="", help="functions whose name holds this")
+    parser.add_argument("--only", nargs="+", default=[""], help="names that hold one of these")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     warnings.simplefilter("ignore")  # of small problems
@@ -124,7 +124,7 @@ def main() -> int:
         if family.__name__ not in options.families:
             continue
         for case in family(np.random.default_rng([options.seed, k])):
-            if options.only not in case.name:
+            if not any(part in case.name for part in options.only):
                 continue
             right, line = measure(case, np.random.default_rng([options.seed, number]))
             wrong, number = wrong + (not right), number + 1

@@ -175,11 +175,12 @@ import warnings; warnings.simplefilter("ignore")
 import jax; jax.config.update("jax_enable_x64", True)
 import numpy as np
 from jaxtat import *
-region, grid = truncated_disk(0.8, 0.8, 48), ImageGrid(5)
+region, grid = disk(0.8, n_boundary=48), ImageGrid(5)
 for name, arc, method in (("h", circular_arc(1.3, 1.0, 16), "harmonic"),
                           ("s", circular_arc(1.3, 1.3, 16), "series")):
-    plan = build_plan(arc, region, grid, data_radii(arc, region, 0.5), method=method,
-                      max_frequency=5, n_directions=4, progress=False)
+    radii = data_radii(arc, region, 0.5)
+    setup = Setup(arc, region, grid, radii, max_frequency=5, n_directions=4)
+    plan = build_plan(setup, method=method)
     save_plan(plan, {str(folder)!r} + f"/plan {{name}}.h5")
 for name, shape in (("one", (5, 5)), ("many", (3, 5, 5))):
     settings = {{"alpha": 0.1, "use": list(range(80 * len(shape) - 160)), "file": "scan.npz"}}

@@ -45,7 +45,7 @@ class Writer(NamedTuple):
 def writers(folder: Path) -> list[Writer]:
     """`save_plan`, `save_image`, and the commands `reconstruct` and `report`."""
     from jaxtat import (
-        ImageGrid,  # fmt: skip
+        ImageGrid,
         Setup,
         build_plan,
         circular_arc,

@@ -14,7 +14,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from jaxtat import ImageGrid, Setup, circular_arc, data_radii, disk, phantoms, problem_layout, solve
+from jaxtat import ImageGrid, Setup, circular_arc, data_radii, disk, phantoms, solve  # noqa: E402
 
 CENTERS = [[0.3, 0.3], [-0.4, 0.2]]
 
@@ -57,14 +57,13 @@ def main() -> None:
                 cases[f"jitter {jitter:.0%}"] = [moved(even, jitter, rng) for rng in seeds]
             cases |= {f"steps growing {f} fold": [graded(even, f)] for f in (1.5, 3.0)}
             for case, several in cases.items():
-                layout = problem_layout(curve, region, grid, several[0])
+                setup = Setup(curve, region, grid, several[0])  # the same program for all
                 found = []
                 for alpha in (1e-10, None):
                     errors = []
                     for radii in several:
                         g = phantom.circular_integrals(curve, radii)
-                        arguments = curve, region, grid, radii, g, alpha
-                        error = solve(Setup(*arguments)).image - image
+                        error = solve(setup.replace(radii=radii), g, alpha).image - image
                         errors.append(np.abs(error)[inside].max())
                     found.append(max(errors))
                 print(

@@ -19,7 +19,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from jaxtat import (
+from jaxtat import (  # noqa: E402
     AccuracyWarning,
     ImageGrid,
     Setup,
@@ -32,12 +32,11 @@ from jaxtat import (
     join_curves,
     phantoms,
     polyline,
-    problem_layout,
     solve,
 )
-from jaxtat.geometry import DetectorCurve, Region
+from jaxtat.geometry import DetectorCurve, Region  # noqa: E402
 from jaxtat.steps.inversion import invert  # noqa: E402
-from jaxtat.studies import visibility_map
+from jaxtat.studies import visibility_map  # noqa: E402
 
 DETECTORS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 300, 600)
 HARM = 0.05  # of the bells' height
@@ -85,9 +84,9 @@ def draw(seed: int) -> Problem:
     n = int(rng.choice(DETECTORS))
     curve = _curve(str(kind), n, rng)
     reach = rng.uniform(0.3, 1.0)
-    x_right = reach if rng.random() < 0.5 else rng.uniform(-0.3, 1.0) * reach
+    cut = None if rng.random() < 0.5 else rng.uniform(-0.3, 1.0) * reach
     angle = float(getattr(curve, "angle", 0.0))  # an arc opens where its region is cut
-    region = disk(reach, x_right, angle=angle)
+    region = disk(reach, cut, angle=angle)
     grid = ImageGrid(int(rng.choice([25, 33, 49, 65])), reach)
     pixel = float(grid.spacing[0])
     radii = np.array(data_radii(curve, region, pixel / rng.choice([1, 1, 2])))
@@ -130,7 +129,7 @@ def _bells(region: Region, pixel: float, rng: np.random.Generator) -> phantoms.B
     centers = []
     for center in rng.uniform(-reach, reach, (500, 2)):
         points = center + np.stack([rim.real, rim.imag], axis=-1)
-        if np.asarray(region.contains(points)).all():
+        if np.asarray(region.contains(jax.numpy.asarray(points))).all():
             centers.append(center)
     if not centers:
         raise ValueError("no bell fits into the region")
@@ -142,20 +141,19 @@ def judge(problem: Problem) -> Outcome:
     """Reconstruct, compare, and note what was warned of."""
     p = problem
     g = p.phantom.circular_integrals(p.curve, p.radii)
-    geometry = p.curve, p.region, p.grid, p.radii
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         # one group of frequencies compiles soonest
-        layout = problem_layout(*geometry, max_frequency=p.max_frequency, n_groups=1)
-        found = solve(Setup(*geometry), g, p.alpha)
+        setup = Setup(p.curve, p.region, p.grid, p.radii, max_frequency=p.max_frequency, n_groups=1)
+        found = solve(setup, g, p.alpha)
     warned = {w.category for w in caught} & {AccuracyWarning, VisibilityWarning}
-    fhat = p.phantom.fourier(np.append(0.0, layout.frequencies), layout.angles)
-    step = layout.frequencies[0]
-    eta = jax.numpy.ones(layout.n_frequencies + 1)
+    frequencies, angles = setup.frequencies, setup.sizes.angles
+    fhat = p.phantom.fourier(np.append(0.0, frequencies), angles)
+    eta = jax.numpy.ones(len(frequencies) + 1)
     center = p.region.center  # the origin, as fhat's
-    best = np.asarray(invert(fhat, step, layout.angles, p.grid, center, eta, "fbp"))
+    best = np.asarray(invert(fhat, frequencies[0], angles, p.grid, center, eta, "fbp"))
     image, exact = np.asarray(found.image), np.asarray(p.phantom.image(p.grid))
-    seen = np.asarray(visibility_map(p.curve, p.grid, least=0.5)) == 1
+    seen = np.asarray(visibility_map(setup, least=0.5)) == 1
     seen &= np.asarray(p.region.contains(p.grid.points))
     height = np.abs(exact).max()
 

@@ -16,7 +16,7 @@ import math
 import os
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -31,6 +31,7 @@ from .limits import DEFLATE, Allowance, name_of, refusing, require_held
 from .scan import REAL, require_numbers
 
 _GZIP, _SHUFFLE, _CHECKSUM = 1, 2, 3  # numbers of HDF5's own filters
+_BESIDES = 8192  # bytes that HDF5 may add to an array, for names, groups and marks
 LONGEST_TEXT = 4096  # [byte]
 _LONGEST_HEAP = 2**20  # [byte], of strings; the library writes 4096
 _Filter = tuple[int, tuple[int, ...]]  # its number, and its parameters
@@ -200,8 +201,19 @@ def open_hdf5(path: Path, allowance: Allowance) -> Iterator[Hdf5File]:
 
 
 @contextmanager
-def creating_hdf5(path: Path, **options: Any) -> Iterator[h5py.File]:
-    """A file to write to; where there is no more room, HDF5's RuntimeError is an OSError too."""
+def creating_hdf5(path: Path, arrays: Iterable[Any] = (), **options: Any) -> Iterator[h5py.File]:
+    """A file to write to; where there is no more room, HDF5's RuntimeError is an OSError too.
+
+    Args:
+        path: the file, which is made anew.
+        arrays: that it will hold. Room for them is asked for beforehand: where many groups are left
+            unfinished, HDF5 has been seen to end the process.
+        options: of `h5py.File`.
+    """
+    room = sum(array.nbytes + _BESIDES for array in arrays)
+    if room and hasattr(os, "posix_fallocate"):
+        with path.open("wb") as file:
+            os.posix_fallocate(file.fileno(), 0, room)
     try:
         with h5py.File(path, "w", **options) as file:
             yield file

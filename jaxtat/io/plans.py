@@ -105,7 +105,8 @@ def save_plan(plan: ReconstructionPlan, path: str | Path, *, precision: str = "a
         single = plan.densities.in_single_precision()
         plan = eqx.tree_at(lambda tree: tree.densities, plan, single)
     with replacing(path) as temporary:
-        with creating_hdf5(temporary, userblock_size=_BLOCK) as file:
+        arrays = jax.tree.leaves(eqx.filter(plan, eqx.is_array))
+        with creating_hdf5(temporary, arrays, userblock_size=_BLOCK) as file:
             _write(file.create_group("plan"), plan)
         _seal(temporary)
 

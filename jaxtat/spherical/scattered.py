@@ -87,7 +87,7 @@ def solve_points(
         found = jnp.moveaxis(jax.lax.map(of_order, (m, legendre, powers, at_polar)), 0, -1)
         return found, jax.lax.stop_gradient(residual)
 
-    spectrum, residual = jax.lax.map(at, (sizes, _back(waves), data, alpha))
+    spectrum, residual = jax.lax.map(at, (magnitudes, _back(waves), data, alpha))
     steps, finite = jnp.zeros(residual.shape, int), jnp.isfinite(residual)
     report = SolveReport(alpha, relative, residual, steps, finite)
     return jnp.moveaxis(spectrum, 1, 0), report
