@@ -91,7 +91,7 @@ def _problem(frequency: Array, asked: Asked, matrix: Array, rhs: Array) -> Probl
         unit_norm=asked.unit_norm,
         data_power=jnp.mean(rhs**2),
         noise_power=asked.noise_power,
-        frequency=frequency,
+        seen_once=seen_once(frequency),
         unit=seen_once(frequency) ** 2,
         n_data=matrix.shape[1],
     )

@@ -28,7 +28,8 @@ class Problem(eqx.Module):
         unit_norm: N(lambda) of the full circle [1/length^(1/2)].
         data_power: of √w (G_J, G_Y), mean square over detectors and images.
         noise_power: the same for white noise of unit standard deviation in g.
-        frequency: lambda [rad/length].
+        seen_once: singular value of a wave that the detectors see once and squarely, in the plane
+            `rules.seen_once`, in space `spherical.alpha.seen_once`.
         unit: what a number as alpha is relative to.
         n_data: how many numbers √w (G_J, G_Y) are.
     """
@@ -39,7 +40,7 @@ class Problem(eqx.Module):
     unit_norm: Float[Array, ""]
     data_power: Float[Array, ""]
     noise_power: Float[Array, ""]
-    frequency: Float[Array, ""]
+    seen_once: Float[Array, ""]
     unit: Float[Array, ""]
     n_data: int = eqx.field(static=True)
 
@@ -103,7 +104,7 @@ class RelativeTikhonov(TikhonovRule):
         return Tikhonov((self.kappa * seen_once(frequency)) ** 2)
 
     def absolute(self, problem: Problem) -> Array:
-        return (self.kappa * seen_once(problem.frequency)) ** 2
+        return (self.kappa * problem.seen_once) ** 2
 
 
 class NoiseLevel(TikhonovRule):

@@ -65,7 +65,7 @@ def absolute_alpha(
             unit_norm=jnp.ones(()),
             data_power=data,
             noise_power=noise,
-            frequency=frequency,
+            seen_once=seen_once(frequency),
             unit=powers.max(),
             n_data=n_data,
         )

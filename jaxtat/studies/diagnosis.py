@@ -180,8 +180,12 @@ def affordable_pixels(plan: ReconstructionPlan) -> int:
 
     For each pixel the kernels, the densities and the ramp are multiplied with once.
     """
-    n_detectors, n_radii = plan.curve.n_detectors, plan.radii.shape[0]
-    n, n_directions = len(plan.frequencies), len(plan.angles)
+    n_detectors, n_radii = plan.setup.data_shape
+    return _affordable(n_detectors, n_radii, len(plan.frequencies), len(plan.angles))
+
+
+def _affordable(n_detectors: int, n_radii: int, n: int, n_directions: int) -> int:
+    """With n frequencies."""
     ramp = 12 * n * n_directions  # from 2 n offsets to three times as many nodes, over n
     work = n * (2 * n_detectors * (n_radii + n_directions) + ramp)
     blocks = int(np.sqrt(MOST_WORK / work)) // BLOCK

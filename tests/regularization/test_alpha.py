@@ -24,7 +24,7 @@ from jaxtat.densities.harmonic import (
     solve_harmonics,
 )
 from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
-from jaxtat.regularization import tikhonov_rule
+from jaxtat.regularization import seen_once, tikhonov_rule
 from jaxtat.regularization.alpha import Problem, _alpha_of_matrix
 from jaxtat.special import full_circle_norm
 from jaxtat.steps import radial_transform
@@ -64,7 +64,7 @@ def diagonal_problem(values):
         unit_norm=jnp.array(2.0),
         data_power=jnp.array(5.0),
         noise_power=jnp.array(0.25),
-        frequency=jnp.array(3.0),
+        seen_once=seen_once(jnp.array(3.0)),
         unit=values.max(),
         n_data=8,
     )

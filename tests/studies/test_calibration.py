@@ -81,6 +81,7 @@ def test_delays_are_taken_out_at_any_radii():
         sound_speed=jnp.ones(()),
         turns=jnp.zeros(1),
         alpha=jnp.ones(()),
+        sizes=SETUP.sizes,
     )
     found = Parameters(jnp.ones(()), jnp.ones(()), jnp.zeros(2), jnp.ones(5), jnp.asarray(delays))
     true = BELLS.circular_integrals(curve, radii)

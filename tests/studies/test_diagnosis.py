@@ -1,7 +1,5 @@
 """A diagnosis against what it is made of: images, densities and standard deviations."""
 
-from types import SimpleNamespace
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -32,6 +30,7 @@ from jaxtat.studies import (
     plan_of,
     wave_accuracy,
 )
+from jaxtat.studies.diagnosis import _affordable
 
 CURVE, REGION, GRID = circular_arc(1.3, 1.0, 24), disk(0.8, n_boundary=48), ImageGrid(11, 0.8)
 SETUP = Setup(CURVE, REGION, GRID, max_frequency=2 * np.pi / 0.8)
@@ -57,12 +56,10 @@ def diagnosis(image, plan):
 def test_standard_deviations_of_large_plans_are_fewer(plan):
     """No more than those of which work and number are bounded; a block at least."""
 
-    def of(size):
-        many = np.ones(size)
-        return SimpleNamespace(curve=plan.curve, radii=many, frequencies=many, angles=many)
-
     assert affordable_pixels(plan) == 24
-    found = [affordable_pixels(of(size)) for size in (100, 300, 450, 700, 5000)]
+    found = [
+        _affordable(plan.curve.n_detectors, size, size, size) for size in (100, 300, 450, 700, 5000)
+    ]
     assert found == sorted(found, reverse=True)
     assert set(found) == {24, 16, 8}
 

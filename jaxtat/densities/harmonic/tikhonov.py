@@ -22,6 +22,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int
 
 from ...base.parallel import map_shards
+from ...regularization import seen_once
 from ...regularization.alpha import Problem, TikhonovRule
 from .polar import PolarGeometry
 from .table import (
@@ -392,7 +393,7 @@ def _problem(
         unit_norm=system.asked.unit_norm,
         data_power=system.power,
         noise_power=system.asked.noise_power,
-        frequency=wave.frequencies,
+        seen_once=seen_once(wave.frequencies),
         unit=unit,
         n_data=n_data,
     )
