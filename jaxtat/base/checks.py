@@ -68,15 +68,17 @@ def require_objects(**given: Any) -> None:
     for name, value in given.items():
         mark, kind, how = _OBJECTS[name]
         if not hasattr(type(value), mark):
-            raise ValueError(f"{name} is {_shown(value)}, expected {kind}: {how}.")
+            raise ValueError(f"{name} is {named(value)}, expected {kind}: {how}.")
 
 
-def _shown(value: Any) -> str:
+def named(value: Any) -> str:
+    """What came in place of what was expected, in words."""
     if isinstance(value, int | float | str | None):
         return repr(value)
-    if hasattr(value, "shape"):
+    if isinstance(value, np.ndarray | jax.Array):
         return f"an array of shape {value.shape}"
-    return f"a {type(value).__name__}"
+    kind = type(value).__name__
+    return f"{'an' if kind[0] in 'AEIOU' else 'a'} {kind}"
 
 
 def real_array(name: str, value: Numbers, shape: tuple[int | str | None, ...] | None) -> Array:

@@ -3,11 +3,10 @@
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
+from ..base.checks import named
 from ..densities import Basis
 from ..forward import integrate_over_circles, integrate_over_circles_adjoint
 from ..forward.spheres import integrate_over_spheres, integrate_over_spheres_adjoint
@@ -137,13 +136,3 @@ SPACE = Kind(
 def kind_of(curve: Any) -> Kind:
     """SPACE for detectors around a volume, else PLANE."""
     return SPACE if isinstance(curve, SPACE.parts["curve"][0]) else PLANE
-
-
-def named(part: Any) -> str:
-    """A wrong part, in words."""
-    if isinstance(part, int | float):
-        return repr(part)
-    if isinstance(part, np.ndarray | jax.Array):
-        return f"an array of shape {part.shape}"
-    kind = type(part).__name__
-    return f"{'an' if kind[0] in 'AEIOU' else 'a'} {kind}"

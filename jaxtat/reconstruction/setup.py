@@ -6,11 +6,18 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, is_concrete, real_array, require_x64, whole_number
+from ..base.checks import (
+    Numbers,
+    is_concrete,
+    named,
+    real_array,
+    require_x64,
+    whole_number,
+)
 from ..geometry import DetectorCurve, Region
 from ..geometry.balls import Ball
 from ..spherical.sizes import SpaceSizes
-from .kinds import Kind, kind_of, named
+from .kinds import Kind, kind_of
 from .sizes import GROUPS, PlaneSizes
 
 
