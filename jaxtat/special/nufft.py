@@ -1,0 +1,99 @@
+"""Non-uniform Fourier sums: from a regular grid to any frequencies, and back.
+
+    type 2:  F_j = Σ_n f_n e^{i n·x_j},        type 1, its transpose:  f_n = Σ_j F_j e^{i n·x_j},
+
+n_a = -⌊N_a/2⌋ .. ⌈N_a/2⌉ - 1 along each of one to three axes. Both are computed by jax-finufft
+(Barnett, Magland, af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479-C504) with one kernel, so that
+they are transposes of each other to rounding, whatever the tolerance. Imported when first used.
+"""
+
+from functools import cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.interpreters import batching
+from jaxtyping import Array, Complex, Float
+
+
+def from_grid(
+    values: Complex[Array, "*batch_and_grid"], points: Float[Array, "n axes"], tolerance: float
+) -> Complex[Array, "*batch n"]:
+    """F_j = Σ_n f_n e^{i n·x_j}, type 2; differentiable in values and points.
+
+    Args:
+        values: f on the grid, its axes last, (..., N_1, N_2) or with one or three axes.
+        points: x_j, frequencies times grid steps [rad].
+        tolerance: relative error, static.
+
+    >>> wave = from_grid(jnp.ones((1, 3), complex), jnp.array([[0.3, jnp.pi / 2]]), 1e-9)
+    >>> round(float(wave[0].real), 8)  # 1 + 2 cos(π/2)
+    1.0
+    """
+    axes = points.shape[1]
+    batch, grid = values.shape[: values.ndim - axes], values.shape[values.ndim - axes :]
+    found = _library().nufft2(values.reshape(-1, *grid), *points.T, iflag=1, eps=tolerance)
+    return found.reshape(*batch, points.shape[0])
+
+
+def to_grid(
+    values: Complex[Array, "*batch n"],
+    points: Float[Array, "n axes"],
+    shape: tuple[int, ...],
+    tolerance: float,
+) -> Complex[Array, "*batch_and_grid"]:
+    """f_n = Σ_j F_j e^{i n·x_j}, type 1, the transpose of `from_grid` (not its adjoint).
+
+    Args:
+        values: F, (..., points).
+        points, tolerance: as in `from_grid`.
+        shape: (N_1, ...) of the grid.
+    """
+    batch = values.shape[:-1]
+    flat = values.reshape(-1, values.shape[-1])
+    found = _library().nufft1(shape, flat, *points.T, iflag=1, eps=tolerance)
+    return found.reshape(*batch, *shape)
+
+
+@cache
+def _library() -> Any:
+    """jax-finufft, with a rule for `jax.vmap` that works: its own needs what JAX 0.10 removed."""
+    from jax_finufft import ops
+
+    for primitive in (ops.nufft1_p, ops.nufft2_p):
+        batching.primitive_batchers[primitive] = _batched
+    return ops
+
+
+def _batched(args: Any, axes: Any, *, output_shape: Any, nufft_type: int, **options: Any) -> Any:
+    """Values are (sets, transforms, ...), points (sets, n): a new axis becomes transforms or sets.
+
+    Values alone that are mapped are more transforms at the same points, which share the sorting.
+    """
+    mapped = [axis is not None for axis in axes]
+    size = next(arg.shape[axis] for arg, axis, yes in zip(args, axes, mapped, strict=True) if yes)
+    front = [
+        jnp.moveaxis(arg, axis, 0) if yes else arg
+        for arg, axis, yes in zip(args, axes, mapped, strict=True)
+    ]
+    ops = _library()
+
+    def transform(values: Array, points: list[Array]) -> Array:
+        primitive = ops.nufft1_p if nufft_type == 1 else ops.nufft2_p
+        return primitive.bind(
+            values, *points, output_shape=output_shape, nufft_type=nufft_type, **options
+        )
+
+    values, *points = front
+    if not any(mapped[1:]):
+        _, sets, n, *rest = values.shape
+        together = jnp.moveaxis(values, 0, 1).reshape(sets, size * n, *rest)
+        found = transform(together, points)
+        return jnp.moveaxis(found.reshape(sets, size, n, *found.shape[2:]), 1, 0), 0
+    stacked = [
+        arg if yes else jnp.broadcast_to(arg, (size, *arg.shape))
+        for arg, yes in zip(front, mapped, strict=True)
+    ]
+    values, *points = (jax.lax.collapse(arg, 0, 2) for arg in stacked)
+    found = transform(values, points)
+    return found.reshape(size, -1, *found.shape[1:]), 0
