@@ -32,7 +32,8 @@ def from_grid(
     """
     axes = points.shape[1]
     batch, grid = values.shape[: values.ndim - axes], values.shape[values.ndim - axes :]
-    found = _library().nufft2(values.reshape(-1, *grid), *points.T, iflag=1, eps=tolerance)
+    options = {"iflag": 1, "eps": tolerance, "opts": _options(axes)}
+    found = _library().nufft2(values.reshape(-1, *grid), *points.T, **options)
     return found.reshape(*batch, points.shape[0])
 
 
@@ -51,7 +52,8 @@ def to_grid(
     """
     batch = values.shape[:-1]
     flat = values.reshape(-1, values.shape[-1])
-    found = _library().nufft1(shape, flat, *points.T, iflag=1, eps=tolerance)
+    options = {"iflag": 1, "eps": tolerance, "opts": _options(len(shape))}
+    found = _library().nufft1(shape, flat, *points.T, **options)
     return found.reshape(*batch, *shape)
 
 
@@ -63,6 +65,14 @@ def _library() -> Any:
     for primitive in (ops.nufft1_p, ops.nufft2_p):
         batching.primitive_batchers[primitive] = _batched
     return ops
+
+
+@cache
+def _options(axes: int) -> Any:
+    """Sums along one axis are too short to be shared out among threads."""
+    from jax_finufft.options import Opts
+
+    return Opts(nthreads=1 if axes == 1 else 0)
 
 
 def _batched(args: Any, axes: Any, *, output_shape: Any, nufft_type: int, **options: Any) -> Any:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.checks import is_concrete
-from ...geometry import CircularArc, DetectorCurve, Disk, Region, fit_circle, near_circle
+from ...geometry import CircularArc, DetectorCurve, Disk, Region, circle_through, near_circle
 from ..symmetry import mirrored_pairs
 from .orders import highest_orders
 
@@ -182,13 +182,8 @@ def _about_points(curve: DetectorCurve, region: Region) -> PolarGeometry:
 
 def _circle(curve: DetectorCurve, region: Region) -> tuple[Array, Array | None]:
     """Centre of the waves, and the detectors' common radius about it if they have one."""
-    try:
-        circle = fit_circle(curve.points)
-    except ValueError:  # a straight line
-        return jax.device_put(_best_center(curve, region, np)), None
-    points, center, radius = map(np.asarray, (curve.points, circle.center, circle.radius))
-    distance = np.linalg.norm(points - center, axis=1)
-    if np.abs(distance - radius).max() > _ROUNDING * radius:
+    circle = circle_through(curve)
+    if circle is None:
         return jax.device_put(_best_center(curve, region, np)), None
     return circle.center, circle.radius
 
