@@ -12,7 +12,8 @@ from jaxtyping import Float
 from ..geometry import CircularArc, DetectorCurve, ImageGrid, circle_through
 
 MARGIN = 1.04  # of the period over the farthest pixel from a detector: positions may change by that
-GROUPS = 8  # of frequencies with as many orders
+# groups of frequencies with as many orders: more are faster; off a circle each is compiled
+GROUPS, GROUPS_OFF_CIRCLE = 8, 4
 
 
 class CircleSizes(eqx.Module):
@@ -50,14 +51,19 @@ def circle_sizes(curve: DetectorCurve, grid: ImageGrid) -> CircleSizes:
     spacing, points = np.asarray(grid.spacing), np.asarray(curve.points)
     corners = center + half_width * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
     reach = farthest = 0.0
-    for about in _centers(curve, center):
+    circle = _circle_center(curve)
+    centers = [center] if circle is None else [circle]
+    if circle is not None and not isinstance(curve, CircularArc):
+        centers.append(center)  # about which the waves are taken when positions are traced
+    for about in centers:
         reach = max(reach, float(np.hypot(*(corners - about).T).max()))
         farthest = max(farthest, float(np.hypot(*(points - about).T).max()))
     period = MARGIN * (farthest + reach)
     highest = np.pi / float(spacing.max())
     n = max(1, int(np.sum(zeros_of_j0(int(highest * period / np.pi) + 2) <= highest * period)))
     frequencies = zeros_of_j0(n) / period
-    bounds = np.unique(np.linspace(0, n, min(GROUPS, n) + 1).round().astype(int))
+    n_groups = min(GROUPS if circle is not None else GROUPS_OFF_CIRCLE, n)
+    bounds = np.unique(np.linspace(0, n, n_groups + 1).round().astype(int))
     groups = []
     for first, last in pairwise(bounds):
         orders = highest_order(float(frequencies[last - 1]) * reach)
@@ -80,9 +86,9 @@ def zeros_of_j0(n: int) -> Float[np.ndarray, " n"]:
     return zeros
 
 
-def _centers(curve: DetectorCurve, center: np.ndarray) -> list[Any]:
-    """About which the waves may be taken: the circle's for detectors on one, else the image's."""
+def _circle_center(curve: DetectorCurve) -> Any:
+    """Of the circle on which the detectors lie, if they do."""
     if isinstance(curve, CircularArc):
-        return [np.asarray(curve.center)]
+        return np.asarray(curve.center)
     circle = circle_through(curve)
-    return [center] if circle is None else [center, np.asarray(circle.center)]
+    return None if circle is None else np.asarray(circle.center)

@@ -85,7 +85,7 @@ class CircleIntegrals(eqx.Module):
     samples: PolarSamples
     positions: Positions
     radial: Float[Array, "frequencies orders"] | None
-    tables: tuple[Float[Array, "k pairs detectors"], ...]
+    tables: tuple[Float[Array, "..."], ...]
     series: Float[Array, "frequencies radii"]
     sizes: CircleSizes
     shape: tuple[int, int] = eqx.field(static=True)
@@ -209,9 +209,7 @@ def _radial(positions: Positions, sizes: CircleSizes) -> Float[Array, "frequenci
     return j.T * _signs(orders)
 
 
-def _tables(
-    positions: Positions, sizes: CircleSizes
-) -> tuple[Float[Array, "k pairs detectors"], ...]:
+def _tables(positions: Positions, sizes: CircleSizes) -> tuple[Float[Array, "..."], ...]:
     entries = sum((last - first) * 2 * (m + 1) for first, last, m, _ in sizes.groups)
     if 8 * entries * positions.angles.shape[0] > KEPT:
         return ()

@@ -82,7 +82,7 @@ class ForwardOperator(lx.AbstractLinearOperator):
             kept=self.integrals.kept,
         )
 
-    def mv(self, vector: Array) -> Array:
+    def mv(self, vector: Numbers) -> Array:
         return self(vector)
 
     def as_matrix(self) -> Float[Array, "out into"]:
