@@ -18,6 +18,7 @@ from jaxtyping import Array, Float, Int
 from ..base.checks import Numbers, is_concrete, real_array
 
 T = TypeVar("T")
+
 NODES = 8  # by default: exact to 1e-7 for elements of three pixels
 MOST_NODES = 100
 
