@@ -28,7 +28,9 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..base.checks import is_concrete
-from ..geometry import CircularArc, DetectorCurve, ImageGrid, circle_through
+from ..geometry import Circle, CircularArc, DetectorCurve, ImageGrid, circle_through
+from ..geometry.circles import ROUNDING
+from ..geometry.elements import gauss_rule, mean_over_nodes
 from ..special import from_grid, hankel_sequence, j0, j1
 from .circle_sizes import CircleSizes
 
@@ -49,21 +51,24 @@ class PolarSamples(eqx.Module):
 
 
 class Positions(eqx.Module):
-    """Detectors in polar coordinates, or what averages over them.
+    """Detectors in polar coordinates about c; the datum is the mean over the nodes of an element.
+
+    On a circle, with elements that are all alike: radii and turns of the nodes of any one of them,
+    (nodes,), and the angles of the elements. Elsewhere every node has its own.
 
     Attributes:
         center: c, of the waves [length].
-        radius: |z - c|, one number for detectors on a circle about c [length].
-        angles: theta [rad].
+        radii: |z - c|, (nodes,), or (1,) for all of them, or (nodes, detectors) [length].
+        angles: theta, (detectors,) or (nodes, detectors) [rad].
+        turns: from an element to its nodes, (nodes,); None off a circle [rad].
+        weights: of the nodes, adding up to 1.
     """
 
     center: Float[Array, "2"]
-    radius: Float[Array, "*one_or_detectors"]
-    angles: Float[Array, " detectors"]
-
-    @property
-    def on_circle(self) -> bool:
-        return self.radius.ndim == 0
+    radii: Float[Array, "nodes *detectors"]
+    angles: Float[Array, "*more detectors"]
+    turns: Float[Array, " all_nodes"] | None
+    weights: Float[Array, " all_nodes"]
 
 
 class CircleIntegrals(eqx.Module):
@@ -72,7 +77,8 @@ class CircleIntegrals(eqx.Module):
     Attributes:
         samples: where the transform of the image is needed.
         positions: of the detectors.
-        radial: (-i)^m J_m(lambda_k R), m >= 0, on a circle: (frequencies, orders); else None.
+        radial: (-i)^m J_m(lambda_k R), m >= 0, on a circle: (frequencies, orders), of elements the
+            mean of J_m(lambda |z|) cos m (theta - theta_k); else None.
         tables: elsewhere J_m(lambda |z|) cos m theta and sin m theta with these factors, for each
             group of frequencies (frequencies, pairs, detectors); none on a circle, and where they
             would not fit into memory and are made anew each time.
@@ -152,7 +158,7 @@ def circle_integrals(
         tolerance: relative error of the non-uniform FFT.
     """
     # outside of the program: of known detectors it is seen whether they lie on a circle
-    return _integrals(_positions(curve, grid), grid, radii, sizes, eta, tolerance)
+    return _integrals(_positions(curve, grid, sizes.n_nodes), grid, radii, sizes, eta, tolerance)
 
 
 @eqx.filter_jit
@@ -168,8 +174,8 @@ def _integrals(
     return CircleIntegrals(
         samples=_samples(grid, positions.center, sizes),
         positions=positions,
-        radial=_radial(positions, sizes) if positions.on_circle else None,
-        tables=() if positions.on_circle else _tables(positions, sizes),
+        radial=None if positions.turns is None else _radial(positions, sizes),
+        tables=_tables(positions, sizes) if positions.turns is None else (),
         series=series if eta is None else series * eta[:, None],
         sizes=sizes,
         shape=grid.shape,
@@ -177,15 +183,40 @@ def _integrals(
     )
 
 
-def _positions(curve: DetectorCurve, grid: ImageGrid) -> Positions:
+def _positions(curve: DetectorCurve, grid: ImageGrid, n_nodes: int) -> Positions:
     """About the centre of the detectors' circle, if they stay on it or are known to be on it."""
+    points, weights = curve.element_nodes(n_nodes)
+    circle = _common_circle(curve)
+    if circle is None:
+        local = jnp.moveaxis(points, 1, 0) - grid.center
+        angles = jnp.arctan2(local[..., 1], local[..., 0])
+        return Positions(grid.center, jnp.linalg.norm(local, axis=-1), angles, None, weights)
     if isinstance(curve, CircularArc):
-        return Positions(curve.center, curve.radius, curve.angle + jnp.pi + curve.angles)
+        angles = curve.angle + jnp.pi + curve.angles
+        turns = jnp.zeros(1)
+        if curve.element_angle is not None:
+            turns = curve.element_angle / 2 * gauss_rule(n_nodes)[0]
+        return Positions(circle.center, circle.radius[None], angles, turns, weights)
+    local = curve.points - circle.center
+    along = jnp.zeros(1)
+    if curve.element_width is not None:
+        along = curve.element_width / 2 * gauss_rule(n_nodes)[0]
+    radii, turns = jnp.hypot(circle.radius, along), jnp.arctan2(along, circle.radius)
+    return Positions(circle.center, radii, jnp.arctan2(local[:, 1], local[:, 0]), turns, weights)
+
+
+def _common_circle(curve: DetectorCurve) -> Circle | None:
+    """On which detectors are, and about whose centre one element is turned to all others."""
+    if curve.element_width is not None and curve.element_width.ndim:
+        return None
+    if isinstance(curve, CircularArc):
+        return Circle(curve.center, curve.radius)
     circle = circle_through(curve) if is_concrete(curve) else None
-    center = grid.center if circle is None else circle.center
-    local = curve.points - center
-    radius = jnp.linalg.norm(local, axis=1) if circle is None else circle.radius
-    return Positions(center, radius, jnp.arctan2(local[:, 1], local[:, 0]))
+    if circle is None or curve.element_width is None:
+        return circle
+    outward = np.asarray(curve.points - circle.center) / float(circle.radius)
+    touching = np.abs(np.sum(outward * np.asarray(curve.normals), axis=1)) > 1 - ROUNDING
+    return circle if touching.all() else None
 
 
 def _samples(grid: ImageGrid, center: Float[Array, "2"], sizes: CircleSizes) -> PolarSamples:
@@ -204,14 +235,17 @@ def _samples(grid: ImageGrid, center: Float[Array, "2"], sizes: CircleSizes) -> 
 
 
 def _radial(positions: Positions, sizes: CircleSizes) -> Float[Array, "frequencies orders"]:
+    """Elements are symmetric about their middle, so that sines have the mean 0."""
+    assert positions.turns is not None
     orders = sizes.groups[-1][2]
-    j, _ = hankel_sequence(orders, jnp.asarray(sizes.frequencies) * positions.radius)
-    return j.T * _signs(orders)
+    j, _ = hankel_sequence(orders, jnp.asarray(sizes.frequencies)[:, None] * positions.radii)
+    cosines = jnp.cos(jnp.arange(orders + 1.0)[:, None] * positions.turns) * positions.weights
+    return jnp.sum(j * cosines[:, None, :], axis=-1).T * _signs(orders)
 
 
 def _tables(positions: Positions, sizes: CircleSizes) -> tuple[Float[Array, "..."], ...]:
     entries = sum((last - first) * 2 * (m + 1) for first, last, m, _ in sizes.groups)
-    if 8 * entries * positions.angles.shape[0] > KEPT:
+    if 8 * entries * positions.angles.shape[-1] > KEPT:
         return ()
     return tuple(
         jax.lax.map(
@@ -227,20 +261,24 @@ def _products(
     positions: Positions, frequency: Float[Array, ""], orders: int
 ) -> Float[Array, "pairs detectors"]:
     """(-i)^m J_m(lambda |z|) (cos m theta, -sin m theta), for the real parts of harmonics."""
-    j, _ = hankel_sequence(orders, frequency * positions.radius)
-    factors = j * _signs(orders)[:, None]
-    return jnp.tile(factors, (2, 1)) * _turned(positions.angles, orders)
+
+    def of_node(node: tuple[Array, Array]) -> Array:
+        radii, angles = node
+        j, _ = hankel_sequence(orders, frequency * radii)
+        phase = jnp.arange(orders + 1.0)[:, None] * angles
+        factors = j * _signs(orders)[:, None]
+        return jnp.concatenate([factors * jnp.cos(phase), -factors * jnp.sin(phase)])
+
+    nodes = positions.radii, positions.angles
+    if positions.radii.shape[0] == 1:
+        return of_node((positions.radii[0], positions.angles[0]))
+    return mean_over_nodes(of_node, nodes, positions.weights)
 
 
 def _signs(orders: int) -> Float[np.ndarray, " orders"]:
     """(-i)^m of even m, (-i)^m i of odd m, for m and -m together."""
     m = np.arange(orders + 1)
     return np.where(m > 0, 2.0, 1.0) * (-1.0) ** (m // 2)
-
-
-def _turned(angles: Float[Array, " detectors"], orders: int) -> Float[Array, "pairs detectors"]:
-    phase = jnp.arange(orders + 1.0)[:, None] * angles
-    return jnp.concatenate([jnp.cos(phase), -jnp.sin(phase)])
 
 
 def _around(

@@ -19,6 +19,7 @@ from ..geometry import (
     require_cover,
     visibility,
 )
+from ..geometry.elements import enough_nodes
 from ..records import sampled_frequency
 from ..special import enough_orders
 from ..steps import enough_boundary, polar_grid, require_boundary, require_problem
@@ -40,6 +41,7 @@ class PlaneSizes(eqx.Module):
         as_in_the_paper: detectors on a circle that see all of the region: what its rule assumes.
             Its norm N(lambda) is that of a circle, and a bound on the norm admits noise without
             limit in directions that are not seen.
+        n_nodes: on elements of finite width, by which their means are taken where they are no arcs.
         sampled: share of max_frequency up to which the detectors sample waves of the region, in
             quarters of an octave; at most 1.
     """
@@ -52,6 +54,7 @@ class PlaneSizes(eqx.Module):
     operator: CircleSizes
     n_quadrature: int = eqx.field(static=True)
     as_in_the_paper: bool = eqx.field(static=True)
+    n_nodes: int = eqx.field(static=True)
     sampled: float = eqx.field(static=True)
 
     @property
@@ -122,6 +125,7 @@ def plane_sizes(
             n_quadrature=default_points(grid),
             as_in_the_paper=on_quadrature
             and float(visibility(curve, region).invisible_fraction) == 0,
+            n_nodes=enough_nodes(curve.element_width, highest),
             sampled=_sampled_share(curve, region, highest),
         ), region
 
