@@ -66,8 +66,9 @@ class SphereIntegrals(eqx.Module):
         )
         parts, start = [], 0
         for directions in self.directions:
-            stop = start + int(np.prod(directions.shape))
-            part = values[:, start:stop].reshape(-1, *directions.shape)
+            n = directions.frequencies.shape[0]
+            stop = start + n * sum(circles * azimuths for circles, azimuths in directions.zones)
+            part = values[:, start:stop].reshape(values.shape[0], n, -1)
             parts.append(directions.harmonics(self._about_center(directions, part)))
             start = stop
         at_detectors = self.waves(tuple(parts))
@@ -90,21 +91,17 @@ class SphereIntegrals(eqx.Module):
 
     def _points(self) -> Float[Array, "samples 3"]:
         """xi times the sides of a voxel, band after band."""
-        axes = []
-        for axis in range(3):
-            parts = [
-                (d.frequencies[:, None, None] * (d.units[axis] * self.spacing[axis])).ravel()
-                for d in self.directions
-            ]
-            axes.append(jnp.concatenate(parts))
-        return jnp.stack(axes, axis=1)
+        parts = [
+            (d.frequencies[:, None] * (d.units * self.spacing[:, None])[:, None]).reshape(3, -1)
+            for d in self.directions
+        ]
+        return jnp.concatenate(parts, axis=1).T
 
     def _about_center(self, directions: Directions, values: Array) -> Array:
         """F of the volume as seen from the detectors' centre."""
         if self.offset is None:
             return values
-        along = sum(unit * self.offset[axis] for axis, unit in enumerate(directions.units))
-        phase = directions.frequencies[:, None, None] * along
+        phase = directions.frequencies[:, None] * (self.offset @ directions.units)
         return values * jax.lax.complex(jnp.cos(phase), jnp.sin(phase))
 
 

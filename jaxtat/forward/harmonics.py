@@ -40,36 +40,39 @@ class Directions(eqx.Module):
         frequencies: lambda_k [rad/length].
         cosines: u_j > 0.
         even, odd: 4π w_j P_lm(u_j), by parity of l - m.
-        azimuths: how many, over a whole turn.
+        zones: (circles, azimuths), see `Band`.
     """
 
     frequencies: Float[Array, " k"]
     cosines: Float[Array, " polar"]
     even: Float[Array, "orders even_degrees polar"]
     odd: Float[Array, "orders odd_degrees polar"]
-    azimuths: int = eqx.field(static=True)
+    zones: tuple[tuple[int, int], ...] = eqx.field(static=True)
 
     @property
-    def shape(self) -> tuple[int, int, int]:
-        """Of the samples: (frequencies, polar, azimuths)."""
-        return self.frequencies.shape[0], self.cosines.shape[0], self.azimuths
+    def units(self) -> Float[Array, "3 directions"]:
+        """w, zone after zone, in each of them azimuths last."""
+        parts, start = [], 0
+        for circles, azimuths in self.zones:
+            cosine = self.cosines[start : start + circles, None]
+            start += circles
+            azimuth = (2 * np.pi / azimuths * np.arange(azimuths)).astype(cosine.dtype)
+            sine = jnp.sqrt(1 - cosine**2)
+            unit = jnp.broadcast_arrays(sine * jnp.cos(azimuth), sine * jnp.sin(azimuth), cosine)
+            parts.append(jnp.stack(unit).reshape(3, -1))
+        return jnp.concatenate(parts, axis=1)
 
-    @property
-    def units(self) -> tuple[Float[Array, "polar azimuths"], ...]:
-        """The three components of w."""
-        azimuth = 2 * np.pi / self.azimuths * np.arange(self.azimuths)
-        cosine = self.cosines[:, None]
-        sine, like = jnp.sqrt(1 - cosine**2), cosine.dtype
-        parts = sine * np.cos(azimuth).astype(like), sine * np.sin(azimuth).astype(like), cosine
-        return tuple(jnp.broadcast_arrays(*parts))
-
-    def harmonics(self, values: Complex[Array, "volumes k polar azimuths"]) -> Harmonics:
+    def harmonics(self, values: Complex[Array, "volumes k directions"]) -> Harmonics:
         """H_lm from F."""
         n_orders = self.even.shape[0]
-        spectrum = jnp.fft.fft(values, norm="forward")
-        here = spectrum[..., :n_orders]
-        there = jnp.roll(jnp.flip(spectrum, axis=-1), 1, axis=-1)[..., :n_orders].conj()
-        a, b = (here + there) / 2, -0.5j * (here - there)
+        even, odd, start = [], [], 0
+        for circles, azimuths in self.zones:
+            stop = start + circles * azimuths
+            a, b = _over_azimuths(values[..., start:stop].reshape(*values.shape[:2], -1, azimuths))
+            even.append(_of_orders(a, n_orders))
+            odd.append(_of_orders(b, n_orders))
+            start = stop
+        a, b = jnp.concatenate(even, axis=2), jnp.concatenate(odd, axis=2)
         same = np.arange(n_orders) % 2 == 0  # l - m even: l is even
         return Harmonics(
             _over_polar(jnp.where(same, a, b), self.even),
@@ -83,7 +86,7 @@ def directions_of(
 ) -> Directions:
     """All tables of a band; cosines and weights of `half_gauss_rule`."""
     table = 4 * jnp.pi * weights * _legendre(band, cosines)
-    return Directions(frequencies, cosines, table[:, 0::2], table[:, 1::2], band.azimuths)
+    return Directions(frequencies, cosines, table[:, 0::2], table[:, 1::2], band.zones)
 
 
 def half_gauss_rule(band: Band) -> tuple[np.ndarray, np.ndarray]:
@@ -94,6 +97,19 @@ def half_gauss_rule(band: Band) -> tuple[np.ndarray, np.ndarray]:
 
 def _legendre(band: Band, cosines: Array) -> Float[Array, "orders degrees polar"]:
     return legendre_functions(jnp.arange(band.orders), band.degrees, cosines, band.orders)
+
+
+def _over_azimuths(values: Complex[Array, "*n q"]) -> tuple[Complex[Array, "*n q"], ...]:
+    """a_m and b_m of F = a + i b, m = 0 .. Q - 1."""
+    here = jnp.fft.fft(values, norm="forward")
+    there = jnp.roll(jnp.flip(here, axis=-1), 1, axis=-1).conj()
+    return (here + there) / 2, -0.5j * (here - there)
+
+
+def _of_orders(values: Complex[Array, "*n q"], n: int) -> Complex[Array, "*n orders"]:
+    """The first n; higher ones than there are azimuths are zero."""
+    more = max(0, n - values.shape[-1])
+    return jnp.pad(values[..., :n], [(0, 0)] * (values.ndim - 1) + [(0, more)])
 
 
 def _over_polar(

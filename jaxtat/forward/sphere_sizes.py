@@ -14,6 +14,8 @@ from ..geometry.caps import DetectorPoints, Detectors
 MARGIN = 1.02  # of the period over the farthest voxel from a detector: positions may change by that
 GROUPS = 6  # of frequencies with as many directions: more compile longer
 WORTH_A_GROUP = 8  # frequencies
+ZONES = 4  # of directions between equator and pole, each with its own number of azimuths
+WORTH_A_ZONE = 8  # circles of latitude
 TOLERANCE = 1e-8  # of what is left out, and of the non-uniform FFT
 TABLE = 2**22  # entries of a table of spherical harmonics at scattered detectors
 
@@ -24,15 +26,25 @@ class Band(NamedTuple):
     Attributes:
         first, last: lambda_k, k = first + 1 .. last.
         degrees, orders: how many, l = 0 .. degrees - 1 and m = 0 .. orders - 1.
-        polar, azimuths: directions on half a sphere.
+        zones: (circles of latitude, azimuths on each), from the equator to the pole of half a
+            sphere of directions.
     """
 
     first: int
     last: int
     degrees: int
     orders: int
-    polar: int
-    azimuths: int
+    zones: tuple[tuple[int, int], ...]
+
+    @property
+    def polar(self) -> int:
+        """Circles of latitude."""
+        return sum(circles for circles, _ in self.zones)
+
+    @property
+    def directions(self) -> int:
+        """How many there are, on half a sphere."""
+        return sum(circles * azimuths for circles, azimuths in self.zones)
 
 
 class SphereSizes(eqx.Module):
@@ -68,7 +80,8 @@ def sphere_sizes(
     directions exp(i lambda w·(x - c)) is of degree lambda a, and of order lambda b, up to a margin
     beyond which spherical Bessel functions are below the tolerance, see `tail`. Degrees above
     lambda |z| do not come to a detector at z. A product of both factors is integrated exactly by
-    Gauss's rule and equispaced azimuths.
+    Gauss's rule and equispaced azimuths, of which a circle of latitude needs fewer near the pole:
+    orders there are below sin theta times those.
 
     Args:
         curve: the detectors.
@@ -91,27 +104,32 @@ def sphere_sizes(
     n = max(1, int(period / float(np.asarray(grid.spacing).max())))
     n_bands = min(n_groups, max(1, n // WORTH_A_GROUP))
     bounds = np.linspace(0, n, n_bands + 1).round().astype(int)
-    bands = []
-    for first, last in zip(bounds[:-1], bounds[1:], strict=True):
-        highest = np.pi / period * last
-        more = tail(highest * reach, tolerance)
-        degree = int(highest * min(reach, distance)) + more
-        order = min(degree, int(highest * min(across, distance)) + more)
-        seen = highest * distance
-        polar = int(highest * reach + more + min(degree, seen)) // 2 + 1
-        azimuths = int(highest * across + more + min(order, seen)) + 1
-        bands.append(
-            Band(
-                first=int(first),
-                last=int(last),
-                degrees=degree + 1,
-                orders=order + 1,
-                polar=-(-polar // 2),
-                azimuths=scipy.fft.next_fast_len(max(azimuths, order + 1)),
-            )
-        )
+    bands = tuple(
+        _band(int(first), int(last), np.pi / period * last, (reach, across, distance), tolerance)
+        for first, last in zip(bounds[:-1], bounds[1:], strict=True)
+    )
     pairs = 2 * bands[-1].degrees * bands[-1].orders
-    return SphereSizes(period, tuple(bands), max(1, TABLE // pairs))
+    return SphereSizes(period, bands, max(1, TABLE // pairs))
+
+
+def _band(
+    first: int, last: int, highest: float, lengths: tuple[float, float, float], tolerance: float
+) -> Band:
+    """Sizes for frequencies up to the highest; lengths are a, b and the largest |z|."""
+    reach, across, distance = (highest * length for length in lengths)
+    more = tail(reach, tolerance)
+    degree = int(min(reach, distance)) + more
+    order = min(degree, int(min(across, distance)) + more)
+    polar = -(-(int(reach + more + min(degree, distance)) + 2) // 4)  # of Gauss's nodes half
+    n_zones = min(ZONES, max(1, polar // WORTH_A_ZONE))
+    bounds = np.linspace(0, polar, n_zones + 1).round().astype(int)
+    zones = []
+    for start, stop in zip(bounds[:-1], bounds[1:], strict=True):
+        sine = np.sin(np.pi * (polar - start - 0.25) / (2 * polar + 0.5))  # of its first circle
+        here = min(min(across, distance) * sine + more, distance * sine)
+        azimuths = scipy.fft.next_fast_len(int(across * sine + more + here) + 2)
+        zones.append((int(stop - start), azimuths))
+    return Band(first, last, degree + 1, order + 1, tuple(zones))
 
 
 def tail(x: float, tolerance: float) -> int:
