@@ -1,0 +1,174 @@
+"""From the harmonics of a volume's transform to the detectors: spherical waves summed.
+
+    G(z, lambda) = Σ_lm s_l j_l(lambda |z|) Re H_lm Y_lm(z/|z|),   s_l = (-1)^{l // 2},
+
+over all m of both signs, as exp(-i lambda w·z) = 4π Σ (-i)^l j_l(lambda |z|) Y_lm(z) conj Y_lm(w)
+(DLMF 10.60.7, 14.30.9) and i (-i)^l = s_l for odd l.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from ..geometry.caps import SphericalCap
+from ..special import legendre_functions, spherical_sequence
+from .harmonics import Harmonics
+from .sphere_sizes import SphereSizes
+
+AT_CENTER = 1e-12  # of the period: a detector nearer to the centre is moved off it by that
+
+
+class RingWaves(eqx.Module):
+    """Rings of equispaced azimuths on a sphere: sums over degrees, then an FFT over orders.
+
+    Attributes:
+        radial: s_l j_l(lambda_k R) of even and odd l - m, for every band (orders, k, degrees).
+        even, odd: P_lm at the rings, by parity of l - m.
+        turns: exp(i m phi) of the first detectors, twice that for m > 0 to stand for -m too.
+        azimuths: detectors on a ring.
+    """
+
+    radial: tuple[tuple[Float[Array, "orders k even"], Float[Array, "orders k odd"]], ...]
+    even: Float[Array, "orders even rings"]
+    odd: Float[Array, "orders odd rings"]
+    turns: Complex[Array, "rings orders"]
+    azimuths: int = eqx.field(static=True)
+
+    def __call__(self, harmonics: tuple[Harmonics, ...]) -> Float[Array, "volumes k rings q"]:
+        """G of all frequencies."""
+        parts = [self._of_band(*pair) for pair in zip(harmonics, self.radial, strict=True)]
+        return jnp.concatenate(parts, axis=1)
+
+    def _of_band(self, harmonics: Harmonics, radial: tuple[Array, Array]) -> Array:
+        def over_degrees(parts: Array, factor: Array, table: Array) -> Array:
+            table = table[: parts.shape[0], : parts.shape[-1]]
+            return jnp.einsum("mcbki,mir->mcbkr", parts * factor[:, None, None], table)
+
+        sums = over_degrees(harmonics.even, radial[0], self.even)
+        sums = sums + over_degrees(harmonics.odd, radial[1], self.odd)
+        of_orders = jnp.moveaxis(jax.lax.complex(sums[:, 0], sums[:, 1]), 0, -1)
+        return _at_azimuths(of_orders * self.turns[:, : sums.shape[0]], self.azimuths)
+
+
+class PointWaves(eqx.Module):
+    """Detectors anywhere: the harmonics at all of them, made anew for some of them at a time.
+
+    Attributes:
+        local: z - c [length].
+        frequencies: lambda_k [rad/length].
+        sizes: of the operator.
+    """
+
+    local: Float[Array, "detectors 3"]
+    frequencies: Float[Array, " k"]
+    sizes: SphereSizes
+
+    def __call__(self, harmonics: tuple[Harmonics, ...]) -> Float[Array, "volumes k detectors"]:
+        """G of all frequencies."""
+        coefficients = [_by_degree(part, band) for part, band in self._bands(harmonics)]
+        n, dtype = self.local.shape[0], harmonics[0].even.dtype
+        # in 64 bits: the factors of high orders are very large and very small
+        local, frequencies = self.local.astype(float), self.frequencies.astype(float)
+
+        @jax.checkpoint
+        def at(local: Array, coefficients: list[Array]) -> Array:
+            distance, functions = _spherical_harmonics(local, self.sizes)
+            radial = _radial(self.sizes.bands[-1].degrees, frequencies[:, None] * distance)
+            functions, radial = functions.astype(dtype), radial.astype(dtype)
+            found = []
+            for part, band in self._bands(coefficients):
+                table = functions[: band.degrees, :, : band.orders]
+                sums = jnp.einsum("lcmbk,lcmd->lbkd", part, table)
+                waves = radial[: band.degrees, None, band.first : band.last]
+                found.append(jnp.sum(sums * waves, axis=0))
+            return jnp.concatenate(found, axis=1)
+
+        together = min(self.sizes.together, n)
+        padded = jnp.pad(local, ((0, -n % together), (0, 0)), mode="edge")
+        chunks = padded.reshape(-1, together, 3)
+        found = jax.lax.map(lambda chunk: at(chunk, coefficients), chunks)
+        return jnp.moveaxis(found, 0, -2).reshape(*found.shape[1:3], -1)[..., :n]
+
+    def _bands(self, parts):
+        return zip(parts, self.sizes.bands, strict=True)
+
+
+@eqx.filter_jit
+def ring_waves(cap: SphericalCap, frequencies: Array, sizes: SphereSizes) -> RingWaves:
+    """All tables for detectors on rings."""
+    last = sizes.bands[-1]
+    m = jnp.arange(last.orders)
+    table = legendre_functions(m, last.degrees, cap.cosines, last.orders)
+    j = _radial(last.degrees, frequencies * cap.radius)
+    radial = []
+    for band in sizes.bands:
+        part = jnp.pad(j[: band.degrees, band.first : band.last], ((0, band.orders), (0, 0)))
+        degree = np.arange(band.orders)[:, None] + np.arange(band.degrees)  # l = m + i, 0 if > L
+        by_order = jnp.moveaxis(part[degree], 1, 2)
+        radial.append((by_order[..., 0::2], by_order[..., 1::2]))
+    phase = cap.first_azimuths[:, None] * m
+    turns = jax.lax.complex(jnp.cos(phase), jnp.sin(phase)) * _both_signs(last.orders)
+    return RingWaves(tuple(radial), table[:, 0::2], table[:, 1::2], turns, cap.n_azimuths)
+
+
+def _radial(n_degrees: int, x: Float[Array, "*n"]) -> Float[Array, "degrees *n"]:
+    """s_l j_l(x)."""
+    degree = np.arange(n_degrees)
+    j, _ = spherical_sequence(n_degrees - 1, x)
+    return j * ((-1.0) ** (degree // 2)).reshape(-1, *[1] * x.ndim)
+
+
+def _both_signs(n_orders: int) -> Float[np.ndarray, " orders"]:
+    """1 for m = 0, and 2 for m > 0, which stand for -m too."""
+    return np.where(np.arange(n_orders) > 0, 2.0, 1.0)
+
+
+def _at_azimuths(values: Complex[Array, "*n orders"], azimuths: int) -> Float[Array, "*n q"]:
+    """Re Σ_m v_m exp(2πi m q/Q), q = 0 .. Q - 1, for any number of orders."""
+    n_orders = values.shape[-1]
+    padded = jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, -n_orders % azimuths)])
+    folded = padded.reshape(*values.shape[:-1], -1, azimuths).sum(axis=-2)
+    mirrored = jnp.roll(jnp.flip(folded, axis=-1), 1, axis=-1).conj()
+    half = ((folded + mirrored) / 2)[..., : azimuths // 2 + 1]
+    return jnp.fft.irfft(half, azimuths, norm="forward")
+
+
+def _by_degree(harmonics: Harmonics, band) -> Float[Array, "degrees 2 orders volumes k"]:
+    """H_lm with l for l - m as the axis to batch over."""
+    even, odd = harmonics.even, harmonics.odd
+    odd = jnp.pad(odd, [(0, 0)] * 4 + [(0, even.shape[-1] - odd.shape[-1])])
+    mixed = jnp.stack([even, odd], axis=-1).reshape(*even.shape[:-1], -1)[..., : band.degrees]
+    return jnp.moveaxis(_shifted(jnp.moveaxis(mixed, -1, 1)), 1, 0).swapaxes(1, 2)
+
+
+def _shifted(values: Float[Array, "orders degrees *n"]) -> Float[Array, "orders degrees *n"]:
+    """v[m, l - m] at [m, l], zero for l < m: rows of a padded table, read as one shorter."""
+    m, n, *rest = values.shape
+    padded = jnp.pad(values, [(0, 0), (0, m)] + [(0, 0)] * len(rest))
+    flat = padded.reshape(m * (n + m), *rest)[: m * (n + m - 1)]
+    return flat.reshape(m, n + m - 1, *rest)[:, :n]
+
+
+def _spherical_harmonics(
+    local: Float[Array, "d 3"], sizes: SphereSizes
+) -> tuple[Float[Array, " d"], Float[Array, "degrees 2 orders d"]]:
+    """|z|, and (Re, -Im) of Y_lm(z/|z|), twice that for m > 0.
+
+    Y_lm = (P_lm / sin^m theta) ((x_1 + i x_2)/|x|)^m is smooth on the axis; at the centre, where no
+    direction is, a little beside it.
+    """
+    last = sizes.bands[-1]
+    least = AT_CENTER * sizes.period
+    near = jnp.sum(local**2, axis=1) < least**2
+    local = local + jnp.where(near[:, None], jnp.array([0.0, 0.0, least]), 0.0)
+    distance = jnp.linalg.norm(local, axis=1)
+    units = local / distance[:, None]
+    m = jnp.arange(last.orders)
+    table = legendre_functions(m, last.degrees, units[:, 2], last.orders, over_sine=True)
+    across = jnp.broadcast_to(units[:, 0] + 1j * units[:, 1], (last.orders, len(units)))
+    powers = jnp.cumprod(across.at[0].set(1.0), axis=0) * _both_signs(last.orders)[:, None]
+    functions = jnp.stack([table * part[:, None] for part in (powers.real, -powers.imag)], axis=1)
+    by_degree = _shifted(jnp.moveaxis(functions, 1, 2))
+    return distance, jnp.moveaxis(by_degree, 0, 2)
