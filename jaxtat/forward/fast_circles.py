@@ -110,6 +110,7 @@ class CircleIntegrals(eqx.Module):
 
     @property
     def kept(self) -> bool:
+        """Whether the waves at the detectors are, or are made anew in every product."""
         return self.radial is not None or bool(self.tables)
 
     @property

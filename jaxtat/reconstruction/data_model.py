@@ -73,4 +73,4 @@ def _by_quadrature(setup: Setup, method: str) -> bool:
     require_setup(setup)
     if method not in METHODS:
         raise ValueError(f"method is {method!r}, expected one of {', '.join(METHODS)}.")
-    return method == "quadrature" or setup.kind.fast_integrals is None
+    return method == "quadrature"

@@ -8,7 +8,12 @@ from jaxtyping import Array
 
 from ..base.checks import named
 from ..densities import Basis
-from ..forward import circle_integrals, integrate_over_circles, integrate_over_circles_adjoint
+from ..forward import (
+    circle_integrals,
+    integrate_over_circles,
+    integrate_over_circles_adjoint,
+    sphere_integrals,
+)
 from ..forward.spheres import integrate_over_spheres, integrate_over_spheres_adjoint
 from ..geometry import (
     DetectorCurve,
@@ -131,7 +136,7 @@ SPACE = Kind(
     require_fitting=_require_space,
     basis=_spherical_basis,
     default_rule=lambda sizes: Tikhonov(DEFAULT_ALPHA_IN_SPACE),
-    fast_integrals=None,
+    fast_integrals=sphere_integrals,
     integrals=integrate_over_spheres,
     adjoint=integrate_over_spheres_adjoint,
     measure=lambda radii: 4 * jnp.pi * radii**2,

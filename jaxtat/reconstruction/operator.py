@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, real_array
+from ..forward import CircleSizes, SphereSizes
 from ..steps.radon import LowPass, low_pass_at
 from .setup import Setup, require_setup
 
@@ -40,11 +41,13 @@ class ForwardOperator(lx.AbstractLinearOperator):
 
     Attributes:
         integrals: the linear map and what it keeps of the geometry.
+        sizes: of the transforms.
         image_shape, data_shape: of one image and its data.
         transposed: whether this is A^T.
     """
 
     integrals: Any
+    sizes: CircleSizes | SphereSizes
     image_shape: tuple[int, ...] = eqx.field(static=True)
     data_shape: tuple[int, ...] = eqx.field(static=True)
     transposed: bool = eqx.field(static=True, default=False)
@@ -73,12 +76,11 @@ class ForwardOperator(lx.AbstractLinearOperator):
     @property
     def report(self) -> OperatorReport:
         """What it is made of."""
-        sizes = self.integrals.sizes
         leaves = jax.tree.leaves(self.integrals)
         return OperatorReport(
             nbytes=sum(leaf.size * leaf.dtype.itemsize for leaf in leaves),
-            n_frequencies=sizes.n_frequencies,
-            max_frequency=float(sizes.frequencies[-1]),
+            n_frequencies=self.sizes.n_frequencies,
+            max_frequency=float(self.sizes.frequencies[-1]),
             kept=self.integrals.kept,
         )
 
@@ -95,9 +97,8 @@ class ForwardOperator(lx.AbstractLinearOperator):
         return self.transpose()
 
     def transpose(self) -> "ForwardOperator":
-        return ForwardOperator(
-            self.integrals, self.image_shape, self.data_shape, not self.transposed
-        )
+        shapes = self.image_shape, self.data_shape
+        return ForwardOperator(self.integrals, self.sizes, *shapes, not self.transposed)
 
     def in_structure(self) -> jax.ShapeDtypeStruct:
         shape = self.data_shape if self.transposed else self.image_shape
@@ -162,7 +163,7 @@ def forward_operator(
         setup.curve, setup.grid, setup.radii, sizes, eta, tolerance
     )
     integrals = jax.tree.map(lambda leaf: _as_precise(leaf, chosen), integrals)
-    return ForwardOperator(integrals, setup.grid.shape, setup.data_shape)
+    return ForwardOperator(integrals, sizes, setup.grid.shape, setup.data_shape)
 
 
 def _as_precise(leaf: Array, dtype: np.dtype) -> Array:
