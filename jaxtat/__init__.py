@@ -40,6 +40,7 @@ __all__ = [
     "detector_curve",
     "disk",
     "elliptic_arc",
+    "forward_operator",
     "join_curves",
     "keep_detectors",
     "line_detectors",

@@ -30,6 +30,7 @@ from .reconstruction import (
     circular_integrals,
     circular_integrals_adjoint,
     circular_means,
+    forward_operator,
     reconstruct,
     reconstruct_stack,
     solve,

@@ -81,22 +81,29 @@ def named(value: Any) -> str:
     return f"{'an' if kind[0] in 'AEIOU' else 'a'} {kind}"
 
 
-def real_array(name: str, value: Numbers, shape: tuple[int | str | None, ...] | None) -> Array:
+def real_array(
+    name: str,
+    value: Numbers,
+    shape: tuple[int | str | None, ...] | None,
+    wanted: Any = np.float64,
+) -> Array:
     """``value`` as a float64 array, refused if it is not real, finite and of the given shape.
 
     In ``shape`` an int is a required size, a str or None any size, and a leading ``"..."`` any
-    number of leading axes. ``None`` for the whole shape accepts all.
+    number of leading axes. ``None`` for the whole shape accepts all. ``wanted`` may be float32,
+    which needs no 64-bit arithmetic.
     """
-    require_x64()
+    if wanted == np.float64:
+        require_x64()
     dtype = dtype_of(name, value)
     if not (jnp.issubdtype(dtype, jnp.floating) or jnp.issubdtype(dtype, jnp.integer)):
         raise ValueError(f"{name} has dtype {dtype}, expected real numbers: pass float64 values.")
     # a constant stays concrete inside jax.jit too, so that it can be looked at
     with jax.ensure_compile_time_eval() if is_concrete(value) else nullcontext():
-        array = _array(value, np.float64)
+        array = _array(value, wanted)
     if shape is not None and not _matches(array.shape, shape):
-        wanted = ", ".join("any" if size is None else str(size) for size in shape)
-        raise ValueError(f"{name} has shape {array.shape}, expected ({wanted}).")
+        sizes = ", ".join("any" if size is None else str(size) for size in shape)
+        raise ValueError(f"{name} has shape {array.shape}, expected ({sizes}).")
     require_finite(name, array)
     return array
 

@@ -24,6 +24,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.parallel import map_shards
 from ..geometry import DetectorCurve, Region
+from ..geometry.elements import NODES
 from ..regularization import Problem, seen_once
 from .harmonic import Asked, SolveReport, cholesky_solve, conjugate_gradients
 from .single_layer import plane_wave_traces, potential_matrix
@@ -44,6 +45,7 @@ def solve_on_boundary(
     solver: str,
     tolerance: Array | float,
     mesh: Mesh | None = None,
+    n_nodes: int = NODES,
 ) -> tuple[Complex[Array, "images frequencies directions"], SolveReport]:
     """fhat on the polar grid, phases counted from the centre of the region.
 
@@ -56,13 +58,14 @@ def solve_on_boundary(
         solver: "cholesky", or "cg": no matrix but A itself is formed.
         tolerance: relative residual at which conjugate gradients stop.
         mesh: devices that share the frequencies.
+        n_nodes: on elements of finite width.
     """
 
     @jax.checkpoint
     def at(common: Any, given: tuple[Array, Array, Asked]) -> tuple[Array, SolveReport]:
         curve, region, angles = common
         frequency, values, asked = given
-        matrix = potential_matrix(frequency, curve, region)
+        matrix = potential_matrix(frequency, curve, region, n_nodes)
         rhs = (jnp.sqrt(curve.weights) * values).reshape(-1, matrix.shape[1]).T
         alpha = asked.rule.absolute(_problem(frequency, asked, matrix, rhs))
         y, report = _traces(matrix, rhs, alpha, solver, tolerance)

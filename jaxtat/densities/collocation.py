@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..geometry import Circle, DetectorCurve, Region
+from ..geometry.elements import NODES
 from ..regularization import Regularization, per_frequency
 from ..regularization.filtered import filtered_solve
 from .full_circle import full_circle_densities
@@ -23,6 +24,7 @@ def collocation_densities(
     region: Region,
     regularization: Regularization,
     mirror: Mirror | None = None,
+    n_nodes: int = NODES,
 ) -> tuple[Complex[Array, "frequencies directions 2 detectors"], DensityReport]:
     """Densities with S rho ≈ exp(-i xi·(x - c)) in the region, xi = lambda (cos theta, sin theta).
 
@@ -39,6 +41,7 @@ def collocation_densities(
         region: boundary points, its centre c.
         regularization: which singular components are kept, at all frequencies or at each.
         mirror: symmetry of curve and region, which makes the work four times less.
+        n_nodes: on elements of finite width.
 
     Returns:
         Densities (rho_J, rho_Y) [1/length] and their report.
@@ -58,9 +61,10 @@ def collocation_densities(
         frequency, unit_norm, rule = arguments
         traces = plane_wave_traces(frequency, angles, region)
         if mirror is None:
-            blocks, rhs = potential_matrix(frequency, curve, region)[None], traces[None]
+            matrix = potential_matrix(frequency, curve, region, n_nodes)
+            blocks, rhs = matrix[None], traces[None]
         else:
-            half = potential_matrix(frequency, curve, mirror.half_region(region))
+            half = potential_matrix(frequency, curve, mirror.half_region(region), n_nodes)
             blocks, rhs = mirror.fold_matrix(half), mirror.fold_rhs(traces)
         found = filtered_solve(blocks, rhs, rule, unit_norm)
         solution = found.q[0] if mirror is None else mirror.unfold(found.q)

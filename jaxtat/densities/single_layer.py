@@ -2,7 +2,8 @@
 
     (S rho)(x) = ∫_gamma [rho_J(z) J_0(lambda |x - z|) + rho_Y(z) Y_0(lambda |x - z|)] dl(z)
 
-solves the Helmholtz equation off the curve. Here are its matrix on the boundary of the region,
+solves the Helmholtz equation off the curve; of elements of finite size the kernels are means over
+each. Here are its matrix on the boundary of the region,
 the traces of the plane waves it shall match there, and its values at any points.
 """
 
@@ -11,11 +12,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..geometry import DetectorCurve, Region
+from ..geometry.elements import NODES
 from ..special import j0, j1, y0, y1
 
 
 def potential_matrix(
-    frequency: Float[Array, ""], curve: DetectorCurve, region: Region
+    frequency: Float[Array, ""], curve: DetectorCurve, region: Region, n_nodes: int = NODES
 ) -> Float[Array, "traces unknowns"]:
     """A = [[J_0, Y_0], [-c J_1, -c Y_1]] of lambda |x - z|, c = (x - z)·n / |x - z|.
 
@@ -28,6 +30,7 @@ def potential_matrix(
         frequency: lambda > 0 [rad/length].
         curve: detectors, n.
         region: boundary points, m.
+        n_nodes: over which elements of finite width take the mean of a column.
 
     Returns:
         (2 m, 2 n), real.
@@ -39,19 +42,23 @@ def potential_matrix(
     >>> a.shape
     (80, 40)
     """
-    difference = region.points[:, None, :] - curve.points[None, :, :]
-    distance = jnp.sqrt(jnp.sum(difference**2, axis=-1))
-    cosine = jnp.einsum("xzi,xi->xz", difference, region.normals) / distance
-    argument = frequency * distance
     rows = jnp.sqrt(region.weights)[:, None]
     columns = jnp.sqrt(curve.weights)[None, :]
-    scale, normal_scale = rows * columns, -cosine * rows * columns
-    return jnp.block(
-        [
-            [scale * j0(argument), scale * y0(argument)],
-            [normal_scale * j1(argument), normal_scale * y1(argument)],
-        ]
-    )
+
+    def of_points(detectors: Float[Array, "detectors 2"]) -> Array:
+        difference = region.points[:, None, :] - detectors[None, :, :]
+        distance = jnp.sqrt(jnp.sum(difference**2, axis=-1))
+        cosine = jnp.einsum("xzi,xi->xz", difference, region.normals) / distance
+        argument = frequency * distance
+        scale, normal_scale = rows * columns, -cosine * rows * columns
+        return jnp.block(
+            [
+                [scale * j0(argument), scale * y0(argument)],
+                [normal_scale * j1(argument), normal_scale * y1(argument)],
+            ]
+        )
+
+    return curve.mean_over_elements(of_points, n_nodes)
 
 
 def plane_wave(
@@ -90,6 +97,7 @@ def potential(
     points: Float[Array, "*n 2"],
     *,
     batch_size: int = 1024,
+    n_nodes: int = NODES,
 ) -> Complex[Array, "*n directions"]:
     """The potential Σ_k w_k [rho_J J_0(lambda |x - z_k|) + rho_Y Y_0(lambda |x - z_k|)] at points.
 
@@ -99,6 +107,7 @@ def potential(
         curve: the detectors.
         points: x, off the detectors, (..., 2) [length].
         batch_size: points at a time, which bounds the memory.
+        n_nodes: as for `potential_matrix`.
 
     Returns:
         Complex, (..., directions).
@@ -113,8 +122,11 @@ def potential(
     weighted = densities * curve.weights
 
     def at(point: Array) -> Array:
-        argument = frequency * jnp.sqrt(jnp.sum((point - curve.points) ** 2, axis=-1))
-        kernel = jnp.stack([j0(argument), y0(argument)])
+        def of_points(detectors: Float[Array, "detectors 2"]) -> Array:
+            argument = frequency * jnp.sqrt(jnp.sum((point - detectors) ** 2, axis=-1))
+            return jnp.stack([j0(argument), y0(argument)])
+
+        kernel = curve.mean_over_elements(of_points, n_nodes)
         return jnp.einsum("djk,jk->d", weighted, kernel)
 
     values = jax.lax.map(at, points.reshape(-1, 2), batch_size=batch_size)

@@ -71,7 +71,28 @@ def find_mirror(curve: DetectorCurve, region: Region) -> Mirror | None:
     ]
     if pairs[0] is None or pairs[1] is None:
         return None
+    if not elements_mirrored(curve, center, axis / np.linalg.norm(axis)):
+        return None
     return Mirror(jnp.asarray(pairs[0]), jnp.asarray(pairs[1]))
+
+
+def elements_mirrored(curve: DetectorCurve, center: np.ndarray, axis: np.ndarray) -> bool:
+    """Whether the elements of known, mirrored detectors are mirrored too; ``axis`` a unit vector.
+
+    Traced widths count as mirrored if there is one for all.
+    """
+    width, normals = curve.element_width, np.asarray(curve.normals)
+    if width is None:
+        return True
+    weights = np.asarray(curve.weights)
+    if not is_concrete(width):
+        if width.ndim:
+            return False
+        width = weights.max()
+    along = np.broadcast_to(width, weights.shape)[:, None] * normals[:, ::-1] * (-0.5, 0.5)
+    middle = np.asarray(curve.points) - center
+    ends = np.concatenate([middle + along, middle - along])
+    return mirrored_pairs(ends, np.tile(weights, 2), axis) is not None
 
 
 def mirrored_pairs(points: np.ndarray, weights: np.ndarray, axis: np.ndarray) -> np.ndarray | None:

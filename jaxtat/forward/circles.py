@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, is_concrete, real_array, require_objects, require_positive
 from ..base.interpolation import KEYS, cell_polynomials, polynomial
 from ..geometry import DetectorCurve, ImageGrid
+from ..geometry.elements import NODES
 
 
 def integrate_over_circles(
@@ -24,13 +25,14 @@ def integrate_over_circles(
     radii: Numbers,
     *,
     n_points: int | None = None,
+    n_nodes: int = NODES,
 ) -> Float[Array, "*batch detectors radii"]:
     """g(z, r) = ∫_{|x - z| = r} f dl = r ∫ f(z + r (cos φ, sin φ)) dφ of a pixel image.
 
     The midpoint rule runs over the part of the circle that lies in the disk around the grid.
     Linear in the image; differentiable in the image, the detector positions and the radii. The
     work is split over detectors and recomputed in reverse mode, so that memory stays at a few
-    detectors' worth.
+    detectors' worth. Of elements of finite width it is the mean over their nodes.
 
     Args:
         image: f at the nodes of the grid, (..., x1, x2).
@@ -38,6 +40,7 @@ def integrate_over_circles(
         curve: the detectors z.
         radii: r > 0, (radii,) [length].
         n_points: points per circle; by default two per pixel along the longest arc in the grid.
+        n_nodes: on elements of finite width; by default enough for some three pixels.
 
     Returns:
         (..., detectors, radii) [length times the unit of f].
@@ -58,7 +61,7 @@ def integrate_over_circles(
     image = real_array("image", image, ("...", *grid.shape))
     radii = _radii(radii)
     n_points = n_points or default_points(grid)
-    g = _integrals(image.reshape(-1, *grid.shape), grid, curve, radii, n_points)
+    g = _integrals(image.reshape(-1, *grid.shape), grid, curve, radii, n_points, n_nodes)
     return g.reshape(*image.shape[:-2], *g.shape[1:])
 
 
@@ -69,12 +72,13 @@ def integrate_over_circles_adjoint(
     radii: Numbers,
     *,
     n_points: int | None = None,
+    n_nodes: int = NODES,
 ) -> Float[Array, "*batch x1 x2"]:
     """The exact transpose of `integrate_over_circles`: Σ g·data = Σ image·adjoint(data).
 
     Args:
         data: (..., detectors, radii).
-        grid, curve, radii, n_points: as in `integrate_over_circles`.
+        grid, curve, radii, n_points, n_nodes: as in `integrate_over_circles`.
 
     Returns:
         (..., x1, x2).
@@ -83,7 +87,7 @@ def integrate_over_circles_adjoint(
     radii = _radii(radii)
     data = real_array("data", data, ("...", curve.n_detectors, radii.shape[0]))
     n_points = n_points or default_points(grid)
-    images = _adjoint(data.reshape(-1, *data.shape[-2:]), grid, curve, radii, n_points)
+    images = _adjoint(data.reshape(-1, *data.shape[-2:]), grid, curve, radii, n_points, n_nodes)
     return images.reshape(*data.shape[:-2], *grid.shape)
 
 
@@ -102,13 +106,14 @@ def _radii(radii: Numbers) -> Array:
     return radii
 
 
-@partial(jax.jit, static_argnames="n_points")
+@partial(jax.jit, static_argnames=("n_points", "n_nodes"))
 def _integrals(
     images: Float[Array, "images x1 x2"],
     grid: ImageGrid,
     curve: DetectorCurve,
     radii: Array,
     n_points: int,
+    n_nodes: int,
 ) -> Float[Array, "images detectors radii"]:
     cells = jax.vmap(_cells)(images)
 
@@ -121,13 +126,16 @@ def _integrals(
             lambda one: jnp.sum(weights * _sample(one, grid, points), axis=-1), cells
         )
 
-    return jnp.moveaxis(jax.lax.map(of_detector, curve.points), 0, 1)
+    g = curve.mean_over_elements(lambda points: jax.lax.map(of_detector, points), n_nodes)
+    return jnp.moveaxis(g, 0, 1)
 
 
 @eqx.filter_jit
-def _adjoint(data: Array, grid: ImageGrid, curve: DetectorCurve, radii: Array, n_points: int):
+def _adjoint(
+    data: Array, grid: ImageGrid, curve: DetectorCurve, radii: Array, n_points: int, n_nodes: int
+):
     def forward(images):
-        return _integrals(images, grid, curve, radii, n_points)
+        return _integrals(images, grid, curve, radii, n_points, n_nodes)
 
     shape = jax.ShapeDtypeStruct((data.shape[0], *grid.shape), data.dtype)
     (images,) = jax.linear_transpose(forward, shape)(data)

@@ -85,9 +85,9 @@ class SphereIntegrals(eqx.Module):
         return volumes
 
     @property
-    def nbytes(self) -> int:
-        """Memory of all tables [bytes]."""
-        return sum(leaf.nbytes for leaf in jax.tree.leaves(self))
+    def kept(self) -> bool:
+        """Whether the waves at the detectors are, or are made anew in every product."""
+        return isinstance(self.waves, RingWaves)
 
     def _points(self) -> Float[Array, "samples 3"]:
         """xi times the sides of a voxel, band after band."""

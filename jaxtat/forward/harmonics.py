@@ -12,7 +12,6 @@ symmetry P_lm(-u) = (-1)^i P_lm(u) wants them.
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float

@@ -7,7 +7,7 @@ radius of the region of interest as in the paper.
 from .arcs import ArcFit, fit_arc, order_along_curve
 from .balls import Ball, ball
 from .caps import DetectorPoints, SphericalCap, spherical_cap
-from .circles import Circle, fit_circle, near_circle
+from .circles import Circle, circle_through, fit_circle, near_circle
 from .curves import CircularArc, DetectorCurve, SampledCurve, circular_arc, turned_views
 from .grids import Grid, ImageGrid, VolumeGrid
 from .line_weights import transverse_weight
@@ -41,6 +41,7 @@ __all__ = [
     "VisibilityWarning",
     "VolumeGrid",
     "ball",
+    "circle_through",
     "circular_arc",
     "data_radii",
     "detector_curve",

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, is_concrete, real_array
 from .curves import CircularArc, DetectorCurve, require_detectors
 
+ROUNDING = 1e-9  # of the radius, within which detectors are called on a circle
 ROUND = 0.05  # of the radius: detectors farther off the circle than that are no arc
 
 
@@ -62,6 +63,17 @@ def _fit_circle(points: Any, xp: Any) -> tuple[Any, Any, Any]:
     center = solution[:2]
     radius = xp.sqrt(solution[2] + center @ center)
     return center + middle, radius, xp.sqrt(xp.sum(local**2, axis=1).max())
+
+
+def circle_through(curve: DetectorCurve) -> Circle | None:
+    """The circle on which concrete detectors lie to rounding, if they do."""
+    try:
+        circle = fit_circle(curve.points)
+    except ValueError:  # a straight line, or two points
+        return None
+    points, center, radius = map(np.asarray, (curve.points, circle.center, circle.radius))
+    distance = np.hypot(*(points - center).T)
+    return circle if np.abs(distance - radius).max() <= ROUNDING * radius else None
 
 
 def near_circle(curve: DetectorCurve) -> bool:

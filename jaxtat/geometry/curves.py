@@ -1,13 +1,14 @@
 """Acquisition curves: where the detectors are; the circular arc, and several curves as one."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..base.checks import (
     Numbers,
@@ -17,24 +18,39 @@ from ..base.checks import (
     require_positive,
     whole_number,
 )
+from .elements import (
+    NODES,
+    checked_width,
+    element_factor,
+    gauss_rule,
+    mean_over_nodes,
+    nodes_along_circle,
+    nodes_along_tangent,
+)
+
+T = TypeVar("T")
+C = TypeVar("C", bound="DetectorCurve")
 
 
 class DetectorCurve(eqx.Module):
     """Detectors z_k on an acquisition curve gamma: ∫_gamma u dl ≈ Σ_k w_k u(z_k).
 
-    A new curve needs these four, and a line in io/plans.py to be saved.
+    A new curve needs these five, and a line in io/plans.py to be saved.
 
     Attributes:
         points: detector positions z_k, (detectors, 2), in order along the curve [length].
         weights: arc length w_k that belongs to each detector, (detectors,) [length].
         normals: unit normals, pointing away from the side of the region, (detectors, 2).
         closed: whether the curve returns to its first detector.
+        element_width: of the detectors' sensitive elements, () or (detectors,): a datum is the mean
+            of g(z, r) over the element; None or 0 of point detectors [length].
     """
 
     points: eqx.AbstractVar[Float[Array, "detectors 2"]]
     weights: eqx.AbstractVar[Float[Array, " detectors"]]
     normals: eqx.AbstractVar[Float[Array, "detectors 2"]]
     closed: eqx.AbstractVar[bool]
+    element_width: eqx.AbstractVar[Float[Array, "*one_or_detectors"] | None]
 
     @property
     def shape(self) -> tuple[int]:
@@ -45,6 +61,47 @@ class DetectorCurve(eqx.Module):
     def n_detectors(self) -> int:
         return self.points.shape[0]
 
+    def element_nodes(
+        self, n: int = NODES
+    ) -> tuple[Float[Array, "detectors nodes 2"], Float[Array, " nodes"]]:
+        """Points z_ki and weights c_i with mean over element k ≈ Σ_i c_i u(z_ki), Σ_i c_i = 1.
+
+        A Gauss rule along the tangent, on a `CircularArc` along the circle. Point detectors are
+        their own only node.
+
+        Args:
+            n: nodes on an element of finite width, see `elements.enough_nodes`.
+
+        >>> curve = circular_arc(1.3, 0.0, 6, element_width=0.2)
+        >>> points, weights = curve.element_nodes(5)
+        >>> points.shape, bool(abs(jnp.linalg.norm(points, axis=-1) - 1.3).max() < 1e-12)
+        ((6, 5, 2), True)
+        """
+        if self.element_width is None:
+            return self.points[:, None, :], jnp.ones(1)
+        nodes, weights = gauss_rule(n)
+        return self._nodes(nodes), jax.device_put(weights)
+
+    def _nodes(self, nodes: np.ndarray) -> Float[Array, "detectors nodes 2"]:
+        """The points at (-1, 1) times half a width along the elements."""
+        where = self.points, self.normals, self.element_width
+        return by_library(nodes_along_tangent, where, nodes)
+
+    def mean_over_elements(
+        self, compute: Callable[[Float[Array, "detectors 2"]], T], n: int = NODES
+    ) -> T:
+        """Means over all elements of what ``compute`` gives for one point of each.
+
+        Args:
+            compute: of positions, (detectors, 2), to arrays; called once, with the detectors
+                themselves, if they are points.
+            n: as for `element_nodes`.
+        """
+        if self.element_width is None:
+            return compute(self.points)
+        points, weights = self.element_nodes(n)
+        return mean_over_nodes(compute, jnp.moveaxis(points, 1, 0), weights)
+
 
 class SampledCurve(DetectorCurve):
     """A curve known by its detectors."""
@@ -53,6 +110,7 @@ class SampledCurve(DetectorCurve):
     weights: Float[Array, " detectors"]
     normals: Float[Array, "detectors 2"]
     closed: bool = eqx.field(static=True)
+    element_width: Float[Array, "*one_or_detectors"] | None = None
 
 
 class CircularArc(DetectorCurve):
@@ -63,6 +121,7 @@ class CircularArc(DetectorCurve):
         angle: the direction in which the arc opens [rad].
         half_opening: half the angle under which the opening is seen from the centre [rad].
         n, closed: number of detectors, and whether the opening is none.
+        element_width: as of every `DetectorCurve`; elements are arcs of the circle.
     """
 
     center: Float[Array, "2"]
@@ -71,6 +130,7 @@ class CircularArc(DetectorCurve):
     half_opening: Float[Array, ""]
     n: int = eqx.field(static=True)
     closed: bool = eqx.field(static=True)
+    element_width: Float[Array, "*one_or_detectors"] | None = None
 
     @property
     def span(self) -> Float[Array, ""]:
@@ -99,6 +159,27 @@ class CircularArc(DetectorCurve):
     def n_detectors(self) -> int:
         return self.n
 
+    @property
+    def element_angle(self) -> Float[Array, "*one_or_detectors"] | None:
+        """D, the angle under which elements are seen from the centre; None of points [rad]."""
+        return None if self.element_width is None else self.element_width / self.radius
+
+    def element_factor(self, orders: Int[Array, " orders"]) -> Float[Array, "orders *detectors"]:
+        """sin(m D/2) / (m D/2): the means of exp(i m theta) over elements, over its values there.
+
+        Args:
+            orders: m.
+
+        Returns:
+            (orders,) if all elements are alike, else (orders, detectors); ones of point detectors.
+        """
+        angle = self.element_angle
+        return jnp.ones(len(orders)) if angle is None else element_factor(orders, angle)
+
+    def _nodes(self, nodes: np.ndarray) -> Float[Array, "detectors nodes 2"]:
+        where = self.center, self.radius, self.normals, self.element_width
+        return by_library(nodes_along_circle, where, nodes)
+
 
 def _arc_angles(xp: Any, half_opening: Any, n: int) -> Any:
     return ((xp.arange(n) + 0.5) / n - 0.5) * (2 * np.pi - 2 * half_opening)
@@ -124,6 +205,7 @@ def circular_arc(
     *,
     center: Numbers = (0.0, 0.0),
     angle: Numbers = 0.0,
+    element_width: Numbers | None = None,
 ) -> CircularArc:
     """The arc |z| = R_g, z_1 < cut with detectors at the midpoints of n equal pieces.
 
@@ -137,12 +219,15 @@ def circular_arc(
         n_detectors: number of detectors, at least 2.
         center: centre of the circle, (2,) [length].
         angle: direction in which the arc opens [rad].
+        element_width: length of arc over which a detector takes the mean, a number or one for each
+            detector; None for point detectors [length].
 
     Returns:
         CircularArc, detectors anticlockwise from one end of the opening to the other.
 
     Raises:
-        ValueError: for fewer than 2 detectors, radius <= 0 or an empty arc.
+        ValueError: for fewer than 2 detectors, radius <= 0, an empty arc, or elements that are
+            longer than it.
 
     Source: Kunyansky 2008, section 4 (geometries #1 and #2 have R_g = 1.3, cut at 1 and 0).
 
@@ -162,9 +247,15 @@ def circular_arc(
             "cut must be above -radius."
         )
     half_opening = opening_angle(cut / radius)
-    return CircularArc(  # pyright: ignore[reportCallIssue] (abstract variables are no arguments)
+    arc = CircularArc(  # pyright: ignore[reportCallIssue] (abstract variables are no arguments)
         center, radius, angle, half_opening, n_detectors, closed
     )
+    return with_elements(arc, element_width)
+
+
+def with_elements(curve: C, width: Numbers | None) -> C:
+    """The curve with elements of this width, which is checked; see `DetectorCurve`."""
+    return replace(curve, element_width=checked_width(width, curve.weights))
 
 
 def one_after_another(curves: Sequence[DetectorCurve]) -> SampledCurve:
@@ -175,7 +266,22 @@ def one_after_another(curves: Sequence[DetectorCurve]) -> SampledCurve:
     every = jnp.concatenate(points)
     middle = every.mean(axis=0)
     turned = [outward(*part, middle) for part in zip(points, normals, strict=True)]
-    return SampledCurve(every, jnp.concatenate(weights), jnp.concatenate(turned), False)
+    where = every, jnp.concatenate(weights), jnp.concatenate(turned)
+    return SampledCurve(*where, False, _widths_of_all(curves))
+
+
+def _widths_of_all(curves: Sequence[DetectorCurve]) -> Float[Array, " detectors"] | None:
+    """Element widths one after the other, 0 for point detectors among others."""
+    if all(curve.element_width is None for curve in curves):
+        return None
+    return jnp.concatenate(
+        [
+            jnp.broadcast_to(
+                0.0 if curve.element_width is None else curve.element_width, curve.shape
+            )
+            for curve in curves
+        ]
+    )
 
 
 @jax.jit
@@ -216,8 +322,10 @@ def turned_views(curve: DetectorCurve, turns: Numbers) -> SampledCurve:
     def turned(vectors: Array) -> Array:
         return jnp.einsum("vij,kj->vki", turn, vectors).reshape(-1, 2)
 
-    weights = jnp.tile(curve.weights / n, n)
-    return SampledCurve(turned(curve.points), weights, turned(curve.normals), False)
+    weights, width = jnp.tile(curve.weights / n, n), curve.element_width
+    if width is not None and width.ndim:
+        width = jnp.tile(width, n)
+    return SampledCurve(turned(curve.points), weights, turned(curve.normals), False, width)
 
 
 def opening_angle(cosine: Array) -> Array:

@@ -1,6 +1,7 @@
 """Acquisition curves through measured positions: order, gaps, weights and normals."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -19,7 +20,14 @@ from ..base.checks import (
     whole_number,
 )
 from .crossing import first_crossing
-from .curves import DetectorCurve, SampledCurve, one_after_another, outward, require_detectors
+from .curves import (
+    DetectorCurve,
+    SampledCurve,
+    one_after_another,
+    outward,
+    require_detectors,
+    with_elements,
+)
 
 _SAME = 1e-9  # of the size: detectors nearer to each other than that are at one place
 UNEVEN = 0.05  # of the length, which given weights may miss
@@ -35,6 +43,7 @@ def detector_curve(
     closed: bool | None = None,
     pieces: Sequence[int] | None = None,
     smooth: int = 0,
+    element_width: Numbers | None = None,
 ) -> SampledCurve:
     """Acquisition curve through measured detector positions, in order along the curve.
 
@@ -57,13 +66,16 @@ def detector_curve(
         smooth: for positions that scatter about a smooth curve by more than a small part of their
             spacing: weights and normals are those of the curve that local parabolas through this
             many neighbours to either side make of them. The positions stay as they are.
+        element_width: length over which a detector takes the mean, along the tangent, a number or
+            one for each detector; None for point detectors [length].
 
     Returns:
         DetectorCurve with normals on the outer side, away from the middle of the curve.
 
     Raises:
         ValueError: for fewer than 3 detectors, positions off a plane, repeated or unsorted ones, a
-            curve that crosses itself, and weights that do not add up to its length.
+            curve that crosses itself, weights that do not add up to its length, and elements that
+            are longer than it.
 
     >>> import numpy as np
     >>> theta = np.linspace(0.8, 5.5, 256)
@@ -92,12 +104,12 @@ def detector_curve(
         bounds = np.cumsum([0, *sizes])
         parts = [_smoothed_curve(points[a:b], closed, smooth) for a, b in pairwise(bounds)]
         curve = one_after_another(parts)
-    if weights is None:
-        return curve
-    given = real_array("weights", weights, (points.shape[0],))
-    require_positive("weights", given)
-    _require_length(given, curve.weights)
-    return SampledCurve(points, given, curve.normals, closed)
+    if weights is not None:
+        given = real_array("weights", weights, (points.shape[0],))
+        require_positive("weights", given)
+        _require_length(given, curve.weights)
+        curve = SampledCurve(points, given, curve.normals, closed)
+    return with_elements(curve, element_width)
 
 
 def _piece_sizes(n: int, pieces: Any) -> tuple[int, ...]:
@@ -158,7 +170,7 @@ def keep_detectors(curve: DetectorCurve, keep: Numbers | np.ndarray) -> SampledC
     So the gap of one missing detector is shared by those beside it. One of more than four steps
     like those beside it is a gap in the curve: the detectors next to it are ends, and nobody stands
     for it; behind the last detector it opens a closed curve. Data keep the same rows,
-    ``g[..., keep, :]``.
+    ``g[..., keep, :]``. Elements keep their widths, along the tangent.
 
     Args:
         curve: any, its weights are not used.
@@ -187,11 +199,14 @@ def keep_detectors(curve: DetectorCurve, keep: Numbers | np.ndarray) -> SampledC
             f"({curve.n_detectors},)."
         )
     require_detectors(int(mask.sum()), least=3)
-    points, closed = curve.points[np.flatnonzero(mask)], curve.closed
+    kept = np.flatnonzero(mask)
+    points, closed, width = curve.points[kept], curve.closed, curve.element_width
+    if width is not None and width.ndim:
+        width = width[kept]
     if closed and is_concrete(points):
         steps = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
         closed = not behind_gap(steps, True)[-1]
-    return _sampled(points, closed)
+    return replace(_sampled(points, closed), element_width=width)
 
 
 @partial(jax.jit, static_argnums=1)

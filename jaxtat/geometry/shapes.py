@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
-from .curves import DetectorCurve, SampledCurve, one_after_another, outward
+from .curves import DetectorCurve, SampledCurve, one_after_another, outward, with_elements
 from .measured_curves import require_simple
 
 _TABLE = 32  # nodes per detector, by which arc length is measured
@@ -28,6 +28,7 @@ def parametric_curve(
     n_detectors: int,
     *,
     closed: bool = False,
+    element_width: Numbers | None = None,
 ) -> SampledCurve:
     """Detectors at the midpoints of n pieces of equal arc length of t -> position(t).
 
@@ -37,6 +38,7 @@ def parametric_curve(
         start, stop: of t.
         n_detectors: at least 2.
         closed: whether the curve returns to where it starts.
+        element_width: as in `detector_curve`.
 
     Returns:
         DetectorCurve: weights are length / n.
@@ -53,7 +55,7 @@ def parametric_curve(
     """
     n = whole_number("n_detectors", n_detectors, 2)
     start, stop = real_array("start", start, ()), real_array("stop", stop, ())
-    return _checked(_by_arc_length(position, start, stop, n, closed))
+    return _checked(_by_arc_length(position, start, stop, n, closed), element_width)
 
 
 def elliptic_arc(
@@ -64,6 +66,7 @@ def elliptic_arc(
     stop: Numbers = 2 * np.pi,
     center: Numbers = (0.0, 0.0),
     angle: Numbers = 0.0,
+    element_width: Numbers | None = None,
 ) -> SampledCurve:
     """The arc (a cos t, b sin t), start < t < stop, turned by ``angle`` and moved to ``center``.
 
@@ -76,6 +79,7 @@ def elliptic_arc(
         start, stop: of t [rad].
         center: (2,) [length].
         angle: of the first axis [rad].
+        element_width: as in `detector_curve`.
 
     >>> half = elliptic_arc((1.6, 1.25), 200, start=np.pi / 2, stop=3 * np.pi / 2)
     >>> bool(jnp.all(half.points[:, 0] < 0)), round(float(half.weights.sum()), 4)
@@ -95,11 +99,16 @@ def elliptic_arc(
                 "and at most one turn, 2π."
             )
     closed = abs(turn - 1) < 1e-12
-    return _elliptic(semi_axes, start, stop, center, angle, n, closed)
+    arc = _elliptic(semi_axes, start, stop, center, angle, n, closed)
+    return with_elements(arc, element_width)
 
 
 def polyline(
-    vertices: Numbers, n_detectors: int | Sequence[int], *, closed: bool = False
+    vertices: Numbers,
+    n_detectors: int | Sequence[int],
+    *,
+    closed: bool = False,
+    element_width: Numbers | None = None,
 ) -> SampledCurve:
     """Straight pieces from vertex to vertex: a line, an L, a U, or a polygon (``closed``).
 
@@ -111,6 +120,7 @@ def polyline(
         n_detectors: in all, shared out by length, or one number for each piece (needed where
             vertices are traced).
         closed: whether a last piece leads back to the first vertex.
+        element_width: as in `detector_curve`.
 
     Raises:
         ValueError: for repeated vertices, pieces without a detector, and pieces that cross or cover
@@ -126,13 +136,14 @@ def polyline(
     counts = shared_out("n_detectors", n_detectors, vertices, closed, least=1)
     if sum(counts) < 2:
         raise ValueError("got 1 detector, expected at least 2 on a curve.")
-    return _checked(_polyline(vertices, counts, closed))
+    return _checked(_polyline(vertices, counts, closed), element_width)
 
 
 def join_curves(*curves: DetectorCurve) -> SampledCurve:
     """Several separate curves as one: each keeps its weights, and nobody stands for the gaps.
 
-    Normals are turned away from the middle of all of them.
+    Normals are turned away from the middle of all of them. Elements keep their widths, along the
+    tangent.
 
     Args:
         curves: in the order in which their data come.
@@ -277,10 +288,10 @@ def _inverse(
     return t[i] + (t[i + 1] - t[i]) * (share + share * (1 - share) * bend)
 
 
-def _checked(curve: SampledCurve) -> SampledCurve:
+def _checked(curve: SampledCurve, element_width: Numbers | None = None) -> SampledCurve:
     if is_concrete(curve):
         length = float(curve.weights.sum())
         if not (np.isfinite(length) and length > 0):
             raise ValueError(f"the curve's length is {length:.6g}, expected a value above zero.")
         require_simple(np.asarray(curve.points), curve.closed)
-    return curve
+    return curve if element_width is None else with_elements(curve, element_width)

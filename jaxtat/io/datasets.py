@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .optional_packages import optional
+from ..base.optional_packages import optional
 from .origin import sha256
 from .samples import sample_scan as sample_scan
 

@@ -16,6 +16,8 @@ from ..geometry import DetectorCurve, ImageGrid
 from ..special import j0, j1
 from .radial import RadialParts, gauss_legendre, length_of, safe_sqrt, sin8_integral
 
+_NODES = 16  # on elements of finite width
+
 
 class Phantom(RadialParts):
     """Σ_m a_m b(|x - c_m| / r_m) in the plane, see `Disks` for the arguments."""
@@ -47,6 +49,9 @@ class Phantom(RadialParts):
     ) -> Float[Array, "detectors radii"]:
         """g(z, r) = ∫_{|x - z| = r} f dl, exact up to rounding (quadrature below 1e-12 for bells).
 
+        Of elements of finite width it is the mean over 16 nodes of each: exact to 1e-9 for smooth
+        parts at least twice as wide, not for edges.
+
         Args:
             curve: the detectors z.
             radii: r > 0, (radii,) [length].
@@ -68,7 +73,9 @@ class Phantom(RadialParts):
 
             return self._sum_over_parts(one)
 
-        return jax.lax.map(of_detector, curve.points, batch_size=64)
+        return curve.mean_over_elements(
+            lambda points: jax.lax.map(of_detector, points, batch_size=64), _NODES
+        )
 
     @eqx.filter_jit
     def radon(self, angles: Numbers, offsets: Numbers) -> Float[Array, "directions offsets"]:

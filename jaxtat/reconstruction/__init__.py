@@ -1,6 +1,7 @@
 """The problem as one thing, and what solves it: plans, pipeline, stacks of frames."""
 
 from .data_model import circular_integrals, circular_integrals_adjoint, circular_means
+from .operator import ForwardOperator, forward_operator
 from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .setup import Setup
 from .stack import reconstruct_stack
@@ -8,6 +9,7 @@ from .verbs import Reconstruction, reconstruct, solve
 
 __all__ = [
     "PAPER_K",
+    "ForwardOperator",
     "Reconstruction",
     "ReconstructionPlan",
     "Setup",
@@ -15,6 +17,7 @@ __all__ = [
     "circular_integrals",
     "circular_integrals_adjoint",
     "circular_means",
+    "forward_operator",
     "reconstruct",
     "reconstruct_stack",
     "solve",

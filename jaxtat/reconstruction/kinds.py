@@ -8,7 +8,12 @@ from jaxtyping import Array
 
 from ..base.checks import named
 from ..densities import Basis
-from ..forward import integrate_over_circles, integrate_over_circles_adjoint
+from ..forward import (
+    circle_integrals,
+    integrate_over_circles,
+    integrate_over_circles_adjoint,
+    sphere_integrals,
+)
 from ..forward.spheres import integrate_over_spheres, integrate_over_spheres_adjoint
 from ..geometry import (
     DetectorCurve,
@@ -45,7 +50,9 @@ class Kind(NamedTuple):
         require_fitting: (curve, region, radii): raise ValueError where they do not go together.
         basis: (curve, region, radii, sizes, solver, tolerance, mesh) -> the waves to solve in.
         default_rule: of sizes.
-        integrals, adjoint: over circles or spheres, and back, by quadrature.
+        fast_integrals: (curve, grid, radii, sizes, eta, tolerance) -> over circles or spheres of
+            images that are band-limited, see `forward_operator`.
+        integrals, adjoint: the same and back, of interpolated images by quadrature.
         measure: of a circle or sphere, by its radius.
     """
 
@@ -58,6 +65,7 @@ class Kind(NamedTuple):
     require_fitting: Callable[[Any, Any, Array], None]
     basis: Callable[..., Basis]
     default_rule: Callable[[Any], TikhonovRule]
+    fast_integrals: Callable[..., Any]
     integrals: Callable[..., Array]
     adjoint: Callable[..., Array]
     measure: Callable[[Array], Array]
@@ -108,6 +116,7 @@ PLANE = Kind(
     require_fitting=_require_plane,
     basis=plane_basis,
     default_rule=default_rule,
+    fast_integrals=circle_integrals,
     integrals=integrate_over_circles,
     adjoint=integrate_over_circles_adjoint,
     measure=lambda radii: 2 * jnp.pi * radii,
@@ -127,6 +136,7 @@ SPACE = Kind(
     require_fitting=_require_space,
     basis=_spherical_basis,
     default_rule=lambda sizes: Tikhonov(DEFAULT_ALPHA_IN_SPACE),
+    fast_integrals=sphere_integrals,
     integrals=integrate_over_spheres,
     adjoint=integrate_over_spheres_adjoint,
     measure=lambda radii: 4 * jnp.pi * radii**2,

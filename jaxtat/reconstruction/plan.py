@@ -230,7 +230,7 @@ def _traced(
     frequencies, angles = sizes.frequencies, sizes.angles
     norms = unit_norms(curve, region, frequencies, sizes.norm_orders, angles)
     if method == "harmonic":
-        geometry = polar_geometry(curve, region)
+        geometry = polar_geometry(curve, region, sizes.n_nodes)
         offset = region.center - geometry.center
         values, report = _traced_harmonic(geometry, offset, norms, rule, sizes)
     else:
@@ -241,7 +241,10 @@ def _traced(
             )
         units = seen_once(frequencies) ** 2
         rules = per_frequency(rule, len(frequencies)).in_units_of(units, frequencies)
-        values, report = collocation_densities(frequencies, norms, angles, curve, region, rules)
+        where = angles, curve, region
+        values, report = collocation_densities(
+            frequencies, norms, *where, rules, n_nodes=sizes.n_nodes
+        )
     return SampledDensities(values), report
 
 
@@ -276,7 +279,7 @@ def _harmonic(
     curve, region, _, sizes = plane_of(setup)
     frequencies, angles = sizes.frequencies, sizes.angles
     with jax.ensure_compile_time_eval():
-        geometry = polar_geometry(curve, region)
+        geometry = polar_geometry(curve, region, sizes.n_nodes)
         orders = harmonic_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
         table = wave_table(geometry, frequencies, int(orders.max()))
@@ -316,13 +319,14 @@ def _collocation(
         mirror = find_mirror(curve, region)
         units = seen_once(frequencies) ** 2
         if regularization.has_unit and sizes.reached:
-            geometry = polar_geometry(curve, region)
+            geometry = polar_geometry(curve, region, sizes.n_nodes)
             n_max = int(harmonic_orders(geometry, np.asarray(frequencies)).max())
             units = alpha_units(geometry, frequencies, n_max)
         rules = rules.in_units_of(units, frequencies)
 
     def solve(few: Array, norms: Array, rules: Regularization) -> tuple[Array, DensityReport]:
-        return collocation_densities(few, norms, angles, curve, region, rules, mirror)
+        where = angles, curve, region
+        return collocation_densities(few, norms, *where, rules, mirror, sizes.n_nodes)
 
     return _sampled(solve, (frequencies, norms, rules), single, bar)
 
@@ -354,7 +358,12 @@ _BUILD: dict[str, Callable[..., tuple[Densities, DensityReport]]] = {
 
 
 def _full_circle(curve: DetectorCurve) -> Circle:
-    """The circle of equispaced detectors, or ValueError if they are not."""
+    """The circle of equispaced point detectors, or ValueError if they are not."""
+    if curve.element_width is not None:
+        raise ValueError(
+            "method 'series' is for point detectors, this curve has an element_width: use method "
+            "'harmonic'."
+        )
     circle = fit_circle(curve.points)
     off = jnp.abs(jnp.linalg.norm(curve.points - circle.center, axis=1) / circle.radius - 1)
     uneven = jnp.abs(curve.weights / (2 * jnp.pi * circle.radius / curve.n_detectors) - 1)

@@ -129,7 +129,7 @@ def plane_basis(
     # of a known geometry known inside jax.jit too
     known = is_concrete(curve, region)
     with jax.ensure_compile_time_eval() if known else nullcontext():
-        geometry = polar_geometry(curve, region)
+        geometry = polar_geometry(curve, region, sizes.n_nodes)
     rows = sizes.groups[-1][-1] * (1 if geometry.mirror else 2)
     if solver == "auto" and geometry.on_circle and geometry.disk and rows > MOST_ORDERS:
         exact = "cg"
@@ -230,4 +230,5 @@ def _on_boundary(
         basis.solver,
         basis.tolerance,
         basis.mesh,
+        sizes.n_nodes,
     )

@@ -223,7 +223,8 @@ def _sizes_of(part: Any) -> Any:
     if isinstance(part, Ball):
         return part.whole
     if isinstance(part, DetectorCurve):
-        return part.n_detectors
+        width = part.element_width
+        return part.n_detectors, None if width is None else width.shape
     if isinstance(part, Region):
         return part.counts
     return part.shape

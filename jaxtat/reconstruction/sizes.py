@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, by_library
 from ..base.cost import Systems, require_room, systems_cost
 from ..densities.harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
-from ..forward import default_points
+from ..forward import CircleSizes, circle_sizes, default_points
 from ..geometry import (
     DetectorCurve,
     ImageGrid,
@@ -19,6 +19,7 @@ from ..geometry import (
     require_cover,
     visibility,
 )
+from ..geometry.elements import enough_nodes
 from ..records import sampled_frequency
 from ..special import enough_orders
 from ..steps import enough_boundary, polar_grid, require_boundary, require_problem
@@ -35,10 +36,12 @@ class PlaneSizes(eqx.Module):
         groups: (first frequency, last + 1, orders) of frequencies that are solved alike; none
             where cylindrical waves do not reach.
         norm_orders: that N(lambda) needs; 0 for detectors off a circle, see `unit_norm`.
-        n_quadrature: points on a circle by which the integrals of an image are taken.
+        operator: of the forward operator.
+        n_quadrature: points on a circle by which the integrals of an image are taken by quadrature.
         as_in_the_paper: detectors on a circle that see all of the region: what its rule assumes.
             Its norm N(lambda) is that of a circle, and a bound on the norm admits noise without
             limit in directions that are not seen.
+        n_nodes: on elements of finite width, by which their means are taken where they are no arcs.
         sampled: share of max_frequency up to which the detectors sample waves of the region, in
             quarters of an octave; at most 1.
     """
@@ -48,8 +51,10 @@ class PlaneSizes(eqx.Module):
     n_directions: int = eqx.field(static=True)
     groups: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
     norm_orders: int = eqx.field(static=True)
+    operator: CircleSizes
     n_quadrature: int = eqx.field(static=True)
     as_in_the_paper: bool = eqx.field(static=True)
+    n_nodes: int = eqx.field(static=True)
     sampled: float = eqx.field(static=True)
 
     @property
@@ -116,9 +121,11 @@ def plane_sizes(
             n_directions=angles.shape[0],
             groups=groups,
             norm_orders=enough_orders(1.1 * farthest) if on_quadrature else 0,
+            operator=circle_sizes(curve, grid),
             n_quadrature=default_points(grid),
             as_in_the_paper=on_quadrature
             and float(visibility(curve, region).invisible_fraction) == 0,
+            n_nodes=enough_nodes(curve.element_width, highest),
             sampled=_sampled_share(curve, region, highest),
         ), region
 

@@ -32,9 +32,8 @@ def from_grid(
     """
     axes = points.shape[1]
     batch, grid = values.shape[: values.ndim - axes], values.shape[values.ndim - axes :]
-    found = _library().nufft2(
-        values.reshape(-1, *grid), *points.T, iflag=1, eps=tolerance, opts=_options()
-    )
+    options = {"iflag": 1, "eps": tolerance, "opts": _options(axes)}
+    found = _library().nufft2(values.reshape(-1, *grid), *points.T, **options)
     return found.reshape(*batch, points.shape[0])
 
 
@@ -53,20 +52,9 @@ def to_grid(
     """
     batch = values.shape[:-1]
     flat = values.reshape(-1, values.shape[-1])
-    found = _library().nufft1(shape, flat, *points.T, iflag=1, eps=tolerance, opts=_options())
+    options = {"iflag": 1, "eps": tolerance, "opts": _options(len(shape))}
+    found = _library().nufft1(shape, flat, *points.T, **options)
     return found.reshape(*batch, *shape)
-
-
-@cache
-def _options() -> Any:
-    """Grids twice as fine for both types.
-
-    Left alone the library takes 2 or 5/4 by type, density and threads: then the two would not be
-    transposes of each other, and volumes take twice as long.
-    """
-    from jax_finufft import options
-
-    return options.Opts(upsampfac=2.0)
 
 
 @cache
@@ -77,6 +65,18 @@ def _library() -> Any:
     for primitive in (ops.nufft1_p, ops.nufft2_p):
         batching.primitive_batchers[primitive] = _batched
     return ops
+
+
+@cache
+def _options(axes: int) -> Any:
+    """Sums along one axis are too short to be shared out among threads.
+
+    Both types on a grid twice as fine: left alone the library takes 2 or 5/4 by type, density and
+    threads, with which the two would not be transposes, and volumes would take twice as long.
+    """
+    from jax_finufft.options import Opts
+
+    return Opts(nthreads=1 if axes == 1 else 0, upsampfac=2.0)
 
 
 def _batched(args: Any, axes: Any, *, output_shape: Any, nufft_type: int, **options: Any) -> Any:

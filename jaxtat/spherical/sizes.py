@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete
 from ..densities.harmonic.orders import highest_orders
+from ..forward import SphereSizes, sphere_sizes
 from ..forward.spheres import default_points
 from ..geometry import VolumeGrid, data_radii, require_cover, require_outside
 from ..geometry.balls import Ball, enough_boundary
@@ -33,7 +34,8 @@ class SpaceSizes(eqx.Module):
         n_orders: m = 0 .. n_orders - 1.
         piece: how many orders m are worked on together.
         n_sizes: of the systems; numbers of degrees are rounded up to one of them.
-        n_quadrature: points from pole to rim of a sphere, for the integrals of a volume.
+        operator: of the forward operator.
+        n_quadrature: points from pole to rim of a sphere, for integrals by quadrature.
         boundary: Gauss points on both parts of a meridian of a cut ball; none of a whole one.
     """
 
@@ -44,6 +46,7 @@ class SpaceSizes(eqx.Module):
     n_orders: int = eqx.field(static=True)
     piece: int = eqx.field(static=True)
     n_sizes: int = eqx.field(static=True)
+    operator: SphereSizes
     n_quadrature: int = eqx.field(static=True)
     boundary: tuple[int, int] | None = eqx.field(static=True)
 
@@ -133,6 +136,7 @@ def space_sizes(
         n_orders=n_orders,
         piece=-(-n_orders // pieces),
         n_sizes=n_sizes,
+        operator=sphere_sizes(detectors, grid),
         n_quadrature=default_points(grid),
         boundary=boundary,
     )

@@ -35,26 +35,30 @@ def _relative_frequencies(xp: Any, n: int) -> Any:
 
 
 def low_pass_values(low_pass: Any, n: int) -> Float[Array, " frequencies"]:
-    """eta at lambda_max · 0/n, 1/n, ..., n/n; ones for None.
+    """eta at lambda_max · 0/n, 1/n, ..., n/n; as `low_pass_at`."""
+    return low_pass_at(low_pass, by_library(_relative_frequencies, (), n))
+
+
+def low_pass_at(low_pass: Any, relative: Float[Array, " n"]) -> Float[Array, " n"]:
+    """eta at the frequencies lambda / lambda_max; ones for None.
 
     Args:
         low_pass: a function of lambda / lambda_max, one of `LOW_PASSES`, or None.
-        n: number of frequencies above 0.
+        relative: lambda / lambda_max.
 
     Raises:
-        ValueError: for anything else, and for values that are not n + 1 finite numbers.
+        ValueError: for anything else, and for values that are not as many finite numbers.
     """
-    relative = by_library(_relative_frequencies, (), n)
     if isinstance(low_pass, str):
         if low_pass not in LOW_PASSES:
             raise ValueError(f"low_pass is {low_pass!r}, expected {_EXPECTED}.")
         low_pass = LOW_PASSES[low_pass]
     if low_pass is None:
-        return by_library(lambda xp: xp.ones(n + 1), ())
+        return by_library(lambda xp: xp.ones(relative.shape), ())
     if not callable(low_pass):
         raise ValueError(f"low_pass is {low_pass!r}, expected {_EXPECTED}.")
     values: Any = low_pass(relative)
-    return real_array("low_pass", values, (n + 1,))
+    return real_array("low_pass", values, relative.shape)
 
 
 @jax.jit

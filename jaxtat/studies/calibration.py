@@ -161,7 +161,7 @@ def calibrate(
         sizes = plane_of(Setup(placed, region, setup.grid, radii, max_frequency=most))[3]
     require_waves(sizes)
     problem = _Problem(
-        geometry=polar_geometry(placed, region),
+        geometry=polar_geometry(placed, region, sizes.n_nodes),
         curve=curve,
         region=region,
         turns=views,
@@ -241,12 +241,12 @@ def _moved(curve: DetectorCurve, found: Parameters) -> DetectorCurve:
 
 def _geometry(problem: _Problem, free: Free, found: Parameters) -> PolarGeometry:
     """Only what is unknown is traced, so that the symmetry of the rest is kept."""
-    if "center" in free:
-        return polar_geometry(
-            turned_views(_moved(problem.curve, found), problem.turns), problem.region
-        )
-    if "radius" not in free:
+    if not free.keys() & {"center", "radius"}:
         return problem.geometry
+    # elements that keep their width are seen under other angles from other radii
+    if "center" in free or problem.curve.element_width is not None:
+        placed = turned_views(_moved(problem.curve, found), problem.turns)
+        return polar_geometry(placed, problem.region, problem.sizes.n_nodes)
     factor = 1 + free["radius"]
     return eqx.tree_at(
         lambda tree: (tree.detector_radius, tree.weights),

@@ -115,7 +115,7 @@ def compare_regularizations(
     (True, [True, True])
     """
     require_x64()
-    curve, region, radii, _ = plane_of(setup)
+    curve, region, radii, sizes = plane_of(setup)
     grid = setup.grid
     bounds, alphas = real_array("K", K, ("values",)), real_array("alpha", alpha, ("values",))
     frequency = real_array("frequency", frequency, ())
@@ -124,7 +124,7 @@ def compare_regularizations(
     if not is_concrete(setup, frequency):
         raise ValueError("compare_regularizations measures time: nothing of it can be traced.")
     _, angles = polar_grid(region, grid, radii, frequency, n_directions)
-    geometry = polar_geometry(curve, region)
+    geometry = polar_geometry(curve, region, sizes.n_nodes)
     n_max = int(harmonic_orders(geometry, np.asarray(frequency)[None]).max())
     wave = jax.tree.map(lambda leaf: leaf[0], wave_table(geometry, frequency[None], n_max))
     matrix, rhs, _, unit = wave_system(geometry, wave, angles - geometry.axis)

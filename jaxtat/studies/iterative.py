@@ -1,9 +1,8 @@
 """The general-purpose alternative: iterations with the forward operator and its adjoint.
 
-Any inverse problem can be solved so, without a formula for this one. What it costs and how close it
-comes is the yardstick for the reconstruction of this package; for few detectors, gaps in the record
-or sharp edges it is also of use by itself. The unknowns are the pixels, continued between each
-other as in `forward`, so that the model is as accurate as that interpolation and no better.
+Any inverse problem can be solved so, without a formula for this one. For few detectors, gaps in the
+record or sharp edges it is of use by itself. The unknowns are the pixels of a band-limited image,
+as in `forward_operator`.
 """
 
 from typing import Any
@@ -23,7 +22,7 @@ from ..base.checks import (
     require_positive,
     whole_number,
 )
-from ..reconstruction import Setup, circular_integrals, circular_integrals_adjoint
+from ..reconstruction import ForwardOperator, Setup, forward_operator
 from ..reconstruction.setup import plane_of
 
 
@@ -157,18 +156,14 @@ def smoothed_variation(
 class _Model(eqx.Module):
     """A, from pixels in the support to circular integrals, and A^T."""
 
-    setup: Setup
+    operator: ForwardOperator
     support: Bool[Array, "x1 x2"]
 
     def forward(self, image: Float[Array, "x1 x2"]) -> Float[Array, "detectors radii"]:
-        return circular_integrals(self.setup, jnp.where(self.support, image, 0.0))
+        return self.operator.mv(jnp.where(self.support, image, 0.0))
 
     def adjoint(self, data: Float[Array, "detectors radii"]) -> Float[Array, "x1 x2"]:
-        return jnp.where(self.support, circular_integrals_adjoint(self.setup, data), 0.0)
-
-    def linear(self, image: Float[Array, "x1 x2"]) -> Float[Array, "detectors radii"]:
-        """`forward`, whose derivatives call `adjoint`: reverse mode would keep all nodes."""
-        return jax.custom_derivatives.linear_call(_Model.forward, _Model.adjoint, self, image)
+        return jnp.where(self.support, self.operator.T.mv(data), 0.0)
 
     def units(self, back: Float[Array, "x1 x2"]) -> Float[Array, ""]:
         """||A b||² / ||b||² of b = A^T g: nearly ||A||², as b is smooth; 1 for b = 0."""
@@ -186,7 +181,7 @@ def _model(
     if data.ndim != 2:
         raise ValueError(f"g has shape {data.shape}, expected one image's {data.shape[-2:]}.")
     inside = jnp.ones(setup.grid.shape, bool) if everywhere else region.contains(setup.grid.points)
-    return _Model(setup, inside), data
+    return _Model(forward_operator(setup), inside), data
 
 
 class _RelativeCG(lx.AbstractLinearSolver):
@@ -274,7 +269,7 @@ def _quasi_newton(
     def objective(u: Array, given: tuple[_Model, Array, Array, Array]) -> Array:
         model, g, weight, smoothing = given
         image = jnp.where(model.support, scale * u, 0.0)
-        misfit = jnp.sum((model.linear(image) - g) ** 2) / 2
+        misfit = jnp.sum((model.forward(image) - g) ** 2) / 2
         return (misfit + weight * smoothed_variation(image, smoothing)) / (square * scale**2)
 
     found = optx.minimise(

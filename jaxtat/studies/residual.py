@@ -66,8 +66,8 @@ def data_residual(setup: Setup, g: Numbers, image: Numbers) -> DataResidual:
     """g - A f for the image f inside the region of interest, A its circular integrals.
 
     Outside the region the image means nothing and is taken as zero. Differentiable in image, g and
-    geometry, but for the boundary of the region. A's own error, which is that of bicubic
-    interpolation, stays in the residual: about 1e-3 for smooth images, more for sharp edges.
+    geometry, but for the boundary of the region. A is `forward_operator`: exact for images that are
+    band-limited between their pixels; at a sharp edge, also the region's, it rings.
 
     Args:
         setup: detectors, region, grid and radii, in the plane.

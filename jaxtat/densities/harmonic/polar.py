@@ -5,6 +5,7 @@ from c than every point of the region. The axis is the line in which the geometr
 is: then cosines and sines do not mix.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -14,14 +15,29 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.checks import is_concrete
-from ...geometry import CircularArc, DetectorCurve, Disk, Region, fit_circle, near_circle
-from ..symmetry import mirrored_pairs
+from ...geometry import CircularArc, DetectorCurve, Disk, Region, circle_through, near_circle
+from ...geometry.elements import NODES, gauss_rule
+from ..symmetry import elements_mirrored, mirrored_pairs
 from .orders import highest_orders
 
 _ROUNDING = 1e-9  # relative, for positions that are called equal
 FARTHER = 1.2  # nearest detector over farthest point of the region, from which waves are worth it
 _REACHED = 0.99  # the same, inverted, up to which they can be used at all
 _CANDIDATES = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 17)] * 2), axis=-1).reshape(-1, 2)
+
+
+class ElementNodes(eqx.Module):
+    """Gauss rules on the elements of detectors, about c; nodes first.
+
+    Attributes:
+        radius, angles: |z_ki - c| [length], and theta_ki [rad]. Of elements that are all alike, on
+            a circle about c, those of one of them, counted from its middle.
+        weights: c_i, which add up to 1.
+    """
+
+    radius: Float[Array, "nodes *detectors"]
+    angles: Float[Array, "nodes *detectors"]
+    weights: Float[Array, " nodes"]
 
 
 class PolarGeometry(eqx.Module):
@@ -35,6 +51,8 @@ class PolarGeometry(eqx.Module):
             boundary with twice the weights.
         mirror: whether the axis is one of mirror symmetry.
         disk: whether the region is a disk about c.
+        element_angle: D, of elements that are arcs of the circle, all alike [rad]; or else
+        nodes: of other elements of finite size. None of both for point detectors.
     """
 
     center: Float[Array, "2"]
@@ -45,6 +63,8 @@ class PolarGeometry(eqx.Module):
     region: Region
     mirror: bool = eqx.field(static=True)
     disk: bool = eqx.field(static=True)
+    element_angle: Float[Array, ""] | None = None
+    nodes: ElementNodes | None = None
 
     @property
     def on_circle(self) -> bool:
@@ -57,24 +77,32 @@ class PolarGeometry(eqx.Module):
             return self.region.reach
         return jnp.linalg.norm(self.region.points - self.center, axis=1).max()
 
+    @property
+    def nearest(self) -> float:
+        """The least |z - c| of all detectors, which are known, and of their elements [length]."""
+        radius = self.detector_radius if self.nodes is None else self.nodes.radius
+        return float(np.asarray(radius).min())
+
     def one_side(self) -> "PolarGeometry":
         """The first half of the detectors of a mirrored geometry, which stand for both halves."""
         weights = half_weights(self.weights)
-        radius = self.detector_radius
-        return eqx.tree_at(
-            lambda tree: (tree.detector_radius, tree.detector_angles, tree.weights),
+        half, radius, nodes = weights.shape[0], self.detector_radius, self.nodes
+        if not self.on_circle:
+            radius = radius[:half]
+            if nodes is not None:
+                nodes = ElementNodes(nodes.radius[:, :half], nodes.angles[:, :half], nodes.weights)
+        return replace(
             self,
-            (
-                radius if self.on_circle else radius[: weights.shape[0]],
-                self.detector_angles[: weights.shape[0]],
-                weights,
-            ),
+            detector_radius=radius,
+            detector_angles=self.detector_angles[:half],
+            weights=weights,
+            nodes=nodes,
         )
 
 
 def harmonic_orders(geometry: PolarGeometry, frequencies: np.ndarray) -> np.ndarray:
     """N(lambda) of a concrete geometry; ValueError if waves about the centre do not reach."""
-    reach, distance = float(geometry.reach), float(geometry.detector_radius.min())
+    reach, distance = float(geometry.reach), geometry.nearest
     if reach >= _REACHED * distance:
         raise ValueError(
             f"the region reaches {reach:.6g} from {np.asarray(geometry.center)}, a detector is "
@@ -92,7 +120,7 @@ def waves_reach(curve: DetectorCurve, region: Region) -> bool:
     """
     geometry = polar_geometry(curve, region)
     least = 1 / _REACHED if near_circle(curve) else FARTHER * (1 - _ROUNDING)
-    return float(np.asarray(geometry.detector_radius).min()) > least * float(geometry.reach)
+    return geometry.nearest > least * float(geometry.reach)
 
 
 def half_weights(weights: Float[Array, " detectors"]) -> Float[Array, " half"]:
@@ -105,7 +133,7 @@ def half_weights(weights: Float[Array, " detectors"]) -> Float[Array, " half"]:
     return weights[: len(kept)] * np.where(2 * kept == n - 1, 1.0, 2.0)
 
 
-def polar_geometry(curve: DetectorCurve, region: Region) -> PolarGeometry:
+def polar_geometry(curve: DetectorCurve, region: Region, n_nodes: int = NODES) -> PolarGeometry:
     """The best centre and axis that curve and region allow.
 
     Detectors on a circle are expanded about its centre, which makes the waves at all of them alike.
@@ -113,11 +141,17 @@ def polar_geometry(curve: DetectorCurve, region: Region) -> PolarGeometry:
     region reaches, about the point for which that ratio is best. Traced positions are taken one by
     one, and without symmetry, since a derivative may move any of them; a `CircularArc` remains an
     arc when its radius or opening is traced.
+
+    Args:
+        curve, region: the geometry.
+        n_nodes: on elements of finite width, where they are no arcs about the centre.
     """
     if isinstance(curve, CircularArc) and is_concrete(curve.center, region.center):
-        return _about_arc(curve, region)
-    if is_concrete(curve, region):
-        return _about_points(curve, region)
+        angle = curve.element_angle
+        if angle is None or angle.ndim == 0:
+            return _about_arc(curve, region)
+    if is_concrete(curve.points, curve.weights, curve.normals, region):
+        return _about_points(curve, region, n_nodes)
     center = _best_center(curve, region, jnp)
     local = curve.points - center
     return PolarGeometry(
@@ -129,6 +163,7 @@ def polar_geometry(curve: DetectorCurve, region: Region) -> PolarGeometry:
         region=region,
         mirror=False,
         disk=_is_whole_disk(region),
+        nodes=_nodes(curve, center, jnp.zeros(()), n_nodes),
     )
 
 
@@ -138,7 +173,7 @@ def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
     near = _ROUNDING * float(arc.radius) if is_concrete(arc.radius) else 0.0
     disk = _is_whole_disk(region) and bool(offset <= near)
     half = None
-    if not disk and is_concrete(arc, region):
+    if not disk and is_concrete(arc.points, arc.weights, region):
         half = _one_side(region, arc.center, float(arc.angle))
     return PolarGeometry(
         center=arc.center,
@@ -149,10 +184,11 @@ def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
         region=region if half is None else half,
         mirror=disk or half is not None,
         disk=disk,
+        element_angle=arc.element_angle,
     )
 
 
-def _about_points(curve: DetectorCurve, region: Region) -> PolarGeometry:
+def _about_points(curve: DetectorCurve, region: Region, n_nodes: int) -> PolarGeometry:
     """Measured positions: on a circle and mirrored if they are to rounding."""
     center, radius = _circle(curve, region)
     local = np.asarray(curve.points) - np.asarray(center)
@@ -166,7 +202,12 @@ def _about_points(curve: DetectorCurve, region: Region) -> PolarGeometry:
         np.abs(angles + angles[::-1]).max() < _ROUNDING
         and np.abs(weights - weights[::-1]).max() < _ROUNDING * weights.max()
         and np.abs(distance - distance[::-1]).max() < _ROUNDING * distance.max()
+        and elements_mirrored(curve, np.asarray(center), np.array([np.cos(axis), np.sin(axis)]))
     )
+    if radius is not None and _elements_alike(curve, local / distance[:, None]):
+        nodes = _nodes_of_one(curve, radius, n_nodes)
+    else:
+        radius, nodes = None, _nodes(curve, center, axis, n_nodes)
     half = _one_side(region, center, float(axis)) if mirrored and not disk else None
     return PolarGeometry(
         center=center,
@@ -177,18 +218,42 @@ def _about_points(curve: DetectorCurve, region: Region) -> PolarGeometry:
         region=region if half is None else half,
         mirror=bool(mirrored and disk) or half is not None,
         disk=disk,
+        nodes=nodes,
     )
+
+
+def _elements_alike(curve: DetectorCurve, outward: np.ndarray) -> bool:
+    """Whether turning about the centre leads from one element to all others."""
+    if curve.element_width is None:
+        return True
+    across = np.abs(np.sum(np.asarray(curve.normals) * outward, axis=1))
+    straight = not isinstance(curve, CircularArc)
+    return straight and curve.element_width.ndim == 0 and bool(across.min() > 1 - _ROUNDING)
+
+
+def _nodes_of_one(curve: DetectorCurve, radius: Array, n: int) -> ElementNodes | None:
+    """Of a straight element that touches a circle in its middle."""
+    if curve.element_width is None:
+        return None
+    nodes, weights = gauss_rule(n)
+    along = curve.element_width / 2 * nodes
+    distance = jnp.sqrt(radius**2 + along**2)
+    return ElementNodes(distance, jnp.arctan2(along, radius), jnp.asarray(weights))
+
+
+def _nodes(curve: DetectorCurve, center: Any, axis: Any, n: int) -> ElementNodes | None:
+    if curve.element_width is None:
+        return None
+    points, weights = curve.element_nodes(n)
+    local = jnp.moveaxis(points, 1, 0) - center
+    angles = jnp.arctan2(local[..., 1], local[..., 0]) - axis
+    return ElementNodes(jnp.linalg.norm(local, axis=-1), angles, weights)
 
 
 def _circle(curve: DetectorCurve, region: Region) -> tuple[Array, Array | None]:
     """Centre of the waves, and the detectors' common radius about it if they have one."""
-    try:
-        circle = fit_circle(curve.points)
-    except ValueError:  # a straight line
-        return jax.device_put(_best_center(curve, region, np)), None
-    points, center, radius = map(np.asarray, (curve.points, circle.center, circle.radius))
-    distance = np.linalg.norm(points - center, axis=1)
-    if np.abs(distance - radius).max() > _ROUNDING * radius:
+    circle = circle_through(curve)
+    if circle is None:
         return jax.device_put(_best_center(curve, region, np)), None
     return circle.center, circle.radius
 

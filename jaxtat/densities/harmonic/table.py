@@ -7,7 +7,8 @@ circle of detectors M = (J_n|Y_n) E with one table E of cosines and sines, and
 
     M M^T = (a a^T + b b^T) ∘ T,   T = E diag(w) E^T,
 
-where a and b hold the Bessel functions of the frequency, and T none.
+where a and b hold the Bessel functions of the frequency, and T none. Of elements of finite size the
+waves are averaged: on a circle elements that are alike make a factor for each order in a and b.
 """
 
 from collections.abc import Callable
@@ -17,6 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Inexact
 
+from ...geometry.elements import element_factor, mean_over_nodes
 from .polar import PolarGeometry
 from .waves import angular, at_detectors, boundary_traces, disk_norms, scales, twice, wave_steps
 
@@ -27,7 +29,8 @@ class WaveTable(eqx.Module):
     Attributes:
         frequencies: lambda [rad/length].
         steps: of the scales Delta_n, up to N + 1.
-        on_circle: (a, b), eps_n Delta_n (J_n|Y_n)(lambda R_g); None for detectors off a circle.
+        on_circle: (a, b), eps_n Delta_n (J_n|Y_n)(lambda R_g), times the factor of elements; None
+            for detectors off a circle.
         norms: of the traces on a disk; None for other regions.
     """
 
@@ -59,11 +62,28 @@ def wave_table(geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: 
     steps = wave_steps(n_max, frequencies, geometry)
     on_circle = norms = None
     if geometry.on_circle:
-        on_circle = at_detectors(frequencies * geometry.detector_radius, steps)
-        on_circle = jnp.moveaxis(on_circle, -1, 0)
+        on_circle = jnp.moveaxis(_on_circle(geometry, frequencies, steps), -1, 0)
     if geometry.disk:
         norms = jnp.moveaxis(disk_norms(frequencies, geometry.region.reach, steps), -1, 0)
     return WaveTable(frequencies, steps.T, on_circle, norms)
+
+
+def _on_circle(
+    geometry: PolarGeometry, frequencies: Array, steps: Array
+) -> Float[Array, "2 fewer f"]:
+    """eps_n Delta_n (J_n|Y_n)(lambda R_g), or the mean of it times cos n theta over an element."""
+    order = jnp.arange(steps.shape[0] - 1)
+    if geometry.nodes is None:
+        waves = at_detectors(frequencies * geometry.detector_radius, steps)
+        angle = geometry.element_angle
+        return waves if angle is None else waves * element_factor(order, angle)[:, None]
+
+    def at(node: tuple[Array, Array]) -> Array:
+        radius, angle = node
+        return at_detectors(frequencies * radius, steps) * jnp.cos(order * angle)[:, None]
+
+    nodes = geometry.nodes
+    return mean_over_nodes(at, (nodes.radius, nodes.angles), nodes.weights)
 
 
 def blocks(geometry: PolarGeometry, waves: Inexact[Array, "*batch 2 orders"]) -> Array:
@@ -107,13 +127,19 @@ def detector_matrix(
     geometry: PolarGeometry, wave: WaveTable
 ) -> Float[Array, "2 blocks r detectors"]:
     """M without √w, for J and for Y, of one frequency, each detector with its own distance."""
-    n_max = wave.steps.shape[-1] - 2
-    if wave.on_circle is None:
-        argument = wave.frequencies * geometry.detector_radius
-        radial = at_detectors(argument, wave.steps[:, None])
+    n_max, nodes = wave.steps.shape[-1] - 2, geometry.nodes
+
+    def at(place: tuple[Array, Array]) -> Array:
+        radius, angles = place
+        radial = at_detectors(wave.frequencies * radius, wave.steps[:, None])
+        return radial[:, None] * angular(n_max, angles)
+
+    if wave.on_circle is not None:
+        waves = wave.on_circle[:, None, :, None] * angular(n_max, geometry.detector_angles)
+    elif nodes is None:
+        waves = at((geometry.detector_radius, geometry.detector_angles))
     else:
-        radial = wave.on_circle[..., None]
-    waves = radial[:, None] * angular(n_max, geometry.detector_angles)
+        waves = mean_over_nodes(at, (nodes.radius, nodes.angles), nodes.weights)
     return jnp.moveaxis(blocks(geometry, jnp.moveaxis(waves, -1, 1)), 1, -1)
 
 

@@ -4,12 +4,13 @@ import importlib
 from typing import Any
 
 
-def optional(module: str, purpose: str) -> Any:
+def optional(module: str, purpose: str, extra: str = "io") -> Any:
     """The module, or ValueError saying how to install it.
 
     Args:
-        module: its name, of a package in the extra ``io``.
+        module: its name.
         purpose: what needs it, for the message.
+        extra: of jaxtat, which installs it.
 
     >>> optional("json", "this example").loads("[1]")
     [1]
@@ -18,5 +19,5 @@ def optional(module: str, purpose: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         raise ValueError(
-            f"{purpose} needs {module} ({error}): pip install 'jaxtat[io]'."
+            f"{purpose} needs {module} ({error}): pip install 'jaxtat[{extra}]'."
         ) from error

@@ -1,0 +1,99 @@
+"""What of the fast integrals over circles is a size: decided once, of concrete positions."""
+
+from itertools import pairwise
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+import scipy.fft
+import scipy.special
+from jaxtyping import Float
+
+from ..geometry import CircularArc, DetectorCurve, ImageGrid, circle_through
+from ..geometry.elements import enough_nodes
+
+MARGIN = 1.04  # of the period over the farthest pixel from a detector: positions may change by that
+# groups of frequencies with as many orders: more are faster; off a circle each is compiled
+GROUPS, GROUPS_OFF_CIRCLE = 8, 4
+
+
+class CircleSizes(eqx.Module):
+    """Frequencies and orders of `CircleIntegrals`.
+
+    Attributes:
+        period: T, beyond which no circle about a detector meets the image [length].
+        n_frequencies: of the zeros j_k of J_0 with j_k / T <= π / pixel.
+        groups: (first, last + 1, highest order M, directions over a whole turn) of frequencies
+            that share them.
+        n_nodes: on elements of finite width.
+    """
+
+    period: float = eqx.field(static=True)
+    n_frequencies: int = eqx.field(static=True)
+    groups: tuple[tuple[int, int, int, int], ...] = eqx.field(static=True)
+    n_nodes: int = eqx.field(static=True)
+
+    @property
+    def zeros(self) -> Float[np.ndarray, " frequencies"]:
+        """j_k, the zeros of J_0."""
+        return zeros_of_j0(self.n_frequencies)
+
+    @property
+    def frequencies(self) -> Float[np.ndarray, " frequencies"]:
+        """lambda_k = j_k / T [rad/length]."""
+        return self.zeros / self.period
+
+
+def circle_sizes(curve: DetectorCurve, grid: ImageGrid) -> CircleSizes:
+    """Of a concrete geometry: T for its farthest pixel, orders for the image's reach.
+
+    The circular harmonics of the transform of an image that reaches to |x - c| <= a are those of
+    J_m(lambda a), which fall faster than exponentially from m = lambda a on.
+    """
+    half_width, center = np.asarray(grid.half_width), np.asarray(grid.center)
+    spacing, points = np.asarray(grid.spacing), np.asarray(curve.points)
+    corners = center + half_width * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
+    reach = farthest = 0.0
+    circle = _circle_center(curve)
+    centers = [center] if circle is None else [circle]
+    if circle is not None and not isinstance(curve, CircularArc):
+        centers.append(center)  # about which the waves are taken when positions are traced
+    for about in centers:
+        reach = max(reach, float(np.hypot(*(corners - about).T).max()))
+        farthest = max(farthest, float(np.hypot(*(points - about).T).max()))
+    period = MARGIN * (farthest + reach)
+    highest = np.pi / float(spacing.max())
+    n = max(1, int(np.sum(zeros_of_j0(int(highest * period / np.pi) + 2) <= highest * period)))
+    frequencies = zeros_of_j0(n) / period
+    n_groups = min(GROUPS if circle is not None else GROUPS_OFF_CIRCLE, n)
+    bounds = np.unique(np.linspace(0, n, n_groups + 1).round().astype(int))
+    groups = []
+    for first, last in pairwise(bounds):
+        orders = highest_order(float(frequencies[last - 1]) * reach)
+        turn = 2 * int(scipy.fft.next_fast_len(orders + 1, real=True) or 0)
+        groups.append((int(first), int(last), orders, turn))
+    # more than densities need: the error is 1e-9 instead of 5e-6
+    n_nodes = 1 if curve.element_width is None else 4 + enough_nodes(curve.element_width, highest)
+    return CircleSizes(period, n, tuple(groups), n_nodes)
+
+
+def highest_order(x: float) -> int:
+    """From which on J_m(x) is below 1e-12: DLMF 10.19.8, with the small arguments' faster decay."""
+    return int(np.ceil(x + 6 * np.cbrt(x) + 10))
+
+
+def zeros_of_j0(n: int) -> Float[np.ndarray, " n"]:
+    """The first n zeros of J_0, by McMahon's series (DLMF 10.21.19) and Newton's method."""
+    b = (np.arange(n) + 0.75) * np.pi
+    zeros = b + 1 / (8 * b) - 31 / (384 * b**3)
+    for _ in range(2):
+        zeros = zeros + scipy.special.j0(zeros) / scipy.special.j1(zeros)
+    return zeros
+
+
+def _circle_center(curve: DetectorCurve) -> Any:
+    """Of the circle on which the detectors lie, if they do."""
+    if isinstance(curve, CircularArc):
+        return np.asarray(curve.center)
+    circle = circle_through(curve)
+    return None if circle is None else np.asarray(circle.center)

@@ -1,0 +1,319 @@
+"""Integrals of an image over circles without quadrature, in O(n² log n) on arcs of circles.
+
+With F(xi) = ∫ f exp(i xi·x) dx and J_0(lambda |x - z|) = (1/2π) ∫ exp(i lambda w·(x - z)) dw over
+all directions w,
+
+    G(z, lambda) = ∫ g(z, r) J_0(lambda r) dr = (1/2π) ∫ F(lambda w) exp(-i lambda w·z) dw
+                 = Σ_m (-i)^m J_m(lambda |z|) F_m(lambda) e^{i m theta}
+
+for z = |z| (cos theta, sin theta) anywhere, with the circular harmonics F_m of F. g(z, r)/r
+vanishes beyond T, so its Fourier-Bessel series is exact:
+
+    g(z, r) = (2 r/T²) Σ_k G(z, lambda_k) J_0(lambda_k r) / J_1(lambda_k T)²,  J_0(lambda_k T) = 0.
+
+So the operator is a row of linear maps: a non-uniform FFT to the directions and frequencies, an FFT
+over directions, factors J_m, a non-uniform FFT to the detectors of a circle (elsewhere a matrix for
+each frequency), and a matrix over frequencies. Its transpose is the same backwards.
+
+The image is taken as band-limited between its pixels: as the sum of its nodes' values times a
+function whose spectrum is 1 for |xi| <= π/h, h the larger pixel side, and 0 beyond.
+
+Source: the series: DLMF 10.23.18 and Watson, Theory of Bessel Functions (1944), chapter XVIII.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from ..base.checks import is_concrete
+from ..geometry import Circle, CircularArc, DetectorCurve, ImageGrid, circle_through
+from ..geometry.circles import ROUNDING
+from ..geometry.elements import gauss_rule, mean_over_nodes
+from ..special import from_grid, hankel_sequence, j0, j1
+from .circle_sizes import CircleSizes
+
+KEPT = 1.5e9  # bytes of waves at detectors off a circle, above which they are made anew each time
+TOGETHER = 8  # frequencies whose waves are made at once
+
+
+class PolarSamples(eqx.Module):
+    """Where F is wanted: at lambda_k (cos, sin) of half a turn of directions, group after group.
+
+    Attributes:
+        points: xi times the pixel sides, (samples, 2) [rad].
+        factors: of the sum over pixels: area of a pixel, and the phase of the first one.
+    """
+
+    points: Float[Array, "samples 2"]
+    factors: Complex[Array, " samples"]
+
+
+class Positions(eqx.Module):
+    """Detectors in polar coordinates about c; the datum is the mean over the nodes of an element.
+
+    On a circle, with elements that are all alike: radii and turns of the nodes of any one of them,
+    (nodes,), and the angles of the elements. Elsewhere every node has its own.
+
+    Attributes:
+        center: c, of the waves [length].
+        radii: |z - c|, (nodes,), or (1,) for all of them, or (nodes, detectors) [length].
+        angles: theta, (detectors,) or (nodes, detectors) [rad].
+        turns: from an element to its nodes, (nodes,); None off a circle [rad].
+        weights: of the nodes, adding up to 1.
+    """
+
+    center: Float[Array, "2"]
+    radii: Float[Array, "nodes *detectors"]
+    angles: Float[Array, "*more detectors"]
+    turns: Float[Array, " all_nodes"] | None
+    weights: Float[Array, " all_nodes"]
+
+
+class CircleIntegrals(eqx.Module):
+    """f -> g, linear, with all that depends on the geometry alone.
+
+    Attributes:
+        samples: where the transform of the image is needed.
+        positions: of the detectors.
+        radial: (-i)^m J_m(lambda_k R), m >= 0, on a circle: (frequencies, orders), of elements the
+            mean of J_m(lambda |z|) cos m (theta - theta_k); else None.
+        tables: elsewhere J_m(lambda |z|) cos m theta and sin m theta with these factors, for each
+            group of frequencies (frequencies, pairs, detectors); none on a circle, and where they
+            would not fit into memory and are made anew each time.
+        series: (2 r/T²) J_0(lambda_k r) / J_1(lambda_k T)², times the low-pass.
+        sizes: numbers of frequencies and orders.
+        shape: of the image.
+        tolerance: of the non-uniform FFT.
+    """
+
+    samples: PolarSamples
+    positions: Positions
+    radial: Float[Array, "frequencies orders"] | None
+    tables: tuple[Float[Array, "..."], ...]
+    series: Float[Array, "frequencies radii"]
+    sizes: CircleSizes
+    shape: tuple[int, int] = eqx.field(static=True)
+    tolerance: float = eqx.field(static=True)
+
+    def __call__(self, images: Float[Array, "images x1 x2"]) -> Float[Array, "images detectors r"]:
+        values = from_grid(jax.lax.complex(images, jnp.zeros_like(images)), *self._where)
+        values = values * self.samples.factors
+        parts, start = [], 0
+        for number, (first, last, orders, turn) in enumerate(self.sizes.groups):
+            stop = start + (last - first) * (turn // 2)
+            part = values[:, start:stop].reshape(-1, last - first, turn // 2)
+            parts.append(self._at_detectors(number, _harmonics(part, orders)))
+            start = stop
+        return jnp.einsum("bkd,kr->bdr", jnp.concatenate(parts, axis=1), self.series)
+
+    @property
+    def kept(self) -> bool:
+        """Whether the waves at the detectors are, or are made anew in every product."""
+        return self.radial is not None or bool(self.tables)
+
+    @property
+    def _where(self) -> tuple[Array, float]:
+        return self.samples.points, self.tolerance
+
+    def _at_detectors(
+        self, number: int, harmonics: Complex[Array, "images k orders"]
+    ) -> Float[Array, "images k detectors"]:
+        """G(z, lambda_k) of the frequencies of one group."""
+        first, last, orders, _ = self.sizes.groups[number]
+        if self.radial is not None:
+            factors = self.radial[first:last, : orders + 1]
+            return _around(harmonics * factors, self.positions.angles, self.tolerance)
+        if self.tables:
+            return jnp.einsum("bkm,kmd->bkd", _real_pairs(harmonics), self.tables[number])
+        frequencies = jnp.asarray(self.sizes.frequencies[first:last], self.series.dtype)
+
+        @jax.checkpoint
+        def at(positions: Positions, frequency: Array, one: Array) -> Array:
+            table = _products(positions, frequency, orders)
+            return jnp.einsum("bm,md->bd", _real_pairs(one), table)
+
+        found = jax.lax.map(
+            lambda item: at(self.positions, *item),
+            (frequencies, jnp.moveaxis(harmonics, 1, 0)),
+            batch_size=TOGETHER,
+        )
+        return jnp.moveaxis(found, 0, 1)
+
+
+def circle_integrals(
+    curve: DetectorCurve,
+    grid: ImageGrid,
+    radii: Float[Array, " radii"],
+    sizes: CircleSizes,
+    eta: Float[Array, " frequencies"] | None,
+    tolerance: float,
+) -> CircleIntegrals:
+    """Everything that the operator needs to know of the geometry.
+
+    Args:
+        curve, grid, radii: may be traced.
+        sizes: of a geometry like it.
+        eta: low-pass at `sizes.frequencies`; None for none.
+        tolerance: relative error of the non-uniform FFT.
+    """
+    # outside of the program: of known detectors it is seen whether they lie on a circle
+    return _integrals(_positions(curve, grid, sizes.n_nodes), grid, radii, sizes, eta, tolerance)
+
+
+@eqx.filter_jit
+def _integrals(
+    positions: Positions,
+    grid: ImageGrid,
+    radii: Array,
+    sizes: CircleSizes,
+    eta: Array | None,
+    tolerance: float,
+) -> CircleIntegrals:
+    series = _series(radii, sizes)
+    return CircleIntegrals(
+        samples=_samples(grid, positions.center, sizes),
+        positions=positions,
+        radial=None if positions.turns is None else _radial(positions, sizes),
+        tables=_tables(positions, sizes) if positions.turns is None else (),
+        series=series if eta is None else series * eta[:, None],
+        sizes=sizes,
+        shape=grid.shape,
+        tolerance=tolerance,
+    )
+
+
+def _positions(curve: DetectorCurve, grid: ImageGrid, n_nodes: int) -> Positions:
+    """About the centre of the detectors' circle, if they stay on it or are known to be on it."""
+    points, weights = curve.element_nodes(n_nodes)
+    circle = _common_circle(curve)
+    if circle is None:
+        local = jnp.moveaxis(points, 1, 0) - grid.center
+        angles = jnp.arctan2(local[..., 1], local[..., 0])
+        return Positions(grid.center, jnp.linalg.norm(local, axis=-1), angles, None, weights)
+    if isinstance(curve, CircularArc):
+        angles = curve.angle + jnp.pi + curve.angles
+        turns = jnp.zeros(1)
+        if curve.element_angle is not None:
+            turns = curve.element_angle / 2 * gauss_rule(n_nodes)[0]
+        return Positions(circle.center, circle.radius[None], angles, turns, weights)
+    local = curve.points - circle.center
+    along = jnp.zeros(1)
+    if curve.element_width is not None:
+        along = curve.element_width / 2 * gauss_rule(n_nodes)[0]
+    radii, turns = jnp.hypot(circle.radius, along), jnp.arctan2(along, circle.radius)
+    return Positions(circle.center, radii, jnp.arctan2(local[:, 1], local[:, 0]), turns, weights)
+
+
+def _common_circle(curve: DetectorCurve) -> Circle | None:
+    """On which detectors are, and about whose centre one element is turned to all others."""
+    if curve.element_width is not None and curve.element_width.ndim:
+        return None
+    if isinstance(curve, CircularArc):
+        return Circle(curve.center, curve.radius)
+    circle = circle_through(curve) if is_concrete(curve) else None
+    if circle is None or curve.element_width is None:
+        return circle
+    outward = np.asarray(curve.points - circle.center) / float(circle.radius)
+    touching = np.abs(np.sum(outward * np.asarray(curve.normals), axis=1)) > 1 - ROUNDING
+    return circle if touching.all() else None
+
+
+def _samples(grid: ImageGrid, center: Float[Array, "2"], sizes: CircleSizes) -> PolarSamples:
+    frequencies, parts = sizes.frequencies, []
+    for first, last, _, turn in sizes.groups:
+        omega = 2 * np.pi / turn * np.arange(turn // 2)
+        directions = np.stack([np.cos(omega), np.sin(omega)], axis=-1)
+        parts.append((frequencies[first:last, None, None] * directions).reshape(-1, 2))
+    xi = jnp.asarray(np.concatenate(parts))
+    middle = jnp.stack(
+        [axis[n // 2] for axis, n in zip((grid.x1, grid.x2), grid.shape, strict=True)]
+    )
+    phase = xi @ (middle - center)
+    area = jnp.prod(grid.spacing)
+    return PolarSamples(xi * grid.spacing, area * jax.lax.complex(jnp.cos(phase), jnp.sin(phase)))
+
+
+def _radial(positions: Positions, sizes: CircleSizes) -> Float[Array, "frequencies orders"]:
+    """Elements are symmetric about their middle, so that sines have the mean 0."""
+    assert positions.turns is not None
+    orders = sizes.groups[-1][2]
+    j, _ = hankel_sequence(orders, jnp.asarray(sizes.frequencies)[:, None] * positions.radii)
+    cosines = jnp.cos(jnp.arange(orders + 1.0)[:, None] * positions.turns) * positions.weights
+    return jnp.sum(j * cosines[:, None, :], axis=-1).T * _signs(orders)
+
+
+def _tables(positions: Positions, sizes: CircleSizes) -> tuple[Float[Array, "..."], ...]:
+    entries = sum((last - first) * 2 * (m + 1) for first, last, m, _ in sizes.groups)
+    if 8 * entries * positions.angles.shape[-1] > KEPT:
+        return ()
+    return tuple(
+        jax.lax.map(
+            lambda frequency, orders=orders: _products(positions, frequency, orders),
+            jnp.asarray(sizes.frequencies[first:last]),
+            batch_size=TOGETHER,
+        )
+        for first, last, orders, _ in sizes.groups
+    )
+
+
+def _products(
+    positions: Positions, frequency: Float[Array, ""], orders: int
+) -> Float[Array, "pairs detectors"]:
+    """(-i)^m J_m(lambda |z|) (cos m theta, -sin m theta), for the real parts of harmonics."""
+
+    def of_node(node: tuple[Array, Array]) -> Array:
+        radii, angles = node
+        j, _ = hankel_sequence(orders, frequency * radii)
+        phase = jnp.arange(orders + 1.0)[:, None] * angles
+        factors = j * _signs(orders)[:, None]
+        return jnp.concatenate([factors * jnp.cos(phase), -factors * jnp.sin(phase)])
+
+    nodes = positions.radii, positions.angles
+    if positions.radii.shape[0] == 1:
+        return of_node((positions.radii[0], positions.angles[0]))
+    return mean_over_nodes(of_node, nodes, positions.weights)
+
+
+def _signs(orders: int) -> Float[np.ndarray, " orders"]:
+    """(-i)^m of even m, (-i)^m i of odd m, for m and -m together."""
+    m = np.arange(orders + 1)
+    return np.where(m > 0, 2.0, 1.0) * (-1.0) ** (m // 2)
+
+
+def _around(
+    harmonics: Complex[Array, "images k orders"],
+    angles: Float[Array, " detectors"],
+    tolerance: float,
+) -> Float[Array, "images k detectors"]:
+    """Re Σ_m H_m e^{i m theta}, m >= 0, the middle one brought to the middle of the grid."""
+    middle = (harmonics.shape[-1] // 2) * angles
+    turn = jax.lax.complex(jnp.cos(middle), jnp.sin(middle))
+    return (from_grid(harmonics, angles[:, None], tolerance) * turn).real
+
+
+def _harmonics(
+    values: Complex[Array, "images k half_turn"], orders: int
+) -> Complex[Array, "images k orders"]:
+    """H_m, m = 0..M, with F_m = H_m for even and i H_m for odd m.
+
+    f is real, F = a + i b with a(-xi) = a(xi) and b(-xi) = -b(xi): of the real function a + b the
+    even harmonics are those of a, the odd ones those of b.
+    """
+    a, b = values.real, values.imag
+    turn = jnp.concatenate([a + b, a - b], axis=-1)
+    return jnp.fft.rfft(turn, norm="forward")[..., : orders + 1]
+
+
+def _real_pairs(values: Complex[Array, "*n orders"]) -> Float[Array, "*n pairs"]:
+    return jnp.concatenate([values.real, values.imag], axis=-1)
+
+
+def _series(radii: Float[Array, " radii"], sizes: CircleSizes) -> Float[Array, "frequencies radii"]:
+    """Zero beyond T, where the series goes on periodically in its way, and g is zero."""
+    frequencies = jnp.asarray(sizes.frequencies)
+    size = j1(jnp.asarray(sizes.zeros)) ** 2
+    inside = radii < sizes.period
+    safe = jnp.where(inside, radii, 0.0)
+    return 2 * safe / sizes.period**2 * j0(frequencies[:, None] * safe) / size[:, None]

@@ -1,0 +1,215 @@
+"""The forward operator as a linear operator of lineax: from images to data, and its transpose."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base.checks import Numbers, real_array
+from ..forward import CircleSizes, SphereSizes
+from ..steps.radon import LowPass, low_pass_at
+from .setup import Setup, require_setup
+
+# relative errors of the non-uniform FFTs, by the precision of the numbers
+TOLERANCES = {np.dtype(np.float64): 1e-9, np.dtype(np.float32): 1e-5}
+
+
+class OperatorReport(NamedTuple):
+    """What a forward operator is made of.
+
+    Attributes:
+        nbytes: memory of what it keeps of the geometry [byte].
+        n_frequencies: of the transforms.
+        max_frequency: up to which images have a spectrum [rad/length].
+        kept: whether the waves at the detectors are kept, or made anew in every product.
+    """
+
+    nbytes: int
+    n_frequencies: int
+    max_frequency: float
+    kept: bool
+
+
+class ForwardOperator(lx.AbstractLinearOperator):
+    """A: images on a grid -> circular or spherical integrals, or its transpose.
+
+    Made by `forward_operator`. Besides `mv` of one image it takes stacks, ``A(images)``.
+
+    Attributes:
+        integrals: the linear map and what it keeps of the geometry.
+        sizes: of the transforms.
+        image_shape, data_shape: of one image and its data.
+        transposed: whether this is A^T.
+    """
+
+    integrals: Any
+    sizes: CircleSizes | SphereSizes
+    image_shape: tuple[int, ...] = eqx.field(static=True)
+    data_shape: tuple[int, ...] = eqx.field(static=True)
+    transposed: bool = eqx.field(static=True, default=False)
+
+    def __call__(self, values: Numbers) -> Array:
+        """Of a stack: (..., *in_shape) -> (..., *out_shape).
+
+        Raises:
+            ValueError: for another shape, complex numbers, NaN.
+        """
+        into, out = self.image_shape, self.data_shape
+        name = "image"
+        if self.transposed:
+            into, out, name = out, into, "data"
+        values = real_array(name, values, ("...", *into), self.dtype)
+        batch = values.shape[: values.ndim - len(into)]
+        if 0 in batch:
+            raise ValueError(f"{name} has shape {values.shape}: a stack of none at all.")
+        found = _applied(self.integrals, values.reshape(-1, *into), self.transposed)
+        return found.reshape(*batch, *out)
+
+    @property
+    def dtype(self) -> np.dtype:
+        return self.integrals.series.dtype
+
+    @property
+    def report(self) -> OperatorReport:
+        """What it is made of."""
+        leaves = jax.tree.leaves(self.integrals)
+        return OperatorReport(
+            nbytes=sum(leaf.size * leaf.dtype.itemsize for leaf in leaves),
+            n_frequencies=self.sizes.n_frequencies,
+            max_frequency=float(self.sizes.frequencies[-1]),
+            kept=self.integrals.kept,
+        )
+
+    def mv(self, vector: Numbers) -> Array:
+        return self(vector)
+
+    def as_matrix(self) -> Float[Array, "out into"]:
+        into = self.in_structure()
+        units = jnp.eye(into.size, dtype=into.dtype).reshape(-1, *into.shape)
+        return jax.lax.map(self.mv, units).reshape(into.size, -1).T
+
+    @property
+    def T(self) -> "ForwardOperator":
+        return self.transpose()
+
+    def transpose(self) -> "ForwardOperator":
+        shapes = self.image_shape, self.data_shape
+        return ForwardOperator(self.integrals, self.sizes, *shapes, not self.transposed)
+
+    def in_structure(self) -> jax.ShapeDtypeStruct:
+        shape = self.data_shape if self.transposed else self.image_shape
+        return jax.ShapeDtypeStruct(shape, self.dtype)
+
+    def out_structure(self) -> jax.ShapeDtypeStruct:
+        return self.transpose().in_structure()
+
+
+def forward_operator(
+    setup: Setup, *, low_pass: LowPass | None = None, dtype: Any = None, tolerance: Any = None
+) -> ForwardOperator:
+    """A f = g, g(z, r) = ∫_{|x - z| = r} f over circles or spheres, without quadrature.
+
+    Of an image that is band-limited between its pixels: it is taken as the sum of its pixels times
+    a function whose spectrum is eta(|xi|) for |xi| <= π/h, h the pixel, and 0 beyond. Nothing is
+    cut off at the region. What depends on the geometry alone is computed here, once, and kept; with
+    it A is a pytree of arrays. Differentiable with respect to images, detectors and radii.
+
+        A = forward_operator(setup)
+        g = A.mv(image)             # (detectors, radii); A(images) takes stacks
+        back = A.T.mv(g)            # the exact transpose
+
+    Detectors on a circle, or in space on rings of a sphere about the grid, are fastest; others need
+    a matrix for every frequency, kept up to 1.5 GB and else made anew in every product.
+
+    Args:
+        setup: detectors, grid and radii.
+        low_pass: eta of lambda / lambda_max, such as `cosine_filter` or "cosine"; none by default.
+        dtype: float64, or float32 for images, data and all that is kept: half the memory and errors
+            of 1e-5. It then works with 64-bit arithmetic off too, once it is made.
+        tolerance: relative error of the non-uniform FFTs; 1e-9, or 1e-5 in float32.
+
+    Returns:
+        ForwardOperator, a `lineax.AbstractLinearOperator`.
+
+    Raises:
+        ValueError: for another dtype, a tolerance outside 1e-14 .. 0.1 or no low-pass.
+
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
+    >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(33), max_frequency=30.0)
+    >>> bell, A = phantoms.Bells([[0.1, 0.2]], [0.6]), forward_operator(setup)
+    >>> g = A.mv(bell.image(setup.grid))
+    >>> bool(abs(g - bell.circular_integrals(setup.curve, setup.radii)).max() < 1e-4)
+    True
+    >>> A.T.mv(g).shape
+    (33, 33)
+    """
+    require_setup(setup)
+    chosen = np.dtype(np.float64 if dtype is None else dtype)
+    if chosen not in TOLERANCES:
+        raise ValueError(f"dtype is {dtype!r}, expected float64 or float32.")
+    tolerance = TOLERANCES[chosen] if tolerance is None else float(tolerance)
+    if not 1e-14 <= tolerance <= 0.1:
+        raise ValueError(f"tolerance is {tolerance}, expected 1e-14 to 0.1.")
+    sizes = setup.sizes.operator
+    eta = None
+    if low_pass is not None:
+        relative = sizes.frequencies / sizes.frequencies[-1]
+        eta = low_pass_at(low_pass, jnp.asarray(relative))
+    integrals = setup.kind.fast_integrals(
+        setup.curve, setup.grid, setup.radii, sizes, eta, tolerance
+    )
+    integrals = jax.tree.map(lambda leaf: _as_precise(leaf, chosen), integrals)
+    return ForwardOperator(integrals, sizes, setup.grid.shape, setup.data_shape)
+
+
+def _as_precise(leaf: Array, dtype: np.dtype) -> Array:
+    single = dtype == np.float32
+    if jnp.iscomplexobj(leaf):
+        return leaf.astype(np.complex64 if single else np.complex128)
+    return leaf.astype(dtype)
+
+
+@eqx.filter_jit
+def _applied(integrals: Any, values: Array, transposed: bool) -> Array:
+    if not transposed:
+        return integrals(values)
+    shape = jax.ShapeDtypeStruct((values.shape[0], *integrals.shape), values.dtype)
+    return jax.linear_transpose(integrals, shape)(values)[0]
+
+
+def _never(operator: ForwardOperator) -> bool:
+    """It has none of the structures that lineax asks for, even where the sizes would allow it."""
+    return False
+
+
+for _asked in (
+    lx.is_symmetric,
+    lx.is_diagonal,
+    lx.is_tridiagonal,
+    lx.is_lower_triangular,
+    lx.is_upper_triangular,
+    lx.is_positive_semidefinite,
+    lx.is_negative_semidefinite,
+    lx.has_unit_diagonal,
+):
+    _asked.register(ForwardOperator)(_never)
+
+
+@lx.linearise.register(ForwardOperator)
+@lx.conj.register(ForwardOperator)
+def _(operator: ForwardOperator) -> ForwardOperator:
+    return operator
+
+
+@lx.materialise.register(ForwardOperator)
+def _(operator: ForwardOperator) -> lx.AbstractLinearOperator:
+    return lx.materialise(lx.FunctionLinearOperator(operator.mv, operator.in_structure()))
+
+
+@lx.diagonal.register(ForwardOperator)
+def _(operator: ForwardOperator) -> Array:
+    return jnp.diag(operator.as_matrix())

@@ -1,0 +1,244 @@
+"""The forward operator: exact integrals, transposes, derivatives, precision, refusals."""
+
+import warnings
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import pytest
+import scipy.special
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jaxtat
+from jaxtat import (
+    ImageGrid,
+    Setup,
+    circular_arc,
+    circular_integrals,
+    circular_integrals_adjoint,
+    cosine_filter,
+    detector_curve,
+    disk,
+    elliptic_arc,
+    forward_operator,
+    phantoms,
+    polyline,
+    rectangle,
+)
+
+BELL = phantoms.Bells([[0.1, 0.2]], [0.75])
+GRID = ImageGrid(49)
+
+
+def on_circle(n, radius=1.3):
+    theta = np.linspace(0.6, 5.6, n) + 0.01 * np.sin(np.arange(n))  # uneven
+    return radius * np.stack([np.cos(theta), np.sin(theta)], axis=1)
+
+
+CURVES = {
+    "arc": (circular_arc(1.3, 1.0, 24), disk(1.0)),
+    "uneven on a circle": (detector_curve(on_circle(24)), disk(1.0)),
+    "ellipse": (elliptic_arc((1.6, 1.2), 24), disk(0.9)),
+    "L": (polyline([(-1.2, 1.2), (-1.2, -1.2), (1.2, -1.2)], 24), rectangle((0.6, 0.6))),
+    "inside the image": (circular_arc(0.8, 0.5, 24), disk(0.5)),
+}
+
+
+def coarse(*parts):
+    """With too few detectors to reconstruct from, which is said and does not matter here."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", jaxtat.VisibilityWarning)
+        warnings.simplefilter("ignore", jaxtat.AccuracyWarning)
+        return Setup(*parts)
+
+
+@pytest.fixture(params=CURVES, scope="module")
+def setup(request):
+    curve, region = CURVES[request.param]
+    radii = np.linspace(0.05, 2.9, 30)
+    return coarse(curve, region, GRID, radii)
+
+
+def test_integrals_of_a_smooth_image_are_exact_in_every_geometry(setup):
+    g = forward_operator(setup).mv(BELL.image(GRID))
+    exact = BELL.circular_integrals(setup.curve, setup.radii)
+    assert jnp.abs(g - exact).max() < 3e-6 * exact.max()
+    interpolated = circular_integrals(setup, BELL.image(GRID), method="quadrature")
+    assert jnp.abs(interpolated - exact).max() > 30 * jnp.abs(g - exact).max()
+
+
+def test_error_falls_faster_than_any_power_of_the_pixel():
+    curve, region = CURVES["arc"]
+    radii = np.linspace(0.3, 2.3, 20)
+    exact = BELL.circular_integrals(curve, radii)
+
+    def error(n):
+        grid = ImageGrid(n)
+        operator = forward_operator(coarse(curve, region, grid, radii))
+        return float(jnp.abs(operator.mv(BELL.image(grid)) - exact).max())
+
+    errors = [error(n) for n in (17, 33, 65)]
+    assert errors[1] < errors[0] / 2**5
+    assert errors[2] < errors[1] / 2**7
+
+
+def dot_test(operator, seed):
+    rng = np.random.default_rng(seed)
+    image = jnp.asarray(rng.standard_normal(operator.in_structure().shape))
+    data = jnp.asarray(rng.standard_normal(operator.out_structure().shape))
+    ahead, back = operator.mv(image), operator.T.mv(data)
+    gap = jnp.abs(jnp.vdot(ahead, data) - jnp.vdot(image, back))
+    return float(gap / (jnp.linalg.norm(ahead) * jnp.linalg.norm(data)))
+
+
+def test_the_transpose_is_exact_in_every_geometry(setup):
+    operator = forward_operator(setup)
+    assert dot_test(operator, 0) < 1e-12
+    assert dot_test(operator.T, 1) < 1e-12
+
+
+@given(
+    positions=st.lists(st.tuples(*[st.floats(-1.5, 1.5)] * 2), min_size=12, max_size=12),
+    seed=st.integers(0, 100),
+)
+@settings(max_examples=8, deadline=None)
+def test_the_transpose_is_exact_for_detectors_anywhere(positions, seed):
+    """One program for all positions: they are replaced in one setup."""
+    curve = detector_curve(on_circle(12))
+    setup = coarse(curve, disk(0.5), ImageGrid(9), np.linspace(0.1, 2.9, 7))
+    moved = eqx.tree_at(lambda c: c.points, curve, jnp.asarray(positions))
+    operator = jax.jit(lambda c: forward_operator(eqx.tree_at(lambda s: s.curve, setup, c)))(moved)
+    assert dot_test(operator, seed) < 1e-12
+
+
+def differences(function, x, step=1e-3):
+    """Central, of fourth order."""
+    near, far = (function(x + h) - function(x - h) for h in (step, 2 * step))
+    return (8 * near - far) / (12 * step)
+
+
+@pytest.mark.parametrize("name", ["arc", "ellipse"])
+def test_slopes_in_positions_and_radii_are_those_of_differences(name):
+    """Of the whole chain, in both modes: images are linear."""
+    curve, region = CURVES[name]
+    setup = coarse(curve, region, ImageGrid(17), np.linspace(0.3, 2.3, 9))
+    image = BELL.image(setup.grid)
+    weights = jnp.asarray(np.random.default_rng(0).standard_normal(setup.data_shape))
+
+    @jax.jit
+    def total(size):
+        if name == "arc":
+            moved = circular_arc(1.3 * size, 1.0, 24)
+        else:
+            moved = eqx.tree_at(lambda c: c.points, curve, curve.points * size)
+        new = setup.replace(curve=moved, radii=setup.radii * (2 - size))
+        return jnp.sum(weights * forward_operator(new, tolerance=1e-13)(image))
+
+    wanted = differences(total, 1.0)
+    assert jnp.allclose(jax.grad(total)(1.0), wanted, rtol=1e-6)
+    assert jnp.allclose(jax.jvp(total, (1.0,), (1.0,))[1], wanted, rtol=1e-6)
+    slope = jax.jit(jax.grad(total))
+    assert jnp.allclose(jax.jvp(slope, (1.0,), (1.0,))[1], differences(slope, 1.0), rtol=1e-5)
+
+
+def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(monkeypatch):
+    curve, region = CURVES["ellipse"]
+    setup = coarse(curve, region, ImageGrid(17), np.linspace(0.3, 2.3, 9))
+    kept = forward_operator(setup)
+    monkeypatch.setattr("jaxtat.forward.fast_circles.KEPT", 0.0)
+    jax.clear_caches()  # the limit is read when a program is made
+    anew = forward_operator(setup)
+    assert (kept.report.kept, anew.report.kept) == (True, False)
+    assert anew.report.nbytes < kept.report.nbytes / 5
+    image = BELL.image(setup.grid)
+    assert jnp.allclose(anew.mv(image), kept.mv(image), atol=1e-13)
+    assert dot_test(anew, 0) < 1e-12
+
+
+def test_stacks_maps_and_matrices_agree(arc):
+    operator = forward_operator(arc)
+    images = jnp.stack([BELL.image(arc.grid), phantoms.Bells([[0.0, 0.3]], [0.5]).image(arc.grid)])
+    g = operator(images)
+    for one in (jax.vmap(operator.mv)(images), jax.jit(lambda A, f: A(f))(operator, images)):
+        assert jnp.allclose(one, g, atol=1e-13)
+    matrix = operator.as_matrix()
+    assert jnp.allclose(matrix @ images[0].ravel(), g[0].ravel(), atol=1e-12)
+    assert jnp.allclose(operator.T.as_matrix(), matrix.T, atol=1e-12)
+
+
+def test_lineax_solves_with_it(arc):
+    operator = forward_operator(arc)
+    assert not lx.is_symmetric(operator)
+    structure = operator.in_structure()
+    normal = operator.T @ operator + 1e-3 * lx.IdentityLinearOperator(structure)
+    normal = lx.TaggedLinearOperator(normal, lx.positive_semidefinite_tag)
+    g = BELL.circular_integrals(arc.curve, arc.radii)
+    found = lx.linear_solve(normal, operator.T.mv(g), lx.CG(rtol=1e-8, atol=1e-8)).value
+    matrix = operator.as_matrix()
+    direct = jnp.linalg.solve(matrix.T @ matrix + 1e-3 * jnp.eye(21 * 21), matrix.T @ g.ravel())
+    assert jnp.abs(found.ravel() - direct).max() < 1e-6
+
+
+def test_a_low_pass_is_that_of_the_image(arc):
+    """A Gaussian, whose integrals are 2πr s² / σ² exp(-(d² + r²) / 2σ²) I_0(d r / σ²)."""
+    s, blur = 0.17, 0.1
+    image = np.exp(-np.sum(np.square(arc.grid.points), axis=-1) / (2 * s**2))
+    highest = forward_operator(arc).report.max_frequency
+    d = np.linalg.norm(arc.curve.points, axis=1)[:, None]
+    r = np.asarray(arc.radii)
+    for t, low_pass in (
+        (0.0, None),
+        (blur, lambda relative: jnp.exp(-((relative * highest * blur) ** 2) / 2)),
+    ):
+        square = s**2 + t**2
+        bessel = scipy.special.ive(0, d * r / square) * np.exp(-((d - r) ** 2) / (2 * square))
+        exact = 2 * np.pi * r * s**2 / square * bessel
+        found = forward_operator(arc, low_pass=low_pass).mv(image)
+        assert np.abs(found - exact).max() < 3e-6 * exact.max()
+    cosine = forward_operator(arc, low_pass="cosine").mv(image)
+    assert np.array_equal(cosine, forward_operator(arc, low_pass=cosine_filter).mv(image))
+
+
+def test_single_precision_is_close_and_keeps_its_type(arc):
+    single, double = forward_operator(arc, dtype=jnp.float32), forward_operator(arc)
+    image = BELL.image(arc.grid)
+    g = single.mv(image)
+    assert g.dtype == single.T.mv(g).dtype == np.float32
+    assert single.report.nbytes * 2 == double.report.nbytes
+    assert jnp.abs(g - double.mv(image)).max() < 1e-5 * g.max()
+    with jax.enable_x64(False):
+        assert jnp.abs(single.mv(np.asarray(image)) - g).max() < 1e-5 * g.max()
+
+
+def test_integrals_of_a_setup_are_the_operator(arc):
+    image, operator = BELL.image(arc.grid), forward_operator(arc)
+    g = circular_integrals(arc, image)
+    assert jnp.allclose(g, operator.mv(image), atol=1e-15)
+    assert jnp.allclose(circular_integrals_adjoint(arc, g), operator.T.mv(g), atol=1e-15)
+
+
+def test_what_cannot_be_computed_is_refused(arc):
+    operator = forward_operator(arc)
+    for image, message in (
+        (np.zeros((20, 21)), r"image has shape \(20, 21\), expected \(..., 21, 21\)"),
+        (np.full((21, 21), np.nan), "image holds 441 NaN"),
+        (np.zeros((21, 21), complex), "image has dtype complex128"),
+        (np.zeros((0, 21, 21)), "none at all"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            operator.mv(image)
+    with pytest.raises(ValueError, match="data has shape"):
+        operator.T.mv(np.zeros((3, 3)))
+    with pytest.raises(ValueError, match="expected float64 or float32"):
+        forward_operator(arc, dtype=jnp.float16)
+    with pytest.raises(ValueError, match="tolerance is 2"):
+        forward_operator(arc, tolerance=2)
+    with pytest.raises(ValueError, match="low_pass is 'hann'"):
+        forward_operator(arc, low_pass="hann")
+    with pytest.raises(ValueError, match="expected a Setup"):
+        forward_operator(arc.curve)
+    with pytest.raises(ValueError, match="method is 'exact'"):
+        circular_integrals(arc, np.zeros((21, 21)), method="exact")

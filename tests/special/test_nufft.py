@@ -1,0 +1,67 @@
+"""Non-uniform Fourier sums against direct ones, in one to three axes, mapped and differentiated."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+from jaxtat.special import from_grid, to_grid
+
+RNG = np.random.default_rng(0)
+TOLERANCE = 1e-12
+
+
+def random(*shape):
+    return jnp.asarray(RNG.standard_normal(shape) + 1j * RNG.standard_normal(shape))
+
+
+@pytest.mark.parametrize("shape", [(5,), (6, 5), (4, 5, 6)])
+def test_sums_are_the_direct_ones_and_transposes_of_each_other(shape):
+    points = jnp.asarray(RNG.uniform(-3, 3, (7, len(shape))))
+    axes = [np.arange(-(n // 2), (n + 1) // 2) for n in shape]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(shape))
+    matrix = np.exp(1j * np.asarray(points) @ nodes.T)
+    values, data = random(2, *shape), random(2, 7)
+    found = from_grid(values, points, TOLERANCE)
+    assert np.abs(found - values.reshape(2, -1) @ matrix.T).max() < 1e-10
+    back = to_grid(data, points, shape, TOLERANCE)
+    assert np.abs(back.reshape(2, -1) - data @ matrix).max() < 1e-10
+    assert abs(jnp.sum(found * data) - jnp.sum(back * values)) < 1e-13 * jnp.abs(found).sum()
+
+
+def test_vmap_over_values_points_and_both():
+    points = jnp.asarray(RNG.uniform(-3, 3, (2, 7, 2)))
+    values, data = random(2, 6, 5), random(2, 7)
+
+    def ahead(values, points):
+        return from_grid(values, points, TOLERANCE)
+
+    def back(data, points):
+        return to_grid(data, points, (6, 5), TOLERANCE)
+
+    for one, given in ((ahead, values), (back, data)):
+        for axes in ((0, None), (None, 0), (0, 0)):
+            args = (given if axes[0] == 0 else given[0], points if axes[1] == 0 else points[0])
+            found = jax.vmap(one, axes)(*args)
+            for i in range(2):
+                alone = one(*(a[i] if axis == 0 else a for a, axis in zip(args, axes, strict=True)))
+                assert jnp.abs(found[i] - alone).max() < 1e-13
+
+
+def test_derivatives_in_values_and_points():
+    points, values = jnp.asarray(RNG.uniform(-3, 3, (3, 2))), random(4, 3)
+
+    def power(values, points):
+        found = from_grid(jnp.asarray(values), jnp.asarray(points), TOLERANCE)
+        return jnp.abs(found) ** 2
+
+    check_grads(power, (values, points), order=2, rtol=1e-5, atol=1e-5)
+
+
+def test_single_precision():
+    points, values = RNG.uniform(-3, 3, (7, 2)), random(6, 5)
+    single = from_grid(values.astype(np.complex64), jnp.asarray(points, np.float32), 1e-6)
+    assert single.dtype == np.complex64
+    exact = from_grid(values, jnp.asarray(points), TOLERANCE)
+    assert jnp.abs(single - exact).max() < 1e-5 * jnp.abs(exact).max()
