@@ -28,6 +28,8 @@ from jaxtat import (
     polyline,
     rectangle,
 )
+from jaxtat.geometry.curves import SampledCurve
+from jaxtat.records import pressure_to_circular_integrals
 
 BELL = phantoms.Bells([[0.1, 0.2]], [0.75])
 GRID = ImageGrid(49)
@@ -240,3 +242,66 @@ def test_what_cannot_be_computed_is_refused(arc):
         forward_operator(arc, low_pass="hann")
     with pytest.raises(ValueError, match="method is 'exact'"):
         circular_integrals(arc, np.zeros((21, 21)), method="exact")
+
+
+FULL, HALF = "full_circle_64_detectors.npz", "half_disk_three_quarter_arc.npz"
+
+
+@pytest.mark.parametrize("data_file", [FULL], indirect=True)
+def test_data_of_another_code_are_those_of_its_truth(data_file):
+    """Waves that others simulated, from detectors inside the square of the image.
+
+    Of the same object there is a second record, at 38 of these detectors with all gains whole. It
+    is not as exact: what the operator leaves of it is by how much the two records differ.
+    """
+    full, half = np.load(data_file), np.load(data_file.with_name(HALF))
+    theta = 2 * np.pi * np.arange(64) / 64
+    curve = detector_curve(np.stack([np.cos(theta), np.sin(theta)], axis=1))
+    radii = np.linspace(0.0, 2.0, 257)[1:]
+    times = np.linspace(0.0, 6.0, full["pressure"].shape[0])
+
+    def integrals(pressure):
+        return pressure_to_circular_integrals(pressure.T.astype(float), times, radii)
+
+    g = integrals(full["pressure"])
+    setup = coarse(curve, disk(0.9), ImageGrid(257), radii)
+    found = forward_operator(setup).mv(full["truth"].T.astype(float))
+    assert jnp.linalg.norm(found - g) < 1e-5 * jnp.linalg.norm(g)
+    other = integrals(half["pressure"][:, : 38 * 16 : 16])
+    between = jnp.linalg.norm(other - g[:38])
+    left = jnp.linalg.norm(other - found[:38])
+    assert between > 1e-3 * jnp.linalg.norm(g[:38])
+    assert jnp.abs(left / between - 1) < 1e-3
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_elements_have_the_mean_of_their_points(name):
+    """Of many point detectors, arcs of the circle on an arc and straight pieces elsewhere."""
+    curve, region = CURVES[name]
+    width = jnp.asarray(0.15)
+    n = 400
+    if name in ("arc", "inside the image"):
+        turns = (np.arange(n) + 0.5) / n - 0.5
+        angles = np.asarray(curve.angle + np.pi + curve.angles)[:, None] + turns * float(
+            width / curve.radius
+        )
+        points = float(curve.radius) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    else:
+        along = np.stack([-curve.normals[:, 1], curve.normals[:, 0]], axis=-1)[:, None, :]
+        pieces = float(width) * ((np.arange(n) + 0.5) / n - 0.5)
+        points = np.asarray(curve.points)[:, None] + pieces[:, None] * along
+    radii, some = np.linspace(0.3, 2.3, 9), slice(0, 24, 9)
+    of_points = [
+        jnp.mean(BELL.circular_integrals(only_points(near), radii), axis=0) for near in points[some]
+    ]
+    wide = eqx.tree_at(lambda c: c.element_width, curve, width, is_leaf=lambda x: x is None)
+    setup = coarse(wide, region, GRID, radii)
+    found = forward_operator(setup).mv(BELL.image(GRID))[some]
+    assert jnp.abs(found - jnp.stack(of_points)).max() < 2e-5 * found.max()
+    still = forward_operator(coarse(curve, region, GRID, radii)).mv(BELL.image(GRID))[some]
+    assert jnp.abs(found - still).max() > 3e-4 * found.max()
+
+
+def only_points(points):
+    n = len(points)
+    return SampledCurve(jnp.asarray(points), jnp.ones(n), jnp.ones((n, 2)), False)
