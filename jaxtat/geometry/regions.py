@@ -101,8 +101,10 @@ class Disk(Region):
         return _disk(self.radius, self.cut, self.center, self.angle, counts, self.automatic)
 
     def shared_out(self, n_boundary: int) -> tuple[int, int]:
-        n_chord = 0 if self.whole else _chord_share(self.cut, self.radius, n_boundary)
-        return n_boundary - n_chord, n_chord
+        if self.whole:
+            return n_boundary, 0
+        n_chord = _chord_share(self.cut, self.radius, n_boundary)
+        return 2 * -(-(n_boundary - n_chord) // 2), n_chord  # none on the axis of symmetry
 
     def level(self, points: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
         where = points, self.radius, self.cut, self.center, self.angle

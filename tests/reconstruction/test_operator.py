@@ -238,7 +238,5 @@ def test_what_cannot_be_computed_is_refused(arc):
         forward_operator(arc, tolerance=2)
     with pytest.raises(ValueError, match="low_pass is 'hann'"):
         forward_operator(arc, low_pass="hann")
-    with pytest.raises(ValueError, match="expected a Setup"):
-        forward_operator(arc.curve)
     with pytest.raises(ValueError, match="method is 'exact'"):
         circular_integrals(arc, np.zeros((21, 21)), method="exact")

@@ -56,7 +56,7 @@ def unexplained(
         wave, data, sums = given
         factor = region_factor(geometry, wave)
         matrix = normal_matrix(geometry, wave, factor, gram)
-        absolute = alpha * alpha_unit(factor, detector_powers(geometry, wave))
+        absolute = alpha * alpha_unit(factor.powers, detector_powers(geometry, wave))
         rhs = factor.times(moments(geometry, wave, sums[None]))
         shifted = matrix + absolute * jnp.eye(matrix.shape[-1])
         y = cholesky_solve(shifted, jnp.moveaxis(rhs, 0, -1))[..., 0]

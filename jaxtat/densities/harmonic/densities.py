@@ -228,7 +228,7 @@ def alpha_units(
 
     @jax.checkpoint
     def at(wave: WaveTable) -> Array:
-        return alpha_unit(region_factor(geometry, wave), detector_powers(geometry, wave))
+        return alpha_unit(region_factor(geometry, wave).powers, detector_powers(geometry, wave))
 
     return jax.lax.map(at, wave_table(geometry, frequencies, n_max))
 
@@ -278,7 +278,7 @@ def wave_system(
     waves = detector_matrix(half, wave) * jnp.sqrt(half.weights)
     waves = jnp.moveaxis(waves, 0, -2)  # (blocks, r, J|Y, half)
     waves = waves.reshape(*waves.shape[:2], -1)
-    unit = alpha_unit(factor, jnp.sum(waves**2, axis=-1))
+    unit = alpha_unit(factor.powers, jnp.sum(waves**2, axis=-1))
     return factor.matrix_times(waves), rhs, factor, unit
 
 

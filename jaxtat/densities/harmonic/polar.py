@@ -51,6 +51,8 @@ class PolarGeometry(eqx.Module):
             boundary with twice the weights.
         mirror: whether the axis is one of mirror symmetry.
         disk: whether the region is a disk about c.
+        rim: how many boundary points, the first ones, lie on the arc of a cut disk about c; 0 for
+            other regions.
         element_angle: D, of elements that are arcs of the circle, all alike [rad]; or else
         nodes: of other elements of finite size. None of both for point detectors.
     """
@@ -63,6 +65,7 @@ class PolarGeometry(eqx.Module):
     region: Region
     mirror: bool = eqx.field(static=True)
     disk: bool = eqx.field(static=True)
+    rim: int = eqx.field(static=True)
     element_angle: Float[Array, ""] | None = None
     nodes: ElementNodes | None = None
 
@@ -163,6 +166,7 @@ def polar_geometry(curve: DetectorCurve, region: Region, n_nodes: int = NODES) -
         region=region,
         mirror=False,
         disk=_is_whole_disk(region),
+        rim=0,
         nodes=_nodes(curve, center, jnp.zeros(()), n_nodes),
     )
 
@@ -171,7 +175,8 @@ def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
     """The arc's own symmetry holds for all its parameters; whether the region shares it is seen."""
     offset = np.abs(np.asarray(region.center) - np.asarray(arc.center)).max()
     near = _ROUNDING * float(arc.radius) if is_concrete(arc.radius) else 0.0
-    disk = _is_whole_disk(region) and bool(offset <= near)
+    concentric = isinstance(region, Disk) and bool(offset <= near)
+    disk = concentric and _is_whole_disk(region)
     half = None
     if not disk and is_concrete(arc.points, arc.weights, region):
         half = _one_side(region, arc.center, float(arc.angle))
@@ -184,6 +189,7 @@ def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
         region=region if half is None else half,
         mirror=disk or half is not None,
         disk=disk,
+        rim=_rim(region, half) if concentric else 0,
         element_angle=arc.element_angle,
     )
 
@@ -197,7 +203,8 @@ def _about_points(curve: DetectorCurve, region: Region, n_nodes: int) -> PolarGe
     angles = angles - axis
     weights, distance = np.asarray(curve.weights), np.linalg.norm(local, axis=1)
     offset = float(np.abs(np.asarray(region.center) - np.asarray(center)).max())
-    disk = _is_whole_disk(region) and offset <= _ROUNDING * float(region.reach)
+    concentric = isinstance(region, Disk) and offset <= _ROUNDING * float(region.reach)
+    disk = concentric and _is_whole_disk(region)
     mirrored = (
         np.abs(angles + angles[::-1]).max() < _ROUNDING
         and np.abs(weights - weights[::-1]).max() < _ROUNDING * weights.max()
@@ -218,6 +225,7 @@ def _about_points(curve: DetectorCurve, region: Region, n_nodes: int) -> PolarGe
         region=region if half is None else half,
         mirror=bool(mirrored and disk) or half is not None,
         disk=disk,
+        rim=_rim(region, half) if concentric else 0,
         nodes=nodes,
     )
 
@@ -285,6 +293,14 @@ def _best_center(curve: DetectorCurve, region: Region, xp: Any) -> Any:
 
 def _is_whole_disk(region: Region) -> bool:
     return isinstance(region, Disk) and region.whole
+
+
+def _rim(region: Region, half: Region | None) -> int:
+    """Boundary points on the arc of a disk that is cut, or of one half of it."""
+    assert isinstance(region, Disk)
+    if region.whole:
+        return 0
+    return region.counts[0] if half is None else region.counts[0] // 2
 
 
 def _one_side(region: Region, center: Array, axis: float) -> Region | None:

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Inexact
 
 from ...geometry.elements import element_factor, mean_over_nodes
+from .cut_disk import CutDisk, cut_disk_gram
 from .polar import PolarGeometry
 from .waves import angular, at_detectors, boundary_traces, disk_norms, scales, twice, wave_steps
 
@@ -213,9 +214,15 @@ def gram_matrix(
 ) -> Float[Array, "blocks m m"]:
     """R [(a a^T + b b^T) ∘ T] R^T."""
     if factor.is_diagonal:
-        a, b = factor.times(a), factor.times(b)
-    inner = (a[:, :, None] * a[:, None, :] + b[:, :, None] * b[:, None, :]) * gram
-    return inner if factor.is_diagonal else factor.around(inner)
+        return scaled_gram(factor.times(a), factor.times(b), gram)
+    return factor.around(scaled_gram(a, b, gram))
+
+
+def scaled_gram(
+    a: Float[Array, "blocks r"], b: Float[Array, "blocks r"], gram: Float[Array, "blocks r r"]
+) -> Float[Array, "blocks r r"]:
+    """(a a^T + b b^T) ∘ T."""
+    return (a[:, :, None] * a[:, None, :] + b[:, :, None] * b[:, None, :]) * gram
 
 
 def region_factor(geometry: PolarGeometry, wave: WaveTable) -> RegionFactor:
@@ -224,6 +231,17 @@ def region_factor(geometry: PolarGeometry, wave: WaveTable) -> RegionFactor:
         return RegionFactor(blocks(geometry, wave.norms))
     traces = boundary_traces(wave.frequencies, wave.steps, geometry)
     return RegionFactor(triangle(jnp.swapaxes(blocks(geometry, traces), 0, 1)))
+
+
+def region_gram(
+    geometry: PolarGeometry, wave: WaveTable, shared: CutDisk | None
+) -> Float[Array, "blocks r r"]:
+    """G = R^T R of one frequency: in a cut disk from what is shared, else by boundary points."""
+    if shared is not None:
+        return cut_disk_gram(wave.frequencies, wave.steps, shared, geometry.mirror)
+    traces = boundary_traces(wave.frequencies, wave.steps, geometry)
+    parts = jnp.swapaxes(blocks(geometry, traces), 0, 1)
+    return jnp.stack([part.T @ part for part in parts])
 
 
 @jax.custom_jvp
@@ -243,7 +261,9 @@ def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     return r, jnp.swapaxes(q, -1, -2) @ tangents[0]
 
 
-def alpha_unit(factor: RegionFactor, powers: Float[Array, "blocks r"]) -> Float[Array, ""]:
+def alpha_unit(
+    traces: Float[Array, "blocks r"], powers: Float[Array, "blocks r"]
+) -> Float[Array, ""]:
     """The largest (R^T R)_nn (M M^T)_nn of all waves n, the unit of numbers given as alpha.
 
     On a disk, where R is diagonal, it is the largest diagonal entry of A A^T. Of other regions that
@@ -253,7 +273,7 @@ def alpha_unit(factor: RegionFactor, powers: Float[Array, "blocks r"]) -> Float[
     cosines and sines are alike as long as there is none.
 
     Args:
-        factor: R.
+        traces: the diagonal of R^T R.
         powers: the diagonal of M M^T.
     """
-    return jnp.max(factor.powers * powers)
+    return jnp.max(traces * powers)

@@ -7,6 +7,13 @@ so with one solution y for all directions
 
 where the entries of b_xi are eps_n Delta_n (-i)^n (cos|sin)(n theta_xi): c = eps Delta R^T y are
 the coefficients of the circular harmonics of fhat.
+
+On a disk R is diagonal. Elsewhere it is not needed: with K = M M^T, G = R^T R and x = R^-1 y
+
+    (K G + alpha) x = M √w G_J|Y,   R^T y = G x,
+
+which is one decomposition of a matrix that is not symmetric, in place of that of the traces, the
+product R K R^T, and one that is.
 """
 
 import math
@@ -24,6 +31,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...base.parallel import map_shards
 from ...regularization import seen_once
 from ...regularization.alpha import Problem, TikhonovRule
+from .cut_disk import CutDisk, cut_disk
 from .polar import PolarGeometry
 from .table import (
     RegionFactor,
@@ -37,6 +45,8 @@ from .table import (
     gram_matrix,
     pairs,
     region_factor,
+    region_gram,
+    scaled_gram,
     wave_table,
 )
 from .waves import angular
@@ -92,6 +102,18 @@ class _System(eqx.Module):
     asked: Asked
 
 
+class _Tables(eqx.Module):
+    """What does not depend on the frequency.
+
+    Attributes:
+        detectors: T of detectors on a circle.
+        region: of a cut disk, for the orders of each group.
+    """
+
+    detectors: Float[Array, "blocks r r"] | None
+    region: list[CutDisk | None]
+
+
 def solve_harmonics(
     geometry: PolarGeometry,
     frequencies: Float[Array, " frequencies"],
@@ -119,26 +141,33 @@ def solve_harmonics(
     """
     n_max = max(orders for *_, orders in groups)
     table = wave_table(geometry, frequencies, n_max)
-    gram = None
-    if solver == "cholesky" and geometry.on_circle:
-        gram = circle_gram(geometry, n_max)
-    method = _factorised if solver == "cholesky" else partial(_iterated, tolerance=tolerance)
+    with_factor = geometry.disk or asked.rule.needs_matrix
+    shared = solver == "cholesky" and not with_factor
+    tables = _Tables(
+        circle_gram(geometry, n_max) if solver == "cholesky" and geometry.on_circle else None,
+        [cut_disk(geometry, orders) if shared else None for *_, orders in groups],
+    )
 
     def at(
-        orders: int, common: tuple[PolarGeometry, Any], wave: WaveTable, system: _System
+        number: int, common: tuple[PolarGeometry, _Tables], wave: WaveTable, system: _System
     ) -> tuple[Array, SolveReport]:
-        geometry, gram = common
+        geometry, tables = common
+        orders = groups[number][-1]
         wave = wave.up_to(orders)
-        factor = region_factor(geometry, wave)
-        alike = None if gram is None else cut_gram(geometry, gram, orders)
-        y, report = method(geometry, wave, system, factor, alike)
-        harmonics = wave.plane_scale * pairs(factor.transposed_times(y))
+        gram = None if tables.detectors is None else cut_gram(geometry, tables.detectors, orders)
+        if solver == "cg":
+            found, report = _iterated(geometry, wave, system, tolerance)
+        elif with_factor:
+            found, report = _factorised(geometry, wave, system, gram)
+        else:
+            found, report = _without_factor(geometry, wave, system, gram, tables.region[number])
+        harmonics = wave.plane_scale * pairs(found)
         return jnp.pad(harmonics, [(0, 0)] * 2 + [(0, n_max - orders)]), report
 
     # One loop over all frequencies, and in it the program of the frequency's group. With a loop for
     # each group XLA on CPUs runs them at once, and their calls of the linear algebra library have
     # been seen to wait for each other's threads for ever.
-    programs = [partial(at, orders) for *_, orders in groups]
+    programs = [partial(at, number) for number in range(len(groups))]
     group = np.repeat(np.arange(len(groups)), [stop - start for start, stop, _ in groups])
 
     @jax.checkpoint
@@ -148,7 +177,7 @@ def solve_harmonics(
 
     harmonics, report = map_shards(
         lambda common, share: jax.lax.map(partial(choose, common), share),
-        (geometry, gram),
+        (geometry, tables),
         (jnp.asarray(group), table, _summed(geometry, transformed, asked, n_max)),
         mesh,
     )
@@ -189,10 +218,20 @@ def normal_matrix(
 ) -> Float[Array, "blocks m m"]:
     """A A^T of one frequency."""
     if gram is None:
-        waves = detector_matrix(geometry, wave)
-        return factor.around(jnp.einsum("jbrk,jbsk->brs", waves * geometry.weights, waves))
+        return factor.around(detector_gram(geometry, wave, None))
     a, b = _on_circle(geometry, wave)
     return gram_matrix(a, b, gram, factor)
+
+
+def detector_gram(
+    geometry: PolarGeometry, wave: WaveTable, gram: Float[Array, "blocks r r"] | None
+) -> Float[Array, "blocks r r"]:
+    """K = M M^T of one frequency."""
+    if gram is None:
+        waves = detector_matrix(geometry, wave)
+        return jnp.einsum("jbrk,jbsk->brs", waves * geometry.weights, waves)
+    a, b = _on_circle(geometry, wave)
+    return scaled_gram(a, b, gram)
 
 
 def _detector_powers(
@@ -206,12 +245,13 @@ def _detector_powers(
 
 
 def _factorised(
-    geometry: PolarGeometry, wave: WaveTable, system: _System, factor: RegionFactor, gram: Any
+    geometry: PolarGeometry, wave: WaveTable, system: _System, gram: Array | None
 ) -> tuple[Array, SolveReport]:
-    """By Cholesky decomposition, with implicit derivatives: one more solve each."""
+    """R^T y by Cholesky decomposition, with implicit derivatives: one more solve each."""
+    factor = region_factor(geometry, wave)
     matrix = normal_matrix(geometry, wave, factor, gram)
     diagonal = jnp.diagonal(matrix, axis1=-2, axis2=-1)
-    unit = alpha_unit(factor, _detector_powers(geometry, wave, gram))
+    unit = alpha_unit(factor.powers, _detector_powers(geometry, wave, gram))
     plane = None
     if system.asked.rule.needs_matrix:
         plane = factor.around(_diagonal_matrix(blocks(geometry, _plane_power(wave))))
@@ -223,8 +263,54 @@ def _factorised(
     rhs = jnp.moveaxis(rhs, 0, -1)  # images last, as columns
     y = cholesky_solve(shifted, rhs)
     residual = _relative(_product(shifted, y) - rhs, rhs, axes=(0, 1))
-    steps, finite = jnp.zeros((), int), jnp.isfinite(residual)
-    return jnp.moveaxis(y, -1, 0), SolveReport(alpha, alpha / unit, residual, steps, finite)
+    found = factor.transposed_times(jnp.moveaxis(y, -1, 0))
+    return found, _solved_directly(alpha, unit, residual)
+
+
+def _without_factor(
+    geometry: PolarGeometry,
+    wave: WaveTable,
+    system: _System,
+    gram: Array | None,
+    shared: CutDisk | None,
+) -> tuple[Array, SolveReport]:
+    """R^T y = G x by LU decomposition of K G + alpha, with implicit derivatives."""
+    inner, outer = detector_gram(geometry, wave, gram), region_gram(geometry, wave, shared)
+    turned = _product(outer, inner)  # G K
+    inner_diagonal, outer_diagonal, diagonal = (
+        jnp.diagonal(matrix, axis1=-2, axis2=-1) for matrix in (inner, outer, turned)
+    )
+    unit = alpha_unit(outer_diagonal, inner_diagonal)
+    alpha = system.asked.rule.absolute(_problem(geometry, wave, system, diagonal, unit, None, None))
+    turned += alpha * jnp.eye(turned.shape[-1])
+    rhs = jnp.moveaxis(moments(geometry, wave, system.values), 0, -1)  # images last, as columns
+    x = lu_solve(turned, rhs)
+    residual = _relative(_product(jnp.swapaxes(turned, -1, -2), x) - rhs, rhs, axes=(0, 1))
+    found = jnp.moveaxis(_product(outer, x), -1, 0)
+    return found, _solved_directly(alpha, unit, residual)
+
+
+def _solved_directly(alpha: Array, unit: Array, residual: Array) -> SolveReport:
+    finite = jnp.isfinite(residual)
+    return SolveReport(alpha, alpha / unit, residual, jnp.zeros((), int), finite)
+
+
+def lu_solve(
+    turned: Float[Array, "blocks r r"], rhs: Float[Array, "blocks r columns"]
+) -> Float[Array, "blocks r columns"]:
+    """The inverse of the transposed matrices times rhs, with implicit derivatives.
+
+    LAPACK wants columns in order, XLA has rows: the transposed needs no copy.
+    """
+    matrix = jnp.swapaxes(turned, -1, -2)
+    factors = jax.vmap(jax.scipy.linalg.lu_factor)(jax.lax.stop_gradient(matrix))
+
+    def solve(trans: int, _: Callable, right: Array) -> Array:
+        return jax.vmap(partial(jax.scipy.linalg.lu_solve, trans=trans))(factors, right)
+
+    return jax.lax.custom_linear_solve(
+        partial(_product, matrix), rhs, partial(solve, 0), partial(solve, 1)
+    )
 
 
 def cholesky_solve(
@@ -250,14 +336,13 @@ def _iterated(
     geometry: PolarGeometry,
     wave: WaveTable,
     system: _System,
-    factor: RegionFactor,
-    gram: Any,
     tolerance: Array | float,
 ) -> tuple[Array, SolveReport]:
-    """By conjugate gradients; derivatives are one more solve each, not those of the iteration."""
+    """R^T y by conjugate gradients; derivatives are one more solve each, not of the iteration."""
+    factor = region_factor(geometry, wave)
     multiply, inner_diagonal = _products(geometry, wave)
     diagonal = _diagonal(geometry, wave, factor, inner_diagonal)
-    unit = alpha_unit(factor, inner_diagonal)
+    unit = alpha_unit(factor.powers, inner_diagonal)
     alpha = system.asked.rule.absolute(_problem(geometry, wave, system, diagonal, unit, None, None))
     rhs = factor.times(moments(geometry, wave, system.values))
     precondition = factor.inverse_around(inner_diagonal, alpha)
@@ -274,7 +359,8 @@ def _iterated(
     residual = _relative(jax.vmap(matrix)(y) - rhs, rhs, axes=(1, 2))
     # the residual of the recurrence drifts off the true one by rounding
     converged = residual <= 10 * tolerance
-    return y, SolveReport(alpha, alpha / unit, residual, steps, converged)
+    report = SolveReport(alpha, alpha / unit, residual, steps, converged)
+    return factor.transposed_times(y), report
 
 
 def conjugate_gradients(

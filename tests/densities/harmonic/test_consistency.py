@@ -42,7 +42,7 @@ def parts_of(geometry):
     def at(wave):
         factor, matrix = region_factor(geometry, wave), detector_matrix(geometry, wave)
         each = jnp.stack([factor.matrix_times(matrix[j]).reshape(-1, 20) for j in range(2)])
-        return each, alpha_unit(factor, detector_powers(geometry, wave))
+        return each, alpha_unit(factor.powers, detector_powers(geometry, wave))
 
     return jax.lax.map(at, wave_table(geometry, FREQUENCIES, N_MAX))
 

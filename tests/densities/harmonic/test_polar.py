@@ -56,6 +56,16 @@ def test_half_of_a_mirrored_geometry_stands_for_all():
     np.testing.assert_allclose(jnp.sum(polar.region.weights * side**3), both, rtol=1e-12)
 
 
+@pytest.mark.parametrize("n", range(822, 826))
+def test_boundary_points_that_a_setup_chooses_leave_the_symmetry(n):
+    """With a point on the axis, as an odd number had, systems would be twice as large."""
+    region = disk(1.0, 0.0)
+    region = region.with_counts(region.shared_out(n))
+    assert n <= region.n_boundary <= n + 1
+    polar = polar_geometry(circular_arc(1.3, 0.0, 41), region)
+    assert polar.mirror and polar.rim == region.counts[0] // 2
+
+
 def test_broken_symmetry_is_seen():
     """A moved detector, another weight, a turned region, one off the axis: no mirror is used."""
     arc = circular_arc(1.3, 0.0, 40, **PLACE)

@@ -8,6 +8,7 @@ import pytest
 
 from jaxtat import circular_arc, detector_curve, disk
 from jaxtat.densities.harmonic import harmonic_orders, polar_geometry, wave_table
+from jaxtat.densities.harmonic.cut_disk import cut_disk
 from jaxtat.densities.harmonic.table import (
     RegionFactor,
     alpha_unit,
@@ -18,6 +19,7 @@ from jaxtat.densities.harmonic.table import (
     detector_powers,
     pairs,
     region_factor,
+    region_gram,
 )
 from jaxtat.densities.harmonic.waves import boundary_traces
 from jaxtat.densities.single_layer import potential_matrix
@@ -87,6 +89,33 @@ def test_factor_of_the_gram_matrix(name):
         n = gram.shape[1]
         expected = gram.reshape(1, 2 * n, 2 * n)
     np.testing.assert_allclose(found, expected, atol=1e-12 * float(jnp.abs(expected).max()))
+
+
+@eqx.filter_jit
+def gram_in_parts(polar, wave):
+    return region_gram(polar, wave, cut_disk(polar, wave.steps.shape[-1] - 2))
+
+
+@pytest.mark.parametrize("name", ["half disk", "askew", "off a circle"])
+def test_gram_matrix_of_a_cut_disk_in_parts(name):
+    """Arc and chord apart, without a table of derivatives, are the sums over all traces."""
+    curve, region = GEOMETRIES.get(name, (GEOMETRIES["measured"][0], HALF))
+    polar = polar_geometry(curve, region)
+    assert polar.rim == region.counts[0] // (2 if polar.mirror else 1)
+    table = table_of(polar)
+    for i in range(2):
+        wave = at(table, i)
+        r = factor_of(polar, wave).values
+        expected = jnp.einsum("bij,bik->bjk", r, r)
+        found = gram_in_parts(polar, wave)
+        np.testing.assert_allclose(found, expected, atol=1e-12 * float(expected.max()))
+
+
+def test_only_a_cut_disk_about_the_centre_falls_into_arc_and_chord():
+    aside = disk(0.8, 0.3, n_boundary=240, center=(0.35, -0.2), angle=0.8)
+    for curve, region in (GEOMETRIES["disk"], (ARC, aside)):
+        polar = polar_geometry(curve, region)
+        assert polar.rim == 0 and cut_disk(polar, 12) is None
 
 
 def test_diagonal_factors_act_like_matrices():
@@ -176,7 +205,7 @@ def test_the_unit_of_alpha_is_that_of_the_strongest_wave(name):
     factor = factor_of(polar, wave)
     waves = jnp.moveaxis(waves_of(polar, wave) * jnp.sqrt(polar.weights), 0, -2)
     waves = waves.reshape(*waves.shape[:2], -1)
-    found = alpha_unit(factor, detector_powers(polar, wave))
+    found = alpha_unit(factor.powers, detector_powers(polar, wave))
     r = factor.values if not factor.is_diagonal else jax.vmap(jnp.diag)(factor.values)
     each = np.sum(np.asarray(r) ** 2, axis=1) * np.sum(np.asarray(waves) ** 2, axis=-1)
     np.testing.assert_allclose(found, each.max(), rtol=1e-12)
