@@ -1,5 +1,6 @@
 """What of the fast integrals over spheres is a size: decided once, of concrete positions."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import equinox as eqx
@@ -105,8 +106,8 @@ def sphere_sizes(
     n_bands = min(n_groups, max(1, n // WORTH_A_GROUP))
     bounds = np.linspace(0, n, n_bands + 1).round().astype(int)
     bands = tuple(
-        _band(int(first), int(last), np.pi / period * last, (reach, across, distance), tolerance)
-        for first, last in zip(bounds[:-1], bounds[1:], strict=True)
+        _band(first, last, np.pi / period * last, (reach, across, distance), tolerance)
+        for first, last in pairwise(bounds.tolist())
     )
     pairs = 2 * bands[-1].degrees * bands[-1].orders
     return SphereSizes(period, bands, max(1, TABLE // pairs))
@@ -124,11 +125,11 @@ def _band(
     n_zones = min(ZONES, max(1, polar // WORTH_A_ZONE))
     bounds = np.linspace(0, polar, n_zones + 1).round().astype(int)
     zones = []
-    for start, stop in zip(bounds[:-1], bounds[1:], strict=True):
+    for start, stop in pairwise(bounds.tolist()):
         sine = np.sin(np.pi * (polar - start - 0.25) / (2 * polar + 0.5))  # of its first circle
         here = min(min(across, distance) * sine + more, distance * sine)
         azimuths = scipy.fft.next_fast_len(int(across * sine + more + here) + 2)
-        zones.append((int(stop - start), azimuths))
+        zones.append((stop - start, azimuths))
     return Band(first, last, degree + 1, order + 1, tuple(zones))
 
 

@@ -15,22 +15,23 @@ from jaxtyping import Array, Complex, Float
 from ..geometry.caps import SphericalCap
 from ..special import legendre_functions, spherical_sequence
 from .harmonics import Harmonics
-from .sphere_sizes import SphereSizes
+from .sphere_sizes import Band, SphereSizes
 
-AT_CENTER = 1e-12  # of the period: a detector nearer to the centre is moved off it by that
+AT_CENTER = 1e-10  # over lambda_max: a detector nearer to the centre is moved off it by that
+KEPT = 1.5e9  # bytes of tables of detectors off rings, above which they are made anew each time
 
 
 class RingWaves(eqx.Module):
     """Rings of equispaced azimuths on a sphere: sums over degrees, then an FFT over orders.
 
     Attributes:
-        radial: s_l j_l(lambda_k R) of even and odd l - m, for every band (orders, k, degrees).
+        radial: s_l j_l(lambda_k R) of even and odd l - m, each (orders, k, degrees), of every band.
         even, odd: P_lm at the rings, by parity of l - m.
         turns: exp(i m phi) of the first detectors, twice that for m > 0 to stand for -m too.
         azimuths: detectors on a ring.
     """
 
-    radial: tuple[tuple[Float[Array, "orders k even"], Float[Array, "orders k odd"]], ...]
+    radial: tuple[tuple[Array, Array], ...]
     even: Float[Array, "orders even rings"]
     odd: Float[Array, "orders odd rings"]
     turns: Complex[Array, "rings orders"]
@@ -52,47 +53,73 @@ class RingWaves(eqx.Module):
         return _at_azimuths(of_orders * self.turns[:, : sums.shape[0]], self.azimuths)
 
 
-class PointWaves(eqx.Module):
-    """Detectors anywhere: the harmonics at all of them, made anew for some of them at a time.
+class PointTables(eqx.Module):
+    """Spherical waves at some detectors anywhere.
 
     Attributes:
-        local: z - c [length].
-        frequencies: lambda_k [rad/length].
-        sizes: of the operator.
+        functions: (Re, -Im) of Y_lm(z/|z|), twice that for m > 0 to stand for -m too.
+        radial: s_l j_l(lambda_k |z|).
     """
 
-    local: Float[Array, "detectors 3"]
+    functions: Float[Array, "*chunks degrees 2 orders d"]
+    radial: Float[Array, "*chunks degrees k d"]
+
+
+class PointWaves(eqx.Module):
+    """Detectors anywhere: dense sums over degrees and orders, for some of them at a time.
+
+    Attributes:
+        local: z - c, in chunks that are filled up with the last detector [length].
+        frequencies: lambda_k [rad/length].
+        tables: of every chunk; None if they would not fit into memory, and are made anew each time.
+        sizes: of the operator.
+        n_detectors: how many there are.
+    """
+
+    local: Float[Array, "chunks d 3"]
     frequencies: Float[Array, " k"]
+    tables: PointTables | None
     sizes: SphereSizes
+    n_detectors: int = eqx.field(static=True)
 
     def __call__(self, harmonics: tuple[Harmonics, ...]) -> Float[Array, "volumes k detectors"]:
         """G of all frequencies."""
-        coefficients = [_by_degree(part, band) for part, band in self._bands(harmonics)]
-        n, dtype = self.local.shape[0], harmonics[0].even.dtype
-        # in 64 bits: the factors of high orders are very large and very small
-        local, frequencies = self.local.astype(float), self.frequencies.astype(float)
+        bands, dtype = self.sizes.bands, harmonics[0].even.dtype
+        coefficients = [_by_degree(*pair) for pair in zip(harmonics, bands, strict=True)]
 
         @jax.checkpoint
-        def at(local: Array, coefficients: list[Array]) -> Array:
-            distance, functions = _spherical_harmonics(local, self.sizes)
-            radial = _radial(self.sizes.bands[-1].degrees, frequencies[:, None] * distance)
-            functions, radial = functions.astype(dtype), radial.astype(dtype)
+        def at(chunk: Array | PointTables, coefficients: list[Array]) -> Array:
+            if not isinstance(chunk, PointTables):
+                # in 64 bits: factors of high orders are very large and very small
+                chunk = _point_tables(*(v.astype(float) for v in (chunk, self.frequencies)), last)
+            functions, radial = chunk.functions.astype(dtype), chunk.radial.astype(dtype)
             found = []
-            for part, band in self._bands(coefficients):
+            for part, band in zip(coefficients, bands, strict=True):
                 table = functions[: band.degrees, :, : band.orders]
                 sums = jnp.einsum("lcmbk,lcmd->lbkd", part, table)
                 waves = radial[: band.degrees, None, band.first : band.last]
                 found.append(jnp.sum(sums * waves, axis=0))
             return jnp.concatenate(found, axis=1)
 
-        together = min(self.sizes.together, n)
-        padded = jnp.pad(local, ((0, -n % together), (0, 0)), mode="edge")
-        chunks = padded.reshape(-1, together, 3)
-        found = jax.lax.map(lambda chunk: at(chunk, coefficients), chunks)
-        return jnp.moveaxis(found, 0, -2).reshape(*found.shape[1:3], -1)[..., :n]
+        last = bands[-1]
+        chunks = self.local if self.tables is None else self.tables
+        found = jnp.moveaxis(jax.lax.map(lambda chunk: at(chunk, coefficients), chunks), 0, -2)
+        return found.reshape(*found.shape[:2], -1)[..., : self.n_detectors]
 
-    def _bands(self, parts):
-        return zip(parts, self.sizes.bands, strict=True)
+
+@eqx.filter_jit
+def point_waves(
+    local: Float[Array, "detectors 3"], frequencies: Array, sizes: SphereSizes
+) -> PointWaves:
+    """Positions from the centre in chunks, and if there is room all tables."""
+    n, last = local.shape[0], sizes.bands[-1]
+    together = min(sizes.together, n)
+    filled = jnp.pad(local, ((0, -n % together), (0, 0)), mode="edge")
+    chunks, tables = filled.reshape(-1, together, 3), None
+    if 8 * len(filled) * last.degrees * (2 * last.orders + sizes.n_frequencies) <= KEPT:
+        make = jax.checkpoint(lambda chunk: _point_tables(chunk, frequencies, last))
+        tables = jax.lax.map(make, chunks)
+    return PointWaves(chunks, frequencies, tables, sizes, n)
 
 
 @eqx.filter_jit
@@ -135,7 +162,7 @@ def _at_azimuths(values: Complex[Array, "*n orders"], azimuths: int) -> Float[Ar
     return jnp.fft.irfft(half, azimuths, norm="forward")
 
 
-def _by_degree(harmonics: Harmonics, band) -> Float[Array, "degrees 2 orders volumes k"]:
+def _by_degree(harmonics: Harmonics, band: Band) -> Float[Array, "degrees 2 orders volumes k"]:
     """H_lm with l for l - m as the axis to batch over."""
     even, odd = harmonics.even, harmonics.odd
     odd = jnp.pad(odd, [(0, 0)] * 4 + [(0, even.shape[-1] - odd.shape[-1])])
@@ -151,24 +178,21 @@ def _shifted(values: Float[Array, "orders degrees *n"]) -> Float[Array, "orders 
     return flat.reshape(m, n + m - 1, *rest)[:, :n]
 
 
-def _spherical_harmonics(
-    local: Float[Array, "d 3"], sizes: SphereSizes
-) -> tuple[Float[Array, " d"], Float[Array, "degrees 2 orders d"]]:
-    """|z|, and (Re, -Im) of Y_lm(z/|z|), twice that for m > 0.
+def _point_tables(local: Float[Array, "d 3"], frequencies: Array, last: Band) -> PointTables:
+    """Up to the degrees and orders of the last band.
 
     Y_lm = (P_lm / sin^m theta) ((x_1 + i x_2)/|x|)^m is smooth on the axis; at the centre, where no
     direction is, a little beside it.
     """
-    last = sizes.bands[-1]
-    least = AT_CENTER * sizes.period
+    least = AT_CENTER / frequencies[-1]
     near = jnp.sum(local**2, axis=1) < least**2
-    local = local + jnp.where(near[:, None], jnp.array([0.0, 0.0, least]), 0.0)
+    local = local + jnp.where(near, least, 0.0)[:, None] * jnp.array([0.0, 0.0, 1.0])
     distance = jnp.linalg.norm(local, axis=1)
     units = local / distance[:, None]
     m = jnp.arange(last.orders)
-    table = legendre_functions(m, last.degrees, units[:, 2], last.orders, over_sine=True)
+    legendre = legendre_functions(m, last.degrees, units[:, 2], last.orders, over_sine=True)
     across = jnp.broadcast_to(units[:, 0] + 1j * units[:, 1], (last.orders, len(units)))
     powers = jnp.cumprod(across.at[0].set(1.0), axis=0) * _both_signs(last.orders)[:, None]
-    functions = jnp.stack([table * part[:, None] for part in (powers.real, -powers.imag)], axis=1)
-    by_degree = _shifted(jnp.moveaxis(functions, 1, 2))
-    return distance, jnp.moveaxis(by_degree, 0, 2)
+    parts = [_shifted(legendre * power[:, None]) for power in (powers.real, -powers.imag)]
+    functions = jnp.moveaxis(jnp.stack(parts), 2, 0)
+    return PointTables(functions, _radial(last.degrees, frequencies[:, None] * distance))

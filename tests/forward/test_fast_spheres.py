@@ -1,0 +1,192 @@
+"""Integrals over spheres without quadrature: brute force, exact bells, transposes, derivatives."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtat import VolumeGrid
+from jaxtat.forward import sphere_integrals, sphere_sizes
+from jaxtat.geometry import spherical_cap
+from jaxtat.geometry.caps import DetectorPoints
+from jaxtat.geometry.rings import find_rings
+from jaxtat.phantoms.space import Bells
+
+RNG = np.random.default_rng(0)
+ON_SPHERE = RNG.standard_normal((8, 3))
+ON_SPHERE /= np.linalg.norm(ON_SPHERE, axis=1)[:, None]
+# at the centre of the waves, on their axis, and inside the cube
+INSIDE = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.3], [0.1, 0.2, 0.5], [-0.9, 0.9, 0.6]])
+TURNED = np.array([[np.cos(0.3), np.sin(0.3), 0.0], [-np.sin(0.3), np.cos(0.3), 0.0], [0, 0, 1.0]])
+
+GRID = VolumeGrid((10, 11, 8), half_width=(1.0, 0.9, 0.7), center=(0.1, 0.0, 0.05))
+RADII = jax.device_put(np.linspace(0.05, 2.6, 20))
+CURVES = {
+    "fewer azimuths than orders": spherical_cap(1.3, 0.5, 5, 10),
+    "more azimuths than orders": spherical_cap(1.3, 1.3, 4, 120, center=(0.1, 0.0, 0.05)),
+    "far off": spherical_cap(3.0, 0.5, 5, 10),
+    "turned rings": find_rings(
+        (spherical_cap(1.2, 0.5, 5, 10).points @ TURNED).reshape(-1, 3)
+    ).rings,
+    "anywhere": DetectorPoints(np.concatenate([INSIDE, 1.3 * ON_SPHERE])),
+}
+
+
+@eqx.filter_jit
+def integrals(curve, grid, radii, sizes, volumes, tolerance=1e-8, eta=None):
+    return sphere_integrals(curve, grid, radii, sizes, eta, tolerance)(volumes)
+
+
+def brute_force(curve, grid, radii, sizes, volume, eta=1.0):
+    """Σ_n h³ f_n (2 r/T) Σ_k eta lambda_k j_0(lambda_k |x_n - z|) sin(lambda_k r)."""
+    z, x = (np.asarray(v.points).reshape(-1, 3) for v in (curve, grid))
+    distance = np.linalg.norm(z[:, None] - x, axis=-1)
+    frequencies, r = sizes.frequencies, np.asarray(radii)
+    at = np.stack([np.sinc(k * distance / np.pi) @ np.ravel(volume) for k in frequencies], axis=1)
+    waves = np.sin(frequencies[:, None] * r) * frequencies[:, None]
+    g = 2 / sizes.period * r * (at * eta @ waves) * np.prod(grid.spacing)
+    return g.reshape(*curve.shape, -1)
+
+
+@eqx.filter_jit
+def both_ways(curve, sizes, volumes, data):
+    operator = sphere_integrals(curve, GRID, RADII, sizes)
+    like = jax.ShapeDtypeStruct(volumes.shape, volumes.dtype)
+    return operator(volumes), jax.linear_transpose(operator, like)(data)[0]
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_is_the_sum_over_voxels_to_the_tolerance_and_its_transpose_exact(name):
+    """Of noise, so that the corners count too; and of a stack."""
+    curve, volumes = CURVES[name], RNG.standard_normal((2, *GRID.shape))
+    data = RNG.standard_normal((2, *curve.shape, len(RADII)))
+    sizes = sphere_sizes(curve, GRID)
+    g, back = both_ways(curve, sizes, jnp.asarray(volumes), jnp.asarray(data))
+    for found, volume in zip(g, volumes, strict=True):
+        exact = brute_force(curve, GRID, RADII, sizes, volume)
+        assert np.abs(found - exact).max() < 2e-8 * np.abs(exact).max()
+    gap = abs(np.vdot(g, data) - np.vdot(volumes, back))
+    assert gap < 1e-12 * np.linalg.norm(g) * np.linalg.norm(data)
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-11])
+def test_error_follows_the_tolerance(tolerance):
+    curve, volume = CURVES["far off"], RNG.standard_normal(GRID.shape)
+    sizes = sphere_sizes(curve, GRID, tolerance=tolerance)
+    g = integrals(curve, GRID, RADII, sizes, jnp.asarray(volume)[None], tolerance)[0]
+    exact = brute_force(curve, GRID, RADII, sizes, volume)
+    assert 1e-4 * tolerance < np.abs(g - exact).max() / np.abs(exact).max() < 2 * tolerance
+
+
+@pytest.mark.parametrize("name", ["fewer azimuths than orders", "anywhere"])
+def test_integrals_of_a_bell_are_exact(name):
+    bell, curve, grid = Bells([[0.1, 0.05, -0.1]], [0.8]), CURVES[name], VolumeGrid(33)
+    sizes = sphere_sizes(curve, grid, n_groups=2)
+    g = integrals(curve, grid, RADII, sizes, bell.volume(grid)[None])[0]
+    exact = bell.spherical_integrals(curve, RADII)
+    assert jnp.abs(g - exact).max() < 3e-6 * exact.max()
+
+
+def differences(function, x, step=1e-3):
+    """Central, of fourth order."""
+    near, far = (function(x + h) - function(x - h) for h in (step, 2 * step))
+    return (8 * near - far) / (12 * step)
+
+
+def moved(name, t):
+    """All that a geometry has, changed with t; detectors on the axis and at the centre leave it."""
+    if name == "cap":
+        return spherical_cap(1.3 + 0.2 * t, 0.5 + t, 5, 10, center=(0.1 * t, -0.2 * t, 0.3 * t))
+    points = np.concatenate([INSIDE, 1.3 * ON_SPHERE])
+    return DetectorPoints(points + t * jnp.asarray(np.random.default_rng(1).normal(size=(12, 3))))
+
+
+@pytest.mark.parametrize("name", ["cap", "points"])
+def test_slopes_in_positions_and_radii_are_those_of_differences(name):
+    sizes = sphere_sizes(moved(name, 0.0), GRID, n_groups=1)
+    volume = jnp.asarray(RNG.standard_normal((1, *GRID.shape)))
+    weights = jnp.asarray(RNG.standard_normal((*moved(name, 0.0).shape, len(RADII))))
+
+    @jax.jit
+    def total(t):
+        g = integrals(moved(name, t), GRID, RADII * (1 + t), sizes, volume, 1e-13)
+        return jnp.sum(weights * g)
+
+    wanted = differences(total, 0.0)
+    assert jnp.allclose(jax.grad(total)(0.0), wanted, rtol=1e-6)
+    assert jnp.allclose(jax.jvp(total, (0.0,), (1.0,))[1], wanted, rtol=1e-6)
+
+
+def test_every_position_has_its_own_slope():
+    """Against differences of the brute force, at the centre of the waves and on the axis too."""
+    curve = DetectorPoints(INSIDE)
+    sizes = sphere_sizes(curve, GRID, n_groups=1)
+    volume = RNG.standard_normal(GRID.shape)
+
+    def total(points):
+        return jnp.sum(integrals(DetectorPoints(points), GRID, RADII, sizes, volume[None]))
+
+    found = jax.grad(total)(curve.points)
+    for k, axis in np.ndindex(found.shape):
+        unit = np.zeros(found.shape)
+        unit[k, axis] = 1.0
+        wanted = differences(
+            lambda t, unit=unit: brute_force(
+                DetectorPoints(INSIDE + t * unit), GRID, RADII, sizes, volume
+            ).sum(),
+            0.0,
+        )
+        assert abs(found[k, axis] - wanted) < 1e-6 * np.abs(found).max()
+
+
+@pytest.mark.parametrize("name", ["fewer azimuths than orders", "anywhere"])
+def test_single_precision_vmap_and_a_low_pass(name):
+    curve = CURVES[name]
+    sizes = sphere_sizes(curve, GRID)
+    volumes = jnp.asarray(RNG.standard_normal((2, *GRID.shape)))
+    eta = jnp.cos(jnp.pi / 2 * sizes.frequencies / sizes.frequencies[-1])
+    operator = sphere_integrals(curve, GRID, RADII, sizes, eta)
+    g = eqx.filter_jit(operator)(volumes)
+    exact = brute_force(curve, GRID, RADII, sizes, volumes[1], eta)
+    assert np.abs(g[1] - exact).max() < 2e-8 * np.abs(exact).max()
+    mapped = eqx.filter_jit(jax.vmap(lambda volume: operator(volume[None])[0]))(volumes)
+    assert jnp.allclose(mapped, g, rtol=0, atol=1e-13)
+    single = jax.tree.map(
+        lambda leaf: leaf.astype(np.complex64 if jnp.iscomplexobj(leaf) else np.float32), operator
+    )
+    rough = eqx.filter_jit(single)(volumes.astype(np.float32))
+    assert rough.dtype == np.float32
+    assert jnp.abs(rough - g).max() < 1e-5 * jnp.abs(g).max()
+
+
+def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(monkeypatch):
+    curve, volume = CURVES["anywhere"], jnp.asarray(RNG.standard_normal((1, *GRID.shape)))
+    sizes = sphere_sizes(curve, GRID)
+    kept = sphere_integrals(curve, GRID, RADII, sizes)
+    monkeypatch.setattr("jaxtat.forward.sphere_waves.KEPT", 0.0)
+    jax.clear_caches()  # the limit is read when a program is made
+    few_at_a_time = dataclasses.replace(sizes, together=5)
+    anew = sphere_integrals(curve, GRID, RADII, few_at_a_time)
+    assert (kept.kept, anew.kept) == (True, False)
+    assert jnp.allclose(
+        eqx.filter_jit(anew)(volume), eqx.filter_jit(kept)(volume), rtol=0, atol=1e-13
+    )
+
+
+def test_spheres_beyond_the_volume_are_empty_and_detectors_may_move_a_little():
+    """By what `MARGIN` leaves, with the sizes of before."""
+    sizes = sphere_sizes(spherical_cap(1.3, 0.5, 5, 10), GRID)
+    curve, volume = spherical_cap(1.31, 0.45, 5, 10), RNG.standard_normal(GRID.shape)
+    radii = jnp.append(RADII, 1.001 * sizes.period)
+    g = integrals(curve, GRID, radii, sizes, jnp.asarray(volume)[None])[0]
+    exact = brute_force(curve, GRID, RADII, sizes, volume)
+    assert np.abs(g[..., :-1] - exact).max() < 2e-8 * np.abs(exact).max()
+    assert (g[..., -1] == 0).all()
+
+
+def test_sizes_need_a_concrete_geometry():
+    with pytest.raises(ValueError, match="curve or grid is traced"):
+        jax.jit(lambda radius: sphere_sizes(spherical_cap(radius, 0.5, 5, 10), GRID).period)(1.3)
