@@ -13,7 +13,6 @@ from jaxtat import (
     Setup,
     Tikhonov,
     build_plan,
-    calibrate,
     circular_arc,
     detector_curve,
     disk,
@@ -25,7 +24,7 @@ from jaxtat import (
 )
 
 BELL = phantoms.Bells([[-0.45, 0.2], [0.1, -0.3]], [0.5, 0.6], [1.0, 0.7])
-WIDTH = 0.3  # of a radius of 1
+WIDTH = 0.2  # of a radius of 1
 
 
 def with_width(setup, width):
@@ -53,7 +52,7 @@ def by_plan(setup, g):
 
 CURVES = {
     "arc": circular_arc(1.3, 1.0, 80, element_width=WIDTH),
-    "uneven": circular_arc(1.3, 1.0, 80, element_width=np.linspace(0.0, WIDTH, 80)),
+    "uneven": circular_arc(1.3, 1.0, 80, element_width=np.linspace(0.1, 0.25, 80)),
     "measured": detector_curve(circular_arc(1.3, 1.0, 80).points, element_width=WIDTH),
     "ellipse": elliptic_arc((1.6, 1.3), 90, start=0.6, stop=5.7, element_width=WIDTH),
 }
@@ -67,8 +66,8 @@ def test_the_model_of_elements_recovers_what_points_blur(name, make):
     setup = Setup(CURVES[name], disk(1.0), ImageGrid(21))
     exact = by_solving(with_width(setup, None), data_of(BELL, with_width(setup, None)))
     errors = [float(jnp.abs(i - exact)[inside(setup)].max()) for i in images(setup, make)]
-    assert errors[0] < 2e-3
-    assert errors[1] > 2e-2
+    assert errors[0] < 3e-3
+    assert errors[1] > 1e-2
 
 
 def test_collocation_and_waves_agree_on_elements(half_arc):
@@ -89,8 +88,8 @@ def test_elements_beside_an_l(l_shape):
     g = data_of(bell, setup)
     exact = solve(l_shape, data_of(bell, l_shape), 1e-6).image
     wide, points = (solve(s, g, 1e-6).image for s in (setup, l_shape))
-    assert jnp.abs(wide - exact)[inside(setup)].max() < 0.02
-    assert jnp.abs(points - exact)[inside(setup)].max() > 0.05
+    assert jnp.abs(wide - exact)[inside(setup)].max() < 1e-4
+    assert jnp.abs(points - exact)[inside(setup)].max() > 0.03
 
 
 def test_elements_without_width_are_points(arc):
@@ -129,23 +128,10 @@ def test_derivatives_in_the_width(name):
     np.testing.assert_allclose(forward, backward, rtol=1e-10)
 
 
-def test_calibration_keeps_the_width(arc):
-    """Other radii, the same elements: the radius comes back."""
-    setup = with_width(arc, 0.2)
-    g = data_of(BELL, setup)
-    wrong = setup.replace(curve=circular_arc(1.31, 1.31 / 1.3, 80, element_width=0.2))
-    found = calibrate(wrong, g, unknown=("radius",), sound_speed=1500.0)
-    assert abs(found.parameters.radius - 1.3) < 1e-3
-    assert found.curve.element_width == 0.2
-
-
 def test_refusals():
     setup = Setup(CURVES["arc"], disk(1.0), ImageGrid(21))
     with pytest.raises(ValueError, match="curve is a CircularArc of other sizes"):
         setup.replace(curve=circular_arc(1.3, 1.0, 80))
-    with pytest.raises(ValueError, match=r"elements of 5 are 250 wavelengths wide"):
-        wide = circular_arc(1.3, 1.0, 80, element_width=5.0)
-        Setup(wide, disk(1.0), ImageGrid(21), max_frequency=100 * np.pi)
     ring = Setup(circular_arc(1.3, 1.3, 64, element_width=0.1), disk(0.8), ImageGrid(17))
     with pytest.raises(ValueError, match="'series' is for point detectors"):
         build_plan(ring, method="series")
