@@ -102,8 +102,7 @@ def test_elements_without_width_are_points(arc):
 SMALL = {"max_frequency": 12.0}
 DERIVED = {
     "arc": (circular_arc(1.5, 1.2, 30, element_width=0.3), disk(1.0)),
-    "half": (circular_arc(1.5, 0.4, 30, element_width=0.3), disk(1.0, 0.4)),
-    "ellipse": (elliptic_arc((1.7, 1.5), 36, start=0.6, stop=5.7, element_width=0.3), disk(1.0)),
+    "ellipse": (elliptic_arc((1.7, 1.5), 30, start=0.6, stop=5.7, element_width=0.3), disk(1.0)),
 }
 
 
@@ -115,15 +114,16 @@ def test_derivatives_in_the_width(name):
     g = data_of(BELL, setup)
     weights = inside(setup) * np.random.default_rng(1).uniform(0.5, 1, setup.grid.shape)
 
-    @jax.jit
     def energy(width):
         moved = setup.replace(curve=replace(curve, element_width=width))
         return jnp.sum(weights * solve(moved, g, 1e-4).image ** 2)
 
     width, step = jnp.array(0.25), 1e-4
-    wanted = (energy(width + step) - energy(width - step)) / (2 * step)
+    value_and_slope = jax.jit(jax.value_and_grad(energy))
+    (ahead, _), (behind, _) = value_and_slope(width + step), value_and_slope(width - step)
+    wanted, (_, backward) = (ahead - behind) / (2 * step), value_and_slope(width)
     assert abs(wanted) > 1e-3
-    forward, backward = jax.jit(jax.jacfwd(energy))(width), jax.jit(jax.grad(energy))(width)
+    forward = jax.jit(jax.jacfwd(energy))(width)
     np.testing.assert_allclose([forward, backward], wanted, rtol=1e-6)
     np.testing.assert_allclose(forward, backward, rtol=1e-10)
 
