@@ -12,9 +12,6 @@ import argparse
 from dataclasses import replace
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import jax.numpy as jnp
 import numpy as np
 
@@ -42,6 +39,7 @@ def main() -> None:
     parser.add_argument("--noise", type=float, default=0.0, help="relative to the data, 2-norm")
     parser.add_argument("--alpha", type=float, default=1e-6, help="the default of exact data")
     options = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
     pixel = 2 / (options.pixels - 1)
     points = jaxtat.circular_arc(1.3, 1.0, options.detectors, element_width=0.0)
     region = jaxtat.disk(1.0)
