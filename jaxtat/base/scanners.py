@@ -17,6 +17,8 @@ class Scanner(NamedTuple):
         span: the angle from the first element to the last [degrees].
         n_detectors: number of elements.
         sampling_rate: of the record [Hz]; None if the source does not say.
+        element_width: of an element along the arc, for `DetectorCurve` [m]; None likewise. Scans
+            are reconstructed with point detectors unless a curve is given it.
         source: of these numbers.
     """
 
@@ -25,6 +27,7 @@ class Scanner(NamedTuple):
     span: float
     n_detectors: int
     sampling_rate: float | None
+    element_width: float | None
     source: str
 
     @property
@@ -53,8 +56,9 @@ SCANNERS = {
         span=270.0 * 255 / 256,
         n_detectors=256,
         sampling_rate=40e6,
+        element_width=0.64e-3,
         source="positions and rate in the public scan of the PATATO project (Scan_9.msot); 256 "
-        "elements, 40 MHz and a pitch of 0.74 mm (270 degrees in all) also in SIMPA, "
+        "elements of 0.64 mm, 40 MHz and a pitch of 0.74 mm (270 degrees in all) in SIMPA, "
         "simpa/core/device_digital_twins/pa_devices/ithera_msot_invision.py",
     ),
     "msot-acuity-echo": Scanner(
@@ -63,7 +67,8 @@ SCANNERS = {
         span=math.degrees(255 * 0.34e-3 / 40e-3),
         n_detectors=256,
         sampling_rate=40e6,
-        source="256 elements with a pitch of 0.34 mm on 40 mm, 40 MHz: SIMPA, "
+        element_width=0.24e-3,
+        source="256 elements of 0.24 mm with a pitch of 0.34 mm on 40 mm, 40 MHz: SIMPA, "
         "simpa/core/device_digital_twins/pa_devices/ithera_msot_acuity.py",
     ),
     "quarter-ring-128": Scanner(
@@ -72,6 +77,7 @@ SCANNERS = {
         span=90.0 * 127 / 128,
         n_detectors=128,
         sampling_rate=None,
+        element_width=None,
         source="128 elements on a quarter circle of 25 mm: Gamelin et al., J. Biomed. Opt. 13 "
         "(2008) 024007",
     ),

@@ -16,8 +16,6 @@ from ..geometry import DetectorCurve, ImageGrid
 from ..special import j0, j1
 from .radial import RadialParts, gauss_legendre, length_of, safe_sqrt, sin8_integral
 
-_NODES = 16  # on elements of finite width
-
 
 class Phantom(RadialParts):
     """Σ_m a_m b(|x - c_m| / r_m) in the plane, see `Disks` for the arguments."""
@@ -45,16 +43,15 @@ class Phantom(RadialParts):
         return self(grid.points)
 
     def circular_integrals(
-        self, curve: DetectorCurve, radii: Numbers
+        self, curve: DetectorCurve, radii: Numbers, *, n_nodes: int = 16
     ) -> Float[Array, "detectors radii"]:
         """g(z, r) = ∫_{|x - z| = r} f dl, exact up to rounding (quadrature below 1e-12 for bells).
-
-        Of elements of finite width it is the mean over 16 nodes of each: exact to 1e-9 for smooth
-        parts at least twice as wide, not for edges.
 
         Args:
             curve: the detectors z.
             radii: r > 0, (radii,) [length].
+            n_nodes: of elements of finite width it is the mean over so many nodes of each: enough
+                for smooth parts as wide as an element.
 
         Returns:
             (detectors, radii) [length, for a dimensionless f].
@@ -62,10 +59,10 @@ class Phantom(RadialParts):
 
         radii = real_array("radii", radii, ("radii",))
         require_positive("radii", radii)
-        return self._circular_integrals(curve, radii)
+        return self._circular_integrals(curve, radii, n_nodes)
 
     @eqx.filter_jit
-    def _circular_integrals(self, curve: DetectorCurve, radii: Array) -> Array:
+    def _circular_integrals(self, curve: DetectorCurve, radii: Array, n_nodes: int = 16) -> Array:
         def of_detector(point: Array) -> Array:
             def one(center: Array, radius: Array, amplitude: Array) -> Array:
                 distance = length_of(point - center)
@@ -74,7 +71,7 @@ class Phantom(RadialParts):
             return self._sum_over_parts(one)
 
         return curve.mean_over_elements(
-            lambda points: jax.lax.map(of_detector, points, batch_size=64), _NODES
+            lambda points: jax.lax.map(of_detector, points, batch_size=64), n_nodes
         )
 
     @eqx.filter_jit

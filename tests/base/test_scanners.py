@@ -15,20 +15,21 @@ def test_the_preset_is_the_array_of_a_scan_of_that_scanner(data_file):
 
 
 @pytest.mark.parametrize(
-    ("name", "pitch", "radius", "n"),
+    ("name", "pitch", "radius", "n", "width"),
     [
-        ("msot-invision-256", 0.74e-3, 40e-3, 256),  # SIMPA rounds the radius
-        ("msot-acuity-echo", 0.34e-3, 40e-3, 256),  # SIMPA
-        ("quarter-ring-128", np.pi / 2 * 25e-3 / 128, 25e-3, 128),  # Gamelin et al. 2008
+        ("msot-invision-256", 0.74e-3, 40e-3, 256, 0.64e-3),  # SIMPA rounds the radius
+        ("msot-acuity-echo", 0.34e-3, 40e-3, 256, 0.24e-3),  # SIMPA
+        ("quarter-ring-128", np.pi / 2 * 25e-3 / 128, 25e-3, 128, None),  # Gamelin et al. 2008
     ],
 )
-def test_pitch_radius_and_number_of_elements(name, pitch, radius, n):
+def test_pitch_radius_number_and_width_of_elements(name, pitch, radius, n, width):
     scanner = scanner_named(name)
     assert scanner.positions.shape == (n, 3)
     arc = fit_arc(scanner.positions[:, :2])
     assert np.isclose(arc.radius, radius, rtol=0.02)
     assert np.isclose(arc.step * arc.radius, pitch, rtol=0.02)
     assert np.isclose(np.degrees(arc.opening), -90.0)
+    assert scanner.element_width == width
     assert len(scanner.source) > 40
 
 

@@ -1,5 +1,6 @@
 """Potential matrices and plane waves against scipy, finite differences and the wave equation."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,6 +28,28 @@ def test_matrix_is_its_formula_entry_by_entry():
             assert np.isclose(found[x, z + 7], s * sp.y0(LAM * r), atol=1e-14)
             assert np.isclose(found[x + 12, z], -s * c * sp.j1(LAM * r), atol=1e-14)
             assert np.isclose(found[x + 12, z + 7], -s * c * sp.y1(LAM * r), atol=1e-14)
+
+
+def test_columns_of_wide_elements_are_means_of_those_of_points():
+    """By brute force: 400 point detectors in place of each element."""
+    wide = circular_arc(1.3, 0.4, 7, center=(0.3, -0.2), angle=0.5, element_width=0.25)
+    shifts = 0.25 / 1.3 * ((np.arange(400) + 0.5) / 400 - 0.5)
+    turned = jax.vmap(
+        lambda shift: matrix_of(
+            jnp.array(LAM), eqx.tree_at(lambda c: c.angle, CURVE, CURVE.angle + shift), REGION
+        )
+    )
+    mean = turned(jnp.asarray(shifts)).mean(axis=0)
+    assert np.allclose(matrix_of(jnp.array(LAM), wide, REGION), mean, atol=1e-5)
+    assert not np.allclose(matrix_of(jnp.array(LAM), CURVE, REGION), mean, atol=1e-2)
+    rho = random_densities(1)
+    points = jnp.array([[0.3, 0.1], [-0.1, -0.4]])
+    values = jax.vmap(
+        lambda shift: potential_of(
+            jnp.array(LAM), rho, eqx.tree_at(lambda c: c.angle, CURVE, CURVE.angle + shift), points
+        )
+    )(jnp.asarray(shifts))
+    assert np.allclose(potential_of(jnp.array(LAM), rho, wide, points), values.mean(0), atol=1e-4)
 
 
 def random_densities(directions=2):

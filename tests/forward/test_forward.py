@@ -12,10 +12,12 @@ from jaxtat import (
     circular_integrals,
     circular_integrals_adjoint,
     circular_means,
+    detector_curve,
     phantoms,
 )
 from jaxtat.forward import integrate_over_circles, integrate_over_circles_adjoint
 from jaxtat.forward.circles import sample
+from jaxtat.geometry import SampledCurve
 
 CURVE, RADII = circular_arc(1.3, 1.0, 6), jnp.linspace(0.3, 2.3, 11)
 
@@ -91,7 +93,37 @@ def test_detectors_inside_the_grid_see_whole_circles():
     assert np.allclose(g, bell.circular_integrals(centre, radii), atol=2e-4)
 
 
+<<<<<<< HEAD
 def test_a_setup_has_its_integrals_adjoint_and_means_by_quadrature(arc):
+=======
+@pytest.mark.parametrize("kind", ["arc", "straight"])
+def test_data_of_wide_elements_are_means_of_those_of_points(kind):
+    """By brute force, of exact phantoms and by quadrature; the adjoint is the transpose."""
+    width, n = 0.3, 60
+    shares = (np.arange(n) + 0.5) / n - 0.5
+    if kind == "arc":
+        wide = circular_arc(1.3, 1.0, 6, element_width=width)
+        points = [circular_arc(1.3, 1.0, 6, angle=s * width / 1.3).points for s in shares]
+    else:
+        wide = detector_curve(CURVE.points, element_width=width)
+        tangents = np.asarray(wide.normals)[:, ::-1] * (-1, 1)
+        points = [wide.points + s * width * tangents for s in shares]
+    many = SampledCurve(jnp.concatenate(points), *([jnp.ones(6 * n), jnp.ones((6 * n, 2))]), False)
+    grid, bell = ImageGrid(17), phantoms.Bells([[0.1, 0.2]], [0.7])
+    exact = bell.circular_integrals(many, RADII).reshape(n, 6, -1).mean(axis=0)
+    assert np.allclose(bell.circular_integrals(wide, RADII), exact, atol=2e-5)
+    assert not np.allclose(bell.circular_integrals(CURVE, RADII), exact, atol=5e-3)
+    image = bell.image(grid)
+    mean = integrate_over_circles(image, grid, many, RADII).reshape(n, 6, -1).mean(axis=0)
+    g = integrate_over_circles(image, grid, wide, RADII)
+    assert np.allclose(g, mean, atol=2e-5)
+    data = jnp.asarray(np.random.default_rng(0).standard_normal(g.shape))
+    back = integrate_over_circles_adjoint(data, grid, wide, RADII)
+    assert np.isclose(jnp.vdot(g, data), jnp.vdot(image, back), rtol=1e-12)
+
+
+def test_a_setup_has_its_integrals_adjoint_and_means(arc):
+>>>>>>> elements
     """Also inside jit, passed in with other radii."""
     image = phantoms.Bells([[0.1, 0.2]], [0.6]).image(arc.grid)
     places = arc.grid, arc.curve, arc.radii

@@ -154,10 +154,12 @@ def polar_geometry(curve: DetectorCurve, region: Region, n_nodes: int = NODES) -
         if angle is None or angle.ndim == 0:
             return _about_arc(curve, region)
     if is_concrete(curve.points, curve.weights, curve.normals, region):
-        return _about_points(curve, region, n_nodes)
+        with jax.ensure_compile_time_eval():  # the width may be traced
+            geometry = _about_points(curve, region)
+        return _with_nodes(geometry, curve, n_nodes)
     center = _best_center(curve, region, jnp)
     local = curve.points - center
-    return PolarGeometry(
+    geometry = PolarGeometry(
         center=center,
         axis=jnp.zeros(()),
         detector_radius=jnp.linalg.norm(local, axis=1),
@@ -166,9 +168,13 @@ def polar_geometry(curve: DetectorCurve, region: Region, n_nodes: int = NODES) -
         region=region,
         mirror=False,
         disk=_is_whole_disk(region),
+<<<<<<< HEAD
         rim=0,
         nodes=_nodes(curve, center, jnp.zeros(()), n_nodes),
+=======
+>>>>>>> elements
     )
+    return _with_nodes(geometry, curve, n_nodes)
 
 
 def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
@@ -179,7 +185,8 @@ def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
     disk = concentric and _is_whole_disk(region)
     half = None
     if not disk and is_concrete(arc.points, arc.weights, region):
-        half = _one_side(region, arc.center, float(arc.angle))
+        with jax.ensure_compile_time_eval():
+            half = _one_side(region, arc.center, float(arc.angle))
     return PolarGeometry(
         center=arc.center,
         axis=arc.angle + jnp.pi,
@@ -194,7 +201,7 @@ def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
     )
 
 
-def _about_points(curve: DetectorCurve, region: Region, n_nodes: int) -> PolarGeometry:
+def _about_points(curve: DetectorCurve, region: Region) -> PolarGeometry:
     """Measured positions: on a circle and mirrored if they are to rounding."""
     center, radius = _circle(curve, region)
     local = np.asarray(curve.points) - np.asarray(center)
@@ -211,10 +218,8 @@ def _about_points(curve: DetectorCurve, region: Region, n_nodes: int) -> PolarGe
         and np.abs(distance - distance[::-1]).max() < _ROUNDING * distance.max()
         and elements_mirrored(curve, np.asarray(center), np.array([np.cos(axis), np.sin(axis)]))
     )
-    if radius is not None and _elements_alike(curve, local / distance[:, None]):
-        nodes = _nodes_of_one(curve, radius, n_nodes)
-    else:
-        radius, nodes = None, _nodes(curve, center, axis, n_nodes)
+    if not _elements_alike(curve, local / distance[:, None]):
+        radius = None
     half = _one_side(region, center, float(axis)) if mirrored and not disk else None
     return PolarGeometry(
         center=center,
@@ -225,8 +230,11 @@ def _about_points(curve: DetectorCurve, region: Region, n_nodes: int) -> PolarGe
         region=region if half is None else half,
         mirror=bool(mirrored and disk) or half is not None,
         disk=disk,
+<<<<<<< HEAD
         rim=_rim(region, half) if concentric else 0,
         nodes=nodes,
+=======
+>>>>>>> elements
     )
 
 
@@ -239,23 +247,20 @@ def _elements_alike(curve: DetectorCurve, outward: np.ndarray) -> bool:
     return straight and curve.element_width.ndim == 0 and bool(across.min() > 1 - _ROUNDING)
 
 
-def _nodes_of_one(curve: DetectorCurve, radius: Array, n: int) -> ElementNodes | None:
-    """Of a straight element that touches a circle in its middle."""
+def _with_nodes(geometry: PolarGeometry, curve: DetectorCurve, n: int) -> PolarGeometry:
+    """With the nodes of its elements, if these have a width."""
     if curve.element_width is None:
-        return None
-    nodes, weights = gauss_rule(n)
-    along = curve.element_width / 2 * nodes
-    distance = jnp.sqrt(radius**2 + along**2)
-    return ElementNodes(distance, jnp.arctan2(along, radius), jnp.asarray(weights))
-
-
-def _nodes(curve: DetectorCurve, center: Any, axis: Any, n: int) -> ElementNodes | None:
-    if curve.element_width is None:
-        return None
-    points, weights = curve.element_nodes(n)
-    local = jnp.moveaxis(points, 1, 0) - center
-    angles = jnp.arctan2(local[..., 1], local[..., 0]) - axis
-    return ElementNodes(jnp.linalg.norm(local, axis=-1), angles, weights)
+        return geometry
+    nodes, weights = map(jnp.asarray, gauss_rule(n))
+    if geometry.on_circle:  # straight, and touching the circle in their middles
+        radius = geometry.detector_radius
+        along = curve.element_width / 2 * nodes
+        distance, angles = jnp.sqrt(radius**2 + along**2), jnp.arctan2(along, radius)
+    else:
+        local = jnp.moveaxis(curve.element_nodes(n)[0], 1, 0) - geometry.center
+        distance = jnp.linalg.norm(local, axis=-1)
+        angles = jnp.arctan2(local[..., 1], local[..., 0]) - geometry.axis
+    return replace(geometry, nodes=ElementNodes(distance, angles, weights))
 
 
 def _circle(curve: DetectorCurve, region: Region) -> tuple[Array, Array | None]:

@@ -26,6 +26,7 @@ from jaxtat.densities.single_layer import potential_matrix
 
 PLACE = {"center": (0.3, -0.2), "angle": 0.8}
 ARC = circular_arc(1.5, 0.3, 31, **PLACE)
+WIDTHS = 0.3 * np.cos(np.linspace(-1.5, 1.5, 31))
 JITTER = np.random.default_rng(0).uniform(-0.02, 0.02, (31, 2))
 DISK = disk(1.0, n_boundary=240, **PLACE)
 HALF = disk(1.0, 0.3, n_boundary=240, **PLACE)
@@ -35,6 +36,11 @@ GEOMETRIES = {
     "half disk": (ARC, HALF),
     "askew": (ARC, ASKEW),
     "measured": (detector_curve(ARC.points + JITTER), DISK),
+    # elements of finite width: alike on a circle, as arcs and straight, and each for itself
+    "wide": (circular_arc(1.5, 0.3, 31, **PLACE, element_width=0.3), HALF),
+    "straight": (detector_curve(ARC.points, element_width=0.3), DISK),
+    "uneven": (circular_arc(1.5, 0.3, 31, **PLACE, element_width=WIDTHS), HALF),
+    "wide, measured": (detector_curve(ARC.points + JITTER, element_width=0.3), DISK),
 }
 FREQUENCIES = jnp.array([1.0, 8.0])
 
