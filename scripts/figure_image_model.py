@@ -8,22 +8,16 @@ Data of a smooth bell and of a disk, exact and as three models of the image give
 from pathlib import Path
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxtat
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "image_model.png"
-OBJECTS = {
-    "bell": jaxtat.phantoms.Bells([[0.1, 0.2]], [0.6]),
-    "disk": jaxtat.phantoms.Disks([[0.1, 0.2]], [0.4]),
-}
 
 
 def main() -> None:
+    jax.config.update("jax_enable_x64", True)
     curve, region = jaxtat.circular_arc(1.3, 1.0, 500), jaxtat.disk(1.0)
     setup = jaxtat.Setup(curve, region, jaxtat.ImageGrid(129))
     models = {
@@ -31,8 +25,12 @@ def main() -> None:
         "with the cosine window": jaxtat.forward_operator(setup, low_pass="cosine"),
         "bicubic": lambda image: jaxtat.circular_integrals(setup, image, method="quadrature"),
     }
+    objects = {
+        "bell": jaxtat.phantoms.Bells([[0.1, 0.2]], [0.6]),
+        "disk": jaxtat.phantoms.Disks([[0.1, 0.2]], [0.4]),
+    }
     figure, axes = plt.subplots(1, 2, figsize=(9, 3), layout="constrained")
-    for axis, (name, thing) in zip(axes, OBJECTS.items(), strict=True):
+    for axis, (name, thing) in zip(axes, objects.items(), strict=True):
         exact = np.asarray(thing.circular_integrals(setup.curve, setup.radii))
         axis.set(title=f"{name}: error of the data", xlabel="r", yscale="log", ylim=(1e-10, 1))
         for model, apply in models.items():

@@ -37,8 +37,8 @@ def scipy_operator(A: ForwardOperator) -> scipy.sparse.linalg.LinearOperator:
         dtype=np.dtype(into.dtype),
         matvec=lambda x: _flat(A, x, into.shape),  # pyright: ignore[reportCallIssue]
         rmatvec=lambda y: _flat(back, y, out.shape),
-        matmat=lambda x: _columns(A, x, into.shape),
-        rmatmat=lambda y: _columns(back, y, out.shape),
+        matmat=lambda x: _columns(A, x, into.shape),  # pyright: ignore[reportCallIssue]
+        rmatmat=lambda y: _columns(back, y, out.shape),  # pyright: ignore[reportCallIssue]
     )
 
 

@@ -93,9 +93,6 @@ def test_detectors_inside_the_grid_see_whole_circles():
     assert np.allclose(g, bell.circular_integrals(centre, radii), atol=2e-4)
 
 
-<<<<<<< HEAD
-def test_a_setup_has_its_integrals_adjoint_and_means_by_quadrature(arc):
-=======
 @pytest.mark.parametrize("kind", ["arc", "straight"])
 def test_data_of_wide_elements_are_means_of_those_of_points(kind):
     """By brute force, of exact phantoms and by quadrature; the adjoint is the transpose."""
@@ -122,8 +119,7 @@ def test_data_of_wide_elements_are_means_of_those_of_points(kind):
     assert np.isclose(jnp.vdot(g, data), jnp.vdot(image, back), rtol=1e-12)
 
 
-def test_a_setup_has_its_integrals_adjoint_and_means(arc):
->>>>>>> elements
+def test_a_setup_has_its_integrals_adjoint_and_means_by_quadrature(arc):
     """Also inside jit, passed in with other radii."""
     image = phantoms.Bells([[0.1, 0.2]], [0.6]).image(arc.grid)
     places = arc.grid, arc.curve, arc.radii

@@ -168,11 +168,7 @@ def polar_geometry(curve: DetectorCurve, region: Region, n_nodes: int = NODES) -
         region=region,
         mirror=False,
         disk=_is_whole_disk(region),
-<<<<<<< HEAD
         rim=0,
-        nodes=_nodes(curve, center, jnp.zeros(()), n_nodes),
-=======
->>>>>>> elements
     )
     return _with_nodes(geometry, curve, n_nodes)
 
@@ -230,11 +226,7 @@ def _about_points(curve: DetectorCurve, region: Region) -> PolarGeometry:
         region=region if half is None else half,
         mirror=bool(mirrored and disk) or half is not None,
         disk=disk,
-<<<<<<< HEAD
         rim=_rim(region, half) if concentric else 0,
-        nodes=nodes,
-=======
->>>>>>> elements
     )
 
 
