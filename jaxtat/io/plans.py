@@ -37,6 +37,7 @@ from ..geometry import (
     RegionUnion,
     SampledCurve,
 )
+from ..geometry.elements import MOST_NODES, checked_width
 from ..reconstruction import ReconstructionPlan, Setup
 from ..reconstruction.sizes import PlaneSizes
 from ..regularization import (
@@ -282,6 +283,10 @@ def _require_consistent(plan: Any) -> None:
             f"densities whose shape does not fit its {n} frequencies, {m} directions "
             f"and {detectors} detectors ({error})."
         ) from error
+    try:
+        checked_width(plan.curve.element_width, plan.curve.weights)
+    except ValueError as error:
+        raise ValueError(f"a curve whose {error}") from error
 
 
 def _require_plane(setup: Any) -> None:
@@ -301,6 +306,8 @@ def _require_sizes(plan: ReconstructionPlan) -> None:
     found, shape = (sizes.n_frequencies, sizes.n_directions), np.shape(plan.report.residual)
     if found != shape:
         raise ValueError(f"{found} frequencies and directions, but residuals of shape {shape}.")
+    if not 1 <= sizes.n_nodes <= MOST_NODES:
+        raise ValueError(f"{sizes.n_nodes} nodes on an element, expected 1 to {MOST_NODES}.")
     ends = [0, *(stop for _, stop, _ in sizes.groups)]
     starts = [*(start for start, _, _ in sizes.groups), found[0]]
     if sizes.groups and (starts != ends or sorted({*ends}) != ends):

@@ -49,7 +49,7 @@ def tiny(curve, method):
 def plans():
     """One for every kind of densities and curve: in closed form, by collocation, in waves."""
     arc = circular_arc(1.3, 1.0, 16)
-    wide = detector_curve(arc.points, element_width=0.1)
+    wide = detector_curve(arc.points, element_width=np.linspace(0.1, 0.2, 16))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "jaxtat.densities.harmonic.orders.WORTH_A_GROUP", 1.0
@@ -555,6 +555,8 @@ def test_arrays_that_do_not_fit_each_other_are_refused(tiny_plan, tmp_path, part
         (lambda p: p.setup.curve.weights, lambda a: a[:-1]),
         (lambda p: p.setup.curve.normals, lambda a: a[:-1]),
         (lambda p: p.setup.curve, lambda c: jax.tree.map(lambda a: a[:-1], c)),
+        (lambda p: p.setup.curve.element_width, lambda a: a[:-1]),
+        (lambda p: p.setup.curve.element_width, lambda a: a[None]),
     ],
 )
 def test_samples_that_do_not_fit_are_refused(plans, tmp_path, part, shorten):
@@ -617,6 +619,15 @@ def require_misfit(plan, folder, part, shorten):
     save_plan(eqx.tree_at(part, plan, shorten(part(plan))), folder / "odd.h5")
     with pytest.raises(ValueError, match=r"odd\.h5 .*shape"):
         load_plan(folder / "odd.h5")
+
+
+def test_elements_that_cannot_be_are_refused(plans, tmp_path):
+    plan = eqx.tree_at(
+        lambda p: p.setup.curve.element_width, plans["collocation"], replace_fn=jnp.negative
+    )
+    save_plan(plan, tmp_path / "odd.h5")
+    with pytest.raises(ValueError, match=r"odd\.h5 holds a curve whose element_width is -0\.2"):
+        load_plan(tmp_path / "odd.h5")
 
 
 def test_plans_are_not_loaded_in_32_bits(tiny_file):
@@ -694,6 +705,7 @@ def test_arrays_of_another_type_are_refused(files, tmp_path, name, value, reason
         ("sizes", "n_frequencies", 10**12, "residuals of shape"),
         ("sizes", "n_directions", 4.0, "n_directions"),
         ("sizes", "max_frequency", b"[5.0]", "max_frequency"),
+        ("sizes", "n_nodes", 10**9, "1000000000 nodes on an element, expected 1 to 100"),
     ],
 )
 def test_attributes_of_another_type_are_refused(files, tmp_path, group, name, value, reason):
