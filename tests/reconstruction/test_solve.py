@@ -195,6 +195,14 @@ def test_solver_follows_from_the_size(arc, half_arc, monkeypatch):
 
 # a small problem, whose parameters are all changed at once
 SMALL = Setup(circular_arc(1.5, 1.2, 30), disk(1.0), ImageGrid(9), max_frequency=12.0)
+SETUPS = {
+    name: Setup(curve, region, SMALL.grid, SMALL.radii, max_frequency=12.0)
+    for name, curve, region in (
+        ("arc", SMALL.curve, SMALL.region),
+        ("positions", detector_curve(SMALL.curve.points, closed=False), SMALL.region),
+        ("half disk", circular_arc(1.5, 0.15, 30), disk(1.0, 0.1)),
+    )
+}
 SHARED = {
     "g": data_of(BELL, SMALL),
     "alpha": jnp.array(1e-4),
@@ -213,15 +221,7 @@ PARAMETERS = {
 def energy_of(kind, solver):
     """A weighted sum of squared pixels; value and slopes."""
     weights = inside(SMALL) * np.random.default_rng(1).uniform(0.5, 1, SMALL.grid.shape)
-    measured = detector_curve(SMALL.curve.points, closed=False)
-    setup = SMALL
-    if kind != "arc":
-        curve, region = (
-            (measured, SMALL.region)
-            if kind == "positions"
-            else (circular_arc(1.5, 0.15, 30), disk(1.0, 0.1))
-        )
-        setup = Setup(curve, region, SMALL.grid, SMALL.radii, max_frequency=12.0)
+    setup = SETUPS[kind]
 
     def energy(parameters):
         if kind == "positions":

@@ -29,7 +29,7 @@ from .waves import angular
 
 
 class CutDisk(eqx.Module):
-    """What is alike at all frequencies with as many orders.
+    """What is alike at all frequencies.
 
     Attributes:
         distances: of the chord's points from the centre, and R [length].
@@ -42,6 +42,15 @@ class CutDisk(eqx.Module):
     waves: Float[Array, "2 more points"]
     arc: Float[Array, "2 orders orders"]
     turn: Float[Array, "2 orders"]
+
+    def up_to(self, n_max: int) -> "CutDisk":
+        """Fewer orders."""
+        return CutDisk(
+            self.distances,
+            self.waves[:, : n_max + 2],
+            self.arc[:, : n_max + 1, : n_max + 1],
+            self.turn[:, : n_max + 1],
+        )
 
 
 def cut_disk(geometry: PolarGeometry, n_max: int) -> CutDisk | None:

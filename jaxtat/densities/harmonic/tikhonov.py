@@ -107,11 +107,11 @@ class _Tables(eqx.Module):
 
     Attributes:
         detectors: T of detectors on a circle.
-        region: of a cut disk, for the orders of each group.
+        region: of a cut disk.
     """
 
     detectors: Float[Array, "blocks r r"] | None
-    region: list[CutDisk | None]
+    region: CutDisk | None
 
 
 def solve_harmonics(
@@ -142,17 +142,15 @@ def solve_harmonics(
     n_max = max(orders for *_, orders in groups)
     table = wave_table(geometry, frequencies, n_max)
     with_factor = geometry.disk or asked.rule.needs_matrix
-    shared = solver == "cholesky" and not with_factor
     tables = _Tables(
         circle_gram(geometry, n_max) if solver == "cholesky" and geometry.on_circle else None,
-        [cut_disk(geometry, orders) if shared else None for *_, orders in groups],
+        cut_disk(geometry, n_max) if solver == "cholesky" and not with_factor else None,
     )
 
     def at(
-        number: int, common: tuple[PolarGeometry, _Tables], wave: WaveTable, system: _System
+        orders: int, common: tuple[PolarGeometry, _Tables], wave: WaveTable, system: _System
     ) -> tuple[Array, SolveReport]:
         geometry, tables = common
-        orders = groups[number][-1]
         wave = wave.up_to(orders)
         gram = None if tables.detectors is None else cut_gram(geometry, tables.detectors, orders)
         if solver == "cg":
@@ -160,14 +158,15 @@ def solve_harmonics(
         elif with_factor:
             found, report = _factorised(geometry, wave, system, gram)
         else:
-            found, report = _without_factor(geometry, wave, system, gram, tables.region[number])
+            shared = None if tables.region is None else tables.region.up_to(orders)
+            found, report = _without_factor(geometry, wave, system, gram, shared)
         harmonics = wave.plane_scale * pairs(found)
         return jnp.pad(harmonics, [(0, 0)] * 2 + [(0, n_max - orders)]), report
 
     # One loop over all frequencies, and in it the program of the frequency's group. With a loop for
     # each group XLA on CPUs runs them at once, and their calls of the linear algebra library have
     # been seen to wait for each other's threads for ever.
-    programs = [partial(at, number) for number in range(len(groups))]
+    programs = [partial(at, orders) for *_, orders in groups]
     group = np.repeat(np.arange(len(groups)), [stop - start for start, stop, _ in groups])
 
     @jax.checkpoint
