@@ -91,7 +91,7 @@ class PointWaves(eqx.Module):
         def at(chunk: Array | PointTables, coefficients: list[Array]) -> Array:
             if not isinstance(chunk, PointTables):
                 # in 64 bits: factors of high orders are very large and very small
-                chunk = _point_tables(*(v.astype(float) for v in (chunk, self.frequencies)), last)
+                chunk = _point_tables(chunk.astype(float), self.frequencies.astype(float), last)
             functions, radial = chunk.functions.astype(dtype), chunk.radial.astype(dtype)
             found = []
             for part, band in zip(coefficients, bands, strict=True):

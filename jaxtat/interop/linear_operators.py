@@ -36,7 +36,7 @@ def scipy_operator(A: ForwardOperator) -> scipy.sparse.linalg.LinearOperator:
         shape=(out.size, into.size),
         dtype=np.dtype(into.dtype),
         matvec=lambda x: _flat(A, x, into.shape),  # pyright: ignore[reportCallIssue]
-        rmatvec=lambda y: _flat(back, y, out.shape),
+        rmatvec=lambda y: _flat(back, y, out.shape),  # pyright: ignore[reportCallIssue]
         matmat=lambda x: _columns(A, x, into.shape),  # pyright: ignore[reportCallIssue]
         rmatmat=lambda y: _columns(back, y, out.shape),  # pyright: ignore[reportCallIssue]
     )
