@@ -41,6 +41,31 @@ with install_import_hook("jaxtat", "beartype.beartype"):
         getattr(jaxtat, name)
 
 
+# The longest files, longest first: begun last, one of them would run on alone.
+SLOW = (
+    "test_notebooks.py",
+    "studies/test_calibration.py",
+    "spherical/test_reconstruction.py",
+    "studies/test_iterative.py",
+    "tests/test_docs.py",
+    "tests/test_gradients.py",
+    "steps/test_fbp.py",
+    "reconstruction/test_plan.py",
+    "reconstruction/test_setup.py",
+    "studies/test_noise_choice.py",
+    "studies/test_autofocus.py",
+    "tests/test_readme.py",
+)
+
+
+def pytest_collection_modifyitems(items):
+    def place(item):
+        path = item.path.as_posix()
+        return next((i for i, name in enumerate(SLOW) if path.endswith(name)), len(SLOW))
+
+    items.sort(key=place)
+
+
 @pytest.fixture(scope="session")
 def data_folder() -> Path:
     """Data made by others: JAXTAT_DATA, or ../shared/data beside the checkout."""
