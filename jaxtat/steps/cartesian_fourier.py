@@ -1,6 +1,6 @@
 """Steps 4 and 5 at once: filtered back-projection as one non-uniform Fourier sum.
 
-    f(x) = (1/2π) ∫_0^π dtheta Σ_k W_k P_k(theta) e^{i lambda_k x·theta},   lambda_k = 4/5 k d lambda
+    f(x) = (1/2π) ∫_0^π dtheta Σ_k W_k P_k(theta) e^{i lambda_k x·theta},  lambda_k = 4/5 k d lambda
 
 with P the transform of the projections, continued by zeros from 4 R to 5 R, and W that of the
 band-limited ramp, cut to this length, which treats the kink of |lambda| at 0 as exactly as `fbp`.
