@@ -78,6 +78,17 @@ def bench_direct_half_disk(measure):
     )
 
 
+@pytest.mark.parametrize("n", [257, 513])
+def bench_direct_larger_half_disk(measure, n):
+    case = problem(n, cut=0.0)
+    measure(
+        lambda: solve(case.setup, case.g, 1e-12, inversion="fourier").image,
+        n=n,
+        error=case.error,
+        rounds=3 if n == 257 else 1,
+    )
+
+
 @pytest.mark.parametrize("method", ["harmonic", "collocation", "collocation_without_mirror"])
 def bench_plan(measure, method, monkeypatch):
     """The last one as for an arc and a region that share no line of symmetry."""
