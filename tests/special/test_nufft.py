@@ -12,6 +12,13 @@ RNG = np.random.default_rng(0)
 TOLERANCE = 1e-12
 
 
+@pytest.fixture(params=["jax-finufft", "nufftax"], autouse=True)
+def library(request, monkeypatch):
+    """That of processors, and that of all else."""
+    if request.param == "nufftax":
+        monkeypatch.setattr("jaxtat.special.nufft.native", lambda: False)
+
+
 def random(*shape):
     return jnp.asarray(RNG.standard_normal(shape) + 1j * RNG.standard_normal(shape))
 
