@@ -99,7 +99,6 @@ def test_elements_without_width_are_points(arc):
     )
 
 
-SMALL = {"max_frequency": 12.0}
 DERIVED = {
     "arc": (circular_arc(1.5, 1.2, 30, element_width=0.3), disk(1.0)),
     "ellipse": (elliptic_arc((1.7, 1.5), 30, start=0.6, stop=5.7, element_width=0.3), disk(1.0)),
@@ -110,7 +109,7 @@ DERIVED = {
 def test_derivatives_in_the_width(name):
     """Both modes against central differences."""
     curve, region = DERIVED[name]
-    setup = Setup(curve, region, ImageGrid(9), **SMALL)
+    setup = Setup(curve, region, ImageGrid(9), max_frequency=12.0)
     g = data_of(BELL, setup)
     weights = inside(setup) * np.random.default_rng(1).uniform(0.5, 1, setup.grid.shape)
 
