@@ -89,10 +89,12 @@ class PointWaves(eqx.Module):
 
         @jax.checkpoint
         def at(chunk: Array | PointTables, coefficients: list[Array]) -> Array:
-            if not isinstance(chunk, PointTables):
+            tables = chunk
+            if not isinstance(tables, PointTables):
                 # in 64 bits: factors of high orders are very large and very small
-                chunk = _point_tables(chunk.astype(float), self.frequencies.astype(float), last)
-            functions, radial = chunk.functions.astype(dtype), chunk.radial.astype(dtype)
+                frequencies = self.frequencies.astype(float)
+                tables = _point_tables(tables.astype(float), frequencies, bands[-1])
+            functions, radial = tables.functions.astype(dtype), tables.radial.astype(dtype)
             found = []
             for part, band in zip(coefficients, bands, strict=True):
                 table = functions[: band.degrees, :, : band.orders]
@@ -101,7 +103,6 @@ class PointWaves(eqx.Module):
                 found.append(jnp.sum(sums * waves, axis=0))
             return jnp.concatenate(found, axis=1)
 
-        last = bands[-1]
         chunks = self.local if self.tables is None else self.tables
         found = jnp.moveaxis(jax.lax.map(lambda chunk: at(chunk, coefficients), chunks), 0, -2)
         return found.reshape(*found.shape[:2], -1)[..., : self.n_detectors]

@@ -72,3 +72,12 @@ def test_single_precision():
     assert single.dtype == np.complex64
     exact = from_grid(values, jnp.asarray(points), TOLERANCE)
     assert jnp.abs(single - exact).max() < 1e-5 * jnp.abs(exact).max()
+
+
+def test_transposes_are_exact_for_many_points_in_a_volume_too():
+    """Here the library's own choice of the fine grid differs by type, if there are two threads."""
+    points = jnp.asarray(RNG.uniform(-np.pi, np.pi, (300_000, 3)))
+    values, data = random(33, 33, 33), random(len(points))
+    found, back = from_grid(values, points, 1e-6), to_grid(data, points, values.shape, 1e-6)
+    gap = jnp.abs(jnp.sum(found * data) - jnp.sum(back * values))
+    assert gap < 1e-14 * jnp.linalg.norm(found) * jnp.linalg.norm(data)
