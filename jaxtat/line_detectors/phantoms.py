@@ -144,12 +144,12 @@ class ProjectedBalls(Phantom):
         self.exponent = whole_number("exponent", exponent, 0)
 
     def circular_integrals(
-        self, curve: DetectorCurve, radii: Numbers
+        self, curve: DetectorCurve, radii: Numbers, *, n_nodes: int = 16
     ) -> Float[Array, "detectors radii"]:
         """As for every phantom, for detectors outside all parts (ValueError)."""
         if is_concrete(self, curve):
             _require_outside(curve, np.asarray(self.centers), self.radii)
-        return super().circular_integrals(curve, radii)
+        return super().circular_integrals(curve, radii, n_nodes=n_nodes)
 
     def _profile(self, t: Array) -> Array:
         inside = t < 1
