@@ -50,6 +50,8 @@ class Kind(NamedTuple):
         require_fitting: (curve, region, radii): raise ValueError where they do not go together.
         basis: (curve, region, radii, sizes, solver, tolerance, mesh) -> the waves to solve in.
         default_rule: of sizes.
+        tolerance: relative error of the non-uniform FFTs of the forward operator. In space the
+            error of the image's band limit is larger, and digits cost more.
         fast_integrals: (curve, grid, radii, sizes, eta, tolerance) -> over circles or spheres of
             images that are band-limited, see `forward_operator`.
         integrals, adjoint: the same and back, of interpolated images by quadrature.
@@ -65,6 +67,7 @@ class Kind(NamedTuple):
     require_fitting: Callable[[Any, Any, Array], None]
     basis: Callable[..., Basis]
     default_rule: Callable[[Any], TikhonovRule]
+    tolerance: float
     fast_integrals: Callable[..., Any]
     integrals: Callable[..., Array]
     adjoint: Callable[..., Array]
@@ -116,6 +119,7 @@ PLANE = Kind(
     require_fitting=_require_plane,
     basis=plane_basis,
     default_rule=default_rule,
+    tolerance=1e-9,
     fast_integrals=circle_integrals,
     integrals=integrate_over_circles,
     adjoint=integrate_over_circles_adjoint,
@@ -136,6 +140,7 @@ SPACE = Kind(
     require_fitting=_require_space,
     basis=_spherical_basis,
     default_rule=lambda sizes: Tikhonov(DEFAULT_ALPHA_IN_SPACE),
+    tolerance=1e-7,
     fast_integrals=sphere_integrals,
     integrals=integrate_over_spheres,
     adjoint=integrate_over_spheres_adjoint,

@@ -14,8 +14,7 @@ from ..forward import CircleSizes, SphereSizes
 from ..steps.radon import LowPass, low_pass_at
 from .setup import Setup, require_setup
 
-# relative errors of the non-uniform FFTs, by the precision of the numbers
-TOLERANCES = {np.dtype(np.float64): 1e-9, np.dtype(np.float32): 1e-5}
+SINGLE_TOLERANCE = 1e-5  # of the non-uniform FFTs in float32
 
 
 class OperatorReport(NamedTuple):
@@ -129,8 +128,8 @@ def forward_operator(
         setup: detectors, grid and radii.
         low_pass: eta of lambda / lambda_max, such as `cosine_filter` or "cosine"; none by default.
         dtype: float64, or float32 for images, data and all that is kept: half the memory and errors
-            of 1e-5. It then works with 64-bit arithmetic off too, once it is made.
-        tolerance: relative error of the non-uniform FFTs; 1e-9, or 1e-5 in float32.
+            of 1e-5. Once it is made it works with 64-bit arithmetic off too, if its waves are kept.
+        tolerance: relative error of the non-uniform FFTs; 1e-9, in space 1e-7, in float32 1e-5.
 
     Returns:
         ForwardOperator, a `lineax.AbstractLinearOperator`.
@@ -149,9 +148,11 @@ def forward_operator(
     """
     require_setup(setup)
     chosen = np.dtype(np.float64 if dtype is None else dtype)
-    if chosen not in TOLERANCES:
+    if chosen not in (np.float32, np.float64):
         raise ValueError(f"dtype is {dtype!r}, expected float64 or float32.")
-    tolerance = TOLERANCES[chosen] if tolerance is None else float(tolerance)
+    if tolerance is None:
+        tolerance = SINGLE_TOLERANCE if chosen == np.float32 else setup.kind.tolerance
+    tolerance = float(tolerance)
     if not 1e-14 <= tolerance <= 0.1:
         raise ValueError(f"tolerance is {tolerance}, expected 1e-14 to 0.1.")
     sizes = setup.sizes.operator
