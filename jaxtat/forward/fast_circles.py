@@ -12,8 +12,8 @@ vanishes beyond T, so its Fourier-Bessel series is exact:
     g(z, r) = (2 r/T²) Σ_k G(z, lambda_k) J_0(lambda_k r) / J_1(lambda_k T)²,  J_0(lambda_k T) = 0.
 
 So the operator is a row of linear maps: a non-uniform FFT to the directions and frequencies, an FFT
-over directions, factors J_m, a non-uniform FFT to the detectors of a circle (elsewhere a matrix for
-each frequency), and a matrix over frequencies. Its transpose is the same backwards.
+over directions, factors J_m, a matrix or a non-uniform FFT to the detectors of a circle (elsewhere
+a matrix for each frequency), and a matrix over frequencies. Its transpose is the same backwards.
 
 The image is taken as band-limited between its pixels: as the sum of its nodes' values times a
 function whose spectrum is 1 for |xi| <= π/h, h the larger pixel side, and 0 beyond.
@@ -34,6 +34,8 @@ from ..geometry.elements import gauss_rule, mean_over_nodes
 from ..special import from_grid, hankel_sequence, j0, j1
 from .circle_sizes import CircleSizes
 
+# bytes of cosines and sines up to which a product with them is faster than a non-uniform FFT
+DENSE = 2**24
 KEPT = 1.5e9  # bytes of waves at detectors off a circle, above which they are made anew each time
 TOGETHER = 8  # frequencies whose waves are made at once
 
@@ -79,6 +81,8 @@ class CircleIntegrals(eqx.Module):
         positions: of the detectors.
         radial: (-i)^m J_m(lambda_k R), m >= 0, on a circle: (frequencies, orders), of elements the
             mean of J_m(lambda |z|) cos m (theta - theta_k); else None.
+        turned: cos m theta and -sin m theta on a circle, (2, orders, detectors); None of many
+            detectors, and elsewhere.
         tables: elsewhere J_m(lambda |z|) cos m theta and sin m theta with these factors, for each
             group of frequencies (frequencies, pairs, detectors); none on a circle, and where they
             would not fit into memory and are made anew each time.
@@ -91,6 +95,7 @@ class CircleIntegrals(eqx.Module):
     samples: PolarSamples
     positions: Positions
     radial: Float[Array, "frequencies orders"] | None
+    turned: Float[Array, "2 orders detectors"] | None
     tables: tuple[Float[Array, "..."], ...]
     series: Float[Array, "frequencies radii"]
     sizes: CircleSizes
@@ -123,8 +128,11 @@ class CircleIntegrals(eqx.Module):
         """G(z, lambda_k) of the frequencies of one group."""
         first, last, orders, _ = self.sizes.groups[number]
         if self.radial is not None:
-            factors = self.radial[first:last, : orders + 1]
-            return _around(harmonics * factors, self.positions.angles, self.tolerance)
+            harmonics = harmonics * self.radial[first:last, : orders + 1]
+            if self.turned is None:
+                return _around(harmonics, self.positions.angles, self.tolerance)
+            cosines, sines = self.turned[:, : orders + 1]
+            return harmonics.real @ cosines + harmonics.imag @ sines
         if self.tables:
             return jnp.einsum("bkm,kmd->bkd", _real_pairs(harmonics), self.tables[number])
         frequencies = jnp.asarray(self.sizes.frequencies[first:last], self.series.dtype)
@@ -176,6 +184,7 @@ def _integrals(
         samples=_samples(grid, positions.center, sizes),
         positions=positions,
         radial=None if positions.turns is None else _radial(positions, sizes),
+        turned=None if positions.turns is None else _turned(positions.angles, sizes),
         tables=_tables(positions, sizes) if positions.turns is None else (),
         series=series if eta is None else series * eta[:, None],
         sizes=sizes,
@@ -242,6 +251,16 @@ def _radial(positions: Positions, sizes: CircleSizes) -> Float[Array, "frequenci
     j, _ = hankel_sequence(orders, jnp.asarray(sizes.frequencies)[:, None] * positions.radii)
     cosines = jnp.cos(jnp.arange(orders + 1.0)[:, None] * positions.turns) * positions.weights
     return jnp.sum(j * cosines[:, None, :], axis=-1).T * _signs(orders)
+
+
+def _turned(
+    angles: Float[Array, " detectors"], sizes: CircleSizes
+) -> Float[Array, "2 orders detectors"] | None:
+    orders = sizes.groups[-1][2]
+    if 16 * (orders + 1) * angles.shape[0] > DENSE:
+        return None
+    phase = jnp.arange(orders + 1.0)[:, None] * angles
+    return jnp.stack([jnp.cos(phase), -jnp.sin(phase)])
 
 
 def _tables(positions: Positions, sizes: CircleSizes) -> tuple[Float[Array, "..."], ...]:
