@@ -11,7 +11,7 @@ since HDF5 trusts what it reads, and may fill the whole memory for one wrong bit
 
 import hashlib
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from io import BufferedRandom, BufferedReader
 from pathlib import Path
 from typing import Any, cast, get_args, get_origin
@@ -27,6 +27,7 @@ from ..base.checks import require_x64
 from ..base.cost import image_cost, require_room
 from ..densities import DensityReport, SampledDensities
 from ..densities.harmonic import DensityGroup, HarmonicDensities
+from ..forward import CircleSizes, circle_sizes
 from ..geometry import (
     CircularArc,
     DetectorCurve,
@@ -64,6 +65,7 @@ _KINDS: dict[str, type[eqx.Module]] = {
         ReconstructionPlan,
         Setup,
         PlaneSizes,
+        CircleSizes,
         CircularArc,
         SampledCurve,
         Disk,
@@ -105,6 +107,7 @@ def save_plan(plan: ReconstructionPlan, path: str | Path, *, precision: str = "a
     if precision == "single":
         single = plan.densities.in_single_precision()
         plan = eqx.tree_at(lambda tree: tree.densities, plan, single)
+    plan = _with_own_sizes(plan)
     with replacing(path) as temporary:
         arrays = jax.tree.leaves(eqx.filter(plan, eqx.is_array))
         with creating_hdf5(temporary, arrays, userblock_size=_BLOCK) as file:
@@ -141,6 +144,15 @@ def load_plan(path: str | Path) -> ReconstructionPlan:
     with refusing(f"{name} holds ", "what no plan can hold", again):
         _require_consistent(plan)
     return plan
+
+
+def _with_own_sizes(plan: ReconstructionPlan) -> ReconstructionPlan:
+    """With the operator's sizes of its own positions, which may have been replaced in a setup."""
+    setup = plan.setup
+    sizes = replace(setup.sizes, operator=circle_sizes(setup.curve, setup.grid))
+    return eqx.tree_at(
+        lambda tree: tree.setup.sizes, plan, sizes, is_leaf=lambda part: part is setup.sizes
+    )
 
 
 def _write(group: h5py.Group, module: eqx.Module) -> None:
@@ -267,6 +279,8 @@ def _require_consistent(plan: Any) -> None:
             lambda side: image_cost(tuple(k * side / largest for k in plan.grid.shape), n, m),
             largest,
         )
+    if plan.setup.sizes.operator != circle_sizes(plan.curve, plan.grid):
+        raise ValueError("sizes of a forward operator that are not of its detectors and pixels.")
     try:
         per_frequency(plan.regularization, n)
     except ValueError as error:
