@@ -108,7 +108,7 @@ def seal(path):
     """Give a changed file the digest that goes with it: the format, spelled out once more."""
     content = path.read_bytes()
     digest = hashlib.blake2b(content[BLOCK:]).hexdigest()
-    line = f"jaxtat plan 4 {digest}\n".encode()
+    line = f"jaxtat plan 5 {digest}\n".encode()
     path.write_bytes(line + content[len(line) :])
 
 
@@ -706,6 +706,8 @@ def test_arrays_of_another_type_are_refused(files, tmp_path, name, value, reason
         ("sizes", "n_directions", 4.0, "n_directions"),
         ("sizes", "max_frequency", b"[5.0]", "max_frequency"),
         ("sizes", "n_nodes", 10**9, "1000000000 nodes on an element, expected 1 to 100"),
+        ("sizes/operator", "n_frequencies", 10**12, "sizes of a forward operator"),
+        ("sizes/operator", "groups", b"[[0, 1]]", "groups"),
     ],
 )
 def test_attributes_of_another_type_are_refused(files, tmp_path, group, name, value, reason):
