@@ -228,11 +228,11 @@ def _ramp_kernel(n: int) -> Float[np.ndarray, " kernel"]:
     # the highest frequency stands for itself and its mirror image, of which irfft adds one more
     half = np.where(frequency == n, 0.5, 1.0)
     prefilter = quintic_prefilter(2 * np.pi * frequency / (long * OVERSAMPLING))
-    spectrum = np.fft.rfft(ramp_samples(long)) * half * prefilter * OVERSAMPLING
+    spectrum = np.fft.rfft(_ramp_samples(long)) * half * prefilter * OVERSAMPLING
     return np.fft.irfft(spectrum, long * OVERSAMPLING)
 
 
-def ramp_samples(n: int) -> Float[np.ndarray, " n"]:
+def _ramp_samples(n: int) -> Float[np.ndarray, " n"]:
     """h² k(j h), k(s) = (1/2π) ∫ |lambda| e^{i lambda s} dlambda over |lambda| < π/h, in FFT order.
 
     k(0) = π / (2 h²), and for j != 0 the integral is 0 (j even) or -2 / (π j² h²) (j odd).

@@ -26,8 +26,9 @@ def invert(
     """The image from its polar Fourier transform.
 
     "fbp": Radon projections and filtered back-projection, O(n³), to 1e-9 and better; nothing is
-    assumed of the image beyond the region. "fourier": the same filter and one non-uniform Fourier
-    sum, O(n² log n), to 1e-9 for images that vanish outside the disk about the region.
+    assumed of the image beyond the region. "fourier": interpolation to a Cartesian grid and one
+    Fourier sum, O(n² log n) and five to fifteen times faster, to 1e-9 for images that vanish
+    outside the disk about the region; what lies outside it is faded out.
 
     Args:
         fhat, frequency_step, angles, grid, center, eta: as in `direct_fourier_inversion`.

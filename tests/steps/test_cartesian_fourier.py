@@ -13,7 +13,7 @@ from jaxtat.steps import (
     polar_fourier_of_projections,
     radon_projections,
 )
-from jaxtat.steps.cartesian_fourier import direct_fourier_inversion
+from jaxtat.steps.cartesian_fourier import LATTICE_STEP, direct_fourier_inversion
 
 N, STEP = 128, jnp.array(jnp.pi / 2)  # the reach is 1
 ANGLES = 0.3 + jnp.arange(256) * jnp.pi / 256
@@ -73,7 +73,7 @@ def test_point_masses_give_the_plain_sum_over_the_lattice(n, n_directions, first
         jnp.asarray(center),
         jnp.asarray(low_pass(frequencies)),
     )
-    d = 8 / 5 * step  # repeats the image with a period of 5/2 of the reach
+    d = LATTICE_STEP * step
     xi = d * (np.stack(np.meshgrid(*2 * [np.arange(-n, n + 1)]), axis=-1).reshape(-1, 2))
     values = transform(xi) * low_pass(np.linalg.norm(xi, axis=1))
     waves = np.exp(1j * (np.asarray(grid.points) - center) @ xi.T)

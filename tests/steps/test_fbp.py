@@ -12,10 +12,10 @@ from jaxtat import ImageGrid, phantoms
 from jaxtat.steps import filtered_back_projection
 from jaxtat.steps.fbp import (
     OVERSAMPLING,
+    _ramp_samples,
     back_project,
     project,
     ramp_matrix,
-    ramp_samples,
 )
 
 CENTER, WIDTH = np.array([0.3, -0.2]), 0.5
@@ -161,7 +161,7 @@ def test_derivatives_through_jit_and_vmap():
 def test_the_ramp_has_every_other_sample_at_any_length():
     """At 412 of them, among others, numpy's frequencies are whole numbers but for rounding."""
     for n in (8, 196, 412):
-        samples = ramp_samples(n)
+        samples = _ramp_samples(n)
         assert np.all(samples[1::2] < 0) and not samples[2::2].any()
         # a constant passes but for what the cut ends leave: -Σ 2 / (π j²) beyond n / 2
         assert abs(samples.sum()) < 2 / n
