@@ -210,7 +210,7 @@ def test_a_full_ring_and_clean_data_are_good():
     found = levels(diagnosed())
     assert {level for level, _ in found} == {Level.GOOD}
     assert "Every edge in the region of interest" in found[0][1]
-    assert "explains 99.9 % of" in found[1][1]
+    assert "explains more than 99.9 % of" in found[1][1]
 
 
 def test_noise_is_told_from_what_the_model_gets_wrong():
