@@ -30,7 +30,12 @@ from jaxtyping import Array, Complex, Float
 from ..base.checks import is_concrete
 from ..geometry import Circle, CircularArc, DetectorCurve, ImageGrid, circle_through
 from ..geometry.circles import ROUNDING
-from ..geometry.elements import gauss_rule, mean_over_nodes
+from ..geometry.elements import (
+    gauss_rule,
+    mean_over_nodes,
+    nodes_touching_circle,
+    touch_circle,
+)
 from ..special import from_grid, hankel_sequence, j0, j1
 from .circle_sizes import CircleSizes
 
@@ -103,8 +108,8 @@ class CircleIntegrals(eqx.Module):
     tolerance: float = eqx.field(static=True)
 
     def __call__(self, images: Float[Array, "images x1 x2"]) -> Float[Array, "images detectors r"]:
-        values = from_grid(jax.lax.complex(images, jnp.zeros_like(images)), *self._where)
-        values = values * self.samples.factors
+        images = jax.lax.complex(images, jnp.zeros_like(images))
+        values = from_grid(images, self.samples.points, self.tolerance) * self.samples.factors
         parts, start = [], 0
         for number, (first, last, orders, turn) in enumerate(self.sizes.groups):
             stop = start + (last - first) * (turn // 2)
@@ -117,10 +122,6 @@ class CircleIntegrals(eqx.Module):
     def kept(self) -> bool:
         """Whether the waves at the detectors are, or are made anew in every product."""
         return self.radial is not None or bool(self.tables)
-
-    @property
-    def _where(self) -> tuple[Array, float]:
-        return self.samples.points, self.tolerance
 
     def _at_detectors(
         self, number: int, harmonics: Complex[Array, "images k orders"]
@@ -208,10 +209,8 @@ def _positions(curve: DetectorCurve, grid: ImageGrid, n_nodes: int) -> Positions
             turns = curve.element_angle / 2 * gauss_rule(n_nodes)[0]
         return Positions(circle.center, circle.radius[None], angles, turns, weights)
     local = curve.points - circle.center
-    along = jnp.zeros(1)
-    if curve.element_width is not None:
-        along = curve.element_width / 2 * gauss_rule(n_nodes)[0]
-    radii, turns = jnp.hypot(circle.radius, along), jnp.arctan2(along, circle.radius)
+    width, nodes = curve.element_width, gauss_rule(n_nodes)[0]
+    radii, turns = nodes_touching_circle(circle.radius, 0.0 if width is None else width, nodes)
     return Positions(circle.center, radii, jnp.arctan2(local[:, 1], local[:, 0]), turns, weights)
 
 
@@ -225,8 +224,7 @@ def _common_circle(curve: DetectorCurve) -> Circle | None:
     if circle is None or curve.element_width is None:
         return circle
     outward = np.asarray(curve.points - circle.center) / float(circle.radius)
-    touching = np.abs(np.sum(outward * np.asarray(curve.normals), axis=1)) > 1 - ROUNDING
-    return circle if touching.all() else None
+    return circle if touch_circle(curve.normals, outward, ROUNDING) else None
 
 
 def _samples(grid: ImageGrid, center: Float[Array, "2"], sizes: CircleSizes) -> PolarSamples:

@@ -118,6 +118,23 @@ def nodes_along_circle(
     return center + radius * turned
 
 
+def nodes_touching_circle(radius: Any, width: Any, nodes: Any) -> tuple[Array, Array]:
+    """Distances from a circle's centre, and angles, of a straight element that touches it.
+
+    Args:
+        radius, width: of the circle and of the element [length].
+        nodes: in (-1, 1).
+    """
+    along = width / 2 * nodes
+    return jnp.hypot(radius, along), jnp.arctan2(along, radius)
+
+
+def touch_circle(normals: Any, outward: Any, rounding: float) -> bool:
+    """Whether known straight elements are at right angles to the radii to them, unit vectors."""
+    across = np.abs(np.sum(np.asarray(normals) * outward, axis=1))
+    return bool(across.min() > 1 - rounding)
+
+
 def mean_over_nodes(compute: Callable[[Any], T], nodes: Any, weights: Float[Array, " nodes"]) -> T:
     """Σ_i c_i compute(nodes_i), one after the other, so that memory stays that of one.
 

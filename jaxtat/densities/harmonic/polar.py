@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from ...base.checks import is_concrete
 from ...geometry import CircularArc, DetectorCurve, Disk, Region, circle_through, near_circle
-from ...geometry.elements import NODES, gauss_rule
+from ...geometry.elements import NODES, gauss_rule, nodes_touching_circle, touch_circle
 from ..symmetry import elements_mirrored, mirrored_pairs
 from .orders import highest_orders
 
@@ -234,9 +234,9 @@ def _elements_alike(curve: DetectorCurve, outward: np.ndarray) -> bool:
     """Whether turning about the centre leads from one element to all others."""
     if curve.element_width is None:
         return True
-    across = np.abs(np.sum(np.asarray(curve.normals) * outward, axis=1))
-    straight = not isinstance(curve, CircularArc)
-    return straight and curve.element_width.ndim == 0 and bool(across.min() > 1 - _ROUNDING)
+    if isinstance(curve, CircularArc) or curve.element_width.ndim:
+        return False
+    return touch_circle(curve.normals, outward, _ROUNDING)
 
 
 def _with_nodes(geometry: PolarGeometry, curve: DetectorCurve, n: int) -> PolarGeometry:
@@ -245,9 +245,8 @@ def _with_nodes(geometry: PolarGeometry, curve: DetectorCurve, n: int) -> PolarG
         return geometry
     nodes, weights = map(jnp.asarray, gauss_rule(n))
     if geometry.on_circle:  # straight, and touching the circle in their middles
-        radius = geometry.detector_radius
-        along = curve.element_width / 2 * nodes
-        distance, angles = jnp.sqrt(radius**2 + along**2), jnp.arctan2(along, radius)
+        where = geometry.detector_radius, curve.element_width, nodes
+        distance, angles = nodes_touching_circle(*where)
     else:
         local = jnp.moveaxis(curve.element_nodes(n)[0], 1, 0) - geometry.center
         distance = jnp.linalg.norm(local, axis=-1)
