@@ -46,7 +46,7 @@ bench: .venv/ready
 	$(BIN)/python benchmarks/report.py benchmarks/results.json
 
 # code of every kind that depends on JAX: kernels, solvers, loops, custom derivatives, files
-LOWEST := tests/regularization/test_filtered_solve.py tests/studies/test_iterative.py \
+LOWEST := tests/regularization/test_filtered_solve.py tests/constraints/test_penalties.py \
 	tests/base/test_parallel.py tests/studies/test_comparison.py tests/steps/test_steps.py \
 	tests/special tests/io/test_images.py tests/io/test_plans.py jaxtat/steps jaxtat/reconstruction \
 	jaxtat/studies/uncertainty.py

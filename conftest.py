@@ -46,7 +46,7 @@ SLOW = (
     "test_notebooks.py",
     "studies/test_calibration.py",
     "spherical/test_reconstruction.py",
-    "studies/test_iterative.py",
+    "constraints/test_model_based.py",
     "tests/test_docs.py",
     "tests/test_gradients.py",
     "steps/test_fbp.py",

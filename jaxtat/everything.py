@@ -3,6 +3,14 @@
 # ruff: noqa: F401
 from . import line_detectors, phantoms, records, scans, spherical, studies
 from .base import scanners
+from .constraints import (
+    NoPenalty,
+    Ridge,
+    SecondOrderVariation,
+    TotalVariation,
+    Wavelets,
+    model_based,
+)
 from .geometry import (
     ImageGrid,
     VisibilityWarning,

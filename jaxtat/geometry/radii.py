@@ -48,9 +48,20 @@ def require_cover(curve: DetectorCurve, region: Region, radii: Float[Array, " ra
     boundary are nearly zero. Whether they also cover sources outside the region only the user can
     know, see `data_radii`.
     """
+    require_radii(radii)
+    missing = uncovered(curve, region, radii)
+    if missing:
+        raise ValueError(
+            f"{missing}: record longer, shrink the region, or check that radii and positions use "
+            "the same unit of length."
+        )
+
+
+def require_radii(radii: Float[Array, " radii"]) -> None:
+    """Raise ValueError unless radii are positive, increasing and without holes."""
     if radii.shape[0] < 4:
         raise ValueError(f"got {radii.shape[0]} radii, expected at least 4.")
-    if not is_concrete(curve, region, radii):
+    if not is_concrete(radii):
         return
     values = np.asarray(radii)
     if not (values[0] > 0 and (np.diff(values) > 0).all()):
@@ -58,7 +69,6 @@ def require_cover(curve: DetectorCurve, region: Region, radii: Float[Array, " ra
             f"radii run from {values[0]:.6g} to {values[-1]:.6g}, expected positive values in "
             "increasing order: sort them and drop r = 0, where the integral vanishes."
         )
-    least, most = _distances(curve, region)
     steps = np.diff(values)
     hole = int(np.argmax(steps))
     if steps[hole] > 4 * np.median(steps):
@@ -66,12 +76,21 @@ def require_cover(curve: DetectorCurve, region: Region, radii: Float[Array, " ra
             f"radii have a hole from {values[hole]:.6g} to {values[hole + 1]:.6g}, expected about "
             f"equal steps of {np.median(steps):.3g}: interpolate the data."
         )
-    if values[0] > least + steps[0] or values[-1] < most - steps[-1]:
-        raise ValueError(
-            f"radii run from {values[0]:.6g} to {values[-1]:.6g}, but circles about the detectors "
-            f"meet the region of interest for radii from {least:.6g} to {most:.6g}: record longer, "
-            "shrink the region, or check that radii and positions use the same unit of length."
-        )
+
+
+def uncovered(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"]) -> str:
+    """In words, which circles that meet the region have no data; "" for none, or traced ones."""
+    if not is_concrete(curve, region, radii):
+        return ""
+    values = np.asarray(radii)
+    least, most = _distances(curve, region)
+    steps = np.diff(values)
+    if values[0] <= least + steps[0] and values[-1] >= most - steps[-1]:
+        return ""
+    return (
+        f"radii run from {values[0]:.6g} to {values[-1]:.6g}, but circles about the detectors "
+        f"meet the region of interest for radii from {least:.6g} to {most:.6g}"
+    )
 
 
 def _distances(curve: DetectorCurve, region: Region) -> tuple[float, float]:

@@ -21,8 +21,8 @@ from ..geometry import (
     Region,
     VolumeGrid,
     data_radii,
-    require_cover,
     require_outside,
+    uncovered,
 )
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, SphericalCap
@@ -47,7 +47,8 @@ class Kind(NamedTuple):
         radii_per_pixel: of the default ones.
         sizes: (curve, region, grid, radii, max_frequency, n_directions, n_groups) -> sizes, and the
             region with enough boundary points.
-        require_fitting: (curve, region, radii): raise ValueError where they do not go together.
+        require_fitting: (curve, region): raise ValueError where they do not go together.
+        uncovered: (curve, region, radii) -> in words, which circles of the region have no data.
         basis: (curve, region, radii, sizes, solver, tolerance, mesh) -> the waves to solve in.
         default_rule: of sizes.
         tolerance: relative error of the non-uniform FFTs of the forward operator. In space the
@@ -64,7 +65,8 @@ class Kind(NamedTuple):
     radii: Callable[..., Array]
     radii_per_pixel: int
     sizes: Callable[..., tuple[Any, Any]]
-    require_fitting: Callable[[Any, Any, Array], None]
+    require_fitting: Callable[[Any, Any], None]
+    uncovered: Callable[[Any, Any, Array], str]
     basis: Callable[..., Basis]
     default_rule: Callable[[Any], TikhonovRule]
     tolerance: float
@@ -89,14 +91,13 @@ def _plane_radii(curve: DetectorCurve, region: Region, step: Array) -> Array:
     return data_radii(curve, region, step)
 
 
-def _require_plane(curve: DetectorCurve, region: Region, radii: Array) -> None:
-    require_outside(curve, region)
-    require_cover(curve, region, radii)
-
-
-def _require_space(curve: Any, region: Ball, radii: Array) -> None:
+def _require_space(curve: Any, region: Ball) -> None:
     require_fitting(curve, region)
-    _require_plane(curve.meridian, region.meridian, radii)
+    require_outside(curve.meridian, region.meridian)
+
+
+def _uncovered_in_space(curve: Any, region: Ball, radii: Array) -> str:
+    return uncovered(curve.meridian, region.meridian, radii)
 
 
 def _spherical_basis(
@@ -116,7 +117,8 @@ PLANE = Kind(
     radii=_plane_radii,
     radii_per_pixel=1,
     sizes=plane_sizes,
-    require_fitting=_require_plane,
+    require_fitting=require_outside,
+    uncovered=uncovered,
     basis=plane_basis,
     default_rule=default_rule,
     tolerance=1e-9,
@@ -138,6 +140,7 @@ SPACE = Kind(
     radii_per_pixel=2,
     sizes=space_sizes,
     require_fitting=_require_space,
+    uncovered=_uncovered_in_space,
     basis=_spherical_basis,
     default_rule=lambda sizes: Tikhonov(DEFAULT_ALPHA_IN_SPACE),
     tolerance=1e-7,

@@ -45,7 +45,7 @@ from ..regularization import (
 )
 from ..steps import AccuracyWarning, require_boundary
 from .plane_basis import StoredDensities
-from .setup import Setup, plane_of
+from .setup import Setup, plane_of, require_complete
 from .sizes import PlaneSizes, systems_fit
 
 METHODS = ("auto", "harmonic", "collocation", "series")
@@ -169,6 +169,7 @@ def build_plan(
     if method not in METHODS:
         raise ValueError(f"method is {method!r}, expected one of {', '.join(METHODS)}.")
     curve, region, _, sizes = plane_of(setup)
+    require_complete(setup)
     if method == "auto":
         method = "harmonic" if sizes.reached else "collocation"
     rule = _rule(method, rule, sizes.as_in_the_paper)

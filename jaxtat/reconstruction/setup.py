@@ -37,6 +37,8 @@ class Setup(eqx.Module):
         grid: where it is wanted.
         radii: r of the data, (radii,) [length].
         sizes: numbers of frequencies, directions and waves.
+        complete: whether the radii cover the region. Where they do not, as in records that end
+            early, there is no formula: `model_based` fits what was recorded.
     """
 
     curve: Any  # DetectorCurve, or in space SphericalCap or DetectorPoints
@@ -44,6 +46,7 @@ class Setup(eqx.Module):
     grid: Any  # ImageGrid or VolumeGrid
     radii: Float[Array, " radii"]
     sizes: PlaneSizes | SpaceSizes
+    complete: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -63,17 +66,17 @@ class Setup(eqx.Module):
                 or in space a `spherical_cap` or `DetectorPoints`.
             region: region of interest, `disk`, `polygon`, ..., or in space a `ball`.
             grid: `ImageGrid` or `VolumeGrid`.
-            radii: r > 0 of the data, increasing, covering the region and all other sources,
-                (radii,) [length]. By default those of `data_radii`, a pixel apart (in space half a
-                voxel).
+            radii: r > 0 of the data, increasing, (radii,) [length]; by default those of
+                `data_radii`, a pixel apart (in space half a voxel). All but `model_based` needs
+                those that cover the region and all other sources.
             max_frequency: lambda_max [rad/length]; by default π over the larger of pixel and radial
                 step, beyond which neither data nor image hold anything.
             n_directions: by default enough for lambda_max, a multiple of 32.
             n_groups: of frequencies that are solved alike: fewer compile sooner and run longer.
 
         Raises:
-            ValueError: for detectors in the region, radii that do not cover it, a grid that misses
-                it, wrong shapes, NaN, a traced geometry, or 64-bit arithmetic off.
+            ValueError: for detectors in the region, radii with holes, a grid that misses the
+                region, wrong shapes, NaN, a traced geometry, or 64-bit arithmetic off.
 
         Warns:
             VisibilityWarning: if lines through the region miss the curve.
@@ -102,6 +105,7 @@ class Setup(eqx.Module):
         self.sizes, self.region = kind.sizes(
             curve, region, grid, self.radii, max_frequency, n_directions, n_groups
         )
+        self.complete = not kind.uncovered(curve, self.region, self.radii)
 
     @property
     def kind(self) -> Kind:
@@ -164,7 +168,9 @@ class Setup(eqx.Module):
             lambda setup: [getattr(setup, name) for name in names], self, list(new.values())
         )
         if is_concrete(changed) and new.keys() & {"curve", "region", "radii"}:
-            self.kind.require_fitting(changed.curve, changed.region, changed.radii)
+            self.kind.require_fitting(changed.curve, changed.region)
+            if self.complete and self.kind.uncovered(changed.curve, changed.region, changed.radii):
+                raise ValueError(_incomplete(changed))
         return changed
 
 
@@ -190,6 +196,21 @@ def require_setup(setup: Any) -> None:
         raise ValueError(
             f"got a {type(setup).__name__}, expected a Setup(curve, region, grid, radii) first."
         )
+
+
+def require_complete(setup: Setup) -> None:
+    """Raise ValueError for radii that do not cover the region."""
+    if not setup.complete:
+        raise ValueError(_incomplete(setup))
+
+
+def _incomplete(setup: Setup) -> str:
+    missing = setup.kind.uncovered(setup.curve, setup.region, setup.radii)
+    return (
+        f"{missing or 'the radii of this setup do not cover its region'}: record longer, shrink "
+        "the region, check that radii and positions use the same unit of length, or fit what "
+        "there is with model_based(setup, g)."
+    )
 
 
 def require_waves(sizes: PlaneSizes) -> None:

@@ -16,7 +16,7 @@ from ..geometry import (
     ImageGrid,
     Region,
     near_circle,
-    require_cover,
+    require_radii,
     visibility,
 )
 from ..geometry.elements import enough_nodes
@@ -95,13 +95,13 @@ def plane_sizes(
     Orders are rounded up to fours, so that small changes of the geometry keep them.
     """
     with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
-        require_cover(curve, region, radii)  # before anything is made of their steps
+        require_radii(radii)  # before anything is made of their steps
         frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
         highest = float(frequencies[-1])
         if region.automatic:
             length = float(region.weights.sum())
             region = region.with_counts(region.shared_out(enough_boundary(length, highest)))
-        require_problem(curve, region, grid, radii)
+        require_problem(curve, region, grid)
         groups: tuple[tuple[int, int, int], ...] = ()
         geometry, reached = polar_geometry(curve, region), waves_reach(curve, region)
         systems_fit(curve, region, radii, (frequencies, angles), reached)

@@ -18,7 +18,7 @@ from ..steps.inversion import IMAGES, require_inversion
 from ..steps.radon import LowPass, low_pass_values
 from .pipeline import images_of
 from .plan import ReconstructionPlan
-from .setup import Setup, require_setup
+from .setup import Setup, require_complete, require_setup
 from .sizes import PlaneSizes
 
 FINER = 2  # waves that the detectors sample in the inner half of the region only
@@ -155,6 +155,7 @@ def solve(
     """
     require_x64()
     require_setup(setup)
+    require_complete(setup)
     require_inversion(inversion)
     if solver not in SOLVERS:
         raise ValueError(f"solver is {solver!r}, expected 'auto', 'cholesky' or 'cg'.")

@@ -4,7 +4,7 @@ from .channels import ChannelQuality, channel_quality, ranges
 from .impulse_response import remove_impulse_response
 from .noise import LEAST_SAMPLES, RecordNoise, noise_of_record, record_noise_level
 from .pressure import MODELS, condition_record, pressure_to_circular_integrals, require_equispaced
-from .pressure_simulation import circular_integrals_to_pressure
+from .pressure_simulation import circular_integrals_to_pressure, pressure_matrix
 from .sampling import Supported, first_arrival, sampled_frequency, supported
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "condition_record",
     "first_arrival",
     "noise_of_record",
+    "pressure_matrix",
     "pressure_to_circular_integrals",
     "ranges",
     "record_noise_level",

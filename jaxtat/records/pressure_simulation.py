@@ -79,29 +79,41 @@ def circular_integrals_to_pressure(
     True
     """
     radii = real_array("radii", radii, ("radii",))
-    times = real_array("times", times, ("times",))
     integrals = real_array("integrals", integrals, ("...", "detectors", radii.shape[0]))
+    matrix = pressure_matrix(radii, times, sound_speed=sound_speed, model=model)
+    _warn_of_ends(integrals)
+    return jnp.einsum("...kr,tr->...kt", integrals, matrix)
+
+
+def pressure_matrix(
+    radii: Numbers, times: Numbers, *, sound_speed: Numbers = 1.0, model: str = "2d"
+) -> Float[Array, "times radii"]:
+    """V with p(z, t_i) = Σ_j V_ij g(z, r_j), of `circular_integrals_to_pressure`.
+
+    Args:
+        radii, times, sound_speed, model: as there.
+
+    Returns:
+        (times, radii) [1/length; in-plane 1/length²].
+
+    Raises:
+        ValueError: as there.
+    """
+    radii = real_array("radii", radii, ("radii",))
+    times = real_array("times", times, ("times",))
     sound_speed = real_array("sound_speed", sound_speed, ())
     require_positive("sound_speed", sound_speed)
     if model not in MODELS:
         raise ValueError(f"model is {model!r}, expected '2d' or 'in-plane'.")
     _require_radii(radii)
     _require_times(times)
-    _warn_of_ends(integrals)
     n_panels = _n_panels(np.asarray(radii), np.asarray(times), sound_speed)
-    return _simulate(integrals, radii, times, sound_speed, model, n_panels)
+    return _simulation_matrix(radii, sound_speed * times, model, n_panels)
 
 
 @partial(jax.jit, static_argnames=("model", "n_panels"))
-def _simulate(
-    integrals: Array, radii: Array, times: Array, sound_speed: Array, model: str, n_panels: int
-) -> Array:
-    matrix = _simulation_matrix(radii, sound_speed * times, model, n_panels)
-    return jnp.einsum("...kr,tr->...kt", integrals, matrix)
-
-
 def _simulation_matrix(radii: Array, paths: Array, model: str, n_panels: int) -> Array:
-    """V with p = V g, ``paths`` being c t: the transform over radii, then back at the paths."""
+    """``paths`` being c t: the transform over radii, then back at the paths."""
     step = (radii[-1] - radii[0]) / (radii.shape[0] - 1)
     width = jnp.pi / step / n_panels
     nodes, weights = gauss_legendre(_NODES)

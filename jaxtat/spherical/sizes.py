@@ -10,7 +10,7 @@ from ..base.checks import Numbers, is_concrete
 from ..densities.harmonic.orders import highest_orders
 from ..forward import SphereSizes, sphere_sizes
 from ..forward.spheres import default_points
-from ..geometry import VolumeGrid, data_radii, require_cover, require_outside
+from ..geometry import VolumeGrid, data_radii, require_outside, require_radii
 from ..geometry.balls import Ball, enough_boundary
 from ..geometry.caps import DetectorPoints, Detectors, SphericalCap
 from ..steps import polar_grid, require_pixels, warn_of_detectors
@@ -103,7 +103,7 @@ def space_sizes(
     with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
         arc, disk = detectors.meridian, region.meridian
         require_outside(arc, disk)
-        require_cover(arc, disk, radii)
+        require_radii(radii)
         frequencies, angles = polar_grid(disk, grid, radii, max_frequency, n_directions)
         _require_nodes(region, grid)
         warn_of_visibility(detectors, region)

@@ -14,7 +14,6 @@ from ..geometry import (
     ImageGrid,
     Region,
     VisibilityWarning,
-    require_cover,
     require_outside,
     visibility,
 )
@@ -72,10 +71,9 @@ def polar_grid(
     return jax.device_put(frequencies), jax.device_put(angles)
 
 
-def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid, radii: Array) -> None:
+def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid) -> None:
     """Raise ValueError for a geometry that cannot work, warn of one that sees too little."""
     require_outside(curve, region)
-    require_cover(curve, region, radii)
     if not is_concrete(curve, region, grid):
         return
     require_pixels(grid, float(region.reach))

@@ -14,7 +14,6 @@ from .diagnosis import (
     plan_of,
     wave_accuracy,
 )
-from .iterative import IterativeReconstruction, least_squares, total_variation
 from .noise_choice import NoiseChoice, choose_regularization, image_power
 from .noise_law import predict_noise
 from .residual import DataResidual, data_residual
@@ -27,7 +26,6 @@ __all__ = [
     "DataNoise",
     "DataResidual",
     "Diagnosis",
-    "IterativeReconstruction",
     "NoiseChoice",
     "NoiseSource",
     "Uncertainty",
@@ -39,14 +37,12 @@ __all__ = [
     "data_residual",
     "diagnose",
     "image_power",
-    "least_squares",
     "noise_of_residual",
     "pixel_standard_deviation",
     "plan_of",
     "predict_noise",
     "sharpness",
     "sound_speed_by_sharpness",
-    "total_variation",
     "visibility_map",
     "wave_accuracy",
 ]

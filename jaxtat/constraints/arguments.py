@@ -1,0 +1,133 @@
+"""The arguments of `model_based`, checked, and what is fitted, made of them."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base.checks import Numbers, is_concrete, named, real_array, require_finite, require_positive
+from ..reconstruction import Setup, forward_operator
+from ..records import pressure_matrix
+from .data_fit import DataFit
+from .penalties import NoPenalty, Penalty, Ridge, TotalVariation
+from .recorded import PressureOf
+
+Pressure = tuple[Any, Any, str, Any]  # times, sound speed, model, conditioning
+
+
+def data_fit(
+    setup: Setup,
+    pressure: Pressure | None,
+    nonnegative: bool,
+    noise: Numbers | None,
+    mask: Any,
+    everywhere: bool,
+    dtype: Any,
+) -> DataFit:
+    """What is fitted: the operator, what the record went through, W and C."""
+    operator = forward_operator(setup, dtype=dtype)
+    record, shape = None, setup.data_shape
+    whitening = jnp.broadcast_to(1 / jnp.sqrt(setup.radii), shape)
+    if pressure is not None:
+        times, sound_speed, model, conditioning = pressure
+        times = real_array("times", times, ("times",))
+        matrix = pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
+        record = PressureOf(matrix.astype(operator.dtype), conditioning)
+        shape = (*setup.detectors_shape, times.shape[0])
+        whitening = jnp.ones(shape)
+    if noise is not None:
+        noise = real_array("noise", noise, None)
+        require_positive("noise", noise)
+        whitening = 1 / _spread("noise", noise, shape)
+    if mask is not None:
+        whitening = jnp.where(_mask(mask, shape), whitening, 0.0)
+    support = jnp.ones(setup.grid.shape, bool)
+    if not everywhere:
+        support = setup.region.contains(setup.grid.points)
+    return DataFit(
+        operator,
+        record,
+        whitening.astype(operator.dtype),
+        support,
+        bool(nonnegative),
+        noise is not None,
+    )
+
+
+def checked_data(
+    data: Numbers, fit: DataFit
+) -> tuple[Float[Array, "stack *data"], tuple[int, ...]]:
+    """W g of all images, one after the other, and the shape of the stack."""
+    shape = fit.whitening.shape
+    values = jnp.asarray(data)
+    if values.ndim >= len(shape) and values.shape[values.ndim - len(shape) :] == shape:
+        values = jnp.where(fit.whitening > 0, values, 0)  # what is left out may be NaN
+    values = real_array("data", values, ("...", *shape), fit.operator.dtype)
+    if not values.size:
+        raise ValueError(f"data have shape {values.shape}: a stack of no images at all.")
+    whitened = values * fit.whitening
+    return whitened.reshape(-1, *shape), values.shape[: values.ndim - len(shape)]
+
+
+def checked_penalty(penalty: Any) -> Any:
+    """The penalty itself, total variation for None, or ValueError."""
+    if penalty is None:
+        return TotalVariation()
+    if isinstance(penalty, type) or not (
+        isinstance(penalty, Penalty | Ridge | NoPenalty) or callable(penalty)
+    ):
+        raise ValueError(
+            f"penalty is {named(penalty)}, expected TotalVariation(), SecondOrderVariation(), "
+            "Wavelets(), Ridge(), NoPenalty() or a function (images, step) -> images."
+        )
+    return penalty
+
+
+def checked_weight(weight: Numbers | None, penalty: Any, dtype: Any) -> Float[Array, ""] | None:
+    """The weight as an array; None where it is to be found, and 0 where there is no penalty."""
+    if isinstance(penalty, NoPenalty):
+        return jnp.zeros((), dtype)
+    if weight is None:
+        if not isinstance(penalty, Penalty | Ridge):
+            raise ValueError("weight is None, and for a proximal map it must be given.")
+        return None
+    weight = real_array("weight", weight, ())
+    if is_concrete(weight) and float(weight) < 0:
+        raise ValueError(f"weight is {float(weight)}, expected zero or more.")
+    return weight.astype(dtype)
+
+
+def require_prox(penalty: Any, images: Array, step: Array) -> None:
+    """Raise ValueError for a proximal map of the user's that changes the shape or gives NaN."""
+    if isinstance(penalty, Penalty | Ridge | NoPenalty):
+        return
+    found = jax.eval_shape(penalty, images, step)
+    if getattr(found, "shape", None) != images.shape:
+        raise ValueError(
+            f"the proximal map makes {getattr(found, 'shape', found)} of {images.shape}, expected "
+            "images of the same shape."
+        )
+    if is_concrete(penalty, images, step):
+        require_finite("what the proximal map makes of the first image", penalty(images, step))
+
+
+def _spread(name: str, values: Array, shape: tuple[int, ...]) -> Array:
+    """Over the data of one image, or ValueError."""
+    try:
+        return jnp.broadcast_to(values, shape)
+    except ValueError:
+        raise ValueError(
+            f"{name} has shape {values.shape}, expected one that goes with the data of one image, "
+            f"{shape}."
+        ) from None
+
+
+def _mask(mask: Any, shape: tuple[int, ...]) -> Array:
+    if jnp.asarray(mask).dtype != bool:
+        raise ValueError(f"mask has dtype {jnp.asarray(mask).dtype}, expected True and False.")
+    chosen = _spread("mask", jnp.asarray(mask), shape)
+    if is_concrete(chosen) and not np.asarray(chosen).any():
+        raise ValueError("mask is False everywhere: there are no data left.")
+    return chosen

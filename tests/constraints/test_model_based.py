@@ -1,0 +1,331 @@
+"""Images with constraints: against other minimisers, exact images and differences."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+from numpy.testing import assert_allclose
+from scipy.optimize import minimize
+
+import jaxtat
+from jaxtat import NoPenalty, Ridge, SecondOrderVariation, TotalVariation, Wavelets, model_based
+from jaxtat.constraints.implicit import Problem, objective
+from jaxtat.records import circular_integrals_to_pressure, condition_record
+
+BELL = jaxtat.phantoms.Bells([[0.1, 0.2], [-0.3, -0.2]], [0.5, 0.6], [1.0, 0.7])
+DISK = jaxtat.phantoms.Disks([[0.1, 0.1]], [0.5], [1.0])
+
+
+@pytest.fixture(scope="module")
+def few():
+    """Twelve detectors on an arc: far fewer data than pixels."""
+    curve = jaxtat.circular_arc(1.3, 1.0, 12)
+    return jaxtat.Setup(curve, jaxtat.disk(1.0), jaxtat.ImageGrid(17), max_frequency=10.0)
+
+
+@pytest.fixture(scope="module")
+def data(few):
+    g = BELL.circular_integrals(few.curve, few.radii)
+    return g + 0.03 * np.random.default_rng(1).standard_normal(g.shape)
+
+
+@pytest.fixture(scope="module")
+def matrix(few):
+    """A on the pixels of the region."""
+    inside = np.asarray(few.region.contains(few.grid.points)).ravel()
+    return np.asarray(jaxtat.forward_operator(few).as_matrix())[:, inside], inside
+
+
+def error(setup, image, phantom):
+    inside = setup.region.contains(setup.grid.points)
+    off = jnp.where(inside, image - phantom.image(setup.grid), 0.0)
+    return float(jnp.linalg.norm(off) / jnp.linalg.norm(phantom.image(setup.grid)))
+
+
+def test_ridge_is_what_dense_equations_give(few, data, matrix):
+    a, inside = matrix
+    found = model_based(few, data, penalty=Ridge(), weight=0.3, noise=0.5, tolerance=1e-10)
+    wanted = np.linalg.solve(a.T @ a / 0.25 + 0.3 * np.eye(inside.sum()), a.T @ data.ravel() / 0.25)
+    assert found.converged
+    assert_allclose(found.image.ravel()[inside], wanted, atol=1e-7)
+    assert_allclose(found.image.ravel()[~inside], 0, atol=0)
+    left = np.linalg.norm(a @ wanted - data.ravel()) / np.linalg.norm(data)
+    assert_allclose(found.residual, left, rtol=1e-6)
+
+
+@pytest.mark.parametrize("nonnegative", [False, True], ids=["any", "nonnegative"])
+@pytest.mark.parametrize(
+    "penalty",
+    [TotalVariation(smoothing=0.05), SecondOrderVariation(smoothing=0.05), Wavelets(), Ridge()],
+    ids=["tv", "second order", "wavelets", "ridge"],
+)
+def test_minima_are_those_of_another_minimiser(few, data, matrix, penalty, nonnegative):
+    """L-BFGS-B with a dense matrix; without noise rows are weighted by 1/√r."""
+    a, inside = matrix
+    rows = 1 / np.sqrt(np.broadcast_to(few.radii, few.data_shape)).ravel()
+    a, b = a * rows[:, None], data.ravel() * rows
+    options = {"nonnegative": nonnegative, "weight": 0.05, "tolerance": 1e-7, "max_steps": 3000}
+    found = model_based(few, data, penalty=penalty, **options)
+    assert found.converged
+    # the size of the image, of which smoothing is a fraction
+    square = float(1.05 * np.linalg.norm(a, 2) ** 2)
+    delta = getattr(penalty, "smoothing", 0.0) * np.abs(a.T @ b).max() / square
+
+    @jax.jit
+    def cost(values):
+        images = jnp.zeros(inside.size).at[np.flatnonzero(inside)].set(values)
+        images = images.reshape(1, *few.grid.shape)
+        charged = jnp.sum(images**2) / 2
+        if not isinstance(penalty, Ridge):
+            charged = penalty.value(images, delta)
+        return jnp.sum((a @ values - b) ** 2) / 2 + 0.05 * charged
+
+    best = minimize(
+        lambda u: tuple(map(np.asarray, jax.value_and_grad(cost)(u))),
+        np.zeros(inside.sum()),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(0.0 if nonnegative else None, None)] * int(inside.sum()),
+        options={"maxiter": 20000, "maxfun": 40000, "ftol": 1e-15, "gtol": 1e-9},
+    )
+    ours = float(cost(found.image.ravel()[inside]))
+    assert ours <= best.fun * (1 + 1e-6)
+    assert_allclose(found.image.ravel()[inside], best.x, atol=5e-3)
+
+
+def test_constraints_help_where_a_formula_does_not(few):
+    g = DISK.circular_integrals(few.curve, few.radii)
+    found = model_based(few, g, nonnegative=True)
+    plain = model_based(few, g, penalty=NoPenalty())
+    assert float(found.image.min()) >= 0
+    assert error(few, found.image, DISK) < 0.6 * error(few, plain.image, DISK)
+
+
+def test_the_weight_follows_the_noise(arc):
+    """It is near the best one, on a phantom that it was not chosen on."""
+    phantom = jaxtat.phantoms.Disks([[-0.2, 0.3], [0.3, -0.2]], [0.4, 0.3], [1.0, 0.6])
+    exact = phantom.circular_integrals(arc.curve, arc.radii)
+    for level in (0.05, 0.15):
+        sigma = level * float(jnp.sqrt(jnp.mean(exact**2)))
+        g = exact + sigma * np.random.default_rng(2).standard_normal(exact.shape)
+        errors = [
+            error(arc, model_based(arc, g, noise=sigma, weight=w, nonnegative=True).image, phantom)
+            for w in (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+        ]
+        for noise in (sigma, None):
+            found = model_based(arc, g, noise=noise, nonnegative=True)
+            assert found.converged
+            assert error(arc, found.image, phantom) < 1.2 * min(errors)
+
+
+def test_stacks_are_found_one_by_one_and_joint_ones_together(few, data):
+    stack = jnp.stack([data, 2 * data, data[::-1]])
+    found = model_based(few, stack, weight=0.05)
+    assert found.image.shape == (3, 17, 17) and found.converged.shape == (3,)
+    assert_allclose(found.image[0], model_based(few, data, weight=0.05).image, atol=1e-12)
+    same = jnp.stack([data, data])
+    joint = model_based(few, same, penalty=TotalVariation(joint=True), weight=0.05 * 2**0.5)
+    assert joint.steps.shape == () and joint.image.shape == (2, 17, 17)
+    # two equal images share edges: |(d, d)| = √2 |d|, so that each pays what it would pay alone
+    assert_allclose(joint.image[0], joint.image[1], atol=1e-12)
+    alone = model_based(few, data, weight=0.05, tolerance=1e-6, max_steps=2000).image
+    options = {"weight": 0.05 * 2**0.5, "tolerance": 1e-6, "max_steps": 2000}
+    joint = model_based(few, same, penalty=TotalVariation(joint=True), **options)
+    assert_allclose(joint.image[0], alone, atol=2e-4)
+
+
+def test_data_that_are_left_out_do_not_matter(few, data):
+    mask = np.ones(few.data_shape, bool)
+    mask[3], mask[7, :5] = False, False
+    spoiled = np.where(mask, data, np.nan)
+    options = {"weight": 0.05, "tolerance": 1e-6, "max_steps": 1000}
+    found = model_based(few, spoiled, mask=mask, **options)
+    noise = np.where(mask, np.sqrt(few.radii), 1e12)  # as good as not there
+    other = model_based(few, np.where(mask, data, 5.0), noise=noise, **options)
+    assert_allclose(found.image, other.image, atol=1e-5)
+    rows = model_based(few, data, mask=np.arange(12)[:, None] != 3, weight=0.05)
+    assert rows.converged
+
+
+def test_short_records_are_fitted_and_refused_elsewhere():
+    curve = jaxtat.circular_arc(1.3, 1.3, 64)
+    whole = jaxtat.Setup(curve, jaxtat.disk(0.8), jaxtat.ImageGrid(21, 0.8))
+    radii = whole.radii[whole.radii < 1.35]
+    setup = jaxtat.Setup(curve, whole.region, whole.grid, radii)
+    assert whole.complete and not setup.complete
+    g = BELL.circular_integrals(curve, radii)
+    found = model_based(setup, g, penalty=NoPenalty(), tolerance=1e-4)
+    assert error(setup, found.image, BELL) < 0.02
+    for refused in (jaxtat.solve, jaxtat.reconstruct):
+        with pytest.raises(ValueError, match=r"radii run from .* model_based"):
+            refused(setup, g)
+    with pytest.raises(ValueError, match="model_based"):
+        jaxtat.build_plan(setup)
+
+
+def test_pressure_is_fitted_as_it_was_conditioned(few):
+    """A band-passed record has lost the low frequencies that f >= 0 brings back."""
+    setup = jaxtat.Setup(few.curve, few.region, few.grid, jaxtat.data_radii(
+        few.curve, few.region, 1 / 32))  # fmt: skip
+    times = jnp.linspace(0.0, 3.0, 300)
+    g = BELL.circular_integrals(setup.curve, setup.radii)
+    raw = circular_integrals_to_pressure(g, setup.radii, times)
+    high_pass = functools.partial(condition_record, times=times, band=(0.5, 40.0), baseline=False)
+    record = high_pass(raw)
+    found = model_based(
+        setup, record, times=times, conditioning=high_pass, nonnegative=True, weight=1e-4,
+        max_steps=400,
+    )  # fmt: skip
+    assert found.residual < 0.05
+    assert error(setup, found.image, BELL) < 0.15
+    blind = model_based(setup, record, times=times, nonnegative=True, weight=1e-4, max_steps=400)
+    assert blind.residual > 3 * found.residual  # of a model that does not know of the band
+
+
+def test_a_proximal_map_of_ones_own_is_taken(few, data):
+    """Ridge's, so that the answer is known, with its derivative in a parameter."""
+
+    class Shrink(eqx.Module):
+        strength: jax.Array
+
+        def __call__(self, images, step):
+            return images / (1 + self.strength * step)
+
+    options = {"weight": 0.5, "tolerance": 1e-9, "max_steps": 3000}
+    own = model_based(few, data, penalty=Shrink(jnp.array(2.0)), **options).image
+    twice = model_based(few, data, penalty=Ridge(), **(options | {"weight": 1.0})).image
+    assert_allclose(own, twice, atol=1e-6)
+
+    def size(strength, penalty):
+        return jnp.sum(model_based(few, data, penalty=penalty(strength), **options).image ** 2)
+
+    slope = jax.grad(lambda s: size(s, Shrink))(2.0)
+
+    def ridge(weight):
+        return jnp.sum(
+            model_based(few, data, penalty=Ridge(), **(options | {"weight": weight / 2})).image ** 2
+        )
+
+    assert_allclose(slope, jax.grad(ridge)(2.0), rtol=1e-4)
+
+
+@pytest.mark.parametrize("nonnegative", [False, True], ids=["any", "nonnegative"])
+def test_derivatives_are_those_of_differences(few, data, nonnegative):
+    """In data, weight, noise, radii, detectors and smoothing, in both modes."""
+    pixels = jnp.asarray(np.random.default_rng(3).standard_normal((17, 17)))
+
+    def total(g, log_weight, noise, radii, points, smoothing):
+        setup = few.replace(curve=jaxtat.detector_curve(points, few.curve.weights), radii=radii)
+        found = model_based(
+            setup,
+            g,
+            penalty=TotalVariation(smoothing=smoothing),
+            weight=10**log_weight,
+            noise=noise,
+            nonnegative=nonnegative,
+            tolerance=1e-12,
+            max_steps=20000,
+        )
+        return jnp.sum(pixels * found.image)
+
+    arguments = (data, jnp.array(-1.0), jnp.array(0.4), few.radii, few.curve.points, jnp.array(0.3))
+    few = few.replace(curve=few.curve)
+    check_grads(total, arguments, order=1, modes=("fwd", "rev"), eps=1e-4, rtol=2e-4, atol=2e-5)
+
+
+def test_unrolled_steps_are_differentiated_as_they_are(few, data):
+    def found(g, weight):
+        return model_based(few, g, weight=weight, steps=4, unrolled=True)
+
+    assert int(found(data, 0.1).steps) == 4
+    state = model_based(few, data, weight=0.1, max_steps=4, tolerance=1e-15)
+    assert_allclose(found(data, 0.1).image, state.image, atol=1e-12)
+    total = lambda g, weight: jnp.sum(found(g, weight).image ** 2)  # noqa: E731
+    check_grads(total, (data, jnp.array(0.1)), order=1, modes=("fwd", "rev"), rtol=1e-4)
+
+
+def test_in_space_and_in_single_precision(cap, few, data):
+    ball = jaxtat.spherical.Bells([[0.1, 0.0, 0.2]], [0.7])
+    setup = cap
+    g = ball.spherical_integrals(setup.curve, setup.radii)
+    found = model_based(setup, g, nonnegative=True, dtype=jnp.float32)
+    assert found.image.dtype == jnp.float32 and found.converged
+    wanted = ball.volume(setup.grid)
+    assert float(jnp.linalg.norm(found.image - wanted) / jnp.linalg.norm(wanted)) < 0.1
+    single = model_based(few, data, weight=0.05, dtype=jnp.float32).image
+    assert_allclose(single, model_based(few, data, weight=0.05).image, atol=2e-3)
+
+
+def test_it_works_inside_jit_and_a_new_number_compiles_nothing(few, data):
+    @jax.jit
+    def image(g, weight):
+        return model_based(few, g, weight=weight, nonnegative=True).image
+
+    assert_allclose(
+        image(data, 0.05), model_based(few, data, weight=0.05, nonnegative=True).image, atol=1e-10
+    )
+    image(2 * data, 0.01)
+    assert image._cache_size() == 1
+
+
+def test_progress_changes_nothing(few, data, capsys):
+    shown = model_based(few, data, weight=0.05, progress=True)
+    assert "change=" in capsys.readouterr().err
+    assert_allclose(shown.image, model_based(few, data, weight=0.05).image, atol=0)
+    assert np.isfinite(np.asarray(shown.history)).sum() == int(shown.steps)
+
+
+def test_not_converged_is_said(few, data):
+    assert not model_based(few, data, weight=1e-3, max_steps=2).converged
+    assert not model_based(few, data, penalty=NoPenalty(), max_steps=2).converged
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"weight": -1.0}, "weight is -1"),
+        ({"penalty": "tv"}, "penalty is 'tv', expected TotalVariation"),
+        ({"penalty": TotalVariation}, "penalty is"),
+        ({"penalty": lambda images, step: images}, "weight is None"),
+        ({"penalty": lambda images, step: images[:, 1:], "weight": 1.0}, "same shape"),
+        ({"penalty": lambda images, step: images / 0, "weight": 1.0}, "proximal map makes"),
+        ({"mask": np.zeros((12, 1), bool)}, "mask is False everywhere"),
+        ({"mask": np.ones((12, 1))}, "mask has dtype float64"),
+        ({"mask": np.ones((5, 1), bool)}, "mask has shape"),
+        ({"noise": 0.0}, "noise is"),
+        ({"noise": np.ones(3)}, "noise has shape"),
+        ({"tolerance": 0.0}, "tolerance is"),
+        ({"max_steps": 0}, "max_steps is 0"),
+        ({"steps": 3}, "steps= and unrolled=True"),
+        ({"unrolled": True}, "steps= and unrolled=True"),
+        ({"initial": np.zeros((3, 3))}, "initial has shape"),
+        ({"dtype": int}, "dtype is"),
+    ],
+)
+def test_bad_input_is_refused(few, data, change, message):
+    with pytest.raises(ValueError, match=message):
+        model_based(few, data, **change)
+    with pytest.raises(ValueError, match="data has shape"):
+        model_based(few, data[:, :-1])
+    with pytest.raises(ValueError, match="data holds 1 NaN"):
+        model_based(few, data.at[0, 0].set(np.nan))
+
+
+def test_what_is_minimised_is_the_formula(few, data):
+    """The objective from which derivatives come, spelled out with the operator."""
+    from jaxtat.constraints.arguments import checked_data, data_fit
+    from jaxtat.constraints.fista import scale_of
+
+    fit = data_fit(few, None, False, 0.5, None, False, None)
+    whitened, _ = checked_data(data, fit)
+    scale = scale_of(fit, whitened)
+    image = jnp.where(few.region.contains(few.grid.points), BELL.image(few.grid), 0.0)
+    problem = Problem(fit, whitened, TotalVariation(), jnp.array(0.1), scale)
+    misfit = jnp.sum((jaxtat.circular_integrals(few, image) - data) ** 2) / 0.5**2 / 2
+    variation = TotalVariation().value(image[None], 1e-3 * scale.image)
+    wanted = (misfit + 0.1 * variation) / scale.square
+    assert_allclose(objective(problem, image[None]), wanted, rtol=1e-9)

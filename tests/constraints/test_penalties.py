@@ -1,0 +1,104 @@
+"""Penalties and their proximal maps against definitions and a general-purpose minimiser."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import minimize
+
+from jaxtat import SecondOrderVariation, TotalVariation, Wavelets
+from jaxtat.constraints.proximal import prox
+
+RNG = np.random.default_rng(0)
+IMAGES = jnp.asarray(RNG.standard_normal((2, 9, 8)))
+PENALTIES = [
+    TotalVariation(),
+    SecondOrderVariation(),
+    Wavelets(2),
+    TotalVariation(joint=True),
+    Wavelets(joint=True),
+]
+NAMES = ["tv", "second order", "wavelets", "joint tv", "joint wavelets"]
+
+
+@pytest.mark.parametrize("penalty", PENALTIES, ids=NAMES)
+@pytest.mark.parametrize("shape", [(1, 12, 10), (1, 6, 5, 7)])
+def test_the_bound_is_one_and_not_far(penalty, shape):
+    matrix = jax.jacobian(lambda f: penalty.parts(f).ravel())(jnp.zeros(shape))
+    square = np.linalg.norm(np.asarray(matrix).reshape(matrix.shape[0], -1), 2) ** 2
+    assert 0.2 * penalty.bound(len(shape) - 1) < square < penalty.bound(len(shape) - 1)
+
+
+@pytest.mark.parametrize("penalty", PENALTIES, ids=NAMES)
+def test_flat_images_cost_nothing_but_the_rounding(penalty):
+    flat = jnp.full((2, 9, 8), 3.0)
+    sizes = penalty.sizes(penalty.parts(flat))
+    assert_allclose(penalty.value(flat, 1e-6), 5e-7 * sizes.size, rtol=1e-6)
+    assert float(penalty.value(IMAGES, 1e-6)) > 10
+
+
+def test_values_are_those_of_the_formulas():
+    f = np.asarray(IMAGES[0])
+    d1, d2 = np.diff(f, axis=0, append=f[-1:]), np.diff(f, axis=1, append=f[:, -1:])
+    one = TotalVariation().value(IMAGES[:1], 1e-12)
+    assert_allclose(one, np.hypot(d1, d2).sum(), rtol=1e-9)
+    both = TotalVariation(joint=True).value(jnp.stack([IMAGES[0], 2 * IMAGES[0]]), 1e-12)
+    assert_allclose(both, np.sqrt(5) * one, rtol=1e-9)
+    slope = jnp.arange(9.0)[:, None] + 2 * jnp.arange(8.0)
+    inside = SecondOrderVariation().parts(slope[None])[:, 0, 1:-1, 1:-1]
+    assert_allclose(inside, 0, atol=1e-12)  # a slope costs nothing inside
+    x = np.arange(9.0)[:, None] ** 2 + 3 * np.arange(9.0)[:, None] * np.arange(8.0)
+    parts = np.asarray(SecondOrderVariation().parts(jnp.asarray(x)[None]))[:, 0, 1:-1, 1:-1]
+    assert_allclose(np.linalg.norm(parts, axis=0), np.sqrt(2**2 + 2 * 3**2), rtol=1e-12)
+
+
+def test_wavelets_are_means_over_shifts_of_orthonormal_ones():
+    """The finest Haar details of all four shifts of the grid of pairs, each a quarter."""
+    f = np.asarray(IMAGES[0, :8, :8])
+    total = 0.0
+    for shift in np.ndindex(2, 2):
+        p = np.roll(f, shift, (0, 1)).reshape(4, 2, 4, 2)
+        low, high = (p[:, 0] + p[:, 1]) / np.sqrt(2), (p[:, 0] - p[:, 1]) / np.sqrt(2)
+        for band, signs in ((low, [-1]), (high, [1, -1])):
+            total += sum(np.abs(band[..., 0] + s * band[..., 1]).sum() / np.sqrt(2) for s in signs)
+    assert_allclose(Wavelets(1).value(jnp.asarray(f)[None], 1e-12), total / 4, rtol=1e-9)
+
+
+@pytest.mark.parametrize("nonnegative", [False, True], ids=["any", "nonnegative"])
+@pytest.mark.parametrize("penalty", PENALTIES, ids=NAMES)
+def test_proximal_maps_minimise(penalty, nonnegative):
+    """Beside L-BFGS-B, which knows nothing of duals."""
+    weight, delta = jnp.array(0.4), jnp.array(0.1)
+
+    def allowed(images):
+        return jnp.maximum(images, 0.0) if nonnegative else images
+
+    dual = jnp.zeros(penalty.parts(IMAGES).shape)
+    found, _ = jax.jit(lambda v: prox(penalty, v, weight, delta, allowed, dual, 3000))(IMAGES)
+
+    @jax.jit
+    def cost(u):
+        u = u.reshape(IMAGES.shape)
+        return jnp.sum((u - IMAGES) ** 2) / 2 + weight * penalty.value(u, delta)
+
+    bounds = [(0.0 if nonnegative else None, None)] * IMAGES.size
+    options = {"maxiter": 5000, "maxfun": 10000, "ftol": 1e-15, "gtol": 1e-10}
+    start = np.asarray(allowed(IMAGES)).ravel()
+    best = minimize(
+        lambda u: tuple(map(np.asarray, jax.value_and_grad(cost)(u))),
+        start,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=bounds,
+        options=options,
+    )
+    assert float(cost(found.ravel())) <= best.fun + 1e-9
+    assert_allclose(found.ravel(), best.x, atol=2e-4)
+
+
+def test_what_a_penalty_is_made_of_is_checked():
+    with pytest.raises(ValueError, match="smoothing is 0"):
+        TotalVariation(smoothing=0.0)
+    with pytest.raises(ValueError, match="levels is 0"):
+        Wavelets(0)
