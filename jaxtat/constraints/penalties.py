@@ -131,7 +131,7 @@ class Wavelets(Penalty):
                     for band, other in zip(bands, turned, strict=True)
                 ]
             smooth = bands[0]
-            details += [band / 2 ** (level * dimension / 2) for band in bands[1:]]
+            details += [band / 2 ** ((level + 1) * dimension / 2) for band in bands[1:]]
         return jnp.stack(details)
 
     def sizes(self, parts: Array) -> Array:
@@ -141,7 +141,7 @@ class Wavelets(Penalty):
         return jnp.abs(parts)
 
     def bound(self, dimension: int) -> float:
-        return 1.0
+        return 2.0**-dimension
 
 
 class Ridge(eqx.Module):
