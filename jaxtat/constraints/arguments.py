@@ -12,7 +12,6 @@ from ..reconstruction import Setup, forward_operator
 from ..records import pressure_matrix
 from .data_fit import DataFit
 from .penalties import NoPenalty, Penalty, Ridge, TotalVariation
-from .recorded import PressureOf
 
 Pressure = tuple[Any, Any, str, Any]  # times, sound speed, model, conditioning
 
@@ -31,11 +30,8 @@ def data_fit(
     record, shape = None, setup.data_shape
     whitening = jnp.broadcast_to(1 / jnp.sqrt(setup.radii), shape)
     if pressure is not None:
-        times, sound_speed, model, conditioning = pressure
-        times = real_array("times", times, ("times",))
-        matrix = pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
-        record = PressureOf(matrix.astype(operator.dtype), conditioning)
-        shape = (*setup.detectors_shape, times.shape[0])
+        record = _record(setup, *pressure).astype(operator.dtype)
+        shape = (*setup.detectors_shape, record.shape[0])
         whitening = jnp.ones(shape)
     if noise is not None:
         noise = real_array("noise", noise, None)
@@ -54,6 +50,24 @@ def data_fit(
         bool(nonnegative),
         noise is not None,
     )
+
+
+def _record(
+    setup: Setup, times: Any, sound_speed: Any, model: str, conditioning: Any
+) -> Float[Array, "times radii"]:
+    """From integrals to pressure, and through what every record went."""
+    if setup.grid.dimension == 3:
+        raise ValueError("times is given, and in space model_based takes spherical integrals only.")
+    matrix = pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
+    if conditioning is None:
+        return matrix
+    conditioned = jnp.asarray(conditioning(matrix.T))  # a record for each radius
+    if conditioned.ndim != 2 or conditioned.shape[0] != matrix.shape[1]:
+        raise ValueError(
+            f"conditioning makes {conditioned.shape} of records (detectors, times) of shape "
+            f"{matrix.T.shape}, expected as many detectors."
+        )
+    return conditioned.T
 
 
 def checked_data(

@@ -1,9 +1,6 @@
 """What is fitted to what: data = W · record · A f, for images f in C."""
 
-from typing import Any
-
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -15,7 +12,7 @@ class DataFit(eqx.Module):
 
     Attributes:
         operator: A, from images to circular or spherical integrals.
-        record: from integrals to what was recorded, linear; None if that is the integrals.
+        record: from integrals to what was recorded, (times, radii); None if that is the integrals.
         whitening: W, 0 for data that are left out, of the shape of one image's data.
         support: pixels that may differ from zero.
         nonnegative: whether f >= 0.
@@ -23,27 +20,24 @@ class DataFit(eqx.Module):
     """
 
     operator: ForwardOperator
-    record: Any
+    record: Float[Array, "times radii"] | None
     whitening: Float[Array, "*data"]
     support: Bool[Array, "*space"]
     nonnegative: bool = eqx.field(static=True)
     white: bool = eqx.field(static=True)
 
-    def recorded(self, integrals: Float[Array, "stack *integrals"]) -> Float[Array, "stack *data"]:
-        return integrals if self.record is None else self.record(integrals)
-
     def modelled(self, images: Float[Array, "stack *space"]) -> Float[Array, "stack *data"]:
         """B f."""
-        images = jnp.where(self.support, images, 0.0)
-        return self.recorded(self.operator(images)) * self.whitening
+        data = self.operator(jnp.where(self.support, images, 0.0))
+        if self.record is not None:
+            data = data @ self.record.T
+        return data * self.whitening
 
     def transposed(self, data: Float[Array, "stack *data"]) -> Float[Array, "stack *space"]:
         """B^T d."""
         data = data * self.whitening
         if self.record is not None:
-            shape = (data.shape[0], *self.operator.data_shape)
-            integrals = jax.ShapeDtypeStruct(shape, data.dtype)
-            data = jax.linear_transpose(self.record, integrals)(data)[0]
+            data = data @ self.record
         return jnp.where(self.support, self.operator.T(data), 0.0)
 
     def allowed(self, images: Float[Array, "stack *space"]) -> Float[Array, "stack *space"]:

@@ -24,8 +24,8 @@ from .proximal import prox
 from .weight import balanced_weight
 
 DUAL_STEPS = 10  # of a proximal map, which goes on where the last one ended
-_POWER_STEPS = 12
-_MARGIN = 1.05  # of L over what so many steps found
+_POWER_STEPS = 8
+_MARGIN = 1.05  # of L over what so many steps found; it grows where a step shows that it must
 
 
 class State(NamedTuple):
@@ -33,8 +33,10 @@ class State(NamedTuple):
 
     Attributes:
         image, ahead: x and y, (stack, *space).
+        fitted, fitted_ahead: B x and B y, (stack, *data).
         momentum: t.
         dual: of the proximal map.
+        square: L.
         weight: w.
         step: k.
         change: ||x - y|| / ||x|| of the last step.
@@ -43,8 +45,11 @@ class State(NamedTuple):
 
     image: Float[Array, "stack *space"]
     ahead: Float[Array, "stack *space"]
+    fitted: Float[Array, "stack *data"]
+    fitted_ahead: Float[Array, "stack *data"]
     momentum: Float[Array, ""]
     dual: Any
+    square: Float[Array, ""]
     weight: Float[Array, ""]
     step: Int[Array, ""]
     change: Float[Array, ""]
@@ -55,7 +60,7 @@ class Scale(NamedTuple):
     """Sizes of a problem.
 
     Attributes:
-        square: L >= ||B||².
+        square: L, about ||B||².
         image: max |B^T b| / L, the size of the image.
     """
 
@@ -64,31 +69,42 @@ class Scale(NamedTuple):
 
 
 def scale_of(fit: DataFit, data: Float[Array, "stack *data"]) -> Scale:
-    """L by the power method, from an image of ones, which no circular integral cancels."""
-    ones = fit.allowed(jnp.ones((1, *fit.support.shape), data.dtype))
+    """L by the power method, from what the data look like when they are brought back."""
+    back = fit.transposed(data)
+    norm = jnp.linalg.norm(back)
+    start = jnp.where(norm > 0, back, fit.allowed(jnp.ones_like(back)))
 
     def normal(images: Array) -> Array:
         return fit.transposed(fit.modelled(images / jnp.linalg.norm(images)))
 
-    grown = jax.lax.fori_loop(0, _POWER_STEPS, lambda _, images: normal(images), ones)
+    grown = jax.lax.fori_loop(0, _POWER_STEPS, lambda _, images: normal(images), start)
     square = _MARGIN * jnp.linalg.norm(normal(grown))
-    size = jnp.max(jnp.abs(fit.transposed(data))) / square
+    size = jnp.max(jnp.abs(back)) / square
     return Scale(square, jnp.where(size > 0, size, 1.0))
 
 
 def first(
-    penalty: Any, initial: Float[Array, "stack *space"], weight: Array, max_steps: int
+    fit: DataFit,
+    penalty: Any,
+    initial: Float[Array, "stack *space"],
+    scale: Scale,
+    weight: Array,
+    max_steps: int,
 ) -> State:
     """Before the first step."""
-    dual = jnp.zeros(())
+    image, dual = fit.allowed(initial), jnp.zeros(())
     if isinstance(penalty, Penalty):
         dual = jnp.zeros(jax.eval_shape(penalty.parts, initial).shape, initial.dtype)
+    fitted = fit.modelled(image)
     return State(
-        image=initial,
-        ahead=initial,
+        image=image,
+        ahead=image,
+        fitted=fitted,
+        fitted_ahead=fitted,
         momentum=jnp.ones((), initial.dtype),
         dual=dual,
-        weight=weight,
+        square=scale.square,
+        weight=jnp.asarray(weight, initial.dtype),
         step=jnp.zeros((), int),
         change=jnp.full((), jnp.inf, initial.dtype),
         history=jnp.full(max_steps, jnp.nan, initial.dtype),
@@ -104,22 +120,27 @@ def step(
     state: State,
 ) -> State:
     """One step; with ``find_weight`` the weight follows the image."""
-    misfit = fit.modelled(state.ahead) - data
-    weight = state.weight
+    weight, ahead, square = state.weight, state.ahead, state.square
     if find_weight:
-        weight = balanced_weight(fit, penalty, state.image, misfit, scale)
-    down = state.ahead - fit.transposed(misfit) / scale.square
-    image, dual = nearest(fit, penalty, down, weight / scale.square, scale, state.dual)
-    ahead = state.ahead
+        found = balanced_weight(fit, penalty, state.image, state.fitted - data, scale)
+        weight = found.astype(weight.dtype)
+    down = ahead - fit.transposed(state.fitted_ahead - data) / square
+    image, dual = nearest(fit, penalty, down, weight / square, scale, state.dual)
+    fitted = fit.modelled(image)
+    moved = jnp.sum((image - ahead) ** 2)
+    stretched = jnp.sum((fitted - state.fitted_ahead) ** 2) / jnp.where(moved > 0, moved, 1.0)
     uphill = jnp.sum((ahead - image) * (image - state.image)) > 0
     grown = (1 + jnp.sqrt(1 + 4 * state.momentum**2)) / 2
     carried = jnp.where(uphill, 0.0, (state.momentum - 1) / grown)
-    change = _ratio(jnp.sum((image - ahead) ** 2), jnp.sum(image**2))
+    change = _ratio(moved, jnp.sum(image**2))
     return State(
         image=image,
         ahead=image + carried * (image - state.image),
+        fitted=fitted,
+        fitted_ahead=fitted + carried * (fitted - state.fitted),
         momentum=jnp.where(uphill, 1.0, grown),
         dual=dual,
+        square=jnp.where(stretched > square, _MARGIN * stretched, square),
         weight=weight,
         step=state.step + 1,
         change=change,

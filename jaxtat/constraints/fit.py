@@ -1,5 +1,6 @@
 """Images with constraints: the image that fits the data and costs least."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -16,7 +17,6 @@ from .data_fit import DataFit
 from .fista import Scale, State, first, scale_of, step
 from .implicit import Problem, with_derivatives
 from .penalties import NoPenalty, Penalty, Ridge
-from .recorded import Conditioning
 from .relative_cg import RelativeCG
 
 _AT_A_TIME = 10  # steps between two looks at the progress
@@ -55,10 +55,10 @@ def model_based(
     times: Numbers | None = None,
     sound_speed: Numbers = 1.0,
     model: str = "2d",
-    conditioning: Conditioning | None = None,
+    conditioning: Callable[[Array], Array] | None = None,
     everywhere: bool = False,
     initial: Numbers | None = None,
-    tolerance: float = 2e-4,
+    tolerance: float = 1e-4,
     max_steps: int = 200,
     steps: int | None = None,
     unrolled: bool = False,
@@ -81,7 +81,7 @@ def model_based(
 
     Args:
         setup: detectors, region, grid and radii, which need not cover the region.
-        data: g, (..., *setup.data_shape), or with ``times`` pressure, (..., detectors, times).
+        data: g, (..., *setup.data_shape), or with ``times`` pressure, (..., detectors, samples).
             Images of a stack are found one by one, or with a joint penalty together.
         penalty: `TotalVariation()` (the default), `SecondOrderVariation`, `Wavelets`, `Ridge`,
             `NoPenalty`, or any proximal map: a function (images, step) -> images, such as a
@@ -93,7 +93,8 @@ def model_based(
         times: of pressure, equispaced from t >= 0 [time].
         sound_speed: c [length/time].
         model: "2d" or "in-plane", as in `circular_integrals_to_pressure`.
-        conditioning: what the pressure went through, a linear function of records, such as
+        conditioning: what each record went through: a linear function from (detectors, times) to
+            (detectors, samples), the same for all detectors, such as
             ``functools.partial(condition_record, times=times, band=band, baseline=False)``.
         everywhere: f may differ from zero on all of the grid, not only in the region.
         initial: image to start from, like the result; zero by default.
@@ -168,17 +169,17 @@ def _found(
     if isinstance(penalty, Ridge | NoPenalty) and not fit.nonnegative and weight is not None:
         state = _conjugate_gradients(fit, data, penalty, weight, start, scale, tolerance, max_steps)
         return _report(fit, data, penalty, scale, weight, state, tolerance)
-    state = first(penalty, start, jnp.zeros(()) if weight is None else weight, max_steps)
-    until = max_steps
+    state = _started(fit, penalty, start, scale, weight, max_steps)
+    follows = fit, data, penalty, scale, weight is None
     with tqdm(total=max_steps, unit="step", disable=not progress) as bar:
         if progress and is_concrete(data, start):
             for until in range(_AT_A_TIME, max_steps, _AT_A_TIME):
-                state = _advance(fit, data, penalty, scale, weight, state, tolerance, until)
+                state = _advance(*follows, state, tolerance, jnp.asarray(until))
                 bar.set_postfix(change=f"{float(state.change):.1e}")
                 bar.update(int(state.step) - bar.n)
                 if float(state.change) <= tolerance:
                     break
-        state = _advance(fit, data, penalty, scale, weight, state, tolerance, until)
+        state = _advance(*follows, state, tolerance, jnp.asarray(max_steps))
     return _report(fit, data, penalty, scale, weight, state, tolerance)
 
 
@@ -188,15 +189,24 @@ def _scale(fit: DataFit, data: Array) -> Scale:
 
 
 @eqx.filter_jit
+def _started(
+    fit: DataFit, penalty: Any, start: Array, scale: Scale, weight: Array | None, max_steps: int
+) -> State:
+    fit, penalty, start, scale = _held((fit, penalty, start, scale))
+    given = jnp.zeros(()) if weight is None else jax.lax.stop_gradient(weight)
+    return first(fit, penalty, start, scale, given, max_steps)
+
+
+@eqx.filter_jit
 def _advance(
     fit: DataFit,
     data: Array,
     penalty: Any,
     scale: Scale,
-    weight: Array | None,
+    find_weight: bool,
     state: State,
     tolerance: Array,
-    until: Any,
+    until: Array,
 ) -> State:
     """Steps until the change is small, or there were that many."""
     fit, data, penalty, scale, state = _held((fit, data, penalty, scale, state))
@@ -205,7 +215,7 @@ def _advance(
         return (state.change > tolerance) & (state.step < until)
 
     def advance(state: State) -> State:
-        return step(fit, data, penalty, scale, weight is None, state)
+        return step(fit, data, penalty, scale, find_weight, state)
 
     return jax.lax.while_loop(unfinished, advance, state)
 
@@ -235,7 +245,7 @@ def _conjugate_gradients(
     wanted = fit.transposed(data) / scale.square - normal(start)
     found = lx.linear_solve(operator, wanted, RelativeCG(tolerance, max_steps), throw=False)
     change = jnp.where(found.result == lx.RESULTS.successful, 0.0, jnp.inf).astype(data.dtype)
-    state = first(penalty, start + found.value, weight, max_steps)
+    state = first(fit, penalty, start + found.value, scale, weight, max_steps)
     return state._replace(step=jnp.asarray(found.stats["num_steps"]), change=change)
 
 
@@ -249,7 +259,8 @@ def _unrolled(
     def advance(state: State, _: None) -> tuple[State, None]:
         return step(fit, data, penalty, scale, weight is None, state), None
 
-    state = first(penalty, start, jnp.zeros(()) if weight is None else weight, steps)
+    given = jnp.zeros(()) if weight is None else weight
+    state = first(fit, penalty, start, scale, given, steps)
     state = jax.lax.scan(jax.checkpoint(advance), state, None, steps)[0]
     return _answer(fit, data, state.image, state, jnp.asarray(False))
 

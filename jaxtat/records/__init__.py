@@ -1,7 +1,7 @@
 """Between a file and circular integrals: conditioning, noise, and what a record shows."""
 
 from .channels import ChannelQuality, channel_quality, ranges
-from .impulse_response import remove_impulse_response
+from .impulse_response import apply_impulse_response, remove_impulse_response
 from .noise import LEAST_SAMPLES, RecordNoise, noise_of_record, record_noise_level
 from .pressure import MODELS, condition_record, pressure_to_circular_integrals, require_equispaced
 from .pressure_simulation import circular_integrals_to_pressure, pressure_matrix
@@ -13,6 +13,7 @@ __all__ = [
     "ChannelQuality",
     "RecordNoise",
     "Supported",
+    "apply_impulse_response",
     "channel_quality",
     "circular_integrals_to_pressure",
     "condition_record",

@@ -76,12 +76,40 @@ def remove_impulse_response(
     return _removed(pressure, response, regularization, real_array("origin", origin, ()))
 
 
+def apply_impulse_response(
+    pressure: Numbers, impulse_response: Numbers, *, origin: Numbers = 0.0
+) -> Float[Array, "*batch detectors times"]:
+    """y = p * h, what a transducer with the response h makes of a pressure; zeros beyond the ends.
+
+    Args:
+        pressure: p, (..., detectors, times), any unit.
+        impulse_response, origin: as in `remove_impulse_response`.
+
+    Returns:
+        (..., detectors, times), unit of p times that of h.
+
+    >>> p = jnp.zeros((1, 8)).at[0, 3].set(1.0)
+    >>> apply_impulse_response(p, jnp.array([0.5, 1.0]), origin=1)[0, 2:5].round(9).tolist()
+    [0.5, 1.0, 0.0]
+    """
+    pressure = real_array("pressure", pressure, ("...", "detectors", "times"))
+    response = real_array("impulse_response", impulse_response, None)
+    n = pressure.shape[-1]
+    padded, transfer = _transfer(n, response, real_array("origin", origin, ()))
+    return jnp.fft.irfft(jnp.fft.rfft(pressure, padded) * transfer, padded)[..., :n]
+
+
+def _transfer(n: int, response: Array, origin: Array) -> tuple[int, Array]:
+    """Samples with room for the folded record, and H there."""
+    padded = 2 * max(n, response.shape[-1])
+    cycles = jnp.fft.rfftfreq(padded)
+    return padded, jnp.fft.rfft(response, padded) * jnp.exp(2j * jnp.pi * cycles * origin)
+
+
 @jax.jit
 def _removed(pressure: Array, response: Array, regularization: Array, origin: Array) -> Array:
-    n, taps = pressure.shape[-1], response.shape[-1]
-    padded = 2 * max(n, taps)  # the folded record fits, and the inverse has room to fade
-    cycles = jnp.fft.rfftfreq(padded)
-    transfer = jnp.fft.rfft(response, padded) * jnp.exp(2j * jnp.pi * cycles * origin)
+    n = pressure.shape[-1]
+    padded, transfer = _transfer(n, response, origin)  # the inverse has room to fade
     power = transfer.real**2 + transfer.imag**2
     floor = regularization * jnp.max(power, axis=-1, keepdims=True)
     inverse = jnp.conj(transfer) / (power + floor)
