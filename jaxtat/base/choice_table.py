@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from .names import INVERSIONS, LOW_PASSES, MODELS
+from .names import INVERSIONS, LOW_PASSES, MODELS, PENALTIES
 
 POSITIVE = "above zero"
 NOT_NEGATIVE = "0 or above"
@@ -65,6 +65,7 @@ def _cut(c: Any) -> str:
 
 
 PLAIN, RECORD, REGION, IMAGE, METHOD = "plain", "record", "region", "image", "method"
+CONSTRAINTS = "constraints"
 _NUMBER = {"type": float}
 
 CHOICES = (
@@ -199,10 +200,45 @@ CHOICES = (
             "help": "last step: filtered back-projection (default), or the faster Fourier sum",
         },
     ),
+    Choice(
+        "model_based",
+        bool,
+        lambda c: "yes" if c.model_based else "no",
+        CONSTRAINTS,
+        {
+            "action": "store_true",
+            "default": None,
+            "help": "the image that fits the data and costs least, by iterations; any of the "
+            "options below says so too",
+        },
+    ),
+    Choice(
+        "penalty",
+        str,
+        lambda c: c.penalty,
+        CONSTRAINTS,
+        {"choices": PENALTIES, "help": "what costs (default: tv, total variation)"},
+    ),
+    Choice(
+        "nonnegative",
+        bool,
+        lambda c: "f >= 0" if c.nonnegative else "no",
+        CONSTRAINTS,
+        {"action": "store_true", "default": None, "help": "no pixel is below zero"},
+    ),
+    Choice(
+        "weight",
+        lambda value: None if value is None else float(value),
+        lambda c: "from the misfit" if c.weight is None else f"{c.weight:.3g}",
+        CONSTRAINTS,
+        _NUMBER | {"metavar": "W", "help": "of the penalty (default: by what is not explained)"},
+        NOT_NEGATIVE,
+    ),
 )
 """In the order of the table that is shown."""
 
 OPTIONS = tuple(choice for choice in CHOICES if choice.group is not None)
+OF_CONSTRAINTS = tuple(choice.name for choice in CHOICES if choice.group == CONSTRAINTS)
 OF_REGION = tuple(choice.name for choice in CHOICES if choice.group in (REGION, IMAGE))
 
 

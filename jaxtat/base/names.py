@@ -2,6 +2,7 @@
 
 MODELS = ("2d", "in-plane")  # of sound, see `pressure`
 INVERSIONS = ("fbp", "fourier")  # see `reconstruction.inversion`
+PENALTIES = ("tv", "second-order", "wavelets", "ridge", "none")  # see `scans.constrained`
 LOW_PASSES = ("none", "cosine")  # see `reconstruction.radon`
 IMAGE_SUFFIXES: tuple[str, ...] = (
     ".png",

@@ -2,7 +2,7 @@
 
 import argparse
 
-from ..base.choice_table import IMAGE, METHOD, OPTIONS, PLAIN, RECORD, REGION
+from ..base.choice_table import CONSTRAINTS, IMAGE, METHOD, OPTIONS, PLAIN, RECORD, REGION
 from ..base.names import IMAGE_SUFFIXES
 from ..base.scanners import SCANNERS
 from ..base.units import MILLIMETRES
@@ -27,6 +27,8 @@ _EXAMPLES = {
   jaxtat reconstruct scan.npz --model in-plane --sound-speed 1500 --region-radius 0.0146 \\
          --pixels 301 --band 1e5 7e6 --low-pass cosine --out scan.png
       the same with choices made by hand
+  jaxtat reconstruct scan.hdf5 --model-based --nonnegative --out scan.png
+      the image that fits the record and has the shortest edges, no pixel below zero
   jaxtat reconstruct data.npz --plan half.h5 --out image.png
       with a plan, of `jaxtat plan`
 """,
@@ -118,6 +120,7 @@ def _add_reconstruct(subparsers) -> None:
     )
     _add_unit_and_plan(parser)
     _add_choices(parser)
+    _add_options(parser.add_argument_group("images with constraints"), CONSTRAINTS)
 
 
 def _add_unit_and_plan(parser: argparse.ArgumentParser) -> None:

@@ -4,7 +4,15 @@ import argparse
 import os
 from pathlib import Path
 
-from ..base.choice_table import NOT_NEGATIVE, OF_REGION, OPTIONS, POSITIVE, Choice, require_pixels
+from ..base.choice_table import (
+    NOT_NEGATIVE,
+    OF_CONSTRAINTS,
+    OF_REGION,
+    OPTIONS,
+    POSITIVE,
+    Choice,
+    require_pixels,
+)
 from ..base.names import IMAGE_SUFFIXES
 from ..base.scanners import scanner_named
 
@@ -105,6 +113,9 @@ def _require_together(options: argparse.Namespace) -> None:
         _refuse(options, (*every, *OF_PLANS, "plan"), "repeat", "the earlier image")
     if is_given(options, "plan"):
         _refuse(options, (*OF_REGION, "max_frequency", "alpha", *OF_PLANS), "plan", "the plan")
+    constraints = [name for name in OF_CONSTRAINTS if is_given(options, name)]
+    if constraints and (is_given(options, "plan") or wants_plan(options)):
+        raise ValueError(f"{option_of(constraints[0])} and a plan: images are fitted without one.")
     if wants_plan(options) and is_given(options, "alpha"):
         raise ValueError("--alpha is for a reconstruction without densities: leave out the others.")
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.choice_table import CHOICES
+from ..base.names import PENALTIES
 from ..base.units import Units
 from ..geometry import (
     DetectorCurve,
@@ -53,6 +54,8 @@ class Choices(eqx.Module):
         alpha: a number as the rule of `solve`.
         low_pass: "none" or "cosine".
         inversion: "fbp" or "fourier".
+        model_based: whether images are fitted under constraints, see `constrained`.
+        penalty, nonnegative, weight: of these.
         reasons: pairs of a name above and why it is as it is.
         units: of positions and record, for the words.
     """
@@ -77,6 +80,10 @@ class Choices(eqx.Module):
     alpha: float
     low_pass: str = eqx.field(static=True)
     inversion: str = eqx.field(static=True)
+    model_based: bool = eqx.field(static=True)
+    penalty: str = eqx.field(static=True)
+    nonnegative: bool = eqx.field(static=True)
+    weight: float | None
     reasons: tuple[tuple[str, str], ...] = eqx.field(static=True)
     units: Units = eqx.field(static=True, default=Units())
 
@@ -87,6 +94,10 @@ class Choices(eqx.Module):
         if self.low_pass not in LOW_PASSES:
             raise ValueError(
                 f"low_pass is {self.low_pass!r}, expected one of {', '.join(LOW_PASSES)}."
+            )
+        if self.penalty not in PENALTIES:
+            raise ValueError(
+                f"penalty is {self.penalty!r}, expected one of {', '.join(PENALTIES)}."
             )
         require_inversion(self.inversion)
 

@@ -86,6 +86,7 @@ def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
     else:
         _from_integrals(scan, facts, found)
     found.take("inversion", "fbp", "nothing is assumed beyond the region")
+    found.take_constraints()
     return found.choices()
 
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base.choice_table import OF_CONSTRAINTS
 from ..io import Scan
 from ..records import Supported
 from .choices import Choices
@@ -46,6 +47,20 @@ class Found(NamedTuple):
         noisy = alpha > CLEAN
         why = "noise" if noisy else "hardly any noise"
         self.take("low_pass", "cosine" if noisy else "none", why)
+
+    def take_constraints(self) -> None:
+        """How images are fitted, if they are; a penalty that is given says that they are."""
+        asked = [name for name in OF_CONSTRAINTS if self.given.get(name)]
+        if self.given.get("weight") == 0:
+            asked.append("weight")
+        defaults = {"penalty": "tv", "nonnegative": False, "weight": None}
+        self.values.update({"model_based": bool(asked), **defaults})
+        if not asked:
+            return
+        self.reasons["model_based"] = "given" if "model_based" in asked else f"{asked[0]} is given"
+        self.take("penalty", "tv", "total variation: for objects with edges")
+        self.take("nonnegative", False, "not asked for")
+        self.take("weight", None, "balances penalty and misfit")
 
     def choices(self) -> Choices:
         """All of them, once all were taken."""

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from tqdm import tqdm
 
+from ..constraints import ModelBased
 from ..geometry import ImageGrid, VolumeGrid
 from ..io import Scan, load_scan
 from ..io.images import HasInside
@@ -19,6 +20,7 @@ from ..records import ranges
 from ..steps import AccuracyWarning
 from .choices import Choices
 from .choosing import choose
+from .constrained import fitted
 from .facts import facts_of, frame_numbers, some_frames, with_facts
 from .frames import integrals, setup_of
 from .space import TurnedOver, facts_in_space
@@ -137,6 +139,9 @@ def reconstruct(
     room = _room((scan.n_frames, *shape)) if out is None else None
     scan = _without_blank_frames(scan, choices)
     setup = setup_of(scan, choices) if plan is None else plan.setup
+    if plan is None and not (setup.complete or choices.model_based):
+        choices = _switched(choices)
+    report = ""
     worst, size, images = 0.0, _frames_at_a_time(scan), (scan.n_frames, *shape)
     out = out if room is None else room[: scan.n_frames]
     if tuple(out.shape) != images:
@@ -144,13 +149,18 @@ def reconstruct(
     flipped = choices.in_space and facts_in_space(scan, choices.order).upside_down
     with tqdm(total=scan.n_frames, unit="image", disable=not progress or scan.n_frames == 1) as bar:
         for start in range(0, scan.n_frames, size):
-            g = integrals(scan, choices, setup, _frames(scan, start, size))
-            if plan is None:
+            frames = _frames(scan, start, size)
+            if choices.model_based and plan is None:
+                found = fitted(scan, choices, setup, frames, progress=progress and size == 1)
+                image, report = found.image, _fitted(found)
+            elif plan is None:
+                g = integrals(scan, choices, setup, frames)
                 found = _solve(setup, g, choices)
                 residual = np.asarray(found.report.residual)
                 image, worst = found.image, max(worst, float(residual.max()))
+                report = _solved(setup, choices, worst)
             else:
-                image = _by_plan(plan, g, choices)
+                image = _by_plan(plan, integrals(scan, choices, setup, frames), choices)
             image = image[..., ::-1] if flipped else image
             n = min(size, scan.n_frames - start)
             out[start : start + n] = np.asarray(image).reshape(-1, *shape)[:n]
@@ -164,7 +174,7 @@ def reconstruct(
         choices=choices,
         frames=np.asarray(numbers, float) if several else None,
         unit=choices.units.length if plan is None else facts_of(scan).units.length,
-        report="" if plan else _solved(setup, choices, worst),
+        report=report,
     )
 
 
@@ -213,6 +223,24 @@ def _solved(setup: Setup, choices: Choices, worst: float) -> str:
         f"{setup.sizes.n_frequencies} frequencies, alpha {choices.alpha:.1e}; systems solved to "
         f"{worst:.1e} (worst)"
     )
+
+
+def _fitted(found: ModelBased) -> str:
+    """Of several frames the worst."""
+    steps, residual = int(np.max(found.steps)), float(np.max(found.residual))
+    ended = "" if np.all(found.converged) else ", not converged"
+    return (
+        f"{steps} steps{ended}, weight {float(np.max(found.weight)):.2e}; "
+        f"{100 * residual:.0f} % of the record is not explained"
+    )
+
+
+def _switched(choices: Choices) -> Choices:
+    """To images with constraints, where there is no formula."""
+    why = "the radii do not cover the region, so that there is no formula"
+    warnings.warn(f"{why}: images are fitted (--model-based).", AccuracyWarning, stacklevel=3)
+    reasons = (*choices.reasons, ("model_based", why))
+    return replace(choices, model_based=True, reasons=reasons)
 
 
 def _frames_at_a_time(scan: Scan) -> int:
