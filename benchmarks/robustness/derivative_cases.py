@@ -24,7 +24,6 @@ import jaxtat as jt
 from jaxtat import geometry, line_detectors, phantoms, records, special, spherical, studies
 from jaxtat.regularization import microlocal_norm
 from jaxtat.studies import autofocus
-from jaxtat.studies.iterative import smoothed_variation
 
 Rng = np.random.Generator
 Cases = Iterator[Case]
@@ -307,39 +306,20 @@ def of_integrals(rng: Rng) -> Cases:
         ),
         {"f": image, "g": g + 0.1, "p": points, "radii": radii},
     )
-    yield Case(
-        "least_squares",
-        lambda g, log_alpha, p, radii: (
-            studies.least_squares(
-                setup.replace(curve=curve(p), radii=radii), g, 10**log_alpha, tolerance=1e-13,
-                max_steps=300,
-            ).image
-        ),
-        {"g": g, "log_alpha": -1.0, "p": points, "radii": radii},
-    )  # fmt: skip
-    operator = jax.jacobian(lambda f: jt.circular_integrals(setup, f))(image)
-    operator = operator.reshape(g.size, -1)
-
-    def minimum(g: jax.Array, log_weight: jax.Array, smoothing: jax.Array) -> jax.Array:
-        """To rounding, by Newton's method, for differences."""
-
-        def cost(f: jax.Array) -> jax.Array:
-            variation = smoothed_variation(f.reshape(grid.shape), smoothing)
-            return jnp.sum((operator @ f - g.ravel()) ** 2) / 2 + 10**log_weight * variation
-
-        f = found(g, log_weight, smoothing).ravel()
-        for _ in range(5):
-            f = f - jnp.linalg.solve(jax.hessian(cost)(f), jax.grad(cost)(f))
-        return f
-
-    def found(g: jax.Array, log_weight: jax.Array, smoothing: jax.Array) -> jax.Array:
-        return studies.total_variation(
-            setup, g, 10**log_weight, smoothing=smoothing, everywhere=True, tolerance=1e-12,
-            max_steps=3000,
-        ).image  # fmt: skip
-
-    arguments = {"g": g, "log_weight": -2.0, "smoothing": 0.1}
-    yield Case("total_variation", found, arguments, exact=minimum)
+    for name, penalty in {
+        "ridge": jt.Ridge(),
+        "variation": jt.TotalVariation(smoothing=0.3),
+    }.items():
+        yield Case(
+            f"model_based, {name}",
+            lambda g, log_weight, p, radii, penalty=penalty: (
+                jt.model_based(
+                    setup.replace(curve=curve(p), radii=radii), g, penalty=penalty,
+                    weight=10**log_weight, tolerance=1e-12, max_steps=20000,
+                ).image
+            ),
+            {"g": g, "log_weight": -1.0, "p": points, "radii": radii},
+        )  # fmt: skip
     cap = spherical.spherical_cap(1.3, 0.5, 2, 4)
     at = np.linspace(0.5, 2.2, 4)
     space = jt.Setup(cap, spherical.ball(0.6, 0.2), jt.VolumeGrid(5), at, max_frequency=5.0)

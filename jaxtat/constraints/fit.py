@@ -167,8 +167,11 @@ def _found(
     """One image, or the images of one joint stack, with derivatives."""
     scale = _scale(fit, data)
     if isinstance(penalty, Ridge | NoPenalty) and not fit.nonnegative and weight is not None:
-        state = _conjugate_gradients(fit, data, penalty, weight, start, scale, tolerance, max_steps)
-        return _report(fit, data, penalty, scale, weight, state, tolerance)
+        most = jnp.asarray(max_steps)  # another number needs no other program
+        state = _conjugate_gradients(fit, data, penalty, weight, start, scale, tolerance, most)
+        answer = _report(fit, data, penalty, scale, weight, state, tolerance)
+        none = jnp.full(max_steps, jnp.nan, data.dtype)
+        return eqx.tree_at(lambda answer: answer.history, answer, none)
     state = _started(fit, penalty, start, scale, weight, max_steps)
     follows = fit, data, penalty, scale, weight is None
     with tqdm(total=max_steps, unit="step", disable=not progress) as bar:
@@ -229,7 +232,7 @@ def _conjugate_gradients(
     start: Array,
     scale: Scale,
     tolerance: Array,
-    max_steps: int,
+    max_steps: Array,
 ) -> State:
     """The minimum of a quadratic function, in units in which ||B|| is 1."""
     fit, data, weight, scale, start = _held((fit, data, weight, scale, start))
@@ -245,7 +248,7 @@ def _conjugate_gradients(
     wanted = fit.transposed(data) / scale.square - normal(start)
     found = lx.linear_solve(operator, wanted, RelativeCG(tolerance, max_steps), throw=False)
     change = jnp.where(found.result == lx.RESULTS.successful, 0.0, jnp.inf).astype(data.dtype)
-    state = first(fit, penalty, start + found.value, scale, weight, max_steps)
+    state = first(fit, penalty, start + found.value, scale, weight, 0)
     return state._replace(step=jnp.asarray(found.stats["num_steps"]), change=change)
 
 

@@ -79,7 +79,11 @@ def require_radii(radii: Float[Array, " radii"]) -> None:
 
 
 def uncovered(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"]) -> str:
-    """In words, which circles that meet the region have no data; "" for none, or traced ones."""
+    """In words, which circles that meet the region have no data; "" for none, or traced ones.
+
+    Raises:
+        ValueError: if none of those that have data meets it.
+    """
     if not is_concrete(curve, region, radii):
         return ""
     values = np.asarray(radii)
@@ -87,10 +91,13 @@ def uncovered(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"
     steps = np.diff(values)
     if values[0] <= least + steps[0] and values[-1] >= most - steps[-1]:
         return ""
-    return (
+    missing = (
         f"radii run from {values[0]:.6g} to {values[-1]:.6g}, but circles about the detectors "
         f"meet the region of interest for radii from {least:.6g} to {most:.6g}"
     )
+    if values[-1] <= least or values[0] >= most:
+        raise ValueError(f"{missing}: check that radii and positions use the same unit of length.")
+    return missing
 
 
 def _distances(curve: DetectorCurve, region: Region) -> tuple[float, float]:

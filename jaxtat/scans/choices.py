@@ -54,10 +54,10 @@ class Choices(eqx.Module):
         alpha: a number as the rule of `solve`.
         low_pass: "none" or "cosine".
         inversion: "fbp" or "fourier".
-        model_based: whether images are fitted under constraints, see `constrained`.
-        penalty, nonnegative, weight: of these.
         reasons: pairs of a name above and why it is as it is.
         units: of positions and record, for the words.
+        model_based: whether images are fitted under constraints, see `constrained`.
+        penalty, nonnegative, weight: of these.
     """
 
     order: tuple[int, ...] = eqx.field(static=True)
@@ -80,12 +80,12 @@ class Choices(eqx.Module):
     alpha: float
     low_pass: str = eqx.field(static=True)
     inversion: str = eqx.field(static=True)
-    model_based: bool = eqx.field(static=True)
-    penalty: str = eqx.field(static=True)
-    nonnegative: bool = eqx.field(static=True)
-    weight: float | None
     reasons: tuple[tuple[str, str], ...] = eqx.field(static=True)
     units: Units = eqx.field(static=True, default=Units())
+    model_based: bool = eqx.field(static=True, default=False)
+    penalty: str = eqx.field(static=True, default="tv")
+    nonnegative: bool = eqx.field(static=True, default=False)
+    weight: float | None = None
 
     def __check_init__(self) -> None:
         models = *MODELS, IN_SPACE, "none"

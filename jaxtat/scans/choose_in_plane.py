@@ -19,8 +19,8 @@ from ..geometry import (
     detector_curve,
     disk,
     keep_detectors,
-    require_cover,
     require_outside,
+    uncovered,
     visible_disk,
 )
 from ..io import Scan
@@ -458,7 +458,7 @@ def _own_radii(scan: Scan, facts: Facts, found: Found) -> None:
     pixels = max(int(found.take("pixels", int(np.clip(pixels, *PIXELS)), why)), 2)
     step = 2 * half_width / (pixels - 1)
     if own is not None:
-        require_cover(*where, jax.device_put(own))
+        found.expect(uncovered(*where, jax.device_put(own)))
     radii = np.asarray(data_radii(*where, step)) if own is None else own
     support = supported(*where, np.arange(8.0))  # times are not asked for
     limits = {

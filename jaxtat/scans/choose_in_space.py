@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..geometry import DetectorPoints, ball, require_cover
+from ..geometry import DetectorPoints, ball, uncovered
 from ..io import Scan
 from ..records import supported
 from ..records.power import highest_frequency, noise_before, record_power
@@ -174,7 +174,7 @@ def _radii(scan: Scan, facts: FactsInSpace, found: Found) -> None:
         own = np.asarray(cap_radii(facts.detectors, region, step, sources=sources))
         own = own[own <= end]
     else:
-        require_cover(*disk, jax.device_put(own))
+        found.expect(uncovered(*disk, jax.device_put(own)))
     found.values.update(
         first_radius=float(own[0]), radial_step=float(own[1] - own[0]), n_radii=len(own)
     )

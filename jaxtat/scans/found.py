@@ -48,16 +48,24 @@ class Found(NamedTuple):
         why = "noise" if noisy else "hardly any noise"
         self.take("low_pass", "cosine" if noisy else "none", why)
 
+    def expect(self, missing: str) -> None:
+        """Images are fitted where data are missing, in words; "" for none."""
+        if missing:
+            self.reasons["model_based"] = f"there is no formula: {missing}"
+
     def take_constraints(self) -> None:
         """How images are fitted, if they are; a penalty that is given says that they are."""
         asked = [name for name in OF_CONSTRAINTS if self.given.get(name)]
         if self.given.get("weight") == 0:
             asked.append("weight")
-        defaults = {"penalty": "tv", "nonnegative": False, "weight": None}
-        self.values.update({"model_based": bool(asked), **defaults})
-        if not asked:
+        defaults: dict[str, Any] = {"penalty": "tv", "nonnegative": False, "weight": None}
+        if asked:
+            why = "given" if "model_based" in asked else f"{asked[0]} is given"
+            self.reasons.setdefault("model_based", why)
+        fitted = "model_based" in self.reasons
+        self.values.update(defaults, model_based=fitted)
+        if not fitted:
             return
-        self.reasons["model_based"] = "given" if "model_based" in asked else f"{asked[0]} is given"
         self.take("penalty", "tv", "total variation: for objects with edges")
         self.take("nonnegative", False, "not asked for")
         self.take("weight", None, "balances penalty and misfit")

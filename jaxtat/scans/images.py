@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -139,8 +139,6 @@ def reconstruct(
     room = _room((scan.n_frames, *shape)) if out is None else None
     scan = _without_blank_frames(scan, choices)
     setup = setup_of(scan, choices) if plan is None else plan.setup
-    if plan is None and not (setup.complete or choices.model_based):
-        choices = _switched(choices)
     report = ""
     worst, size, images = 0.0, _frames_at_a_time(scan), (scan.n_frames, *shape)
     out = out if room is None else room[: scan.n_frames]
@@ -233,14 +231,6 @@ def _fitted(found: ModelBased) -> str:
         f"{steps} steps{ended}, weight {float(np.max(found.weight)):.2e}; "
         f"{100 * residual:.0f} % of the record is not explained"
     )
-
-
-def _switched(choices: Choices) -> Choices:
-    """To images with constraints, where there is no formula."""
-    why = "the radii do not cover the region, so that there is no formula"
-    warnings.warn(f"{why}: images are fitted (--model-based).", AccuracyWarning, stacklevel=3)
-    reasons = (*choices.reasons, ("model_based", why))
-    return replace(choices, model_based=True, reasons=reasons)
 
 
 def _frames_at_a_time(scan: Scan) -> int:

@@ -256,7 +256,7 @@ for wrong in (
     lambda: jt.circular_integrals(image, setup),
     lambda: jt.circular_integrals_adjoint(g, setup),
     lambda: jt.circular_means(image, setup),
-    lambda: jt.studies.least_squares(g, setup),
+    lambda: jt.model_based(g, setup),
     lambda: jt.studies.visibility_map(curve),
     lambda: jt.build_plan(setup, jt.NoiseLevel(0.1)),
     lambda: jt.build_plan(setup, 4.0),

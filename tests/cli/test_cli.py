@@ -356,7 +356,7 @@ def test_slices_beyond_the_detectors_are_refused_not_clipped(use):
         chosen(use, 8)
 
 
-def test_radii_bound_the_region_and_what_they_do_not_cover_is_refused(jaxtat_command, capsys):
+def test_radii_bound_the_region_and_what_they_do_not_cover_is_fitted(jaxtat_command, capsys):
     """What `info` promises can be had: three quarters of the arc would need radii to 2.275."""
     radii = 0.45 + 0.1 * np.arange(15)
     g = BELL.circular_integrals(CURVE, radii)
@@ -364,11 +364,15 @@ def test_radii_bound_the_region_and_what_they_do_not_cover_is_refused(jaxtat_com
     assert jaxtat_command("info data.npz") == 0
     said = capsys.readouterr().out
     assert "as much as the radii cover" in said and "region_radius  0.55" in said
-    assert jaxtat_command("info data.npz --region-radius 0.8") == 2
-    assert "radii run from 0.45 to 1.85, but circles" in capsys.readouterr().err
+    assert jaxtat_command("info data.npz --region-radius 0.8") == 0
+    assert "there is no formula: radii run from 0.45 to 1.85, but" in capsys.readouterr().out
+    assert jaxtat_command("reconstruct data.npz --region-radius 0.8 --K 4 --out a.npy") == 2
+    assert "model_based(setup, g)" in capsys.readouterr().err
     np.savez("mm.npz", g=g, r=100 * radii, detectors=CURVE.points)
     assert jaxtat_command("info mm.npz") == 2
     assert "circles cover no region" in capsys.readouterr().err
+    assert jaxtat_command("info mm.npz --region-radius 0.8") == 2
+    assert "the same unit of length" in capsys.readouterr().err
 
 
 def test_slices_choose_frames(jaxtat_command, capsys):

@@ -1,0 +1,110 @@
+"""Images of scans under constraints, through Python and the command."""
+
+import h5py
+import numpy as np
+import pytest
+from made_scans import RATE, SPEED, positions, raw_counts, record, scan, truth
+
+from jaxtat.cli import main
+from jaxtat.io import load_settings
+from jaxtat.records import apply_impulse_response
+from jaxtat.scans import choose, reconstruct
+
+GIVEN = {"region_radius": 0.011, "pixels": 41, "model_based": True, "nonnegative": True}
+BAND = (1e5, 1.5e6)  # without the low frequencies
+
+
+def relative_error(found):
+    wanted = truth(found.grid.points)
+    inside = np.asarray(found.region.contains(found.grid.points))
+    return np.linalg.norm((found.image - wanted)[inside]) / np.linalg.norm(wanted[inside])
+
+
+def test_a_band_passed_record_is_fitted_as_it_is():
+    """Without the band the formula's image has shadows; f >= 0 takes them away."""
+    counts = raw_counts(record(), noise=0.01)
+    made = scan(counts)
+    direct = reconstruct(made, choose(made, region_radius=0.011, pixels=41, band=BAND))
+    fitted = reconstruct(made, choose(made, band=BAND, **GIVEN))
+    size = np.linalg.norm(truth(fitted.grid.points)) / np.linalg.norm(fitted.image)
+    wanted = truth(fitted.grid.points)
+    assert fitted.image.min() >= 0
+    assert "% of the record is not explained" in fitted.report
+    off = [
+        np.linalg.norm(size * f.image - wanted) / np.linalg.norm(wanted) for f in (direct, fitted)
+    ]
+    assert off[1] < 0.2 and off[1] < 0.5 * off[0]
+
+
+def test_the_model_goes_through_the_impulse_response():
+    response = np.exp(-((np.arange(31) - 15) ** 2) / 18) * np.cos((np.arange(31) - 15) / 1.5)
+    spread = np.asarray(apply_impulse_response(record(), response, origin=15))
+    made = scan(spread, impulse_response=response)
+    found = reconstruct(made, choose(made, band="none", weight=1e-3, **GIVEN))
+    assert relative_error(found) < 0.1
+    blind = reconstruct(
+        made, choose(made, band="none", weight=1e-3, impulse_response=False, **GIVEN)
+    )
+    assert relative_error(blind) > 3 * relative_error(found)
+
+
+def test_frames_are_fitted_one_by_one():
+    made = scan(np.stack([record(), 2 * record()]))
+    found = reconstruct(made, choose(made, **GIVEN))
+    alone = reconstruct(scan(record()), choose(scan(record()), **GIVEN))
+    assert found.image.shape == (2, 41, 41)
+    assert relative_error(alone) < 0.1
+    assert np.abs(found.image[0] - alone.image).max() < 1e-3 * alone.image.max()
+
+
+def test_a_penalty_that_is_given_says_how():
+    made = scan(record())
+    chosen = choose(made, penalty="ridge")
+    assert chosen.model_based and dict(chosen.reasons)["model_based"] == "penalty is given"
+    assert not choose(made).model_based and "model_based" not in choose(made).table()
+    with pytest.raises(ValueError, match="penalty is 'l1', expected one of tv"):
+        choose(made, penalty="l1")
+
+
+def test_the_command_stores_and_repeats_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    np.savez("scan.npz", pressure=record(), detectors=positions(), sampling_rate=RATE,
+             sound_speed=SPEED)  # fmt: skip
+    line = "reconstruct scan.npz --region-radius 0.011 --pixels 31 --out"
+    options = "--model-based --nonnegative --penalty second-order --weight 0.01"
+    assert main([*line.split(), "a.h5", *options.split()]) == 0
+    said = capsys.readouterr()
+    assert (
+        "penalty            second-order" in " ".join(said.out.splitlines())
+        or "second-order" in said.out
+    )
+    assert "change=" in said.err
+    settings = load_settings("a.h5")
+    assert settings["model_based"] is True and settings["weight"] == 0.01
+    assert main(["reconstruct", "scan.npz", "--repeat", "a.h5", "--out", "b.h5", "--quiet"]) == 0
+    with h5py.File("a.h5") as first, h5py.File("b.h5") as second:
+        assert np.array_equal(first["image"][()], second["image"][()])
+    for other in ("--plan a.h5", "--K 4", "--repeat a.h5"):
+        capsys.readouterr()
+        refused = f"reconstruct scan.npz --out c.h5 --nonnegative {other}"
+        assert main(refused.split()) == 2
+        assert "--nonnegative" in capsys.readouterr().err
+
+
+def test_records_that_end_early_are_fitted_by_themselves(tmp_path, monkeypatch, capsys):
+    """Circular integrals whose radii do not cover the region that is asked for."""
+    import jaxtat
+
+    curve = jaxtat.circular_arc(1.3, 1.3, 48)
+    bells = jaxtat.phantoms.Bells([[0.1, 0.2], [-0.2, -0.3]], [0.4, 0.3])
+    radii = np.arange(0.5, 1.4, 0.05)
+    monkeypatch.chdir(tmp_path)
+    np.savez("short.npz", circular_integrals=bells.circular_integrals(curve, radii), radii=radii,
+             detectors=curve.points)  # fmt: skip
+    line = "reconstruct short.npz --region-radius 0.8 --pixels 33 --out a.npy"
+    assert main(line.split()) == 0
+    assert "there is no formula: radii run from 0.5 to 1.35" in capsys.readouterr().out
+    grid = jaxtat.ImageGrid(33, 0.8)
+    inside = np.asarray(jaxtat.disk(0.8).contains(grid.points))
+    off = (np.load("a.npy") - np.asarray(bells.image(grid)))[inside]
+    assert np.linalg.norm(off) < 0.1 * np.linalg.norm(np.asarray(bells.image(grid))[inside])
