@@ -275,7 +275,7 @@ def _without_factor(
 ) -> tuple[Array, SolveReport]:
     """R^T y = G x by LU decomposition of K G + alpha, with implicit derivatives."""
     inner, outer = detector_gram(geometry, wave, gram), region_gram(geometry, wave, shared)
-    matrix = _product_of_grams(geometry, inner, outer)
+    matrix = product_of_grams(geometry, inner, outer)
     inner_diagonal, outer_diagonal, diagonal = (
         jnp.diagonal(part, axis1=-2, axis2=-1) for part in (inner, outer, matrix)
     )
@@ -289,7 +289,7 @@ def _without_factor(
     return found, _solved_directly(alpha, unit, residual)
 
 
-def _product_of_grams(
+def product_of_grams(
     geometry: PolarGeometry, inner: Float[Array, "blocks r r"], outer: Float[Array, "blocks r r"]
 ) -> Float[Array, "blocks r r"]:
     """K G of one frequency.

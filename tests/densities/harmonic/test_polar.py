@@ -118,6 +118,23 @@ def test_traced_parameters():
     np.testing.assert_allclose(slope, np.eye(80), atol=1e-12)
 
 
+def test_halves_are_halves_only_where_no_derivative_moves_them():
+    """Half a circle, and a chord through the centre: what is zero there has a derivative."""
+
+    def halves(opening, cut):
+        polar = polar_geometry(circular_arc(1.3, opening, 40), disk(1.0, cut, n_boundary=80))
+        return polar.half_turn, polar.halved
+
+    seen = [halves(0.0, 0.0), halves(0.0, 1e-9), halves(1e-9, 0.0)]
+
+    def traced(number):
+        seen.extend([halves(number, 0.0), halves(0.0, number)])
+        return number
+
+    jax.make_jaxpr(traced)(0.0)
+    assert seen == [(True, True), (True, False), (False, True), (False, True), (True, False)]
+
+
 def test_reach_and_detectors_too_near():
     arc = circular_arc(1.3, 1.3, 40, **PLACE)
     concentric = disk(0.9, n_boundary=80, **PLACE)
