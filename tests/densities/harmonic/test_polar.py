@@ -121,14 +121,21 @@ def test_traced_parameters():
 def test_halves_are_halves_only_where_no_derivative_moves_them():
     """Half a circle, and a chord through the centre: what is zero there has a derivative."""
 
-    def halves(opening, cut):
-        polar = polar_geometry(circular_arc(1.3, opening, 40), disk(1.0, cut, n_boundary=80))
+    def halves(curve, region):
+        polar = polar_geometry(curve, region)
         return polar.half_turn, polar.halved
 
-    seen = [halves(0.0, 0.0), halves(0.0, 1e-9), halves(1e-9, 0.0)]
+    def arc(cut):
+        return circular_arc(1.3, cut, 40)
+
+    def part(cut):
+        return disk(1.0, cut, n_boundary=80)
+
+    half_arc, half_disk = arc(0.0), part(0.0)
+    seen = [halves(half_arc, half_disk), halves(half_arc, part(1e-9)), halves(arc(1e-9), half_disk)]
 
     def traced(number):
-        seen.extend([halves(number, 0.0), halves(0.0, number)])
+        seen.extend([halves(arc(number), half_disk), halves(half_arc, part(number))])
         return number
 
     jax.make_jaxpr(traced)(0.0)
