@@ -345,7 +345,7 @@ def cholesky_solve(
     return jax.lax.custom_linear_solve(partial(_product, matrix), rhs, solve, symmetric=True)
 
 
-def _product(matrix: Float[Array, "blocks r r"], columns: Float[Array, "blocks r c"]) -> Array:
+def _product(matrix: Float[Array, "blocks m r"], columns: Float[Array, "blocks r c"]) -> Array:
     """Block by block: products of batches do not reach the fast library routine."""
     return jnp.stack([block @ part for block, part in zip(matrix, columns, strict=True)])
 
