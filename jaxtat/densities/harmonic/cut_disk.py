@@ -14,10 +14,12 @@ table of its own, since it is a difference of neighbouring orders,
 
     (1/lambda) ∂_1 J_n e^{in theta} = (J_{n-1} e^{i(n-1) theta} - J_{n+1} e^{i(n+1) theta}) / 2,
 
-so its part is D V D^T with a matrix D of two diagonals.
+so its part is D V D^T with a matrix D of two diagonals. On a chord through the centre cosines of
+odd orders and sines of even ones are zero, and a quarter of the product is left.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -36,12 +38,14 @@ class CutDisk(eqx.Module):
         waves: (cos|sin)(n theta) √w at the chord's points, n = 0..N+1.
         arc: (C_{m-n} ± C_{m+n}) / 2 [length].
         turn: (cos|sin)(n nu), nu the chord's normal counted from the axis of the waves.
+        halved: whether the chord goes through the centre.
     """
 
     distances: Float[Array, " points_and_one"]
     waves: Float[Array, "2 more points"]
     arc: Float[Array, "2 orders orders"]
     turn: Float[Array, "2 orders"]
+    halved: bool = eqx.field(static=True)
 
     def up_to(self, n_max: int) -> "CutDisk":
         """Fewer orders."""
@@ -50,6 +54,7 @@ class CutDisk(eqx.Module):
             self.waves[:, : n_max + 2],
             self.arc[:, : n_max + 1, : n_max + 1],
             self.turn[:, : n_max + 1],
+            self.halved,
         )
 
 
@@ -71,6 +76,7 @@ def cut_disk(geometry: PolarGeometry, n_max: int) -> CutDisk | None:
         waves=angular(n_max + 1, chord) * jnp.sqrt(weights),
         arc=jnp.stack([near + far, near - far]) / 2,
         turn=angular(n_max, (region.angle - geometry.axis)[None])[..., 0],
+        halved=geometry.halved,
     )
 
 
@@ -90,7 +96,10 @@ def cut_disk_gram(
     sign = jnp.array([-steps[1], steps[1]])[:, None, None]
     on_chord = table[:, :-1] * shared.waves
     on_chord = jnp.concatenate([sign * on_chord[:, 1:2], on_chord], axis=1)
-    chord = jnp.stack([waves @ waves.T for waves in on_chord])  # orders -1..N+1
+    if shared.halved:  # of -1..N+1 cosines are left of every second, 0, 2, ..., sines of -1, 1, ...
+        chord = jnp.stack([_every_second(on_chord[0], 1), _every_second(on_chord[1], 0)])
+    else:
+        chord = jnp.stack([waves @ waves.T for waves in on_chord])
     # D: half of the order before over delta_n, minus half of the one after times delta_{n+1}
     before, after = 0.5 / steps[:-1].at[0].set(1.0), 0.5 * steps[1:]
     derivative = (
@@ -113,3 +122,11 @@ def cut_disk_gram(
     return jnp.block(
         [[even * both + odd * neither, crossed], [crossed.T, even * neither + odd * both]]
     )[None]
+
+
+def _every_second(waves: Float[Array, "n points"], first: int) -> Float[Array, "n n"]:
+    """W W^T, where only the rows ``first``, ``first`` + 2, ... of W are not zero."""
+    n = waves.shape[0]
+    rows = waves[first::2]
+    gaps = (first, (n - 1 - first) % 2, 1)
+    return jax.lax.pad(rows @ rows.T, jnp.zeros((), waves.dtype), (gaps, gaps))

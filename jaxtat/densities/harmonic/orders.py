@@ -40,15 +40,27 @@ def highest_orders(frequencies: np.ndarray, reach: float, distance: float) -> np
 
 
 def frequency_groups(orders: np.ndarray, most: int) -> list[tuple[slice, int]]:
-    """Neighbouring frequencies in at most ``most`` groups, each with the orders of its last.
+    """Neighbouring frequencies in at most ``most`` groups, each with the most orders of its own.
 
-    With g groups, padding to the last N costs (1 + 1/g)² times the work of every frequency having
-    its own, if that is like the cube of N; but every group is compiled by itself, which small
-    problems do not repay.
+    The work is like the cube of N, and every group is compiled by itself, which small problems do
+    not repay. The bounds are those of least work Σ (b - a) N³, found group by group: the least for
+    all frequencies below b is one for those below some a < b, and a group more.
     """
-    n_groups = min(most, len(orders), 1 + int(np.sum(orders**3.0) / WORTH_A_GROUP))
-    bounds = np.linspace(0, len(orders), n_groups + 1).round().astype(int)
-    return [(slice(int(a), int(b)), int(orders[a:b].max())) for a, b in pairwise(bounds)]
+    n = len(orders)
+    n_groups = min(most, n, 1 + int(np.sum(orders**3.0) / WORTH_A_GROUP))
+    work, starts = np.array([0.0, *[np.inf] * n]), []  # of the frequencies below each
+    for _ in range(n_groups):
+        before, work, start = work, np.full(n + 1, np.inf), np.zeros(n + 1, int)
+        for b in range(1, n + 1):
+            needed = np.maximum.accumulate(orders[b - 1 :: -1])[::-1]  # from each a < b to b
+            each = before[:b] + np.arange(b, 0, -1) * needed**3.0
+            start[b] = each.argmin()
+            work[b] = each[start[b]]
+        starts.append(start)
+    bounds = [n]
+    for start in reversed(starts):
+        bounds.append(int(start[bounds[-1]]))
+    return [(slice(a, b), int(orders[a:b].max())) for a, b in pairwise(reversed(bounds))]
 
 
 def _exponent(n: np.ndarray, x: np.ndarray) -> np.ndarray:

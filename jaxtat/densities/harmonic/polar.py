@@ -21,6 +21,7 @@ from ..symmetry import elements_mirrored, mirrored_pairs
 from .orders import highest_orders
 
 _ROUNDING = 1e-9  # relative, for positions that are called equal
+_ROUNDED = 1e-15  # relative, for what is left out because it is zero
 FARTHER = 1.2  # nearest detector over farthest point of the region, from which waves are worth it
 _REACHED = 0.99  # the same, inverted, up to which they can be used at all
 _CANDIDATES = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 17)] * 2), axis=-1).reshape(-1, 2)
@@ -53,6 +54,8 @@ class PolarGeometry(eqx.Module):
         disk: whether the region is a disk about c.
         rim: how many boundary points, the first ones, lie on the arc of a cut disk about c; 0 for
             other regions.
+        halved: whether the chord of that disk goes through c.
+        half_turn: whether the detectors are alike, evenly on half a circle about c and the axis.
         element_angle: D, of elements that are arcs of the circle, all alike [rad]; or else
         nodes: of other elements of finite size. None of both for point detectors.
     """
@@ -66,6 +69,8 @@ class PolarGeometry(eqx.Module):
     mirror: bool = eqx.field(static=True)
     disk: bool = eqx.field(static=True)
     rim: int = eqx.field(static=True)
+    halved: bool = eqx.field(static=True)
+    half_turn: bool = eqx.field(static=True)
     element_angle: Float[Array, ""] | None = None
     nodes: ElementNodes | None = None
 
@@ -169,6 +174,8 @@ def polar_geometry(curve: DetectorCurve, region: Region, n_nodes: int = NODES) -
         mirror=False,
         disk=_is_whole_disk(region),
         rim=0,
+        halved=False,
+        half_turn=False,
     )
     return _with_nodes(geometry, curve, n_nodes)
 
@@ -193,6 +200,9 @@ def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
         mirror=disk or half is not None,
         disk=disk,
         rim=_rim(region, half) if concentric else 0,
+        halved=concentric and _through_center(region),
+        half_turn=is_concrete(arc.half_opening)
+        and abs(float(arc.half_opening) - np.pi / 2) < _ROUNDED,
         element_angle=arc.element_angle,
     )
 
@@ -227,6 +237,8 @@ def _about_points(curve: DetectorCurve, region: Region) -> PolarGeometry:
         mirror=bool(mirrored and disk) or half is not None,
         disk=disk,
         rim=_rim(region, half) if concentric else 0,
+        halved=concentric and _through_center(region),
+        half_turn=False,
     )
 
 
@@ -297,6 +309,13 @@ def _rim(region: Region, half: Region | None) -> int:
     if region.whole:
         return 0
     return region.counts[0] if half is None else region.counts[0] // 2
+
+
+def _through_center(region: Region) -> bool:
+    """Whether the chord of a disk goes through its centre, and is known to stay there."""
+    if not isinstance(region, Disk) or region.whole or not is_concrete(region):
+        return False
+    return bool(abs(float(region.cut)) <= _ROUNDED * float(region.radius))
 
 
 def _one_side(region: Region, center: Array, axis: float) -> Region | None:

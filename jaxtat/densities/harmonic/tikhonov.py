@@ -275,18 +275,37 @@ def _without_factor(
 ) -> tuple[Array, SolveReport]:
     """R^T y = G x by LU decomposition of K G + alpha, with implicit derivatives."""
     inner, outer = detector_gram(geometry, wave, gram), region_gram(geometry, wave, shared)
-    turned = _product(outer, inner)  # G K
+    matrix = product_of_grams(geometry, inner, outer)
     inner_diagonal, outer_diagonal, diagonal = (
-        jnp.diagonal(matrix, axis1=-2, axis2=-1) for matrix in (inner, outer, turned)
+        jnp.diagonal(part, axis1=-2, axis2=-1) for part in (inner, outer, matrix)
     )
     unit = alpha_unit(outer_diagonal, inner_diagonal)
     alpha = system.asked.rule.absolute(_problem(geometry, wave, system, diagonal, unit, None, None))
-    turned += alpha * jnp.eye(turned.shape[-1])
+    matrix += alpha * jnp.eye(matrix.shape[-1])
     rhs = jnp.moveaxis(moments(geometry, wave, system.values), 0, -1)  # images last, as columns
-    x = lu_solve(turned, rhs)
-    residual = _relative(_product(jnp.swapaxes(turned, -1, -2), x) - rhs, rhs, axes=(0, 1))
+    x = lu_solve(matrix, rhs)
+    residual = _relative(_product(matrix, x) - rhs, rhs, axes=(0, 1))
     found = jnp.moveaxis(_product(outer, x), -1, 0)
     return found, _solved_directly(alpha, unit, residual)
+
+
+def product_of_grams(
+    geometry: PolarGeometry, inner: Float[Array, "blocks r r"], outer: Float[Array, "blocks r r"]
+) -> Float[Array, "blocks r r"]:
+    """K G of one frequency.
+
+    On half a circle the cosines of even orders are orthogonal, being even about its quarters, and
+    so are those of odd ones, and sines: of K only the diagonal and every second one beside it are
+    not zero, which halves the product. (Sums over n detectors do as integrals up to the order n.)
+    """
+    r = inner.shape[-1]
+    if not (geometry.half_turn and geometry.mirror and r <= geometry.detector_angles.shape[0]):
+        return _product(inner, outer)
+    even = _product(inner[:, 0::2, 1::2], outer[:, 1::2])
+    odd = _product(inner[:, 1::2, 0::2], outer[:, 0::2])
+    odd = jnp.pad(odd, [(0, 0), (0, r % 2), (0, 0)])
+    mixed = jnp.stack([even, odd], axis=2).reshape(inner.shape[0], -1, r)[:, :r]
+    return mixed + jnp.diagonal(inner, axis1=-2, axis2=-1)[..., None] * outer
 
 
 def _solved_directly(alpha: Array, unit: Array, residual: Array) -> SolveReport:
@@ -295,20 +314,20 @@ def _solved_directly(alpha: Array, unit: Array, residual: Array) -> SolveReport:
 
 
 def lu_solve(
-    turned: Float[Array, "blocks r r"], rhs: Float[Array, "blocks r columns"]
+    matrix: Float[Array, "blocks r r"], rhs: Float[Array, "blocks r columns"]
 ) -> Float[Array, "blocks r columns"]:
-    """The inverse of the transposed matrices times rhs, with implicit derivatives.
+    """matrix^-1 rhs, with implicit derivatives: one more solve each.
 
     LAPACK wants columns in order, XLA has rows: the transposed needs no copy.
     """
-    matrix = jnp.swapaxes(turned, -1, -2)
-    factors = jax.vmap(jax.scipy.linalg.lu_factor)(jax.lax.stop_gradient(matrix))
+    turned = jnp.swapaxes(jax.lax.stop_gradient(matrix), -1, -2)
+    factors = jax.vmap(jax.scipy.linalg.lu_factor)(turned)
 
     def solve(trans: int, _: Callable, right: Array) -> Array:
         return jax.vmap(partial(jax.scipy.linalg.lu_solve, trans=trans))(factors, right)
 
     return jax.lax.custom_linear_solve(
-        partial(_product, matrix), rhs, partial(solve, 0), partial(solve, 1)
+        partial(_product, matrix), rhs, partial(solve, 1), partial(solve, 0)
     )
 
 
@@ -326,7 +345,7 @@ def cholesky_solve(
     return jax.lax.custom_linear_solve(partial(_product, matrix), rhs, solve, symmetric=True)
 
 
-def _product(matrix: Float[Array, "blocks r r"], columns: Float[Array, "blocks r c"]) -> Array:
+def _product(matrix: Float[Array, "blocks m r"], columns: Float[Array, "blocks r c"]) -> Array:
     """Block by block: products of batches do not reach the fast library routine."""
     return jnp.stack([block @ part for block, part in zip(matrix, columns, strict=True)])
 

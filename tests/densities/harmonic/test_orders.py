@@ -1,5 +1,7 @@
 """Numbers of waves, against the size of the terms that are left out, and groups of frequencies."""
 
+from itertools import combinations, pairwise
+
 import mpmath as mp
 import numpy as np
 import pytest
@@ -65,6 +67,18 @@ def test_groups_hold_every_frequency_once_with_orders_enough(n, most, n_groups):
     assert np.array_equal(np.concatenate([np.arange(n)[part] for part, _ in groups]), np.arange(n))
     for part, needed in groups:
         assert part.stop > part.start and needed == orders[part].max()
+
+
+def test_no_other_groups_are_less_work():
+    orders = np.sort(np.random.default_rng(0).integers(600, 3000, 9))
+
+    def work(bounds):
+        return sum((b - a) * int(orders[b - 1]) ** 3 for a, b in pairwise([0, *bounds, 9]))
+
+    groups = frequency_groups(orders, 4)
+    assert work([part.stop for part, _ in groups[:-1]]) == min(
+        map(work, combinations(range(1, 9), 3))
+    )
 
 
 def test_small_problems_are_not_worth_a_second_program():

@@ -118,6 +118,30 @@ def test_traced_parameters():
     np.testing.assert_allclose(slope, np.eye(80), atol=1e-12)
 
 
+def test_halves_are_halves_only_where_no_derivative_moves_them():
+    """Half a circle, and a chord through the centre: what is zero there has a derivative."""
+
+    def halves(curve, region):
+        polar = polar_geometry(curve, region)
+        return polar.half_turn, polar.halved
+
+    def arc(cut):
+        return circular_arc(1.3, cut, 40)
+
+    def part(cut):
+        return disk(1.0, cut, n_boundary=80)
+
+    half_arc, half_disk = arc(0.0), part(0.0)
+    seen = [halves(half_arc, half_disk), halves(half_arc, part(1e-9)), halves(arc(1e-9), half_disk)]
+
+    def traced(number):
+        seen.extend([halves(arc(number), half_disk), halves(half_arc, part(number))])
+        return number
+
+    jax.make_jaxpr(traced)(0.0)
+    assert seen == [(True, True), (True, False), (False, True), (False, True), (True, False)]
+
+
 def test_reach_and_detectors_too_near():
     arc = circular_arc(1.3, 1.3, 40, **PLACE)
     concentric = disk(0.9, n_boundary=80, **PLACE)

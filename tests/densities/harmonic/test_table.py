@@ -30,6 +30,7 @@ WIDTHS = 0.3 * np.cos(np.linspace(-1.5, 1.5, 31))
 JITTER = np.random.default_rng(0).uniform(-0.02, 0.02, (31, 2))
 DISK = disk(1.0, n_boundary=240, **PLACE)
 HALF = disk(1.0, 0.3, n_boundary=240, **PLACE)
+THROUGH = disk(1.0, 0.0, n_boundary=240, **PLACE)
 ASKEW = disk(1.0, 0.3, n_boundary=240, center=PLACE["center"])
 GEOMETRIES = {
     "disk": (ARC, DISK),
@@ -102,11 +103,20 @@ def gram_in_parts(polar, wave):
     return region_gram(polar, wave, cut_disk(polar, wave.steps.shape[-1] - 2))
 
 
-@pytest.mark.parametrize("name", ["half disk", "askew", "off a circle"])
+IN_PARTS = {
+    "half disk": GEOMETRIES["half disk"],
+    "through the centre": (ARC, THROUGH),
+    "askew": GEOMETRIES["askew"],
+    "off a circle": (GEOMETRIES["measured"][0], HALF),
+}
+
+
+@pytest.mark.parametrize("name", IN_PARTS)
 def test_gram_matrix_of_a_cut_disk_in_parts(name):
     """Arc and chord apart, without a table of derivatives, are the sums over all traces."""
-    curve, region = GEOMETRIES.get(name, (GEOMETRIES["measured"][0], HALF))
+    curve, region = IN_PARTS[name]
     polar = polar_geometry(curve, region)
+    assert polar.halved == (name == "through the centre")
     assert polar.rim == region.counts[0] // (2 if polar.mirror else 1)
     table = table_of(polar)
     for i in range(2):

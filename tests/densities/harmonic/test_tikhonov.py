@@ -16,7 +16,7 @@ from jaxtat.densities.harmonic import (
     tikhonov,
     wave_table,
 )
-from jaxtat.densities.harmonic.table import detector_matrix
+from jaxtat.densities.harmonic.table import circle_gram, detector_matrix
 from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
 from jaxtat.geometry.curves import SampledCurve
 from jaxtat.regularization import tikhonov_rule
@@ -127,6 +127,21 @@ def test_groups_of_frequencies_change_nothing():
     assert not apart[:, 0, :, int(orders[0]) + 1 :].any()
     fhat = [at_angles(polar, region, harmonics) for harmonics in (apart, together)]
     assert jnp.abs(fhat[0] - fhat[1]).max() < 1e-11 * jnp.abs(fhat[0]).max()
+
+
+@pytest.mark.parametrize("n_detectors", [N, 19])
+def test_product_of_gram_matrices_on_half_a_circle(n_detectors):
+    """Half of it is enough, if the detectors are more than the orders."""
+    curve = circular_arc(1.5, 0.0, n_detectors, **PLACE)
+    polar = polar_geometry(curve, disk(1.0, 0.0, n_boundary=200, **PLACE))
+    assert polar.half_turn and polar.mirror
+    wave = jax.tree.map(lambda leaf: leaf[1], wave_table(polar, FREQUENCIES, 24))
+    waves = detector_matrix(polar, wave) * jnp.sqrt(curve.weights)
+    outer = jnp.asarray(np.random.default_rng(0).standard_normal((2, 25, 25)))
+    inner = tikhonov.detector_gram(polar, wave, circle_gram(polar, 24))
+    found = tikhonov.product_of_grams(polar, inner, outer)
+    expected = jnp.einsum("jbrk,jbsk,bst->brt", waves, waves, outer)
+    np.testing.assert_allclose(found, expected, atol=1e-13 * float(jnp.abs(expected).max()))
 
 
 def test_too_few_steps_are_reported_with_the_true_residual(monkeypatch):
