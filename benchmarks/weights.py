@@ -9,11 +9,14 @@ weight until the error grows again, and then by factors of √2. Errors are rela
 proves nothing, and is not among the default ones.
 
     python benchmarks/weights.py [--seeds 1 2] [--noise 0.02 0.05 0.15] [--pixels 129]
+
+With ``--penalties`` it prints the errors of all penalties instead, each with the weight it finds.
 """
 
 import argparse
 import warnings
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +29,7 @@ import jaxtat
 
 FINER = 4  # the phantom's pixels in one of the image's, along an axis
 EDGE = 0.95  # of the region's radius: phantoms end there
+PENALTIES = jaxtat.TotalVariation, jaxtat.SecondOrderVariation, jaxtat.Wavelets, jaxtat.Ridge
 WORDS = ("photo acoustic", "open curve", "single layer", "cylindrical wave", "limited view")
 Picture = Callable[[np.random.Generator, np.ndarray, int], np.ndarray]  # points, seed -> values
 
@@ -109,12 +113,18 @@ def _near(weight: float, found: dict[float, float]) -> bool:
     return any(abs(np.log(weight / other)) < 0.01 for other in found)
 
 
+def row(*entries: object) -> str:
+    """Of a table in Markdown."""
+    return f"| {' | '.join(map(str, entries))} |"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--pixels", type=int, default=129)
     parser.add_argument("--detectors", type=int, default=500)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--noise", type=float, nargs="+", default=[0.02, 0.05, 0.15])
+    parser.add_argument("--penalties", action="store_true", help="compare them")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
 
@@ -131,16 +141,20 @@ def main() -> None:
         )
     points, inside = np.asarray(grid.points), setup.region.contains(setup.grid.points)
 
-    def errors(truth: np.ndarray, g: jax.Array, sigma: float, weight: float | None) -> tuple:
-        found = jaxtat.model_based(
-            setup, g, nonnegative=True, noise=sigma, weight=weight, dtype=jnp.float32
-        )
+    def errors(
+        truth: np.ndarray, g: jax.Array, sigma: float, weight: float | None, penalty: Any = None
+    ) -> tuple[float, float, bool]:
+        settings = {"penalty": penalty, "weight": weight, "dtype": jnp.float32}
+        found = jaxtat.model_based(setup, g, nonnegative=True, noise=sigma, **settings)
         off = jnp.linalg.norm((found.image - truth)[inside]) / np.linalg.norm(truth[inside])
         return float(off), float(found.weight), bool(found.converged)
 
     print(options)
-    print("| phantom | seed | noise | found weight | its error | best weight | its error | ratio |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    columns = ["found weight", "its error", "best weight", "its error", "ratio"]
+    if options.penalties:
+        columns = [penalty.__name__ for penalty in PENALTIES]
+    print(row("phantom", "seed", "noise", *columns))
+    print(row(*["---"] * (3 + len(columns))))
     for kind, draw in KINDS.items():
         for seed in options.seeds:
             picture = draw(np.random.default_rng(seed), points, seed)
@@ -150,14 +164,16 @@ def main() -> None:
             for level in options.noise:
                 noise = jaxtat.phantoms.noise_like(jax.random.key(seed), exact, level)
                 g, sigma = exact + noise, level * float(jnp.sqrt(jnp.mean(exact**2)))
-                off, weight, converged = errors(truth, g, sigma, None)
-                best, least = best_weight(lambda w: errors(truth, g, sigma, w)[0], weight)  # noqa: B023
-                print(
-                    f"| {kind} | {seed} | {100 * level:g} % | {weight:.3g} | {off:.4f} "
-                    f"| {best:.3g} | {least:.4f} | {off / least:.2f} |"
-                    + ("" if converged else " not converged"),
-                    flush=True,
-                )
+                case = truth, g, sigma
+                if options.penalties:
+                    each = [errors(*case, None, penalty())[0] for penalty in PENALTIES]
+                    values = [f"{off:.4f}" for off in each]
+                else:
+                    off, weight, converged = errors(*case, None)
+                    best, least = best_weight(lambda w: errors(*case, w)[0], weight)  # noqa: B023
+                    values = [f"{weight:.3g}", f"{off:.4f}", f"{best:.3g}", f"{least:.4f}"]
+                    values.append(f"{off / least:.2f}" + ("" if converged else ", not converged"))
+                print(row(kind, seed, f"{100 * level:g} %", *values), flush=True)
 
 
 if __name__ == "__main__":
