@@ -12,6 +12,8 @@ from nbclient import NotebookClient
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
 # by the time they take
 NAMES = (
+    "10_images_with_constraints.ipynb",
+    "11_learning_through_ten_steps.ipynb",
     "01_paper.ipynb",
     "05_uncertainty.ipynb",
     "03_choosing_K_by_gradient.ipynb",
@@ -78,6 +80,7 @@ def test_notebooks_are_kept_with_their_pictures(name):
     for cell in cells:
         kinds = {output.output_type for output in cell.outputs}
         assert "error" not in kinds
+        assert "stderr" not in {output.get("name") for output in cell.outputs}  # no warnings
         body = re.sub(r"^(?:def|class|@).*\n(?:(?: .*)?\n)*", "", cell.source, flags=re.M)
         if any(draws in body for draws in DRAWS):
             assert any("image/png" in output.get("data", {}) for output in cell.outputs), body

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Bool, Float, Int
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from ..reconstruction import Setup
