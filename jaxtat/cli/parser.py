@@ -120,7 +120,7 @@ def _add_reconstruct(subparsers) -> None:
     )
     _add_unit_and_plan(parser)
     _add_choices(parser)
-    _add_options(parser.add_argument_group("images with constraints"), CONSTRAINTS)
+    _add_constraints(parser)
 
 
 def _add_unit_and_plan(parser: argparse.ArgumentParser) -> None:
@@ -153,6 +153,7 @@ def _add_report(subparsers) -> None:
     )
     _add_unit_and_plan(parser)
     _add_choices(parser)
+    _add_constraints(parser)
 
 
 def _add_info(subparsers) -> None:
@@ -179,6 +180,10 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
     times.add_argument("--duration", type=float, metavar="T", help="samples from 0 to T inclusive")
     _add_options(data, RECORD)
     _add_geometry(parser)
+
+
+def _add_constraints(parser: argparse.ArgumentParser) -> None:
+    _add_options(parser.add_argument_group("images with constraints"), CONSTRAINTS)
 
 
 def _add_options(group, name: str) -> None:

@@ -1,5 +1,6 @@
 """Images with constraints: what data leave open, a penalty decides."""
 
+from .comparison import Comparison, compare_fits
 from .fit import ModelBased, model_based
 from .penalties import (
     NoPenalty,
@@ -11,6 +12,7 @@ from .penalties import (
 )
 
 __all__ = [
+    "Comparison",
     "ModelBased",
     "NoPenalty",
     "Penalty",
@@ -18,5 +20,6 @@ __all__ = [
     "SecondOrderVariation",
     "TotalVariation",
     "Wavelets",
+    "compare_fits",
     "model_based",
 ]

@@ -58,8 +58,8 @@ def model_based(
     conditioning: Callable[[Array], Array] | None = None,
     everywhere: bool = False,
     initial: Numbers | None = None,
-    tolerance: float = 1e-4,
-    max_steps: int = 200,
+    tolerance: float | None = None,
+    max_steps: int = 500,
     steps: int | None = None,
     unrolled: bool = False,
     dtype: Any = None,
@@ -98,7 +98,8 @@ def model_based(
             ``functools.partial(condition_record, times=times, band=band, baseline=False)``.
         everywhere: f may differ from zero on all of the grid, not only in the region.
         initial: image to start from, like the result; zero by default.
-        tolerance: of the change of the image in a step, relative, at which to stop.
+        tolerance: of the change of the image in a step, relative, at which to stop; 1e-4 by
+            default, and 1e-5 for an incomplete setup, where the last steps count.
         max_steps: the most steps.
         steps, unrolled: this many steps, none less, through which derivatives go back.
         dtype: float32 for speed, with errors of 1e-5.
@@ -131,6 +132,8 @@ def model_based(
     start = jnp.broadcast_to(start, (*batch, *space)).astype(data.dtype).reshape(-1, *space)
     weight = checked_weight(weight, penalty, data.dtype)
     require_prox(penalty, start[:1], jnp.ones((), data.dtype))
+    if tolerance is None:
+        tolerance = 1e-4 if setup.complete else 1e-5
     stop = real_array("tolerance", tolerance, ())
     require_positive("tolerance", stop)
     joint = isinstance(penalty, Penalty) and penalty.joint

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from .data_fit import DataFit
 from .penalties import Penalty
 
-SPREAD = 3.0  # chosen on one half of the phantoms of benchmarks/weights.py, tried on the other
+SPREAD = 3.0  # chosen on phantoms of seed 0; benchmarks/weights.py tries it on others
 
 
 def balanced_weight(

@@ -25,6 +25,7 @@ from ..plotting import (
     show_sinogram,
 )
 from ..studies import DataResidual, Diagnosis, WaveAccuracy
+from .constrained import Constrained, limits_of
 
 _DISKS = 7  # across the region, of edges that are seen
 
@@ -32,6 +33,17 @@ _DISKS = 7  # across the region, of edges that are seen
 def image(diagnosis: Diagnosis, unit: str | None) -> Figure:
     """The picture."""
     return picture(diagnosis.image, diagnosis.setup.grid, unit=unit)
+
+
+def constrained(diagnosis: Diagnosis, found: Constrained, unit: str | None) -> Figure:
+    """The direct image and that under constraints, in the same grey levels."""
+    figure = new_figure(11, 5.2)
+    outside = np.isnan(np.asarray(diagnosis.image))
+    pair = diagnosis.image, np.where(outside, np.nan, np.asarray(found.image))
+    limits = limits_of(*pair)
+    for axes, image in zip(figure.subplots(1, 2), pair, strict=True):
+        show_image(axes, image, diagnosis.setup.grid, limits=limits, unit=unit)
+    return figure
 
 
 def geometry(diagnosis: Diagnosis, unit: str | None) -> Figure:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from ..studies import UNCERTAINTY_PIXELS, Diagnosis
 from . import figures
+from .constrained import Constrained, in_words
 from .html import Html, element, join, picture
 from .verdicts import Finding, Level, findings
 
@@ -45,6 +46,7 @@ class Page(NamedTuple):
         provenance: rows of (name, value).
         unit: of length, "m", "cm", "mm" or "um"; None if it is not known.
         channels: number of every detector in the file; None if that is its number.
+        constrained: the image under constraints; None if there is none.
     """
 
     title: str
@@ -52,6 +54,7 @@ class Page(NamedTuple):
     provenance: Rows
     unit: str | None
     channels: Sequence[int] | None
+    constrained: Constrained | None = None
 
 
 def html_page(diagnosis: Diagnosis, page: Page) -> str:
@@ -60,6 +63,9 @@ def html_page(diagnosis: Diagnosis, page: Page) -> str:
     sections = [
         _section("In short", _list(found)),
         _section("The picture", *_image(diagnosis, page.unit)),
+        _section("With constraints", *_constrained(diagnosis, page.constrained, page.unit))
+        if page.constrained
+        else Html(),
         _section("What was chosen", _table(("", "value", "why"), page.choices))
         if page.choices
         else Html(),
@@ -121,6 +127,15 @@ def _image(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
         "percentile; outside the region the image means nothing and is left blank."
     )
     return [_figure(figures.image(diagnosis, unit), caption)]
+
+
+def _constrained(diagnosis: Diagnosis, found: Constrained, unit: str | None) -> list[Html]:
+    caption = (
+        "Left: the picture above. Right: the image that fits the data and costs least "
+        f"({found.how}). The same grey levels."
+    )
+    figure = figures.constrained(diagnosis, found, unit)
+    return [element("p", in_words(found)), _figure(figure, caption)]
 
 
 def _geometry(diagnosis: Diagnosis, unit: str | None) -> list[Html]:

@@ -16,9 +16,11 @@ from ..reconstruction import ReconstructionPlan, Setup, build_plan, reconstruct
 from ..records import LEAST_SAMPLES, noise_of_record
 from ..regularization import Tikhonov
 from ..scans import Choices, choose, estimate_sound_speed, integrals, setup_of, with_facts
+from ..scans.constrained import compared, fitted
 from ..scans.facts import facts_of, times_of
 from ..steps import AccuracyWarning
 from ..studies import Diagnosis
+from .constrained import Constrained
 from .writing import report
 
 
@@ -101,13 +103,18 @@ def report_scan(
             warnings.filterwarnings("ignore", ".* of the plane waves are off", AccuracyWarning)
             plan = build_plan(setup, Tikhonov(choices.alpha), progress=progress)
     low_pass, inversion = choices.low_pass, choices.inversion
+    image = reconstruct(plan, g, low_pass=low_pass, inversion=inversion)
+    constrained = None
+    if choices.model_based:
+        constrained = _constrained(scan, choices, setup, scan.frame(frame), image, progress)
     several = f", frame {frame} of {scan.n_frames}" if scan.n_frames > 1 else ""
     return report(
         path,
         setup,
         g,
-        reconstruct(plan, g, low_pass=low_pass, inversion=inversion),
+        image,
         plan=plan,
+        constrained=constrained,
         sigma=sigma,
         noise=noise,
         uncertainty_pixels=uncertainty_pixels,
@@ -120,6 +127,21 @@ def report_scan(
         low_pass=low_pass,
         inversion=inversion,
     )
+
+
+def _constrained(
+    scan: Scan,
+    choices: Choices,
+    setup: Setup,
+    frame: np.ndarray,
+    direct: Array,
+    progress: bool,
+) -> Constrained:
+    """The frame's image under constraints, beside the direct one."""
+    found = fitted(scan, choices, setup, frame, progress=progress)
+    both = compared(scan, choices, setup, frame, direct, found.image)
+    how = f"{choices.penalty}, f >= 0" if choices.nonnegative else choices.penalty
+    return Constrained(found.image, how, both, bool(found.converged))
 
 
 def _noise_alone(

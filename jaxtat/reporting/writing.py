@@ -11,6 +11,7 @@ from ..io.origin import provenance
 from ..reconstruction import ReconstructionPlan, Setup
 from ..steps.radon import LowPass
 from ..studies import Diagnosis, diagnose
+from .constrained import Constrained
 
 
 def report(
@@ -25,6 +26,7 @@ def report(
     low_pass: LowPass | None = None,
     inversion: str = "fbp",
     uncertainty_pixels: int | None = None,
+    constrained: Constrained | None = None,
     title: str = "Reconstruction",
     choices: Sequence[tuple[str, str, str]] = (),
     channels: Sequence[int] | None = None,
@@ -38,6 +40,7 @@ def report(
         path: the file to write.
         setup, g, image: the problem, in the plane, the data of one image, and the image.
         plan, sigma, noise, low_pass, inversion, uncertainty_pixels, progress: as in `diagnose`.
+        constrained: the image under constraints, to be shown beside it.
         title: of the page.
         choices: what was chosen for the reconstruction, rows of (name, value, why).
         channels: number of every detector in the file, if it is not its number along the curve.
@@ -69,7 +72,14 @@ def report(
         progress=progress,
     )
     write_report(
-        path, diagnosis, title=title, choices=choices, channels=channels, origin=origin, unit=unit
+        path,
+        diagnosis,
+        constrained=constrained,
+        title=title,
+        choices=choices,
+        channels=channels,
+        origin=origin,
+        unit=unit,
     )
     return diagnosis
 
@@ -78,6 +88,7 @@ def write_report(
     path: str | Path,
     diagnosis: Diagnosis,
     *,
+    constrained: Constrained | None = None,
     title: str = "Reconstruction",
     choices: Sequence[tuple[str, str, str]] = (),
     channels: Sequence[int] | None = None,
@@ -89,14 +100,14 @@ def write_report(
     Args:
         path: the file to write.
         diagnosis: from `diagnose`.
-        title, choices, channels, unit: as in `report`.
+        constrained, title, choices, channels, unit: as in `report`.
         origin: of `jaxtat.io.origin`; by default without input files.
     """
     from .page import Page, html_page  # matplotlib is slow to import
 
     origin = provenance((), unit) if origin is None else origin
     rows = [*_of_problem(diagnosis), *_origin(origin)]
-    text = html_page(diagnosis, Page(title, choices, rows, unit, channels))
+    text = html_page(diagnosis, Page(title, choices, rows, unit, channels, constrained))
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

@@ -4,7 +4,7 @@ A pressure record is not made into integrals: the model goes through what the re
 since an image that may not be negative has the low frequencies that a band-pass took from it.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,12 +12,14 @@ from jaxtyping import Array, Float
 
 from ..base.checks import real_array
 from ..constraints import (
+    Comparison,
     ModelBased,
     NoPenalty,
     Ridge,
     SecondOrderVariation,
     TotalVariation,
     Wavelets,
+    compare_fits,
     model_based,
 )
 from ..geometry import data_radii
@@ -49,17 +51,40 @@ def fitted(
         frames: (..., detectors, samples), rows as in the file.
         progress: show a progress bar.
     """
-    options: dict[str, Any] = {
-        "penalty": PENALTIES[choices.penalty](),
-        "nonnegative": choices.nonnegative,
-        "weight": choices.weight,
-        "tolerance": TOLERANCE,
-        "dtype": jnp.float32,
-        "progress": progress,
-    }
+    recorded = _recorded(scan, choices, setup, frames)
+    return model_based(
+        recorded.setup,
+        recorded.data,
+        penalty=PENALTIES[choices.penalty](),
+        nonnegative=choices.nonnegative,
+        weight=choices.weight,
+        tolerance=TOLERANCE,
+        dtype=jnp.float32,
+        progress=progress,
+        **recorded.model,
+    )
+
+
+def compared(
+    scan: Scan, choices: Choices, setup: Setup, frame: np.ndarray, first: Array, second: Array
+) -> Comparison:
+    """How well two images fit a frame, as `fitted` does it."""
+    recorded = _recorded(scan, choices, setup, frame)
+    return compare_fits(recorded.setup, recorded.data, first, second, **recorded.model)
+
+
+class _Recorded(NamedTuple):
+    """What is fitted, and what `model_based` must know of it."""
+
+    setup: Setup
+    data: Array
+    model: dict[str, Any]
+
+
+def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) -> _Recorded:
     times = times_of(scan)
     if times is None or choices.in_space:
-        return model_based(setup, integrals(scan, choices, setup, frames), **options)
+        return _Recorded(setup, integrals(scan, choices, setup, frames), {})
     record = real_array(scan.kind, frames[..., list(choices.channels), :], None)
     radii = data_radii(setup.curve, setup.region, setup.grid.spacing.max())
     reaching = Setup(
@@ -82,12 +107,10 @@ def fitted(
             pressure = apply_impulse_response(pressure, response, origin=len(response) // 2)
         return conditioned(pressure, baseline=False)
 
-    return model_based(
-        reaching,
-        conditioned(record, baseline=in_plane),
-        times=times,
-        sound_speed=choices.sound_speed,
-        model=choices.model,
-        conditioning=as_recorded,
-        **options,
-    )
+    model = {
+        "times": times,
+        "sound_speed": choices.sound_speed,
+        "model": choices.model,
+        "conditioning": as_recorded,
+    }
+    return _Recorded(reaching, conditioned(record, baseline=in_plane), model)

@@ -257,6 +257,7 @@ def test_in_space_and_in_single_precision(cap, few, data):
     assert found.image.dtype == jnp.float32 and found.converged
     wanted = ball.volume(setup.grid)
     assert float(jnp.linalg.norm(found.image - wanted) / jnp.linalg.norm(wanted)) < 0.1
+    assert model_based(few, data, penalty=Ridge(), dtype=jnp.float32).converged
     single = model_based(few, data, weight=0.05, dtype=jnp.float32).image
     assert_allclose(single, model_based(few, data, weight=0.05).image, atol=2e-3)
 

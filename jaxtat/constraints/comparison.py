@@ -1,0 +1,90 @@
+"""Two images of the same data: what the data say of their difference."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..base.checks import Numbers, real_array
+from ..reconstruction import Setup
+from ..reconstruction.setup import require_setup
+from .arguments import checked_data, data_fit
+from .data_fit import DataFit
+
+
+class Comparison(NamedTuple):
+    """Two images beside each other; all numbers are relative.
+
+    Attributes:
+        misfits: ||W (A f - g)|| / ||W g|| of the first and the second.
+        differ: ||f_2 - f_1|| / ||f_2|| in the region.
+        told: ||W A (f_2 - f_1)|| / ||W g||: how much of their difference reaches the data.
+    """
+
+    misfits: tuple[Float[Array, ""], Float[Array, ""]]
+    differ: Float[Array, ""]
+    told: Float[Array, ""]
+
+
+def compare_fits(
+    setup: Setup,
+    data: Numbers,
+    first: Numbers,
+    second: Numbers,
+    *,
+    noise: Numbers | None = None,
+    mask: Numbers | None = None,
+    times: Numbers | None = None,
+    sound_speed: Numbers = 1.0,
+    model: str = "2d",
+    conditioning: Callable[[Array], Array] | None = None,
+) -> Comparison:
+    """How well two images fit the data, and whether the data tell them apart.
+
+    Where ``told`` is less than the misfits the data hold no more of the difference than of noise:
+    there what made the images, formula or penalty, has decided.
+
+    Args:
+        setup, data, noise, mask, times, sound_speed, model, conditioning: as in `model_based`, of
+            one image.
+        first, second: images; what is outside the region may be NaN.
+
+    Returns:
+        Comparison.
+
+    Raises:
+        ValueError: for shapes that do not fit, and NaN.
+
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
+    >>> setup = Setup(circular_arc(1.3, 1.0, 30), disk(1.0), ImageGrid(21), max_frequency=20.0)
+    >>> bell = phantoms.Bells([[0.1, 0.2]], [0.7])
+    >>> g, image = bell.circular_integrals(setup.curve, setup.radii), bell.image(setup.grid)
+    >>> found = compare_fits(setup, g, image, 2 * image)
+    >>> round(float(found.differ), 6), round(float(found.misfits[1]), 1)
+    (0.5, 1.0)
+    """
+    require_setup(setup)
+    pressure = None if times is None else (times, sound_speed, model, conditioning)
+    fit = data_fit(setup, pressure, False, noise, mask, False, None)
+    wanted, _ = checked_data(data, fit)
+    if len(wanted) != 1:
+        raise ValueError(f"data are those of {len(wanted)} images, expected one.")
+    images = []
+    for name, image in {"first": first, "second": second}.items():
+        inside = jnp.where(fit.support, jnp.asarray(image, float), 0.0)
+        images.append(real_array(name, inside, setup.grid.shape))
+    return _compared(fit, wanted, jnp.stack(images))
+
+
+@eqx.filter_jit
+def _compared(fit: DataFit, data: Array, images: Array) -> Comparison:
+    norm = jnp.linalg.norm
+    modelled = fit.modelled(images)
+    first, second = (norm(each - data[0]) / norm(data) for each in modelled)
+    return Comparison(
+        (first, second),
+        norm(images[1] - images[0]) / norm(images[1]),
+        norm(modelled[1] - modelled[0]) / norm(data),
+    )
