@@ -310,6 +310,8 @@ def _require_plane(setup: Any) -> None:
         part = getattr(setup, name, None)
         if not isinstance(part, kind):
             raise ValueError(f"a {type(part).__name__} as {name}, expected a {kind.__name__}.")
+    if not setup.complete:
+        raise ValueError("a setup with radii that do not cover its region.")
 
 
 def _require_sizes(plan: ReconstructionPlan) -> None:

@@ -73,7 +73,7 @@ def small_cap():
         ((ARC, 1.0, GRID), r"region is 1\.0, expected"),
         ((circular_arc(1.0, 1.0, 24), DISK, GRID), "detectors lie inside or on the region"),
         ((circular_arc(1300.0, 1000.0, 24), DISK, GRID, np.linspace(0.3, 2.3, 9)), "same unit"),
-        ((ARC, DISK, GRID, np.linspace(0.6, 1.5, 20)), "meet the region of interest for radii"),
+        ((ARC, DISK, GRID, np.linspace(2.4, 3.5, 20)), "meet the region of interest for radii"),
         ((ARC, DISK, GRID, np.linspace(0.3, np.nan, 20)), "radii holds .* NaN"),
         ((ARC, DISK, GRID, np.linspace(0.3, 2.3, 20)[:, None]), "radii has shape"),
         ((ARC, DISK, GRID, np.linspace(2.3, 0.3, 20)), "in increasing order"),
