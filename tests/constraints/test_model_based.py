@@ -215,12 +215,14 @@ def test_a_proximal_map_of_ones_own_is_taken(few, data):
     assert_allclose(slope, jax.grad(ridge)(2.0), rtol=1e-4)
 
 
-@pytest.mark.parametrize("nonnegative", [False, True], ids=["any", "nonnegative"])
-def test_derivatives_are_those_of_differences(few, data, nonnegative):
-    """In data, weight, noise, radii, detectors' radius and smoothing, in both modes."""
+def test_derivatives_are_those_of_differences(few, data):
+    """In data, weight, noise, radii, detectors' radius and smoothing, in both modes.
+
+    With f >= 0, so that some pixels are held at zero and others are free.
+    """
     pixels = jnp.asarray(np.random.default_rng(3).standard_normal((17, 17)))
 
-    def total(g, log_weight, noise, radii, radius, smoothing):
+    def image(g, log_weight, noise, radii, radius, smoothing):
         setup = few.replace(curve=jaxtat.circular_arc(radius, 1.0, 12), radii=radii)
         found = model_based(
             setup,
@@ -228,13 +230,19 @@ def test_derivatives_are_those_of_differences(few, data, nonnegative):
             penalty=TotalVariation(smoothing=smoothing),
             weight=10**log_weight,
             noise=noise,
-            nonnegative=nonnegative,
+            nonnegative=True,
             tolerance=1e-12,
             max_steps=20000,
         )
-        return jnp.sum(pixels * found.image)
+        return found.image
 
     arguments = (data, jnp.array(-1.0), jnp.array(0.4), few.radii, jnp.array(1.3), jnp.array(0.3))
+    held = image(*arguments)[few.region.contains(few.grid.points)] == 0
+    assert 0.05 < float(held.mean()) < 0.95
+
+    def total(*arguments):
+        return jnp.sum(pixels * image(*arguments))
+
     check_grads(total, arguments, order=1, modes=("fwd", "rev"), eps=1e-4, rtol=2e-4, atol=2e-5)
 
 
@@ -246,7 +254,7 @@ def test_unrolled_steps_are_differentiated_as_they_are(few, data):
     state = model_based(few, data, weight=0.1, max_steps=4, tolerance=1e-15)
     assert_allclose(found(data, 0.1).image, state.image, atol=1e-12)
     total = lambda g, weight: jnp.sum(found(g, weight).image ** 2)  # noqa: E731
-    check_grads(total, (data, jnp.array(0.1)), order=1, modes=("fwd", "rev"), rtol=1e-4)
+    check_grads(total, (data, jnp.array(0.1)), order=1, modes=("rev",), rtol=1e-4)
 
 
 def test_in_space_and_in_single_precision(cap, few, data):
