@@ -10,8 +10,16 @@ import lineax as lx
 from jaxtyping import Array, Bool, Float, Int
 from tqdm import tqdm
 
-from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..base.checks import (
+    Numbers,
+    constants,
+    is_concrete,
+    real_array,
+    require_positive,
+    whole_number,
+)
 from ..reconstruction import Setup
+from ..special import root
 from .arguments import checked_data, checked_penalty, checked_weight, data_fit, require_prox
 from .data_fit import DataFit
 from .fista import Scale, State, first, scale_of, step
@@ -198,7 +206,7 @@ def _scale(fit: DataFit, data: Array) -> Scale:
 def _started(
     fit: DataFit, penalty: Any, start: Array, scale: Scale, weight: Array | None, max_steps: int
 ) -> State:
-    fit, penalty, start, scale = _held((fit, penalty, start, scale))
+    fit, penalty, start, scale = constants((fit, penalty, start, scale))
     given = jnp.zeros(()) if weight is None else jax.lax.stop_gradient(weight)
     return first(fit, penalty, start, scale, given, max_steps)
 
@@ -214,8 +222,11 @@ def _advance(
     tolerance: Array,
     until: Array,
 ) -> State:
-    """Steps until the change is small, or there were that many."""
-    fit, data, penalty, scale, state = _held((fit, data, penalty, scale, state))
+    """Steps until the change is small, or there were that many.
+
+    Without derivatives: loops with an unknown number of steps have none in reverse mode.
+    """
+    fit, data, penalty, scale, state = constants((fit, data, penalty, scale, state))
 
     def unfinished(state: State) -> Array:
         return (state.change > tolerance) & (state.step < until)
@@ -238,7 +249,7 @@ def _conjugate_gradients(
     max_steps: Array,
 ) -> State:
     """The minimum of a quadratic function, in units in which ||B|| is 1."""
-    fit, data, weight, scale, start = _held((fit, data, weight, scale, start))
+    fit, data, weight, scale, start = constants((fit, data, weight, scale, start))
     alpha = weight if isinstance(penalty, Ridge) else 0.0
 
     def normal(images: Array) -> Array:
@@ -290,13 +301,5 @@ def _report(
 def _answer(fit: DataFit, data: Array, image: Array, state: State, converged: Array) -> ModelBased:
     size = jnp.sum(data**2)
     left = jnp.sum((fit.modelled(image) - data) ** 2)
-    ratio = left / jnp.where(size > 0, size, 1.0)
-    residual = jnp.where(ratio > 0, jnp.sqrt(jnp.where(ratio > 0, ratio, 1.0)), 0.0)
+    residual = root(left / jnp.where(size > 0, size, 1.0))
     return ModelBased(image, state.weight, state.step, residual, converged, state.history)
-
-
-def _held(values: Any) -> Any:
-    """Without derivatives: loops with an unknown number of steps have none in reverse mode."""
-    return jax.tree.map(
-        lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf, values
-    )

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..base.checks import real_array, require_positive, whole_number
+from ..special import root
 
 
 class Penalty(eqx.Module):
@@ -43,8 +44,7 @@ class Penalty(eqx.Module):
 
     def sizes(self, parts: Float[Array, "parts stack *space"]) -> Float[Array, "_ _ *space"]:
         """|(D f)_i|, with derivative 0 at 0."""
-        square = jnp.sum(parts**2, axis=(0, 1) if self.joint else 0, keepdims=True)
-        return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+        return root(jnp.sum(parts**2, axis=(0, 1) if self.joint else 0, keepdims=True))
 
     def value(
         self, images: Float[Array, "stack *space"], delta: Float[Array, ""] | float
@@ -136,8 +136,7 @@ class Wavelets(Penalty):
 
     def sizes(self, parts: Array) -> Array:
         if self.joint:
-            square = jnp.sum(parts**2, axis=1, keepdims=True)
-            return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+            return root(jnp.sum(parts**2, axis=1, keepdims=True))
         return jnp.abs(parts)
 
     def bound(self, dimension: int) -> float:

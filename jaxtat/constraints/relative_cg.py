@@ -6,6 +6,8 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array
 
+from ..special import root
+
 
 class RelativeCG(lx.AbstractLinearSolver):
     """Relative tolerances of `lineax.CG` are elementwise, met last by pixels that hold nothing.
@@ -32,8 +34,8 @@ class RelativeCG(lx.AbstractLinearSolver):
         return self.solver.init(operator, options)
 
     def compute(self, state: Any, vector: Array, options: dict[str, Any]) -> Any:
-        square = jnp.sum(vector**2)
-        size = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 1.0)
+        norm = root(jnp.sum(vector**2))
+        size = jnp.where(norm > 0, norm, 1.0)
         value, result, stats = self.solver.compute(state, vector / size, options)
         return size * value, result, stats
 

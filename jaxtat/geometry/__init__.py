@@ -13,7 +13,7 @@ from .grids import Grid, ImageGrid, VolumeGrid
 from .line_weights import transverse_weight
 from .measured_curves import detector_curve, in_plane, keep_detectors
 from .polygons import Polygon, RegionUnion, polygon, rectangle, union_of_regions
-from .radii import data_radii, require_cover, require_radii, uncovered
+from .radii import data_radii, require_radii, uncovered
 from .regions import Disk, Region, disk, require_outside
 from .rings import DetectorRings, find_rings
 from .seen_lines import Visibility, VisibilityWarning, visibility
@@ -60,7 +60,6 @@ __all__ = [
     "polygon",
     "polyline",
     "rectangle",
-    "require_cover",
     "require_outside",
     "require_radii",
     "seen_share",

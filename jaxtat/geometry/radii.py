@@ -41,22 +41,6 @@ def data_radii(
     return jax.device_put(least + float(step) * np.arange(n))
 
 
-def require_cover(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"]) -> None:
-    """Raise ValueError unless radii are positive, increasing, without holes and cover the region.
-
-    One step may be missing at either end, where the integrals of a function that vanishes at the
-    boundary are nearly zero. Whether they also cover sources outside the region only the user can
-    know, see `data_radii`.
-    """
-    require_radii(radii)
-    missing = uncovered(curve, region, radii)
-    if missing:
-        raise ValueError(
-            f"{missing}: record longer, shrink the region, or check that radii and positions use "
-            "the same unit of length."
-        )
-
-
 def require_radii(radii: Float[Array, " radii"]) -> None:
     """Raise ValueError unless radii are positive, increasing and without holes."""
     if radii.shape[0] < 4:
@@ -80,6 +64,10 @@ def require_radii(radii: Float[Array, " radii"]) -> None:
 
 def uncovered(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"]) -> str:
     """In words, which circles that meet the region have no data; "" for none, or traced ones.
+
+    One step may be missing at either end, where the integrals of a function that vanishes at the
+    boundary are nearly zero. Whether they also cover sources outside the region only the user can
+    know, see `data_radii`.
 
     Raises:
         ValueError: if none of those that have data meets it.

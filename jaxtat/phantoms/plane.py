@@ -13,8 +13,8 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.checks import Numbers, real_array, require_positive
 from ..geometry import DetectorCurve, ImageGrid
-from ..special import j0, j1
-from .radial import RadialParts, gauss_legendre, length_of, safe_sqrt, sin8_integral
+from ..special import j0, j1, root
+from .radial import RadialParts, gauss_legendre, length_of, sin8_integral
 
 
 class Phantom(RadialParts):
@@ -173,14 +173,14 @@ class Bells(Phantom):
         phi = a[:, None] * (nodes + 1) / 2
         # |x - c|² = (d - r)² + 4 d r sin²(phi/2), free of cancellation
         t2 = (distance - r[:, None]) ** 2 + 4 * distance * r[:, None] * jnp.sin(phi / 2) ** 2
-        values = self._profile(safe_sqrt(t2) / part_radius)
+        values = self._profile(root(t2) / part_radius)
         return 2 * r * (a / 2) * (values @ weights)
 
     def _line_integral(self, t: Array) -> Array:
         nodes, weights = gauss_legendre(96)
-        half = safe_sqrt(jnp.maximum(1 - t**2, 0.0))
+        half = root(jnp.maximum(1 - t**2, 0.0))
         y = half[..., None] * (nodes + 1) / 2
-        return half * (self._profile(safe_sqrt(t[..., None] ** 2 + y**2)) @ weights)
+        return half * (self._profile(root(t[..., None] ** 2 + y**2)) @ weights)
 
     def _hankel(self, k: Array) -> Array:
         nodes, weights = gauss_legendre(512)  # resolves k up to several hundred

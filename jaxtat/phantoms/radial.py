@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, real_array, require_positive, whole_number
+from ..special import root
 
 
 class RadialParts(eqx.Module):
@@ -64,12 +65,7 @@ def sin8_integral(u: Array) -> Array:
 
 
 def length_of(difference: Array) -> Array:
-    return safe_sqrt(jnp.sum(difference**2, axis=-1))
-
-
-def safe_sqrt(square: Array) -> Array:
-    """√square with derivative 0, not NaN, at 0."""
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+    return root(jnp.sum(difference**2, axis=-1))
 
 
 def gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:

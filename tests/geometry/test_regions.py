@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from jax.test_util import check_grads
 
 from jaxtat import ImageGrid, circular_arc, data_radii, detector_curve, disk
-from jaxtat.geometry import require_cover, require_outside, visibility
+from jaxtat.geometry import require_outside, require_radii, uncovered, visibility
 
 unit = st.floats(-3.0, 3.0)
 
@@ -90,6 +90,14 @@ def test_grid_nodes_and_their_order():
 def test_bad_grids_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         ImageGrid(*arguments)
+
+
+def require_cover(curve, region, radii):
+    """What a `Setup` looks at."""
+    require_radii(radii)
+    missing = uncovered(curve, region, radii)
+    if missing:
+        raise ValueError(missing)
 
 
 def test_radii_of_the_paper():
