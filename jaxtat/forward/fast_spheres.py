@@ -126,7 +126,7 @@ def sphere_integrals(
     if isinstance(curve, SphericalCap):
         waves = ring_waves(curve, frequencies, sizes)
     else:
-        waves = point_waves(curve.points - curve.center, frequencies, sizes)
+        waves = point_waves(curve, frequencies, sizes)
     first = jnp.stack([grid.axis(axis)[n // 2] for axis, n in enumerate(grid.shape)])
     offset = first - curve.center
     return SphereIntegrals(

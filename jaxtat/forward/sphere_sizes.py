@@ -55,11 +55,13 @@ class SphereSizes(eqx.Module):
         period: T, beyond which no sphere about a detector meets the volume [length].
         bands: of the frequencies.
         together: scattered detectors whose spherical harmonics are made at a time.
+        n_nodes: of Gauss's rule on an element of finite size.
     """
 
     period: float = eqx.field(static=True)
     bands: tuple[Band, ...] = eqx.field(static=True)
     together: int = eqx.field(static=True)
+    n_nodes: int = eqx.field(static=True)
 
     @property
     def n_frequencies(self) -> int:
@@ -110,7 +112,8 @@ def sphere_sizes(
         for first, last in pairwise(bounds.tolist())
     )
     pairs = 2 * bands[-1].degrees * bands[-1].orders
-    return SphereSizes(period, bands, max(1, TABLE // pairs))
+    n_nodes = curve.enough_nodes(np.pi / period * n)
+    return SphereSizes(period, bands, max(1, TABLE // pairs), n_nodes)
 
 
 def _band(

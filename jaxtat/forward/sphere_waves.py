@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ..geometry.caps import SphericalCap
+from ..geometry.caps import DetectorPoints, SphericalCap
 from ..special import legendre_functions, spherical_sequence
 from .harmonics import Harmonics
 from .sphere_sizes import Band, SphereSizes
@@ -25,7 +25,8 @@ class RingWaves(eqx.Module):
     """Rings of equispaced azimuths on a sphere: sums over degrees, then an FFT over orders.
 
     Attributes:
-        radial: s_l j_l(lambda_k R) of even and odd l - m, each (orders, k, degrees), of every band.
+        radial: s_l j_l(lambda_k R), times the mean over an element, of even and odd l - m, each
+            (orders, k, degrees), of every band.
         even, odd: P_lm at the rings, by parity of l - m.
         turns: exp(i m phi) of the first detectors, twice that for m > 0 to stand for -m too.
         azimuths: detectors on a ring.
@@ -58,7 +59,7 @@ class PointTables(eqx.Module):
 
     Attributes:
         functions: (Re, -Im) of Y_lm(z/|z|), twice that for m > 0 to stand for -m too.
-        radial: s_l j_l(lambda_k |z|).
+        radial: s_l j_l(lambda_k |z|), times the mean over an element.
     """
 
     functions: Float[Array, "*chunks degrees 2 orders d"]
@@ -70,6 +71,7 @@ class PointWaves(eqx.Module):
 
     Attributes:
         local: z - c, in chunks that are filled up with the last detector [length].
+        factor: mean over an element by degree, of the same chunks; None of point detectors.
         frequencies: lambda_k [rad/length].
         tables: of every chunk; None if they would not fit into memory, and are made anew each time.
         sizes: of the operator.
@@ -77,6 +79,7 @@ class PointWaves(eqx.Module):
     """
 
     local: Float[Array, "chunks d 3"]
+    factor: Float[Array, "chunks degrees d"] | None
     frequencies: Float[Array, " k"]
     tables: PointTables | None
     sizes: SphereSizes
@@ -88,12 +91,11 @@ class PointWaves(eqx.Module):
         coefficients = [_by_degree(*pair) for pair in zip(harmonics, bands, strict=True)]
 
         @jax.checkpoint
-        def at(chunk: Array | PointTables, coefficients: list[Array]) -> Array:
-            tables = chunk
+        def at(tables: tuple | PointTables, coefficients: list[Array]) -> Array:
             if not isinstance(tables, PointTables):
                 # in 64 bits: factors of high orders are very large and very small
-                frequencies = self.frequencies.astype(float)
-                tables = _point_tables(tables.astype(float), frequencies, bands[-1])
+                chunk = jax.tree.map(lambda leaf: leaf.astype(float), tables)
+                tables = _point_tables(chunk, self.frequencies.astype(float), bands[-1])
             functions, radial = tables.functions.astype(dtype), tables.radial.astype(dtype)
             found = []
             for part, band in zip(coefficients, bands, strict=True):
@@ -103,24 +105,31 @@ class PointWaves(eqx.Module):
                 found.append(jnp.sum(sums * waves, axis=0))
             return jnp.concatenate(found, axis=1)
 
-        chunks = self.local if self.tables is None else self.tables
+        chunks = (self.local, self.factor) if self.tables is None else self.tables
         found = jnp.moveaxis(jax.lax.map(lambda chunk: at(chunk, coefficients), chunks), 0, -2)
         return found.reshape(*found.shape[:2], -1)[..., : self.n_detectors]
 
 
 @eqx.filter_jit
-def point_waves(
-    local: Float[Array, "detectors 3"], frequencies: Array, sizes: SphereSizes
-) -> PointWaves:
+def point_waves(detectors: DetectorPoints, frequencies: Array, sizes: SphereSizes) -> PointWaves:
     """Positions from the centre in chunks, and if there is room all tables."""
-    n, last = local.shape[0], sizes.bands[-1]
+    n, last, tables = detectors.shape[0], sizes.bands[-1], None
     together = min(sizes.together, n)
-    filled = jnp.pad(local, ((0, -n % together), (0, 0)), mode="edge")
-    chunks, tables = filled.reshape(-1, together, 3), None
-    if 8 * len(filled) * last.degrees * (2 * last.orders + sizes.n_frequencies) <= KEPT:
+
+    def in_chunks(values: Array) -> Array:
+        filled = jnp.pad(values, ((0, -n % together), (0, 0)), mode="edge")
+        return filled.reshape(-1, together, filled.shape[1])
+
+    chunks, factor = in_chunks(detectors.points - detectors.center), None
+    of_degrees = detectors.element_factor(last.degrees, sizes.n_nodes)
+    if of_degrees is not None:
+        of_all = jnp.broadcast_to(of_degrees.reshape(last.degrees, -1), (last.degrees, n))
+        factor = jnp.swapaxes(in_chunks(of_all.T), 1, 2)
+    size = chunks.shape[0] * together * last.degrees * (2 * last.orders + sizes.n_frequencies)
+    if 8 * size <= KEPT:
         make = jax.checkpoint(lambda chunk: _point_tables(chunk, frequencies, last))
-        tables = jax.lax.map(make, chunks)
-    return PointWaves(chunks, frequencies, tables, sizes, n)
+        tables = jax.lax.map(make, (chunks, factor))
+    return PointWaves(chunks, factor, frequencies, tables, sizes, n)
 
 
 @eqx.filter_jit
@@ -130,6 +139,9 @@ def ring_waves(cap: SphericalCap, frequencies: Array, sizes: SphereSizes) -> Rin
     m = jnp.arange(last.orders)
     table = legendre_functions(m, last.degrees, cap.cosines, last.orders)
     j = _radial(last.degrees, frequencies * cap.radius)
+    factor = cap.element_factor(last.degrees, sizes.n_nodes)
+    if factor is not None:
+        j = j * factor[:, None]
     radial = []
     for band in sizes.bands:
         part = jnp.pad(j[: band.degrees, band.first : band.last], ((0, band.orders), (0, 0)))
@@ -179,12 +191,13 @@ def _shifted(values: Float[Array, "orders degrees *n"]) -> Float[Array, "orders 
     return flat.reshape(m, n + m - 1, *rest)[:, :n]
 
 
-def _point_tables(local: Float[Array, "d 3"], frequencies: Array, last: Band) -> PointTables:
-    """Up to the degrees and orders of the last band.
+def _point_tables(chunk: tuple[Array, Array | None], frequencies: Array, last: Band) -> PointTables:
+    """Of some of `PointWaves.local` and `factor`, up to the degrees and orders of the last band.
 
     Y_lm = (P_lm / sin^m theta) ((x_1 + i x_2)/|x|)^m is smooth on the axis; at the centre, where no
     direction is, a little beside it.
     """
+    local, factor = chunk
     least = AT_CENTER / frequencies[-1]
     near = jnp.sum(local**2, axis=1) < least**2
     local = local + jnp.where(near, least, 0.0)[:, None] * jnp.array([0.0, 0.0, 1.0])
@@ -196,4 +209,5 @@ def _point_tables(local: Float[Array, "d 3"], frequencies: Array, last: Band) ->
     powers = jnp.cumprod(across.at[0].set(1.0), axis=0) * _both_signs(last.orders)[:, None]
     parts = [_shifted(legendre * power[:, None]) for power in (powers.real, -powers.imag)]
     functions = jnp.moveaxis(jnp.stack(parts), 2, 0)
-    return PointTables(functions, _radial(last.degrees, frequencies[:, None] * distance))
+    radial = _radial(last.degrees, frequencies[:, None] * distance)
+    return PointTables(functions, radial if factor is None else radial * factor[:, None])

@@ -17,6 +17,7 @@ from ..base.checks import Numbers, is_concrete, real_array, require_positive, wh
 from ..base.interpolation import KEYS, LINEAR, polynomial
 from ..geometry import VolumeGrid
 from ..geometry.caps import Detectors
+from ..geometry.elements import NODES, across
 
 KERNELS = {"cubic": KEYS, "linear": LINEAR}
 
@@ -29,6 +30,7 @@ def integrate_over_spheres(
     *,
     kernel: str = "cubic",
     n_points: int | None = None,
+    n_nodes: int = NODES,
 ) -> Float[Array, "..."]:
     """g(z, r) = ∫_{|x - z| = r} f dS of a volume known at the nodes of a grid.
 
@@ -43,6 +45,7 @@ def integrate_over_spheres(
         kernel: "cubic" or "linear".
         n_points: points between the pole of a sphere's cap and its rim, 2 n_points around; by
             default two in each voxel along the longest cap.
+        n_nodes: on round elements it is the mean over so many circles of twice as many points.
 
     Returns:
         (..., rings, azimuths, radii) or (..., detectors, radii) [length² times the unit of f].
@@ -60,7 +63,7 @@ def integrate_over_spheres(
     True
     """
     volume = real_array("volume", volume, ("...", *grid.shape))
-    given = _checked(grid, detectors, radii, kernel, n_points)
+    given = _checked(grid, detectors, radii, kernel, n_points, n_nodes)
     found = _integrals(volume.reshape(-1, *grid.shape), *given)
     return found.reshape(*volume.shape[:-3], *detectors.shape, -1)
 
@@ -73,12 +76,13 @@ def integrate_over_spheres_adjoint(
     *,
     kernel: str = "cubic",
     n_points: int | None = None,
+    n_nodes: int = NODES,
 ) -> Float[Array, "*batch x1 x2 x3"]:
     """The exact transpose of `integrate_over_spheres`: Σ g·data = Σ volume·adjoint(data).
 
     Args:
         data: (..., rings, azimuths, radii) or (..., detectors, radii).
-        grid, detectors, radii, kernel, n_points: as in `integrate_over_spheres`.
+        grid, detectors, radii, kernel, n_points, n_nodes: as in `integrate_over_spheres`.
 
     Returns:
         (..., x1, x2, x3).
@@ -94,7 +98,7 @@ def integrate_over_spheres_adjoint(
     >>> bool(abs(back.sum() - sphere[0, 0]) < 1e-12)  # the same sum either way
     True
     """
-    given = _checked(grid, detectors, radii, kernel, n_points)
+    given = _checked(grid, detectors, radii, kernel, n_points, n_nodes)
     data = real_array("data", data, ("...", *detectors.shape, given[2].shape[0]))
     n_radii = data.shape[-1]
     found = _adjoint(data.reshape(-1, int(np.prod(detectors.shape)), n_radii), *given)
@@ -108,8 +112,13 @@ def default_points(grid: VolumeGrid) -> int:
 
 
 def _checked(
-    grid: VolumeGrid, detectors: Detectors, radii: Numbers, kernel: str, n_points: int | None
-) -> tuple[VolumeGrid, Array, Array, str, int]:
+    grid: VolumeGrid,
+    detectors: Detectors,
+    radii: Numbers,
+    kernel: str,
+    n_points: int | None,
+    n_nodes: int,
+) -> tuple[VolumeGrid, Detectors, Array, str, int, int]:
     radii = real_array("radii", radii, ("radii",))
     require_positive("radii", radii)
     if kernel not in KERNELS:
@@ -119,17 +128,19 @@ def _checked(
             raise ValueError("n_points must be given when the grid is traced.")
         n_points = default_points(grid)
     n_points = whole_number("n_points", n_points, 2)
-    return grid, detectors.points.reshape(-1, 3), radii, kernel, n_points
+    n_nodes = whole_number("n_nodes", n_nodes, 1)
+    return grid, detectors, radii, kernel, n_points, n_nodes
 
 
-@partial(jax.jit, static_argnames=("kernel", "n_points"))
+@partial(jax.jit, static_argnames=("kernel", "n_points", "n_nodes"))
 def _integrals(
     volumes: Float[Array, "volumes x1 x2 x3"],
     grid: VolumeGrid,
-    detectors: Float[Array, "detectors 3"],
+    detectors: Detectors,
     radii: Float[Array, " radii"],
     kernel: str,
     n_points: int,
+    n_nodes: int,
 ) -> Float[Array, "volumes detectors radii"]:
     taps = KERNELS[kernel].shape[0]
     padded = jnp.pad(volumes, ((0, 0), *[(taps - 1, taps - 1)] * 3))  # all cells a node reaches
@@ -144,15 +155,18 @@ def _integrals(
     def of_detector(point: Array) -> Array:
         return jax.lax.map(lambda r: of_sphere(padded, point, r), radii)
 
-    return jnp.moveaxis(jax.lax.map(of_detector, detectors), -1, 0)
+    def of_points(points: Array) -> Array:
+        return jax.lax.map(of_detector, points.reshape(-1, 3))
+
+    return jnp.moveaxis(detectors.mean_over_elements(of_points, n_nodes), -1, 0)
 
 
 @eqx.filter_jit
 def _adjoint(
-    data: Array, grid: VolumeGrid, detectors: Array, radii: Array, kernel: str, n_points: int
+    data: Array, grid: VolumeGrid, detectors: Detectors, radii: Array, *how: str | int
 ) -> Array:
     def forward(volumes: Array) -> Array:
-        return _integrals(volumes, grid, detectors, radii, kernel=kernel, n_points=n_points)
+        return _integrals(volumes, grid, detectors, radii, *how)
 
     shape = jax.ShapeDtypeStruct((data.shape[0], *grid.shape), data.dtype)
     (volumes,) = jax.linear_transpose(forward, shape)(data)
@@ -175,24 +189,12 @@ def _sphere_nodes(
     depth = height * (node + 1) / 2
     around = np.pi / n_points * (np.arange(2 * n_points) + 0.5)
     ring = jnp.sqrt(jnp.maximum(depth * (2 - depth), 1e-300))  # a cap of no height has no rings
-    first, second = _across(towards)
+    first, second = across(towards)
     outwards = np.cos(around)[:, None] * first + np.sin(around)[:, None] * second
     direction = (1 - depth)[:, None, None] * towards + ring[:, None, None] * outwards
     areas = r**2 * height / 2 * weight * (np.pi / n_points)
     points = point + r * direction.reshape(-1, 3)
     return points, jnp.repeat(areas, 2 * n_points, total_repeat_length=points.shape[0])
-
-
-def _across(e: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-    """Two unit vectors at right angles to e and each other.
-
-    Source: Duff et al., Journal of Computer Graphics Techniques 6 (2017) 1-8.
-    """
-    sign = jnp.where(e[2] < 0, -1.0, 1.0)
-    a = -1 / (sign + e[2])
-    b = e[0] * e[1] * a
-    first = jnp.stack([1 + sign * e[0] ** 2 * a, sign * b, -sign * e[0]])
-    return first, jnp.stack([b, sign + e[1] ** 2 * a, -e[1]])
 
 
 def _taps(

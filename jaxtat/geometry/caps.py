@@ -5,7 +5,8 @@ The axis of the cap is x_3, and it opens upwards. Its meridian section is an arc
 towards x_1: what can be seen from the cap, and at which distances, is asked of that arc.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,14 +15,74 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from .curves import CircularArc, DetectorCurve, SampledCurve, opening_angle
+from .elements import (
+    checked_element_radius,
+    enough_nodes,
+    mean_over_nodes,
+    nodes_on_sphere,
+    round_factor,
+)
+
+T = TypeVar("T")
 
 RULES = ("gauss", "equal")
 
 
-class SphericalCap(eqx.Module):
+class RoundElements(eqx.Module):
+    """Detectors in space whose elements may have a size.
+
+    Attributes:
+        element_radius: a of elements that take the mean over a round piece of the sphere about the
+            centre on which they lie, one number (or one for each of scattered detectors); None of
+            point detectors [length].
+    """
+
+    element_radius: Float[Array, "*one_or_detectors"] | None = eqx.field(default=None, kw_only=True)
+    points: eqx.AbstractVar[Float[Array, "*detectors 3"]]
+    center: eqx.AbstractVar[Float[Array, "3"]]
+
+    @property
+    def distance(self) -> Float[Array, "*one_or_detectors"]:
+        """Of the detectors from their centre [length]."""
+        return jnp.linalg.norm(self.points - self.center, axis=-1)
+
+    def element_factor(
+        self, n_degrees: int, n_nodes: int
+    ) -> Float[Array, "degrees *one_or_detectors"] | None:
+        """Mean of a spherical harmonic over an element, over its value in the middle, by degree.
+
+        None of point detectors; n_nodes as in `elements.round_factor`.
+        """
+        if self.element_radius is None:
+            return None
+        return round_factor(n_degrees, self.element_radius / self.distance, n_nodes)
+
+    def enough_nodes(self, highest_frequency: float) -> int:
+        """As `elements.enough_nodes`, of concrete detectors."""
+        radius = self.element_radius
+        return enough_nodes(None if radius is None else 2 * radius, highest_frequency)
+
+    def mean_over_elements(self, compute: Callable[[Array], T], n_nodes: int) -> T:
+        """Mean over every element of what is computed of points, (*detectors, 3).
+
+        Over n_nodes circles on it, of 2 n_nodes points each.
+        """
+        if self.element_radius is None:
+            return compute(self.points)
+        local = self.points - self.center
+        distance = jnp.linalg.norm(local, axis=-1, keepdims=True)
+        angle = self.element_radius / self.distance
+        units, weights = nodes_on_sphere(local / distance, angle, n_nodes)
+        return mean_over_nodes(
+            lambda unit: compute(self.center + distance * unit), units, jnp.asarray(weights)
+        )
+
+
+class SphericalCap(RoundElements):
     """Detectors on rings of a spherical cap, equispaced in azimuth from the plane x_2 = 0 on.
 
     Attributes:
+        element_radius: of round elements, or None, see `RoundElements` [length].
         center, radius: of the sphere, (3,) and R_g [length].
         half_opening: half the angle under which the opening is seen from the centre [rad].
         n_rings, n_azimuths: of the detectors; data are (..., rings, azimuths, radii), rings from
@@ -35,6 +96,10 @@ class SphericalCap(eqx.Module):
     n_rings: int = eqx.field(static=True)
     n_azimuths: int = eqx.field(static=True)
     rule: str = eqx.field(static=True)
+
+    @property
+    def distance(self) -> Float[Array, ""]:
+        return self.radius
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -60,7 +125,7 @@ class SphericalCap(eqx.Module):
 
     @property
     @eqx.filter_jit
-    def points(self) -> Float[Array, "rings azimuths 3"]:
+    def points(self) -> Float[Array, "rings azimuths 3"]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Detector positions [length]."""
         azimuths = 2 * np.pi / self.n_azimuths * np.arange(self.n_azimuths)
         azimuths = self.first_azimuths[:, None] + azimuths
@@ -113,6 +178,7 @@ def spherical_cap(
     *,
     center: Numbers = (0.0, 0.0, 0.0),
     rule: str = "gauss",
+    element_radius: Numbers | None = None,
 ) -> SphericalCap:
     """The cap |z| = R_g, z_3 < cut with detectors on rings.
 
@@ -128,9 +194,11 @@ def spherical_cap(
         n_azimuths: detectors on each ring, an even number.
         center: of the sphere, (3,) [length].
         rule: "gauss" or "equal".
+        element_radius: of round elements over which detectors take the mean [length].
 
     Raises:
-        ValueError: for an empty cap, radius <= 0, fewer than 2 rings, or an odd number of azimuths.
+        ValueError: for an empty cap, radius <= 0, fewer than 2 rings, an odd number of azimuths, or
+            an element_radius that no element can have.
 
     >>> cap = spherical_cap(1.3, 0.0, 24, 64)
     >>> cap.points.shape, round(float(cap.weights.sum() / (2 * jnp.pi * 1.3**2)), 12)
@@ -151,16 +219,20 @@ def spherical_cap(
     if rule not in RULES:
         raise ValueError(f"rule is {rule!r}, expected one of {', '.join(RULES)}.")
     half_opening = opening_angle(cut / radius)
-    return SphericalCap(center, radius, half_opening, n_rings, n_azimuths, rule)
+    elements = checked_element_radius(element_radius, radius)
+    return SphericalCap(  # pyright: ignore[reportCallIssue] (abstract variables are no arguments)
+        *(center, radius, half_opening, n_rings, n_azimuths, rule), element_radius=elements
+    )
 
 
-class DetectorPoints(eqx.Module):
+class DetectorPoints(RoundElements):
     """Detectors at any positions outside the ball about ``center`` that holds the region.
 
     Attributes:
         points: z_k, (detectors, 3) [length]; data are (..., detectors, radii).
         weights: how much each counts, (detectors,), for instance the area it stands for.
         center: about which waves are taken, (3,) [length].
+        element_radius: of round elements that face the centre, or None, see `RoundElements`.
 
     >>> DetectorPoints([[1.3, 0.0, 0.0], [0.0, 0.0, -1.3]]).shape
     (2,)
@@ -170,17 +242,26 @@ class DetectorPoints(eqx.Module):
     weights: Float[Array, " detectors"]
     center: Float[Array, "3"]
 
-    def __init__(self, points: Numbers, weights: Any = None, center: Numbers = (0.0, 0.0, 0.0)):
-        """points, weights (equal ones by default) and center as above.
+    def __init__(
+        self,
+        points: Numbers,
+        weights: Any = None,
+        center: Numbers = (0.0, 0.0, 0.0),
+        *,
+        element_radius: Numbers | None = None,
+    ):
+        """points, weights (equal ones by default), center and element_radius as above.
 
         Raises:
-            ValueError: for wrong shapes, NaN, or weights that are not positive.
+            ValueError: for wrong shapes, NaN, weights that are not positive, or an element_radius
+                that no element can have.
         """
         self.points = real_array("points", points, ("detectors", 3))
         n = whole_number("the number of detectors", self.points.shape[0], 1)
         self.weights = real_array("weights", np.ones(n) if weights is None else weights, (n,))
         require_positive("weights", self.weights)
         self.center = real_array("center", center, (3,))
+        self.element_radius = checked_element_radius(element_radius, self.distance)
 
     @property
     def shape(self) -> tuple[int]:

@@ -4,6 +4,10 @@ In the plane an element is a short piece of curve, so long as its width: along t
 detectors of a `CircularArc`, along the tangent for others. On a circle about which waves are taken
 the mean of exp(i m theta) over an element of the angle D is exp(i m theta_k) sin(m D/2) / (m D/2);
 elsewhere means are Gauss-Legendre sums.
+
+In space an element is a round piece of the sphere about the detectors' centre on which it lies, so
+long from its middle to its rim as its radius. There the mean of Y_lm over an element of the angle D
+is Y_lm(z_k) times the mean of P_l(cos theta) over theta < D (the addition theorem, DLMF 14.30.9).
 """
 
 import math
@@ -16,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..base.checks import Numbers, is_concrete, real_array
+from ..special import legendre_functions
 
 T = TypeVar("T")
 
@@ -37,6 +42,30 @@ def element_factor(
     """
     shape = (-1, *[1] * jnp.ndim(angle))
     return jnp.sinc(jnp.reshape(orders, shape) * angle / (2 * jnp.pi))
+
+
+def round_factor(
+    n_degrees: int, angle: Float[Array, "*detectors"], n_nodes: int
+) -> Float[Array, "degrees *detectors"]:
+    """(P_{l-1}(cos D) - P_{l+1}(cos D)) / ((2l + 1)(1 - cos D)), the mean of P_l over theta < D.
+
+    As a Gauss-Legendre sum in cos theta, in which nothing cancels for small D.
+
+    Args:
+        n_degrees: l = 0 .. n_degrees - 1.
+        angle: D, under which an element's radius is seen from the centre [rad].
+        n_nodes: of the sum, see `enough_nodes`.
+
+    >>> factor = round_factor(3, jnp.array(0.5), 8)  # P_1 is the cosine: (1 + cos D) / 2
+    >>> bool(abs(factor[1] - (1 + jnp.cos(0.5)) / 2) < 1e-14)
+    True
+    """
+    nodes, weights = gauss_rule(n_nodes)
+    cosines = 1 - jnp.sin(angle[..., None] / 2) ** 2 * (1 - nodes)
+    legendre = legendre_functions(jnp.zeros(1, int), n_degrees, cosines.reshape(-1), 0)[0]
+    means = legendre.reshape(n_degrees, *cosines.shape) @ weights
+    norms = np.sqrt(4 * np.pi / (2 * np.arange(n_degrees) + 1))
+    return means * norms.reshape(-1, *[1] * angle.ndim)
 
 
 def enough_nodes(width: Numbers | None, highest_frequency: float) -> int:
@@ -95,6 +124,34 @@ def checked_width(
     return width
 
 
+def checked_element_radius(
+    element_radius: Numbers | None, distance: Float[Array, "*detectors"]
+) -> Float[Array, "*one_or_detectors"] | None:
+    """A radius for all elements or one for each, or ValueError.
+
+    Args:
+        element_radius: in the unit of the positions [length].
+        distance: of the detectors from their centre, one of all on a sphere [length].
+    """
+    if element_radius is None:
+        return None
+    element_radius = real_array("element_radius", element_radius, None)
+    if element_radius.shape not in ((), distance.shape):
+        each = f", or one for each of {distance.shape[0]} detectors" if distance.ndim else ""
+        raise ValueError(
+            f"element_radius has shape {element_radius.shape}, expected one number{each}."
+        )
+    if is_concrete(element_radius, distance):
+        low, angle = float(np.min(element_radius)), float(np.max(element_radius / distance))
+        if low < 0 or angle > 1:
+            raise ValueError(
+                f"element_radius is {low if low < 0 else float(np.max(element_radius)):.6g}, "
+                "expected a length, 0 or above, and below the detectors' distance from their "
+                f"centre, {float(np.min(distance)):.6g}: in the unit of the positions."
+            )
+    return element_radius
+
+
 def gauss_rule(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes in (-1, 1), and weights that add up to 1."""
     nodes, weights = np.polynomial.legendre.leggauss(n)
@@ -127,6 +184,42 @@ def nodes_touching_circle(radius: Any, width: Any, nodes: Any) -> tuple[Array, A
     """
     along = width / 2 * nodes
     return jnp.hypot(radius, along), jnp.arctan2(along, radius)
+
+
+def nodes_on_sphere(
+    units: Float[Array, "*detectors 3"], angle: Float[Array, "*one_or_detectors"], n: int
+) -> tuple[Float[Array, "nodes *detectors 3"], Float[np.ndarray, " nodes"]]:
+    """Unit vectors to n circles of 2n nodes on every round element, and weights that add up to 1.
+
+    Args:
+        units: from the centre to the middles of the elements.
+        angle: as in `round_factor`.
+        n: of Gauss's rule in the cosine.
+    """
+    nodes, weights = gauss_rule(n)
+    around = np.pi / n * (np.arange(2 * n) + 0.5)
+    sine = jnp.sin(jnp.broadcast_to(angle, units.shape[:-1]) / 2)
+    depth = (sine**2 * (1 - nodes.reshape(-1, *[1] * sine.ndim)))[..., None]
+    # of d(2 - d), which is zero for elements without size, the root that can be differentiated
+    ring = sine[..., None] * np.sqrt(1 - nodes).reshape(depth.shape[:1] + (1,) * sine.ndim + (1,))
+    ring = ring * jnp.sqrt(2 - depth)
+    first, second = across(units)
+    turned = [np.cos(phi) * first + np.sin(phi) * second for phi in around]
+    found = [(1 - depth) * units + ring * direction for direction in turned]
+    return jnp.concatenate(found), np.tile(weights, 2 * n) / (2 * n)
+
+
+def across(e: Float[Array, "*n 3"]) -> tuple[Float[Array, "*n 3"], Float[Array, "*n 3"]]:
+    """Two unit vectors at right angles to e and each other.
+
+    Source: Duff et al., Journal of Computer Graphics Techniques 6 (2017) 1-8.
+    """
+    x, y, z = jnp.moveaxis(e, -1, 0)
+    sign = jnp.where(z < 0, -1.0, 1.0)
+    a = -1 / (sign + z)
+    b = x * y * a
+    first = jnp.stack([1 + sign * x**2 * a, sign * b, -sign * x], axis=-1)
+    return first, jnp.stack([b, sign + y**2 * a, -y], axis=-1)
 
 
 def touch_circle(normals: Any, outward: Any, rounding: float) -> bool:

@@ -123,7 +123,9 @@ def find_rings(positions: Numbers) -> FoundRings:
     center, radius, half_opening, polar, turns = (
         jax.device_put(np.asarray(v, float)) for v in values
     )
-    rings = DetectorRings(center, radius, half_opening, n_rings, n, "given", polar, turns)
+    rings = DetectorRings(  # pyright: ignore[reportCallIssue] (abstract variables are no arguments)
+        center, radius, half_opening, n_rings, n, "given", polar, turns
+    )
     return FoundRings(rings, order, upside_down)
 
 

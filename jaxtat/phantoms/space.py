@@ -45,13 +45,15 @@ class SolidPhantom(RadialParts):
         return jax.lax.map(self, grid.points)
 
     def spherical_integrals(
-        self, detectors: Detectors, radii: Numbers
+        self, detectors: Detectors, radii: Numbers, *, n_nodes: int = 8
     ) -> Float[Array, "*detectors radii"]:
         """g(z, r) = ∫_{|x - z| = r} f dS, exact up to rounding.
 
         Args:
             detectors: z, at any places.
             radii: r > 0, (radii,) [length].
+            n_nodes: on round elements it is the mean over so many circles of twice as many points:
+                enough for smooth parts as wide as an element.
 
         Returns:
             (rings, azimuths, radii) of a cap, (detectors, radii) of points [length², for a
@@ -62,10 +64,10 @@ class SolidPhantom(RadialParts):
         """
         radii = real_array("radii", radii, ("radii",))
         require_positive("radii", radii)
-        return self._spherical_integrals(detectors, radii)
+        return self._spherical_integrals(detectors, radii, n_nodes)
 
     @eqx.filter_jit
-    def _spherical_integrals(self, detectors: Detectors, radii: Array) -> Array:
+    def _spherical_integrals(self, detectors: Detectors, radii: Array, n_nodes: int) -> Array:
         def of_detector(point: Array) -> Array:
             def one(center: Array, radius: Array, amplitude: Array) -> Array:
                 square = jnp.sum((point - center) ** 2)
@@ -81,9 +83,11 @@ class SolidPhantom(RadialParts):
 
             return self._sum_over_parts(one)
 
-        points = detectors.points
-        found = jax.lax.map(of_detector, points.reshape(-1, 3), batch_size=256)
-        return found.reshape(*points.shape[:-1], -1)
+        def of_points(points: Array) -> Array:
+            found = jax.lax.map(of_detector, points.reshape(-1, 3), batch_size=256)
+            return found.reshape(*points.shape[:-1], -1)
+
+        return detectors.mean_over_elements(of_points, n_nodes)
 
     @eqx.filter_jit
     def fourier(self, xi: Numbers) -> Complex[Array, "..."]:

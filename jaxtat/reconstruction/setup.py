@@ -16,6 +16,7 @@ from ..base.checks import (
 )
 from ..geometry import DetectorCurve, Region
 from ..geometry.balls import Ball
+from ..geometry.caps import DetectorPoints, SphericalCap
 from ..spherical.sizes import SpaceSizes
 from .kinds import Kind, kind_of
 from .sizes import GROUPS, PlaneSizes
@@ -246,6 +247,9 @@ def _sizes_of(part: Any) -> Any:
     if isinstance(part, DetectorCurve):
         width = part.element_width
         return part.n_detectors, None if width is None else width.shape
+    if isinstance(part, SphericalCap | DetectorPoints):
+        size = part.element_radius
+        return part.shape, None if size is None else size.shape
     if isinstance(part, Region):
         return part.counts
     return part.shape

@@ -39,13 +39,14 @@ def solve_points(
 ) -> tuple[Complex[Array, "images frequencies 2 polar orders"], SolveReport]:
     """As `tikhonov.solve_rings`; the region must be a whole ball."""
     local = detectors.points - detectors.center
-    distance = jnp.linalg.norm(local, axis=1)
+    distance = detectors.distance
     units = local / distance[:, None]
     frequencies, l_max = sizes.frequencies, sizes.groups[-1]
     kernels = spherical_kernels(radii, frequencies)
     stack = g.reshape(-1, *g.shape[-2:])
     data = jnp.einsum("fjr,ikr->fjki", kernels, stack) * jnp.sqrt(detectors.weights)[:, None]
-    waves = cap_waves(frequencies, region.radius, distance, l_max)
+    factor = detectors.element_factor(l_max + 1, sizes.n_nodes)
+    waves = cap_waves(frequencies, region.radius, distance, l_max, factor)
     magnitudes = waves.at_detectors * (
         waves.norms[:, None, None] * jnp.sqrt(detectors.weights)[:, None]
     )

@@ -36,6 +36,7 @@ class SpaceSizes(eqx.Module):
         n_sizes: of the systems; numbers of degrees are rounded up to one of them.
         operator: of the forward operator.
         n_quadrature: points from pole to rim of a sphere, for integrals by quadrature.
+        n_nodes: of Gauss's rule on an element of finite size.
         boundary: Gauss points on both parts of a meridian of a cut ball; none of a whole one.
     """
 
@@ -48,6 +49,7 @@ class SpaceSizes(eqx.Module):
     n_sizes: int = eqx.field(static=True)
     operator: SphereSizes
     n_quadrature: int = eqx.field(static=True)
+    n_nodes: int = eqx.field(static=True)
     boundary: tuple[int, int] | None = eqx.field(static=True)
 
     @property
@@ -138,6 +140,7 @@ def space_sizes(
         n_sizes=n_sizes,
         operator=sphere_sizes(detectors, grid),
         n_quadrature=default_points(grid),
+        n_nodes=detectors.enough_nodes(highest),
         boundary=boundary,
     )
     return sizes, region

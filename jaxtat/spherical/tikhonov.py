@@ -148,7 +148,8 @@ def _shared(
     kernels, areas = spherical_kernels(radii, frequencies), cap.ring_areas
     n_padded = sizes.n_pieces * sizes.piece
     data, power = azimuthal_transform(g, kernels, cap.first_azimuths, sizes.n_orders, n_padded)
-    waves = cap_waves(frequencies, region.radius, cap.radius, sizes.groups[-1])
+    factor = cap.element_factor(sizes.groups[-1] + 1, sizes.n_nodes)
+    waves = cap_waves(frequencies, region.radius, cap.radius, sizes.groups[-1], factor)
     n_detectors = cap.n_rings * cap.n_azimuths
     alpha, relative = absolute_alpha(
         rule,

@@ -44,14 +44,22 @@ def cap_waves(
     region_radius: Float[Array, ""],
     detector_radius: Float[Array, "*detectors"],
     l_max: int,
+    factor: Float[Array, "orders *detectors"] | None = None,
 ) -> CapWaves:
-    """The waves of all frequencies at detectors in one or several distances from the centre."""
+    """The waves of all frequencies at detectors in one or several distances from the centre.
+
+    Args:
+        frequencies, region_radius, detector_radius, l_max: as above.
+        factor: mean over an element of finite size by degree.
+    """
     steps = decay_steps(l_max + 1, frequencies * region_radius)
     more = steps.reshape(*steps.shape, *[1] * detector_radius.ndim)
     argument = frequencies.reshape(-1, *[1] * detector_radius.ndim) * detector_radius
     j, y = scaled_spherical_sequence(argument, more[:-1])
     square = jnp.cumprod(more[:-1], axis=0) ** 2
     waves = 4 * jnp.pi * jnp.stack([j * square, y])  # (J|Y, orders, frequencies, detectors)
+    if factor is not None:
+        waves = waves * factor[:, None]
     value, below, above = radial_values(frequencies * region_radius, steps)
     norms = region_radius * jnp.sqrt(value**2 + _slope(below, above) ** 2)
     return CapWaves(

@@ -1,0 +1,130 @@
+"""Round elements of finite size in space."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.special
+
+from jaxtat import Setup, VolumeGrid, forward_operator, solve
+from jaxtat.forward.spheres import integrate_over_spheres
+from jaxtat.geometry.elements import round_factor
+from jaxtat.phantoms.space import Bells
+from jaxtat.spherical import DetectorPoints, ball, spherical_cap
+
+BELL = Bells([[0.4, 0.0, -0.2]], [0.55])
+WIDE = 0.3  # of a ball of radius 1
+
+
+def scattered(element_radius, n=120):
+    """Points in several distances on a spiral around the ball, each with its own size if given."""
+    height = np.linspace(-0.99, 0.99, n)
+    turn, ring = 2.4 * np.arange(n), np.sqrt(1 - height**2)
+    units = np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=1)
+    distance = 1.4 + 0.2 * np.sin(np.arange(n))
+    sizes = None if element_radius is None else element_radius * np.linspace(0.5, 1, n)
+    return DetectorPoints(units * distance[:, None], element_radius=sizes)
+
+
+def on_rings(element_radius):
+    return spherical_cap(1.5, 1.1, 12, 24, element_radius=element_radius)
+
+
+def setup_of(curve, voxels=17):
+    return Setup(curve, ball(1.0), VolumeGrid(voxels), max_frequency=10.0)
+
+
+@pytest.mark.parametrize("angle", [0.02, 0.3, 1.0])
+def test_the_factor_is_that_of_the_closed_form(angle):
+    degree = np.arange(1, 30)
+    p = scipy.special.eval_legendre
+    closed = (p(degree - 1, np.cos(angle)) - p(degree + 1, np.cos(angle))) / (
+        (2 * degree + 1) * (1 - np.cos(angle))
+    )
+    factor = round_factor(30, jnp.array(angle), 20)
+    np.testing.assert_allclose(factor[0], 1, atol=1e-14)
+    np.testing.assert_allclose(factor[1:], closed, atol=1e-11)  # the closed form cancels
+
+
+@pytest.mark.parametrize("make", [on_rings, scattered])
+def test_data_are_means_over_the_elements(make):
+    """Against exact means, and far from what points record."""
+    setup = setup_of(make(WIDE), 25)
+    g = BELL.spherical_integrals(setup.curve, setup.radii)
+    points = BELL.spherical_integrals(make(None), setup.radii)
+    operator = forward_operator(setup)
+    found = operator.mv(BELL.volume(setup.grid))
+    error, effect = (float(jnp.abs(data - g).max() / g.max()) for data in (found, points))
+    assert error < 0.05 * effect
+    assert effect > 0.03
+    rng = np.random.default_rng(3)
+    volume, data = rng.normal(size=setup.grid.shape), rng.normal(size=g.shape)
+    there, back = operator.mv(volume), operator.T.mv(data)
+    size = np.linalg.norm(there) * np.linalg.norm(data)
+    assert abs(np.vdot(there, data) - np.vdot(volume, back)) < 1e-12 * size
+
+
+def test_the_quadrature_takes_the_same_means():
+    curve, grid, radii = scattered(WIDE, 3), VolumeGrid(17), jnp.linspace(0.6, 2.2, 9)
+    g = BELL.spherical_integrals(curve, radii)
+    found = integrate_over_spheres(BELL.volume(grid), grid, curve, radii, n_points=16)
+    assert jnp.abs(found - g).max() < 0.03 * g.max()
+
+
+@pytest.mark.parametrize("make", [on_rings, scattered])
+def test_images_know_of_the_elements(make):
+    """Images of wide elements are those of points; taken for points they are blurred."""
+    wide, points = setup_of(make(WIDE)), setup_of(make(None))
+    g = BELL.spherical_integrals(wide.curve, wide.radii)
+    exact = solve(points, BELL.spherical_integrals(points.curve, points.radii), 1e-6).image
+    with_model, without = (solve(setup, g, 1e-6).image for setup in (wide, points))
+    error, blur = (float(jnp.abs(image - exact).max()) for image in (with_model, without))
+    assert error < 0.25 * blur
+    assert blur > 0.02
+
+
+def data_energy(setup, volume, g):
+    return jnp.sum((forward_operator(setup).mv(volume) - 0.9 * g) ** 2)
+
+
+def image_energy(setup, volume, g):
+    return jnp.sum(solve(setup, g, 1e-3).image ** 2)
+
+
+@pytest.mark.parametrize(("make", "energy"), [(on_rings, image_energy), (scattered, data_energy)])
+def test_derivatives_in_the_size(make, energy):
+    """Both modes against central differences."""
+    setup = setup_of(make(WIDE))
+    curve, volume = setup.curve, BELL.volume(setup.grid)
+    g = BELL.spherical_integrals(curve, setup.radii)
+
+    def of_size(scale):
+        return energy(setup.replace(curve=replace_size(curve, scale)), volume, g)
+
+    step, slope = 1e-4, jax.jit(jax.value_and_grad(of_size))
+    (ahead, _), (behind, _), (_, backward) = (slope(jnp.array(1 + s)) for s in (step, -step, 0.0))
+    forward = jax.jit(jax.jacfwd(of_size))(jnp.array(1.0))
+    assert abs(backward) > 1e-4
+    np.testing.assert_allclose([forward, backward], (ahead - behind) / (2 * step), rtol=1e-6)
+
+
+def replace_size(curve, scale):
+    if isinstance(curve, DetectorPoints):
+        where = curve.points, curve.weights, curve.center
+        return DetectorPoints(*where, element_radius=scale * curve.element_radius)
+    return replace(curve, element_radius=scale * curve.element_radius)
+
+
+def test_refusals():
+    with pytest.raises(ValueError, match=r"element_radius is -0\.1, expected"):
+        spherical_cap(1.5, 1.1, 12, 24, element_radius=-0.1)
+    with pytest.raises(ValueError, match="element_radius is 3, expected a length"):
+        spherical_cap(1.5, 1.1, 12, 24, element_radius=3.0)
+    with pytest.raises(
+        ValueError, match=r"shape \(2,\), expected one number, or one for each of 3"
+    ):
+        DetectorPoints(np.eye(3), element_radius=[0.1, 0.2])
+    with pytest.raises(ValueError, match="of other sizes"):
+        setup_of(on_rings(WIDE)).replace(curve=on_rings(None))
