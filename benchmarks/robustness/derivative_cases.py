@@ -507,6 +507,11 @@ def of_space(rng: Rng) -> Cases:
     for name, cap, region in (
         ("ball", spherical.spherical_cap(1.5, 1.1, 10, 16), spherical.ball(0.8)),
         ("cut ball", spherical.spherical_cap(1.5, 0.1, 10, 16), spherical.ball(0.8, 0.1)),
+        (
+            "round elements",
+            spherical.spherical_cap(1.5, 1.1, 10, 16, element_radius=0.2),
+            spherical.ball(0.8),
+        ),
         ("points", None, spherical.ball(0.8)),
     ):
         if cap is None:
@@ -528,6 +533,15 @@ def of_space(rng: Rng) -> Cases:
                 "g": bell.spherical_integrals(cap, radii),
             },
         )  # fmt: skip
+        if cap.element_radius is not None:
+            yield Case(
+                "model_based in space",
+                lambda detectors, g, cap=cap, setup=setup, back=back: jt.model_based(
+                    setup.replace(curve=eqx.combine(back(detectors), cap)), g,
+                    penalty=jt.Ridge(), weight=0.01, tolerance=1e-12, max_steps=20000,
+                ).image,
+                {"detectors": numbers, "g": bell.spherical_integrals(cap, radii)},
+            )  # fmt: skip
     cap = spherical.spherical_cap(1.3, 1.3, 4, 8)
     yield Case(
         "spherical.back_projection",

@@ -1,0 +1,43 @@
+"""Derivatives of fitted images in what the model is made of, in both modes, against differences."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxtat import ImageGrid, Ridge, Setup, circular_arc, disk, model_based, phantoms
+from jaxtat.records import circular_integrals_to_pressure
+
+
+def of_pressure():
+    """By width of the elements and speed of sound."""
+    arc = circular_arc(1.3, 1.0, 12, element_width=0.3)
+    setup = Setup(arc, disk(1.0), ImageGrid(13), max_frequency=12.0)
+    times = jnp.linspace(0.1, 2.5, 61)
+    g = phantoms.Bells([[0.2, -0.3]], [0.6]).circular_integrals(arc, setup.radii)
+    pressure = circular_integrals_to_pressure(g, setup.radii, times)
+
+    def image(scales):
+        moved = setup.replace(curve=replace(arc, element_width=0.3 * scales[0]))
+        recorded = {"times": times, "sound_speed": scales[1]}
+        given = {"penalty": Ridge(), "weight": 1e-2, "tolerance": 1e-12, "max_steps": 20000}
+        return model_based(moved, pressure, **recorded, **given).image
+
+    return image, setup.grid.shape
+
+
+def test_derivatives_are_those_of_differences():
+    image, shape = of_pressure()
+    weights = np.random.default_rng(0).uniform(0.5, 1, shape)
+
+    def energy(scales):
+        return jnp.sum(weights * image(scales) ** 2)
+
+    slope = jax.jit(jax.value_and_grad(energy))
+    here, way, step = jnp.ones(2), jnp.array([1.0, -0.3]), 1e-4
+    (ahead, _), (behind, _), (_, backward) = (slope(here + s * way) for s in (step, -step, 0.0))
+    _, forward = jax.jit(lambda scales: jax.jvp(energy, (scales,), (way,)))(here)
+    wanted = (ahead - behind) / (2 * step)
+    assert abs(wanted) > 1e-3
+    np.testing.assert_allclose([forward, backward @ way], [wanted] * 2, rtol=1e-5)
