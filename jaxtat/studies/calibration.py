@@ -173,7 +173,8 @@ def calibrate(
     )
     free, stages = _start(problem, unknown), []
     for highest in _cutoffs(sizes):
-        free, stage = _fit(problem, free, highest)
+        # an optimum does not change with the start: so all stages share programs of derivatives too
+        free, stage = _fit(problem, jax.lax.stop_gradient(free), highest)
         stages.append(stage)
     found, corrected = _finish(problem, free)
     # third derivatives of the residuals would be needed for theirs

@@ -27,13 +27,19 @@ GRID = ImageGrid(33)
 STEP = float(GRID.spacing[0])
 CURVE, REGION = circular_arc(1.3, 1.0, DETECTORS), disk(0.95)
 RADII = 0.25 + STEP * jnp.arange(35)
-SETUP = Setup(CURVE, REGION, GRID, RADII)
+# that of the documentation, whose programs serve here too
+COARSE = Setup(circular_arc(1.3, 1.0, 64), disk(1.0), ImageGrid(21), 0.2 + 0.05 * jnp.arange(46))
 CENTERS = [[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1], [0.2, -0.4]]
 BELLS = phantoms.Bells(CENTERS, [0.7, 0.4, 0.3, 0.3], [1, 1.5, -1.5, 1])
 
 
 def noisy(g, seed=0):
     return g + phantoms.noise_like(jax.random.key(seed), g, 0.02)
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return BELLS.circular_integrals(COARSE.curve, COARSE.radii)
 
 
 def gains_and_delays(g, radii, detectors, rng):
@@ -46,12 +52,17 @@ def gains_and_delays(g, radii, detectors, rng):
 
 
 def test_gains_and_delays_of_every_detector():
-    """Gains to 1 % and delays to a tenth of a pixel; then the image is what it would have been."""
+    """Gains to 1 % and delays to a tenth of a pixel; then the image is what it would have been.
+
+    Of detectors that are given one by one, on no arc that is known.
+    """
+    setup = Setup(detector_curve(CURVE.points), REGION, GRID, RADII)
     fine = RADII[0] - STEP + STEP / 8 * jnp.arange(8 * len(RADII) + 16)
     table = np.asarray(BELLS.circular_integrals(CURVE, fine))
     g, gains, delays = gains_and_delays(table, RADII, DETECTORS, np.random.default_rng(1))
-    found = calibrate(SETUP, noisy(jnp.asarray(g)), unknown=("gains", "delays"))
+    found = calibrate(setup, noisy(jnp.asarray(g)), unknown=("gains", "delays"))
     assert found.converged
+    assert np.isnan(found.parameters.radius)
     assert np.std(found.parameters.gains / gains) < 0.01
     assert np.abs(found.parameters.delays - delays).max() < 0.1 * STEP
     off = np.concatenate([found.parameters.gains - gains, found.parameters.delays - delays])
@@ -59,7 +70,7 @@ def test_gains_and_delays_of_every_detector():
     assert 0.6 < np.sqrt(np.mean((off / errors) ** 2)) < 1.4
 
     def error(g):
-        image = reconstruct(SETUP, g, 1e-3)
+        image = reconstruct(setup, g, 1e-3)
         return float(jnp.linalg.norm((image - BELLS.image(GRID))[REGION.contains(GRID.points)]))
 
     untouched = noisy(BELLS.circular_integrals(CURVE, RADII))
@@ -81,16 +92,15 @@ def test_delays_are_taken_out_at_any_radii():
         sound_speed=jnp.ones(()),
         turns=jnp.zeros(1),
         alpha=jnp.ones(()),
-        sizes=SETUP.sizes,
+        sizes=Setup(CURVE, REGION, GRID, RADII).sizes,
     )
     found = Parameters(jnp.ones(()), jnp.ones(()), jnp.zeros(2), jnp.ones(5), jnp.asarray(delays))
     true = BELLS.circular_integrals(curve, radii)
     assert np.abs(_corrected(problem, found) - true).max() < 1e-3 * np.abs(true).max()
 
 
-def test_standard_errors_are_the_scatter_of_many_draws():
-    g = BELLS.circular_integrals(CURVE, RADII)
-    found = [calibrate(SETUP, noisy(g, i)) for i in range(5)]
+def test_standard_errors_are_the_scatter_of_many_draws(exact):
+    found = [calibrate(COARSE, noisy(exact, i)) for i in range(5)]
     speed = np.array([calibration.parameters.sound_speed for calibration in found])
     error = np.array([calibration.standard_errors.sound_speed for calibration in found])
     chi_square = np.sum(((speed - 1.0) / error) ** 2)
@@ -98,42 +108,39 @@ def test_standard_errors_are_the_scatter_of_many_draws():
     assert np.ptp(error) < 0.3 * error.mean()
 
 
-def test_what_is_not_unknown_stays_as_it_is():
-    g = noisy(BELLS.circular_integrals(CURVE, RADII))
-    found = calibrate(SETUP, g, sound_speed=1500.0)
+def test_what_is_not_unknown_stays_as_it_is(exact):
+    g = noisy(exact)
+    found = calibrate(COARSE, g, sound_speed=1500.0)
     assert found.parameters.radius == 1.3
-    assert np.array_equal(found.parameters.gains, np.ones(DETECTORS))
-    assert np.array_equal(found.parameters.delays, np.zeros(DETECTORS))
+    assert np.array_equal(found.parameters.gains, np.ones(64))
+    assert np.array_equal(found.parameters.delays, np.zeros(64))
     assert found.standard_errors.sound_speed > 0
     for name in ("radius", "center", "gains", "delays"):
         assert np.all(getattr(found.standard_errors, name) == 0)
     assert np.allclose(found.g, g, atol=1e-12)
     assert np.all(np.diff(found.stages.max_frequency) > 0)
-    measured = Setup(detector_curve(CURVE.points), REGION, GRID, RADII)
-    other = calibrate(measured, g, sound_speed=1500.0)
-    assert abs(other.parameters.sound_speed - found.parameters.sound_speed) < 0.05
-    assert np.isnan(other.parameters.radius)
 
 
-def test_derivatives_of_the_sound_speed_with_respect_to_data():
-    """Implicit ones, of the optimum that the steps end at."""
-    radii = 0.3 + 0.1 * jnp.arange(21)
-    setup = Setup(circular_arc(1.3, 1.0, 24), disk(0.8), ImageGrid(11), radii)
-    g = noisy(phantoms.Bells([[0.1, -0.1]], [0.6]).circular_integrals(setup.curve, radii))
+def test_derivatives_of_the_sound_speed_with_respect_to_data(exact, caplog):
+    """Implicit ones, of the optimum that the steps end at; all stages share their program."""
+    g = noisy(exact)
     direction = jax.random.normal(jax.random.key(5), g.shape)
 
     def speed(size):
         changed = g + jnp.asarray(size) * 0.01 * direction
-        return calibrate(setup, changed).parameters.sound_speed
+        return calibrate(COARSE, changed).parameters.sound_speed
 
+    with jax.log_compiles():
+        jax.jvp(speed, (0.0,), (1.0,))
+    said = [record.getMessage() for record in caplog.records]
+    assert sum(text.startswith("Compiling") and "_fit" in text for text in said) == 1
     check_grads(speed, (0.0,), 1, ["fwd", "rev"], atol=1e-5, rtol=1e-3, eps=0.1)
 
 
-def test_new_numbers_need_no_new_program():
-    g = BELLS.circular_integrals(CURVE, RADII)
+def test_new_numbers_need_no_new_program(exact):
     programs = set()
-    for i, speed in enumerate((1.0, 1480.0, 3.0)):
-        calibrate(SETUP, noisy(g, i), sound_speed=speed, alpha=1e-5 * (i + 1))
+    for i, speed in enumerate((1.0, 1480.0)):
+        calibrate(COARSE, noisy(exact, i), sound_speed=speed, alpha=1e-5 * (i + 1))
         programs.add(_fit._cached._cache_size())
     assert len(programs) == 1
 
