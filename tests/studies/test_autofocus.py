@@ -43,7 +43,7 @@ def scan():
     """2 % noise, the nominal speed 2 % off."""
     g = DISKS.circular_integrals(CURVE, RADII)
     g = g + phantoms.noise_like(jax.random.key(0), g, 0.02)
-    speeds = np.linspace(1440.0, 1560.0, 13)
+    speeds = np.linspace(1440.0, 1560.0, 9)
     return g, sound_speed_by_sharpness(SETUP, g, speeds, sound_speed=1470.0)
 
 
@@ -54,7 +54,7 @@ def test_the_image_is_sharpest_with_the_true_speed(scan):
     best = int(np.argmax(found.sharpness))
     assert found.sound_speeds[best] == 1500.0
     # one peak, and no other place as high
-    others = np.abs(np.arange(13) - best) > 1
+    others = np.abs(np.arange(9) - best) > 1
     assert found.sharpness[others].max() < 0.9 * found.sharpness[best]
 
 
@@ -65,7 +65,7 @@ def test_curve_and_image_are_those_of_reconstructions(scan):
         stretched = SETUP.replace(radii=SETUP.radii * speed / 1470)
         return reconstruct(stretched, g, 1e-3, low_pass=cosine_filter)
 
-    assert np.allclose(found.sharpness[3], sharpness(image(1470.0), GRID, REGION), rtol=1e-9)
+    assert np.allclose(found.sharpness[2], sharpness(image(1470.0), GRID, REGION), rtol=1e-9)
     assert np.allclose(
         found.sharpness[0], (1440 / 1470) ** 2 * sharpness(image(1440.0), GRID, REGION), rtol=1e-9
     )
@@ -82,7 +82,7 @@ def test_curve_and_image_are_those_of_reconstructions(scan):
         ([1500.0, 1510.0], "at least 3"),
         ([1500.0, 1490.0, 1510.0], "increasing"),
         ([-1.0, 1490.0, 1510.0], "above zero"),
-        ([1510.0, 1520.0, 1530.0], "widen their range"),
+        (np.linspace(1510.0, 1590.0, 9), "widen their range"),
     ],
 )
 def test_speeds_that_will_not_do(scan, speeds, message):
