@@ -5,8 +5,8 @@ are those of the fine grid, the true image is the mean over each pixel. 129 x 12
 detectors on three quarters of a circle, white noise whose standard deviation is told, f >= 0 and
 total variation. The best weight is that of a scan which goes on by factors of two from the found
 weight until the error grows again, and then by factors of √2. Errors are relative, in the
-2-norm over the region. Seed 0 was used to choose `SPREAD` in jaxtat/constraints/weight.py: it
-proves nothing, and is not among the default ones.
+2-norm over the region. Seeds 0 and 3 were used to choose the constants of
+jaxtat/constraints/weight.py: they prove nothing, and are not among the default ones.
 
     python benchmarks/weights.py [--seeds 1 2] [--noise 0.02 0.05 0.15] [--pixels 129]
 

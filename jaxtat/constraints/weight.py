@@ -10,6 +10,10 @@ image plus what its pixels are uncertain by, tau = s / sqrt(L), L = ||B||²:
 s is the root mean square of the misfit, or the noise that is known if that is larger. Solved as a
 fixed point, along with the image.
 
+Where there is little noise that is too small: images are sparser than the density says, and edges
+finer than pixels are no white noise. So w >= L min(FLOOR tau, max|f| / FINEST): below the one the
+penalty does not hold noise down, above the other thin things go.
+
 Source: Pereyra, Bioucas-Dias and Figueiredo, EUSIPCO 2015, 230-234.
 """
 
@@ -21,7 +25,10 @@ from jaxtyping import Array, Float
 from .data_fit import DataFit
 from .penalties import Penalty
 
-SPREAD = 3.0  # chosen on phantoms of seed 0; benchmarks/weights.py tries it on others
+# chosen on phantoms of the seeds 0 and 3; benchmarks/weights.py tries them on others
+SPREAD = 3.0
+FLOOR = 0.15
+FINEST = 400.0
 
 
 def balanced_weight(
@@ -46,5 +53,6 @@ def balanced_weight(
     n = stack * fit.n_pixels
     if isinstance(penalty, Penalty):
         size = penalty.value(images, penalty.smoothing * scale.image)
-        return square * n / (size + n * SPREAD * tau)
+        least = scale.square * jnp.minimum(FLOOR * tau, scale.image / FINEST)
+        return jnp.maximum(square * n / (size + n * SPREAD * tau), least)
     return square * n / (jnp.sum(images**2) + n * tau**2)  # ridge, of degree 2: 2 P = ||f||²

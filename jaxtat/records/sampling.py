@@ -33,6 +33,7 @@ class Supported(eqx.Module):
 
     Attributes:
         reach: radius of the region about its centre, as asked [length].
+        end: c times end of the record [length].
         reach_of_end: the largest that the end of the record allows [length].
         reach_of_start: the largest that its start, or the nearest detector, allows [length].
         covered: c times end of the record, less the farthest point of the region; below zero the
@@ -45,6 +46,7 @@ class Supported(eqx.Module):
     """
 
     reach: Float[Array, ""]
+    end: Float[Array, ""]
     reach_of_end: Float[Array, ""]
     reach_of_start: Float[Array, ""]
     covered: Float[Array, ""]
@@ -208,6 +210,7 @@ def _supported(
     nearest = jnp.min(distance)
     return Supported(
         reach=region.reach,
+        end=end,
         reach_of_end=end - jnp.max(distance),
         reach_of_start=jnp.minimum(nearest - start, _EDGE * nearest),
         covered=end - jnp.max(lengths),

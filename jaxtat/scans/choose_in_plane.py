@@ -56,7 +56,7 @@ from .found import (
     covered,
     radii_of,
     require_detail,
-    require_end,
+    require_middle,
     require_scale,
 )
 
@@ -250,10 +250,15 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
         require_scale(path, arc.radius, sound.speed)
     path *= _slowest(found)
     least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
+    sounding = wanted / MARGIN
+    if path - arc.radius < sounding < SHARES[1] * arc.radius:  # fitted to what was recorded of it
+        most = sounding
     if wanted < least:
         wanted, why = least, "a tenth of the arc: where sound comes from cannot be told"
     if wanted > most:
         why = f"of {length(wanted)}, as much as detectors and record (path {length(path)}) cover"
+        if most == sounding:
+            why = f"sound comes from within {length(sounding)}"
         wanted = max(least, most)
     radius = float(found.take("region_radius", wanted, why))
     _cut(arc, found, radius, middle)
@@ -345,7 +350,9 @@ def _resolution(
     """lambda_max by detectors, band and pixels, whichever is least, and the pixels by it."""
     speed_at_least = speed * _slowest(found)
     support = supported(*where, times, sound_speed=speed_at_least)
-    require_end(support, speed_at_least)
+    require_middle(support, speed_at_least)
+    if float(support.covered) < -1e-9 * float(support.reach):
+        found.expect(support.shortfalls[0])
     limits = {
         SPACING: float(support.frequency_of_detectors) / SAMPLED,
         "what the record holds above its noise": 2 * np.pi * highest / speed,

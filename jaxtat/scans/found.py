@@ -130,10 +130,20 @@ def require_scale(path: float, radius: float, speed: float) -> None:
 def require_end(support: Supported, speed: float) -> None:
     """Raise ValueError for a record that ends before the far side of the region is heard."""
     if float(support.covered) < -1e-9 * float(support.reach):
-        raise ValueError(
-            f"{support.shortfalls[0]}. Check that positions, times and sound speed "
-            f"({speed:.6g}) are in units that fit each other."
-        )
+        raise ValueError(_too_short(support, speed))
+
+
+def require_middle(support: Supported, speed: float) -> None:
+    """Raise ValueError for a record that ends before sound is half-way to the region's middle."""
+    if float(support.end) < 0.5 * float(support.end - support.reach_of_end):
+        raise ValueError(_too_short(support, speed))
+
+
+def _too_short(support: Supported, speed: float) -> str:
+    return (
+        f"{support.shortfalls[0]}. Check that positions, times and sound speed ({speed:.6g}) are "
+        "in units that fit each other."
+    )
 
 
 def require_detail(found: Found, highest: float, limit: str) -> None:

@@ -45,6 +45,8 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
         choices, pixels=choices.pixels // 4 * 2 + 1, max_frequency=choices.max_frequency / 2
     )
     setup = setup_of(scan, coarse)
+    if not setup.complete:
+        return _believed(choices, "water's: the record ends too early to tell another")
     g = integrals(scan, coarse, setup, typical_frame(scan))
     *_, radii, sizes = where = plane_of(setup)
     basis = plane_basis(*where, "auto", jax.device_put(DEFAULT_TOLERANCE), None)
@@ -57,13 +59,19 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
         return np.asarray(_sharpness(fhat, eta, stretches, sizes.frequencies))
 
     stretch, why = sharpest(sharpness_at)
-    return replace(
+    stretched = replace(
         choices,
         sound_speed=choices.sound_speed * stretch,
         first_radius=choices.first_radius * stretch,
         radial_step=choices.radial_step * stretch,
-        reasons=tuple((n, why if n == "sound_speed" else old) for n, old in choices.reasons),
     )
+    return _believed(stretched, why)
+
+
+def _believed(choices: Choices, why: str) -> Choices:
+    """The same, with another reason for the speed."""
+    reasons = tuple((n, why if n == "sound_speed" else old) for n, old in choices.reasons)
+    return replace(choices, reasons=reasons)
 
 
 def sharpest(sharpness_at: Callable[[np.ndarray], np.ndarray]) -> tuple[float, str]:

@@ -6,9 +6,9 @@ import pytest
 from made_scans import RATE, SPEED, positions, raw_counts, record, scan, truth
 
 from jaxtat.cli import main
-from jaxtat.io import load_settings
+from jaxtat.io import Scan, load_settings
 from jaxtat.records import apply_impulse_response
-from jaxtat.scans import choose, reconstruct
+from jaxtat.scans import choose, estimate_sound_speed, reconstruct
 
 GIVEN = {"region_radius": 0.011, "pixels": 41, "model_based": True, "nonnegative": True}
 BAND = (1e5, 1.5e6)  # without the low frequencies
@@ -108,3 +108,20 @@ def test_records_that_end_early_are_fitted_by_themselves(tmp_path, monkeypatch, 
     inside = np.asarray(jaxtat.disk(0.8).contains(grid.points))
     off = (np.load("a.npy") - np.asarray(bells.image(grid)))[inside]
     assert np.linalg.norm(off) < 0.1 * np.linalg.norm(np.asarray(bells.image(grid))[inside])
+
+
+def test_a_record_that_ends_before_all_sound_is_heard_is_fitted():
+    """Sound from within 7 mm, detectors at 40 mm, and a record of 45 mm."""
+    last = round(0.045 / SPEED * RATE)
+    short = scan(record()[:, :last])
+    chosen = choose(short, pixels=41, nonnegative=True)
+    assert chosen.model_based and chosen.region_radius > 0.007
+    reasons = dict(chosen.reasons)
+    assert reasons["model_based"].startswith("there is no formula: the record ends")
+    assert reasons["region_radius"].startswith("sound comes from within")
+    found = reconstruct(short, chosen)
+    assert relative_error(found) < 0.1
+    bare = {name: short.known[name] for name in ("detectors", "sampling_rate")}
+    unknown = Scan("pressure", short.data, bare)
+    estimated = estimate_sound_speed(unknown, choose(unknown))
+    assert "ends too early" in dict(estimated.reasons)["sound_speed"]
