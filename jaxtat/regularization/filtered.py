@@ -109,6 +109,10 @@ def singular_components(
     floor = n_blocks * max(blocks.shape[1:]) * jnp.finfo(sigma.dtype).eps * sigma.max()
     inverse = jnp.where(sigma > floor, 1 / jnp.where(sigma > floor, sigma, 1.0), 0.0)
     amplitudes = inverse[..., None] * _real_times(jnp.swapaxes(left, -1, -2), rhs)
+    # named, too: of the faintest terms they are rounding, which another program rounds otherwise
+    amplitudes = jax.lax.complex(
+        checkpoint_name(amplitudes.real, SINGULAR), checkpoint_name(amplitudes.imag, SINGULAR)
+    )
     order = jnp.argsort(-sigma, axis=None)
     size = _modulus(amplitudes).reshape(-1, n_rhs)[order]
     rule = regularization.chosen(sigma.ravel()[order], size, unit_norm)

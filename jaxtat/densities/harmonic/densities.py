@@ -167,8 +167,9 @@ def harmonic_densities(
         regularization: which singular components are kept, at all frequencies or at each.
     """
 
-    # The decomposition is kept: made anew in reverse mode, by another program, rounding may turn
-    # singular vectors or change their signs, and rows, q_j and factors no longer belong together.
+    # The decomposition and the amplitudes are kept: made anew in reverse mode, by another program,
+    # rounding may turn singular vectors or change their signs, and amplitudes that are rounding
+    # over tiny sigma_j come out otherwise: rows, q_j and factors no longer belong together.
     @partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(SINGULAR))
     def at(arguments: tuple[WaveTable, Array, Regularization]) -> tuple[Step, DensityReport]:
         wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
