@@ -1,6 +1,7 @@
 """64 bits, shapes and types of every call checked, and what several tests share."""
 
 import atexit
+import gc
 import os
 import shutil
 import tempfile
@@ -11,7 +12,8 @@ import jaxlib.version
 import pytest
 from jaxtyping import install_import_hook
 
-UNOPTIMISED = "--xla_backend_optimization_level=0"
+# in one piece: to split each program for threads to compile costs more time than they have to gain
+UNOPTIMISED = "--xla_backend_optimization_level=0 --xla_cpu_parallel_codegen_split_count=1"
 if jaxlib.version.__version_info__ < (0, 11):  # a process with a flag that XLA lacks is ended by it
     UNOPTIMISED += " --xla_cpu_use_fusion_emitters=false"
 if "XLA_FLAGS" not in os.environ:
@@ -33,12 +35,18 @@ own = os.path.join(os.environ["JAX_COMPILATION_CACHE_DIR"], "unoptimised")
 jax.config.update("jax_compilation_cache_dir", own)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 jax.config.update("jax_enable_x64", True)
+# the lines of Python that operations come from: written into programs, and read by no one here
+jax.config.update("jax_traceback_in_locations_limit", 0)
 # every annotation of an array in the package is checked, in every test
 with install_import_hook("jaxtat", "beartype.beartype"):
     import jaxtat
 
     for name in jaxtat.__all__:  # imported when it is asked for
         getattr(jaxtat, name)
+# Tracing makes many small objects, few of them garbage: looked for less often, not among modules.
+gc.collect()
+gc.freeze()
+gc.set_threshold(200_000, 20, 100)
 
 
 # The longest files, longest first: begun last, one of them would run on alone.
@@ -90,6 +98,7 @@ def few_programs():
     """Each compiled program takes maps of memory, of which Linux grants a process 65530."""
     yield
     jax.clear_caches()
+    gc.collect()
 
 
 @pytest.fixture
