@@ -5,11 +5,15 @@ import gc
 import os
 import shutil
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import jaxlib.version
+import numpy as np
 import pytest
+from jax.flatten_util import ravel_pytree
 from jaxtyping import install_import_hook
 
 # in one piece: to split each program for threads to compile costs more time than they have to gain
@@ -99,6 +103,48 @@ def few_programs():
     yield
     jax.clear_caches()
     gc.collect()
+
+
+@partial(jax.jit, static_argnums=0)
+def ahead(function, at, along, h):
+    """The function h along a direction, and its derivative that way, all entries in one row."""
+    moved = tuple(x + h * d for x, d in zip(at, along, strict=True))
+    return jax.jvp(lambda *at: ravel_pytree(function(*at))[0], moved, along)
+
+
+@partial(jax.jit, static_argnums=0)
+def back(function, at, weights):
+    """Derivatives of the weighted sum of all entries."""
+    return jax.vjp(lambda *at: ravel_pytree(function(*at))[0], *at)[1](weights)
+
+
+def both_modes(function, at, step=1e-5, rtol=1e-5, atol=1e-5, order=1):
+    """Forward mode against central differences along a random direction, reverse against forward.
+
+    In two programs for all arguments ``at`` together, and for all calls with this function;
+    `jax.test_util.check_grads` makes about six. With order 2 both derivatives are derived again.
+    Returns the derivatives in reverse mode, of all entries with random weights.
+    """
+    rng = np.random.default_rng(7)
+    at = tuple(map(jnp.asarray, at))
+    along = tuple(jnp.asarray(np.asarray(rng.standard_normal(x.shape))) for x in at)
+    value, forward = ahead(function, at, along, 0.0)
+    far, near = (ahead(function, at, along, h)[0] for h in (step, -step))
+    np.testing.assert_allclose(forward, (far - near) / (2 * step), rtol=rtol, atol=atol)
+    weights = jnp.asarray(rng.standard_normal(value.shape))
+    slopes = back(function, at, weights)
+    backward = sum(map(jnp.vdot, slopes, along))
+    np.testing.assert_allclose(backward, jnp.vdot(weights, forward), rtol=rtol, atol=atol)
+    if order > 1:
+        both_modes(lambda *at: ahead(function, at, along, 0.0)[1], at, step, rtol, atol, order - 1)
+        both_modes(lambda *at: back(function, at, weights), at, step, rtol, atol, order - 1)
+    return slopes
+
+
+@pytest.fixture(scope="session")
+def check_both_modes():
+    """`both_modes`, for the tests of all folders."""
+    return both_modes
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact import data_of
+from jax.extend.core import jaxpr_as_fun
 from numpy.testing import assert_allclose
 
 from jaxtat import (
@@ -304,7 +305,7 @@ def traced(work, *given):
     What a whole program costs to compile would be most of the time of all cases.
     """
     program = eqx.filter_make_jaxpr(work)(*given)[0]
-    return jax.core.jaxpr_as_fun(program)(*filter(eqx.is_array, jax.tree.leaves(given)))
+    return jaxpr_as_fun(program)(*filter(eqx.is_array, jax.tree.leaves(given)))
 
 
 @pytest.mark.parametrize(("name", "where"), CASES)
