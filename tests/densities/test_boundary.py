@@ -142,4 +142,4 @@ def test_derivatives_with_respect_to_positions_and_boundary(check_both_modes):
         return found.real, found.imag
 
     assert not setup.sizes.reached
-    check_both_modes(fhat, (start, CORNERS, g, 0.1), 1e-4, rtol=1e-4, atol=1e-4)
+    check_both_modes(fhat, (start, CORNERS, g, 0.1), rtol=1e-4, atol=1e-4)

@@ -122,7 +122,7 @@ def test_derivatives_of_the_delayed_transform(check_both_modes):
     def transformed(g, radii, delays):
         return delayed_transform(g, radii, jnp.array([2.0, 5.0]), delays)
 
-    check_both_modes(transformed, (g, radii, delays), 1e-4, order=2)
+    check_both_modes(transformed, (g, radii, delays), 1e-6, order=2)
 
 
 def test_polar_fourier_is_the_weighted_sum_it_states():
