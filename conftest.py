@@ -1,17 +1,23 @@
 """64 bits, shapes and types of every call checked, and what several tests share."""
 
 import atexit
+import gc
 import os
 import shutil
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import jaxlib.version
+import numpy as np
 import pytest
+from jax.flatten_util import ravel_pytree
 from jaxtyping import install_import_hook
 
-UNOPTIMISED = "--xla_backend_optimization_level=0"
+# in one piece: to split each program for threads to compile costs more time than they have to gain
+UNOPTIMISED = "--xla_backend_optimization_level=0 --xla_cpu_parallel_codegen_split_count=1"
 if jaxlib.version.__version_info__ < (0, 11):  # a process with a flag that XLA lacks is ended by it
     UNOPTIMISED += " --xla_cpu_use_fusion_emitters=false"
 if "XLA_FLAGS" not in os.environ:
@@ -33,12 +39,18 @@ own = os.path.join(os.environ["JAX_COMPILATION_CACHE_DIR"], "unoptimised")
 jax.config.update("jax_compilation_cache_dir", own)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 jax.config.update("jax_enable_x64", True)
+# the lines of Python that operations come from: written into programs, and read by no one here
+jax.config.update("jax_traceback_in_locations_limit", 0)
 # every annotation of an array in the package is checked, in every test
 with install_import_hook("jaxtat", "beartype.beartype"):
     import jaxtat
 
     for name in jaxtat.__all__:  # imported when it is asked for
         getattr(jaxtat, name)
+# Tracing makes many small objects, few of them garbage: looked for less often, not among modules.
+gc.collect()
+gc.freeze()
+gc.set_threshold(200_000, 20, 100)
 
 
 # The longest files, longest first: begun last, one of them would run on alone.
@@ -90,6 +102,49 @@ def few_programs():
     """Each compiled program takes maps of memory, of which Linux grants a process 65530."""
     yield
     jax.clear_caches()
+    gc.collect()
+
+
+@partial(jax.jit, static_argnums=0)
+def ahead(function, at, along, h):
+    """The function h along a direction, and its derivative that way, all entries in one row."""
+    moved = tuple(x + h * d for x, d in zip(at, along, strict=True))
+    return jax.jvp(lambda *at: ravel_pytree(function(*at))[0], moved, along)
+
+
+@partial(jax.jit, static_argnums=0)
+def back(function, at, weights):
+    """Derivatives of the weighted sum of all entries."""
+    return jax.vjp(lambda *at: ravel_pytree(function(*at))[0], *at)[1](weights)
+
+
+def both_modes(function, at, step=1e-5, rtol=1e-5, atol=1e-5, order=1):
+    """Forward mode against central differences along a random direction, reverse against forward.
+
+    In two programs for all arguments ``at`` together, and for all calls with this function;
+    `jax.test_util.check_grads` makes about six. With order 2 both derivatives are derived again.
+    Returns the derivatives in reverse mode, of all entries with random weights.
+    """
+    rng = np.random.default_rng(7)
+    at = tuple(map(jnp.asarray, at))
+    along = tuple(jnp.asarray(np.asarray(rng.standard_normal(x.shape))) for x in at)
+    value, forward = ahead(function, at, along, 0.0)
+    far, near = (ahead(function, at, along, h)[0] for h in (step, -step))
+    np.testing.assert_allclose(forward, (far - near) / (2 * step), rtol=rtol, atol=atol)
+    weights = jnp.asarray(rng.standard_normal(value.shape))
+    slopes = back(function, at, weights)
+    backward = sum(map(jnp.vdot, slopes, along))
+    np.testing.assert_allclose(backward, jnp.vdot(weights, forward), rtol=rtol, atol=atol)
+    if order > 1:
+        both_modes(lambda *at: ahead(function, at, along, 0.0)[1], at, step, rtol, atol, order - 1)
+        both_modes(lambda *at: back(function, at, weights), at, step, rtol, atol, order - 1)
+    return slopes
+
+
+@pytest.fixture(scope="session")
+def check_both_modes():
+    """`both_modes`, for the tests of all folders."""
+    return both_modes
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from .proximal import prox
 from .weight import balanced_weight
 
 DUAL_STEPS = 10  # of a proximal map, which goes on where the last one ended
-_POWER_STEPS = 8
+_POWER_STEPS = 9
 _MARGIN = 1.05  # of L over what so many steps found; it grows where a step shows that it must
 
 
@@ -78,7 +78,7 @@ def scale_of(fit: DataFit, data: Float[Array, "stack *data"]) -> Scale:
         return fit.transposed(fit.modelled(images / jnp.linalg.norm(images)))
 
     grown = jax.lax.fori_loop(0, _POWER_STEPS, lambda _, images: normal(images), start)
-    square = _MARGIN * jnp.linalg.norm(normal(grown))
+    square = _MARGIN * jnp.linalg.norm(grown)
     size = jnp.max(jnp.abs(back)) / square
     return Scale(square, jnp.where(size > 0, size, 1.0))
 

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 
 from jaxtat import (
     ImageGrid,
@@ -167,7 +166,7 @@ def test_adjoint_passes_the_dot_test():
     assert abs(float(one - other)) < 1e-13 * float(jnp.abs(one) + jnp.linalg.norm(data))
 
 
-def test_derivatives_in_image_positions_and_radii():
+def test_derivatives_in_image_positions_and_radii(check_both_modes):
     grid = ImageGrid(21)
     image = phantoms.Bells([[0.1, 0.2]], [0.8]).image(grid)
 
@@ -176,7 +175,7 @@ def test_derivatives_in_image_positions_and_radii():
         return integrate_over_circles(image, grid, curve, radii)
 
     arguments = (image, jnp.array([0.01, 0.02]), RADII)
-    check_grads(jax.jit(g), arguments, order=1, modes=["fwd", "rev"], rtol=1e-4, eps=1e-5)
+    check_both_modes(g, arguments, rtol=1e-4)
 
 
 def test_derivative_in_position_is_that_of_the_exact_integrals():

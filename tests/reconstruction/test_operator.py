@@ -28,6 +28,7 @@ from jaxtat import (
     polyline,
     rectangle,
 )
+from jaxtat.forward.circle_sizes import circle_sizes
 from jaxtat.geometry.curves import SampledCurve
 from jaxtat.records import pressure_to_circular_integrals
 
@@ -132,7 +133,6 @@ def test_slopes_in_positions_radii_and_widths_are_those_of_differences(name):
     image = BELL.image(setup.grid)
     weights = jnp.asarray(np.random.default_rng(0).standard_normal(setup.data_shape))
 
-    @jax.jit
     def total(size):
         if name == "arc":
             moved = circular_arc(1.3 * size, 1.0, 24, element_width=0.1 * size**3)
@@ -141,11 +141,16 @@ def test_slopes_in_positions_radii_and_widths_are_those_of_differences(name):
         new = setup.replace(curve=moved, radii=setup.radii * (2 - size))
         return jnp.sum(weights * forward_operator(new, tolerance=1e-13)(image))
 
-    wanted = differences(total, 1.0)
-    assert jnp.allclose(jax.grad(total)(1.0), wanted, rtol=1e-6)
-    assert jnp.allclose(jax.jvp(total, (1.0,), (1.0,))[1], wanted, rtol=1e-6)
-    slope = jax.jit(jax.grad(total))
-    assert jnp.allclose(jax.jvp(slope, (1.0,), (1.0,))[1], differences(slope, 1.0), rtol=1e-5)
+    @jax.jit
+    def everything(size):
+        (value, backward), (forward, second) = jax.jvp(jax.value_and_grad(total), (size,), (1.0,))
+        return jnp.stack([value, backward, forward, second])
+
+    _, backward, forward, second = everything(1.0)
+    wanted, of_slope = differences(lambda size: everything(size)[:2], 1.0)
+    assert jnp.allclose(backward, wanted, rtol=1e-6)
+    assert jnp.allclose(forward, wanted, rtol=1e-6)
+    assert jnp.allclose(second, of_slope, rtol=1e-5)
 
 
 def test_many_detectors_on_a_circle_take_another_way_to_the_same_data(arc, monkeypatch):
@@ -171,6 +176,17 @@ def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(monkeypatch):
     image = BELL.image(setup.grid)
     assert jnp.allclose(anew.mv(image), kept.mv(image), atol=1e-13)
     assert dot_test(anew, 0) < 1e-12
+
+
+def test_frequencies_of_small_images_are_one_group_and_large_ones_many():
+    """A program for each group is worth its time only for large images; no frequency is lost."""
+    for name, most in (("arc", 8), ("L", 4)):
+        for n, wanted in ((17, 1), (257, most)):
+            sizes = circle_sizes(CURVES[name][0], ImageGrid(n))
+            assert len(sizes.groups) == wanted
+            firsts, lasts, orders, _ = zip(*sizes.groups, strict=True)
+            assert firsts == (0, *lasts[:-1]) and lasts[-1] == sizes.n_frequencies
+            assert list(orders) == sorted(orders)
 
 
 def test_stacks_maps_and_matrices_agree(arc):

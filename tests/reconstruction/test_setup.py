@@ -1,11 +1,14 @@
 """The problem as one thing: refusals, one warning, new positions without new programs, jit."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from exact import data_of
+from jax.extend.core import jaxpr_as_fun
 from numpy.testing import assert_allclose
 
 from jaxtat import (
@@ -193,31 +196,29 @@ def test_replace_is_a_new_setup(parts):
     g, weights = rng.standard_normal(setup.data_shape), rng.standard_normal(setup.grid.shape)
     traced = []
 
-    def image(numbers, alpha):
-        traced.append(1)
-        return reconstruct(setup.replace(**parts(*numbers)), g, alpha)
-
-    compiled, start = jax.jit(image), jnp.asarray(start)
-    shifts = jnp.array([[0.0, 0.0, 0.0], [0.01, 0.01, 0.002]])
-    images = []
-    for i, numbers in enumerate(start + shifts):
-        again = Setup(**parts(*map(float, numbers)), **sizes)
-        images.append(reconstruct(again, g, 1e-3 * (i + 1)))
-        found = compiled(numbers, 1e-3 * (i + 1))
-        assert_allclose(found, images[i], atol=1e-11 * abs(found).max())
-    assert len(traced) == 1
-
     @jax.jit
     @jax.vmap
-    @jax.value_and_grad
+    @functools.partial(jax.value_and_grad, has_aux=True)
     def totals(given):
-        return jnp.sum(weights * image(given[:3], given[3]) ** 2)
+        traced.append(1)
+        image = reconstruct(setup.replace(**parts(*given[:3])), g, given[3])
+        return jnp.sum(weights * image**2), image
 
-    steps = 1e-5 * jnp.concatenate([jnp.eye(3), -jnp.eye(3)])
-    rows = start + jnp.concatenate([shifts, steps])
-    values, slopes = totals(jnp.c_[rows, jnp.array([1e-3, 2e-3, *[1e-3] * 6])])
-    assert_allclose(values[:2], [jnp.sum(weights * one**2) for one in images], rtol=1e-9)
-    assert_allclose(slopes[0, :3], (values[2:5] - values[5:]) / 2e-5, rtol=1e-5)
+    start = jnp.asarray(start)
+    shifts = jnp.array([[0.0, 0.0, 0.0], [0.01, 0.01, 0.002]])
+    alphas = 1e-3, 2e-3
+    rows = start + shifts
+    (values, found), slopes = totals(jnp.c_[rows, jnp.array(alphas)])
+    for i, numbers in enumerate(rows):
+        again = Setup(**parts(*map(float, numbers)), **sizes)
+        image = reconstruct(again, g, alphas[i])
+        assert_allclose(found[i], image, atol=1e-11 * abs(image).max())
+        assert_allclose(values[i], jnp.sum(weights * image**2), rtol=1e-9)
+
+    for k, step in enumerate(1e-5 * jnp.eye(3)):
+        (moved, _), _ = totals(jnp.c_[jnp.stack([start + step, start - step]), jnp.full(2, 1e-3)])
+        assert_allclose(slopes[0, k], (moved[0] - moved[1]) / 2e-5, rtol=1e-5)
+    assert len(traced) == 1
 
 
 def programs_of(work):
@@ -298,18 +299,27 @@ CASES = [(name, "small_cut") for name in ANYWHERE | IN_THE_PLANE]
 CASES += [(name, "small_cap") for name in ANYWHERE]
 
 
+def traced(work, *given):
+    """As jax.jit traces it; then evaluated by the programs that there are, of which it is made.
+
+    What a whole program costs to compile would be most of the time of all cases.
+    """
+    program = eqx.filter_make_jaxpr(work)(*given)[0]
+    return jaxpr_as_fun(program)(*filter(eqx.is_array, jax.tree.leaves(given)))
+
+
 @pytest.mark.parametrize(("name", "where"), CASES)
 def test_every_function_works_inside_jit(request, name, where):
     """With the setup passed in, and closed over."""
     setup = request.getfixturevalue(where)
     work, make = (ANYWHERE | IN_THE_PLANE)[name]
     given = make(setup)
-    plain = work(setup, given)
-    passed = eqx.filter_jit(work)(setup, given)
-    closed = jax.jit(lambda given: work(setup, given))(given)
+    plain = jax.tree.leaves(work(setup, given))
+    passed = traced(work, setup, given)
+    closed = traced(lambda given: work(setup, given), given)
     # a plan of a known geometry leaves out what is below rounding
     for found in (passed, closed):
-        for one, other in zip(*map(jax.tree.leaves, (found, plain)), strict=True):
+        for one, other in zip(found, plain, strict=True):
             scale = np.nanmax(np.abs(other), initial=1e-300)
             assert_allclose(one, other, atol=1e-9 * scale, equal_nan=True)
 

@@ -1,17 +1,17 @@
 """The derivative of the filtered solve, also where singular values coincide."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 
 from jaxtat import FixedRank, NormBound, SingularValueCutoff, Tikhonov, TikhonovNormBound
 from jaxtat.regularization.filtered import filtered_solve, singular_components
 
 ONE = jnp.array(1.0)
-EVERY_WAY = {"order": 1, "modes": ["fwd", "rev"], "atol": 1e-5, "rtol": 1e-5, "eps": 1e-5}
 
 # singular values and where the cut falls among them
 SPECTRA = {
@@ -45,6 +45,13 @@ def parts(a, real, imaginary, rule, unit_norm=ONE):
     return found.q.real, found.q.imag, found.norm, found.residual, found.terms
 
 
+OF_RULE = {name: partial(parts, rule=rule) for name, rule in RULES.items()}  # a program for each
+
+
+def under_norm_bound(a, real, imaginary, K, unit_norm):
+    return parts(a, real, imaginary, NormBound(K), unit_norm)
+
+
 def test_the_solution_is_that_of_the_components():
     a, u = problem(SPECTRA["pairs"])
     for rule in (*RULES.values(), NormBound(2.0)):
@@ -59,29 +66,26 @@ def test_the_solution_is_that_of_the_components():
 @pytest.mark.parametrize(
     ("spectrum", "shape"), [*((name, (8, 7)) for name in SPECTRA), ("pairs", (6, 9))]
 )
-def test_derivatives_where_singular_values_coincide(spectrum, rule, shape):
+def test_derivatives_where_singular_values_coincide(check_both_modes, spectrum, rule, shape):
     a, u = problem(SPECTRA[spectrum], shape)
-    check_grads(lambda a, r, i: parts(a, r, i, RULES[rule]), (a, u.real, u.imag), **EVERY_WAY)
+    check_both_modes(OF_RULE[rule], (a, u.real, u.imag))
 
 
 @pytest.mark.parametrize("spectrum", ["apart", "pairs", "nearly pairs", "tiny dropped ones"])
-def test_derivatives_under_the_norm_bound(spectrum):
+def test_derivatives_under_the_norm_bound(check_both_modes, spectrum):
     # for every right-hand side the cut falls into the third of values that stand apart
     a, u = problem([3.0, *SPECTRA[spectrum][:2], 0.3, 0.02, 0.001], (8, 7))
     everything = singular_components(a[None], u[None], FixedRank(6), ONE)
     sizes = np.abs(np.asarray(everything.amplitudes[0]))
     bound = np.sqrt(np.sum(sizes[:3] ** 2, axis=0).max() + 0.3 * np.min(sizes[3]) ** 2)
 
-    def of(a, real, imaginary, K, unit_norm):
-        return parts(a, real, imaginary, NormBound(K), unit_norm)
-
     arguments = (a, u.real, u.imag, jnp.array(bound / 1.7), jnp.array(1.7))
-    terms = np.asarray(of(*arguments)[-1])
+    terms = np.asarray(under_norm_bound(*arguments)[-1])
     assert ((terms > 3) & (terms % 1 > 0)).all()
-    check_grads(of, arguments, **EVERY_WAY)
+    check_both_modes(under_norm_bound, arguments)
 
 
-def test_derivatives_in_the_numbers_of_the_rules():
+def test_derivatives_in_the_numbers_of_the_rules(check_both_modes):
     a, u = problem(SPECTRA["apart"])
     at_values = (
         (FixedRank, 3.3),
@@ -90,17 +94,14 @@ def test_derivatives_in_the_numbers_of_the_rules():
         (TikhonovNormBound, 1.5),
     )
     for rule, at in at_values:
-        check_grads(
-            lambda value, a, rule=rule: parts(a, u.real, u.imag, rule(value)),
-            (jnp.array(at), a),
-            **EVERY_WAY,
-        )
+        of = lambda value, a, rule=rule: parts(a, u.real, u.imag, rule(value))  # noqa: E731
+        check_both_modes(of, (at, a))
 
 
 @pytest.mark.parametrize(
     ("kind", "number", "softness"), [(NormBound, 2.0, 0.5), (FixedRank, 3.7, 2.9)]
 )
-def test_derivatives_with_a_soft_edge(kind, number, softness):
+def test_derivatives_with_a_soft_edge(check_both_modes, kind, number, softness):
     """In everything, also the number and the softness; what coincides is kept as a whole."""
     sigma = [3.0, 2.0, 1.0, 0.4, 0.2, 0.1] if kind is NormBound else [3.0, 3.0, 1.0, 0.4, 0.2, 0.1]
     a, u = problem(sigma)
@@ -111,7 +112,7 @@ def test_derivatives_with_a_soft_edge(kind, number, softness):
     arguments = (a, u.real, u.imag, jnp.array(number), jnp.array(softness))
     terms = np.asarray(of(*arguments)[-1])
     assert ((terms > 1) & (terms < 5)).all()
-    check_grads(of, arguments, **EVERY_WAY)
+    check_both_modes(of, arguments)
 
 
 def test_blocks_are_one_matrix():

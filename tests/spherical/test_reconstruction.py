@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 from scipy.special import spherical_jn, spherical_yn
 
 from jaxtat import (
@@ -316,7 +315,7 @@ def test_bad_data_are_refused():
 # --- derivatives ---------------------------------------------------------------------------------
 
 
-def test_derivatives_in_everything_but_sizes():
+def test_derivatives_in_everything_but_sizes(check_both_modes):
     """A weighted sum of voxels; both modes against differences, of the lower part of a ball.
 
     Rings are turned, and moved from where those of a cap are.
@@ -336,7 +335,6 @@ def test_derivatives_in_everything_but_sizes():
     rings = rings_of(cap.radius, cap.half_opening, cap.center, moved, turns)
     setup = Setup(rings, region, grid, radii, max_frequency=4.0)
 
-    @jax.jit
     def loss(g, radius, speed, top, opening, log_alpha, center, reach, half_width, moved, turns):
         here = setup.replace(
             curve=rings_of(radius, opening, center, moved, turns),
@@ -348,7 +346,7 @@ def test_derivatives_in_everything_but_sizes():
 
     at = (1.6, 1.0, 0.5, 0.97, -7.0, np.zeros(3), 0.8, np.full(3, 0.5))
     at = [jnp.asarray(value) for value in (*at, moved, turns)]
-    check_grads(loss, (g, *at), 1, modes=["fwd", "rev"], rtol=1e-5, eps=1e-5)
+    check_both_modes(loss, (g, *at))
 
 
 def test_derivatives_of_a_cap_s_rings():
