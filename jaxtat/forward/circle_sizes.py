@@ -15,7 +15,7 @@ from ..geometry.elements import enough_nodes
 MARGIN = 1.04  # of the period over the farthest pixel from a detector: positions may change by that
 # groups of frequencies with as many orders: more are faster, and each is compiled by itself
 GROUPS, GROUPS_OFF_CIRCLE = 8, 4
-WORTH_A_GROUP = 32  # frequencies: small images take less time than the programs of more groups
+WORTH_A_GROUP = 16  # frequencies: small images take less time than the programs of more groups
 
 
 class CircleSizes(eqx.Module):
