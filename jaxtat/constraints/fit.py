@@ -105,7 +105,8 @@ def model_based(
             (detectors, samples), the same for all detectors, such as
             ``functools.partial(condition_record, times=times, band=band, baseline=False)``.
         everywhere: f may differ from zero on all of the grid, not only in the region.
-        initial: image to start from, like the result; zero by default.
+        initial: image to start from, like the result; zero by default. From the formula's image it
+            takes fewer steps where there is little noise, and more where there is much.
         tolerance: of the change of the image in a step, relative, at which to stop; 1e-4 by
             default, and 1e-5 for an incomplete setup, where the last steps count.
         max_steps: the most steps.

@@ -12,7 +12,8 @@ fixed point, along with the image.
 
 Where there is little noise that is too small: images are sparser than the density says, and edges
 finer than pixels are no white noise. So w >= L min(FLOOR tau, max|f| / FINEST): below the one the
-penalty does not hold noise down, above the other thin things go.
+penalty does not hold noise down, above the other thin things go. Not for second differences, which
+hold noise down at far smaller weights.
 
 Source: Pereyra, Bioucas-Dias and Figueiredo, EUSIPCO 2015, 230-234.
 """
@@ -23,7 +24,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .data_fit import DataFit
-from .penalties import Penalty
+from .penalties import Penalty, SecondOrderVariation
 
 # chosen on phantoms of the seeds 0 and 3; benchmarks/weights.py tries them on others
 SPREAD = 3.0
@@ -53,6 +54,8 @@ def balanced_weight(
     n = stack * fit.n_pixels
     if isinstance(penalty, Penalty):
         size = penalty.value(images, penalty.smoothing * scale.image)
-        least = scale.square * jnp.minimum(FLOOR * tau, scale.image / FINEST)
-        return jnp.maximum(square * n / (size + n * SPREAD * tau), least)
+        weight = square * n / (size + n * SPREAD * tau)
+        if isinstance(penalty, SecondOrderVariation):
+            return weight
+        return jnp.maximum(weight, scale.square * jnp.minimum(FLOOR * tau, scale.image / FINEST))
     return square * n / (jnp.sum(images**2) + n * tau**2)  # ridge, of degree 2: 2 P = ||f||²
