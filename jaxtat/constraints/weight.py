@@ -11,9 +11,10 @@ s is the root mean square of the misfit, or the noise that is known if that is l
 fixed point, along with the image.
 
 Where there is little noise that is too small: images are sparser than the density says, and edges
-finer than pixels are no white noise. So w >= L min(FLOOR tau, max|f| / FINEST): below the one the
-penalty does not hold noise down, above the other thin things go. Not for second differences, which
-hold noise down at far smaller weights.
+finer than pixels are no white noise. So with noise that is known w >= L min(FLOOR tau,
+max|f| / FINEST): below the one the penalty does not hold noise down, above the other thin things
+go. Not for second differences, which hold noise down at far smaller weights; nor for unknown noise,
+since a misfit that the weight itself makes would keep it large where data are exact.
 
 Source: Pereyra, Bioucas-Dias and Figueiredo, EUSIPCO 2015, 230-234.
 """
@@ -55,7 +56,7 @@ def balanced_weight(
     if isinstance(penalty, Penalty):
         size = penalty.value(images, penalty.smoothing * scale.image)
         weight = square * n / (size + n * SPREAD * tau)
-        if isinstance(penalty, SecondOrderVariation):
+        if isinstance(penalty, SecondOrderVariation) or not fit.white:
             return weight
         return jnp.maximum(weight, scale.square * jnp.minimum(FLOOR * tau, scale.image / FINEST))
     return square * n / (jnp.sum(images**2) + n * tau**2)  # ridge, of degree 2: 2 P = ||f||²

@@ -13,9 +13,8 @@ from ..geometry import CircularArc, DetectorCurve, ImageGrid, circle_through
 from ..geometry.elements import enough_nodes
 
 MARGIN = 1.04  # of the period over the farthest pixel from a detector: positions may change by that
-# groups of frequencies with as many orders: more are faster, and each is compiled by itself
+# groups of frequencies with as many orders: more are faster; off a circle each is compiled
 GROUPS, GROUPS_OFF_CIRCLE = 8, 4
-WORTH_A_GROUP = 16  # frequencies: small images take less time than the programs of more groups
 
 
 class CircleSizes(eqx.Module):
@@ -66,8 +65,7 @@ def circle_sizes(curve: DetectorCurve, grid: ImageGrid) -> CircleSizes:
     highest = np.pi / float(spacing.max())
     n = max(1, int(np.sum(zeros_of_j0(int(highest * period / np.pi) + 2) <= highest * period)))
     frequencies = zeros_of_j0(n) / period
-    most = GROUPS if circle is not None else GROUPS_OFF_CIRCLE
-    n_groups = min(most, max(1, n // WORTH_A_GROUP))
+    n_groups = min(GROUPS if circle is not None else GROUPS_OFF_CIRCLE, n)
     bounds = np.unique(np.linspace(0, n, n_groups + 1).round().astype(int))
     groups = []
     for first, last in pairwise(bounds):

@@ -178,17 +178,6 @@ def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(monkeypatch):
     assert dot_test(anew, 0) < 1e-12
 
 
-def test_frequencies_of_small_images_are_one_group_and_large_ones_many():
-    """A program for each group is worth its time only for large images; no frequency is lost."""
-    for name, most in (("arc", 8), ("L", 4)):
-        for n, wanted in ((17, 1), (257, most)):
-            sizes = circle_sizes(CURVES[name][0], ImageGrid(n))
-            assert len(sizes.groups) == wanted
-            firsts, lasts, orders, _ = zip(*sizes.groups, strict=True)
-            assert firsts == (0, *lasts[:-1]) and lasts[-1] == sizes.n_frequencies
-            assert list(orders) == sorted(orders)
-
-
 def test_stacks_maps_and_matrices_agree(arc):
     operator = forward_operator(arc)
     images = jnp.stack([BELL.image(arc.grid), phantoms.Bells([[0.0, 0.3]], [0.5]).image(arc.grid)])
