@@ -28,7 +28,6 @@ from jaxtat import (
     polyline,
     rectangle,
 )
-from jaxtat.forward.circle_sizes import circle_sizes
 from jaxtat.geometry.curves import SampledCurve
 from jaxtat.records import pressure_to_circular_integrals
 
