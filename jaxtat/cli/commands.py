@@ -111,6 +111,7 @@ def _asked(options: argparse.Namespace, start: float):
         given,
         plan_for,
         repeated,
+        require_formula,
         require_same,
         require_size,
         scan_of,
@@ -133,6 +134,7 @@ def _asked(options: argparse.Namespace, start: float):
     if plan is not None:
         require_same(scan, choices, plan)
     elif wants_plan(options):
+        require_formula(choices)
         setup = setup_in_plane(scan, choices)
         integrals(scan, choices, setup, scan.frame(0))  # refused before anything is built
         plan = plan_for(options, setup)

@@ -102,6 +102,16 @@ def setup_in_plane(scan: Scan, choices: Choices) -> Setup:
     return setup_of(scan, choices)
 
 
+def require_formula(choices: Choices) -> None:
+    """Raise ValueError where images are fitted: there is nothing to plan."""
+    if choices.model_based:
+        why = dict(choices.reasons)["model_based"]
+        raise ValueError(
+            f"{why}. Images are fitted then, without densities: leave out what asks for them, or "
+            "take a smaller region."
+        )
+
+
 def plan_for(options: argparse.Namespace, setup: Setup) -> ReconstructionPlan:
     """Build the plan that the options ask for, up to the frequency that was chosen."""
     return build_plan(

@@ -69,10 +69,9 @@ class RoundElements(eqx.Module):
         """
         if self.element_radius is None:
             return compute(self.points)
-        local = self.points - self.center
-        distance = jnp.linalg.norm(local, axis=-1, keepdims=True)
-        angle = self.element_radius / self.distance
-        units, weights = nodes_on_sphere(local / distance, angle, n_nodes)
+        distance = self.distance[..., None]
+        middles, angle = (self.points - self.center) / distance, self.element_radius / self.distance
+        units, weights = nodes_on_sphere(middles, angle, n_nodes)
         return mean_over_nodes(
             lambda unit: compute(self.center + distance * unit), units, jnp.asarray(weights)
         )

@@ -71,11 +71,16 @@ class Supported(eqx.Module):
         return jnp.pi / self.max_frequency
 
     @property
+    def ends_early(self) -> bool:
+        """Whether the record ends before the far side of the region is heard."""
+        return float(self.covered) < -1e-9 * float(self.reach)
+
+    @property
     def shortfalls(self) -> tuple[str, ...]:
         """What cannot be had, each in a sentence with numbers; empty if all is well."""
         asked, detail = float(self.reach), np.pi / float(self.asked_frequency)
         found = []
-        if float(self.covered) < -1e-9 * asked:
+        if self.ends_early:
             found.append(
                 f"the record ends {-float(self.covered):.4g} before the far side of the region: a "
                 f"region of radius {asked:.4g} was asked for, {_up_to(self.reach_of_end)}"

@@ -252,13 +252,11 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
     least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
     sounding = wanted / MARGIN
     if path - arc.radius < sounding < SHARES[1] * arc.radius:  # fitted to what was recorded of it
-        most = sounding
+        wanted, most, why = sounding, sounding, f"sound comes from within {length(sounding)}"
     if wanted < least:
         wanted, why = least, "a tenth of the arc: where sound comes from cannot be told"
     if wanted > most:
         why = f"of {length(wanted)}, as much as detectors and record (path {length(path)}) cover"
-        if most == sounding:
-            why = f"sound comes from within {length(sounding)}"
         wanted = max(least, most)
     radius = float(found.take("region_radius", wanted, why))
     _cut(arc, found, radius, middle)
@@ -351,7 +349,7 @@ def _resolution(
     speed_at_least = speed * _slowest(found)
     support = supported(*where, times, sound_speed=speed_at_least)
     require_middle(support, speed_at_least)
-    if float(support.covered) < -1e-9 * float(support.reach):
+    if support.ends_early:
         found.expect(support.shortfalls[0])
     limits = {
         SPACING: float(support.frequency_of_detectors) / SAMPLED,

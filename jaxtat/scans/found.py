@@ -18,6 +18,7 @@ RIM = 0.95  # of the detectors' radius, up to which sources are reckoned with
 ALPHAS = (1e-6, 1e-1)
 CLEAN = 1e-5  # alpha below which no low-pass filter is needed
 INTEGRALS_ALPHA = 1e-6
+OF_FORMULA = ("alpha", "low_pass", "inversion")  # choices that mean nothing to a fit
 
 
 class Found(NamedTuple):
@@ -66,9 +67,18 @@ class Found(NamedTuple):
         self.values.update(defaults, model_based=fitted)
         if not fitted:
             return
+        self._require_no_formula()
         self.take("penalty", "tv", "total variation: for objects with edges")
         self.take("nonnegative", False, "not asked for")
         self.take("weight", None, "balances penalty and misfit")
+
+    def _require_no_formula(self) -> None:
+        asked = [name for name in OF_FORMULA if self.given.get(name) is not None]
+        if asked:
+            raise ValueError(
+                f"{asked[0]} is of the formula, but images are fitted here "
+                f"({self.reasons['model_based']}): leave it out."
+            )
 
     def choices(self) -> Choices:
         """All of them, once all were taken."""
@@ -129,7 +139,7 @@ def require_scale(path: float, radius: float, speed: float) -> None:
 
 def require_end(support: Supported, speed: float) -> None:
     """Raise ValueError for a record that ends before the far side of the region is heard."""
-    if float(support.covered) < -1e-9 * float(support.reach):
+    if support.ends_early:
         raise ValueError(_too_short(support, speed))
 
 

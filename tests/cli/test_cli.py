@@ -367,7 +367,7 @@ def test_radii_bound_the_region_and_what_they_do_not_cover_is_fitted(jaxtat_comm
     assert jaxtat_command("info data.npz --region-radius 0.8") == 0
     assert "there is no formula: radii run from 0.45 to 1.85, but" in capsys.readouterr().out
     assert jaxtat_command("reconstruct data.npz --region-radius 0.8 --K 4 --out a.npy") == 2
-    assert "model_based(setup, g)" in capsys.readouterr().err
+    assert "fitted then, without densities" in capsys.readouterr().err
     np.savez("mm.npz", g=g, r=100 * radii, detectors=CURVE.points)
     assert jaxtat_command("info mm.npz") == 2
     assert "circles cover no region" in capsys.readouterr().err
@@ -424,7 +424,8 @@ def bad_input(tmp_path, monkeypatch):
     np.savez("moved.npz", g=INTEGRALS, detectors=points + 0.01)
     np.savez("some.npz", g=INTEGRALS, detectors=points[:-1])
     np.savez("angles.npz", g=INTEGRALS, detectors=np.arange(N))
-    np.savez("record.npz", pressure=pulses(90), t=np.linspace(0, 1.5, 90))
+    np.savez("early.npz", pressure=pulses(90), t=np.linspace(0, 1.5, 90))
+    np.savez("nothing_heard.npz", pressure=pulses(90), t=np.linspace(0, 0.6, 90))
     np.savez("timeless.npz", pressure=pulses(90))
     np.savez("still.npz", pressure=pulses(90), fs=0.0)
     (tmp_path / "damaged.npz").write_bytes((tmp_path / "good.npz").read_bytes()[:-30])
@@ -454,7 +455,11 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"text.npz {GEOMETRY} --out a.png", "expected real numbers"),
         (f"complex.npz {GEOMETRY} --out a.png", "expected real numbers"),
         (f"nothing.npz {GEOMETRY} --out a.png", "holds ['x'], expected data under one of"),
-        (f"record.npz {GEOMETRY} --out a.png", "end"),
+        (f"nothing_heard.npz {GEOMETRY} --out a.png", "the record ends 1.5 before the far side"),
+        (f"early.npz {GEOMETRY} --K 3 --out a.png", "the record ends 0.6 before the far side"),
+        (f"early.npz {GEOMETRY} --series --out a.png", "without densities"),
+        (f"early.npz {GEOMETRY} --alpha 1e-3 --out a.png", "alpha is of the formula"),
+        (f"early.npz {GEOMETRY} --low-pass none --out a.png", "low_pass is of the formula"),
         (f"timeless.npz {GEOMETRY} --out a.png", "no sample times"),
         (f"still.npz {GEOMETRY} --out a.png", "the sampling rate is 0"),
         (f"timeless.npz {GEOMETRY} --sampling-rate -3 --out a.png", "--sampling-rate is -3.0"),
@@ -569,7 +574,7 @@ def test_data_are_refused_before_anything_is_computed(bad_input, capsys, monkeyp
     for function in WORK:
         monkeypatch.setattr(function, too_late)
     options = f"{GEOMETRY} {option} --out a.npy"
-    for name in ("nan", "fewer", "record"):
+    for name in ("nan", "fewer", "nothing_heard"):
         require_refusal(bad_input, capsys, f"reconstruct {name}.npz {options}", "")
     with pytest.raises(AssertionError, match="work was begun"):
         main(shlex.split(f"reconstruct good.npz {options}"))

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -94,7 +93,7 @@ def image_energy(setup, volume, g):
 
 
 @pytest.mark.parametrize(("make", "energy"), [(on_rings, image_energy), (scattered, data_energy)])
-def test_derivatives_in_the_size(make, energy):
+def test_derivatives_in_the_size(check_both_modes, make, energy):
     """Both modes against central differences."""
     setup = setup_of(make(WIDE))
     curve, volume = setup.curve, BELL.volume(setup.grid)
@@ -103,11 +102,8 @@ def test_derivatives_in_the_size(make, energy):
     def of_size(scale):
         return energy(setup.replace(curve=replace_size(curve, scale)), volume, g)
 
-    step, slope = 1e-4, jax.jit(jax.value_and_grad(of_size))
-    (ahead, _), (behind, _), (_, backward) = (slope(jnp.array(1 + s)) for s in (step, -step, 0.0))
-    forward = jax.jit(jax.jacfwd(of_size))(jnp.array(1.0))
-    assert abs(backward) > 1e-4
-    np.testing.assert_allclose([forward, backward], (ahead - behind) / (2 * step), rtol=1e-6)
+    (slope,) = check_both_modes(of_size, (1.0,), step=1e-4, rtol=1e-6, atol=0)
+    assert abs(slope) > 1e-4
 
 
 def replace_size(curve, scale):
