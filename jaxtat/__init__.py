@@ -49,6 +49,7 @@ __all__ = [
     "join_curves",
     "keep_detectors",
     "line_detectors",
+    "live",
     "load_plan",
     "load_settings",
     "model_based",

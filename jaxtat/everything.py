@@ -57,3 +57,4 @@ from .regularization import (
 from .reporting import report
 from .scans import reconstruct_file
 from .steps import AccuracyWarning, cosine_filter
+from .streams import live

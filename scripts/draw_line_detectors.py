@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxtat
-from jaxtat.io.atomic import replacing
+from jaxtat.base.atomic import replacing
 from jaxtat.line_detectors import Balls, LineDetectorScan, reconstruct
 from jaxtat.plotting import new_figure, show_geometry, show_image
 

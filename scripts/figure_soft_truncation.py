@@ -134,12 +134,15 @@ def main() -> None:
     for column, ((name, (*_, values)), curves) in enumerate(
         zip(CURVES.items(), (found[:2], found[2:]), strict=True)
     ):
-        for (error, slope), label, style in zip(
-            curves, ("sharp edge", "soft edge"), ("C3", "C0"), strict=True
+        differences = np.stack([trend(values, error) for error, _ in curves])
+        # slopes at kinks are off the scale: it is that of the differences
+        low, high = np.nanmin(differences[1]), np.nanmax(differences[1])
+        axes[1, column].set_ylim(low - 0.5 * (high - low), high + 0.5 * (high - low))
+        for (error, slope), difference, label, style in zip(
+            curves, differences, ("sharp edge", "soft edge"), ("C3", "C0"), strict=True
         ):
             axes[0, column].plot(values, error, style, label=label)
             axes[1, column].plot(values, slope, f"{style}.-", linewidth=0.6, markersize=4)
-            difference = trend(values, error)
             axes[1, column].plot(values, difference, style, linewidth=3, alpha=0.3)
             largest = np.nanmax(np.abs(difference[len(values) // 4 :]))
             off = np.abs(slope - difference)[len(values) // 4 :] / largest

@@ -143,7 +143,7 @@ class Forks:
 
     def run(self) -> None:
         """Trials; then the file is written to its end."""
-        from jaxtat.io import atomic
+        from jaxtat.base import atomic
 
         sweep, parent, code = atomic._sweep, os.getpid(), 0
 

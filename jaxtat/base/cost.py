@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-BYTES_PER_PIXEL = 33.0  # of image, nodes, and what back-projection keeps: 33 to 65 were measured
+BYTES_PER_PIXEL = 65.0  # of image, nodes, and what back-projection keeps: 33 to 65 were measured
 SECONDS_PER_PIXEL = 2e-8  # of one processor, for each direction: 1.25e-8 to 3.4e-8 were measured
 SECONDS_PER_VOXEL = 1e-7  # of one processor
 LONG = 300.0  # seconds above which it is said beforehand

@@ -19,12 +19,10 @@ def paper(options: argparse.Namespace) -> None:
 
 def plan(options: argparse.Namespace) -> None:
     """``jaxtat plan``."""
-    from ..io.atomic import require_place
     from ..io.plans import save_plan
     from .inputs import plan_for, setup_of_plan
 
     start = time.perf_counter()
-    require_place(options.out)
     built = plan_for(options, setup_of_plan(options))
     save_plan(built, options.out)
     _report(options, _accuracy(built), start)
@@ -42,13 +40,11 @@ def info(options: argparse.Namespace) -> None:
 
 def reconstruct(options: argparse.Namespace) -> None:
     """``jaxtat reconstruct``."""
-    from ..io.atomic import require_place
     from ..io.images import require_suffix, save_image
     from ..scans import reconstruct as reconstruct_scan
 
     start = time.perf_counter()
     require_suffix(options.out)  # and the package that writes it
-    require_place(options.out)
     scan, choices, plan, options = _asked(options, start)
     found = reconstruct_scan(scan, choices, plan=plan, progress=not options.quiet)
     if found.report:
@@ -69,11 +65,9 @@ def reconstruct(options: argparse.Namespace) -> None:
 
 def report(options: argparse.Namespace) -> None:
     """``jaxtat report``."""
-    from ..io.atomic import require_place
     from ..reporting import report_scan
 
     start = time.perf_counter()
-    require_place(options.out)
     scan, choices, plan, options = _asked(options, start)
     report_scan(
         options.out,

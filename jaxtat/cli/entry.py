@@ -25,10 +25,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"jaxtat: error: {' '.join(str(error).split())}", file=sys.stderr)
         return BAD_INPUT
+    except (MemoryError, RuntimeError) as error:
+        if not _is_of_memory(error):
+            raise
+        reason = str(error).splitlines()[0][:150]
+        print(
+            f"jaxtat: error: the memory does not suffice ({reason}): take fewer --pixels or "
+            "--frames, or a machine with more.",
+            file=sys.stderr,
+        )
+        return BAD_INPUT
     except KeyboardInterrupt:
         print("jaxtat: interrupted", file=sys.stderr)
         return INTERRUPTED
     return 0
+
+
+def _is_of_memory(error: Exception) -> bool:
+    """Where the libraries under JAX get none they end with errors of many names."""
+    said = type(error).__name__ == "JaxRuntimeError" and str(error)
+    return isinstance(error, MemoryError) or any(
+        sign in (said or "") for sign in ("RESOURCE_EXHAUSTED", "YNNPACK", "memory")
+    )
 
 
 def _run(options: argparse.Namespace) -> None:

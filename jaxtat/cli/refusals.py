@@ -4,6 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
+from ..base.atomic import require_place
 from ..base.choice_table import (
     NOT_NEGATIVE,
     OF_CONSTRAINTS,
@@ -13,6 +14,7 @@ from ..base.choice_table import (
     Choice,
     require_pixels,
 )
+from ..base.messages import require_file
 from ..base.names import IMAGE_SUFFIXES
 from ..base.scanners import scanner_named
 
@@ -37,6 +39,16 @@ def require_options(options: argparse.Namespace) -> None:
         )
     if options.cache is not None:
         _require_folder(options.cache)
+    _require_files(options)
+
+
+def _require_files(options: argparse.Namespace) -> None:
+    """Raise an error for files that cannot be read or written, before anything else is done."""
+    for name in ("file", "detectors_from", "repeat", "plan"):
+        if is_given(options, name):
+            require_file(getattr(options, name))
+    if options.run.__name__ != "paper" and is_given(options, "out"):
+        require_place(options.out)
 
 
 def is_given(options: argparse.Namespace, name: str) -> bool:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..base.checks import require_objects
 from .curves import DetectorCurve
 from .measured_curves import behind_gap
 from .regions import Region
@@ -71,6 +72,7 @@ def visibility(
     >>> print(float(visibility(half, disk(1.0, n_boundary=1000)).invisible_fraction) > 0.1)
     True
     """
+    require_objects(curve=curve, region=region)
     angles = np.arange(n_angles) * np.pi / n_angles
     w = np.stack([np.cos(angles), np.sin(angles)])
     low, high = _shadow(np.asarray(region.points), w)

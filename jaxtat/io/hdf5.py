@@ -26,8 +26,9 @@ import h5py
 import numpy as np
 from h5py import h5o  # pyright: ignore[reportAttributeAccessIssue]
 
+from ..base.messages import name_of
 from .frames import LazyFrames
-from .limits import DEFLATE, Allowance, name_of, refusing, require_held
+from .limits import DEFLATE, Allowance, refusing, require_held
 from .scan import REAL, require_numbers
 
 _GZIP, _SHUFFLE, _CHECKSUM = 1, 2, 3  # numbers of HDF5's own filters

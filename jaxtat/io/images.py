@@ -14,14 +14,15 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import h5py
 import numpy as np
 
+from ..base.atomic import replacing
 from ..base.checks import Numbers, real_array
+from ..base.messages import name_of
 from ..base.names import IMAGE_SUFFIXES
 from ..base.optional_packages import optional
 from ..base.units import millimetres
 from ..geometry import ImageGrid, VolumeGrid
-from .atomic import replacing
 from .hdf5 import creating_hdf5, open_hdf5
-from .limits import MAX_BYTES, Allowance, name_of, refusing
+from .limits import MAX_BYTES, Allowance, refusing
 from .origin import as_json, provenance
 
 FORMAT, VERSION = "jaxtat image", 2

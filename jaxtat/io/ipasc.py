@@ -20,7 +20,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from .atomic import replacing
+from ..base.atomic import replacing
 from .hdf5 import Hdf5File, creating_hdf5, is_hdf5, open_hdf5, read_part
 from .limits import Allowance
 from .scan import Kind, Scan

@@ -1,14 +1,10 @@
-"""What a file may claim: compared with what it holds before memory is given to it.
-
-And what is said of one that is refused: one short line, whatever a library said of it.
-"""
+"""What a file may claim: compared with what it holds before memory is given to it."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
-LONGEST_MESSAGE = 300  # characters
-_LONGEST_NAME = 100
+from ..base.messages import one_line
+
 MAX_BYTES = 2**32  # [byte], what the arrays of one file may take in memory unless the caller says
 DEFLATE = 1032  # bytes that one byte of the deflate format gives at most: 258 for two bits, twice
 
@@ -53,16 +49,6 @@ def require_held(name: str, claimed: int, held: int, ratio: int = 1) -> None:
         )
 
 
-def name_of(path: str | Path) -> str:
-    """A path for messages: of a long one, its end.
-
-    >>> name_of("/data/" + 50 * "deep/" + "scan.npz")[:12]
-    '...eep/deep/'
-    """
-    name = _in_one_line(str(path))
-    return name if len(name) <= _LONGEST_NAME else f"...{name[3 - _LONGEST_NAME :]}"
-
-
 @contextmanager
 def refusing(before: str, damaged: str = "it is damaged", after: str = ".") -> Iterator[None]:
     """Whatever goes wrong in the block is a ValueError of one line, `LONGEST_MESSAGE` at most.
@@ -89,14 +75,3 @@ def refusing(before: str, damaged: str = "it is damaged", after: str = ".") -> I
         if not isinstance(error, ValueError):
             reason = f"{damaged} ({type(error).__name__}: {reason})"
         raise ValueError(one_line(before, reason.rstrip("."), after)) from error
-
-
-def one_line(before: str, reason: str, after: str = "") -> str:
-    """A message of at most `LONGEST_MESSAGE` signs, of whose reason as much is kept as has room."""
-    reason, room = _in_one_line(reason), LONGEST_MESSAGE - len(before) - len(after)
-    return before + (reason if len(reason) <= room else f"{reason[: room - 3]}...") + after
-
-
-def _in_one_line(text: str) -> str:
-    """Without what would begin a line or command a terminal."""
-    return " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())

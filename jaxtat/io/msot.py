@@ -64,7 +64,7 @@ def load_msot(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
     for name, where in _ABOUT.items():
         element = _first(root, where)
         if element is not None and element.text and element.text.strip():
-            about[name] = element.text.strip()
+            about[name] = _shortened(element.text.strip())
     return Scan("pressure", data[0] if len(data) == 1 else data, known, about)
 
 
@@ -167,3 +167,11 @@ def _response(path: Path, allowance: Allowance) -> np.ndarray:
     if response[0] >= _MARK:
         response[0] -= _MARK
     return response
+
+
+def _shortened(text: str) -> str:
+    """A number without the digits that rounding made."""
+    try:
+        return f"{float(text):.6g}"
+    except ValueError:
+        return text

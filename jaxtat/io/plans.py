@@ -23,8 +23,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, jaxtyped
 
+from ..base.atomic import replacing
 from ..base.checks import require_x64
 from ..base.cost import image_cost, require_room
+from ..base.messages import name_of, require_file
 from ..densities import DensityReport, SampledDensities
 from ..densities.harmonic import DensityGroup, HarmonicDensities
 from ..forward import CircleSizes, circle_sizes
@@ -52,9 +54,8 @@ from ..regularization import (
     TikhonovNormBound,
     per_frequency,
 )
-from .atomic import replacing
 from .hdf5 import LONGEST_TEXT, Hdf5File, creating_hdf5, open_hdf5
-from .limits import Allowance, name_of, refusing
+from .limits import Allowance, refusing
 from .scan import REAL
 
 FORMAT, VERSION = "jaxtat plan", 6
@@ -131,8 +132,7 @@ def load_plan(path: str | Path) -> ReconstructionPlan:
     """
     require_x64()
     path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no plan file {name_of(path)}.")
+    require_file(path)
     name, again = name_of(path), ": build the plan again."
     with refusing(f"{name} ", "cannot be read"):
         _require_whole(path)

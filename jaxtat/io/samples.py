@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, UInt16
 
+from ..base.atomic import replacing
 from ..base.checks import require_x64
 from ..geometry import detector_curve
 from ..phantoms import Disks
 from ..records import circular_integrals_to_pressure, condition_record
-from .atomic import replacing
 
 SOUND_SPEED = 1510.0
 """With which the sample was simulated [m/s]; the file does not tell."""

@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..base.checks import whole_number
+from ..base.messages import name_of, require_file
 from .ipasc import is_ipasc, load_ipasc
-from .limits import MAX_BYTES, Allowance, name_of, refusing
+from .limits import MAX_BYTES, Allowance, refusing
 from .matlab import is_matlab5, is_matlab73, load_matlab5, load_matlab73
 from .msot import is_msot, load_msot
 from .numpy_files import is_npy, is_npz, load_npy, load_npz
@@ -73,8 +74,7 @@ def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MA
     allowance = Allowance(whole_number("max_bytes", max_bytes, 1))
     if kind is not None:
         require_kind(kind)
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file {name_of(path)}.")
+    require_file(path)
     with refusing(f"cannot read {name_of(path)}: "):
         return _format_of(path).load(path, kind, allowance)
 

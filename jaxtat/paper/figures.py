@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..io.atomic import replacing
+from ..base.atomic import replacing
 from ..plotting import DIVERGING, new_figure, show_geometry, show_image
 from .experiments import Results
 

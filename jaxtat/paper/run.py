@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..base.atomic import replacing
 from ..base.checks import require_x64
-from ..io.atomic import replacing
 from .cases import paper_cases
 from .experiments import outside_sources, run_case
 from .figures import draw_all

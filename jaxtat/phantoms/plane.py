@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from ..base.checks import Numbers, real_array, require_positive
+from ..base.checks import Numbers, real_array, require_objects, require_positive
 from ..geometry import DetectorCurve, ImageGrid
 from ..special import j0, j1, root
 from .radial import RadialParts, gauss_legendre, length_of, sin8_integral
@@ -57,6 +57,7 @@ class Phantom(RadialParts):
             (detectors, radii) [length, for a dimensionless f].
         """
 
+        require_objects(curve=curve)
         radii = real_array("radii", radii, ("radii",))
         require_positive("radii", radii)
         return self._circular_integrals(curve, radii, n_nodes)

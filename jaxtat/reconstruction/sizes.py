@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, by_library
-from ..base.cost import Systems, require_room, systems_cost
+from ..base.cost import Systems, available_memory, require_room, systems_cost
 from ..densities.harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
 from ..forward import CircleSizes, circle_sizes, default_points
 from ..geometry import (
@@ -22,7 +22,13 @@ from ..geometry import (
 from ..geometry.elements import enough_nodes
 from ..records import sampled_frequency
 from ..special import enough_orders
-from ..steps import enough_boundary, polar_grid, require_boundary, require_problem
+from ..steps import (
+    enough_boundary,
+    polar_grid,
+    require_boundary,
+    require_pixels,
+    require_problem,
+)
 
 GROUPS = 6  # of frequencies with as many orders; each is compiled by itself
 
@@ -95,6 +101,7 @@ def plane_sizes(
     Orders are rounded up to fours, so that small changes of the geometry keep them.
     """
     with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
+        require_pixels(grid, float(region.reach))  # by which default radii are chosen
         require_radii(radii)  # before anything is made of their steps
         frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
         highest = float(frequencies[-1])
@@ -175,10 +182,16 @@ def systems_fit(
         )
 
     def advice(fits: int) -> str:
-        if fits == 0:
-            return "use fewer detectors, radii or boundary points"
-        return f"pass max_frequency={highest * fits / n_all:.4g}"
+        if fits:
+            return f"pass max_frequency={highest * fits / n_all:.4g}"
+        n_radii, room = radii.shape[0], available_memory()
+        while n_radii > 1 and systems_cost(one._replace(n_radii=n_radii), kept).nbytes > room:
+            n_radii = 9 * n_radii // 10
+        if n_radii < 4:
+            return "use fewer detectors or boundary points"
+        share = n_radii / radii.shape[0]
+        return f"about {n_radii} radii would: take pixels {1 / share:.2g} times as large, or more"
 
-    kept = ("harmonic" if harmonic else "sampled") if plan else None
+    kept, one = ("harmonic" if harmonic else "sampled") if plan else None, sizes(1)
     what = f"frequencies for {curve.n_detectors} detectors and {radii.shape[0]} radii"
     require_room(lambda n: systems_cost(sizes(max(n, 1)), kept), n_all, what, advice)

@@ -17,7 +17,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from ..base.names import MODELS
@@ -74,7 +74,7 @@ def pressure_to_circular_integrals(
     if model not in MODELS:
         raise ValueError(f"model is {model!r}, expected '2d' or 'in-plane'.")
     _require_record(times, radii, sound_speed)
-    return _convert(pressure, times, radii, sound_speed, model, _samples_from_zero(times))
+    return _convert(pressure, times, radii, sound_speed, model, samples_from_zero(times))
 
 
 def condition_record(
@@ -141,7 +141,7 @@ def _condition(
     baseline: bool,
 ) -> Array:
     if baseline:
-        pressure = pressure - _baseline(pressure)
+        pressure = pressure - baseline_of(pressure)
     duration = times[-1] - times[0]
     since = times - times[0]
     fade = jnp.clip(dead_time, 2 * (times[1] - times[0]), duration / 10)
@@ -174,33 +174,54 @@ def _integrals(
     n_waves: int,
 ) -> Float[Array, "radii records"]:
     """W p: cosine coefficients of the record, then the integral of each cosine; None gives W."""
-    n_times, step, end = times.shape[0], times[1] - times[0], times[-1]
-    j = jnp.arange(n_times)
-    # the trapezoid rule on [0, T]; before a late start the record is zero
-    halved = (j == n_times - 1) | ((j == 0) & (times[0] < step / 2))
-    weights = jnp.where(halved, 0.5, 1.0) * (2 * step / end)
 
     def add(found: Array, m: Array) -> tuple[Array, None]:
-        omega = jnp.pi / end * m
-        ends = (m == 0) | (m == n_waves - 1)
-        share = jnp.where(m < n_waves, jnp.where(ends, 0.5, 1.0), 0.0)
-        to_coefficients = jnp.cos(omega[:, None] * times) * weights * share[:, None]
-        argument = omega * radii[:, None] / sound_speed
-        if model == "2d":
-            integrals = 2 * jnp.pi * radii[:, None] * j0(argument)
-        else:
-            integrals = radii[:, None] ** 2 * jnp.sinc(argument / jnp.pi)
+        to_coefficients = cosine_coefficients(m, times, n_waves)
+        integrals = integrals_of_cosines(m, times, radii, sound_speed, model)
         coefficients = to_coefficients if records is None else to_coefficients @ records
         return found + integrals @ coefficients, None
 
     # a block of waves at a time: all at once would take memory with the square of the samples
     blocks = jnp.arange(-(-n_waves // _WAVES_AT_A_TIME) * _WAVES_AT_A_TIME)
     blocks = blocks.reshape(-1, _WAVES_AT_A_TIME)
-    start = jnp.zeros((radii.shape[0], n_times if records is None else records.shape[1]))
+    start = jnp.zeros((radii.shape[0], times.shape[0] if records is None else records.shape[1]))
     return jax.lax.scan(jax.checkpoint(add), start, blocks)[0]
 
 
-def _samples_from_zero(times: Array) -> int:
+def cosine_coefficients(
+    m: Int[Array, " waves"], times: Float[Array, " times"], n_waves: int
+) -> Float[Array, "waves times"]:
+    """From a record to a_m, by the trapezoid rule on [0, T]; before a late start it is zero.
+
+    Args:
+        m: from 0; those from ``n_waves`` on count nothing.
+        times: of the record, equispaced [time].
+        n_waves: of `samples_from_zero`.
+    """
+    j, n_times = jnp.arange(times.shape[0]), times.shape[0]
+    step, end = times[1] - times[0], times[-1]
+    halved = (j == n_times - 1) | ((j == 0) & (times[0] < step / 2))
+    weights = jnp.where(halved, 0.5, 1.0) * (2 * step / end)
+    ends = (m == 0) | (m == n_waves - 1)
+    share = jnp.where(m < n_waves, jnp.where(ends, 0.5, 1.0), 0.0)
+    return jnp.cos(jnp.pi / end * m[:, None] * times) * weights * share[:, None]
+
+
+def integrals_of_cosines(
+    m: Int[Array, " waves"],
+    times: Float[Array, " times"],
+    radii: Float[Array, " radii"],
+    sound_speed: Float[Array, ""],
+    model: str,
+) -> Float[Array, "radii waves"]:
+    """g(r) of the records cos(m π t / T)."""
+    argument = jnp.pi / times[-1] * m * radii[:, None] / sound_speed
+    if model == "2d":
+        return 2 * jnp.pi * radii[:, None] * j0(argument)
+    return radii[:, None] ** 2 * jnp.sinc(argument / jnp.pi)
+
+
+def samples_from_zero(times: Array) -> int:
     """How many samples [0, T] would have, also when the record starts late: one cosine for each."""
     if not is_concrete(times):
         raise ValueError("times are traced, expected concrete ones: trace sound_speed instead.")
@@ -208,13 +229,17 @@ def _samples_from_zero(times: Array) -> int:
     return round(float(values[-1] / (values[1] - values[0]))) + 1
 
 
-def _baseline(pressure: Array) -> Array:
+def baseline_of(pressure: Array) -> Array:
     """Straight lines through the medians of the first and last third, which pulses do not move."""
-    n = pressure.shape[-1]
+    third = pressure.shape[-1] // 3
+    first, last = _median(pressure[..., :third]), _median(pressure[..., -third:])
+    return first + (last - first) * along_baseline(pressure.shape[-1])
+
+
+def along_baseline(n: int) -> Float[Array, " n"]:
+    """0 and 1 in the middle of the first and the last third of n samples."""
     third = n // 3
-    first, last = _median(pressure[..., :third]), _median(pressure[..., n - third :])
-    along = (jnp.arange(n) - (third - 1) / 2) / (n - third)  # 0 and 1 in the middle of the thirds
-    return first + (last - first) * along
+    return (jnp.arange(n) - (third - 1) / 2) / (n - third)
 
 
 def _median(values: Float[Array, "*batch n"]) -> Float[Array, "*batch 1"]:

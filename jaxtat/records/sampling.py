@@ -112,7 +112,7 @@ class Supported(eqx.Module):
             for x in (self.reach, self.largest_reach, self.smallest_detail)
         )
         return "; ".join(self.shortfalls) or (
-            f"region of radius {reach} of at most {largest}, details down to {detail}"
+            f"region of radius {reach} of at most {largest}, details down to {detail} in all of it"
         )
 
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ..base.atomic import replacing, require_place
 from ..base.checks import Numbers
 from ..base.units import millimetres
-from ..io.atomic import replacing, require_place
 from ..io.origin import provenance
 from ..reconstruction import ReconstructionPlan, Setup
 from ..steps.radon import LowPass

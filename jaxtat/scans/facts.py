@@ -1,10 +1,11 @@
 """What a scan holds that is no choice: positions in the plane, their order, times, units."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..base.checks import real_array
 from ..base.scanners import scanner_named
@@ -101,6 +102,14 @@ def some_frames(scan: Scan, frames: Any) -> Scan:
     shape = (len(numbers), *data.shape[1:])
     some = LazyFrames(shape, data.dtype, lambda chosen: np.asarray(data[numbers[chosen]]))
     return replace(scan, data=some, known=known)
+
+
+def blank_frames(scan: Scan, rows: Sequence[int]) -> Bool[np.ndarray, " frames"]:
+    """Which of several frames hold NaN or infinity in these rows; a single one is kept."""
+    if scan.n_frames == 1 or scan.data.dtype.kind != "f":
+        return np.zeros(scan.n_frames, bool)
+    frames = (scan.frame(k)[list(rows)] for k in range(scan.n_frames))
+    return np.array([not np.isfinite(frame).all() for frame in frames])
 
 
 def frame_numbers(scan: Scan) -> Int[np.ndarray, " frames"]:

@@ -21,7 +21,7 @@ from ..steps import AccuracyWarning
 from .choices import Choices
 from .choosing import choose
 from .constrained import fitted
-from .facts import facts_of, frame_numbers, some_frames, with_facts
+from .facts import blank_frames, facts_of, frame_numbers, some_frames, with_facts
 from .frames import integrals, setup_of
 from .space import TurnedOver, facts_in_space
 from .speed import estimate_sound_speed
@@ -163,7 +163,7 @@ def reconstruct(
             n = min(size, scan.n_frames - start)
             out[start : start + n] = np.asarray(image).reshape(-1, *shape)[:n]
             bar.update(n)
-    several = scan.n_frames > 1
+    several = scan.n_frames > 1 or "frame_numbers" in scan.known  # one of several is known by it
     numbers = scan.known.get("wavelengths", frame_numbers(scan))
     return ScanImages(
         image=out if several else out[0],
@@ -178,10 +178,7 @@ def reconstruct(
 
 def _without_blank_frames(scan: Scan, choices: Choices) -> Scan:
     """Without frames that hold NaN where a detector is used; all of them if none is good."""
-    if scan.n_frames == 1 or scan.data.dtype.kind != "f":
-        return scan
-    rows, every = list(choices.channels), range(scan.n_frames)
-    good = np.array([np.isfinite(scan.frame(k)[rows]).all() for k in every])
+    good = ~blank_frames(scan, choices.channels)
     if good.all() or not good.any():
         return scan
     warnings.warn(

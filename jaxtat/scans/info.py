@@ -4,9 +4,9 @@ import numpy as np
 
 from ..geometry import Disk, visibility
 from ..io import Scan
-from ..records import supported
+from ..records import ranges, supported
 from .choices import Choices
-from .facts import Facts, arc_through, facts_of, in_space
+from .facts import Facts, arc_through, blank_frames, facts_of, frame_numbers, in_space
 from .space import FactsInSpace, facts_in_space
 
 
@@ -14,6 +14,9 @@ def describe(scan: Scan, choices: Choices) -> str:
     """Data, detectors, and what would be chosen for a reconstruction, as lines of text."""
     facts = facts_in_space(scan, choices.order) if in_space(scan) else facts_of(scan)
     lines = [f"{key}: {value}" for key, value in scan.about.items()]
+    blank = blank_frames(scan, choices.channels)
+    if blank.any():
+        lines.append(f"left out: frames {ranges(frame_numbers(scan)[blank])} hold NaN or infinity")
     lines.append(
         f"{scan.kind.replace('_', ' ')}: {scan.n_frames} frames of {scan.n_detectors} detectors, "
         f"{scan.n_samples} samples ({scan.data.dtype})"
@@ -50,10 +53,15 @@ def _of_curve(facts: Facts, choices: Choices) -> list[str]:
         radius, units = arc.radius, facts.units
         towards = round(float(np.degrees(arc.opening)), 1) + 0.0  # no -0.0
         opening = "closed" if arc.closed else f"opens towards {towards:.1f} degrees"
+        off = (
+            ""
+            if arc.deviation < 1e-6 * radius
+            else (f", off it by {units.of_length(arc.deviation, 1)}")
+        )
         lines.append(
             f"detectors: arc of {np.degrees(arc.span):.1f} degrees, radius "
-            f"{units.of_length(radius, 6)} about {units.of_place(arc.center, radius, 3)} to "
-            f"{units.of_length(arc.deviation, 1, radius)}; {opening}"
+            f"{units.of_length(radius, 6)} about {units.of_place(arc.center, radius, 3)}{off}; "
+            f"{opening}"
         )
     curve, region = choices.curve(facts.points), choices.region
     assert isinstance(region, Disk)

@@ -65,22 +65,26 @@ def direct_fourier_inversion(
     """
     *batch, n_frequencies, n_directions = fhat.shape
     count = math.prod(batch)
-    images = (fhat * eta[:, None]).reshape(count, n_frequencies, n_directions)
+    images = (fhat * eta[:, None].astype(fhat.real.dtype)).reshape(
+        count, n_frequencies, n_directions
+    )
     groups = max(1, -(-count // GROUP))
     in_group = -(-count // groups)
     images = jnp.pad(images, ((0, groups * in_group - count), (0, 0), (0, 0)))
     # what all groups share is found once
     step = LATTICE_STEP * frequency_step
     size = _lattice_size(n_frequencies - 1)
-    waves1 = lattice_waves(step, size, grid.x1 - center[0])
-    waves2 = lattice_waves(step, size, grid.x2 - center[1])
-    turn_back = jnp.exp(-1j * jnp.arange(n_directions) * angles[0])
+    real = fhat.real.dtype  # phases are exact, whatever the precision of what they multiply
+    waves1 = lattice_waves(step, size, grid.x1 - center[0]).astype(real)
+    waves2 = lattice_waves(step, size, grid.x2 - center[1]).astype(real)
+    turn_back = jnp.exp(-1j * jnp.arange(n_directions) * angles[0]).astype(fhat.dtype)
 
     def one_group(fhat: Array) -> Array:
         return fourier_sum(lattice_spectrum(fhat, turn_back), waves1, waves2)
 
     images = jax.lax.map(one_group, images.reshape(groups, in_group, *images.shape[1:]))
-    images = images.reshape(groups * in_group, *grid.shape)[:count] * (step**2 / jnp.pi)
+    images = images.reshape(groups * in_group, *grid.shape)[:count]
+    images *= (step**2 / jnp.pi).astype(real)
     return images.reshape(*batch, *grid.shape)
 
 
@@ -128,8 +132,9 @@ def polar_lines(
     harmonic = np.arange(min(n_given, turn // 2))
     reach = REACH * np.arange(n + 1)[:, None]
     taper = _taper((harmonic - 16) / np.maximum(reach, 1))
-    taper = taper / _kernel_transform(2 * np.pi / turn * harmonic, turn / (np.pi * n))
     a, b = fhat.real, fhat.imag
+    taper = taper / _kernel_transform(2 * np.pi / turn * harmonic, turn / (np.pi * n))
+    taper = taper.astype(a.dtype)
     series = jnp.fft.rfft(jnp.concatenate([a + b, a - b], axis=-1), norm="forward")
     # harmonic n_given is left out: samples cannot tell it from its mirror image
     series = series[..., : len(harmonic)] * taper * turn_back[: len(harmonic)]
@@ -138,6 +143,7 @@ def polar_lines(
     lines = jnp.concatenate([ahead[:, :-1], last, back[:, -2:0:-1]], axis=1)
     offset = 2 / n * np.arange(n + 1)  # in units of R
     taper = _taper(offset) / _kernel_transform(REACH * offset, 2.0)
+    taper = taper.astype(lines.dtype)
     return jnp.fft.irfft(jnp.fft.rfft(jnp.swapaxes(lines, 1, 2)) * taper, 2 * n)
 
 
@@ -154,8 +160,10 @@ def interpolate(
         Complex, for xi[0], i xi[0], xi[1], ..., (2 points, images).
     """
     n_images, half_turn, n = lines.shape[0], lines.shape[1], lines.shape[2] // 2
-    radial, radial_weights = _taps(np.abs(xi), 2.0)
-    angular, angular_weights = _taps(np.angle(xi) * half_turn / np.pi, 2 * half_turn / (np.pi * n))
+    dtype = lines.dtype
+    radial, radial_weights = _taps(np.abs(xi), 2.0, dtype)
+    turned = np.angle(xi) * half_turn / np.pi
+    angular, angular_weights = _taps(turned, 2 * half_turn / (np.pi * n), dtype)
     samples = _quarters(lines)
     width = n + 1 + TAPS
     index = jnp.asarray(angular * width + radial)
@@ -171,7 +179,7 @@ def interpolate(
         return total + weight[:, None] * sum(read), None
 
     taps = (jnp.arange(TAPS, dtype=index.dtype), jnp.asarray(angular_weights))
-    found, _ = jax.lax.scan(add, jnp.zeros((len(xi), table.shape[1])), taps)
+    found, _ = jax.lax.scan(add, jnp.zeros((len(xi), table.shape[1]), dtype), taps)
     ahead, back = jnp.split(found.reshape(len(xi), 4, n_images), 2, axis=1)
     return jax.lax.complex(ahead + back, ahead - back).reshape(2 * len(xi), n_images) / 2
 
@@ -227,12 +235,12 @@ def _quarters(lines: Array) -> Array:
     return jnp.moveaxis(quarters.reshape(4 * n_images, *quarters.shape[2:]), 0, -1)
 
 
-def _taps(x: np.ndarray, oversampling: float) -> tuple[np.ndarray, np.ndarray]:
+def _taps(x: np.ndarray, oversampling: float, dtype: np.dtype) -> tuple[np.ndarray, np.ndarray]:
     """Place of the first of TAPS samples around x, after TAPS/2 more in front, and the weights."""
     first = np.ceil(x - TAPS / 2).astype(np.int32)
     t = (first + np.arange(TAPS)[:, None] - x) * (2 / TAPS)
     weights = np.i0(_kernel_shape(oversampling) * np.sqrt(np.maximum(1 - t**2, 0)))
-    return first + TAPS // 2, weights
+    return first + TAPS // 2, weights.astype(dtype)
 
 
 def _kernel_transform(phase: np.ndarray, oversampling: float) -> np.ndarray:

@@ -496,7 +496,7 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"good.npz --arc 1.3 1 inf {REGION} --out a.png", "number of detectors is inf"),
         (f"good.npz --ring 1.3 0 {REGION} --out a.png", "number of detectors is 0"),
         (f"good.npz --ring 0 24 {REGION} --out a.png", "same position"),
-        ("good.npz --plan nowhere.h5 --out a.png", "there is no plan file nowhere.h5"),
+        ("good.npz --plan nowhere.h5 --out a.png", "there is no file nowhere.h5"),
         ("good.npz --plan good.txt --out a.png", "good.txt is not a jaxtat plan"),
     ],
 )

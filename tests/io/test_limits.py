@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from jaxtat.io.limits import LONGEST_MESSAGE, name_of, refusing
+from jaxtat.base.messages import LONGEST_MESSAGE
+from jaxtat.io.limits import name_of, refusing
 
 ERRORS = (ValueError, OSError, RuntimeError, RecursionError, MemoryError, TypeError, KeyError)
 

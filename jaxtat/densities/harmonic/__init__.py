@@ -15,6 +15,7 @@ from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
 from .table import WaveTable, wave_table
 from .tikhonov import Asked, SolveReport, cholesky_solve, conjugate_gradients, solve_harmonics
+from .tikhonov_rows import WavesOfGeometry, tikhonov_densities, waves_of
 from .waves import circular_harmonics_at
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "PolarGeometry",
     "SolveReport",
     "WaveTable",
+    "WavesOfGeometry",
     "alpha_units",
     "cholesky_solve",
     "circular_harmonics_at",
@@ -35,9 +37,11 @@ __all__ = [
     "polar_geometry",
     "sampled_harmonic_densities",
     "solve_harmonics",
+    "tikhonov_densities",
     "unexplained",
     "unfold",
     "wave_system",
     "wave_table",
+    "waves_of",
     "waves_reach",
 ]

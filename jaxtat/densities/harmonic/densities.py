@@ -178,7 +178,7 @@ def harmonic_densities(
         found = singular_components(matrix, rhs, rule, unit_norm)
         common = found.factors.min(axis=-1) * found.inverse
         outward = factor.transposed_matrix_times(found.left)
-        scale = blocks(geometry, jnp.broadcast_to(wave.plane_scale, (2, *wave.plane_scale.shape)))
+        scale = plane_scales(geometry, wave)
         beyond = found.factors - found.factors.min(axis=-1, keepdims=True)
         step = Step(
             rows=scale[..., None] * (outward @ (common[..., None] * found.right)),
@@ -275,12 +275,22 @@ def wave_system(
     factor = region_factor(geometry, wave)
     plane = _plane_waves(geometry, wave, angles)
     rhs = jax.lax.complex(factor.matrix_times(plane.real), factor.matrix_times(plane.imag))
+    waves = detector_columns(geometry, wave)
+    unit = alpha_unit(factor.powers, jnp.sum(waves**2, axis=-1))
+    return factor.matrix_times(waves), rhs, factor, unit
+
+
+def plane_scales(geometry: PolarGeometry, wave: WaveTable) -> Float[Array, "blocks r"]:
+    """eps_n Delta_n of cosines and sines."""
+    return blocks(geometry, jnp.broadcast_to(wave.plane_scale, (2, *wave.plane_scale.shape)))
+
+
+def detector_columns(geometry: PolarGeometry, wave: WaveTable) -> Float[Array, "blocks r columns"]:
+    """M, columns as in `fold`."""
     half = geometry.one_side() if geometry.mirror else geometry
     waves = detector_matrix(half, wave) * jnp.sqrt(half.weights)
     waves = jnp.moveaxis(waves, 0, -2)  # (blocks, r, J|Y, half)
-    waves = waves.reshape(*waves.shape[:2], -1)
-    unit = alpha_unit(factor.powers, jnp.sum(waves**2, axis=-1))
-    return factor.matrix_times(waves), rhs, factor, unit
+    return waves.reshape(*waves.shape[:2], -1)
 
 
 def _plane_waves(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxtat.io.atomic import replacing, require_place
+from jaxtat.base.atomic import replacing, require_place
 
 
 def names(folder):
@@ -104,7 +104,7 @@ def test_what_a_killed_writer_left_is_removed_by_the_next(tmp_path, asking):
     writer = f"""
 import os, tempfile
 from pathlib import Path
-from jaxtat.io.atomic import replacing
+from jaxtat.base.atomic import replacing
 make, kill = tempfile.NamedTemporaryFile, lambda: os.kill(os.getpid(), 9)
 if {asking}:
     tempfile.NamedTemporaryFile = lambda **where: (make(**where), kill())

@@ -9,7 +9,7 @@ from hashlib import blake2b
 from pathlib import Path
 from uuid import uuid4
 
-from .limits import name_of, one_line
+from .messages import name_of, one_line
 
 _LEAST = 4096  # bytes for which there must be room
 

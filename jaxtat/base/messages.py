@@ -1,0 +1,33 @@
+"""What is said of files: one short line, whatever a library said of them."""
+
+from pathlib import Path
+
+LONGEST_MESSAGE = 300  # characters
+_LONGEST_NAME = 100
+
+
+def name_of(path: str | Path) -> str:
+    """A path for messages: of a long one, its end.
+
+    >>> name_of("/data/" + 50 * "deep/" + "scan.npz")[:12]
+    '...eep/deep/'
+    """
+    name = _in_one_line(str(path))
+    return name if len(name) <= _LONGEST_NAME else f"...{name[3 - _LONGEST_NAME :]}"
+
+
+def require_file(path: str | Path) -> None:
+    """Raise FileNotFoundError where there is no file to read."""
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"there is no file {name_of(path)}.")
+
+
+def one_line(before: str, reason: str, after: str = "") -> str:
+    """A message of at most `LONGEST_MESSAGE` signs, of whose reason as much is kept as has room."""
+    reason, room = _in_one_line(reason), LONGEST_MESSAGE - len(before) - len(after)
+    return before + (reason if len(reason) <= room else f"{reason[: room - 3]}...") + after
+
+
+def _in_one_line(text: str) -> str:
+    """Without what would begin a line or command a terminal."""
+    return " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())

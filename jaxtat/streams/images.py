@@ -1,0 +1,415 @@
+"""Images of raw frames, by a way that is linear and found beforehand.
+
+    frame -> (G_J, G_Y): one matrix for all detectors (`samples`)
+          -> fhat: the densities, a matrix for each frequency and parity
+          -> image: interpolation to a lattice and a Fourier sum (`steps.cartesian_fourier`)
+
+Only the offset and drift of a detector are not linear in its record: medians, found by NumPy, which
+selects without sorting, while the rest is one compiled function.
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Num
+
+from ..base.checks import Numbers, dtype_of, real_array, require_positive
+from ..densities import Densities
+from ..densities.harmonic import (
+    WavesOfGeometry,
+    polar_geometry,
+    tikhonov_densities,
+    waves_of,
+)
+from ..geometry.regions import Disk
+from ..io import Scan
+from ..reconstruction import ReconstructionPlan, Setup, build_plan
+from ..reconstruction.plane_basis import default_rule
+from ..reconstruction.setup import plane_of, require_complete
+from ..records import condition_record, remove_impulse_response
+from ..records.pressure import along_baseline
+from ..regularization import RelativeTikhonov, Tikhonov, tikhonov_rule
+from ..scans import Choices, choose, setup_of
+from ..scans.facts import times_of
+from ..steps.cartesian_fourier import direct_fourier_inversion
+from ..steps.polar_fourier import with_origin
+from ..steps.radon import low_pass_values
+from .samples import Pressure, pressure_of, samples_to_waves
+
+N_GROUPS = 8  # of frequencies that have as many orders: the fewer, the more rows are zero
+PRECISIONS = (np.float32, np.float64)
+
+
+class _Ready(NamedTuple):
+    """All that a frame is multiplied with, in the precision of the images."""
+
+    samples: Float[Array, "rows samples"]
+    densities: Densities
+    weights: Float[Array, " detectors"]
+    eta: Float[Array, " frequencies"]
+    along: Float[Array, " samples"]
+
+
+class Live(eqx.Module):
+    """Raw frames to images, see `live`; of other settings by `replace`.
+
+    Attributes:
+        setup: detectors that are used, region, grid and radii.
+        frame_shape: (detectors, samples) of a frame.
+        sound_speed: c [length/time]; 1 for circular integrals.
+        rule: of the densities; None of a plan.
+        low_pass: name or function, as in `reconstruct`.
+        dtype: of the images.
+    """
+
+    setup: Setup
+    frame_shape: tuple[int, int] = eqx.field(static=True)
+    sound_speed: float = eqx.field(static=True)
+    rule: Tikhonov | RelativeTikhonov | None
+    low_pass: Any = eqx.field(static=True)
+    dtype: np.dtype = eqx.field(static=True)
+    _rows: tuple[int, ...] | None = eqx.field(static=True)  # of the frame, None for all in order
+    _leveled: bool = eqx.field(static=True)  # whether offset and drift are taken off
+    _pressure: Pressure | None
+    _waves: WavesOfGeometry | None
+    _ready: _Ready
+
+    def __call__(self, frames: Any) -> Num[Array, "*batch x1 x2"]:
+        """The images of frames (..., detectors, samples), of any real type.
+
+        Raises:
+            ValueError: for frames of another shape or type, or with NaN.
+        """
+        frames, batch = self._checked(frames)
+        line = self._lines(frames) if self._leveled else None
+        images = _images(self._ready, self.setup, frames, line)
+        return images.reshape(*batch, *self.setup.grid.shape)
+
+    def replace(
+        self,
+        *,
+        sound_speed: Numbers | None = None,
+        rule: Any = None,
+        low_pass: Any = None,
+        region_center: Numbers | None = None,
+    ) -> "Live":
+        """The same with other settings: what depends on them is found anew, nothing is compiled.
+
+        Args:
+            sound_speed: c [length/time].
+            rule: a number as `alpha`, or `Tikhonov` or `RelativeTikhonov`.
+            low_pass: "none", "cosine" or a function.
+            region_center: of region and grid, (x1, x2) [length]. A region that leaves the middle of
+                the detectors' circle is solved for by another program, compiled at the first time.
+
+        Raises:
+            ValueError: for a speed that makes the record too short, a rule for the densities of a
+                plan, and a region that does not fit.
+        """
+        setup, waves, densities = self.setup, self._waves, self._ready.densities
+        samples, speed = self._ready.samples, self.sound_speed
+        rule = self.rule if rule is None else _rule_of(rule, setup)
+        if region_center is not None:
+            center = real_array("region_center", region_center, (2,))
+            setup = _moved(setup, center, free=self._pressure is not None)
+            waves = _waves_of(setup)
+        if sound_speed is not None:
+            speed = _speed_of(sound_speed)
+        if sound_speed is not None or region_center is not None:
+            samples = _samples(self._pressure, setup, speed, self.dtype)
+        if rule is not self.rule or region_center is not None:
+            if self.rule is None:
+                raise ValueError("densities of a plan: its rule and geometry cannot be changed.")
+            densities = _densities(setup, waves, rule, self.dtype)
+        low_pass = self.low_pass if low_pass is None else low_pass
+        return dataclasses.replace(
+            self,
+            setup=setup,
+            sound_speed=speed,
+            rule=rule,
+            low_pass=low_pass,
+            _waves=waves,
+            _ready=_ready(setup, samples, densities, low_pass, self.dtype),
+        )
+
+    def _checked(self, frames: Any) -> tuple[np.ndarray, tuple[int, ...]]:
+        """Frames as a stack of the rows that are used, and the shape of the stack."""
+        dtype = dtype_of("frames", frames)
+        real = jnp.issubdtype(dtype, jnp.floating) or jnp.issubdtype(dtype, jnp.integer)
+        values = np.asarray(frames)
+        if not real or values.shape[-2:] != self.frame_shape:
+            raise ValueError(
+                f"frames have shape {values.shape} and type {dtype}, expected real numbers "
+                f"(..., {self.frame_shape[0]}, {self.frame_shape[1]})."
+            )
+        if self._rows is not None:
+            values = values[..., list(self._rows), :]
+        if dtype.kind == "f" and not np.isfinite(values).all():
+            raise ValueError(
+                f"frames hold {int((~np.isfinite(values)).sum())} NaN or infinite values in "
+                "detectors that are used: leave out the frame."
+            )
+        return values.reshape(-1, *values.shape[-2:]), values.shape[:-2]
+
+    def _lines(self, frames: np.ndarray) -> np.ndarray:
+        """Offset at the middle of the first third, and rise to that of the last."""
+        third = frames.shape[-1] // 3
+        first, last = _median(frames[..., :third]), _median(frames[..., -third:])
+        return np.stack([first, last - first], axis=-1).astype(self.dtype)
+
+
+def live(
+    scan: Scan | Setup,
+    choices: Choices | None = None,
+    *,
+    rule: Any = None,
+    low_pass: Any = None,
+    plan: ReconstructionPlan | None = None,
+    dtype: Any = np.float32,
+) -> Live:
+    """A function from raw frames to images, made once and fast: for streams and for sliders.
+
+    What `scans.reconstruct` does to frames of this scan, with ``inversion="fourier"``: the samples
+    of all detectors go through one matrix (conditioning, pressure to integrals, step 2), through
+    the densities, and through a Fourier sum. To 1e-4 in single precision and 1e-9 in double.
+
+    Args:
+        scan: in the plane, any of its frames; or a `Setup`, for frames of circular integrals.
+        choices: of `scans.choose`; by default chosen, with the scan's own frame.
+        rule: for a setup: a number as ``alpha`` of `solve`, `Tikhonov` or `RelativeTikhonov`. A
+            scan's is in its choices.
+        low_pass: for a setup, as in `reconstruct`.
+        plan: for its densities in place of a rule.
+        dtype: float32, or float64 at half the speed.
+
+    Returns:
+        Live: call it with frames (..., detectors, samples); `Live.replace` gives others of another
+        speed of sound, alpha, low-pass or centre.
+
+    Raises:
+        ValueError: for scans in space, choices under constraints, and as `solve`.
+
+    >>> from jaxtat import ImageGrid, Setup, circular_arc, disk, phantoms, solve
+    >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
+    >>> bell = phantoms.Bells([[0.1, 0.2]], [0.7])
+    >>> g = bell.circular_integrals(setup.curve, setup.radii)
+    >>> to_images = live(setup, rule=1e-6)
+    >>> image = solve(setup, g, 1e-6, inversion="fourier").image
+    >>> bool(jnp.abs(to_images(g) - image).max() < 1e-4)
+    True
+    """
+    dtype = _precision(dtype)
+    pressure, rows, leveled, speed = None, None, False, 1.0
+    if isinstance(scan, Setup):
+        setup = scan
+        frame_shape = setup.data_shape
+    else:
+        choices = choose(scan) if choices is None else choices
+        _require_formula(choices)
+        alone = {"rule": rule, "low_pass": low_pass}
+        if any(value is not None for value in alone.values()):
+            raise ValueError("rule and low_pass are for a Setup: a scan's are in its choices.")
+        setup = _grouped(setup_of(scan, choices)) if plan is None else plan.setup
+        rule, low_pass, speed = choices.alpha, choices.low_pass, choices.sound_speed
+        frame_shape = (scan.n_detectors, scan.n_samples)
+        rows = _rows_of(choices, scan.n_detectors)
+        pressure, leveled = _pressure_of(scan, choices)
+    plane_of(setup)  # not in space
+    require_complete(setup)
+    speed = _speed_of(speed)
+    waves, used = None, None
+    if plan is None:
+        used = _rule_of(rule, setup)
+        waves = _waves_of(setup)
+        densities = _densities(setup, waves, used, dtype)
+    else:
+        densities = _in_precision(plan.densities, dtype)
+    samples = _samples(pressure, setup, speed, dtype)
+    return Live(
+        setup=setup,
+        frame_shape=(int(frame_shape[0]), int(frame_shape[1])),
+        sound_speed=speed,
+        rule=used,
+        low_pass=low_pass,
+        dtype=dtype,
+        _rows=rows,
+        _leveled=leveled,
+        _pressure=pressure,
+        _waves=waves,
+        _ready=_ready(setup, samples, densities, low_pass, dtype),
+    )
+
+
+@eqx.filter_jit
+def _images(
+    ready: _Ready,
+    setup: Setup,
+    frames: Num[Array, "stack detectors samples"],
+    line: Any,
+) -> Float[Array, "stack x1 x2"]:
+    """One compiled function of frames, and of offset and rise of each row (stack, detectors, 2)."""
+    records = frames.astype(ready.samples.dtype)
+    if line is not None:
+        records = records - (line[..., :1] + line[..., 1:] * ready.along)
+    waves = jnp.einsum("ws,bns->bnw", ready.samples, records)
+    stack, n_detectors, _ = waves.shape
+    transformed = jnp.moveaxis(waves[..., :-1].reshape(stack, n_detectors, -1, 2), 1, -1)
+    fhat = ready.densities.polar_fourier(transformed, ready.weights)
+    fhat = with_origin(fhat, waves[..., -1], ready.weights)
+    _, region, _, sizes = plane_of(setup)
+    step = jnp.asarray(sizes.max_frequency / sizes.n_frequencies)
+    where = sizes.angles, setup.grid, region.center
+    return direct_fourier_inversion(fhat, step, *where, ready.eta)
+
+
+def _ready(
+    setup: Setup, samples: Array, densities: Densities, low_pass: Any, dtype: np.dtype
+) -> _Ready:
+    eta = low_pass_values(low_pass, setup.sizes.n_frequencies)
+    along = along_baseline(samples.shape[-1])
+    weights = jnp.asarray(setup.curve.weights)
+    return _Ready(samples, densities, *(x.astype(dtype) for x in (weights, eta, along)))
+
+
+def _samples(
+    pressure: Pressure | None, setup: Setup, speed: float, dtype: np.dtype
+) -> Float[Array, "rows samples"]:
+    """For integrals over the setup's radii, or as many that the record reaches at this speed."""
+    radii = setup.radii
+    if pressure is not None:
+        end = jnp.minimum(radii[-1], speed * pressure.times[-1])
+        try:
+            radii = setup.replace(radii=jnp.linspace(radii[0], end, len(radii))).radii
+        except ValueError as error:
+            raise ValueError(f"with sound_speed {speed:.6g} {error}") from error
+    return samples_to_waves(pressure, radii, setup.frequencies, jnp.asarray(speed), dtype)
+
+
+def _waves_of(setup: Setup) -> WavesOfGeometry | None:
+    """None where no cylindrical waves reach."""
+    curve, region, _, sizes = plane_of(setup)
+    if not sizes.reached:
+        return None
+    geometry = polar_geometry(curve, region, sizes.n_nodes)
+    return waves_of(geometry, sizes.frequencies, sizes.angles, sizes.groups)
+
+
+def _densities(
+    setup: Setup, waves: WavesOfGeometry | None, rule: Any, dtype: np.dtype
+) -> Densities:
+    if waves is None:
+        return _in_precision(build_plan(setup, rule, method="collocation").densities, dtype)
+    return tikhonov_densities(waves, rule, dtype)
+
+
+def _in_precision(densities: Densities, dtype: np.dtype) -> Densities:
+    """A plan's densities; what stays double in single precision too is turned as well."""
+
+    def cast(leaf: Array) -> Array:
+        return leaf.astype(
+            jnp.result_type(dtype, jnp.complex64) if leaf.dtype.kind == "c" else dtype
+        )
+
+    return jax.tree.map(cast, densities)
+
+
+def _pressure_of(scan: Scan, choices: Choices) -> tuple[Pressure | None, bool]:
+    """What a record goes through, and whether offset and drift come off before."""
+    times = times_of(scan)
+    if times is None:
+        return None, False
+    conditioned = choices.band is not None or bool(choices.dead_time)
+
+    def conditioning(record: Array) -> Array:
+        if conditioned:
+            record = condition_record(
+                record, times, dead_time=choices.dead_time, band=choices.band, baseline=False
+            )
+        if choices.impulse_response:
+            response = scan.known["impulse_response"]  # its time 0 is in the middle
+            record = remove_impulse_response(record, times, response, origin=len(response) // 2)
+        return record
+
+    leveled = conditioned and choices.model == "in-plane"
+    return pressure_of(jnp.asarray(times), choices.model, conditioning), leveled
+
+
+def _rows_of(choices: Choices, n_detectors: int) -> tuple[int, ...] | None:
+    rows = choices.channels
+    return None if rows == tuple(range(n_detectors)) else rows
+
+
+def _rule_of(rule: Any, setup: Setup) -> Tikhonov | RelativeTikhonov:
+    used = default_rule(plane_of(setup)[-1]) if rule is None else rule
+    used = tikhonov_rule(used, setup.sizes.n_frequencies)
+    if not isinstance(used, Tikhonov | RelativeTikhonov):
+        raise ValueError(
+            f"{type(used).__name__} depends on the data: live images take a number, Tikhonov or "
+            "RelativeTikhonov, or a plan of any rule."
+        )
+    return used
+
+
+def _speed_of(speed: Numbers) -> float:
+    value = real_array("sound_speed", speed, ())
+    require_positive("sound_speed", value)
+    return float(value)
+
+
+def _moved(setup: Setup, center: Array, free: bool) -> Setup:
+    """Region and grid about another centre; radii that are free go along, as many as before."""
+    region, radii = setup.region, setup.radii
+    if not isinstance(region, Disk):
+        raise ValueError("region_center moves disks; make another function for other regions.")
+    by = center - region.center
+    moved = eqx.tree_at(lambda r: (r.points, r.center), region, (region.points + by, center))
+    grid = eqx.tree_at(lambda grid: grid.center, setup.grid, setup.grid.center + by)
+    if free:
+        before, after = (
+            jnp.linalg.norm(setup.curve.points - middle, axis=1)
+            for middle in (region.center, center)
+        )
+        first = radii[0] + after.min() - before.min()
+        radii = jnp.linspace(first, radii[-1] + after.max() - before.max(), len(radii))
+    return setup.replace(region=moved, grid=grid, radii=radii)
+
+
+def _grouped(setup: Setup) -> Setup:
+    """With more groups of frequencies than for a single image."""
+    return Setup(
+        setup.curve,
+        setup.region,
+        setup.grid,
+        setup.radii,
+        max_frequency=setup.sizes.max_frequency,
+        n_directions=setup.sizes.n_directions,
+        n_groups=N_GROUPS,
+    )
+
+
+def _precision(dtype: Any) -> np.dtype:
+    if np.dtype(dtype) not in [np.dtype(p) for p in PRECISIONS]:
+        raise ValueError(f"dtype is {dtype!r}, expected float32 or float64.")
+    return np.dtype(dtype)
+
+
+def _require_formula(choices: Choices) -> None:
+    if choices.in_space:
+        raise ValueError("the scan is in space, and live images are in the plane.")
+    if choices.model_based:
+        raise ValueError(
+            "the choices ask for a fit under constraints, which takes its time: live images are by "
+            "the formula."
+        )
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    """Over the last axis."""
+    n = values.shape[-1]
+    ranks = sorted({(n - 1) // 2, n // 2})
+    parted = np.partition(values, ranks, axis=-1)
+    return parted[..., ranks].astype(float).mean(axis=-1)

@@ -1,0 +1,72 @@
+"""From samples to transformed data: conditioning, pressure to integrals and step 2 as one matrix.
+
+All of it is linear in a detector's record p, the same for all detectors, and so is
+
+    (G_J, G_Y)(lambda) = K I C p,
+
+C the conditioning, with the cosine coefficients of what comes out, I the integrals of cosines over
+circles, K the kernels of step 2. K I C is a matrix of twice the frequencies by the samples; of its
+parts I alone depends on the speed of sound. A last row gives ∫ g dr.
+"""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..records.pressure import cosine_coefficients, integrals_of_cosines, samples_from_zero
+from ..steps.quadrature import radial_quadrature
+from ..steps.radial_transforms import radial_kernels
+
+
+class Pressure(eqx.Module):
+    """What a pressure record goes through before it is transformed.
+
+    Attributes:
+        coefficients: cosine coefficients of the conditioned record, (waves, samples).
+        times: of the record [time].
+        model: "2d" or "in-plane".
+    """
+
+    coefficients: Float[Array, "waves samples"]
+    times: Float[Array, " samples"]
+    model: str = eqx.field(static=True)
+
+
+def pressure_of(
+    times: Float[Array, " samples"], model: str, conditioning: Callable[[Array], Array]
+) -> Pressure:
+    """Conditioning, a linear function of records (detectors, samples), as a matrix."""
+    n_waves = samples_from_zero(times)
+    conditioned = conditioning(jnp.eye(times.shape[0]))  # the record of each sample, in rows
+    coefficients = cosine_coefficients(jnp.arange(n_waves), times, n_waves)
+    return Pressure(coefficients @ conditioned.T, times, model)
+
+
+@eqx.filter_jit
+def samples_to_waves(
+    pressure: Pressure | None,
+    radii: Float[Array, " radii"],
+    frequencies: Float[Array, " frequencies"],
+    sound_speed: Float[Array, ""],
+    dtype: np.dtype,
+) -> Float[Array, "rows samples"]:
+    """K I C of the formula above, (G_J, G_Y) at each frequency in turn, and ∫ g dr.
+
+    Args:
+        pressure: None for circular integrals, of which I and C are 1.
+        radii: r [length].
+        frequencies: lambda [rad/length].
+        sound_speed: c [length/time].
+        dtype: of the result.
+    """
+    kernels = radial_kernels(radii, frequencies).reshape(-1, radii.shape[0])
+    _, weights = radial_quadrature(radii)
+    rows = jnp.concatenate([kernels, jnp.sum(weights, axis=0)[None]])
+    if pressure is None:
+        return rows.astype(dtype)
+    m = jnp.arange(pressure.coefficients.shape[0])
+    rows = rows @ integrals_of_cosines(m, pressure.times, radii, sound_speed, pressure.model)
+    return rows.astype(dtype) @ pressure.coefficients.astype(dtype)

@@ -1,0 +1,72 @@
+"""Live images of raw frames against those of `scans.reconstruct`, step by step."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_scans import TIMES, N, raw_counts, record, scan
+
+from jaxtat.scans import choose, reconstruct
+from jaxtat.streams import live
+
+GIVEN = {"region_radius": 0.011, "pixels": 45, "max_frequency": 3500.0, "band": (2e4, 1.5e6)}
+GIVEN |= {"alpha": 1e-2, "dead_time": 4e-6, "inversion": "fourier"}
+RESPONSE = np.exp(-((np.arange(31) - 15) ** 2) / 18) * np.cos((np.arange(31) - 15) / 1.5)
+
+
+def relative(one, other):
+    return float(np.abs(np.asarray(one) - other).max() / np.abs(other).max())
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """Counts with artefact, offsets and drift; a dead detector."""
+    counts = np.stack([raw_counts(record(), 0.01, seed) for seed in range(3)])
+    counts[:, N // 3] = 32768
+    return counts
+
+
+@pytest.mark.parametrize("known", [{}, {"impulse_response": RESPONSE}])
+def test_raw_frames_come_out_as_from_the_scan(frames, known):
+    made = scan(frames, **known)
+    choices = choose(made, **GIVEN)
+    wanted = reconstruct(made, choices).image
+    assert N // 3 in choices.left_out
+    assert relative(live(made, choices, dtype=np.float64)(frames), wanted) < 1e-9
+    single = live(made, choices)
+    assert relative(single(frames), wanted) < 1e-4
+    assert relative(single(frames[1].astype(float)), wanted[1]) < 1e-4
+
+
+def test_another_speed_is_that_of_other_choices(frames):
+    """Of a lower one too, at which the record ends nearer."""
+    made = scan(frames[0])
+    choices = choose(made, **GIVEN)
+    first = live(made, choices, dtype=np.float64)
+    for speed in (1430.0, 1560.0):
+        other = reconstruct(made, replace(choices, sound_speed=speed, **_radii(choices, speed)))
+        assert relative(first.replace(sound_speed=speed)(frames[0]), other.image) < 1e-9
+    with pytest.raises(ValueError, match="with sound_speed 500 radii run"):
+        first.replace(sound_speed=500.0)
+
+
+def _radii(choices, speed):
+    """As many, as far as the record reaches."""
+    end = min(float(choices.radii[-1]), speed * TIMES[-1])
+    return {"radial_step": (end - choices.first_radius) / (choices.n_radii - 1)}
+
+
+def test_two_dimensional_waves_keep_their_tail():
+    made = scan(record() + 0.1)
+    choices = choose(made, **GIVEN | {"model": "2d"})
+    wanted = reconstruct(made, choices).image
+    assert relative(live(made, choices, dtype=np.float64)(made.frame(0)), wanted) < 1e-9
+
+
+def test_choices_that_are_no_formula_are_refused():
+    made = scan(record())
+    fitted = choose(made, region_radius=0.011, pixels=41, model_based=True)
+    with pytest.raises(ValueError, match="live images are by the formula"):
+        live(made, fitted)
+    with pytest.raises(ValueError, match="in its choices"):
+        live(made, choose(made, **GIVEN), rule=1e-3)

@@ -1,0 +1,123 @@
+"""Live images of circular integrals against `solve`, which takes another way to the densities."""
+
+import jax
+import numpy as np
+import pytest
+
+import jaxtat
+from jaxtat import Tikhonov, phantoms, solve
+from jaxtat.streams import live
+
+BELL = phantoms.Bells([[-0.3, 0.2], [-0.2, -0.3]], [0.4, 0.3], [1.0, -0.6])
+ALPHA = 1e-4
+
+
+def data_of(setup, scale=1.0):
+    return scale * np.asarray(BELL.circular_integrals(setup.curve, setup.radii))
+
+
+def relative(one, other):
+    return float(np.abs(np.asarray(one) - np.asarray(other)).max() / np.abs(other).max())
+
+
+def expected(setup, g, rule=ALPHA, **options):
+    return np.asarray(solve(setup, g, rule, inversion="fourier", **options).image)
+
+
+@pytest.mark.parametrize("name", ["arc", "half_arc", "ring", "l_shape"])
+def test_it_is_the_image_of_solve(name, request):
+    """On arcs mirrored, in cut disks, and where no cylindrical waves reach."""
+    setup = request.getfixturevalue(name)
+    g = data_of(setup)
+    frames = np.stack([g, -2 * g, 0 * g])
+    wanted = expected(setup, frames)
+    found = live(setup, rule=ALPHA, dtype=np.float64)(frames)
+    assert found.shape == (3, *setup.grid.shape) and found.dtype == np.float64
+    assert relative(found, wanted) < (1e-5 if name == "l_shape" else 1e-9)
+    single = live(setup, rule=ALPHA)(frames[0])
+    assert single.dtype == np.float32
+    assert relative(single, wanted[0]) < 1e-4
+
+
+def test_other_rules_and_filters(arc):
+    g = data_of(arc)
+    first = live(arc, rule=Tikhonov(1e-2), dtype=np.float64)
+    other = first.replace(rule=1e-6, low_pass="cosine")
+    assert relative(other(g), expected(arc, g, 1e-6, low_pass="cosine")) < 1e-9
+    again = other.replace(rule=1e-2, low_pass="none")
+    assert relative(again(g), first(g)) < 1e-12
+    assert relative(first(g), other(g)) > 1e-3
+    by_default = live(arc, dtype=np.float64)
+    assert relative(by_default(g), expected(arc, g, None)) < 1e-9
+
+
+def test_another_center(arc):
+    """A smaller disk moved within the circle that the data cover."""
+    radii = jaxtat.data_radii(arc.curve, jaxtat.disk(0.9), 0.05)
+    small = jaxtat.Setup(arc.curve, jaxtat.disk(0.6), jaxtat.ImageGrid(21, 0.6), radii)
+    g, center = data_of(small), np.array([0.1, -0.05])
+    moved = live(small, rule=ALPHA, dtype=np.float64).replace(region_center=center)
+    region, grid = jaxtat.disk(0.6, center=center), jaxtat.ImageGrid(21, 0.6, center=center)
+    wanted = expected(small.replace(region=region, grid=grid), g)
+    assert relative(moved(g), wanted) < 1e-9
+    with pytest.raises(ValueError, match="radii run from"):
+        moved.replace(region_center=[0.9, 0.0])
+
+
+def test_the_densities_of_a_plan(arc, arc_plan):
+    g = data_of(arc)
+    planned = live(arc, plan=arc_plan, dtype=np.float64)
+    wanted = jaxtat.reconstruct(arc_plan, g, inversion="fourier")
+    assert relative(planned(g), wanted) < 1e-9
+    assert relative(live(arc, plan=arc_plan)(g), wanted) < 1e-4
+    with pytest.raises(ValueError, match="densities of a plan"):
+        planned.replace(rule=1e-3)
+
+
+def test_nothing_is_compiled_for_another_number(arc):
+    """Alpha, low-pass and frames of another value."""
+    g = data_of(arc)
+    first = live(arc, rule=ALPHA)
+    first(g), first.replace(rule=1e-2, low_pass="cosine")(g)
+    compiled = []
+
+    def listen(event, *_, **__):
+        compiled.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        first.replace(rule=3e-3, low_pass="none")(2 * g)
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+    assert not [event for event in compiled if "backend_compile" in event]
+
+
+@pytest.mark.parametrize(
+    ("frames", "said"),
+    [
+        (np.zeros((80, 20)), r"shape \(80, 20\) and type float64, expected real numbers"),
+        (np.zeros(21), r"expected real numbers \(\.\.\., 80, 21\)"),
+        (np.zeros((80, 21), complex), "type complex128"),
+        (np.array(["a"]), "frames"),
+        (np.full((80, 21), np.nan), "1680 NaN or infinite values"),
+    ],
+)
+def test_frames_that_cannot_be_are_refused(arc, frames, said):
+    to_images = live(arc, rule=ALPHA)
+    with pytest.raises(ValueError, match=said):
+        to_images(frames)
+
+
+def test_settings_that_cannot_be_are_refused(arc, cap):
+    with pytest.raises(ValueError, match="expected float32 or float64"):
+        live(arc, dtype=np.float16)
+    with pytest.raises(ValueError, match="the setup is in space"):
+        live(cap)
+    with pytest.raises(ValueError, match="only a plan forms"):
+        live(arc, rule=jaxtat.NormBound(4.0))
+    with pytest.raises(ValueError, match="depends on the data"):
+        live(arc, rule=jaxtat.NoiseLevel(0.1))
+    with pytest.raises(ValueError, match="sound_speed"):
+        live(arc, rule=ALPHA).replace(sound_speed=-1.0)
+    with pytest.raises(ValueError, match="expected 'none'"):
+        live(arc, rule=ALPHA).replace(low_pass="hann")
