@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
+from scipy.fft import next_fast_len
 
 from ..geometry import ImageGrid
 
@@ -128,7 +129,7 @@ def polar_lines(
         (images, lines, 2 n), at lambda = 0, ..., n, -(n - 1), ..., -1 times d lambda.
     """
     n, n_given = fhat.shape[1] - 1, fhat.shape[2]
-    turn = 4 * -(-3 * n // 2)
+    turn = 4 * int(next_fast_len(-(-3 * n // 2)))  # pyright: ignore[reportArgumentType]
     harmonic = np.arange(min(n_given, turn // 2))
     reach = REACH * np.arange(n + 1)[:, None]
     taper = _taper((harmonic - 16) / np.maximum(reach, 1))

@@ -20,10 +20,10 @@ from jaxtyping import Array, Float, Num
 from ..base.checks import Numbers, dtype_of, real_array, require_positive
 from ..densities import Densities
 from ..densities.harmonic import (
-    WavesOfGeometry,
+    DecomposedWaves,
+    decomposed_waves,
     polar_geometry,
     tikhonov_densities,
-    waves_of,
 )
 from ..geometry.regions import Disk
 from ..io import Scan
@@ -75,7 +75,7 @@ class Live(eqx.Module):
     _rows: tuple[int, ...] | None = eqx.field(static=True)  # of the frame, None for all in order
     _leveled: bool = eqx.field(static=True)  # whether offset and drift are taken off
     _pressure: Pressure | None
-    _waves: WavesOfGeometry | None
+    _waves: DecomposedWaves | None
     _ready: _Ready
 
     def __call__(self, frames: Any) -> Num[Array, "*batch x1 x2"]:
@@ -116,7 +116,7 @@ class Live(eqx.Module):
         if region_center is not None:
             center = real_array("region_center", region_center, (2,))
             setup = _moved(setup, center, free=self._pressure is not None)
-            waves = _waves_of(setup)
+            waves = _waves_of(setup, self.dtype)
         if sound_speed is not None:
             speed = _speed_of(sound_speed)
         if sound_speed is not None or region_center is not None:
@@ -224,7 +224,7 @@ def live(
     waves, used = None, None
     if plan is None:
         used = _rule_of(rule, setup)
-        waves = _waves_of(setup)
+        waves = _waves_of(setup, dtype)
         densities = _densities(setup, waves, used, dtype)
     else:
         densities = _in_precision(plan.densities, dtype)
@@ -289,21 +289,21 @@ def _samples(
     return samples_to_waves(pressure, radii, setup.frequencies, jnp.asarray(speed), dtype)
 
 
-def _waves_of(setup: Setup) -> WavesOfGeometry | None:
+def _waves_of(setup: Setup, dtype: np.dtype) -> DecomposedWaves | None:
     """None where no cylindrical waves reach."""
     curve, region, _, sizes = plane_of(setup)
     if not sizes.reached:
         return None
     geometry = polar_geometry(curve, region, sizes.n_nodes)
-    return waves_of(geometry, sizes.frequencies, sizes.angles, sizes.groups)
+    return decomposed_waves(geometry, sizes.frequencies, sizes.angles, sizes.groups, dtype)
 
 
 def _densities(
-    setup: Setup, waves: WavesOfGeometry | None, rule: Any, dtype: np.dtype
+    setup: Setup, waves: DecomposedWaves | None, rule: Any, dtype: np.dtype
 ) -> Densities:
     if waves is None:
         return _in_precision(build_plan(setup, rule, method="collocation").densities, dtype)
-    return tikhonov_densities(waves, rule, dtype)
+    return tikhonov_densities(waves, rule)
 
 
 def _in_precision(densities: Densities, dtype: np.dtype) -> Densities:
@@ -409,7 +409,7 @@ def _require_formula(choices: Choices) -> None:
 
 def _median(values: np.ndarray) -> np.ndarray:
     """Over the last axis."""
-    n = values.shape[-1]
-    ranks = sorted({(n - 1) // 2, n // 2})
-    parted = np.partition(values, ranks, axis=-1)
-    return parted[..., ranks].astype(float).mean(axis=-1)
+    half = values.shape[-1] // 2
+    parted = np.partition(values, half, axis=-1)
+    upper = parted[..., half].astype(float)
+    return upper if values.shape[-1] % 2 else (upper + parted[..., :half].max(axis=-1)) / 2

@@ -240,6 +240,7 @@ import jax
 jax.config.update("jax_enable_x64", True)
 import numpy as np
 import jaxtat as jt
+from jaxtat.geometry import visibility
 
 curve, grid, region = jt.circular_arc(1.3, 1.0, 24), jt.ImageGrid(5), jt.disk(0.7)
 points, setup = np.asarray(curve.points), jt.Setup(curve, region, grid)
@@ -247,6 +248,8 @@ image, g = np.zeros((5, 5)), np.zeros(setup.data_shape)
 for wrong in (
     lambda: jt.Setup(points, region, grid),
     lambda: jt.data_radii(points, region, 0.1),
+    lambda: jt.phantoms.Bells([[0.1, 0.2]], [0.3]).circular_integrals(points, setup.radii),
+    lambda: visibility(points, region),
     lambda: jt.Setup(curve, 0.7, grid),
     lambda: jt.Setup(curve, region, 129),
     lambda: jt.Setup(curve, jt.spherical.ball(0.7), grid),
@@ -270,10 +273,14 @@ for wrong in (
     run = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
-    first, second, number, grid, space, *setups, level, rule, bound = run.stdout.splitlines()
+    lines = run.stdout.splitlines()
+    first, *same, number, grid, space = lines[:7]
+    *setups, level, rule, bound = lines[7:]
     assert first.startswith("curve is an array of shape (24, 2), expected for detectors in the pl")
     assert "what detector_curve(positions) or circular_arc makes." in first
-    assert second.startswith("curve is an array of shape (24, 2), expected a DetectorCurve")
+    assert len(same) == 3
+    for line in same:
+        assert line.startswith("curve is an array of shape (24, 2), expected a DetectorCurve")
     assert number.startswith("region is 0.7, expected")
     assert grid.startswith("grid is 129, expected") and "ImageGrid(n)" in grid
     assert space.startswith("region is a Ball, expected for detectors in the plane what disk(")

@@ -381,6 +381,12 @@ def test_slices_choose_frames(jaxtat_command, capsys):
     line = f"reconstruct data.npz {ARC} {REGION}"
     assert jaxtat_command(f"{line} --out all.h5") == 0
     assert "frames 2 are left out: they hold NaN" in capsys.readouterr().err
+    assert jaxtat_command(f"info data.npz {ARC} {REGION}") == 0
+    assert "left out: frames 2 hold NaN" in capsys.readouterr().out
+    assert jaxtat_command(f"{line} --frames 1:3 --out one.h5") == 0
+    with h5py.File("one.h5") as one:
+        assert np.array_equal(one["frames"], [1]) and one["image"].shape[0] == 1
+    capsys.readouterr()
     assert jaxtat_command(f"{line} --frames 1:2,3:4 --out some.h5") == 0
     assert jaxtat_command("reconstruct data.npz --repeat some.h5 --quiet --out again.npy") == 0
     assert capsys.readouterr().err == ""
@@ -578,6 +584,24 @@ def test_data_are_refused_before_anything_is_computed(bad_input, capsys, monkeyp
         require_refusal(bad_input, capsys, f"reconstruct {name}.npz {options}", "")
     with pytest.raises(AssertionError, match="work was begun"):
         main(shlex.split(f"reconstruct good.npz {options}"))
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError("Unable to allocate 5.96 GiB"),
+        jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 6 bytes."),
+        jax.errors.JaxRuntimeError("INTERNAL: YNNPACK operation failed: error\nand a trace"),
+    ],
+)
+def test_want_of_memory_is_one_line(bad_input, capsys, monkeypatch, error):
+    def too_much(*arguments, **options):
+        raise error
+
+    for function in WORK:
+        monkeypatch.setattr(function, too_much)
+    line = f"reconstruct good.npz {GEOMETRY} --out a.npy"
+    require_refusal(bad_input, capsys, line, "the memory does not suffice")
 
 
 @WITH_AND_WITHOUT_PLAN

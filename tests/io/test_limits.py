@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from jaxtat.base.messages import LONGEST_MESSAGE
-from jaxtat.io.limits import name_of, refusing
+from jaxtat.base.messages import LONGEST_MESSAGE, name_of
+from jaxtat.io.limits import refusing
 
 ERRORS = (ValueError, OSError, RuntimeError, RecursionError, MemoryError, TypeError, KeyError)
 

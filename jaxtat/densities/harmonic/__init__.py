@@ -15,21 +15,22 @@ from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
 from .table import WaveTable, wave_table
 from .tikhonov import Asked, SolveReport, cholesky_solve, conjugate_gradients, solve_harmonics
-from .tikhonov_rows import WavesOfGeometry, tikhonov_densities, waves_of
+from .tikhonov_rows import DecomposedWaves, decomposed_waves, tikhonov_densities
 from .waves import circular_harmonics_at
 
 __all__ = [
     "Asked",
+    "DecomposedWaves",
     "DensityGroup",
     "HarmonicDensities",
     "PolarGeometry",
     "SolveReport",
     "WaveTable",
-    "WavesOfGeometry",
     "alpha_units",
     "cholesky_solve",
     "circular_harmonics_at",
     "conjugate_gradients",
+    "decomposed_waves",
     "frequency_groups",
     "group_of",
     "harmonic_densities",
@@ -42,6 +43,5 @@ __all__ = [
     "unfold",
     "wave_system",
     "wave_table",
-    "waves_of",
     "waves_reach",
 ]

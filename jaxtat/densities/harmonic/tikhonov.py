@@ -233,7 +233,7 @@ def detector_gram(
     return scaled_gram(a, b, gram)
 
 
-def powers_at_detectors(
+def _detector_powers(
     geometry: PolarGeometry, wave: WaveTable, gram: Float[Array, "blocks r r"] | None
 ) -> Float[Array, "blocks r"]:
     """The diagonal of M M^T; on a circle from that of T, which is there."""
@@ -250,7 +250,7 @@ def _factorised(
     factor = region_factor(geometry, wave)
     matrix = normal_matrix(geometry, wave, factor, gram)
     diagonal = jnp.diagonal(matrix, axis1=-2, axis2=-1)
-    unit = alpha_unit(factor.powers, powers_at_detectors(geometry, wave, gram))
+    unit = alpha_unit(factor.powers, _detector_powers(geometry, wave, gram))
     plane = None
     if system.asked.rule.needs_matrix:
         plane = factor.around(_diagonal_matrix(blocks(geometry, _plane_power(wave))))

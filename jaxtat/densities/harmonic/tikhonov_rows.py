@@ -1,101 +1,141 @@
-"""Densities of a Tikhonov rule as rows, by Cholesky decomposition: no singular values.
+"""Densities of any Tikhonov rule, as rows of `HarmonicDensities`, from one decomposition.
 
-`HarmonicDensities` of (A A^T + alpha)^-1 A, which `tikhonov` applies to one image's data: for many
-images, and found again at once for another alpha.
+With the eigenvalues l of A A^T = U diag(l) U^T, or of A^T A = V diag(l) V^T where that is smaller,
+
+    (A A^T + alpha)^-1 A = U diag(1 / (l + alpha)) U^T A = A V diag(1 / (l + alpha)) V^T:
+
+the rows of another alpha are one product of two matrices that are kept. `tikhonov` has the same of
+one image's data, with no decomposition.
 """
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float
 
 from ...regularization import RelativeTikhonov, Tikhonov, per_frequency
 from .densities import DensityGroup, HarmonicDensities, detector_columns, plane_scales
 from .polar import PolarGeometry
-from .table import WaveTable, alpha_unit, circle_gram, cut_gram, region_factor, wave_table
-from .tikhonov import cholesky_solve, normal_matrix, powers_at_detectors
+from .table import WaveTable, alpha_unit, region_factor, wave_table
 
 
-class WavesOfGeometry(eqx.Module):
-    """What does not depend on the rule: found once.
+class Decomposed(eqx.Module):
+    """A of frequencies that have as many orders.
 
     Attributes:
-        geometry: curve and region.
-        table: all waves of all frequencies.
-        gram: of detectors on a circle, see `circle_gram`.
-        angles: of the directions, counted from the axis [rad].
-        phases: exp(i xi·(centre of the region - centre of the waves)).
-        groups: (first, last + 1, orders) of frequencies that are solved alike.
+        left: eps Delta R^T U, or eps Delta R^T A V.
+        right: U^T A, or V^T, for data as `fold` has them.
+        eigenvalues: l [length²].
+        unit: of alpha [length²].
+        frequencies: lambda [rad/length].
     """
 
-    geometry: PolarGeometry
-    table: WaveTable
-    gram: Float[Array, "blocks r r"] | None
+    left: Float[Array, "*f blocks r k"]
+    right: Float[Array, "*f blocks k columns"]
+    eigenvalues: Float[Array, "*f blocks k"]
+    unit: Float[Array, "*f"]
+    frequencies: Float[Array, "*f"]
+
+
+class DecomposedWaves(eqx.Module):
+    """A of all frequencies of a geometry.
+
+    Attributes:
+        groups: in the order of the frequencies.
+        angles: of the directions, counted from the axis [rad].
+        phases: exp(i xi·(centre of the region - centre of the waves)).
+        mirror: whether rows act on even and odd parts.
+    """
+
+    groups: tuple[Decomposed, ...]
     angles: Float[Array, " directions"]
-    phases: Array
-    groups: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
+    phases: Complex[Array, "frequencies directions"]
+    mirror: bool = eqx.field(static=True)
 
 
-@eqx.filter_jit
-def waves_of(
+def decomposed_waves(
     geometry: PolarGeometry,
     frequencies: Float[Array, " frequencies"],
     angles: Float[Array, " directions"],
     groups: tuple[tuple[int, int, int], ...],
-) -> WavesOfGeometry:
-    """All waves of a geometry, at frequencies [rad/length] and directions [rad]."""
-    n_max = max(orders for *_, orders in groups)
-    table = wave_table(geometry, frequencies, n_max)
-    gram = circle_gram(geometry, n_max) if geometry.on_circle else None
+    dtype: np.dtype,
+) -> DecomposedWaves:
+    """All that does not depend on alpha.
+
+    Args:
+        geometry: curve and region.
+        frequencies: lambda [rad/length].
+        angles: theta [rad].
+        groups: (first, last + 1, orders) of frequencies that are solved alike.
+        dtype: in which the products with densities are wanted; found in double precision.
+    """
+    table = wave_table(geometry, frequencies, max(orders for *_, orders in groups))
     offset = geometry.region.center - geometry.center
     along = jnp.cos(angles) * offset[0] + jnp.sin(angles) * offset[1]
     phases = jnp.exp(1j * frequencies[:, None] * along)
-    return WavesOfGeometry(geometry, table, gram, angles - geometry.axis, phases, groups)
+    found = tuple(_decomposed(geometry, table, *group, dtype) for group in groups)
+    phases = phases.astype(jnp.result_type(dtype, jnp.complex64))
+    return DecomposedWaves(found, angles - geometry.axis, phases, geometry.mirror)
 
 
 def tikhonov_densities(
-    waves: WavesOfGeometry, rule: Tikhonov | RelativeTikhonov, dtype: np.dtype
+    waves: DecomposedWaves, rule: Tikhonov | RelativeTikhonov
 ) -> HarmonicDensities:
-    """The densities of all plane waves by a rule, in the precision that is asked for."""
-    complex_type = jnp.result_type(dtype, jnp.complex64)
-    rules = per_frequency(rule, waves.phases.shape[0])
-    groups = tuple(
-        _group(waves, rules, start, stop, orders, jnp.dtype(dtype).name)
-        for start, stop, orders in waves.groups
-    )
-    phases = waves.phases.astype(complex_type)
-    return HarmonicDensities(groups, waves.angles, phases, waves.geometry.mirror)
+    """The densities of all plane waves by a rule, a number or one for each frequency."""
+    rules, start, groups = per_frequency(rule, waves.phases.shape[0]), 0, []
+    for group in waves.groups:
+        stop = start + len(group.unit)
+        few = jax.tree.map(lambda leaf: leaf[start:stop], rules)  # noqa: B023
+        groups.append(_rows(group, few, waves.angles.shape[0]))
+        start = stop
+    return HarmonicDensities(tuple(groups), waves.angles, waves.phases, waves.mirror)
 
 
 @eqx.filter_jit
-def _group(
-    waves: WavesOfGeometry,
-    rules: Tikhonov | RelativeTikhonov,
-    start: int,
-    stop: int,
-    orders: int,
-    dtype: str,
-) -> DensityGroup:
-    geometry = waves.geometry
-    gram = None if waves.gram is None else cut_gram(geometry, waves.gram, orders)
+def _decomposed(
+    geometry: PolarGeometry, table: WaveTable, start: int, stop: int, orders: int, dtype: np.dtype
+) -> Decomposed:
+    def at(wave: WaveTable) -> Decomposed:
+        wave = wave.up_to(orders)
+        factor, columns = region_factor(geometry, wave), detector_columns(geometry, wave)
+        matrix = factor.matrix_times(columns)
+        transposed = jnp.swapaxes(matrix, -1, -2)
+        wide = matrix.shape[-2] <= matrix.shape[-1]
+        eigenvalues, vectors = jnp.linalg.eigh(
+            _each(*((matrix, transposed) if wide else (transposed, matrix)))
+        )
+        back = jnp.swapaxes(vectors, -1, -2)
+        left, right = (vectors, _each(back, matrix)) if wide else (_each(matrix, vectors), back)
+        left = plane_scales(geometry, wave)[..., None] * factor.transposed_matrix_times(left)
+        return Decomposed(
+            left.astype(dtype),
+            right.astype(dtype),
+            jnp.maximum(eigenvalues, 0.0),
+            alpha_unit(factor.powers, jnp.sum(columns**2, axis=-1)),
+            wave.frequencies,
+        )
 
-    def at(given: tuple[WaveTable, Tikhonov | RelativeTikhonov]) -> Array:
-        wave, rule = given[0].up_to(orders), given[1]
-        factor = region_factor(geometry, wave)
-        unit = alpha_unit(factor.powers, powers_at_detectors(geometry, wave, gram))
-        alpha = rule.in_units_of(unit, wave.frequencies).alpha
-        matrix = normal_matrix(geometry, wave, factor, gram)
-        potentials = factor.matrix_times(detector_columns(geometry, wave))
-        found = cholesky_solve(matrix + alpha * jnp.eye(matrix.shape[-1]), potentials)
-        rows = plane_scales(geometry, wave)[..., None] * factor.transposed_matrix_times(found)
-        return rows.astype(dtype)
+    return jax.lax.map(at, jax.tree.map(lambda leaf: leaf[start:stop], table))
 
-    part = jax.tree.map(lambda leaf: leaf[start:stop], (waves.table, rules))
-    rows = jax.lax.map(at, part)
+
+@eqx.filter_jit
+def _rows(group: Decomposed, rules: Tikhonov | RelativeTikhonov, n_directions: int) -> DensityGroup:
+    def at(given: tuple[Decomposed, Tikhonov | RelativeTikhonov]) -> Array:
+        one, rule = given
+        alpha = rule.in_units_of(one.unit, one.frequencies).alpha
+        kept = 1 / (one.eigenvalues + alpha)
+        return _each(one.left, kept[..., None].astype(one.right.dtype) * one.right)
+
+    rows = jax.lax.map(at, (group, rules))
     none = (*rows.shape[:2], 0)
     return DensityGroup(
         rows,
-        jnp.zeros((*none, rows.shape[-1]), dtype),
-        jnp.zeros((*none, waves.angles.shape[0]), jnp.result_type(dtype, jnp.complex64)),
+        jnp.zeros((*none, rows.shape[-1]), rows.dtype),
+        jnp.zeros((*none, n_directions), jnp.result_type(rows.dtype, jnp.complex64)),
     )
+
+
+def _each(first: Float[Array, "blocks m k"], second: Float[Array, "blocks k n"]) -> Array:
+    """Block by block: products of batches do not reach the fast library routine."""
+    return jnp.stack([one @ other for one, other in zip(first, second, strict=True)])
