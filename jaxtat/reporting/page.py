@@ -242,7 +242,7 @@ def _limits() -> list[Html]:
             element(
                 "li",
                 "Whether the speed of sound is right to better than the difference shows. In "
-                "simulations of smooth objects a speed that is 1 % off leaves 6 to 9 % of the "
+                "simulations of smooth objects a speed that is 1 % off leaves some per cent of the "
                 "norm of the data unexplained; noise or other errors of that size hide it. "
                 "Calibrate, or compare with a known object.",
             ),

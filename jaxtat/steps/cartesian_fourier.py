@@ -9,7 +9,7 @@ it is interpolated to the lattice by a short kernel, whose own transform is divi
 All lines are real: fhat = a + i b is kept as a + b at xi and a - b at -xi (Hartley's transform).
 """
 
-import math
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -65,45 +65,87 @@ def direct_fourier_inversion(
     True
     """
     *batch, n_frequencies, n_directions = fhat.shape
-    count = math.prod(batch)
-    images = (fhat * eta[:, None].astype(fhat.real.dtype)).reshape(
-        count, n_frequencies, n_directions
-    )
+    images = (fhat * eta[:, None].astype(fhat.real.dtype)).reshape(-1, n_frequencies, n_directions)
+    turn_back = jnp.exp(-1j * jnp.arange(n_directions) * angles[0]).astype(fhat.dtype)
+
+    def lines_of(fhat: Array) -> tuple[Array, Array]:
+        return polar_lines(fhat, turn_back), jnp.mean(fhat[:, 0].real, axis=-1)
+
+    found = _inverted(lines_of, images, frequency_step, grid, center)
+    return found.reshape(*batch, *grid.shape)
+
+
+def fourier_inversion_of_harmonics(
+    harmonics: Float[Array, "images frequencies 2 orders"],
+    origin: Float[Array, " images"],
+    axis: Float[Array, ""],
+    frequency_step: Float[Array, ""],
+    grid: ImageGrid,
+    center: Float[Array, "2"],
+    eta: Float[Array, " frequencies+1"],
+) -> Float[Array, "images x1 x2"]:
+    """The same from the circular harmonics of fhat, which need no directions.
+
+    Args:
+        harmonics: (c, s) of fhat = (1/2π) Σ_n (-i)^n (c_n cos n theta + s_n sin n theta), theta
+            counted from ``axis``, at lambda = d lambda, ..., lambda_N.
+        origin: fhat at lambda = 0, the mass over 2π.
+        axis: [rad].
+        frequency_step, grid, center, eta: as in `direct_fourier_inversion`.
+    """
+    orders, dtype = np.arange(harmonics.shape[-1]), harmonics.dtype
+    # (-i)^n real is kept in a, imaginary in b, so that a + b has the signs +, -, -, +
+    signs = np.array([1, -1, -1, 1])[orders % 4] / np.where(orders == 0, 2 * np.pi, 4 * np.pi)
+    turned = (signs * jnp.exp(-1j * orders * axis)).astype(jnp.result_type(dtype, jnp.complex64))
+    series = jax.lax.complex(harmonics[..., 0, :], -harmonics[..., 1, :]) * turned
+    at_zero = jnp.zeros_like(series[:, :1]).at[..., 0].set(origin[:, None])
+    series = jnp.concatenate([at_zero, series], axis=1) * eta[:, None].astype(dtype)
+
+    def lines_of(series: Array) -> tuple[Array, Array]:
+        return lines_of_series(series), series[:, 0, 0].real
+
+    return _inverted(lines_of, series, frequency_step, grid, center)
+
+
+def _inverted(
+    lines_of: Callable[[Array], tuple[Array, Array]],
+    images: Complex[Array, "images frequencies any"],
+    frequency_step: Float[Array, ""],
+    grid: ImageGrid,
+    center: Float[Array, "2"],
+) -> Float[Array, "images x1 x2"]:
+    """A few images at a time; what all groups share is found once."""
+    count, n_frequencies = images.shape[:2]
     groups = max(1, -(-count // GROUP))
     in_group = -(-count // groups)
     images = jnp.pad(images, ((0, groups * in_group - count), (0, 0), (0, 0)))
-    # what all groups share is found once
-    step = LATTICE_STEP * frequency_step
-    size = _lattice_size(n_frequencies - 1)
-    real = fhat.real.dtype  # phases are exact, whatever the precision of what they multiply
+    step, size = LATTICE_STEP * frequency_step, _lattice_size(n_frequencies - 1)
+    real = images.real.dtype  # phases are exact, whatever the precision of what they multiply
     waves1 = lattice_waves(step, size, grid.x1 - center[0]).astype(real)
     waves2 = lattice_waves(step, size, grid.x2 - center[1]).astype(real)
-    turn_back = jnp.exp(-1j * jnp.arange(n_directions) * angles[0]).astype(fhat.dtype)
 
-    def one_group(fhat: Array) -> Array:
-        return fourier_sum(lattice_spectrum(fhat, turn_back), waves1, waves2)
+    def one_group(images: Array) -> Array:
+        return fourier_sum(lattice_spectrum(*lines_of(images)), waves1, waves2)
 
     images = jax.lax.map(one_group, images.reshape(groups, in_group, *images.shape[1:]))
     images = images.reshape(groups * in_group, *grid.shape)[:count]
-    images *= (step**2 / jnp.pi).astype(real)
-    return images.reshape(*batch, *grid.shape)
+    return images * (step**2 / jnp.pi).astype(real)
 
 
 def lattice_spectrum(
-    fhat: Complex[Array, "images frequencies directions"],
-    turn_back: Complex[Array, " directions"],
+    lines: Float[Array, "images lines line"], origin: Float[Array, " images"]
 ) -> Complex[Array, "images k2 k1"]:
     """fhat at the lattice points k1 = -m..m, k2 = 0..m, 8/5 d lambda apart; zero beyond lambda_N.
 
     Of the points k and -k one is enough; the other, on the line k2 = 0, and the outside are zero,
     and k = 0 is halved.
     """
-    n_images, n = fhat.shape[0], fhat.shape[1] - 1
+    n = lines.shape[2] // 2
     k1, k2 = _quarter_lattice(n)
     m, n_points = _lattice_size(n), len(k1)
-    half = interpolate(polar_lines(fhat, turn_back), LATTICE_STEP * (k1 + 1j * k2))
-    origin = jnp.mean(fhat[:, 0].real, axis=-1, dtype=fhat.dtype) / 2
-    half = jnp.concatenate([half, origin[None], jnp.zeros((1, n_images), fhat.dtype)])
+    half = interpolate(lines, LATTICE_STEP * (k1 + 1j * k2))
+    ends = jnp.stack([origin / 2, jnp.zeros_like(origin)]).astype(half.dtype)
+    half = jnp.concatenate([half, ends])
     place = np.full((m + 1, 2 * m + 1), 2 * n_points + 1, np.int32)
     place[0, m] = 2 * n_points
     place[k2, m + k1] = np.arange(0, 2 * n_points, 2)
@@ -117,10 +159,6 @@ def polar_lines(
 ) -> Float[Array, "images lines line"]:
     """a + b on 3 n or a few more lines through the origin, from angle 0 on, ready for the kernel.
 
-    Harmonics in the angle and offsets along the line are divided by the kernel's transform, and
-    tapered where they do not belong to the disk: at lambda a point at distance r has harmonics up
-    to lambda r and a few more. Left in, noise would be folded into the disk.
-
     Args:
         fhat: as in `direct_fourier_inversion`, times the low-pass.
         turn_back: exp(-i m theta_0), m = 0..directions-1, theta_0 the first angle.
@@ -128,23 +166,31 @@ def polar_lines(
     Returns:
         (images, lines, 2 n), at lambda = 0, ..., n, -(n - 1), ..., -1 times d lambda.
     """
-    n, n_given = fhat.shape[1] - 1, fhat.shape[2]
-    turn = 4 * int(next_fast_len(-(-3 * n // 2)))  # pyright: ignore[reportArgumentType]
-    harmonic = np.arange(min(n_given, turn // 2))
-    reach = REACH * np.arange(n + 1)[:, None]
-    taper = _taper((harmonic - 16) / np.maximum(reach, 1))
     a, b = fhat.real, fhat.imag
-    taper = taper / _kernel_transform(2 * np.pi / turn * harmonic, turn / (np.pi * n))
-    taper = taper.astype(a.dtype)
     series = jnp.fft.rfft(jnp.concatenate([a + b, a - b], axis=-1), norm="forward")
     # harmonic n_given is left out: samples cannot tell it from its mirror image
-    series = series[..., : len(harmonic)] * taper * turn_back[: len(harmonic)]
+    return lines_of_series(series[..., : fhat.shape[2]] * turn_back)
+
+
+def lines_of_series(series: Complex[Array, "images frequencies harmonics"]) -> Array:
+    """`polar_lines` from the Fourier series of a + b around each circle of frequencies.
+
+    Harmonics in the angle and offsets along the line are divided by the kernel's transform, and
+    tapered where they do not belong to the disk: at lambda a point at distance r has harmonics up
+    to lambda r and a few more. Left in, noise would be folded into the disk.
+    """
+    n, dtype = series.shape[1] - 1, series.real.dtype
+    turn = 4 * int(next_fast_len(-(-3 * n // 2)))  # pyright: ignore[reportArgumentType]
+    harmonic = np.arange(min(series.shape[2], turn // 2))
+    reach = REACH * np.arange(n + 1)[:, None]
+    taper = _taper((harmonic - 16) / np.maximum(reach, 1))
+    taper = taper / _kernel_transform(2 * np.pi / turn * harmonic, turn / (np.pi * n))
+    series = series[..., : len(harmonic)] * taper.astype(dtype)
     ahead, back = jnp.split(jnp.fft.irfft(series, turn, norm="forward"), 2, axis=-1)
     last = (ahead[:, -1:] + back[:, -1:]) / 2  # n and -n are one place of the periodic line
     lines = jnp.concatenate([ahead[:, :-1], last, back[:, -2:0:-1]], axis=1)
     offset = 2 / n * np.arange(n + 1)  # in units of R
-    taper = _taper(offset) / _kernel_transform(REACH * offset, 2.0)
-    taper = taper.astype(lines.dtype)
+    taper = (_taper(offset) / _kernel_transform(REACH * offset, 2.0)).astype(dtype)
     return jnp.fft.irfft(jnp.fft.rfft(jnp.swapaxes(lines, 1, 2)) * taper, 2 * n)
 
 

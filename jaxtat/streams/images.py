@@ -21,6 +21,7 @@ from ..base.checks import Numbers, dtype_of, real_array, require_positive
 from ..densities import Densities
 from ..densities.harmonic import (
     DecomposedWaves,
+    HarmonicDensities,
     decomposed_waves,
     polar_geometry,
     tikhonov_densities,
@@ -35,7 +36,7 @@ from ..records.pressure import along_baseline
 from ..regularization import RelativeTikhonov, Tikhonov, tikhonov_rule
 from ..scans import Choices, choose, setup_of
 from ..scans.facts import times_of
-from ..steps.cartesian_fourier import direct_fourier_inversion
+from ..steps.cartesian_fourier import direct_fourier_inversion, fourier_inversion_of_harmonics
 from ..steps.polar_fourier import with_origin
 from ..steps.radon import low_pass_values
 from .samples import Pressure, pressure_of, samples_to_waves
@@ -52,6 +53,7 @@ class _Ready(NamedTuple):
     weights: Float[Array, " detectors"]
     eta: Float[Array, " frequencies"]
     along: Float[Array, " samples"]
+    axis: Float[Array, ""] | None  # of the harmonics, where they are about the region's centre
 
 
 class Live(eqx.Module):
@@ -258,12 +260,17 @@ def _images(
     waves = jnp.einsum("ws,bns->bnw", ready.samples, records)
     stack, n_detectors, _ = waves.shape
     transformed = jnp.moveaxis(waves[..., :-1].reshape(stack, n_detectors, -1, 2), 1, -1)
-    fhat = ready.densities.polar_fourier(transformed, ready.weights)
-    fhat = with_origin(fhat, waves[..., -1], ready.weights)
     _, region, _, sizes = plane_of(setup)
     step = jnp.asarray(sizes.max_frequency / sizes.n_frequencies)
-    where = sizes.angles, setup.grid, region.center
-    return direct_fourier_inversion(fhat, step, *where, ready.eta)
+    where = setup.grid, region.center, ready.eta
+    mass, densities = waves[..., -1], ready.densities
+    if ready.axis is not None and isinstance(densities, HarmonicDensities):
+        harmonics = densities.harmonics(transformed, ready.weights)
+        origin = mass @ ready.weights / (2 * jnp.pi * ready.weights.sum()).astype(mass.dtype)
+        return fourier_inversion_of_harmonics(harmonics, origin, ready.axis, step, *where)
+    fhat = densities.polar_fourier(transformed, ready.weights)
+    fhat = with_origin(fhat, mass, ready.weights)
+    return direct_fourier_inversion(fhat, step, sizes.angles, *where)
 
 
 def _ready(
@@ -272,7 +279,18 @@ def _ready(
     eta = low_pass_values(low_pass, setup.sizes.n_frequencies)
     along = along_baseline(samples.shape[-1])
     weights = jnp.asarray(setup.curve.weights)
-    return _Ready(samples, densities, *(x.astype(dtype) for x in (weights, eta, along)))
+    weights, eta, along = (x.astype(dtype) for x in (weights, eta, along))
+    return _Ready(samples, densities, weights, eta, along, _axis(setup, densities))
+
+
+def _axis(setup: Setup, densities: Densities) -> Array | None:
+    """None where single directions have densities of their own, and for waves about elsewhere."""
+    if not isinstance(densities, HarmonicDensities):
+        return None
+    alike = all(group.extra.shape[-2] == 0 for group in densities.groups)
+    concentric = bool(np.all(np.abs(np.asarray(densities.phases) - 1) < 1e-7))
+    _, _, _, sizes = plane_of(setup)
+    return sizes.angles[0] - densities.angles[0] if alike and concentric else None
 
 
 def _samples(

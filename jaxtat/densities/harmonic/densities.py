@@ -10,7 +10,7 @@ a few components around the norm bound, stays a row q_j with its factors. In a m
 rows act on the even and odd parts of the data, which are half as long.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import equinox as eqx
@@ -53,6 +53,10 @@ class DensityGroup(eqx.Module):
     extra_rows: Float[Array, "*f blocks extra columns"]
     extra: Complex[Array, "*f blocks extra directions"]
 
+    @property
+    def n_orders(self) -> int:
+        return self.rows.shape[-3] * self.rows.shape[-2] // 2
+
 
 class HarmonicDensities(Densities):
     """The densities of all plane waves, 2 N + 1 rows and a few per frequency.
@@ -71,14 +75,8 @@ class HarmonicDensities(Densities):
 
     def polar_fourier(self, transformed: Array, weights: Array) -> Array:
         *batch, n_frequencies, _, _ = transformed.shape
-        # images last: matrix products with many columns
-        images = jnp.moveaxis(transformed.reshape(-1, *transformed.shape[-3:]), 0, -1)
-        folded = fold(images, weights, self.mirror)
-        found, start = [], 0
-        for group in self.groups:
-            stop = start + group.rows.shape[0]
-            part = folded[start:stop].astype(group.rows.dtype)
-            start = stop
+        found = []
+        for group, part in self._parts(transformed, weights):
             harmonics = pairs(jnp.moveaxis(group.rows @ part, -1, 0))
             fhat = circular_harmonics_at(harmonics, self.angles.astype(part.dtype))
             if group.extra.shape[-2]:
@@ -87,6 +85,33 @@ class HarmonicDensities(Densities):
             found.append(fhat)
         fhat = jnp.concatenate(found, axis=-2) * self.phases
         return fhat.reshape(*batch, n_frequencies, -1)
+
+    def harmonics(
+        self, transformed: Float[Array, "images frequencies 2 detectors"], weights: Array
+    ) -> Float[Array, "images frequencies 2 orders"]:
+        """Those of fhat, counted from the axis and the centre of the waves, as all rows give them.
+
+        What single directions keep besides is not in them.
+        """
+        orders = max(group.n_orders for group in self.groups)
+        found = [
+            jnp.pad(
+                pairs(jnp.moveaxis(group.rows @ part, -1, 0)),
+                [(0, 0)] * 3 + [(0, orders - group.n_orders)],
+            )
+            for group, part in self._parts(transformed, weights)
+        ]
+        return jnp.concatenate(found, axis=1)
+
+    def _parts(self, transformed: Array, weights: Array) -> Iterator[tuple[DensityGroup, Array]]:
+        """Each group, and the folded data of its frequencies, images last."""
+        # images last: matrix products with many columns
+        images = jnp.moveaxis(transformed.reshape(-1, *transformed.shape[-3:]), 0, -1)
+        folded, start = fold(images, weights, self.mirror), 0
+        for group in self.groups:
+            stop = start + group.rows.shape[0]
+            yield group, folded[start:stop].astype(group.rows.dtype)
+            start = stop
 
     def of_frequency(self, number: int, weights: Array) -> Array:
         bounds = np.cumsum([0, *(group.rows.shape[0] for group in self.groups)])
