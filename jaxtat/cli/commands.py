@@ -1,6 +1,7 @@
 """The commands. Heavy imports wait until one is run, so that --help is quick."""
 
 import argparse
+import sys
 import time
 from pathlib import Path
 
@@ -83,6 +84,43 @@ def report(options: argparse.Namespace) -> None:
         progress=not options.quiet,
     )
     _report(options, f"page written to {options.out}", start)
+
+
+def stream(options: argparse.Namespace) -> None:
+    """``jaxtat stream``."""
+    from ..scans import choose, estimate_sound_speed
+    from ..streams import live
+    from ..streams import stream as run_stream
+    from .inputs import given, repeated, require_size, scan_of
+    from .streaming import frames_from, sink_at, type_of
+
+    start = time.perf_counter()
+    choices = None
+    if options.repeat:
+        choices, options = repeated(options)
+    scan, left = scan_of(options)
+    dtype = type_of(options.type, scan)
+    if choices is None:
+        choices = choose(scan, **given(left, scan))
+        require_size(scan, choices)
+        choices = estimate_sound_speed(scan, choices)
+    _report(options, f"{options.file}\n{choices.table()}", start)
+    to_images = live(scan, choices)
+    shape = (scan.n_detectors, scan.n_samples)
+    frames = frames_from(options.source, shape, dtype, options.follow)
+    sink = sink_at(options.out, options.format, to_images.setup, choices)
+    _report(options, "ready", start)
+    found = run_stream(
+        to_images,
+        frames,
+        sink,
+        dtype=dtype,
+        drop=options.drop,
+        note=lambda line: print(f"jaxtat: note: {line}", file=sys.stderr),
+    )
+    _report(options, str(found), start)
+    if found.ended not in ("", "interrupted"):
+        raise ValueError(found.ended)
 
 
 def sample(options: argparse.Namespace) -> None:

@@ -40,6 +40,12 @@ _EXAMPLES = {
   jaxtat report scan.hdf5 --out report.html
       a page to look at: image, choices, what can be trusted and what not
 """,
+    "stream": """
+  jaxtat stream scan.hdf5 --from frames/ --follow --out images/ --format png
+      a picture of every frame that comes into a folder; geometry and choices are those of the scan
+  acquisition | jaxtat stream scan.hdf5 --drop --out images.h5
+      raw counts from a pipe into a file that can be read meanwhile
+""",
     "sample": """
   jaxtat sample scan.npz
       write a small simulated scan; `jaxtat reconstruct scan.npz --out scan.png` shows it
@@ -61,6 +67,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_reconstruct(subparsers)
     _add_info(subparsers)
     _add_report(subparsers)
+    _add_stream(subparsers)
     _add_sample(subparsers)
     return parser
 
@@ -161,6 +168,42 @@ def _add_info(subparsers) -> None:
         subparsers, "info", commands.info, "What is in a scan file, and what would be chosen."
     )
     parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    _add_choices(parser)
+
+
+def _add_stream(subparsers) -> None:
+    parser = _command(
+        subparsers, "stream", commands.stream, "Images of raw frames as they come, until Ctrl-C."
+    )
+    parser.add_argument(
+        "file", metavar="FILE", help="a scan of the same scanner, by which everything is chosen"
+    )
+    parser.add_argument(
+        "--from",
+        dest="source",
+        default="-",
+        metavar="SOURCE",
+        help="frames, detectors x samples numbers each with nothing between them: a file, a folder "
+        "of .npy files, or - for standard input (the default)",
+    )
+    parser.add_argument(
+        "--type", metavar="TYPE", help="of the numbers: uint16, float32, ... (default: the scan's)"
+    )
+    parser.add_argument(
+        "--follow", action="store_true", help="wait for more at the end of a file or folder"
+    )
+    parser.add_argument(
+        "--drop",
+        action="store_true",
+        help="leave out the oldest of 64 waiting frames where there is no time for all",
+    )
+    parser.add_argument("--out", required=True, metavar="PLACE", help="a folder, or a new .h5 file")
+    parser.add_argument(
+        "--format", choices=("npy", "png"), default="npy", help="of files in a folder"
+    )
+    parser.add_argument(
+        "--repeat", metavar="IMAGE", help="choose what was chosen for this .h5 image"
+    )
     _add_choices(parser)
 
 

@@ -47,7 +47,7 @@ def _require_files(options: argparse.Namespace) -> None:
     for name in ("file", "detectors_from", "repeat", "plan"):
         if is_given(options, name):
             require_file(getattr(options, name))
-    if options.run.__name__ != "paper" and is_given(options, "out"):
+    if options.run.__name__ not in ("paper", "stream") and is_given(options, "out"):
         require_place(options.out)
 
 

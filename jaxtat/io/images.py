@@ -16,7 +16,7 @@ import numpy as np
 
 from ..base.atomic import replacing
 from ..base.checks import Numbers, real_array
-from ..base.messages import name_of
+from ..base.messages import name_of, require_file
 from ..base.names import IMAGE_SUFFIXES
 from ..base.optional_packages import optional
 from ..base.units import millimetres
@@ -151,8 +151,7 @@ def load_settings(path: str | Path) -> dict[str, Any]:
         ValueError: for a file that is damaged, of another kind, or of a later version.
     """
     path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no image file {name_of(path)}.")
+    require_file(path)
     with (
         refusing(f"cannot read {name_of(path)}: ", "damaged, or no HDF5 file"),
         open_hdf5(path, Allowance()) as file,

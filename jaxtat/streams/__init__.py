@@ -1,5 +1,18 @@
 """From raw frames to images as fast as they come: all that does not depend on them found before."""
 
 from .images import Live, live
+from .run import Streamed, stream
+from .sinks import Folder, GrowingFile, Sink
+from .sources import frames_of_bytes, frames_of_folder
 
-__all__ = ["Live", "live"]
+__all__ = [
+    "Folder",
+    "GrowingFile",
+    "Live",
+    "Sink",
+    "Streamed",
+    "frames_of_bytes",
+    "frames_of_folder",
+    "live",
+    "stream",
+]

@@ -108,7 +108,7 @@ def test_damaged_and_foreign_files_have_no_settings(tmp_path):
         file["image"] = IMAGE
     with pytest.raises(ValueError, match="format None"):
         load_settings(path)
-    with pytest.raises(FileNotFoundError, match="no image file"):
+    with pytest.raises(FileNotFoundError, match="no file"):
         load_settings(tmp_path / "nowhere.h5")
 
 

@@ -1,0 +1,63 @@
+"""Where `jaxtat stream` has its frames from, and where its images go."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..geometry import ImageGrid
+from ..io import Scan, save_image
+from ..reconstruction import Setup
+from ..scans import Choices
+from ..streams import Folder, GrowingFile, Sink, frames_of_bytes, frames_of_folder
+
+
+def type_of(name: str | None, scan: Scan) -> np.dtype:
+    """Of the numbers in frames."""
+    try:
+        dtype = np.dtype(scan.data.dtype if name is None else name)
+    except TypeError:
+        dtype = np.dtype(object)
+    if dtype.kind not in "uif":
+        raise ValueError(f"--type {name}: expected a type of real numbers, such as uint16.")
+    return dtype
+
+
+def frames_from(
+    source: str, shape: tuple[int, int], dtype: np.dtype, follow: bool
+) -> Iterator[Any]:
+    """Raw frames of a pipe, file or folder."""
+    path = Path(source)
+    if source == "-":
+        return frames_of_bytes(sys.stdin.buffer, shape, dtype, lambda: False)
+    if path.is_dir():
+        return frames_of_folder(path, lambda: follow)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no file or folder {source} to take frames from.")
+    return _of_file(path, shape, dtype, follow)
+
+
+def _of_file(
+    path: Path, shape: tuple[int, int], dtype: np.dtype, follow: bool
+) -> Iterator[np.ndarray]:
+    with path.open("rb", buffering=0) as file:
+        yield from frames_of_bytes(file, shape, dtype, lambda: follow)
+
+
+def sink_at(out: str, kind: str, setup: Setup, choices: Choices) -> Sink:
+    """A file that grows, or a folder."""
+    path, grid = Path(out), setup.grid
+    assert isinstance(grid, ImageGrid)
+    if not path.resolve().parent.is_dir():
+        raise ValueError(f"cannot write {out}: there is no folder {path.resolve().parent}.")
+    if path.suffix in (".h5", ".hdf5"):
+        return GrowingFile(path, grid, choices.settings())
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"cannot write {out}: expected a folder, or a name ending in .h5.")
+
+    def picture(file: Path, image: np.ndarray) -> None:
+        save_image(file, image, grid, setup.region, {}, unit=choices.units.length)
+
+    return Folder(path, picture if kind == "png" else np.save, f".{kind}")

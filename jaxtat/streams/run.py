@@ -1,0 +1,122 @@
+"""From frames as they come to images as they are done."""
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .images import Live
+from .sinks import Sink
+from .sources import Waiting
+
+BATCH = 8  # frames of an image each: together they take half the time
+
+
+class Streamed(NamedTuple):
+    """What became of the frames.
+
+    Attributes:
+        images: written.
+        dropped: frames for which there was no time.
+        refused: frames of another shape or type, or with NaN.
+        ended: why, if not at the end of a frame.
+    """
+
+    images: int
+    dropped: int
+    refused: int
+    ended: str
+
+    def __str__(self) -> str:
+        ended = f"; {self.ended}" if self.ended else ""
+        return f"{self.images} images, {self.dropped} frames dropped, {self.refused} refused{ended}"
+
+
+def stream(
+    to_images: Live,
+    frames: Iterator[Any],
+    sink: Sink,
+    *,
+    dtype: Any = np.uint16,
+    room: int = 64,
+    drop: bool = False,
+    note: Callable[[str], Any] = print,
+) -> Streamed:
+    """Make an image of every frame until they end, or Ctrl-C.
+
+    Frames are read in a thread of their own. After Ctrl-C none is read any more, and those that
+    were read are finished; a second Ctrl-C ends at once, with all written images whole.
+
+    Args:
+        to_images: of `live`.
+        frames: (detectors, samples), as they come.
+        sink: where images go; it is closed in any case.
+        dtype: of the frames, for which the function is compiled beforehand.
+        room: for so many frames that wait.
+        drop: leave out the oldest waiting frame where there is no room; else reading waits.
+        note: what to do with lines about frames that are refused.
+
+    Returns:
+        Streamed.
+    """
+    blank = np.zeros((BATCH, *to_images.frame_shape), dtype)
+    for size in (1, BATCH):  # compiled before the first frame comes
+        np.asarray(to_images(blank[:size]))
+    waiting = Waiting(frames, room, drop)
+    written = refused = 0
+    ended = ""
+    with _interrupting(waiting.stop) as interrupted:
+        try:
+            while taken := waiting.take(BATCH):
+                for number, image in _images(to_images, taken):
+                    if isinstance(image, ValueError):
+                        refused += 1
+                        note(f"frame {number} is left out: {image}")
+                    else:
+                        sink.write(number, image)
+                        written += 1
+        except (ValueError, OSError) as error:
+            ended = str(error)
+        finally:
+            waiting.stop()
+            sink.close()
+    ended = "interrupted" if interrupted else ended
+    return Streamed(written, waiting.dropped, refused, ended)
+
+
+@contextmanager
+def _interrupting(stop: Callable[[], None]) -> Iterator[list[int]]:
+    """Ctrl-C once calls ``stop`` and fills the list; the second time it is what it always is."""
+    interrupted: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield interrupted  # signals are the main thread's
+        return
+
+    def heard(number: int, _: Any) -> None:
+        if interrupted:
+            raise KeyboardInterrupt
+        interrupted.append(number)
+        stop()
+
+    before = signal.signal(signal.SIGINT, heard)
+    try:
+        yield interrupted
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _images(to_images: Live, taken: list[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
+    """Together, or one by one where a frame cannot be."""
+    try:
+        images = np.asarray(to_images(np.stack([frame for _, frame in taken])))
+        yield from zip((number for number, _ in taken), images, strict=True)
+        return
+    except (ValueError, TypeError) as error:
+        if len(taken) == 1:
+            yield taken[0][0], error if isinstance(error, ValueError) else ValueError(str(error))
+            return
+    for one in taken:
+        yield from _images(to_images, [one])
