@@ -44,11 +44,11 @@ def require_options(options: argparse.Namespace) -> None:
 
 def _require_files(options: argparse.Namespace) -> None:
     """Raise an error for files that cannot be read or written, before anything else is done."""
+    if options.run.__name__ not in ("paper", "stream") and is_given(options, "out"):
+        require_place(options.out)
     for name in ("file", "detectors_from", "repeat", "plan"):
         if is_given(options, name):
             require_file(getattr(options, name))
-    if options.run.__name__ not in ("paper", "stream") and is_given(options, "out"):
-        require_place(options.out)
 
 
 def is_given(options: argparse.Namespace, name: str) -> bool:
