@@ -62,7 +62,7 @@ class Live(eqx.Module):
     Attributes:
         setup: detectors that are used, region, grid and radii.
         frame_shape: (detectors, samples) of a frame.
-        sound_speed: c [length/time]; 1 for circular integrals.
+        sound_speed: c [length/time]; of no meaning for circular integrals.
         rule: of the densities; None of a plan.
         low_pass: name or function, as in `reconstruct`.
         dtype: of the images.
@@ -82,6 +82,8 @@ class Live(eqx.Module):
 
     def __call__(self, frames: Any) -> Num[Array, "*batch x1 x2"]:
         """The images of frames (..., detectors, samples), of any real type.
+
+        Outside of `jax.jit`, which it calls itself: medians are found by NumPy.
 
         Raises:
             ValueError: for frames of another shape or type, or with NaN.
@@ -120,6 +122,8 @@ class Live(eqx.Module):
             setup = _moved(setup, center, free=self._pressure is not None)
             waves = _waves_of(setup, self.dtype)
         if sound_speed is not None:
+            if self._pressure is None:
+                raise ValueError("sound_speed: circular integrals are made at one; change radii.")
             speed = _speed_of(sound_speed)
         if sound_speed is not None or region_center is not None:
             samples = _samples(self._pressure, setup, speed, self.dtype)

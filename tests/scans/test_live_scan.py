@@ -48,6 +48,8 @@ def test_another_speed_is_that_of_other_choices(frames):
         assert relative(first.replace(sound_speed=speed)(frames[0]), other.image) < 1e-9
     with pytest.raises(ValueError, match="with sound_speed 500 radii run"):
         first.replace(sound_speed=500.0)
+    with pytest.raises(ValueError, match="sound_speed is -1"):
+        first.replace(sound_speed=-1.0)
 
 
 def _radii(choices, speed):
