@@ -22,7 +22,7 @@ jax.config.update("jax_enable_x64", True)
 
 import jaxtat  # noqa: E402
 from jaxtat.io import load_scan  # noqa: E402
-from jaxtat.steps.cartesian_fourier import direct_fourier_inversion  # noqa: E402
+from jaxtat.steps.cartesian_fourier import fourier_inversion_of_harmonics  # noqa: E402
 
 PIXELS, BATCH = 400, 8
 
@@ -44,18 +44,17 @@ def parts(to_images: Any, frames: np.ndarray) -> dict[str, float]:
     sizes = setup.sizes
     shape = (len(frames), sizes.n_frequencies, 2, len(setup.curve.points))
     transformed = jnp.asarray(np.random.default_rng(0).standard_normal(shape), "float32")
-    densities = jax.jit(lambda x: ready.densities.polar_fourier(x, ready.weights))
-    fhat = densities(transformed)
-    fhat = jnp.concatenate([fhat[:, :1], fhat], axis=1)
+    densities = jax.jit(lambda x: ready.densities.harmonics(x, ready.weights))
+    harmonics, origin = densities(transformed), jnp.ones(len(frames), "float32")
     step = jnp.asarray(sizes.max_frequency / sizes.n_frequencies)
-    where = sizes.angles, setup.grid, setup.region.center
-    inversion = jax.jit(lambda x: direct_fourier_inversion(x, step, *where, ready.eta))
+    where = ready.axis, step, setup.grid, setup.region.center, ready.eta
+    inversion = jax.jit(lambda x: fourier_inversion_of_harmonics(x, origin, *where))
     device = jnp.asarray(frames)
     return {
         "offset and drift": seconds(lambda: to_images._lines(frames)),
         "samples to (G_J, G_Y)": seconds(lambda: samples(device)),
         "densities": seconds(lambda: densities(transformed)),
-        "inversion": seconds(lambda: inversion(fhat)),
+        "inversion": seconds(lambda: inversion(harmonics)),
     }
 
 

@@ -88,24 +88,14 @@ def report(options: argparse.Namespace) -> None:
 
 def stream(options: argparse.Namespace) -> None:
     """``jaxtat stream``."""
-    from ..scans import choose, estimate_sound_speed
     from ..streams import live
     from ..streams import stream as run_stream
-    from .inputs import given, repeated, require_size, scan_of
     from .streaming import frames_from, sink_at, type_of
 
     start = time.perf_counter()
-    choices = None
-    if options.repeat:
-        choices, options = repeated(options)
-    scan, left = scan_of(options)
+    scan, choices, plan, options = _asked(options, start)
     dtype = type_of(options.type, scan)
-    if choices is None:
-        choices = choose(scan, **given(left, scan))
-        require_size(scan, choices)
-        choices = estimate_sound_speed(scan, choices)
-    _report(options, f"{options.file}\n{choices.table()}", start)
-    to_images = live(scan, choices)
+    to_images = live(scan, choices, plan=plan)
     shape = (scan.n_detectors, scan.n_samples)
     frames = frames_from(options.source, shape, dtype, options.follow)
     sink = sink_at(options.out, options.format, to_images.setup, choices)

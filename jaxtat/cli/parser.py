@@ -201,9 +201,7 @@ def _add_stream(subparsers) -> None:
     parser.add_argument(
         "--format", choices=("npy", "png"), default="npy", help="of files in a folder"
     )
-    parser.add_argument(
-        "--repeat", metavar="IMAGE", help="choose what was chosen for this .h5 image"
-    )
+    _add_unit_and_plan(parser)
     _add_choices(parser)
 
 

@@ -25,10 +25,10 @@ from ..constraints import (
 from ..geometry import data_radii
 from ..io import Scan
 from ..reconstruction import Setup
-from ..records import apply_impulse_response, condition_record
+from ..records import apply_impulse_response
 from .choices import Choices
 from .facts import times_of
-from .frames import integrals
+from .frames import has_baseline, in_band, integrals
 
 PENALTIES = {
     "tv": TotalVariation,
@@ -92,20 +92,15 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
     )
     path = choices.sound_speed * np.asarray(times)
     window = np.flatnonzero((path >= float(radii[0])) & (path <= float(radii[-1])))
-    in_plane = choices.model == "in-plane"  # the slow tail of 2-D waves is signal
 
-    def conditioned(record: Array, baseline: bool) -> Float[Array, "*batch detectors samples"]:
-        if choices.band is not None or choices.dead_time:
-            record = condition_record(
-                record, times, dead_time=choices.dead_time, band=choices.band, baseline=baseline
-            )
-        return record[..., window]
+    def windowed(record: Array, baseline: bool) -> Float[Array, "*batch detectors samples"]:
+        return in_band(choices, record, times, baseline=baseline)[..., window]
 
     def as_recorded(pressure: Array) -> Array:
         if choices.impulse_response:
             response = scan.known["impulse_response"]  # its time 0 is in the middle
             pressure = apply_impulse_response(pressure, response, origin=len(response) // 2)
-        return conditioned(pressure, baseline=False)
+        return windowed(pressure, baseline=False)
 
     model = {
         "times": times,
@@ -113,4 +108,4 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
         "model": choices.model,
         "conditioning": as_recorded,
     }
-    return _Recorded(reaching, conditioned(record, baseline=in_plane), model)
+    return _Recorded(reaching, windowed(record, baseline=has_baseline(choices)), model)

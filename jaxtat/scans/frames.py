@@ -1,5 +1,7 @@
 """A scan's problem, and the integrals over circles or spheres that its frames are made into."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -15,10 +17,11 @@ from .space import facts_in_space
 GROUPS = 2  # of frequencies, at most: for few images, compiling is what takes time
 
 
-def setup_of(scan: Scan, choices: Choices) -> Setup:
+def setup_of(scan: Scan, choices: Choices, *, n_groups: int = GROUPS) -> Setup:
     """Detectors, region, pixels and radii, the same for all frames; in the plane or in space.
 
-    Circular integrals keep the radii of their file.
+    Circular integrals keep the radii of their file. More ``n_groups`` of frequencies, see `Setup`,
+    pay for many images.
 
     Raises, warns:
         As `Setup`.
@@ -35,7 +38,7 @@ def setup_of(scan: Scan, choices: Choices) -> Setup:
         choices.grid,
         radii,
         max_frequency=choices.max_frequency,
-        n_groups=GROUPS,
+        n_groups=n_groups,
     )
 
 
@@ -62,20 +65,42 @@ def _integrals(scan: Scan, choices: Choices, radii: Array, frames: np.ndarray) -
     if times is None:
         require_radii(part.shape[-1], radii.shape[0])
         return part
-    in_plane = choices.model == "in-plane"  # the slow tail of 2-D waves is signal
-    if choices.band is not None or choices.dead_time:
-        part = condition_record(
-            part, times, dead_time=choices.dead_time, band=choices.band, baseline=in_plane
-        )
-    if choices.impulse_response:
-        response = scan.known["impulse_response"]  # its time 0 is in the middle
-        part = remove_impulse_response(part, times, response, origin=len(response) // 2)
+    part = conditioned(scan, choices, part, times, baseline=has_baseline(choices))
     speed = choices.sound_speed
     if choices.model == IN_SPACE:
         return pressure_to_spherical_integrals(part, times, radii, sound_speed=speed)
     return pressure_to_circular_integrals(
         part, times, radii, sound_speed=speed, model=choices.model
     )
+
+
+def conditioned(
+    scan: Scan, choices: Choices, record: Array, times: Any, *, baseline: bool
+) -> Array:
+    """A pressure record with start, band and response as chosen; linear but for baselines."""
+    record = in_band(choices, record, times, baseline=baseline)
+    if choices.impulse_response:
+        response = scan.known["impulse_response"]  # its time 0 is in the middle
+        record = remove_impulse_response(record, times, response, origin=len(response) // 2)
+    return record
+
+
+def in_band(choices: Choices, record: Array, times: Any, *, baseline: bool) -> Array:
+    """The record without its start and what is out of band, if that is chosen."""
+    if not _is_conditioned(choices):
+        return record
+    return condition_record(
+        record, times, dead_time=choices.dead_time, band=choices.band, baseline=baseline
+    )
+
+
+def has_baseline(choices: Choices) -> bool:
+    """Whether offset and drift are taken off: the slow tail of 2-D waves is signal."""
+    return _is_conditioned(choices) and choices.model == "in-plane"
+
+
+def _is_conditioned(choices: Choices) -> bool:
+    return choices.band is not None or bool(choices.dead_time)
 
 
 def require_radii(of_data: int, of_setup: int) -> None:

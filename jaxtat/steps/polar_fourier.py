@@ -45,7 +45,14 @@ def with_origin(
         mass: ∫ g dr, which is the mass for every detector.
         weights: arc lengths w_k, for the mean over the curve [length].
     """
-    origin = (mass @ weights) / (2 * jnp.pi * weights.sum())
+    origin = value_at_origin(mass, weights)
     shape = (*fhat.shape[:-2], 1, fhat.shape[-1])
     # the origin is of double precision, and so is the result
     return jnp.concatenate([jnp.broadcast_to(origin[..., None, None], shape) + 0j, fhat], axis=-2)
+
+
+def value_at_origin(
+    mass: Float[Array, "*batch detectors"], weights: Float[Array, " detectors"]
+) -> Float[Array, "*batch"]:
+    """fhat(0), the mean of the detectors' masses over 2π."""
+    return (mass @ weights) / (2 * jnp.pi * weights.sum())

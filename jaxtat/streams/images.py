@@ -31,13 +31,13 @@ from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..reconstruction.plane_basis import default_rule
 from ..reconstruction.setup import plane_of, require_complete
-from ..records import condition_record, remove_impulse_response
 from ..records.pressure import along_baseline
 from ..regularization import RelativeTikhonov, Tikhonov, tikhonov_rule
 from ..scans import Choices, choose, setup_of
 from ..scans.facts import times_of
+from ..scans.frames import conditioned, has_baseline
 from ..steps.cartesian_fourier import direct_fourier_inversion, fourier_inversion_of_harmonics
-from ..steps.polar_fourier import with_origin
+from ..steps.polar_fourier import value_at_origin, with_origin
 from ..steps.radon import low_pass_values
 from .samples import Pressure, pressure_of, samples_to_waves
 
@@ -219,7 +219,7 @@ def live(
         alone = {"rule": rule, "low_pass": low_pass}
         if any(value is not None for value in alone.values()):
             raise ValueError("rule and low_pass are for a Setup: a scan's are in its choices.")
-        setup = _grouped(setup_of(scan, choices)) if plan is None else plan.setup
+        setup = setup_of(scan, choices, n_groups=N_GROUPS) if plan is None else plan.setup
         rule, low_pass, speed = choices.alpha, choices.low_pass, choices.sound_speed
         frame_shape = (scan.n_detectors, scan.n_samples)
         rows = _rows_of(choices, scan.n_detectors)
@@ -270,7 +270,7 @@ def _images(
     mass, densities = waves[..., -1], ready.densities
     if ready.axis is not None and isinstance(densities, HarmonicDensities):
         harmonics = densities.harmonics(transformed, ready.weights)
-        origin = mass @ ready.weights / (2 * jnp.pi * ready.weights.sum()).astype(mass.dtype)
+        origin = value_at_origin(mass, ready.weights)
         return fourier_inversion_of_harmonics(harmonics, origin, ready.axis, step, *where)
     fhat = densities.polar_fourier(transformed, ready.weights)
     fhat = with_origin(fhat, mass, ready.weights)
@@ -344,20 +344,11 @@ def _pressure_of(scan: Scan, choices: Choices) -> tuple[Pressure | None, bool]:
     times = times_of(scan)
     if times is None:
         return None, False
-    conditioned = choices.band is not None or bool(choices.dead_time)
 
     def conditioning(record: Array) -> Array:
-        if conditioned:
-            record = condition_record(
-                record, times, dead_time=choices.dead_time, band=choices.band, baseline=False
-            )
-        if choices.impulse_response:
-            response = scan.known["impulse_response"]  # its time 0 is in the middle
-            record = remove_impulse_response(record, times, response, origin=len(response) // 2)
-        return record
+        return conditioned(scan, choices, record, times, baseline=False)
 
-    leveled = conditioned and choices.model == "in-plane"
-    return pressure_of(jnp.asarray(times), choices.model, conditioning), leveled
+    return pressure_of(jnp.asarray(times), choices.model, conditioning), has_baseline(choices)
 
 
 def _rows_of(choices: Choices, n_detectors: int) -> tuple[int, ...] | None:
@@ -398,19 +389,6 @@ def _moved(setup: Setup, center: Array, free: bool) -> Setup:
         first = radii[0] + after.min() - before.min()
         radii = jnp.linspace(first, radii[-1] + after.max() - before.max(), len(radii))
     return setup.replace(region=moved, grid=grid, radii=radii)
-
-
-def _grouped(setup: Setup) -> Setup:
-    """With more groups of frequencies than for a single image."""
-    return Setup(
-        setup.curve,
-        setup.region,
-        setup.grid,
-        setup.radii,
-        max_frequency=setup.sizes.max_frequency,
-        n_directions=setup.sizes.n_directions,
-        n_groups=N_GROUPS,
-    )
 
 
 def _precision(dtype: Any) -> np.dtype:

@@ -261,7 +261,7 @@ def _factorised(
     rhs = factor.times(moments(geometry, wave, system.values))
     rhs = jnp.moveaxis(rhs, 0, -1)  # images last, as columns
     y = cholesky_solve(shifted, rhs)
-    residual = _relative(_product(shifted, y) - rhs, rhs, axes=(0, 1))
+    residual = _relative(product_of_blocks(shifted, y) - rhs, rhs, axes=(0, 1))
     found = factor.transposed_times(jnp.moveaxis(y, -1, 0))
     return found, _solved_directly(alpha, unit, residual)
 
@@ -284,8 +284,8 @@ def _without_factor(
     matrix += alpha * jnp.eye(matrix.shape[-1])
     rhs = jnp.moveaxis(moments(geometry, wave, system.values), 0, -1)  # images last, as columns
     x = lu_solve(matrix, rhs)
-    residual = _relative(_product(matrix, x) - rhs, rhs, axes=(0, 1))
-    found = jnp.moveaxis(_product(outer, x), -1, 0)
+    residual = _relative(product_of_blocks(matrix, x) - rhs, rhs, axes=(0, 1))
+    found = jnp.moveaxis(product_of_blocks(outer, x), -1, 0)
     return found, _solved_directly(alpha, unit, residual)
 
 
@@ -300,9 +300,9 @@ def product_of_grams(
     """
     r = inner.shape[-1]
     if not (geometry.half_turn and geometry.mirror and r <= geometry.detector_angles.shape[0]):
-        return _product(inner, outer)
-    even = _product(inner[:, 0::2, 1::2], outer[:, 1::2])
-    odd = _product(inner[:, 1::2, 0::2], outer[:, 0::2])
+        return product_of_blocks(inner, outer)
+    even = product_of_blocks(inner[:, 0::2, 1::2], outer[:, 1::2])
+    odd = product_of_blocks(inner[:, 1::2, 0::2], outer[:, 0::2])
     odd = jnp.pad(odd, [(0, 0), (0, r % 2), (0, 0)])
     mixed = jnp.stack([even, odd], axis=2).reshape(inner.shape[0], -1, r)[:, :r]
     return mixed + jnp.diagonal(inner, axis1=-2, axis2=-1)[..., None] * outer
@@ -327,7 +327,7 @@ def lu_solve(
         return jax.vmap(partial(jax.scipy.linalg.lu_solve, trans=trans))(factors, right)
 
     return jax.lax.custom_linear_solve(
-        partial(_product, matrix), rhs, partial(solve, 1), partial(solve, 0)
+        partial(product_of_blocks, matrix), rhs, partial(solve, 1), partial(solve, 0)
     )
 
 
@@ -342,10 +342,14 @@ def cholesky_solve(
     def solve(_, right: Array) -> Array:
         return jax.scipy.linalg.cho_solve((triangle, True), right)
 
-    return jax.lax.custom_linear_solve(partial(_product, matrix), rhs, solve, symmetric=True)
+    return jax.lax.custom_linear_solve(
+        partial(product_of_blocks, matrix), rhs, solve, symmetric=True
+    )
 
 
-def _product(matrix: Float[Array, "blocks m r"], columns: Float[Array, "blocks r c"]) -> Array:
+def product_of_blocks(
+    matrix: Float[Array, "blocks m r"], columns: Float[Array, "blocks r c"]
+) -> Array:
     """Block by block: products of batches do not reach the fast library routine."""
     return jnp.stack([block @ part for block, part in zip(matrix, columns, strict=True)])
 

@@ -18,6 +18,7 @@ from ...regularization import RelativeTikhonov, Tikhonov, per_frequency
 from .densities import DensityGroup, HarmonicDensities, detector_columns, plane_scales
 from .polar import PolarGeometry
 from .table import WaveTable, alpha_unit, region_factor, wave_table
+from .tikhonov import product_of_blocks
 
 
 class Decomposed(eqx.Module):
@@ -103,10 +104,14 @@ def _decomposed(
         transposed = jnp.swapaxes(matrix, -1, -2)
         wide = matrix.shape[-2] <= matrix.shape[-1]
         eigenvalues, vectors = jnp.linalg.eigh(
-            _each(*((matrix, transposed) if wide else (transposed, matrix)))
+            product_of_blocks(*((matrix, transposed) if wide else (transposed, matrix)))
         )
         back = jnp.swapaxes(vectors, -1, -2)
-        left, right = (vectors, _each(back, matrix)) if wide else (_each(matrix, vectors), back)
+        left, right = (
+            (vectors, product_of_blocks(back, matrix))
+            if wide
+            else (product_of_blocks(matrix, vectors), back)
+        )
         left = plane_scales(geometry, wave)[..., None] * factor.transposed_matrix_times(left)
         return Decomposed(
             left.astype(dtype),
@@ -125,7 +130,7 @@ def _rows(group: Decomposed, rules: Tikhonov | RelativeTikhonov, n_directions: i
         one, rule = given
         alpha = rule.in_units_of(one.unit, one.frequencies).alpha
         kept = 1 / (one.eigenvalues + alpha)
-        return _each(one.left, kept[..., None].astype(one.right.dtype) * one.right)
+        return product_of_blocks(one.left, kept[..., None].astype(one.right.dtype) * one.right)
 
     rows = jax.lax.map(at, (group, rules))
     none = (*rows.shape[:2], 0)
@@ -134,8 +139,3 @@ def _rows(group: Decomposed, rules: Tikhonov | RelativeTikhonov, n_directions: i
         jnp.zeros((*none, rows.shape[-1]), rows.dtype),
         jnp.zeros((*none, n_directions), jnp.result_type(rows.dtype, jnp.complex64)),
     )
-
-
-def _each(first: Float[Array, "blocks m k"], second: Float[Array, "blocks k n"]) -> Array:
-    """Block by block: products of batches do not reach the fast library routine."""
-    return jnp.stack([one @ other for one, other in zip(first, second, strict=True)])
