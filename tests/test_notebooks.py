@@ -1,5 +1,7 @@
 """Notebooks run from top to bottom, and what they claim holds."""
 
+import base64
+import io
 import os
 import re
 from pathlib import Path
@@ -8,6 +10,7 @@ import nbformat
 import pytest
 from jupyter_client.manager import KernelManager
 from nbclient import NotebookClient
+from PIL import Image
 
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
 # by the time they take
@@ -67,6 +70,7 @@ def test_notebooks_run_from_top_to_bottom(name, kernel, data_folder):
 
 DRAWS = ("plt.subplots(", "plt.figure(", "show_image(", "show_slices(")
 LARGEST = 1_000_000  # bytes of a notebook
+SHARP = 150  # dots per inch
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -81,9 +85,15 @@ def test_notebooks_are_kept_with_their_pictures(name):
         kinds = {output.output_type for output in cell.outputs}
         assert "error" not in kinds
         assert "stderr" not in {output.get("name") for output in cell.outputs}  # no warnings
+        pictures = [
+            o["data"]["image/png"] for o in cell.outputs if "image/png" in o.get("data", {})
+        ]
+        for picture in pictures:
+            resolution = Image.open(io.BytesIO(base64.b64decode(picture))).info["dpi"]
+            assert resolution == pytest.approx((SHARP, SHARP), rel=1e-3)
         body = re.sub(r"^(?:def|class|@).*\n(?:(?: .*)?\n)*", "", cell.source, flags=re.M)
         if any(draws in body for draws in DRAWS):
-            assert any("image/png" in output.get("data", {}) for output in cell.outputs), body
+            assert pictures, body
 
 
 def test_calibration_without_the_measured_scan_says_so(kernel, tmp_path):

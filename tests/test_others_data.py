@@ -61,7 +61,6 @@ FULL_CIRCLE, MEASURED = "full_circle_64_detectors.npz", "msot_scan9.npz"
 @pytest.mark.parametrize(
     ("data_file", "command"),
     [
-        (MEASURED, "report {} --out a.html"),
         (MEASURED, "reconstruct {} --K 4.287 --out a.png"),
         (FULL_CIRCLE, f"reconstruct {{}} {RING} --K 4 --out a.png"),
         (FULL_CIRCLE, f"reconstruct {{}} {RING} --series --out a.png"),
@@ -84,6 +83,19 @@ def test_the_boundary_suffices_for_the_plan_that_is_chosen(
     monkeypatch.setattr("jaxtat.scans.estimate_sound_speed", lambda scan, choices: choices)
     assert main([*command.format(data_file).split(), "--quiet"]) == 2
     assert capsys.readouterr().err == "jaxtat: error: nothing was refused\n"
+
+
+@pytest.mark.parametrize("data_file", [MEASURED], indirect=True)
+def test_a_report_with_nothing_given(data_file, tmp_path):
+    """To its end: what was chosen, the verdicts and the pictures."""
+    out = tmp_path / "report.html"
+    assert "the image is sharpest" in run("report", data_file, "--out", out)
+    page = out.read_text()
+    (speed,) = re.findall(r"sound_speed</[^>]*>\s*<[^>]*>([\d.]+) m/s", page)
+    assert 1472 < float(speed) < 1484  # the data agree best at 1480 to 1483
+    assert len(re.findall("✓ good|! caution", page)) == 7
+    assert "✗ bad" not in page
+    assert page.count("data:image/png;base64,") == 6
 
 
 @pytest.mark.parametrize("data_file", [FULL_CIRCLE], indirect=True)

@@ -1,6 +1,7 @@
 """Figures without a screen, colour maps, and units on axes."""
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -19,10 +20,15 @@ def new_figure(width: float, height: float) -> Figure:
 
 def label_axes(axes: Axes, title: str, horizontal: str, vertical: str) -> None:
     """A title and the names of both axes, all of the sizes of every plot here."""
-    axes.set_title(title, fontsize=9)
-    axes.set_xlabel(horizontal, fontsize=8)
-    axes.set_ylabel(vertical, fontsize=8)
-    axes.tick_params(labelsize=7)
+    axes.set_title(title, fontsize=text_size(9))
+    axes.set_xlabel(horizontal, fontsize=text_size(8))
+    axes.set_ylabel(vertical, fontsize=text_size(8))
+    axes.tick_params(labelsize=text_size(7))
+
+
+def text_size(points: float) -> float:
+    """Of a text that has so many points where matplotlib's own font size is 10."""
+    return points / 10 * float(rcParams["font.size"])
 
 
 def gray_levels(image: np.ndarray) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from matplotlib.cm import ScalarMappable
 
 from ..base.checks import Numbers
 from ..base.units import millimetres
-from .canvas import DIVERGING, greatest, label_axes, length_label
+from .canvas import DIVERGING, greatest, label_axes, length_label, text_size
 
 
 def show_sinogram(
@@ -67,7 +67,7 @@ def show_detectors(axes: Axes, values: Numbers, *, marked: Numbers = (), label: 
             (number, values[number]),
             xytext=(6, 0),
             textcoords="offset points",
-            fontsize=8,
+            fontsize=text_size(8),
             va="center",
         )
     axes.set_xlim(-0.5, len(values) - 0.5)

@@ -12,7 +12,7 @@ from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from ..base.checks import Numbers
 from ..base.units import millimetres
 from ..geometry import ImageGrid
-from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure
+from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure, text_size
 
 MOST_PANELS = 16  # images of a stack that one picture shows
 
@@ -109,7 +109,7 @@ def picture(
     assert shown is not None
     figure.colorbar(shown, ax=panels.flat[:n].tolist(), shrink=0.9)
     if n < len(stack):
-        figure.suptitle(f"{n} of {len(stack)} images", fontsize=9)
+        figure.suptitle(f"{n} of {len(stack)} images", fontsize=text_size(9))
     return figure
 
 

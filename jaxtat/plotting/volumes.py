@@ -11,7 +11,7 @@ from ..base.checks import Numbers
 from ..base.units import millimetres
 from ..geometry import ImageGrid, VolumeGrid
 from ..geometry.caps import Detectors
-from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure
+from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure, text_size
 from .images import show_image
 
 MOST_ROWS = 4  # frames of a stack that one picture shows
@@ -62,7 +62,7 @@ def show_slices(
         if axis == 2:
             figure.colorbar(shown, ax=axes, shrink=0.8)
     if title:
-        figure.suptitle(title, fontsize=10)
+        figure.suptitle(title, fontsize=text_size(10))
 
 
 def show_space(
@@ -102,8 +102,8 @@ def show_space(
         axes.plot(*dots[:: -(-len(dots) // 1500)].T, ".", color="tab:blue", ms=1.5)
     axes.set_box_aspect((1, 1, 1))  # pyright: ignore[reportArgumentType]
     for name, label in zip("xyz", _NAMES, strict=True):
-        getattr(axes, f"set_{name}label")(label, fontsize=8)
-    axes.tick_params(labelsize=7)
+        getattr(axes, f"set_{name}label")(label, fontsize=text_size(8))
+    axes.tick_params(labelsize=text_size(7))
 
 
 def save_slices(

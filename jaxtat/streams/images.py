@@ -33,7 +33,7 @@ from ..reconstruction.plane_basis import default_rule
 from ..reconstruction.setup import plane_of, require_complete
 from ..records.pressure import along_baseline
 from ..regularization import RelativeTikhonov, Tikhonov, tikhonov_rule
-from ..scans import Choices, choose, setup_of
+from ..scans import Choices, choose, estimate_sound_speed, setup_of
 from ..scans.facts import times_of
 from ..scans.frames import conditioned, has_baseline
 from ..steps.cartesian_fourier import direct_fourier_inversion, fourier_inversion_of_harmonics
@@ -185,7 +185,8 @@ def live(
 
     Args:
         scan: in the plane, any of its frames; or a `Setup`, for frames of circular integrals.
-        choices: of `scans.choose`; by default chosen, with the scan's own frame.
+        choices: of `scans.choose`; by default chosen by the scan's own frames, and the speed of
+            sound estimated.
         rule: for a setup: a number as ``alpha`` of `solve`, `Tikhonov` or `RelativeTikhonov`. A
             scan's is in its choices.
         low_pass: for a setup, as in `reconstruct`.
@@ -214,7 +215,7 @@ def live(
         setup = scan
         frame_shape = setup.data_shape
     else:
-        choices = choose(scan) if choices is None else choices
+        choices = estimate_sound_speed(scan, choose(scan)) if choices is None else choices
         _require_formula(choices)
         alone = {"rule": rule, "low_pass": low_pass}
         if any(value is not None for value in alone.values()):
