@@ -7,6 +7,7 @@ the data.
 """
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -24,8 +25,10 @@ class Penalty(eqx.Module):
     Attributes:
         smoothing: delta, as a fraction of the image's size (`model_based` says which).
         joint: whether the images of a stack share their edges: |.| goes over all of them.
+        needs_floor: of a kind; whether a weight that is found must not fall with the noise.
     """
 
+    needs_floor: ClassVar[bool] = True
     smoothing: Float[Array, ""] = eqx.field(
         converter=lambda value: real_array("smoothing", value, ()), default=1e-3, kw_only=True
     )
@@ -84,6 +87,8 @@ class SecondOrderVariation(Penalty):
 
     Source: Lysaker, Lundervold and Tai, IEEE Trans. Image Process. 12 (2003) 1579-1590.
     """
+
+    needs_floor: ClassVar[bool] = False
 
     def parts(self, images: Array) -> Array:
         axes = range(1, images.ndim)

@@ -13,8 +13,8 @@ fixed point, along with the image.
 Where there is little noise that is too small: images are sparser than the density says, and edges
 finer than pixels are no white noise. So with noise that is known w >= L min(FLOOR tau,
 max|f| / FINEST): below the one the penalty does not hold noise down, above the other thin things
-go. Not for second differences, which hold noise down at far smaller weights; nor for unknown noise,
-since a misfit that the weight itself makes would keep it large where data are exact.
+go. Not for unknown noise, since a misfit that the weight itself makes would keep it large where
+data are exact; and not for second differences, which hold noise down at far smaller weights.
 
 Source: Pereyra, Bioucas-Dias and Figueiredo, EUSIPCO 2015, 230-234.
 """
@@ -25,7 +25,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .data_fit import DataFit
-from .penalties import Penalty, SecondOrderVariation
+from .penalties import Penalty
 
 # chosen on phantoms of the seeds 0 and 3; benchmarks/weights.py tries them on others
 SPREAD = 3.0
@@ -56,7 +56,7 @@ def balanced_weight(
     if isinstance(penalty, Penalty):
         size = penalty.value(images, penalty.smoothing * scale.image)
         weight = square * n / (size + n * SPREAD * tau)
-        if isinstance(penalty, SecondOrderVariation) or not fit.white:
+        if not (penalty.needs_floor and fit.white):
             return weight
         return jnp.maximum(weight, scale.square * jnp.minimum(FLOOR * tau, scale.image / FINEST))
     return square * n / (jnp.sum(images**2) + n * tau**2)  # ridge, of degree 2: 2 P = ||f||²
