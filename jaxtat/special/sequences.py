@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Num
 
 from ..base.checks import is_concrete
-from .bessel import as_floating, j0, j1, y0, y1
+from .bessel import as_floating, both_kinds
 
 
 def hankel_sequence(
@@ -220,7 +220,8 @@ def ratios(n_max: int, x: Array, half: float = 0.0) -> Array:
 def _sequence(n_max: int, x: Array, steps: Array) -> tuple[Array, Array]:
     """J_n / Delta_n and Delta_n Y_n; ``steps`` are delta_n, constants to differentiation."""
     x = jnp.where(x >= 0, x, jnp.nan)
-    return carried_upward(n_max, x, steps, (j0(x), j1(x), y0(x), y1(x)), ratios(n_max, x))
+    (j_0, y_0), (j_1, y_1) = both_kinds(0, x), both_kinds(1, x)
+    return carried_upward(n_max, x, steps, (j_0, j_1, y_0, y_1), ratios(n_max, x))
 
 
 def carried_upward(
