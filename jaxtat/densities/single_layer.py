@@ -113,6 +113,7 @@ def potential(
         Complex, (..., directions).
 
     >>> from jaxtat import circular_arc
+    >>> from jaxtat.special import j0
     >>> curve = circular_arc(1.3, 1.3, 64)
     >>> ones = jnp.stack([jnp.ones(64), jnp.zeros(64)])[None] + 0j
     >>> u = potential(jnp.array(3.0), ones, curve, jnp.zeros(2))  # 2π R_g J_0(lambda R_g)
