@@ -205,7 +205,7 @@ def ratios(n_max: int, x: Array, half: float = 0.0) -> Array:
     last = n_max + 2
     start = last + _evanescent_orders(last)
 
-    def downward(following: Array, n: Array) -> tuple[Array, Array]:
+    def downward(following: Array, n: Array | np.ndarray) -> tuple[Array, Array]:
         ratio = x / (2 * n - x * following)
         return ratio, ratio
 
@@ -245,7 +245,7 @@ def carried_upward(
     """
     cap = largest_value(x)
 
-    def upward(carry: tuple[Array, ...], item: tuple[Array, ...]):
+    def upward(carry: tuple[Array, ...], item: tuple[Array | np.ndarray, ...]):
         # Orders n - 2 and n - 1 come in; n - 2 goes to the result, n to the next step.
         j_before, j, y_before, y = carry
         n, ratio, step_before, step = item
