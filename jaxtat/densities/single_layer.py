@@ -13,7 +13,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..geometry import DetectorCurve, Region
 from ..geometry.elements import NODES
-from ..special import j0, j1, y0, y1
+from ..special import both_kinds
 
 
 def potential_matrix(
@@ -53,8 +53,8 @@ def potential_matrix(
         scale, normal_scale = rows * columns, -cosine * rows * columns
         return jnp.block(
             [
-                [scale * j0(argument), scale * y0(argument)],
-                [normal_scale * j1(argument), normal_scale * y1(argument)],
+                [scale * values for values in both_kinds(0, argument)],
+                [normal_scale * slopes for slopes in both_kinds(1, argument)],
             ]
         )
 
@@ -113,6 +113,7 @@ def potential(
         Complex, (..., directions).
 
     >>> from jaxtat import circular_arc
+    >>> from jaxtat.special import j0
     >>> curve = circular_arc(1.3, 1.3, 64)
     >>> ones = jnp.stack([jnp.ones(64), jnp.zeros(64)])[None] + 0j
     >>> u = potential(jnp.array(3.0), ones, curve, jnp.zeros(2))  # 2π R_g J_0(lambda R_g)
@@ -124,7 +125,7 @@ def potential(
     def at(point: Array) -> Array:
         def of_points(detectors: Float[Array, "detectors 2"]) -> Array:
             argument = frequency * jnp.sqrt(jnp.sum((point - detectors) ** 2, axis=-1))
-            return jnp.stack([j0(argument), y0(argument)])
+            return jnp.stack(both_kinds(0, argument))
 
         kernel = curve.mean_over_elements(of_points, n_nodes)
         return jnp.einsum("djk,jk->d", weighted, kernel)

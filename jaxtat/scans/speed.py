@@ -20,7 +20,7 @@ from ..reconstruction.plane_basis import plane_basis
 from ..reconstruction.setup import plane_of
 from ..reconstruction.verbs import DEFAULT_TOLERANCE
 from ..regularization import tikhonov_rule
-from ..special import j0, y0
+from ..special import both_kinds
 from ..steps.quadrature import radial_quadrature
 from ..steps.radon import low_pass_values
 from .choices import Choices
@@ -111,7 +111,7 @@ def _stretched(
 
     def transform(stretch: Array) -> Array:
         argument = stretch * frequencies[:, None] * nodes
-        return stretch * jnp.einsum("jfr,kr->fjk", jnp.stack([j0(argument), y0(argument)]), read)
+        return stretch * jnp.einsum("jfr,kr->fjk", jnp.stack(both_kinds(0, argument)), read)
 
     return jax.lax.map(transform, stretches)
 

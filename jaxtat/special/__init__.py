@@ -1,5 +1,6 @@
 """Bessel and Legendre functions for JAX, the full-circle norm built from them, and a root."""
 
+from .bessel import both_kinds as both_kinds
 from .bessel import j0 as j0
 from .bessel import j1 as j1
 from .bessel import y0 as y0

@@ -101,7 +101,7 @@ def y0(x: Num[ArrayLike, "..."]) -> Float[Array, "..."]:
     >>> print(f"{y0(2.5):.12f}")
     0.498070359615
     """
-    return _y0(as_floating(x))
+    return _both(0, as_floating(x))[1]
 
 
 def y1(x: Num[ArrayLike, "..."]) -> Float[Array, "..."]:
@@ -122,7 +122,21 @@ def y1(x: Num[ArrayLike, "..."]) -> Float[Array, "..."]:
     >>> print(f"{y1(2.5):.12f}")
     0.145918137967
     """
-    return _y1(as_floating(x))
+    return _both(1, as_floating(x))[1]
+
+
+def both_kinds(
+    order: int, x: Num[ArrayLike, "*shape"]
+) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
+    """J_n(x) and Y_n(x), n = 0 or 1: Y_n contains all of J_n, which is written once for both.
+
+    Programs that want both are half as long, and so are their derivatives.
+
+    >>> j, y = both_kinds(0, 2.5)
+    >>> print(f"{j:.12f} {y:.12f}")
+    -0.048383776468 0.498070359615
+    """
+    return _both(order, as_floating(x))
 
 
 def as_floating(x: Num[ArrayLike, "..."]) -> Float[Array, "..."]:
@@ -190,31 +204,37 @@ def _(order: int, primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array,
     return _scaled_j(order, x), -x * _scaled_j(order + 1, x) * x_dot
 
 
-@jax.custom_jvp
-@_compiled
-def _y0(x: Array) -> Array:
-    return _y(0, x)
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+@partial(_compiled, static_argnums=0)
+def _both(order: int, x: Array) -> tuple[Array, Array]:
+    size = _size(x)
+    below, u = _below(size)
+    scaled = _scaled_j_below(order, size)
+    positive = jnp.where(below > 0, below, 1.0)
+    # log(x/2) J_n - n/x, then the part that is entire after division by x^n.
+    singular = jnp.log(positive / 2) * scaled
+    regular = _horner(REGULAR_Y[order], u)
+    if order == 1:
+        scaled = below * scaled
+        singular = singular * below - 1 / positive
+        regular = regular * below
+    j_above, y_above = _hankel_above(order, size)
+    j = jnp.where(size < SWITCH_POINT, scaled, j_above)
+    if order == 1:
+        j = jnp.where(x < 0, -j, j)
+    y = jnp.where(size < SWITCH_POINT, 2 / math.pi * singular + regular, y_above)
+    return j, jnp.where(x > 0, y, jnp.where(x == 0, -jnp.inf, jnp.nan))
 
 
-@_y0.defjvp
-def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    # DLMF 10.6.3: Y_0' = -Y_1.
+@_both.defjvp
+def _(order: int, primals: tuple[Array], tangents: tuple[Array]):
+    # DLMF 10.6.3: C_0' = -C_1, and 10.6.2 with n = 1: C_1' = C_0 - C_1 / x.
     (x,), (x_dot,) = primals, tangents
-    return _y0(x), -_y1(x) * x_dot
-
-
-@jax.custom_jvp
-@_compiled
-def _y1(x: Array) -> Array:
-    return _y(1, x)
-
-
-@_y1.defjvp
-def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    # DLMF 10.6.2 with n = 1: Y_1' = Y_0 - Y_1 / x.
-    (x,), (x_dot,) = primals, tangents
-    value = _y1(x)
-    return value, (_y0(x) - value / x) * x_dot
+    j, y = _both(order, x)
+    other_j, other_y = _both(1 - order, x)
+    if order == 0:
+        return (j, y), (-other_j * x_dot, -other_y * x_dot)
+    return (j, y), ((other_j - _scaled_j(1, x)) * x_dot, (other_y - y / x) * x_dot)
 
 
 # The two ranges, for x >= 0 and n = 0, 1. JAX leaves derivative rules aside where it differentiates
@@ -267,23 +287,6 @@ def _scaled_j_series(order: int, x: Array) -> Array:
         [(-1) ** k / (2**order * math.factorial(k) * math.factorial(k + order)) for k in terms],
         x * x / 4,
     )
-
-
-def _y(order: int, x: Array) -> Array:
-    """Y_n(x), -inf at 0 and NaN for x < 0."""
-    size = _size(x)
-    below, u = _below(size)
-    positive = jnp.where(below > 0, below, 1.0)
-    # log(x/2) J_n - n/x, then the part that is entire after division by x^n.
-    singular = jnp.log(positive / 2) * _scaled_j_below(order, size)
-    regular = _horner(REGULAR_Y[order], u)
-    if order == 1:
-        singular = singular * below - 1 / positive
-        regular = regular * below
-    value = jnp.where(
-        size < SWITCH_POINT, 2 / math.pi * singular + regular, _hankel_above(order, size)[1]
-    )
-    return jnp.where(x > 0, value, jnp.where(x == 0, -jnp.inf, jnp.nan))
 
 
 def _hankel_above(order: int, x: Array) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Num
 
 from ..base.checks import is_concrete
-from .bessel import as_floating, j0, j1, y0, y1
+from .bessel import as_floating, both_kinds
 
 
 def hankel_sequence(
@@ -62,8 +62,8 @@ def decay_steps(n_max: int, x: Float[Array, "*shape"]) -> Float[Array, "orders *
     x = jax.lax.stop_gradient(x)
     high = ratios(n_max, x)
     steps = jnp.concatenate([jnp.ones((1, *x.shape)), x[None] / (2 - x * high[:1]), high])
-    order = jnp.arange(n_max + 1).reshape(-1, *[1] * x.ndim)
-    return jnp.where(order > x, steps[: n_max + 1], 1.0)
+    order = np.arange(n_max + 1).reshape(-1, *[1] * x.ndim)
+    return jnp.where(x < order, steps[: n_max + 1], 1.0)
 
 
 def scaled_hankel_sequence(
@@ -205,13 +205,14 @@ def ratios(n_max: int, x: Array, half: float = 0.0) -> Array:
     last = n_max + 2
     start = last + _evanescent_orders(last)
 
-    def downward(following: Array, n: Array) -> tuple[Array, Array]:
+    def downward(following: Array, n: Array | np.ndarray) -> tuple[Array, Array]:
         ratio = x / (2 * n - x * following)
         return ratio, ratio
 
-    orders = jnp.arange(start, last, -1, dtype=x.dtype) + half
+    # numpy: where a plan is built nothing is traced, and each length would be a program
+    orders = np.arange(start, last, -1, dtype=x.dtype) + half
     ratio, _ = jax.lax.scan(lambda r, n: (downward(r, n)[0], None), jnp.zeros_like(x), orders)
-    orders = jnp.arange(2, last + 1, dtype=x.dtype) + half
+    orders = np.arange(2, last + 1, dtype=x.dtype) + half
     return jax.lax.scan(downward, ratio, orders, reverse=True)[1]
 
 
@@ -220,7 +221,8 @@ def ratios(n_max: int, x: Array, half: float = 0.0) -> Array:
 def _sequence(n_max: int, x: Array, steps: Array) -> tuple[Array, Array]:
     """J_n / Delta_n and Delta_n Y_n; ``steps`` are delta_n, constants to differentiation."""
     x = jnp.where(x >= 0, x, jnp.nan)
-    return carried_upward(n_max, x, steps, (j0(x), j1(x), y0(x), y1(x)), ratios(n_max, x))
+    (j_0, y_0), (j_1, y_1) = both_kinds(0, x), both_kinds(1, x)
+    return carried_upward(n_max, x, steps, (j_0, j_1, y_0, y_1), ratios(n_max, x))
 
 
 def carried_upward(
@@ -243,7 +245,7 @@ def carried_upward(
     """
     cap = largest_value(x)
 
-    def upward(carry: tuple[Array, ...], item: tuple[Array, ...]):
+    def upward(carry: tuple[Array, ...], item: tuple[Array | np.ndarray, ...]):
         # Orders n - 2 and n - 1 come in; n - 2 goes to the result, n to the next step.
         j_before, j, y_before, y = carry
         n, ratio, step_before, step = item
@@ -256,7 +258,7 @@ def carried_upward(
     steps = jnp.concatenate([steps, jnp.ones((2, *steps.shape[1:]), steps.dtype)])
     j_0, j_1, y_0, y_1 = first
     start = j_0, j_1 / steps[1], jnp.maximum(y_0, -cap), jnp.maximum(y_1 * steps[1], -cap)
-    orders = jnp.arange(2, n_max + 3, dtype=x.dtype)
+    orders = np.arange(2, n_max + 3, dtype=x.dtype)
     return jax.lax.scan(upward, start, (orders, high, steps[1:-1], steps[2:]))[1]
 
 
@@ -273,6 +275,6 @@ def _(n_max: int, primals: tuple[Array, Array], tangents: tuple[Array, Array]):
     j_slope = (j_before - j[1:] * steps[1:]) / 2
     y_before = jnp.concatenate([-y[1:2] / steps[1], y[:-2] * steps[1:-1]])
     y = y[:-1]
-    orders = jnp.arange(n_max + 1, dtype=x.dtype).reshape(-1, *[1] * x.ndim)
+    orders = np.arange(n_max + 1, dtype=x.dtype).reshape(-1, *[1] * x.ndim)
     y_slope = jnp.where(y <= -largest_value(y), 0.0, y_before - orders / x * y)
     return (j[:-1], y), (j_slope * x_dot, y_slope * x_dot)

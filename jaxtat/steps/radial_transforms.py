@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..special import j0, y0
+from ..special import both_kinds
 from .quadrature import radial_quadrature
 
 
@@ -58,7 +58,7 @@ def delayed_transform(
     """
     nodes, weights = radial_quadrature(radii)
     argument = frequencies[:, None, None] * (nodes - delays[:, None])
-    kernels = jnp.stack([j0(argument), y0(argument)], axis=1)
+    kernels = jnp.stack(both_kinds(0, argument), axis=1)
     return jnp.sum((g @ weights.T) * kernels, axis=-1)
 
 
@@ -69,7 +69,7 @@ def radial_kernels(
     """k of G = Σ_i k_i g(z, r_i): J_0(lambda r) and Y_0(lambda r) with the quadrature's weights."""
     nodes, weights = radial_quadrature(radii)
     argument = frequencies[:, None] * nodes
-    return jnp.stack([j0(argument), y0(argument)], axis=1) @ weights
+    return jnp.stack(both_kinds(0, argument), axis=1) @ weights
 
 
 @jax.jit

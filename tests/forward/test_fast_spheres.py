@@ -162,12 +162,12 @@ def test_single_precision_vmap_and_a_low_pass(name):
     assert jnp.abs(rough - g).max() < 1e-5 * jnp.abs(g).max()
 
 
-def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(monkeypatch):
+def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(monkeypatch, forget_programs):
     curve, volume = CURVES["anywhere"], jnp.asarray(RNG.standard_normal((1, *GRID.shape)))
     sizes = sphere_sizes(curve, GRID)
     kept = sphere_integrals(curve, GRID, RADII, sizes)
     monkeypatch.setattr("jaxtat.forward.sphere_waves.KEPT", 0.0)
-    jax.clear_caches()  # the limit is read when a program is made
+    forget_programs()  # the limit is read when a program is made
     few_at_a_time = dataclasses.replace(sizes, together=5)
     anew = sphere_integrals(curve, GRID, RADII, few_at_a_time)
     assert (kept.kept, anew.kept) == (True, False)

@@ -121,7 +121,7 @@ def test_what_is_not_unknown_stays_as_it_is(exact):
     assert np.all(np.diff(found.stages.max_frequency) > 0)
 
 
-def test_derivatives_of_the_sound_speed_with_respect_to_data(exact, caplog):
+def test_derivatives_of_the_sound_speed_with_respect_to_data(exact, caplog, forget_programs):
     """Implicit ones, of the optimum that the steps end at; all stages share their program."""
     g = noisy(exact)
     direction = jax.random.normal(jax.random.key(5), g.shape)
@@ -130,6 +130,7 @@ def test_derivatives_of_the_sound_speed_with_respect_to_data(exact, caplog):
         changed = g + jnp.asarray(size) * 0.01 * direction
         return calibrate(COARSE, changed).parameters.sound_speed
 
+    forget_programs()
     with jax.log_compiles():
         jax.jvp(speed, (0.0,), (1.0,))
     said = [record.getMessage() for record in caplog.records]

@@ -56,7 +56,7 @@ def circular_harmonics_at(
 
 def twice(n_max: int) -> Float[Array, " orders"]:
     """eps_n: 1 for n = 0, else 2."""
-    return jnp.where(jnp.arange(n_max + 1) == 0, 1.0, 2.0)
+    return jnp.where(np.arange(n_max + 1) == 0, 1.0, 2.0)
 
 
 def wave_steps(
@@ -91,7 +91,7 @@ def disk_norms(
     """
     value, slope, _ = _radial(frequencies * radius, steps)
     norm = jnp.sqrt(jnp.pi * radius * (value**2 + slope**2))
-    first = jnp.arange(norm.shape[0]).reshape(-1, *[1] * frequencies.ndim) == 0
+    first = np.arange(norm.shape[0]).reshape(-1, *[1] * frequencies.ndim) == 0
     return jnp.stack([jnp.where(first, jnp.sqrt(2.0), 1.0) * norm, jnp.where(first, 0.0, norm)])
 
 
