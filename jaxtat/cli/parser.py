@@ -2,13 +2,12 @@
 
 import argparse
 
-from ..base.choice_table import CONSTRAINTS, IMAGE, METHOD, OPTIONS, PLAIN, RECORD, REGION
+from ..base.choice_table import CONSTRAINTS, IMAGE, METHOD, OPTIONS, PLAIN, RECORD, REGION, option_of
 from ..base.names import IMAGE_SUFFIXES
 from ..base.scanners import SCANNERS
 from ..base.units import MILLIMETRES
 from ..version import __version__
 from . import commands
-from .refusals import option_of
 
 _EXAMPLES = {
     "paper": """

@@ -80,6 +80,11 @@ class Live(eqx.Module):
     _waves: DecomposedWaves | None
     _ready: _Ready
 
+    @property
+    def radii(self) -> Float[Array, " radii"]:
+        """Of the integrals: the setup's, or as many that the record reaches at this speed."""
+        return _radii(self._pressure, self.setup, self.sound_speed)
+
     def __call__(self, frames: Any) -> Num[Array, "*batch x1 x2"]:
         """The images of frames (..., detectors, samples), of any real type.
 
@@ -300,15 +305,19 @@ def _axis(setup: Setup, densities: Densities) -> Array | None:
 def _samples(
     pressure: Pressure | None, setup: Setup, speed: float, dtype: np.dtype
 ) -> Float[Array, "rows samples"]:
-    """For integrals over the setup's radii, or as many that the record reaches at this speed."""
-    radii = setup.radii
-    if pressure is not None:
-        end = jnp.minimum(radii[-1], speed * pressure.times[-1])
-        try:
-            radii = setup.replace(radii=jnp.linspace(radii[0], end, len(radii))).radii
-        except ValueError as error:
-            raise ValueError(f"with sound_speed {speed:.6g} {error}") from error
+    radii = _radii(pressure, setup, speed)
     return samples_to_waves(pressure, radii, setup.frequencies, jnp.asarray(speed), dtype)
+
+
+def _radii(pressure: Pressure | None, setup: Setup, speed: float) -> Float[Array, " radii"]:
+    radii = setup.radii
+    if pressure is None:
+        return radii
+    end = jnp.minimum(radii[-1], speed * pressure.times[-1])
+    try:
+        return setup.replace(radii=jnp.linspace(radii[0], end, len(radii))).radii
+    except ValueError as error:
+        raise ValueError(f"with sound_speed {speed:.6g} {error}") from error
 
 
 def _waves_of(setup: Setup, dtype: np.dtype) -> DecomposedWaves | None:
