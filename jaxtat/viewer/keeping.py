@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..base.choice_table import CONSTRAINTS, OPTIONS, RECORD, option_of
+from ..base.units import ROUNDING
 from ..io.images import save_image
 from ..scans import Choices
-from ..scans.choosing import OF_FORMULA
+from ..scans.found import OF_FORMULA
 from .session import BACK_PROJECTION, Knobs, Session
 
 
@@ -70,9 +71,17 @@ def command_line(choices: Choices, facts: Mapping[str, Any], file: str = "FILE")
         words += _option("use", _slices(choices.channels))
     for choice in OPTIONS:
         if _is_said(choice.name, choice.group, choices):
-            value = getattr(choices, choice.name)
-            words += _option(choice.name, "none" if (choice.name, value) == ("band", None) else value)
+            words += _option(choice.name, _value(choice.name, choices))
     return shlex.join([*words, "--out", "image.png"])
+
+
+def _value(name: str, choices: Choices) -> Any:
+    """As an option has it."""
+    value = getattr(choices, name)
+    if name == "region_center":  # what rounding left of zero is zero
+        least = ROUNDING * choices.region_radius
+        return tuple(x if abs(x) > least else 0.0 for x in value)
+    return "none" if name == "band" and value is None else value
 
 
 def _is_said(name: str, group: str | None, choices: Choices) -> bool:
@@ -80,7 +89,8 @@ def _is_said(name: str, group: str | None, choices: Choices) -> bool:
         return choices.model != "none"
     if group == CONSTRAINTS or name in OF_FORMULA:
         return choices.model_based == (group == CONSTRAINTS)
-    return True
+    whole = choices.region_cut >= choices.region_radius
+    return not (whole and name in ("region_cut", "region_angle"))
 
 
 def _option(name: str, value: Any) -> list[str]:
@@ -94,8 +104,10 @@ def _option(name: str, value: Any) -> list[str]:
 
 
 def _word(value: Any) -> str:
-    """Numbers to the last bit, without an exponent, behind which a minus is no number's."""
-    return np.format_float_positional(value, trim="-") if isinstance(value, float) else str(value)
+    """Numbers to nine digits, without exponents: a minus before one is no number's to argparse."""
+    if not isinstance(value, float):
+        return str(value)
+    return np.format_float_positional(float(f"{value:.9g}"), trim="-")
 
 
 def _slices(rows: tuple[int, ...]) -> str:

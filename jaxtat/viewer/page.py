@@ -11,6 +11,7 @@ import numpy as np
 from bokeh.document import Document
 from bokeh.layouts import column, row
 from bokeh.models import (
+    BoxZoomTool,
     Button,
     ColorBar,
     ColumnDataSource,
@@ -18,7 +19,6 @@ from bokeh.models import (
     Div,
     HoverTool,
     LinearColorMapper,
-    PreText,
     RadioButtonGroup,
     RangeSlider,
     Select,
@@ -37,7 +37,7 @@ from .latest import Latest
 from .session import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED, Knobs, Session
 
 COLOURS = {"grey": Greys256, "viridis": Viridis256, "inferno": Inferno256}
-WIDTH = 400  # of the column of knobs [pixel]
+WIDTH, WHOLE = 400, 1080  # of the column of knobs, and of the page [pixel]
 
 
 class Page:
@@ -74,24 +74,26 @@ class Page:
         self.pixels = ColumnDataSource({"image": [np.zeros((1, 1), np.float32)]})
         self.colours = LinearColorMapper(COLOURS["grey"], low=0.0, high=1.0, nan_color="#00000000")
         unit = " [mm]" if self._session.choices.units.length else ""
+        low, size = self._extent()
         self.picture = figure(
-            width=680,
-            height=620,
-            match_aspect=True,
-            tools="pan,wheel_zoom,box_zoom,reset",
+            frame_width=540,
+            frame_height=540,
+            x_range=(low[0], low[0] + size[0]),
+            y_range=(low[1], low[1] + size[1]),
+            tools="pan,wheel_zoom,reset",
             active_scroll="wheel_zoom",
             x_axis_label=f"x₁{unit}",
             y_axis_label=f"x₂{unit}",
-            output_backend="canvas",
         )
         self.picture.toolbar.logo = None
         self.picture.grid.visible = False
         self.glyph = self.picture.image(
-            "image", x=0, y=0, dw=1, dh=1, source=self.pixels, color_mapper=self.colours
+            "image", source=self.pixels, color_mapper=self.colours, **self._place_of_image()
         )
         values = [("x₁, x₂", "$x{0.00}, $y{0.00}" + unit), ("f", "@image{%.4g}")]
         hover = HoverTool(tooltips=values, formatters={"@image": "printf"}, point_policy="none")
-        self.picture.add_tools(hover, CrosshairTool(line_alpha=0.3))
+        zoom = BoxZoomTool(match_aspect=True)
+        self.picture.add_tools(zoom, hover, CrosshairTool(line_alpha=0.3))
         self.picture.add_layout(ColorBar(color_mapper=self.colours, width=14), "right")
 
     def _make_knobs(self) -> None:
@@ -109,13 +111,15 @@ class Page:
         low, high = (self.scale * speed for speed in session.speeds())
         speed = self.scale * start.sound_speed
         self.speed = Slider(start=low, end=high, value=speed, step=(high - low) / 400)
+        of_speed = " [m/s]" if session.choices.units.time else ""
+        self.speed.update(
+            title=f"speed of sound{of_speed}", format="0.[000]" if of_speed else "0.000"
+        )
         self.speed.visible = session.scan.kind == "pressure"
         power = math.log10(start.alpha)
         self.alpha = Slider(
             start=min(-6.0, math.floor(power)), end=max(0.0, power), value=power, step=0.05
         )
-        for slider in (self.frame, self.speed, self.alpha):
-            slider.show_value = False  # the title has it, with its unit
         self.low_pass = RadioButtonGroup(
             labels=list(LOW_PASSES), active=LOW_PASSES.index(start.low_pass)
         )
@@ -153,17 +157,18 @@ class Page:
         about = f"{frames}{scan.n_detectors} detectors, {scan.n_samples} samples"
         self.title = Div(text=f"<b style='font-size:1.3em'>{escape(name)}</b><br>{about}")
         self.levels = RangeSlider(
-            title="darkest and brightest [percentile]", start=0, end=100, value=(0.2, 99.8), step=0.1
+            title="darkest and brightest [percentile]",
+            start=0,
+            end=100,
+            value=(0.2, 99.8),
+            step=0.1,
         )
         self.hold = Toggle(label="hold levels")
         self.palette = Select(options=list(COLOURS), value="grey", width=110)
         self.keep_picture = Button(label="Keep picture (.png)")
         self.keep_choices = Button(label="Keep all choices (.h5)")
         self.status = Div(text="computing ...", width=WIDTH, height=50)
-        self.command = PreText(
-            width=1080, styles={"white-space": "pre-wrap", "overflow-wrap": "anywhere"}
-        )
-        self.table = Div(width=1080)
+        self.command, self.table = Div(width=WHOLE), Div(width=WHOLE)
 
     def _place(self) -> None:
         knobs = column(
@@ -187,6 +192,18 @@ class Page:
         below = Div(text="<b>The same by a command</b>"), self.command, self.table
         self._document.add_root(column(row(self.picture, knobs, spacing=20), *below, margin=10))
 
+    def _extent(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower left corner and size of the image, in the unit of the axes."""
+        grid, scale = self._session.choices.grid, self._lengths[0]
+        low, high, step = (
+            np.asarray(x) for x in (grid.points[0, 0], grid.points[-1, -1], grid.spacing)
+        )
+        return scale * (low - step / 2), scale * (high - low + step)
+
+    def _place_of_image(self) -> dict[str, float]:
+        low, size = self._extent()
+        return dict(zip(("x", "y", "dw", "dh"), map(float, (*low, *size)), strict=True))
+
     @property
     def _lengths(self) -> tuple[float, str]:
         """Millimetres of a length of 1, and how the unit is shown."""
@@ -196,20 +213,22 @@ class Page:
     # what turns what
 
     def _follow(self) -> None:
-        for slider in (self.frame, self.speed, self.alpha):
-            slider.on_change("value", self._turned)
-        self.frame.on_change("value_throttled", lambda *_: self._ask_for_curve())
-        self.alpha.on_change("value_throttled", lambda *_: self._ask_for_curve())
-        self.low_pass.on_change("active", self._turned)
-        self.method.on_change("active", self._turned)
-        self.wavelength.on_change("value", self._take_wavelength)
+        for knob, its in (
+            (self.frame, "value"),
+            (self.speed, "value"),
+            (self.alpha, "value"),
+            (self.low_pass, "active"),
+            (self.method, "active"),
+        ):
+            _on_change(knob, its, self._turned)
+        for slider in (self.frame, self.alpha):  # when it is let go
+            _on_change(slider, "value_throttled", self._ask_for_curve)
+        _on_change(self.wavelength, "value", self._take_wavelength)
+        _on_change(self.levels, "value", self._take_levels)
+        _on_change(self.hold, "active", self._take_levels)
+        _on_change(self.palette, "value", self._take_palette)
         self.fit.on_click(self._look)
         self.move.on_click(self._take_region)
-        for widget in (self.levels, self.hold):
-            widget.on_change(
-                "value" if widget is self.levels else "active", lambda *_: self._take_levels()
-            )
-        self.palette.on_change("value", self._take_palette)
         self.keep_picture.on_click(lambda: self._keep(".png"))
         self.keep_choices.on_click(lambda: self._keep(".h5"))
 
@@ -226,7 +245,7 @@ class Page:
             METHODS[self.method.active or 0],
         )
 
-    def _turned(self, *_: Any) -> None:
+    def _turned(self) -> None:
         self.at_speed.location = self.speed.value
         method = METHODS[self.method.active or 0]
         self.fit.visible = method == MODEL_BASED
@@ -266,26 +285,23 @@ class Page:
             self._take_session(seen.session)
         self._show_image(seen.image)
         self.status.text = f"image in {1e3 * seen.seconds:.0f} ms"
-        self.command.text = seen.command
+        self.command.text = f"<code>{escape(seen.command)}</code>"
         if seen.rows is not None:
             self.table.text = _as_table(seen.rows)
         self._document.unhold()
 
     def _show_image(self, image: np.ndarray) -> None:
-        self._image, grid = image, self._session.choices.grid
-        scale = self._lengths[0]
-        half = scale * np.asarray(grid.spacing) / 2
-        low = scale * np.asarray(grid.points[0, 0]) - half
-        size = scale * np.asarray(grid.points[-1, -1]) + half - low
-        placed = dict(zip(("x", "y", "dw", "dh"), map(float, (*low, *size)), strict=True))
-        if any(getattr(self.glyph.glyph, name) != value for name, value in placed.items()):
-            self.glyph.glyph.update(**placed)
+        self._image = image
         self.pixels.data = {"image": [np.ascontiguousarray(image.T, np.float32)]}
         self._take_levels()
 
     def _take_session(self, session: Session) -> None:
         """Of another region."""
         self._session = session
+        self.glyph.glyph.update(**self._place_of_image())
+        low, size = self._extent()
+        self.picture.x_range.update(start=low[0], end=low[0] + size[0])
+        self.picture.y_range.update(start=low[1], end=low[1] + size[1])
         scale = self._lengths[0]
         values = session.choices.region_radius, *session.choices.region_center
         for spinner, value in zip(self.region, values, strict=True):
@@ -298,12 +314,13 @@ class Page:
         low, high = np.nanpercentile(self._image, self.levels.value)
         self.colours.update(low=float(low), high=float(high) if high > low else float(low) + 1.0)
 
-    def _take_palette(self, _: str, __: str, name: str) -> None:
-        self.colours.palette = COLOURS[name]
+    def _take_palette(self) -> None:
+        self.colours.palette = COLOURS[self.palette.value]
 
-    def _take_wavelength(self, _: str, __: str, name: str) -> None:
+    def _take_wavelength(self) -> None:
         """The nearest frame of that wavelength."""
         assert self.wavelengths is not None
+        name = self.wavelength.value
         alike = np.flatnonzero([f"{wavelength:g}" == name for wavelength in self.wavelengths])
         nearest = int(alike[np.argmin(np.abs(alike - self.frame.value))])
         if nearest != self.frame.value:
@@ -346,12 +363,13 @@ class Page:
     # in words
 
     def _name_knobs(self) -> None:
-        """Values with their units, above the sliders."""
-        knobs, units = self.knobs, self._session.choices.units
-        self.speed.title = f"speed of sound: {units.of_speed(knobs.sound_speed)}"
-        self.alpha.title = f"alpha: {knobs.alpha:.2g}"
-        of_it = "" if self.wavelengths is None else f", {self.wavelengths[knobs.frame]:g} nm"
-        self.frame.title = f"frame: {self._session.frame_number(knobs.frame)}{of_it}"
+        """What their sliders do not tell by themselves."""
+        knobs = self.knobs
+        self.alpha.title = f"alpha {knobs.alpha:.2g}, its power of ten"
+        number = self._session.frame_number(knobs.frame)
+        in_file = "" if number == knobs.frame else f" ({number} in the file)"
+        of_it = "" if self.wavelengths is None else f" ({self.wavelengths[knobs.frame]:g} nm)"
+        self.frame.title = f"frame{in_file}{of_it}"
 
     # threads
 
@@ -371,6 +389,10 @@ class _Seen(NamedTuple):
     command: str
     rows: list[tuple[str, str, str]] | None  # of choices
     seconds: float
+
+
+def _on_change(widget: Any, its: str, do: Callable[[], Any]) -> None:
+    widget.on_change(its, lambda attr, old, new: do())
 
 
 def _as_table(rows: list[tuple[str, str, str]]) -> str:

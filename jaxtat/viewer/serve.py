@@ -2,9 +2,7 @@
 
 import asyncio
 import secrets
-import sys
 import threading
-import webbrowser
 from collections.abc import Mapping
 from html import escape
 from pathlib import Path
@@ -24,10 +22,9 @@ _POLICY = (
     "default-src 'self'; connect-src 'self' ws://{origin}; img-src 'self' data: blob:; "
     "script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'"
 )
-_TEMPLATE = """
-{{% extends base %}}
-{{% block preamble %}}<meta http-equiv="Content-Security-Policy" content="{policy}">{{% endblock %}}
-"""
+_TEMPLATE = """{{% block preamble %}}
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+{{% endblock %}}"""
 
 
 class Viewer:
@@ -164,9 +161,3 @@ def view(
         session = Session(scan, choices, facts)
         session.image(session.start)  # compiled before the first page is opened
     return Viewer(session, source.name if source else "scan", source, Path(folder), port)
-
-
-def show(viewer: Viewer) -> None:
-    """Open the page in the user's browser."""
-    if not webbrowser.open(viewer.address):
-        print("open this address in a browser", file=sys.stderr)

@@ -129,8 +129,11 @@ class Session:
         sharpness_at = sharpness_by_speed(self.scan, choices, frame)
         if sharpness_at is None:
             return None
-        speeds = np.linspace(low, high, len(SPEEDS))
-        values = sharpness_at(speeds / choices.sound_speed)
+        speeds = np.linspace(low, high, 3 * len(SPEEDS))
+        parts = np.split(
+            speeds / choices.sound_speed, 3
+        )  # as many at once as where speeds are estimated
+        values = np.concatenate([sharpness_at(part) for part in parts])
         return speeds, values / values.max()
 
     def with_region(self, radius: float, center: tuple[float, float], knobs: Knobs) -> "Session":
@@ -202,6 +205,10 @@ class Session:
 
     def _back_projected(self, knobs: Knobs) -> Any:
         choices, setup = self._turned(knobs), self._live.setup.replace(radii=self._live.radii)
+        if choices.band is not None:  # two derivatives: no more than the other images hold
+            low, high = choices.band
+            highest = choices.sound_speed * choices.max_frequency / (2 * np.pi)
+            choices = replace(choices, band=(low, min(high, highest)))
         g = integrals(self.scan, choices, setup, self._read(knobs.frame))
         middle = fit_circle(setup.curve.points).center
         return universal_back_projection(g, setup.radii, setup.curve, setup.grid, middle)
