@@ -8,7 +8,6 @@ from typing import Any
 
 import jax
 
-
 Work = Callable[[], Any]
 Show = Callable[[Any, str], Any]  # of a result, or of an error in words
 

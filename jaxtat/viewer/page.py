@@ -140,6 +140,7 @@ class Page:
             width=WIDTH,
             height=120,
             x_range=(low, high),
+            y_range=(0, 1.05),
             tools="",
             toolbar_location=None,
             title="sharpness of the image",

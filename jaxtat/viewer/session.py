@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..base.choice_table import IMAGE, METHOD, OPTIONS, PLAIN, RECORD
+from ..base.choice_table import METHOD, OPTIONS, PLAIN, RECORD
 from ..geometry import fit_circle
 from ..io import Scan
 from ..scans import Choices, choose, integrals
