@@ -2,6 +2,7 @@
 
 import asyncio
 import secrets
+import socket
 import threading
 from collections.abc import Mapping
 from html import escape
@@ -88,14 +89,14 @@ class Viewer:
         from bokeh.server.tornado import BokehTornado
         from tornado.httpserver import HTTPServer
         from tornado.ioloop import IOLoop
-        from tornado.netutil import bind_sockets
 
         try:
-            sockets = bind_sockets(port, HOST)
+            listening = socket.create_server((HOST, port))
         except OSError as error:
             self._error = error
             return
-        origin = f"{HOST}:{sockets[0].getsockname()[1]}"
+        listening.setblocking(False)
+        origin = f"{HOST}:{listening.getsockname()[1]}"
         path = f"/{secrets.token_urlsafe(24)}"
         application = BokehTornado(
             {path: lambda document: self._fill(document, origin)},
@@ -104,7 +105,7 @@ class Viewer:
             redirect_root=False,
         )
         http = HTTPServer(application)
-        http.add_sockets(sockets)
+        http.add_socket(listening)
         server = BaseServer(IOLoop.current(), application, http)
         server.start()
         self.address = f"http://{origin}{path}"

@@ -13,8 +13,7 @@ from jaxtat.cli import main
 from jaxtat.io import Scan, load_scan
 from jaxtat.io.frames import LazyFrames
 from jaxtat.scans import choose, reconstruct, with_facts
-from jaxtat.viewer import Knobs, Session, command_line
-from jaxtat.viewer.keeping import keep
+from jaxtat.viewer import Knobs, Session, command_line, keep
 
 
 @pytest.fixture(scope="module")
