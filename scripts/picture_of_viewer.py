@@ -4,6 +4,7 @@ It takes chromium and chromedriver on the path, and the public scan, as `jaxtat.
 """
 
 import io
+import shutil
 import tempfile
 import time
 from pathlib import Path
@@ -33,8 +34,9 @@ def main() -> None:
     scan = load_scan(source)
     choices = jaxtat.scans.choose(scan, pixels=257, sound_speed=1477.0)
     viewer = jaxtat.view(scan, choices, source=source.name)
+    driver = webdriver.ChromeService(shutil.which("chromedriver"))  # else Selenium looks for one
     with tempfile.TemporaryDirectory() as folder:
-        browser = webdriver.Chrome(options_in(folder))
+        browser = webdriver.Chrome(options_in(folder), driver)
         browser.get(viewer.address)
         end = time.monotonic() + SECONDS
         while not browser.execute_script(CURVE) and time.monotonic() < end:
@@ -43,7 +45,7 @@ def main() -> None:
         page = Image.open(io.BytesIO(browser.get_screenshot_as_png()))
         browser.quit()
     viewer.close()
-    page.convert("RGB").quantize(64, method=Image.Quantize.MEDIANCUT).save(OUT, optimize=True)
+    page.convert("RGB").quantize(256, method=Image.Quantize.MEDIANCUT).save(OUT, optimize=True)
     print(f"{OUT.name}: {OUT.stat().st_size // 1024} kB")
 
 

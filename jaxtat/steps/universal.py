@@ -68,4 +68,4 @@ def universal_back_projection(
 
 
 def _derivative(values: Array, step: Array) -> Array:
-    return jnp.gradient(values, axis=-1) / step
+    return jnp.asarray(jnp.gradient(values, axis=-1)) / step

@@ -20,11 +20,13 @@ from bokeh.models import (
     HoverTool,
     LinearColorMapper,
     RadioButtonGroup,
+    Range1d,
     RangeSlider,
     Select,
     Slider,
     Span,
     Spinner,
+    Title,
     Toggle,
 )
 from bokeh.palettes import Greys256, Inferno256, Viridis256
@@ -78,8 +80,8 @@ class Page:
         self.picture = figure(
             frame_width=540,
             frame_height=540,
-            x_range=(low[0], low[0] + size[0]),
-            y_range=(low[1], low[1] + size[1]),
+            x_range=Range1d(low[0], low[0] + size[0]),
+            y_range=Range1d(low[1], low[1] + size[1]),
             tools="pan,wheel_zoom,reset",
             active_scroll="wheel_zoom",
             x_axis_label=f"x₁{unit}",
@@ -87,7 +89,7 @@ class Page:
         )
         self.picture.toolbar.logo = None
         self.picture.grid.visible = False
-        self.glyph = self.picture.image(
+        self.glyph = self.picture.image(  # pyright: ignore[reportCallIssue]
             "image", source=self.pixels, color_mapper=self.colours, **self._place_of_image()
         )
         values = [("x₁, x₂", "$x{0.00}, $y{0.00}" + unit), ("f", "@image{%.4g}")]
@@ -103,7 +105,7 @@ class Page:
         of_frames = session.scan.known.get("wavelengths")
         self.wavelengths = None if n == 1 or of_frames is None else np.asarray(of_frames)
         shown = [] if self.wavelengths is None else np.unique(self.wavelengths)
-        names = [f"{wavelength:g}" for wavelength in shown]
+        names: list[str | None] = [f"{wavelength:g}" for wavelength in shown]
         self.wavelength = Select(title="wavelength [nm]", options=names, visible=len(names) > 1)
         self.method = RadioButtonGroup(labels=list(METHODS), active=0)
         self.fit = Button(label="Fit", button_type="primary", visible=False)
@@ -139,15 +141,15 @@ class Page:
         self.curve_plot = figure(
             width=WIDTH,
             height=120,
-            x_range=(low, high),
-            y_range=(0, 1.05),
+            x_range=Range1d(low, high),
+            y_range=Range1d(0, 1.05),
             tools="",
             toolbar_location=None,
-            title="sharpness of the image",
             visible=False,
         )
         self.curve_plot.yaxis.visible = False
-        self.curve_plot.title.text_font_style = "normal"
+        title = Title(text="sharpness of the image", text_font_style="normal")
+        self.curve_plot.add_layout(title, "above")
         self.curve_plot.line("speed", "sharpness", source=self.curve, line_width=2)
         self.at_speed = Span(location=self.speed.value, dimension="height", line_color="#c0392b")
         self.curve_plot.add_layout(self.at_speed)
@@ -286,7 +288,7 @@ class Page:
             self._take_session(seen.session)
         self._show_image(seen.image)
         self.status.text = f"image in {1e3 * seen.seconds:.0f} ms"
-        self.command.text = f"<code>{escape(seen.command)}</code>"
+        self.command.text = _as_code(seen.command)
         if seen.rows is not None:
             self.table.text = _as_table(seen.rows)
         self._document.unhold()
@@ -330,7 +332,7 @@ class Page:
 
     def _take_region(self) -> None:
         scale, knobs, session = self._lengths[0], self.knobs, self._session
-        radius, *center = (float(spinner.value) / scale for spinner in self.region)
+        radius, *center = (float(spinner.value or 0.0) / scale for spinner in self.region)
 
         def work() -> _Seen:
             return self._seen(session.with_region(radius, (center[0], center[1]), knobs), knobs)
@@ -348,6 +350,8 @@ class Page:
             return
         speeds, sharpness = found
         self.curve.data = {"speed": self.scale * speeds, "sharpness": sharpness}
+        least = float(sharpness.min())
+        self.curve_plot.y_range.update(start=least - 0.05 * (1 - least), end=1 + 0.1 * (1 - least))
         self.curve_plot.visible = True
 
     def _keep(self, suffix: str) -> None:
@@ -394,6 +398,12 @@ class _Seen(NamedTuple):
 
 def _on_change(widget: Any, its: str, do: Callable[[], Any]) -> None:
     widget.on_change(its, lambda attr, old, new: do())
+
+
+def _as_code(command: str) -> str:
+    """Lines end between words only, not at a hyphen."""
+    words = (f"<span style='white-space: nowrap'>{escape(word)}</span>" for word in command.split())
+    return f"<code>{' '.join(words)}</code>"
 
 
 def _as_table(rows: list[tuple[str, str, str]]) -> str:
