@@ -80,8 +80,8 @@ class Page:
         self.picture = figure(
             frame_width=540,
             frame_height=540,
-            x_range=Range1d(low[0], low[0] + size[0]),
-            y_range=Range1d(low[1], low[1] + size[1]),
+            x_range=Range1d(start=low[0], end=low[0] + size[0]),
+            y_range=Range1d(start=low[1], end=low[1] + size[1]),
             tools="pan,wheel_zoom,reset",
             active_scroll="wheel_zoom",
             x_axis_label=f"x₁{unit}",
@@ -89,8 +89,11 @@ class Page:
         )
         self.picture.toolbar.logo = None
         self.picture.grid.visible = False
-        self.glyph = self.picture.image(  # pyright: ignore[reportCallIssue]
-            "image", source=self.pixels, color_mapper=self.colours, **self._place_of_image()
+        self.glyph = self.picture.image(
+            "image",
+            source=self.pixels,
+            color_mapper=self.colours,  # pyright: ignore[reportCallIssue]
+            **self._place_of_image(),
         )
         values = [("x₁, x₂", "$x{0.00}, $y{0.00}" + unit), ("f", "@image{%.4g}")]
         hover = HoverTool(tooltips=values, formatters={"@image": "printf"}, point_policy="none")
@@ -141,8 +144,8 @@ class Page:
         self.curve_plot = figure(
             width=WIDTH,
             height=120,
-            x_range=Range1d(low, high),
-            y_range=Range1d(0, 1.05),
+            x_range=Range1d(start=low, end=high),
+            y_range=Range1d(start=0, end=1),
             tools="",
             toolbar_location=None,
             visible=False,
