@@ -134,7 +134,7 @@ def test_the_page_opens_with_the_image_and_asks_nobody_else(viewer, browser, ses
     assert relative(image, np.nan_to_num(session.image(session.start))) < 1e-6
     text = " ".join(texts)
     assert "scan.h5" in text and "6 frames of 90 detectors" in text
-    assert "given" in text and "jaxtat reconstruct" in text
+    assert "given" in text and "--region-radius" in text
     origin = viewer.address.rpartition("/")[0]
     asked = []
     for entry in browser.get_log("performance"):
