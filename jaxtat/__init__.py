@@ -71,6 +71,7 @@ __all__ = [
     "spherical",
     "studies",
     "union_of_regions",
+    "view",
 ]
 
 

@@ -58,3 +58,4 @@ from .reporting import report
 from .scans import reconstruct_file
 from .steps import AccuracyWarning, cosine_filter
 from .streams import live
+from .viewer import view

@@ -242,6 +242,11 @@ OF_CONSTRAINTS = tuple(choice.name for choice in CHOICES if choice.group == CONS
 OF_REGION = tuple(choice.name for choice in CHOICES if choice.group in (REGION, IMAGE))
 
 
+def option_of(name: str) -> str:
+    """--sound-speed for sound_speed."""
+    return f"--{name.replace('_', '-')}"
+
+
 def require_pixels(pixels: Any, name: str = "pixels") -> None:
     """Raise ValueError for fewer than 4 pixels, or a number that is not whole; None is fine."""
     if pixels is not None and (pixels != int(pixels) or pixels < 4):

@@ -65,9 +65,13 @@ class Units(NamedTuple):
 
     def of_speed(self, speed: float) -> str:
         """A speed in metres per second."""
+        return _with(f"{self.metres_per_second * speed:.6g}", self.length and self.time, "m/s")
+
+    @property
+    def metres_per_second(self) -> float:
+        """What a speed of 1 is; 1 where the units are not known."""
         both = self.length and self.time
-        scale = 1e3 * millimetres(self.length) / self._microseconds if both else 1.0
-        return _with(f"{scale * speed:.6g}", both, "m/s")
+        return 1e3 * millimetres(self.length) / self._microseconds if both else 1.0
 
     def of_band(self, low: float, high: float) -> str:
         """Frequencies in megahertz."""

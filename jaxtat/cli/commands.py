@@ -3,6 +3,7 @@
 import argparse
 import sys
 import time
+import webbrowser
 from pathlib import Path
 
 from .refusals import wants_plan
@@ -111,6 +112,33 @@ def stream(options: argparse.Namespace) -> None:
     _report(options, str(found), start)
     if found.ended not in ("", "interrupted"):
         raise ValueError(found.ended)
+
+
+def view(options: argparse.Namespace) -> None:
+    """``jaxtat view``."""
+    from ..base.optional_packages import optional
+    from ..viewer import PIXELS
+    from ..viewer import view as view_scan
+    from .inputs import FACTS, changed
+
+    start = time.perf_counter()
+    optional("bokeh", "jaxtat view", "view")
+    if wants_plan(options):
+        raise ValueError("jaxtat view turns alpha, which a plan does not have: leave out --K.")
+    if options.pixels is None and not options.repeat:
+        options = changed(options, pixels=PIXELS)
+    scan, choices, _, options = _asked(options, start)
+    facts = {name: getattr(options, name, None) for name in FACTS if name != "frames"}
+    viewer = view_scan(
+        scan, choices, facts=facts, source=options.file, folder=options.folder, port=options.port
+    )
+    print(f"{viewer.address}\nuntil Ctrl-C; the address is for you alone", flush=True)
+    if not options.no_browser:
+        webbrowser.open(viewer.address)
+    try:
+        viewer.wait()
+    except KeyboardInterrupt:
+        viewer.close()
 
 
 def sample(options: argparse.Namespace) -> None:

@@ -2,13 +2,21 @@
 
 import argparse
 
-from ..base.choice_table import CONSTRAINTS, IMAGE, METHOD, OPTIONS, PLAIN, RECORD, REGION
+from ..base.choice_table import (
+    CONSTRAINTS,
+    IMAGE,
+    METHOD,
+    OPTIONS,
+    PLAIN,
+    RECORD,
+    REGION,
+    option_of,
+)
 from ..base.names import IMAGE_SUFFIXES
 from ..base.scanners import SCANNERS
 from ..base.units import MILLIMETRES
 from ..version import __version__
 from . import commands
-from .refusals import option_of
 
 _EXAMPLES = {
     "paper": """
@@ -46,6 +54,10 @@ _EXAMPLES = {
   acquisition | jaxtat stream scan.hdf5 --drop --out images.h5
       raw counts from a pipe into a file that can be read meanwhile
 """,
+    "view": """
+  jaxtat view scan.hdf5
+      the image in your browser, with knobs for speed of sound, alpha, frame and others
+""",
     "sample": """
   jaxtat sample scan.npz
       write a small simulated scan; `jaxtat reconstruct scan.npz --out scan.png` shows it
@@ -68,6 +80,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_info(subparsers)
     _add_report(subparsers)
     _add_stream(subparsers)
+    _add_view(subparsers)
     _add_sample(subparsers)
     return parser
 
@@ -131,12 +144,16 @@ def _add_reconstruct(subparsers) -> None:
 
 
 def _add_unit_and_plan(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--plan", metavar="FILE", help="use this plan instead of building one")
+    _add_repeat_and_unit(parser)
+
+
+def _add_repeat_and_unit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--length-unit",
         choices=MILLIMETRES,
         help="of positions, radii and pixels: pictures and files are in millimetres then",
     )
-    parser.add_argument("--plan", metavar="FILE", help="use this plan instead of building one")
     parser.add_argument(
         "--repeat", metavar="IMAGE", help="choose what was chosen for this .h5 image"
     )
@@ -202,6 +219,29 @@ def _add_stream(subparsers) -> None:
         "--format", choices=("npy", "png"), default="npy", help="of files in a folder"
     )
     _add_unit_and_plan(parser)
+    _add_choices(parser)
+
+
+def _add_view(subparsers) -> None:
+    parser = _command(
+        subparsers,
+        "view",
+        commands.view,
+        "A scan in the browser, with knobs to turn, until Ctrl-C.",
+    )
+    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    parser.add_argument(
+        "--port", type=int, default=0, metavar="N", help="of 127.0.0.1 (default: any that is free)"
+    )
+    parser.add_argument(
+        "--no-browser", action="store_true", help="print the address, but do not open it"
+    )
+    parser.add_argument(
+        "--folder", default=".", metavar="DIR", help="for images that you keep (default: here)"
+    )
+    parser.add_argument("--frames", metavar="SLICES", help="frames to look at: 0:10 or 3:4,8:20:2")
+    _add_repeat_and_unit(parser)
+    parser.set_defaults(plan=None)
     _add_choices(parser)
 
 

@@ -12,6 +12,7 @@ from ..base.choice_table import (
     OPTIONS,
     POSITIVE,
     Choice,
+    option_of,
     require_pixels,
 )
 from ..base.messages import require_file
@@ -136,11 +137,6 @@ def _refuse(options: argparse.Namespace, names: tuple[str, ...], by: str, what: 
     for name in names:
         if is_given(options, name):
             raise ValueError(f"{option_of(name)} and --{by}: {what} has decided that.")
-
-
-def option_of(name: str) -> str:
-    """--sound-speed for sound_speed."""
-    return f"--{name.replace('_', '-')}"
 
 
 def _require_folder(cache: str) -> None:

@@ -137,6 +137,10 @@ class Choices(eqx.Module):
             return whole
         return keep_detectors(whole, ~np.isin(self.order, self.left_out))
 
+    def because(self, **reasons: str) -> "Choices":
+        """The same with other reasons, by name."""
+        return dataclasses.replace(self, reasons=tuple((dict(self.reasons) | reasons).items()))
+
     def rows(self) -> list[tuple[str, str, str]]:
         """What, how much, why."""
         reasons = dict(self.reasons)

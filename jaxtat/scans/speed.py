@@ -41,13 +41,39 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
     """
     if dict(choices.reasons).get("sound_speed") != TO_BE_ESTIMATED:
         return choices
+    sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
+    if sharpness_at is None:
+        return choices.because(sound_speed="water's: the record ends too early to tell another")
+    stretch, why = sharpest(sharpness_at)
+    stretched = replace(
+        choices,
+        sound_speed=choices.sound_speed * stretch,
+        first_radius=choices.first_radius * stretch,
+        radial_step=choices.radial_step * stretch,
+    )
+    return stretched.because(sound_speed=why)
+
+
+def sharpness_by_speed(
+    scan: Scan, choices: Choices, frame: np.ndarray
+) -> Callable[[np.ndarray], np.ndarray] | None:
+    """How sharp the images of a frame are by speed of sound, up to a factor.
+
+    Args:
+        scan, choices: in the plane; of pressure.
+        frame: (detectors, samples), rows as in the file.
+
+    Returns:
+        From speeds over that of the choices to c² ∫ |grad f|² dx, both (speeds,); None for a record
+        that ends before all sound from the region is heard.
+    """
     coarse = replace(
         choices, pixels=choices.pixels // 4 * 2 + 1, max_frequency=choices.max_frequency / 2
     )
     setup = setup_of(scan, coarse, n_groups=1)  # to solve once takes less time than to trace twice
     if not setup.complete:
-        return _believed(choices, "water's: the record ends too early to tell another")
-    g = integrals(scan, coarse, setup, typical_frame(scan))
+        return None
+    g = integrals(scan, coarse, setup, frame)
     *_, radii, sizes = where = plane_of(setup)
     basis = plane_basis(*where, "auto", jax.device_put(DEFAULT_TOLERANCE), None)
     rule = tikhonov_rule(coarse.alpha, sizes.n_frequencies)
@@ -58,20 +84,7 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
         fhat, _ = basis.fhat(_stretched(g, radii, stretches, sizes.frequencies), rule)
         return np.asarray(_sharpness(fhat, eta, stretches, sizes.frequencies))
 
-    stretch, why = sharpest(sharpness_at)
-    stretched = replace(
-        choices,
-        sound_speed=choices.sound_speed * stretch,
-        first_radius=choices.first_radius * stretch,
-        radial_step=choices.radial_step * stretch,
-    )
-    return _believed(stretched, why)
-
-
-def _believed(choices: Choices, why: str) -> Choices:
-    """The same, with another reason for the speed."""
-    reasons = tuple((n, why if n == "sound_speed" else old) for n, old in choices.reasons)
-    return replace(choices, reasons=reasons)
+    return sharpness_at
 
 
 def sharpest(sharpness_at: Callable[[np.ndarray], np.ndarray]) -> tuple[float, str]:

@@ -17,6 +17,7 @@ from .resolution import (
     require_problem,
     warn_of_detectors,
 )
+from .universal import universal_back_projection
 
 __all__ = [
     "UNSAMPLED",
@@ -38,5 +39,6 @@ __all__ = [
     "require_problem",
     "total_integrals",
     "trapezoid_weights",
+    "universal_back_projection",
     "warn_of_detectors",
 ]

@@ -75,10 +75,16 @@ class Live(eqx.Module):
     low_pass: Any = eqx.field(static=True)
     dtype: np.dtype = eqx.field(static=True)
     _rows: tuple[int, ...] | None = eqx.field(static=True)  # of the frame, None for all in order
+    _in_factors: bool = eqx.field(static=True)  # densities, for few frames of each setting
     _leveled: bool = eqx.field(static=True)  # whether offset and drift are taken off
     _pressure: Pressure | None
     _waves: DecomposedWaves | None
     _ready: _Ready
+
+    @property
+    def radii(self) -> Float[Array, " radii"]:
+        """Of the integrals: the setup's, or as many that the record reaches at this speed."""
+        return _radii(self._pressure, self.setup, self.sound_speed)
 
     def __call__(self, frames: Any) -> Num[Array, "*batch x1 x2"]:
         """The images of frames (..., detectors, samples), of any real type.
@@ -130,7 +136,7 @@ class Live(eqx.Module):
         if rule is not self.rule or region_center is not None:
             if self.rule is None:
                 raise ValueError("densities of a plan: its rule and geometry cannot be changed.")
-            densities = _densities(setup, waves, rule, self.dtype)
+            densities = _densities(setup, waves, rule, self.dtype, self._in_factors)
         low_pass = self.low_pass if low_pass is None else low_pass
         return dataclasses.replace(
             self,
@@ -175,6 +181,7 @@ def live(
     rule: Any = None,
     low_pass: Any = None,
     plan: ReconstructionPlan | None = None,
+    few_frames: bool = False,
     dtype: Any = np.float32,
 ) -> Live:
     """A function from raw frames to images, made once and fast: for streams and for sliders.
@@ -191,6 +198,7 @@ def live(
             scan's is in its choices.
         low_pass: for a setup, as in `reconstruct`.
         plan: for its densities in place of a rule.
+        few_frames: of each setting, as with sliders: another rule takes less time, an image more.
         dtype: float32, or float64 at half the speed.
 
     Returns:
@@ -232,7 +240,7 @@ def live(
     if plan is None:
         used = _rule_of(rule, setup)
         waves = _waves_of(setup, dtype)
-        densities = _densities(setup, waves, used, dtype)
+        densities = _densities(setup, waves, used, dtype, few_frames)
     else:
         densities = _in_precision(plan.densities, dtype)
     samples = _samples(pressure, setup, speed, dtype)
@@ -244,6 +252,7 @@ def live(
         low_pass=low_pass,
         dtype=dtype,
         _rows=rows,
+        _in_factors=few_frames,
         _leveled=leveled,
         _pressure=pressure,
         _waves=waves,
@@ -301,15 +310,19 @@ def _axis(setup: Setup, densities: Densities) -> Array | None:
 def _samples(
     pressure: Pressure | None, setup: Setup, speed: float, dtype: np.dtype
 ) -> Float[Array, "rows samples"]:
-    """For integrals over the setup's radii, or as many that the record reaches at this speed."""
-    radii = setup.radii
-    if pressure is not None:
-        end = jnp.minimum(radii[-1], speed * pressure.times[-1])
-        try:
-            radii = setup.replace(radii=jnp.linspace(radii[0], end, len(radii))).radii
-        except ValueError as error:
-            raise ValueError(f"with sound_speed {speed:.6g} {error}") from error
+    radii = _radii(pressure, setup, speed)
     return samples_to_waves(pressure, radii, setup.frequencies, jnp.asarray(speed), dtype)
+
+
+def _radii(pressure: Pressure | None, setup: Setup, speed: float) -> Float[Array, " radii"]:
+    radii = setup.radii
+    if pressure is None:
+        return radii
+    end = jnp.minimum(radii[-1], speed * pressure.times[-1])
+    try:
+        return setup.replace(radii=jnp.linspace(radii[0], end, len(radii))).radii
+    except ValueError as error:
+        raise ValueError(f"with sound_speed {speed:.6g} {error}") from error
 
 
 def _waves_of(setup: Setup, dtype: np.dtype) -> DecomposedWaves | None:
@@ -322,11 +335,11 @@ def _waves_of(setup: Setup, dtype: np.dtype) -> DecomposedWaves | None:
 
 
 def _densities(
-    setup: Setup, waves: DecomposedWaves | None, rule: Any, dtype: np.dtype
+    setup: Setup, waves: DecomposedWaves | None, rule: Any, dtype: np.dtype, in_factors: bool
 ) -> Densities:
     if waves is None:
         return _in_precision(build_plan(setup, rule, method="collocation").densities, dtype)
-    return tikhonov_densities(waves, rule)
+    return tikhonov_densities(waves, rule, in_factors=in_factors)
 
 
 def _in_precision(densities: Densities, dtype: np.dtype) -> Densities:

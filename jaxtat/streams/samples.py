@@ -68,5 +68,5 @@ def samples_to_waves(
     if pressure is None:
         return rows.astype(dtype)
     m = jnp.arange(pressure.coefficients.shape[0])
-    rows = rows @ integrals_of_cosines(m, pressure.times, radii, sound_speed, pressure.model)
-    return rows.astype(dtype) @ pressure.coefficients.astype(dtype)
+    integrals = integrals_of_cosines(m, pressure.times, radii, sound_speed, pressure.model)
+    return rows.astype(dtype) @ integrals.astype(dtype) @ pressure.coefficients.astype(dtype)

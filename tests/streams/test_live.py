@@ -51,6 +51,18 @@ def test_other_rules_and_filters(arc):
     assert relative(by_default(g), expected(arc, g, None)) < 1e-9
 
 
+def test_densities_in_factors_are_those_in_rows(arc):
+    g = data_of(arc)
+    rows = live(arc, rule=1e-3, dtype=np.float64)
+    few = live(arc, rule=1e-3, few_frames=True, dtype=np.float64)
+    assert relative(few(g), rows(g)) < 1e-12
+    few, rows = few.replace(rule=1e-5), rows.replace(rule=1e-5)
+    assert relative(few(g), rows(g)) < 1e-12
+    weights = arc.curve.weights
+    one, other = (of._ready.densities.of_frequency(4, weights) for of in (few, rows))
+    assert np.abs(one - other).max() < 1e-12 * np.abs(other).max()
+
+
 def test_another_center(arc):
     """A smaller disk moved within the circle that the data cover."""
     radii = jaxtat.data_radii(arc.curve, jaxtat.disk(0.9), 0.05)

@@ -40,6 +40,28 @@ from .waves import angular, circular_harmonics_at, minus_i_powers
 ROUNDING = 1e-11  # relative size of rows and components that are left out
 
 
+class Factors(eqx.Module):
+    """left diag(kept) right, which is applied without being formed: less work for few images."""
+
+    left: Float[Array, "*f blocks r k"]
+    kept: Float[Array, "*f blocks k"]
+    right: Float[Array, "*f blocks k columns"]
+
+    def __matmul__(self, columns: Array) -> Array:
+        return self.left @ (self.kept[..., None] * (self.right @ columns))
+
+    def formed(self) -> Float[Array, "*f blocks r columns"]:
+        return self.left @ (self.kept[..., None] * self.right)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (*self.left.shape[:-1], self.right.shape[-1])
+
+    @property
+    def dtype(self) -> np.dtype:
+        return self.left.dtype
+
+
 class DensityGroup(eqx.Module):
     """Rows of frequencies that have the same number of orders; one precision for all.
 
@@ -49,7 +71,7 @@ class DensityGroup(eqx.Module):
         extra: their factors (phi_j - min phi_j) p_j·u_xi / sigma_j.
     """
 
-    rows: Float[Array, "*f blocks r columns"]
+    rows: Float[Array, "*f blocks r columns"] | Factors
     extra_rows: Float[Array, "*f blocks extra columns"]
     extra: Complex[Array, "*f blocks extra directions"]
 
@@ -117,10 +139,11 @@ class HarmonicDensities(Densities):
         bounds = np.cumsum([0, *(group.rows.shape[0] for group in self.groups)])
         which = int(np.searchsorted(bounds, number, side="right")) - 1
         group = jax.tree.map(lambda leaf: leaf[number - bounds[which]], self.groups[which])
-        n_max = pairs(group.rows[..., 0]).shape[-1] - 1
+        rows = group.rows.formed() if isinstance(group.rows, Factors) else group.rows
+        n_max = pairs(rows[..., 0]).shape[-1] - 1
         waves = angular(n_max, self.angles) * minus_i_powers(n_max)[:, None]
-        waves = waves.reshape(*group.rows.shape[:2], -1)
-        folded = jnp.einsum("brc,brd->dbc", group.rows, waves)
+        waves = waves.reshape(*rows.shape[:2], -1)
+        folded = jnp.einsum("brc,brd->dbc", rows, waves)
         folded += jnp.einsum("bec,bed->dbc", group.extra_rows, group.extra)
         found = unfold(jnp.moveaxis(folded, 0, -1), weights, self.mirror)
         return found * self.phases[number][:, None, None] / weights

@@ -8,6 +8,8 @@ the rows of another alpha are one product of two matrices that are kept. `tikhon
 one image's data, with no decomposition.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -15,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ...regularization import RelativeTikhonov, Tikhonov, per_frequency
-from .densities import DensityGroup, HarmonicDensities, detector_columns, plane_scales
+from .densities import DensityGroup, Factors, HarmonicDensities, detector_columns, plane_scales
 from .polar import PolarGeometry
 from .table import WaveTable, alpha_unit, region_factor, wave_table
 from .tikhonov import product_of_blocks
@@ -81,14 +83,20 @@ def decomposed_waves(
 
 
 def tikhonov_densities(
-    waves: DecomposedWaves, rule: Tikhonov | RelativeTikhonov
+    waves: DecomposedWaves, rule: Tikhonov | RelativeTikhonov, *, in_factors: bool = False
 ) -> HarmonicDensities:
-    """The densities of all plane waves by a rule, a number or one for each frequency."""
+    """The densities of all plane waves by a rule, a number or one for each frequency.
+
+    Args:
+        waves: of the geometry.
+        rule: gives alpha.
+        in_factors: leave out the product of matrices, for images so few that it takes longer.
+    """
     rules, start, groups = per_frequency(rule, waves.phases.shape[0]), 0, []
     for group in waves.groups:
         stop = start + len(group.unit)
         few = jax.tree.map(lambda leaf: leaf[start:stop], rules)  # noqa: B023
-        groups.append(_rows(group, few, waves.angles.shape[0]))
+        groups.append(_group(group, few, waves.angles.shape[0], in_factors))
         start = stop
     return HarmonicDensities(tuple(groups), waves.angles, waves.phases, waves.mirror)
 
@@ -124,18 +132,40 @@ def _decomposed(
     return jax.lax.map(at, jax.tree.map(lambda leaf: leaf[start:stop], table))
 
 
-@eqx.filter_jit
-def _rows(group: Decomposed, rules: Tikhonov | RelativeTikhonov, n_directions: int) -> DensityGroup:
-    def at(given: tuple[Decomposed, Tikhonov | RelativeTikhonov]) -> Array:
-        one, rule = given
-        alpha = rule.in_units_of(one.unit, one.frequencies).alpha
-        kept = 1 / (one.eigenvalues + alpha)
-        return product_of_blocks(one.left, kept[..., None].astype(one.right.dtype) * one.right)
-
-    rows = jax.lax.map(at, (group, rules))
+def _group(
+    group: Decomposed,
+    rules: Tikhonov | RelativeTikhonov,
+    n_directions: int,
+    in_factors: bool,
+) -> DensityGroup:
+    kept = _kept(group, rules)
+    # factors as they are: what goes through a compiled function is copied
+    rows = Factors(group.left, kept, group.right) if in_factors else _product(group, kept)
     none = (*rows.shape[:2], 0)
     return DensityGroup(
         rows,
         jnp.zeros((*none, rows.shape[-1]), rows.dtype),
         jnp.zeros((*none, n_directions), jnp.result_type(rows.dtype, jnp.complex64)),
     )
+
+
+@eqx.filter_jit
+def _kept(
+    group: Decomposed, rules: Tikhonov | RelativeTikhonov
+) -> Float[Array, "frequencies blocks k"]:
+    def at(unit: Array, frequency: Array, eigenvalues: Array, rule: Any) -> Array:
+        return 1 / (eigenvalues + rule.in_units_of(unit, frequency).alpha)
+
+    kept = jax.vmap(at)(group.unit, group.frequencies, group.eigenvalues, rules)
+    return kept.astype(group.right.dtype)
+
+
+@eqx.filter_jit
+def _product(
+    group: Decomposed, kept: Float[Array, "frequencies blocks k"]
+) -> Float[Array, "frequencies blocks r columns"]:
+    def at(factors: tuple[Array, Array, Array]) -> Array:
+        left, kept, right = factors
+        return product_of_blocks(left, kept[..., None] * right)
+
+    return jax.lax.map(at, (group.left, kept, group.right))

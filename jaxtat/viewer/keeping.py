@@ -1,0 +1,122 @@
+"""What is kept of an image: a picture, a file for ``--repeat``, and a command that makes it."""
+
+import shlex
+from collections.abc import Mapping
+from itertools import count, pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..base.choice_table import CONSTRAINTS, OPTIONS, RECORD, option_of
+from ..base.units import ROUNDING
+from ..io.images import save_image
+from ..scans import Choices
+from ..scans.found import OF_FORMULA
+from .session import BACK_PROJECTION, Knobs, Session
+
+
+def keep(session: Session, knobs: Knobs, folder: Path, suffix: str, source: Path | None) -> Path:
+    """Write the image to a new file in a folder.
+
+    Args:
+        session, knobs: which image.
+        folder: of the file, whose name is that of the scan, the frame's number, and one more.
+        suffix: ".png" for a picture; ".h5" keeps all choices, for ``--repeat``.
+        source: the scan's file, whose SHA-256 is kept too.
+
+    Returns:
+        The file's path.
+
+    Raises:
+        ValueError: for choices of back-projection, and where no file can be made.
+    """
+    if suffix == ".png" and knobs.method == BACK_PROJECTION:
+        settings: dict[str, Any] = {"method": BACK_PROJECTION}
+    else:
+        settings = session.choices_of(knobs).settings() | session.frame_facts(knobs.frame)
+    image, frames = np.where(session.inside, session.image(knobs), 0.0), None
+    if session.scan.data.ndim == 3:
+        wavelengths = session.scan.known.get("wavelengths")
+        number = session.frame_number(knobs.frame)
+        image, frames = image[None], [number if wavelengths is None else wavelengths[knobs.frame]]
+    path = _free(folder, f"{source.stem if source else 'scan'}-{knobs.frame}", suffix)
+    region, grid = session.choices.region, session.choices.grid
+    inputs = [source] if source else []
+    unit = session.choices.units.length
+    save_image(path, image, grid, region, settings, frames=frames, unit=unit, inputs=inputs)
+    return path
+
+
+def _free(folder: Path, name: str, suffix: str) -> Path:
+    """The first of the names that no file has."""
+    paths = (folder / f"{name}-{number}{suffix}" for number in count(1))
+    return next(path for path in paths if not path.exists())
+
+
+def command_line(choices: Choices, facts: Mapping[str, Any], file: str = "FILE") -> str:
+    """The command that makes an image by options alone.
+
+    The radii of the integrals are chosen by it again; with ``--repeat`` they are the same too.
+
+    Args:
+        choices: of the image.
+        facts: what else was said of the scan, by the names of options.
+        file: the scan's.
+    """
+    words = ["jaxtat", "reconstruct", file]
+    for name, value in facts.items():
+        words += _option(name, value)
+    if choices.left_out and not facts.get("use"):
+        words += _option("use", _slices(choices.channels))
+    for choice in OPTIONS:
+        if _is_said(choice.name, choice.group, choices):
+            words += _option(choice.name, _value(choice.name, choices))
+    return shlex.join([*words, "--out", "image.png"])
+
+
+def _value(name: str, choices: Choices) -> Any:
+    """As an option has it."""
+    value = getattr(choices, name)
+    if name == "region_center":  # what rounding left of zero is zero
+        least = ROUNDING * choices.region_radius
+        return tuple(x if abs(x) > least else 0.0 for x in value)
+    return "none" if name == "band" and value is None else value
+
+
+def _is_said(name: str, group: str | None, choices: Choices) -> bool:
+    if group == RECORD:
+        return choices.model != "none"
+    if group == CONSTRAINTS or name in OF_FORMULA:
+        return choices.model_based == (group == CONSTRAINTS)
+    whole = choices.region_cut >= choices.region_radius
+    return not (whole and name in ("region_cut", "region_angle"))
+
+
+def _option(name: str, value: Any) -> list[str]:
+    """Words of an option; none for what is not there."""
+    if value is None or value is False:
+        return []
+    if value is True:
+        return [option_of(name)]
+    values = value if isinstance(value, tuple | list) else [value]
+    return [option_of(name), *map(_word, values)]
+
+
+def _word(value: Any) -> str:
+    """Numbers to nine digits, without exponents: a minus before one is no number's to argparse."""
+    if not isinstance(value, float):
+        return str(value)
+    return np.format_float_positional(float(f"{value:.9g}"), trim="-")
+
+
+def _slices(rows: tuple[int, ...]) -> str:
+    """Rows in the words of ``--use``.
+
+    >>> _slices((6, 7, 0, 1, 3))
+    '0:2,3:4,6:8'
+    """
+    kept = sorted(rows)
+    ends = [k for k, (one, other) in enumerate(pairwise(kept)) if other != one + 1]
+    starts, stops = [0, *(k + 1 for k in ends)], [*ends, len(kept) - 1]
+    return ",".join(f"{kept[a]}:{kept[b] + 1}" for a, b in zip(starts, stops, strict=True))

@@ -1,0 +1,80 @@
+"""Work for a page in a thread of its own: of much that is wanted, the latest is done."""
+
+import sys
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import jax
+
+Work = Callable[[], Any]
+Show = Callable[[Any, str], Any]  # of a result, or of an error in words
+
+
+class Latest:
+    """Does what was asked for last, and leaves out what came before while it was at work.
+
+    Args:
+        later: runs a function in the page's own thread, soon; may be called from any thread.
+    """
+
+    def __init__(self, later: Callable[[Work], Any]):
+        self._later, self._thread = later, ThreadPoolExecutor(1)
+        self._must: deque[tuple[Work, Show]] = deque()
+        self._wanted: tuple[Work, Show] | None = None
+        self._busy = self._closed = False
+
+    def want(self, work: Work, show: Show) -> None:
+        """Do this as soon as what is being done is done, if nothing else is wanted by then."""
+        self._wanted = work, show
+        self._begin()
+
+    def must(self, work: Work, show: Show) -> None:
+        """Do this in any case."""
+        self._must.append((work, show))
+        self._begin()
+
+    def close(self) -> None:
+        """Begin nothing more."""
+        self._closed = True
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+    def _begin(self) -> None:
+        if self._busy or self._closed:
+            return
+        if self._must:
+            work, show = self._must.popleft()
+        elif self._wanted is not None:
+            (work, show), self._wanted = self._wanted, None
+        else:
+            return
+        self._busy = True
+        future = self._thread.submit(_in_double, work)
+        future.add_done_callback(lambda done: self._done(done, show))
+
+    def _done(self, future: Future, show: Show) -> None:
+        """In the other thread."""
+        if not self._closed and not future.cancelled():
+            self._later(lambda: self._take(future, show))
+
+    def _take(self, future: Future, show: Show) -> None:
+        self._busy, error = False, future.exception()
+        self._begin()  # the next is made while this is shown
+        if error is None:
+            show(future.result(), "")
+        else:
+            show(None, said(error))
+
+
+def _in_double(work: Callable[[], Any]) -> Any:
+    """With 64 bits in this thread, whatever the program has chosen for its own."""
+    with jax.enable_x64(True):
+        return work()
+
+
+def said(error: BaseException) -> str:
+    """An error as one line; the place in the program goes to the terminal if it is unexpected."""
+    if not isinstance(error, ValueError | OSError):
+        sys.excepthook(type(error), error, error.__traceback__)
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,418 @@
+"""The page: picture, knobs and choices. What it shows is computed by `Session`."""
+
+import math
+import time
+from collections.abc import Callable
+from html import escape
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from bokeh.document import Document
+from bokeh.layouts import column, row
+from bokeh.models import (
+    BoxZoomTool,
+    Button,
+    ColorBar,
+    ColumnDataSource,
+    CrosshairTool,
+    Div,
+    HoverTool,
+    LinearColorMapper,
+    RadioButtonGroup,
+    Range1d,
+    RangeSlider,
+    Select,
+    Slider,
+    Span,
+    Spinner,
+    Title,
+    Toggle,
+)
+from bokeh.palettes import Greys256, Inferno256, Viridis256
+from bokeh.plotting import figure
+
+from ..base.names import LOW_PASSES
+from ..base.units import millimetres
+from .keeping import command_line, keep
+from .latest import Latest
+from .session import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED, Knobs, Session
+
+COLOURS = {"grey": Greys256, "viridis": Viridis256, "inferno": Inferno256}
+WIDTH, WHOLE = 400, 1080  # of the column of knobs, and of the page [pixel]
+
+
+class Page:
+    """One person's page.
+
+    Args:
+        document: of Bokeh, to be filled.
+        session: of this person alone.
+        name: of the scan, for the title.
+        source: its file, if it has one.
+        folder: where images are kept.
+    """
+
+    def __init__(
+        self, document: Document, session: Session, name: str, source: Path | None, folder: Path
+    ):
+        self._document, self._session = document, session
+        self._source, self._folder = source, folder
+        self._image: np.ndarray | None = None
+        self._images, self._curves = Latest(self._later), Latest(self._later)
+        self._make_picture()
+        self._make_knobs()
+        self._make_rest(name)
+        self._follow()
+        self._place()
+        document.title = f"{name} - jaxtat"
+        document.on_session_destroyed(self._close)
+        self._look()
+        self._ask_for_curve()
+
+    # what is on the page
+
+    def _make_picture(self) -> None:
+        self.pixels = ColumnDataSource({"image": [np.zeros((1, 1), np.float32)]})
+        self.colours = LinearColorMapper(COLOURS["grey"], low=0.0, high=1.0, nan_color="#00000000")
+        unit = " [mm]" if self._session.choices.units.length else ""
+        low, size = self._extent()
+        self.picture = figure(
+            frame_width=540,
+            frame_height=540,
+            x_range=Range1d(start=low[0], end=low[0] + size[0]),
+            y_range=Range1d(start=low[1], end=low[1] + size[1]),
+            tools="pan,wheel_zoom,reset",
+            active_scroll="wheel_zoom",
+            x_axis_label=f"x₁{unit}",
+            y_axis_label=f"x₂{unit}",
+        )
+        self.picture.toolbar.logo = None
+        self.picture.grid.visible = False
+        self.glyph = self.picture.image(
+            "image",
+            source=self.pixels,
+            color_mapper=self.colours,  # pyright: ignore[reportCallIssue]
+            **self._place_of_image(),
+        )
+        values = [("x₁, x₂", "$x{0.00}, $y{0.00}" + unit), ("f", "@image{%.4g}")]
+        hover = HoverTool(tooltips=values, formatters={"@image": "printf"}, point_policy="none")
+        zoom = BoxZoomTool(match_aspect=True)
+        self.picture.add_tools(zoom, hover, CrosshairTool(line_alpha=0.3))
+        self.picture.add_layout(ColorBar(color_mapper=self.colours, width=14), "right")
+
+    def _make_knobs(self) -> None:
+        session, start = self._session, self._session.start
+        n = session.scan.n_frames
+        self.frame = Slider(start=0, end=max(n - 1, 1), value=0, step=1, visible=n > 1)
+        of_frames = session.scan.known.get("wavelengths")
+        self.wavelengths = None if n == 1 or of_frames is None else np.asarray(of_frames)
+        shown = [] if self.wavelengths is None else np.unique(self.wavelengths)
+        names: list[str | None] = [f"{wavelength:g}" for wavelength in shown]
+        self.wavelength = Select(title="wavelength [nm]", options=names, visible=len(names) > 1)
+        self.method = RadioButtonGroup(labels=list(METHODS), active=0)
+        self.fit = Button(label="Fit", button_type="primary", visible=False)
+        self.scale = session.choices.units.metres_per_second
+        low, high = (self.scale * speed for speed in session.speeds())
+        speed = self.scale * start.sound_speed
+        self.speed = Slider(start=low, end=high, value=speed, step=(high - low) / 400)
+        of_speed = " [m/s]" if session.choices.units.time else ""
+        self.speed.update(
+            title=f"speed of sound{of_speed}", format="0.[000]" if of_speed else "0.000"
+        )
+        self.speed.visible = session.scan.kind == "pressure"
+        power = math.log10(start.alpha)
+        self.alpha = Slider(
+            start=min(-6.0, math.floor(power)), end=max(0.0, power), value=power, step=0.05
+        )
+        self.low_pass = RadioButtonGroup(
+            labels=list(LOW_PASSES), active=LOW_PASSES.index(start.low_pass)
+        )
+        self._make_curve(low, high)
+        scale, unit = self._lengths
+        radius, center = session.choices.region_radius, session.choices.region_center
+        values = {"region's radius": radius, "its x₁": center[0], "its x₂": center[1]}
+        self.region = [
+            Spinner(title=name + unit, value=round(scale * value, 3), step=0.5, width=110)
+            for name, value in values.items()
+        ]
+        self.move = Button(label="Take this region")
+
+    def _make_curve(self, low: float, high: float) -> None:
+        """Sharpness by speed of sound, as wide as the slider below it."""
+        self.curve = ColumnDataSource({"speed": [], "sharpness": []})
+        self.curve_plot = figure(
+            width=WIDTH,
+            height=120,
+            x_range=Range1d(start=low, end=high),
+            y_range=Range1d(start=0, end=1),
+            tools="",
+            toolbar_location=None,
+            visible=False,
+        )
+        self.curve_plot.yaxis.visible = False
+        title = Title(text="sharpness of the image", text_font_style="normal")
+        self.curve_plot.add_layout(title, "above")
+        self.curve_plot.line("speed", "sharpness", source=self.curve, line_width=2)
+        self.at_speed = Span(location=self.speed.value, dimension="height", line_color="#c0392b")
+        self.curve_plot.add_layout(self.at_speed)
+
+    def _make_rest(self, name: str) -> None:
+        scan = self._session.scan
+        frames = f"{scan.n_frames} frames of " if scan.n_frames > 1 else ""
+        about = f"{frames}{scan.n_detectors} detectors, {scan.n_samples} samples"
+        self.title = Div(text=f"<b style='font-size:1.3em'>{escape(name)}</b><br>{about}")
+        self.levels = RangeSlider(
+            title="darkest and brightest [percentile]",
+            start=0,
+            end=100,
+            value=(0.2, 99.8),
+            step=0.1,
+        )
+        self.hold = Toggle(label="hold levels")
+        self.palette = Select(options=list(COLOURS), value="grey", width=110)
+        self.keep_picture = Button(label="Keep picture (.png)")
+        self.keep_choices = Button(label="Keep all choices (.h5)")
+        self.status = Div(text="computing ...", width=WIDTH, height=50)
+        self.command, self.table = Div(width=WHOLE), Div(width=WHOLE)
+
+    def _place(self) -> None:
+        knobs = column(
+            self.title,
+            self.frame,
+            self.wavelength,
+            row(self.method, self.fit),
+            self.curve_plot,
+            self.speed,
+            self.alpha,
+            row(Div(text="low-pass", width=70), self.low_pass),
+            row(*self.region),
+            self.move,
+            self.levels,
+            row(self.hold, self.palette),
+            row(self.keep_picture, self.keep_choices),
+            self.status,
+        )
+        for knob in (self.frame, self.speed, self.alpha, self.levels):
+            knob.width = WIDTH
+        below = Div(text="<b>The same by a command</b>"), self.command, self.table
+        self._document.add_root(column(row(self.picture, knobs, spacing=20), *below, margin=10))
+
+    def _extent(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower left corner and size of the image, in the unit of the axes."""
+        grid, scale = self._session.choices.grid, self._lengths[0]
+        low, high, step = (
+            np.asarray(x) for x in (grid.points[0, 0], grid.points[-1, -1], grid.spacing)
+        )
+        return scale * (low - step / 2), scale * (high - low + step)
+
+    def _place_of_image(self) -> dict[str, float]:
+        low, size = self._extent()
+        return dict(zip(("x", "y", "dw", "dh"), map(float, (*low, *size)), strict=True))
+
+    @property
+    def _lengths(self) -> tuple[float, str]:
+        """Millimetres of a length of 1, and how the unit is shown."""
+        unit = self._session.choices.units.length
+        return millimetres(unit), " [mm]" if unit else ""
+
+    # what turns what
+
+    def _follow(self) -> None:
+        for knob, its in (
+            (self.frame, "value"),
+            (self.speed, "value"),
+            (self.alpha, "value"),
+            (self.low_pass, "active"),
+            (self.method, "active"),
+        ):
+            _on_change(knob, its, self._turned)
+        for slider in (self.frame, self.alpha):  # when it is let go
+            _on_change(slider, "value_throttled", self._ask_for_curve)
+        _on_change(self.wavelength, "value", self._take_wavelength)
+        _on_change(self.levels, "value", self._take_levels)
+        _on_change(self.hold, "active", self._take_levels)
+        _on_change(self.palette, "value", self._take_palette)
+        self.fit.on_click(self._look)
+        self.move.on_click(self._take_region)
+        self.keep_picture.on_click(lambda: self._keep(".png"))
+        self.keep_choices.on_click(lambda: self._keep(".h5"))
+
+    @property
+    def knobs(self) -> Knobs:
+        """Where they stand; a knob that was not turned has the value of the choices, to the bit."""
+        start = self._session.start
+        speed, alpha = self.speed.value / self.scale, 10**self.alpha.value
+        return Knobs(
+            start.sound_speed if math.isclose(speed, start.sound_speed, rel_tol=1e-9) else speed,
+            start.alpha if math.isclose(alpha, start.alpha, rel_tol=1e-9) else alpha,
+            LOW_PASSES[self.low_pass.active or 0],
+            int(self.frame.value),
+            METHODS[self.method.active or 0],
+        )
+
+    def _turned(self) -> None:
+        self.at_speed.location = self.speed.value
+        method = METHODS[self.method.active or 0]
+        self.fit.visible = method == MODEL_BASED
+        self.alpha.disabled = self.low_pass.disabled = method != DIRECT
+        self._name_knobs()
+        if method == MODEL_BASED:
+            self.status.text = "Press <b>Fit</b>: a fit under constraints takes its time."
+        else:
+            self._look()
+
+    def _look(self) -> None:
+        """Ask for the image of the knobs as they stand."""
+        knobs, session = self.knobs, self._session
+        self._name_knobs()
+        if knobs.method == MODEL_BASED:
+            self.status.text = "fitting (total variation, f ≥ 0) ..."
+        self._images.want(lambda: self._seen(session, knobs), self._show)
+
+    def _seen(self, session: Session, knobs: Knobs) -> "_Seen":
+        """In the other thread."""
+        start = time.perf_counter()
+        image = session.image(knobs)
+        taken = time.perf_counter() - start
+        if knobs.method == BACK_PROJECTION:
+            return _Seen(session, image, "only the viewer shows it, to compare with", None, taken)
+        choices = session.choices_of(knobs)
+        facts = session.frame_facts(knobs.frame)
+        command = command_line(choices, facts, str(self._source or "FILE"))
+        return _Seen(session, image, command, choices.rows(), taken)
+
+    def _show(self, seen: Any, error: str) -> None:
+        if error:
+            self.status.text = f"<span style='color:#c0392b'>{escape(error)}</span>"
+            return
+        self._document.hold("combine")
+        if seen.session is not self._session:
+            self._take_session(seen.session)
+        self._show_image(seen.image)
+        self.status.text = f"image in {1e3 * seen.seconds:.0f} ms"
+        self.command.text = _as_code(seen.command)
+        if seen.rows is not None:
+            self.table.text = _as_table(seen.rows)
+        self._document.unhold()
+
+    def _show_image(self, image: np.ndarray) -> None:
+        self._image = image
+        self.pixels.data = {"image": [np.ascontiguousarray(image.T, np.float32)]}
+        self._take_levels()
+
+    def _take_session(self, session: Session) -> None:
+        """Of another region."""
+        self._session = session
+        self.glyph.glyph.update(**self._place_of_image())
+        low, size = self._extent()
+        self.picture.x_range.update(start=low[0], end=low[0] + size[0])
+        self.picture.y_range.update(start=low[1], end=low[1] + size[1])
+        scale = self._lengths[0]
+        values = session.choices.region_radius, *session.choices.region_center
+        for spinner, value in zip(self.region, values, strict=True):
+            spinner.value = round(scale * value, 3)
+        self._ask_for_curve()
+
+    def _take_levels(self) -> None:
+        if self._image is None or self.hold.active:
+            return
+        low, high = np.nanpercentile(self._image, self.levels.value)
+        self.colours.update(low=float(low), high=float(high) if high > low else float(low) + 1.0)
+
+    def _take_palette(self) -> None:
+        self.colours.palette = COLOURS[self.palette.value]
+
+    def _take_wavelength(self) -> None:
+        """The nearest frame of that wavelength."""
+        assert self.wavelengths is not None
+        name = self.wavelength.value
+        alike = np.flatnonzero([f"{wavelength:g}" == name for wavelength in self.wavelengths])
+        nearest = int(alike[np.argmin(np.abs(alike - self.frame.value))])
+        if nearest != self.frame.value:
+            self.frame.value = nearest
+            self._ask_for_curve()
+
+    def _take_region(self) -> None:
+        scale, knobs, session = self._lengths[0], self.knobs, self._session
+        radius, *center = (float(spinner.value or 0.0) / scale for spinner in self.region)
+
+        def work() -> _Seen:
+            return self._seen(session.with_region(radius, (center[0], center[1]), knobs), knobs)
+
+        self.status.text = "another region is another problem: this takes up to a minute ..."
+        self._images.must(work, self._show)
+
+    def _ask_for_curve(self) -> None:
+        session, knobs = self._session, self.knobs
+        if session.scan.kind == "pressure":
+            self._curves.want(lambda: session.sharpness(knobs), self._show_curve)
+
+    def _show_curve(self, found: Any, error: str) -> None:
+        if error or found is None:  # the picture's own message says why
+            return
+        speeds, sharpness = found
+        self.curve.data = {"speed": self.scale * speeds, "sharpness": sharpness}
+        least = float(sharpness.min())
+        self.curve_plot.y_range.update(start=least - 0.05 * (1 - least), end=1 + 0.1 * (1 - least))
+        self.curve_plot.visible = True
+
+    def _keep(self, suffix: str) -> None:
+        session, knobs, folder, source = self._session, self.knobs, self._folder, self._source
+
+        def work() -> str:
+            return f"written: {keep(session, knobs, folder, suffix, source)}"
+
+        def show(text: str | None, error: str) -> None:
+            self.status.text = escape(text or error)
+
+        self._images.must(work, show)
+
+    # in words
+
+    def _name_knobs(self) -> None:
+        """What their sliders do not tell by themselves."""
+        knobs = self.knobs
+        self.alpha.title = f"alpha {knobs.alpha:.2g}, its power of ten"
+        number = self._session.frame_number(knobs.frame)
+        in_file = "" if number == knobs.frame else f" ({number} in the file)"
+        of_it = "" if self.wavelengths is None else f" ({self.wavelengths[knobs.frame]:g} nm)"
+        self.frame.title = f"frame{in_file}{of_it}"
+
+    # threads
+
+    def _later(self, work: Callable[[], Any]) -> None:
+        self._document.add_next_tick_callback(work)
+
+    def _close(self, _: Any) -> None:
+        self._images.close()
+        self._curves.close()
+
+
+class _Seen(NamedTuple):
+    """An image and what is said of it."""
+
+    session: Session
+    image: np.ndarray
+    command: str
+    rows: list[tuple[str, str, str]] | None  # of choices
+    seconds: float
+
+
+def _on_change(widget: Any, its: str, do: Callable[[], Any]) -> None:
+    widget.on_change(its, lambda attr, old, new: do())
+
+
+def _as_code(command: str) -> str:
+    """Lines end between words only, not at a hyphen."""
+    words = (f"<span style='white-space: nowrap'>{escape(word)}</span>" for word in command.split())
+    return f"<code>{' '.join(words)}</code>"
+
+
+def _as_table(rows: list[tuple[str, str, str]]) -> str:
+    lines = "".join(f"<tr>{''.join(map(_cell, line))}</tr>" for line in rows)
+    return f"<b>What was chosen, and why</b><table>{lines}</table>"
+
+
+def _cell(text: str) -> str:
+    return f"<td style='padding: 1px 14px 1px 0'>{escape(text)}</td>"

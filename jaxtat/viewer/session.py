@@ -1,0 +1,218 @@
+"""What one person looks at: a scan, where the knobs stand, and what of it was computed last."""
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..base.choice_table import METHOD, OPTIONS, PLAIN, RECORD
+from ..geometry import fit_circle
+from ..io import Scan
+from ..scans import Choices, choose, integrals
+from ..scans.constrained import fitted
+from ..scans.facts import FASTEST, SLOWEST, frame_numbers, water_speed
+from ..scans.speed import SPEEDS, sharpness_by_speed
+from ..steps import universal_back_projection
+from ..streams import live
+
+PIXELS = 257  # of images, where nothing else is said
+DIRECT, BACK_PROJECTION, MODEL_BASED = METHODS = "direct", "back-projection", "model-based"
+_KEPT = (PLAIN, RECORD, METHOD)  # groups of choices that another region leaves as they are
+
+
+@dataclass(frozen=True)
+class Knobs:
+    """Where the knobs stand.
+
+    Attributes:
+        sound_speed: c [length/time]; of no meaning for circular integrals.
+        alpha: Tikhonov's, as in `solve`.
+        low_pass: "none" or "cosine".
+        frame: of the scan, from 0.
+        method: "direct", "back-projection" or "model-based" (total variation, f >= 0).
+    """
+
+    sound_speed: float
+    alpha: float
+    low_pass: str
+    frame: int = 0
+    method: str = DIRECT
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise ValueError(f"method is {self.method!r}, expected one of {', '.join(METHODS)}.")
+
+
+class Session:
+    """Images of a scan as knobs are turned; only what a knob changes is computed anew.
+
+    Args:
+        scan: in the plane; its frames may be lazy, and only those that are shown are read.
+        choices: with which everything begins.
+        facts: what was said of the scan in options of the command, by their names.
+
+    Attributes:
+        scan, choices, facts: those; images are made with ``inversion="fourier"``.
+        start: where the knobs stand at first.
+
+    Raises:
+        ValueError: as `live`: for scans in space, and records that end too early for a formula.
+    """
+
+    def __init__(self, scan: Scan, choices: Choices, facts: Mapping[str, Any] | None = None):
+        if choices.inversion != "fourier":
+            choices = replace(choices, inversion="fourier").because(inversion="the viewer's")
+        self.scan, self.choices, self.facts = scan, choices, dict(facts or {})
+        self.start = Knobs(choices.sound_speed, choices.alpha, choices.low_pass)
+        self._live, self._made = live(scan, choices, few_frames=True), self.start
+        self._frame = 0, scan.frame(0)
+        grid = self._live.setup.grid
+        self.inside = np.asarray(self._live.setup.region.contains(grid.points))
+
+    def copy(self) -> "Session":
+        """The same for another person: nothing that one does changes what the other sees."""
+        return copy.copy(self)
+
+    def image(self, knobs: Knobs) -> Float[np.ndarray, "x1 x2"]:
+        """The image, NaN outside of the region.
+
+        Raises:
+            ValueError: for a frame that cannot be read or holds NaN, and a speed of sound at which
+                the record is too short.
+        """
+        made = {
+            DIRECT: self._direct,
+            BACK_PROJECTION: self._back_projected,
+            MODEL_BASED: self._fitted,
+        }[knobs.method](knobs)
+        return np.where(self.inside, np.asarray(made), np.nan)
+
+    def choices_of(self, knobs: Knobs) -> Choices:
+        """All choices of an image, with reasons: `scans.reconstruct` makes the same of them.
+
+        Raises:
+            ValueError: for back-projection, which only the viewer has.
+        """
+        if knobs.method == BACK_PROJECTION:
+            raise ValueError(
+                "back-projection is here for comparison, and no other command makes it: keep the "
+                "picture, or choose another method."
+            )
+        turned = self._turned(knobs)
+        if knobs.method == MODEL_BASED:
+            turned = replace(turned, model_based=True, penalty="tv", nonnegative=True)
+            said = "asked for in the viewer"
+            turned = turned.because(model_based=said, penalty=said, nonnegative=said)
+        return turned
+
+    def speeds(self) -> tuple[float, float]:
+        """Least and greatest speed of sound that is offered [length/time]."""
+        nominal = water_speed(self.choices.units) or self.choices.sound_speed
+        known = self.choices.sound_speed
+        return min(SLOWEST * nominal, 0.97 * known), max(FASTEST * nominal, 1.03 * known)
+
+    def sharpness(
+        self, knobs: Knobs
+    ) -> tuple[Float[np.ndarray, " speeds"], Float[np.ndarray, " speeds"]] | None:
+        """Speeds of sound, and how sharp the image is at each, over the sharpest.
+
+        None for circular integrals, and for records that end too early.
+        """
+        if self.scan.kind != "pressure":
+            return None
+        low, high = self.speeds()
+        choices = replace(self.choices, alpha=knobs.alpha, low_pass=knobs.low_pass)
+        frame = np.asarray(self.scan.frame(knobs.frame), float)
+        sharpness_at = sharpness_by_speed(self.scan, choices, frame)
+        if sharpness_at is None:
+            return None
+        speeds = np.linspace(low, high, 3 * len(SPEEDS))
+        parts = np.split(
+            speeds / choices.sound_speed, 3
+        )  # as many at once as where speeds are estimated
+        values = np.concatenate([sharpness_at(part) for part in parts])
+        return speeds, values / values.max()
+
+    def with_region(self, radius: float, center: tuple[float, float], knobs: Knobs) -> "Session":
+        """A session of another region, whose radius and centre are given [length].
+
+        That is another problem, with programs of its own: it takes as long as the first one did.
+
+        Raises:
+            ValueError: for a region that does not fit the detectors or the record.
+        """
+        kept = {c.name: getattr(self.choices, c.name) for c in OPTIONS if c.group in _KEPT}
+        kept |= {"sound_speed": knobs.sound_speed, "alpha": knobs.alpha}
+        kept |= {"low_pass": knobs.low_pass, "pixels": self.choices.pixels}
+        if self.scan.kind != "pressure":
+            kept = {name: kept[name] for name in ("alpha", "low_pass", "max_frequency", "pixels")}
+        else:
+            kept["band"] = kept["band"] or "none"
+        kept |= {"use": np.array(self.choices.channels), "inversion": "fourier"}
+        moved = choose(self.scan, **kept, region_radius=radius, region_center=center)
+        before = dict(self.choices.reasons)
+        kept = {name: before[name] for name in kept if name in before}
+        return Session(self.scan, moved.because(**kept), self.facts)
+
+    def frame_number(self, frame: int) -> int:
+        """Of a frame in its file."""
+        return int(frame_numbers(self.scan)[frame])
+
+    def frame_facts(self, frame: int) -> dict[str, Any]:
+        """Facts by which a command takes this frame alone."""
+        if self.scan.data.ndim == 2:
+            return self.facts
+        number = self.frame_number(frame)
+        return self.facts | {"frames": f"{number}:{number + 1}"}
+
+    def _read(self, frame: int) -> np.ndarray:
+        if self._frame[0] != frame:
+            self._frame = frame, self.scan.frame(frame)
+        return self._frame[1]
+
+    def _direct(self, knobs: Knobs) -> np.ndarray:
+        self._turn(knobs)
+        return np.asarray(self._live(self._read(knobs.frame)))
+
+    def _turn(self, knobs: Knobs) -> None:
+        """What takes time is done only for knobs that were turned."""
+        new = {"sound_speed": knobs.sound_speed, "rule": knobs.alpha, "low_pass": knobs.low_pass}
+        made = {"sound_speed": self._made.sound_speed, "rule": self._made.alpha}
+        made |= {"low_pass": self._made.low_pass}
+        turned = {name: value for name, value in new.items() if value != made[name]}
+        if turned:
+            self._live, self._made = self._live.replace(**turned), knobs
+
+    def _turned(self, knobs: Knobs) -> Choices:
+        """The choices, with radii as they are at this speed."""
+        self._turn(knobs)
+        start, said = self.choices, {}
+        for name in ("sound_speed", "alpha", "low_pass"):
+            if getattr(knobs, name) != getattr(start, name):
+                said[name] = "turned in the viewer"
+        if self.scan.kind == "pressure":
+            radii = np.asarray(self._live.radii)
+            start = replace(
+                start,
+                sound_speed=knobs.sound_speed,
+                first_radius=float(radii[0]),
+                radial_step=float(radii[-1] - radii[0]) / (len(radii) - 1),
+            )
+        return replace(start, alpha=knobs.alpha, low_pass=knobs.low_pass).because(**said)
+
+    def _back_projected(self, knobs: Knobs) -> Any:
+        choices, setup = self._turned(knobs), self._live.setup.replace(radii=self._live.radii)
+        if choices.band is not None:  # two derivatives: no more than the other images hold
+            low, high = choices.band
+            highest = choices.sound_speed * choices.max_frequency / (2 * np.pi)
+            choices = replace(choices, band=(low, min(high, highest)))
+        g = integrals(self.scan, choices, setup, self._read(knobs.frame))
+        middle = fit_circle(setup.curve.points).center
+        return universal_back_projection(g, setup.radii, setup.curve, setup.grid, middle)
+
+    def _fitted(self, knobs: Knobs) -> Any:
+        choices, setup = self.choices_of(knobs), self._live.setup.replace(radii=self._live.radii)
+        return fitted(self.scan, choices, setup, self._read(knobs.frame)).image

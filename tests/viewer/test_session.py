@@ -1,0 +1,174 @@
+"""What the viewer computes, without a browser: against the images of `scans.reconstruct`."""
+
+import shlex
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from made_scans import SPEED
+from viewed import GIVEN, OPTIONS, relative, write_scan
+
+from jaxtat.cli import main
+from jaxtat.io import Scan, load_scan
+from jaxtat.io.frames import LazyFrames
+from jaxtat.scans import choose, reconstruct, with_facts
+from jaxtat.viewer import Knobs, Session, command_line, keep
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return write_scan(tmp_path_factory.mktemp("viewed") / "scan.h5")
+
+
+@pytest.fixture(scope="module")
+def session(path):
+    scan = load_scan(path)
+    return Session(scan, choose(scan, **GIVEN))
+
+
+def wanted(session, knobs):
+    """By the choices of the image, zero outside."""
+    scan = with_facts(session.scan, frames=[knobs.frame])
+    image = reconstruct(scan, session.choices_of(knobs)).image[0]
+    return np.where(session.inside, image, 0.0)
+
+
+@pytest.mark.parametrize(
+    "turned",
+    [
+        {},
+        {"sound_speed": 1460.0},
+        {"alpha": 0.1, "low_pass": "none", "frame": 3},
+        {"sound_speed": 1530.0, "alpha": 1e-3, "frame": 5},
+    ],
+)
+def test_a_turned_knob_gives_the_image_of_its_choices(session, turned):
+    knobs = replace(session.start, **turned)
+    mine = session.copy()
+    image = mine.image(knobs)
+    assert np.isnan(image[~mine.inside]).all()
+    image = np.nan_to_num(image)
+    assert relative(image, wanted(mine, knobs)) < 1e-4
+    if turned:
+        assert relative(image, np.nan_to_num(session.image(session.start))) > 1e-2
+    choices = mine.choices_of(knobs)
+    reasons = dict(choices.reasons)
+    for name in {"sound_speed", "alpha", "low_pass"} & set(turned):
+        assert getattr(choices, name) == turned[name]
+        assert reasons[name] == "turned in the viewer"
+
+
+def test_what_one_person_turns_another_does_not_see(session):
+    one, other = session.copy(), session.copy()
+    before = other.image(other.start)
+    one.image(replace(one.start, sound_speed=1450.0, alpha=0.5, frame=2))
+    assert np.array_equal(other.image(other.start), before, equal_nan=True)
+
+
+def test_of_thousands_of_frames_those_are_read_that_are_shown(session):
+    frames, read = np.asarray(session.scan.data), []
+
+    def some(numbers):
+        read.extend(numbers.tolist())
+        return frames[numbers % len(frames)]
+
+    known = {name: session.scan.known[name] for name in ("detectors", "sampling_rate")}
+    many = LazyFrames((5000, *frames.shape[1:]), frames.dtype, some)
+    scan = Scan("pressure", many, known | {"sound_speed": SPEED})
+    mine = Session(scan, choose(scan, **GIVEN))
+    assert len(set(read)) <= 6  # to choose by
+    read.clear()
+    first = mine.image(replace(mine.start, frame=3001))
+    mine.image(replace(mine.start, frame=3001, alpha=0.3))
+    assert set(read) == {3001}
+    assert relative(np.nan_to_num(first), wanted(session, replace(session.start, frame=1))) < 1e-4
+
+
+@pytest.mark.parametrize(
+    "turned", [{"sound_speed": 1470.0, "alpha": 0.03, "frame": 4}, {"method": "model-based"}]
+)
+def test_a_kept_file_gives_the_image_again(session, path, tmp_path, monkeypatch, turned):
+    monkeypatch.chdir(tmp_path)
+    mine, knobs = session.copy(), replace(session.start, **turned)
+    kept = keep(mine, knobs, tmp_path, ".h5", path)
+    assert kept.name == f"scan-{knobs.frame}-1.h5"
+    assert main(shlex.split(f"reconstruct {path} --repeat {kept} --out again.h5 --quiet")) == 0
+    with h5py.File(kept) as one, h5py.File("again.h5") as other:
+        assert relative(one["image"][:], other["image"][:]) < 1e-4
+        assert np.array_equal(one["frames"][:], other["frames"][:])
+        assert relative(one["image"][0], np.nan_to_num(mine.image(knobs))) < 1e-12
+
+
+def test_files_are_never_replaced(session, path, tmp_path):
+    names = [keep(session, session.start, tmp_path, ".png", path).name for _ in range(2)]
+    assert names == ["scan-0-1.png", "scan-0-2.png"]
+
+
+def test_the_command_makes_the_image(session, path, tmp_path, monkeypatch):
+    """Its radii are chosen anew, and differ by less than a step."""
+    monkeypatch.chdir(tmp_path)
+    mine, knobs = session.copy(), replace(session.start, sound_speed=1490.0, alpha=0.02, frame=2)
+    line = command_line(mine.choices_of(knobs), mine.frame_facts(2), str(path))
+    program, *words = shlex.split(line.replace("image.png", "image.h5"))
+    assert program == "jaxtat" and main([*words, "--quiet"]) == 0
+    with h5py.File("image.h5") as file:
+        assert relative(file["image"][0], np.nan_to_num(mine.image(knobs))) < 1e-2
+    for option in ("--use 0:30,31:90", "--frames 2:3", "--sound-speed 1490", "--alpha 0.02"):
+        assert option in line
+
+
+def test_back_projection_is_shown_but_is_no_choice(session):
+    knobs = replace(session.start, method="back-projection")
+    image = session.image(knobs)[session.inside]
+    direct = session.image(session.start)[session.inside]
+    assert np.corrcoef(image, direct)[0, 1] > 0.8
+    with pytest.raises(ValueError, match="for comparison"):
+        session.choices_of(knobs)
+
+
+def test_the_image_is_sharpest_at_the_speed_of_the_record(session):
+    speeds, sharpness = session.sharpness(session.start)
+    assert speeds[0] <= 1400.0 and speeds[-1] >= 1600.0 and sharpness.max() == 1.0
+    assert abs(speeds[np.argmax(sharpness)] - SPEED) < 12.0
+
+
+def test_another_region(session):
+    mine = session.copy()
+    knobs = replace(session.start, alpha=0.02)
+    moved = mine.with_region(0.008, (0.001, -0.002), knobs)
+    assert moved.choices.region_radius == 0.008
+    assert moved.choices.region_center == (0.001, -0.002)
+    assert moved.choices.channels == mine.choices.channels
+    assert moved.start.alpha == 0.02
+    assert relative(np.nan_to_num(moved.image(knobs)), wanted(moved, knobs)) < 1e-4
+    with pytest.raises(ValueError, match="region"):
+        mine.with_region(0.05, (0.0, 0.0), knobs)
+
+
+def test_what_cannot_be_is_said_and_the_rest_goes_on(session):
+    mine = session.copy()
+    before = mine.image(mine.start)
+    with pytest.raises(ValueError, match="with sound_speed 500 radii run"):
+        mine.image(replace(mine.start, sound_speed=500.0))
+    with pytest.raises(ValueError, match="frame 6: there are 6"):
+        mine.image(replace(mine.start, frame=6))
+    with pytest.raises(ValueError, match="method is 'magic'"):
+        Knobs(1500.0, 1e-2, "none", method="magic")
+    assert np.array_equal(mine.image(mine.start), before, equal_nan=True)
+
+
+def test_a_scan_that_cannot_be_read_is_one_line(tmp_path, capsys):
+    (tmp_path / "no.h5").write_bytes(b"\x89HDF\r\n\x1a\n and nothing")
+    assert main(["view", str(tmp_path / "no.h5"), "--no-browser"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("jaxtat: error: cannot read")
+    assert main(["view", str(tmp_path / "none.h5")]) == 2
+    assert "there is no file" in capsys.readouterr().err
+
+
+def test_plans_are_refused(path, capsys):
+    assert main(["view", str(path), *OPTIONS.split(), "--K", "4"]) == 2
+    assert "--alpha is for a reconstruction without" in capsys.readouterr().err
+    assert main(["view", str(path), "--K", "4"]) == 2
+    assert "leave out --K" in capsys.readouterr().err
