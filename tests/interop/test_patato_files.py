@@ -6,6 +6,7 @@ import pytest
 from spectral_scans import (
     ENERGIES,
     GIVEN,
+    N_TIMES,
     OPTIONS,
     RATE,
     SPEED,
@@ -84,7 +85,10 @@ def test_energies_that_are_none_are_left_out_for_others(data, tmp_path, energies
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"raw_data": np.zeros((2, N, 230))}, "expected .frames, wavelengths, detectors, samples"),
+        (
+            {"raw_data": np.zeros((2, N, N_TIMES))},
+            "expected .frames, wavelengths, detectors, samples",
+        ),
         ({"wavelengths": np.ones(3)}, "it has 3 wavelengths, but data of 4"),
         ({"GEOMETRY": np.zeros((N - 1, 3))}, "detectors have shape"),
     ],
@@ -191,7 +195,9 @@ def test_files_of_others_and_of_other_scans_are_refused(data, found, scan, tmp_p
     other = tmp_path / "other.hdf5"
     with h5py.File(other, "w") as file:
         file["raw"] = data.reshape(8, N, -1)
-    with pytest.raises(ValueError, match=r"cannot add to .*other\.hdf5: there is a file of another"):
+    with pytest.raises(
+        ValueError, match=r"cannot add to .*other\.hdf5: there is a file of another"
+    ):
         save_patato(other, scan, found)
     with pytest.raises(ValueError, match="holds another scan, of 8 frames, 90 detectors"):
         save_patato(write_patato(tmp_path / "b.hdf5", data[::-1]), scan, found)
@@ -201,7 +207,7 @@ def test_files_of_others_and_of_other_scans_are_refused(data, found, scan, tmp_p
         )
     with pytest.raises(ValueError, match="this scan has circular_integrals"):
         save_patato(tmp_path / "c.hdf5", Scan("circular_integrals", np.ones((3, 4))), found)
-    late = {"times": 1e-5 + np.arange(230) / RATE}
+    late = {"times": 1e-5 + np.arange(N_TIMES) / RATE}
     known = {name: value for name, value in scan.known.items() if name != "sampling_rate"}
     with pytest.raises(ValueError, match="records begin at time 0, this one at 1e-05"):
         save_patato(tmp_path / "c.hdf5", Scan("pressure", scan.data, known | late), found)
