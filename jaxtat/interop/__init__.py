@@ -2,7 +2,15 @@
 
 from .ipasc import IpascAlgorithm
 from .labelled_images import save_ome_zarr, to_xarray
-from .linear_operators import pylops_operator, scipy_operator
+from .linear_operators import direct_operator, pylops_operator, scipy_operator
 from .patato_files import save_patato
 
-__all__ = ["IpascAlgorithm", "pylops_operator", "save_ome_zarr", "save_patato", "scipy_operator", "to_xarray"]
+__all__ = [
+    "IpascAlgorithm",
+    "direct_operator",
+    "pylops_operator",
+    "save_ome_zarr",
+    "save_patato",
+    "scipy_operator",
+    "to_xarray",
+]

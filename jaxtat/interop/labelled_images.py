@@ -86,7 +86,7 @@ def save_ome_zarr(
     'jaxtat[zarr]'``.
 
     Args:
-        path: a folder that is not there yet, such as ``scan.ome.zarr``; it appears when it is whole.
+        path: a folder that is not there yet, such as ``scan.ome.zarr``; it appears when whole.
         found: by `scans.reconstruct` or `reconstruct_file`.
         wavelengths: of the frames, (frames,) [nm]: names of the channels.
         inputs: files from which the images were made; names and SHA-256 are stored.

@@ -55,8 +55,8 @@ class JaxtatReconstruction(ReconstructionAlgorithm):
         """As PATATO calls it; refuses a record that is no pressure any more."""
         if time_series.attributes.get(_HILBERT):
             raise ValueError(
-                f"the record is a Hilbert transform, jaxtat needs the pressure itself: set {_HILBERT} "
-                "to false in the preset, or hilbert=False in the preprocessing."
+                "the record is a Hilbert transform, jaxtat needs the pressure itself: set "
+                f"{_HILBERT} to false in the preset, or hilbert=False in the preprocessing."
             )
         return super().run(time_series, pa_data, *args, **kwargs)
 

@@ -23,9 +23,12 @@ GIVEN = {
     "pixels": 45,
     "max_frequency": 3500.0,
     "alpha": 1e-3,
+    "inversion": "fourier",
 }
-GIVEN |= {"inversion": "fourier"}
-OPTIONS = "--region-center 0.0005 -0.001 --region-radius 0.011 --pixels 45 --max-frequency 3500 --alpha 1e-3 --band none --inversion fourier"
+OPTIONS = " ".join(
+    f"--{name.replace('_', '-')} {' '.join(map(str, np.ravel(value)))}"
+    for name, value in GIVEN.items()
+)
 
 
 def positions(plane=(0, 1)):

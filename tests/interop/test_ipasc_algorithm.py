@@ -1,4 +1,4 @@
-"""The interface of IPASC's image reconstruction, and PACFISH's checks of what `save_ipasc` wrote."""
+"""The interface of IPASC's image reconstruction, and PACFISH's checks of what is written."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_the_image_is_that_of_the_scan(data):
         assert image.shape == (45, 45, 1)
         wanted = np.where(inside, found.image[number], 0.0)
         assert np.linalg.norm(image[..., 0] - wanted) < 0.01 * np.linalg.norm(wanted)
-    with pytest.raises(ValueError, match="at least 4 pixels of 0.0005 apart along two of them"):
+    with pytest.raises(ValueError, match=r"at least 4 pixels of 0\.0005 apart along two of them"):
         algorithm.implementation(scan.frame(0), {"positions": positions()}, RATE, np.zeros(6))
 
 

@@ -71,7 +71,7 @@ def test_a_single_image_has_no_frames():
     data = to_xarray(found, deviation=found.image[None], wavelengths=[700.0])
     assert data.image.dims == ("x1", "x2")
     assert float(data.wavelength) == 700
-    with pytest.raises(ValueError, match="wavelengths have shape .2,., but there are 1 images"):
+    with pytest.raises(ValueError, match=r"wavelengths have shape \(2,\), but there are 1 images"):
         to_xarray(found, wavelengths=[700.0, 800.0])
 
 
@@ -99,6 +99,16 @@ def test_ome_zarr_comes_back_where_it_was(tmp_path, volume):
     assert [path.name for path in tmp_path.iterdir()] == ["a.ome.zarr"]
     with pytest.raises(ValueError, match="it is there already"):
         save_ome_zarr(tmp_path / "a.ome.zarr", found)
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_ome_zarr_is_valid_for_its_own_models(tmp_path, several):
+    zarr = pytest.importorskip("zarr")
+    models = pytest.importorskip("ome_zarr_models.v05", reason="ome-zarr-models is not installed")
+    save_ome_zarr(tmp_path / "a.ome.zarr", images(several))
+    read = models.Image.from_zarr(zarr.open_group(tmp_path / "a.ome.zarr", mode="r"))
+    (image,) = read.attributes.ome.multiscales
+    assert [axis.name for axis in image.axes] == ["c", "z", "y", "x"]
 
 
 def test_a_folder_is_whole_or_not_there(tmp_path, monkeypatch):

@@ -52,11 +52,11 @@ def test_saturation_is_that_of_arrays_given_directly_and_the_true_one(written, d
     pa = opened(written)
     recons = pa.get_scan_reconstructions()
     assert list(recons) == [("jaxtat", "0")]
-    mixer, parts, so2, thb = unmixed(recons["jaxtat", "0"], pa)
+    mixer, _, so2, _ = unmixed(recons["jaxtat", "0"], pa)
     direct = spectral_scan(data / ENERGIES[..., None, None])
     known = {name: value for name, value in direct.known.items() if name != "laser_energy"}
     direct = type(direct)("pressure", direct.data, known)
-    found = reconstruct(direct, choose(direct, band="none", **GIVEN))
+    found = reconstruct(direct, choose(direct, **GIVEN))
     images = found.image.reshape(2, 4, 45, 45)
     hb, hbo2 = np.einsum("fwxy,wk->kfxy", images, np.linalg.pinv(mixer.forward_matrix))
     strong = phantoms.Bells(BELLS["centers"], BELLS["radii"]).image(found.grid) > 0.3
@@ -108,7 +108,7 @@ def test_its_own_back_projection_runs_on_the_file_and_sees_the_same(written, dat
     """On the file that was extended, and on one that was made anew."""
     old = backprojected(written)
     scan = spectral_scan(data)
-    found = reconstruct(scan, choose(scan, band="none", **GIVEN))
+    found = reconstruct(scan, choose(scan, **GIVEN))
     save_patato(tmp_path / "new.hdf5", scan, found)
     new = backprojected(tmp_path / "new.hdf5")
     np.testing.assert_allclose(new, old, rtol=1e-4, atol=1e-5 * np.abs(old).max())
@@ -148,7 +148,6 @@ def test_a_reconstruction_class_is_registered_and_makes_our_images(written, data
             "max_frequency": 3500.0,
             "alpha": 1e-3,
             "model": "in-plane",
-            "band": "none",
             "inversion": "fourier",
         },
     }
