@@ -104,9 +104,10 @@ test-deepinv: .venv-deepinv/ready
 
 .venv-deepinv/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-deepinv
+	sed '/^mpmath/d' constraints.txt > .venv-deepinv/constraints.txt  # SymPy wants an older one
 	.venv-deepinv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
 		$(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) \
-		--constraint constraints.txt --editable '.[test,deepinv]'
+		--constraint .venv-deepinv/constraints.txt --editable '.[deepinv]' beartype pytest
 	touch $@
 
 docs: .venv/docs

@@ -15,7 +15,7 @@ from spectral_scans import (
 )
 
 from jaxtat.interop import IpascAlgorithm
-from jaxtat.io import load_scan, save_ipasc
+from jaxtat.io import Scan, load_scan, save_ipasc
 from jaxtat.scans import choose, reconstruct
 
 
@@ -38,11 +38,10 @@ class Algorithm(IpascAlgorithm, Base):
 
 
 def test_the_image_is_that_of_the_scan(data):
-    scan = spectral_scan(data[:1, :2])
-    known = {name: scan.known[name] for name in ("detectors", "sampling_rate", "sound_speed")}
-    plain = type(scan)("pressure", scan.data, known)
-    chosen = choose(plain, **GIVEN)
-    found = reconstruct(plain, chosen)
+    known = {"detectors": positions(), "sampling_rate": RATE, "sound_speed": SPEED}
+    scan = Scan("pressure", data[0, :2], known)
+    chosen = choose(scan, **GIVEN)
+    found = reconstruct(scan, chosen)
     inside = np.asarray(found.region.contains(found.grid.points))
     step = 0.0005  # the pixels of 45 in 22 mm
     fov = [CENTER[0] - 0.011, CENTER[0] + 0.011, CENTER[1] - 0.011, CENTER[1] + 0.011, 0.0, 0.0]

@@ -1,9 +1,12 @@
 """PATATO's HDF5 without PATATO: what is read, what is written, and that nothing is lost."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
 from spectral_scans import (
+    CENTER,
     ENERGIES,
     GIVEN,
     N_TIMES,
@@ -23,7 +26,7 @@ from jaxtat.cli import main
 from jaxtat.interop import save_patato
 from jaxtat.io import Scan, load_scan
 from jaxtat.io.frames import LazyFrames
-from jaxtat.scans import choose, reconstruct, standard_deviations
+from jaxtat.scans import choose, reconstruct, standard_deviations, with_facts
 
 
 @pytest.fixture(scope="module")
@@ -137,19 +140,20 @@ def test_a_plane_of_x_and_z(data, found, tmp_path):
         assert [image.attrs[f"RECONSTRUCTION_N{name}"] for name in "XYZ"] == [45, 1, 45]
 
 
-def test_millimetres_and_microseconds_become_metres_and_seconds(data, tmp_path):
+def test_millimetres_and_microseconds_become_metres_and_seconds(data, found, tmp_path):
     small = {"detectors": 1e3 * positions(), "sampling_rate": 1e-6 * RATE}
-    given = {"region_radius": 11.0, "max_frequency": 3.5, "pixels": 45, "alpha": 1e-3}
+    given = {"region_center": (0.5, -1.0), "region_radius": 11.0, "max_frequency": 3.5}
     scan = spectral_scan(data, sound_speed=1e-3 * SPEED, **small)
-    found = reconstruct(scan, choose(scan, **given))
-    save_patato(tmp_path / "a.hdf5", scan, found)
+    choices = choose(scan, **GIVEN | given)
+    there = {"grid": choices.grid, "region": choices.region, "unit": choices.units.length}
+    save_patato(tmp_path / "a.hdf5", scan, replace(found, choices=choices, **there))
     again = load_scan(tmp_path / "a.hdf5").known
     assert again["sampling_rate"] == pytest.approx(RATE)
     assert again["sound_speed"] == pytest.approx(SPEED)
     assert np.allclose(again["detectors"], positions(), atol=1e-12)
     with h5py.File(tmp_path / "a.hdf5") as file:
         ends = file["recons/jaxtat/0"].attrs["RECONSTRUCTION_FIELD_OF_VIEW_X"]
-        assert np.allclose(ends, found.choices.region_center[0] / 1e3 + np.array([-0.011, 0.011]))
+        assert np.allclose(ends, CENTER[0] + np.array([-0.011, 0.011]))
 
 
 def test_a_file_of_patato_is_extended_and_nothing_in_it_is_lost(data, found, scan, tmp_path):
@@ -215,23 +219,22 @@ def test_files_of_others_and_of_other_scans_are_refused(data, found, scan, tmp_p
 
 def test_the_command_extends_and_refuses_before_it_works(data, tmp_path, capsys):
     path = write_patato(tmp_path / "scan.hdf5", data)
-    call = f"reconstruct {path} --format patato {OPTIONS} --frames 0:4 --out"
+    call = f"reconstruct {path} --format patato {OPTIONS} --out"
     assert main([*call.split(), str(path)]) == 0
     assert "laser_energy" in capsys.readouterr().out
     with h5py.File(path) as file:
-        assert file["recons/jaxtat/0"].shape == (1, 4, 1, 45, 45)
-        assert file["jaxtat/0/standard_deviation"].shape == (1, 4, 1, 45, 45)
+        assert file["recons/jaxtat/0"].shape == (2, 4, 1, 45, 45)
+        assert file["jaxtat/0/standard_deviation"].shape == (2, 4, 1, 45, 45)
     assert main([*call.split(), str(tmp_path / "a.png")]) == 2
     assert "a name ending in .hdf5, .h5" in capsys.readouterr().err
-    assert main([*call.replace("0:4", "0:3").split(), str(path)]) == 0
-    assert main([*call.replace("0:4", "0:5").split(), str(path)]) == 2
+    assert main([*call.split(), str(path), "--frames", "0:5"]) == 2
     assert "whole rounds" in capsys.readouterr().err
 
 
 def test_a_scan_without_wavelengths_or_response(data, tmp_path, found):
     known = {"detectors": positions(), "sampling_rate": RATE, "sound_speed": SPEED}
     scan = Scan("pressure", data[0, 0], known)
-    single = reconstruct(scan, choose(scan, **GIVEN))
+    single = replace(found, image=found.image[0], numbers=np.array([0]), frames=None)
     save_patato(tmp_path / "a.hdf5", scan, single)
     with h5py.File(tmp_path / "a.hdf5") as file:
         assert file["wavelengths"][()].tolist() == [0.0]  # PATATO's word for unknown
@@ -240,19 +243,32 @@ def test_a_scan_without_wavelengths_or_response(data, tmp_path, found):
     assert "wavelengths" not in load_scan(tmp_path / "a.hdf5").known
 
 
-def test_frames_left_out_are_nan(data, tmp_path):
+def test_frames_left_out_are_nan(data, found, tmp_path):
     broken = data.copy()
     broken[0, 2, 5] = np.nan
     scan = spectral_scan(broken)
-    with pytest.warns(match="frames 2 are left out"):
-        found = reconstruct(scan, choose(scan, **GIVEN))
     deviation = standard_deviations(scan, found.choices)
-    assert len(deviation) == len(found.numbers) == 7
-    save_patato(tmp_path / "a.hdf5", scan, found, deviation=deviation)
+    kept = np.array([0, 1, 3, 4, 5, 6, 7])
+    some = replace(found, image=found.image[kept], frames=found.frames[kept], numbers=kept)
+    assert len(deviation) == 7
+    save_patato(tmp_path / "a.hdf5", scan, some, deviation=deviation)
     with h5py.File(tmp_path / "a.hdf5") as file:
         for name in ("recons/jaxtat/0", "jaxtat/0/standard_deviation"):
             blank = np.isnan(file[name][()]).all(axis=(2, 3, 4))
             assert blank.ravel().nonzero()[0].tolist() == [2]
+
+
+def test_frames_that_were_chosen_are_added_to_the_whole_scan(data, scan, found, tmp_path):
+    path = write_patato(tmp_path / "scan.hdf5", data)
+    second = with_facts(scan, frames=[4, 5, 6, 7])
+    some = replace(found, image=found.image[4:], frames=found.frames[4:], numbers=np.arange(4, 8))
+    save_patato(path, second, some)
+    with h5py.File(path) as file:
+        assert file["raw_data"].shape[:2] == (2, 4)
+        image = file["recons/jaxtat/0"]
+        assert image.shape == (1, 4, 1, 45, 45)
+        assert image.attrs["wavelengths"].tolist() == WAVELENGTHS.tolist()
+        assert image[0, 1, 0, 20, 22] == found.image[5, 22, 20]
 
 
 def test_named_arrays_go_the_same_way(scan, tmp_path):
