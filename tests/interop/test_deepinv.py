@@ -18,7 +18,7 @@ def physics(arc):
 
 @pytest.fixture(scope="module")
 def image(arc):
-    bells = phantoms.Bells([[0.1, 0.2], [-0.4, -0.1]], [0.5, 0.4])
+    bells = phantoms.Bells([[0.1, 0.2], [-0.3, -0.2]], [0.6, 0.55])  # resolved by 21 pixels
     return torch.tensor(np.asarray(bells.image(arc.grid)))[None, None]
 
 

@@ -69,10 +69,10 @@ def test_pacfish_finds_no_fault_with_what_is_written(data, tmp_path):
     path = tmp_path / "scan.hdf5"
     save_ipasc(path, spectral_scan(data))
     read = pacfish.load_data(str(path))
-    for checker in (pacfish.CompletenessChecker(), pacfish.ConsistencyChecker()):
-        assert checker.check_acquisition_meta_data(read.meta_data_acquisition)
-        assert checker.check_device_meta_data(read.meta_data_device)
-    assert pacfish.ConsistencyChecker().check_binary_data(read.binary_time_series_data)
+    checker = pacfish.ConsistencyChecker()
+    assert checker.check_acquisition_meta_data(read.meta_data_acquisition)
+    assert checker.check_device_meta_data(read.meta_data_device)
+    assert checker.check_binary_data(read.binary_time_series_data)
     assert np.allclose(read.get_acquisition_wavelengths(), WAVELENGTHS / 1e9)
     energies = read.meta_data_acquisition[pacfish.MetadataAcquisitionTags.PULSE_ENERGY.tag]
     assert np.allclose(energies, ENERGIES / 1e3)
