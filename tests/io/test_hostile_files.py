@@ -36,7 +36,7 @@ for text in ("crash", "hang", "memory", "raw", "long", "lines", "refused", "read
     counts, _ = run(Batch(case, fails, 0, range(3)), Path("."))
     found[text] = dict(zip(OUTCOMES, counts.tolist()))
 fuzz_files.SECONDS = 10
-kinds = ["npz", "npy", "matlab 5", "matlab 7.3", "hdf5", "ipasc", "msot"]
+kinds = ["npz", "npy", "matlab 5", "matlab 7.3", "hdf5", "ipasc", "patato", "msot"]
 counts, said = fuzz(kinds, 280, 1)
 counts = {name: dict(zip(OUTCOMES, row.tolist())) for name, row in counts.items()}
 print(json.dumps([found, said, counts]))
