@@ -18,14 +18,13 @@ from ..base.optional_packages import optional
 from ..constraints.relative_cg import RelativeCG
 from ..reconstruction import ForwardOperator, Setup, forward_operator, reconstruct
 
-optional("deepinv", "jaxtat.interop.deepinv", "deepinv")
-import torch  # noqa: E402  # pyright: ignore[reportMissingImports]
-from deepinv.physics import LinearPhysics  # noqa: E402  # pyright: ignore[reportMissingImports]
+torch: Any = optional("torch", "jaxtat.interop.deepinv", "deepinv")
+physics: Any = optional("deepinv.physics", "jaxtat.interop.deepinv", "deepinv")
 
 PROX_TOLERANCE, PROX_STEPS = 1e-8, 500
 
 
-class TomographyPhysics(LinearPhysics):
+class TomographyPhysics(physics.LinearPhysics):
     """y = A x, from images (batch, 1, x1, x2) to integrals (batch, 1, detectors, radii).
 
     A is `forward_operator(setup)`; its adjoint is exact. Gradients go through all four maps, those

@@ -18,15 +18,12 @@ from ..base.optional_packages import optional
 from ..scans import Choices
 from .records_on_grid import images_on_grid
 
-optional("patato", "jaxtat.interop.patato", "patato")
-from patato import recon  # noqa: E402
-from patato.recon.reconstruction_algorithm import ReconstructionAlgorithm  # noqa: E402
-
+recon: Any = optional("patato.recon", "jaxtat.interop.patato", "patato")
 NAME = "jaxtat"
 _HILBERT = "HILBERT_TRANSFORM"  # PATATO's mark of a record that was made complex, and of its part
 
 
-class JaxtatReconstruction(ReconstructionAlgorithm):
+class JaxtatReconstruction(recon.ReconstructionAlgorithm):
     """Images by `reconstruct`, with what was chosen by the first record for all that follow.
 
     The record is taken as PATATO's preprocessing left it, energies and impulse response divided out

@@ -1,5 +1,7 @@
 """The interface of IPASC's image reconstruction, and PACFISH's checks of what is written."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from spectral_scans import (
@@ -67,7 +69,8 @@ def test_the_image_is_that_of_the_scan(data):
 def test_pacfish_finds_no_fault_with_what_is_written(data, tmp_path):
     pacfish = pytest.importorskip("pacfish", reason="PACFISH is not installed: pip install pacfish")
     path = tmp_path / "scan.hdf5"
-    save_ipasc(path, spectral_scan(data))
+    scan = spectral_scan(data, field_of_view=[-0.01, 0.01, -0.01, 0.01, 0.0, 0.0])
+    save_ipasc(path, replace(scan, about={"device": "an array"}))  # it asks for both
     read = pacfish.load_data(str(path))
     checker = pacfish.ConsistencyChecker()
     assert checker.check_acquisition_meta_data(read.meta_data_acquisition)
