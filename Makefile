@@ -7,13 +7,15 @@ export OPENBLAS_NUM_THREADS := 1
 # where it is set, as in many containers, every process would compile all that it imports
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help paper test test-lowest test-newest has-newest check bench docs pictures package clean
+.PHONY: help paper test test-lowest test-newest test-interop test-deepinv has-newest check bench docs pictures package clean
 
 help:
 	@echo "make paper   reproduce the paper: table, figures and metrics.json in out/paper"
 	@echo "make test    style, types and all tests, the paper's run among them"
 	@echo "make test-lowest   a part of the tests with the oldest versions that are supported"
 	@echo "make test-newest   all tests with the newest Python that is found, and the newest packages"
+	@echo "make test-interop   the tests with PATATO, PACFISH, xarray and Zarr, in an environment of theirs"
+	@echo "make test-deepinv   those with DeepInverse and PyTorch, likewise"
 	@echo "make bench   time, error and memory of everything, into benchmarks/results.json and .md"
 	@echo "make docs    the documentation, in out/site"
 	@echo "make pictures   the pictures in it, in docs/pictures"
@@ -85,6 +87,29 @@ has-newest:
 		--upgrade --editable '.[test]'
 	touch $@
 
+# packages of others that not everyone wants to install: what jaxtat gives them, judged by them
+test-interop: .venv-interop/ready
+	.venv-interop/bin/python -m pytest tests/interop
+
+.venv-interop/ready: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv-interop
+	.venv-interop/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
+		--constraint constraints.txt --editable '.[test,patato,xarray,zarr]' ome-zarr-models pacfish
+	touch $@
+
+# PyTorch for the processor alone, unless TORCH_INDEX is another list of wheels, or empty
+TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
+test-deepinv: .venv-deepinv/ready
+	.venv-deepinv/bin/python -m pytest tests/interop/test_deepinv.py
+
+.venv-deepinv/ready: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv-deepinv
+	sed '/^mpmath/d' constraints.txt > .venv-deepinv/constraints.txt  # SymPy wants an older one
+	.venv-deepinv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
+		$(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) \
+		--constraint .venv-deepinv/constraints.txt --editable '.[deepinv]' beartype pytest
+	touch $@
+
 docs: .venv/docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
@@ -109,4 +134,4 @@ package: .venv/ready
 		'import jaxtat; print(jaxtat.__version__, jaxtat.__file__)'
 
 clean:
-	rm -rf .venv .venv-lowest .venv-newest out dist
+	rm -rf .venv .venv-lowest .venv-newest .venv-interop .venv-deepinv out dist

@@ -6,6 +6,7 @@ import os
 import shutil
 import tempfile
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import jax
@@ -51,6 +52,12 @@ with install_import_hook("jaxtat", "beartype.beartype"):
 gc.collect()
 gc.freeze()
 gc.set_threshold(200_000, 20, 100)
+
+
+# modules that are one with a package that not everyone has: nothing in them without it
+collect_ignore = [
+    f"jaxtat/interop/{name}.py" for name in ("deepinv", "patato") if find_spec(name) is None
+]
 
 
 # The longest files, longest first: begun last, one of them would run on alone.

@@ -18,7 +18,7 @@ sys.path.insert(0, str(ROOT / "tests" / "io"))
 from scan_writers import write_everything, write_matlab73, write_msot, write_named  # noqa: E402
 
 Rng = np.random.Generator
-KINDS = ("npz", "npy", "matlab 5", "matlab 7.3", "hdf5", "ipasc", "msot", "image", "plan")
+KINDS = ("npz", "npy", "matlab 5", "matlab 7.3", "hdf5", "ipasc", "patato", "msot", "image", "plan")
 # what HDF5 begins its structures with
 _OF_HDF5 = (
     *(b"TREE", b"SNOD", b"HEAP", b"GCOL", b"OHDR", b"OCHK", b"BTHD", b"BTLF", b"BTIN"),
@@ -107,6 +107,7 @@ def seeds_of(folder: Path, names: Sequence[str]) -> list[Case]:
         "ipasc": lambda: Case(
             "ipasc", whole(paths["ipasc"], foreign_ipasc(folder)), [edited_hdf5, looped]
         ),
+        "patato": lambda: Case("patato", whole(paths["patato"]), [edited_hdf5, looped]),
         "msot": lambda: Case("msot", whole(paths["msot"], msot), [edited_xml, bomb_xml]),
         "image": lambda: Case(
             "image", whole(*sorted(folder.glob("image *"))), [edited_hdf5, looped]

@@ -97,6 +97,11 @@ CHOICES = (
         lambda c: "removed" if c.impulse_response else "kept",
     ),
     Choice(
+        "laser_energy",
+        bool,
+        lambda c: "divided out" if c.laser_energy else "not corrected",
+    ),
+    Choice(
         "dead_time",
         float,
         lambda c: c.units.of_time(c.dead_time),

@@ -14,3 +14,4 @@ IMAGE_SUFFIXES: tuple[str, ...] = (
     ".tif",
     ".tiff",
 )  # `io.images`
+FORMATS = {"patato": (".hdf5", ".h5")}  # of images, and their suffixes, see `interop`

@@ -48,10 +48,17 @@ def reconstruct(options: argparse.Namespace) -> None:
     start = time.perf_counter()
     require_suffix(options.out)  # and the package that writes it
     scan, choices, plan, options = _asked(options, start)
+    inputs = [path for path in (options.file, options.plan) if path]
+    if options.format == "patato":
+        from ..interop.patato_files import require_patato
+
+        require_patato(options.out, scan, inputs)
     found = reconstruct_scan(scan, choices, plan=plan, progress=not options.quiet)
     if found.report:
         _report(options, found.report, start)
     settings = {name: value for name, value in vars(options).items() if name != "run"}
+    if options.format == "patato":
+        return _to_patato(options, scan, found, plan, settings, inputs, start)
     save_image(
         options.out,
         found.image,
@@ -60,9 +67,19 @@ def reconstruct(options: argparse.Namespace) -> None:
         settings | choices.settings(),
         frames=found.frames,
         unit=options.length_unit or found.unit,
-        inputs=[path for path in (options.file, options.plan) if path],
+        inputs=inputs,
     )
     _report(options, f"image written to {options.out}", start)
+
+
+def _to_patato(options, scan, found, plan, settings, inputs, start: float) -> None:
+    from ..interop import save_patato
+    from ..scans import standard_deviations
+
+    deviation = standard_deviations(scan, found.choices, plan=plan)
+    save_patato(options.out, scan, found, deviation=deviation, settings=settings, inputs=inputs)
+    without = "" if deviation is not None else "; no standard deviations: no part of it is quiet"
+    _report(options, f"images are in {options.out}, for PATATO{without}", start)
 
 
 def report(options: argparse.Namespace) -> None:

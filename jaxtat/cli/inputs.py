@@ -20,7 +20,7 @@ from .refusals import OF_PLANS, band, is_given, slices
 
 SAME = 1e-6  # of the size: places and radii that differ by less are the same
 FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use", "frames")
-_OPTIONS = ("file", "out", "quiet", "cache", "no_cache", "repeat", "length_unit", "plan")
+_OPTIONS = ("file", "out", "format", "quiet", "cache", "no_cache", "repeat", "length_unit", "plan")
 
 
 def scan_of(

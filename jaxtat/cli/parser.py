@@ -12,7 +12,7 @@ from ..base.choice_table import (
     REGION,
     option_of,
 )
-from ..base.names import IMAGE_SUFFIXES
+from ..base.names import FORMATS, IMAGE_SUFFIXES
 from ..base.scanners import SCANNERS
 from ..base.units import MILLIMETRES
 from ..version import __version__
@@ -39,6 +39,8 @@ _EXAMPLES = {
       the image that fits the record and has the shortest edges, no pixel below zero
   jaxtat reconstruct data.npz --plan half.h5 --out image.png
       with a plan, of `jaxtat plan`
+  jaxtat reconstruct scan.msot --format patato --out scan.hdf5
+      all wavelengths, for PATATO to unmix: images and standard deviations in its own file
 """,
     "info": """
   jaxtat info scan.hdf5
@@ -134,6 +136,12 @@ def _add_reconstruct(subparsers) -> None:
         required=True,
         metavar="IMAGE",
         help=f"image or volume to write: {', '.join(IMAGE_SUFFIXES)}",
+    )
+    parser.add_argument(
+        "--format",
+        choices=tuple(FORMATS),
+        help="of the image, where its suffix does not say enough: patato adds it to a scan's HDF5 "
+        "file of PATATO, or makes one",
     )
     parser.add_argument(
         "--frames", metavar="SLICES", help="frames to reconstruct: 0:10 or 3:4,8:20:2"

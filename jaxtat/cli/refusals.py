@@ -16,7 +16,7 @@ from ..base.choice_table import (
     require_pixels,
 )
 from ..base.messages import require_file
-from ..base.names import IMAGE_SUFFIXES
+from ..base.names import FORMATS, IMAGE_SUFFIXES
 from ..base.scanners import scanner_named
 
 OF_PLANS = ("K", "j_max", "sigma_min", "series", "collocation", "single")
@@ -34,6 +34,8 @@ def require_options(options: argparse.Namespace) -> None:
     _require_detectors(options)
     _require_together(options)
     suffixes = _SUFFIXES.get(options.run.__name__, ("",))
+    if is_given(options, "format") and options.format in FORMATS:
+        suffixes = FORMATS[options.format]
     if not getattr(options, "out", "").endswith(suffixes):
         raise ValueError(
             f"cannot write {options.out}: expected a name ending in {', '.join(suffixes)}."

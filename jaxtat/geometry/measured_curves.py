@@ -255,14 +255,26 @@ def in_plane(positions: Numbers) -> Float[Array, "detectors 2"]:
         return points
     if not is_concrete(points):
         raise ValueError("traced positions must be (detectors, 2): drop the constant coordinate.")
-    spread = np.ptp(np.asarray(points), axis=0)
-    flat = int(np.argmin(spread))
-    if spread[flat] > 1e-3 * spread.max():
+    flat = flat_axis(np.asarray(points))
+    if flat is None:
         raise ValueError(
-            f"the detectors do not lie in a coordinate plane: their coordinates spread over "
-            f"{spread}; rotate them into a plane and pass the two coordinates in it."
+            "the detectors do not lie in a coordinate plane: their coordinates spread over "
+            f"{np.ptp(np.asarray(points), axis=0)}; rotate them into a plane and pass the two "
+            "coordinates in it."
         )
     return by_library(lambda xp, points: xp.delete(points, flat, axis=1), (points,))
+
+
+def flat_axis(points: np.ndarray) -> int | None:
+    """The axis across the coordinate plane in which points lie; None of points in no such plane.
+
+    Those of two coordinates lie in the first two axes.
+    """
+    if points.shape[1] == 2:
+        return 2
+    spread = np.ptp(points, axis=0)
+    flat = int(np.argmin(spread))
+    return flat if spread[flat] <= 1e-3 * spread.max() else None
 
 
 def is_closed(points: np.ndarray) -> bool:

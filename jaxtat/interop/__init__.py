@@ -1,5 +1,16 @@
-"""The forward operator in the clothes of other libraries."""
+"""jaxtat in the pipelines of others: its operator in their clothes, its images in their files."""
 
-from .linear_operators import pylops_operator, scipy_operator
+from .ipasc import IpascAlgorithm
+from .labelled_images import save_ome_zarr, to_xarray
+from .linear_operators import direct_operator, pylops_operator, scipy_operator
+from .patato_files import save_patato
 
-__all__ = ["pylops_operator", "scipy_operator"]
+__all__ = [
+    "IpascAlgorithm",
+    "direct_operator",
+    "pylops_operator",
+    "save_ome_zarr",
+    "save_patato",
+    "scipy_operator",
+    "to_xarray",
+]

@@ -24,6 +24,7 @@ from ..base.atomic import replacing
 from .hdf5 import Hdf5File, creating_hdf5, is_hdf5, open_hdf5, read_part
 from .limits import Allowance
 from .scan import Kind, Scan
+from .series import period, rate_of
 
 _DATA, _META, _DEVICE = "binary_time_series_data", "meta_data", "meta_data_device"
 # texts that are kept, by their names in `Scan.about`
@@ -85,6 +86,7 @@ def load_ipasc(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
             known["wavelengths"] = np.tile(wavelengths, measurements)
         elif n:
             about["wavelengths"] = f"{n} left out: no wavelengths, or not of these data"
+        known |= _energies(file, colours, measurements)
         read = partial(_read_frames, (rows, columns, colours, measurements))
         data = file.frames(_DATA, (colours * measurements, rows, columns), read)
     # a single frame is an image's data, which the format cannot tell from a series of one
@@ -118,9 +120,9 @@ def save_ipasc(path: str | Path, scan: Scan) -> None:
     """
     if scan.kind != "pressure":
         raise ValueError(f"IPASC files hold pressure, this scan has {scan.kind}.")
-    rate = _rate(scan)
+    rate = rate_of(scan, "IPASC")
     wavelengths = scan.known.get("wavelengths")
-    colours = 1 if wavelengths is None else _period(wavelengths)
+    colours = 1 if wavelengths is None else period(wavelengths)
     rows, columns = scan.data.shape[-2:]
     shape = (rows, columns, colours, scan.n_frames // colours)
     with replacing(path) as temporary, creating_hdf5(temporary) as file:
@@ -140,6 +142,8 @@ def save_ipasc(path: str | Path, scan: Scan) -> None:
             "compression": "raw",
         }
         meta |= {name: scan.known.get(name) for name in _FURTHER}
+        if "laser_energy" in scan.known:
+            meta["pulse_energy"] = scan.known["laser_energy"].reshape(-1, colours) / 1e3
         for name, value in meta.items():
             _write(file, f"{_META}/{name}", value)
         about = {"uuid": str(uuid.uuid4()), "device": "None", **scan.about}
@@ -194,6 +198,20 @@ def _wavelengths(file: Hdf5File) -> tuple[int, np.ndarray | None]:
     return len(values), values if usable else None
 
 
+def _energies(file: Hdf5File, colours: int, measurements: int) -> dict[str, np.ndarray]:
+    """Of the pulses [mJ]: one for each frame, or for each wavelength; none if any is not known."""
+    found = _optional("laser_energy", file, f"{_META}/pulse_energy").get(
+        "laser_energy", np.empty(0)
+    )
+    n = colours * measurements
+    if found.size == colours < n:
+        found = np.tile(found.reshape(-1), measurements)
+    elif found.shape == (colours, measurements) != (measurements, colours):
+        found = found.T
+    usable = found.size == n and np.isfinite(found).all() and (found > 0).all()
+    return {"laser_energy": 1e3 * found.reshape(-1)} if usable else {}
+
+
 def _optional(name: str, file: Hdf5File, where: str) -> dict[str, np.ndarray]:
     return {name: file.read(where)} if file.has_numbers(where) else {}
 
@@ -212,29 +230,6 @@ def _read_frames(
         box = (slice(0, rows), slice(0, columns), *ends)[: dataset.ndim]
         found[place] = read_part(_DATA, dataset, box).reshape(rows, columns)
     return found
-
-
-def _rate(scan: Scan) -> float:
-    """The sampling rate [Hz], which the format demands."""
-    if "sampling_rate" in scan.known:
-        return float(scan.known["sampling_rate"])
-    times = scan.known.get("times", np.zeros(1))
-    steps = np.diff(times)
-    if not steps.size or steps.min() <= 0 or np.ptp(steps) > 1e-6 * steps.mean():
-        raise ValueError("IPASC files need a sampling_rate, or times at equal steps.")
-    return float((len(times) - 1) / (times[-1] - times[0]))
-
-
-def _period(values: np.ndarray) -> int:
-    """The least p that divides the length and after which all values repeat.
-
-    >>> _period(np.array([700, 800, 700, 800])), _period(np.array([700, 800, 800]))
-    (2, 3)
-    """
-    n = len(values)
-    return next(
-        p for p in range(1, n + 1) if n % p == 0 and (values.reshape(-1, p) == values[:p]).all()
-    )
 
 
 def _write_device(file: h5py.File, scan: Scan) -> None:

@@ -14,6 +14,7 @@ from .scan import Kind, Scan
 _XML_MEMORY = 64  # bytes of memory for one of XML, at most
 _SAMPLE = np.dtype("<u2")
 _PREFIXES = {"none": 1.0, "G": 1e9, "M": 1e6, "k": 1e3, "c": 1e-2, "m": 1e-3, "u": 1e-6, "n": 1e-9}
+_ENERGIES = ("POWER", "OverallCorrectionFactor")  # with which frames are corrected
 _MARK = 1000.0  # added to the first value of a response by some versions of the software
 # texts that are kept, by their names in `Scan.about`
 _ABOUT = {
@@ -56,6 +57,7 @@ def load_msot(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
             [1e9 * _number(_found(frame, "Frame/WAVELENGTH")) for frame in frames]
         ),
     }
+    known |= _laser_energy(frames)
     known["wavelengths"] = np.round(known["wavelengths"], 6)  # 1e9 * 1e-9 is not 1
     response = path.with_suffix(".irf")
     if response.is_file():
@@ -156,6 +158,25 @@ def _samples(path: Path, places: list[int], rows: int, columns: int) -> np.ndarr
     where, native = np.array(places), _SAMPLE.newbyteorder("=")
     shape = (len(places), rows, columns)
     return LazyFrames(shape, native, lambda chosen: data[where[chosen]].astype(native, copy=False))
+
+
+def _laser_energy(frames: list[Element]) -> dict[str, np.ndarray]:
+    """Of each frame [mJ], under the first name that all of them have it by; none is left out."""
+    for name in _ENERGIES:
+        elements = [_first(frame, f"Frame/{name}") for frame in frames]
+        found = [np.nan if element is None else _energy(element) for element in elements]
+        if all(value > 0 for value in found):
+            return {"laser_energy": np.array(found)}
+    return {}
+
+
+def _energy(element: Element) -> float:
+    """A number [mJ], NaN where there is none; a factor without unit as it is."""
+    try:
+        found = _number(element)
+    except ValueError:
+        return np.nan
+    return 1e3 * found if element.get("unit") == "J" else found
 
 
 def _response(path: Path, allowance: Allowance) -> np.ndarray:

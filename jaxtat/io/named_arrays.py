@@ -18,10 +18,12 @@ NAMES = {
     "radii": ("radii", "r"),
     "sound_speed": ("sound_speed", "speed_of_sound"),
     "wavelengths": ("wavelengths", "wavelength"),
+    "laser_energy": ("laser_energy", "pulse_energy"),
     "field_of_view": ("field_of_view", "fov"),
     "impulse_response": ("impulse_response", "irf"),
     "frequency_response": ("frequency_response",),
 }
+_LISTS = ("times", "radii", "wavelengths", "laser_energy", "field_of_view", "impulse_response")
 NAMES_OF_DATA = ("circular_integrals", "pressure")
 
 
@@ -74,9 +76,9 @@ def _plain(name: str, array: np.ndarray) -> np.ndarray:
     """An array without the axes that its writer had to add."""
     if name in ("sampling_rate", "sound_speed") and array.size == 1:
         return array.reshape(())
-    if name == "wavelengths" and array.size == 1:
+    if name in ("wavelengths", "laser_energy") and array.size == 1:
         return array.reshape(1)
-    if name in ("times", "radii", "wavelengths", "field_of_view", "impulse_response"):
+    if name in _LISTS:
         return array.reshape(-1) if array.ndim == 2 and 1 in array.shape else array
     if name == "detectors" and array.ndim == 2:
         return array.T if array.shape[1] not in (2, 3) and array.shape[0] in (2, 3) else array

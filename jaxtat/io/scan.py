@@ -31,6 +31,7 @@ class Scan:
             - radii: (samples,) [m, or that length] of circular integrals;
             - sound_speed: () or a map [m/s, or that length by time];
             - wavelengths: (frames,) [nm] of the light, of one frame (1,);
+            - laser_energy: (frames,) of the pulses, by which images are divided [mJ, or any unit];
             - frame_numbers: (frames,) in the file, of a scan of some of its frames;
             - field_of_view: (6,) first and last x1, x2 and x3 [m];
             - impulse_response: (any,) of all detectors, at the sampling rate, its time 0 in the
@@ -102,6 +103,7 @@ def _known(scan: Scan, name: str, value: Any) -> np.ndarray:
         "radii": ("radii",) if pressure else ("samples",),
         "sound_speed": None,
         "wavelengths": ("frames",),
+        "laser_energy": ("frames",),
         "frame_numbers": ("frames",),
         "field_of_view": ("6",),
         "impulse_response": ("any",),
@@ -125,7 +127,10 @@ def _known(scan: Scan, name: str, value: Any) -> np.ndarray:
             raise ValueError(f"{name} have shape {array.shape}, expected {said}.")
     if not np.isfinite(array).all():
         raise ValueError(f"{name} hold NaN or infinite values, expected finite ones.")
-    if name in ("sampling_rate", "sound_speed", "wavelengths") and not (array > 0).all():
+    if (
+        name in ("sampling_rate", "sound_speed", "wavelengths", "laser_energy")
+        and not (array > 0).all()
+    ):
         worst = array.min()
         raise ValueError(f"the {name.replace('_', ' ')} is {worst:g}, expected a value above zero.")
     return array

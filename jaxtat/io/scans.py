@@ -11,6 +11,7 @@ from .limits import MAX_BYTES, Allowance, refusing
 from .matlab import is_matlab5, is_matlab73, load_matlab5, load_matlab73
 from .msot import is_msot, load_msot
 from .numpy_files import is_npy, is_npz, load_npy, load_npz
+from .patato import is_patato, load_patato
 from .plain_hdf5 import is_plain_hdf5, load_plain_hdf5
 from .scan import Kind, Scan, require_kind
 
@@ -33,6 +34,7 @@ FORMATS = (
     Format("MATLAB 7.3", (".mat",), is_matlab73, load_matlab73),
     Format("MATLAB 5 to 7", (".mat",), is_matlab5, load_matlab5),
     Format("IPASC", (".h5", ".hdf5"), is_ipasc, load_ipasc),
+    Format("PATATO", (".h5", ".hdf5"), is_patato, load_patato),
     Format("HDF5", (".h5", ".hdf5"), is_plain_hdf5, load_plain_hdf5),
     Format("iThera MSOT", (".msot",), is_msot, load_msot),
 )
@@ -42,7 +44,7 @@ SUFFIXES = tuple(dict.fromkeys(suffix for format in FORMATS for suffix in format
 def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MAX_BYTES) -> Scan:
     """Read data, and what is known of them, from a file of one of `FORMATS`.
 
-    - .h5, .hdf5 of IPASC, and iThera's .msot with its .bin and .irf: all that they say;
+    - .h5, .hdf5 of IPASC or PATATO, and iThera's .msot with its .bin and .irf: all that they say;
     - .npz, MATLAB's .mat, and .h5, .hdf5 with datasets at the root: data named
       ``circular_integrals`` (detectors, radii), in space ``spherical_integrals``, or ``pressure``
       (detectors, times), of more frames

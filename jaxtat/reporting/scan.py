@@ -6,18 +6,18 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, whole_number
 from ..io import Scan, load_scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan, reconstruct
-from ..records import LEAST_SAMPLES, noise_of_record
 from ..regularization import Tikhonov
 from ..scans import Choices, choose, estimate_sound_speed, integrals, setup_of, with_facts
 from ..scans.constrained import compared, fitted
-from ..scans.facts import facts_of, times_of
+from ..scans.deviations import draw, quiet_noise
+from ..scans.facts import facts_of
+from ..scans.frames import lit_frames
 from ..steps import AccuracyWarning
 from ..studies import Diagnosis
 from .constrained import Constrained
@@ -96,8 +96,9 @@ def report_scan(
         raise ValueError(f"frame is {frame}, but the scan has {scan.n_frames}, counted from 0.")
     facts = facts_of(scan)  # refuses detectors around a volume
     setup = setup_of(scan, choices) if plan is None else plan.setup
-    g = integrals(scan, choices, setup, scan.frame(frame))
-    noise = _noise_alone(scan, choices, setup, scan.frame(frame)) if sigma is None else None
+    (recorded,) = lit_frames(scan, choices, frame, frame + 1)
+    g = integrals(scan, choices, setup, recorded)
+    noise = _noise_alone(scan, choices, setup, recorded) if sigma is None else None
     if plan is None:
         with warnings.catch_warnings():  # of waves below the noise, which the page grades
             warnings.filterwarnings("ignore", ".* of the plane waves are off", AccuracyWarning)
@@ -106,7 +107,7 @@ def report_scan(
     image = reconstruct(plan, g, low_pass=low_pass, inversion=inversion)
     constrained = None
     if choices.model_based:
-        constrained = _constrained(scan, choices, setup, scan.frame(frame), image, progress)
+        constrained = _constrained(scan, choices, setup, recorded, image, progress)
     several = f", frame {frame} of {scan.n_frames}" if scan.n_frames > 1 else ""
     return report(
         path,
@@ -148,18 +149,7 @@ def _noise_alone(
     scan: Scan, choices: Choices, setup: Setup, frame: np.ndarray
 ) -> Float[Array, "detectors radii"] | None:
     """Circular integrals of noise as in the quiet part of a record; None without a quiet part."""
-    times = times_of(scan)
-    if times is None:
+    noise = quiet_noise(scan, choices, setup, frame)
+    if noise is None:
         return None
-    start = 2 * choices.dead_time  # what is silenced is faded in over as long again
-    nearest = jnp.linalg.norm(setup.curve.points - setup.region.center, axis=1).min()
-    arrival = float(nearest - setup.region.reach) / choices.sound_speed
-    if np.count_nonzero((times >= start) & (times < arrival)) < LEAST_SAMPLES:
-        return None
-    rows = list(choices.channels)
-    quiet = noise_of_record(frame[rows].astype(float), times, until=arrival, dead_time=start)
-    if not float(quiet.sigma.max()) > 0:
-        return None
-    drawn = np.zeros(frame.shape)
-    drawn[rows] = quiet.sample(jax.random.key(0), len(times))
-    return integrals(scan, choices, setup, drawn)
+    return integrals(scan, choices, setup, draw(scan, choices, noise, jax.random.key(0)))

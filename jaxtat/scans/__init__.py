@@ -2,6 +2,7 @@
 
 from .choices import Choices
 from .choosing import choose
+from .deviations import standard_deviations
 from .facts import with_facts
 from .frames import integrals, setup_of
 from .images import ScanImages, reconstruct, reconstruct_file
@@ -18,5 +19,6 @@ __all__ = [
     "reconstruct",
     "reconstruct_file",
     "setup_of",
+    "standard_deviations",
     "with_facts",
 ]

@@ -45,6 +45,7 @@ class Choices(eqx.Module):
         dead_time: the start of the record is silenced [time].
         band: pass band (f_lo, f_hi), or None for no filter [cycles/time].
         impulse_response: whether the one in the file is divided out.
+        laser_energy: whether frames are divided by the energy of their pulses.
         region_center, region_radius, region_cut, region_angle: of `disk`, angle in degrees; a cut
             at or beyond the radius leaves the whole disk. Of a volume, with a centre in space, of
             `spherical.ball` [length].
@@ -82,6 +83,7 @@ class Choices(eqx.Module):
     inversion: str = eqx.field(static=True)
     reasons: tuple[tuple[str, str], ...] = eqx.field(static=True)
     units: Units = eqx.field(static=True, default=Units())
+    laser_energy: bool = eqx.field(static=True, default=False)
     model_based: bool = eqx.field(static=True, default=False)
     penalty: str = eqx.field(static=True, default="tv")
     nonnegative: bool = eqx.field(static=True, default=False)

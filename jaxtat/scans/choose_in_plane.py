@@ -85,6 +85,7 @@ def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
         _from_record(scan, facts, found)
     else:
         _from_integrals(scan, facts, found)
+    found.take_laser_energy(scan)
     found.take("inversion", "fbp", "nothing is assumed beyond the region")
     found.take_constraints()
     return found.choices()

@@ -59,6 +59,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     _resolution(scan, facts, found, record)
     _radii(scan, facts, found)
     _noise(facts, found, record)
+    found.take_laser_energy(scan)
     found.take("inversion", "fourier", "what sounds lies in the ball about the region")
     found.take_constraints()
     return found.choices()

@@ -31,7 +31,7 @@ def choose(scan: Scan, **given: Any) -> Choices:
     return choices_in_space(scan, given) if in_space(scan) else choices_in_plane(scan, given)
 
 
-NAMES = ("use", "radii", "impulse_response", *(choice.name for choice in OPTIONS))
+NAMES = ("use", "radii", "impulse_response", "laser_energy", *(choice.name for choice in OPTIONS))
 
 
 def _require_known(given: Mapping[str, Any]) -> None:

@@ -17,7 +17,7 @@ from ..io import Scan
 from ..io.frames import LazyFrames
 from ..records import require_equispaced
 
-PER_FRAME = {"wavelengths", "frame_numbers"}
+PER_FRAME = {"wavelengths", "laser_energy", "frame_numbers"}
 FLAT = 1e-3  # least extent over largest, from which detectors are not in a plane
 WATER = 1500.0  # speed of sound, nominal [m/s]
 SLOWEST, FASTEST = 1400 / WATER, 1600 / WATER  # of water and tissue, over that

@@ -49,6 +49,16 @@ class Found(NamedTuple):
         why = "noise" if noisy else "hardly any noise"
         self.take("low_pass", "cosine" if noisy else "none", why)
 
+    def take_laser_energy(self, scan: Scan) -> None:
+        """Whether frames are divided by the energy of their pulses: said where the file has it."""
+        if "laser_energy" in scan.known:
+            why = "in the file; the image is per unit of it"
+            self.take("laser_energy", True, why)
+        elif self.given.get("laser_energy"):
+            raise ValueError("laser_energy is wanted, but the file has no energies of its pulses.")
+        else:
+            self.values["laser_energy"] = False
+
     def expect(self, missing: str) -> None:
         """Images are fitted where data are missing, in words; "" for none."""
         if missing:

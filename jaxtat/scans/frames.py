@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Num
 
 from ..base.checks import real_array
 from ..io import Scan
@@ -40,6 +40,20 @@ def setup_of(scan: Scan, choices: Choices, *, n_groups: int = GROUPS) -> Setup:
         max_frequency=choices.max_frequency,
         n_groups=n_groups,
     )
+
+
+def lit_frames(
+    scan: Scan, choices: Choices, start: int, stop: int
+) -> Num[np.ndarray, "frames detectors samples"]:
+    """Frames from ``start`` to ``stop`` - 1, over the energy of their pulses if that is chosen.
+
+    Light of twice the energy makes twice the pressure, so that images of several wavelengths can be
+    compared only per energy.
+    """
+    frames = np.asarray(scan.data[start:stop] if scan.data.ndim == 3 else scan.data[None])
+    if not choices.laser_energy:
+        return frames
+    return frames / scan.known["laser_energy"][start:stop, None, None]
 
 
 def integrals(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from tqdm import tqdm
 
 from ..constraints import ModelBased
@@ -22,7 +22,7 @@ from .choices import Choices
 from .choosing import choose
 from .constrained import fitted
 from .facts import blank_frames, facts_of, frame_numbers, some_frames, with_facts
-from .frames import integrals, setup_of
+from .frames import integrals, lit_frames, setup_of
 from .space import TurnedOver, facts_in_space
 from .speed import estimate_sound_speed
 
@@ -39,6 +39,7 @@ class ScanImages:
         grid, region: where they are; outside the region they mean nothing.
         choices: with which they were made.
         frames: wavelengths [nm], or numbers in the file from 0, (frames,); None of a single frame.
+        numbers: of the frames in the file, from 0, (frames,).
         unit: of length, "m" or "mm" if it is known.
         report: how well the systems were solved, in words; nothing with a plan.
     """
@@ -48,6 +49,7 @@ class ScanImages:
     region: HasInside
     choices: Choices
     frames: Float[np.ndarray, " frames"] | None
+    numbers: Int[np.ndarray, " frames"]
     unit: str | None
     report: str
 
@@ -137,17 +139,17 @@ def reconstruct(
     """
     shape = choices.grid.shape if plan is None else plan.setup.grid.shape
     room = _room((scan.n_frames, *shape)) if out is None else None
-    scan = _without_blank_frames(scan, choices)
+    scan = without_blank_frames(scan, choices)
     setup = setup_of(scan, choices) if plan is None else plan.setup
     report = ""
-    worst, size, images = 0.0, _frames_at_a_time(scan), (scan.n_frames, *shape)
+    worst, size, images = 0.0, frames_at_a_time(scan, scan.n_frames), (scan.n_frames, *shape)
     out = out if room is None else room[: scan.n_frames]
     if tuple(out.shape) != images:
         raise ValueError(f"out has shape {tuple(out.shape)}, expected {images}.")
     flipped = choices.in_space and facts_in_space(scan, choices.order).upside_down
     with tqdm(total=scan.n_frames, unit="image", disable=not progress or scan.n_frames == 1) as bar:
         for start in range(0, scan.n_frames, size):
-            frames = _frames(scan, start, size)
+            frames = _frames(scan, choices, start, size)
             if choices.model_based and plan is None:
                 found = fitted(scan, choices, setup, frames, progress=progress and size == 1)
                 image, report = found.image, _fitted(found)
@@ -171,12 +173,13 @@ def reconstruct(
         region=TurnedOver(setup.region) if flipped else setup.region,
         choices=choices,
         frames=np.asarray(numbers, float) if several else None,
+        numbers=frame_numbers(scan),
         unit=choices.units.length if plan is None else facts_of(scan).units.length,
         report=report,
     )
 
 
-def _without_blank_frames(scan: Scan, choices: Choices) -> Scan:
+def without_blank_frames(scan: Scan, choices: Choices) -> Scan:
     """Without frames that hold NaN where a detector is used; all of them if none is good."""
     good = ~blank_frames(scan, choices.channels)
     if good.all() or not good.any():
@@ -209,6 +212,13 @@ def _solve(setup: Setup, g: Array, choices: Choices) -> Reconstruction:
         return solve(setup, g, choices.alpha, low_pass=low_pass, inversion=inversion)
 
 
+def formula_images(
+    setup: Setup, g: Array, choices: Choices, plan: ReconstructionPlan | None
+) -> Array:
+    """Images of integrals, by a plan if there is one; linear in them."""
+    return _solve(setup, g, choices).image if plan is None else _by_plan(plan, g, choices)
+
+
 def _by_plan(plan: ReconstructionPlan, g: Array, choices: Choices) -> Array:
     return reconstruct_by(plan, g, low_pass=choices.low_pass, inversion=choices.inversion)
 
@@ -230,14 +240,15 @@ def _fitted(found: ModelBased) -> str:
     )
 
 
-def _frames_at_a_time(scan: Scan) -> int:
+def frames_at_a_time(scan: Scan, n: int) -> int:
+    """How many of n frames of this scan's size."""
     fit = AT_A_TIME // (8 * scan.n_detectors * scan.n_samples)
-    return int(np.clip(fit, 1, min(32, scan.n_frames)))
+    return int(np.clip(fit, 1, min(32, n)))
 
 
-def _frames(scan: Scan, start: int, size: int) -> np.ndarray:
+def _frames(scan: Scan, choices: Choices, start: int, size: int) -> np.ndarray:
     """Frames from ``start`` on: one as (detectors, samples), else always as many, by zeros."""
+    part = lit_frames(scan, choices, start, start + size)
     if size == 1:
-        return scan.frame(start)
-    part = np.asarray(scan.data[start : start + size])
+        return part[0]
     return np.pad(part, ((0, size - len(part)), (0, 0), (0, 0)))

@@ -5,8 +5,8 @@ import pytest
 from pylops.utils import dottest
 from scipy.sparse.linalg import lsqr
 
-from jaxtat import forward_operator, phantoms
-from jaxtat.interop import pylops_operator, scipy_operator
+from jaxtat import forward_operator, phantoms, reconstruct
+from jaxtat.interop import direct_operator, pylops_operator, scipy_operator
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +34,24 @@ def test_scipy_has_vectors_columns_and_the_transpose(operator, arc):
     assert np.allclose(A.T @ np.stack([g, -g], axis=1), np.stack([back, -back], axis=1))
     found = lsqr(A, g, iter_lim=30)[0]
     assert np.linalg.norm(A @ found - g) < 1e-3 * np.linalg.norm(g)
+
+
+def test_the_direct_inverse_is_judged_too(operator, arc):
+    """Its transpose by PyLops; and it inverts, as the formula does, what lies in the region."""
+    inverse = direct_operator(arc, 1e-8)
+    wrapped = pylops_operator(inverse)
+    assert (wrapped.dims, wrapped.dimsd) == (arc.data_shape, arc.grid.shape)
+    assert dottest(wrapped, *wrapped.shape, rtol=1e-9)
+    image = phantoms.Bells([[0.1, 0.2]], [0.6]).image(arc.grid)
+    g = np.ravel(operator.mv(image))
+    A = scipy_operator(inverse)
+    found = (A @ g).reshape(arc.grid.shape)
+    inside = np.asarray(arc.region.contains(arc.grid.points))
+    direct = np.where(inside, reconstruct(arc, g.reshape(arc.data_shape), 1e-8), 0.0)
+    assert np.allclose(found, direct, atol=1e-12)
+    assert np.linalg.norm(found - image) < 0.01 * np.linalg.norm(image)
+    both = A @ np.stack([g, -g], axis=1)
+    assert np.allclose(both[:, 0], np.ravel(found)) and np.allclose(both[:, 1], -np.ravel(found))
 
 
 def test_others_are_refused(operator):

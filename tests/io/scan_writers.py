@@ -63,6 +63,21 @@ def write_msot(path, data, positions, megahertz=40.0, wavelengths=(), places=Non
     return path
 
 
+def write_patato(path, data, positions, rate):
+    """What PATATO's importer writes that a reader needs, as frames of one wavelength."""
+    with h5py.File(path, "w") as file:
+        file["raw_data"] = data[:, None]
+        file["raw_data"].attrs.update({"fs": rate, "name": "a scan", "speedofsound": 1500.0})
+        file["wavelengths"] = np.array([700.0])
+        for name, array in {
+            "GEOMETRY": positions,
+            "OverallCorrectionFactor": np.full((len(data), 1), 60.0),
+            "irf": np.eye(1, data.shape[-1])[0],
+        }.items():
+            file.create_dataset(name, data=array, compression="gzip")
+    return path
+
+
 def write_everything(folder, data, positions, rate):
     """One scan in every format: data (frames, detectors, samples) of type uint16, paths by name."""
     known = {"detectors": positions, "sampling_rate": rate}
@@ -72,6 +87,7 @@ def write_everything(folder, data, positions, rate):
         "npy": folder / "a.npy",
         "hdf5": write_named(folder / "a.h5", raw=data, positions=positions, fs=rate),
         "ipasc": folder / "a.hdf5",
+        "patato": write_patato(folder / "b.hdf5", data, positions, rate),
         "matlab 5": write_named(folder / "a.mat", **matlab),
         "matlab 7.3": write_matlab73(folder / "b.mat", **matlab),
         "msot": write_msot(

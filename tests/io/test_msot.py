@@ -32,6 +32,7 @@ def test_the_measured_scan_is_that_of_an_independent_reading(data_file, data_fol
     assert scan.about["name"] == "201001_05_GC_SS"
     assert scan.about["date"].startswith("2020-10-01")
     assert scan.about["averages"] == "6"
+    assert scan.known["laser_energy"] == pytest.approx([1193.8654300273377])  # POWER [mJ]
 
 
 def test_frames_wavelengths_and_response(tmp_path):
@@ -48,6 +49,19 @@ def test_frames_wavelengths_and_response(tmp_path):
     assert scan.about == {
         **{"format": "iThera MSOT", "name": "a scan", "device": "7", "temperature [C]": "33.5"}
     }
+
+
+@pytest.mark.parametrize("name", ["POWER", "OverallCorrectionFactor"])
+def test_energies_of_the_pulses(tmp_path, name):
+    path = write_msot(tmp_path / "a.msot", DATA, POSITIONS, wavelengths=WAVELENGTHS)
+    text = path.read_text().replace("<TEMPERATURE>", f"<{name}>60.5</{name}><TEMPERATURE>")
+    path.write_text(text)
+    assert load_scan(path).known["laser_energy"].tolist() == [60.5] * 4
+    path.write_text(text.replace(f"<{name}>", f'<{name} unit="J" unit-modifier="m">'))
+    assert np.allclose(load_scan(path).known["laser_energy"], 60.5, rtol=1e-14)
+    for wrong in ("0", "nan", "NaN", "much"):  # of one frame
+        path.write_text(text.replace(">60.5<", f">{wrong}<", 1))
+        assert "laser_energy" not in load_scan(path).known
 
 
 def test_a_single_frame_and_no_response(tmp_path):

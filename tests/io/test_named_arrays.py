@@ -19,6 +19,7 @@ VALUES = {
     "radii": np.arange(9.0),
     "sound_speed": np.array(1500.0),
     "wavelengths": np.array([700.0]),
+    "laser_energy": np.array([60.0]),
     "field_of_view": np.arange(6.0),
     "impulse_response": np.arange(5.0),
     "frequency_response": RNG.standard_normal((6, 2, 3)),

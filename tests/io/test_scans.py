@@ -16,7 +16,7 @@ from scan_writers import write_everything
 from jaxtat.io import load_scan
 from jaxtat.io.scans import FORMATS, SUFFIXES
 
-NAMES = ("npz", "npy", "hdf5", "ipasc", "matlab 5", "matlab 7.3", "msot")
+NAMES = ("npz", "npy", "hdf5", "ipasc", "patato", "matlab 5", "matlab 7.3", "msot")
 # every byte of these is under a checksum, or must be as it is
 CHECKED = ("npz", "matlab 5")
 RATE = 4e7
@@ -82,7 +82,7 @@ def test_any_scan_comes_back_from_every_format(tmp_path_factory, data):
     for name, path in write_everything(folder, counts, positions, rate).items():
         scan = load_scan(path)
         frames = np.asarray(scan.data).reshape(counts.shape)  # of one frame some drop the axis
-        if shape is not None or name in ("ipasc", "msot"):
+        if shape is not None or name in ("ipasc", "patato", "msot"):
             assert np.array_equal(frames, counts), name
         if name != "npy" and positions.shape[0] not in (2, 3):
             assert np.array_equal(scan.known["detectors"], positions), name

@@ -1,0 +1,169 @@
+"""Images with coordinates: as labelled arrays of xarray, and as OME-Zarr.
+
+Both keep the order of the array, f[x1, x2]; outside the region both are NaN.
+"""
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+
+import numpy as np
+
+from ..base.optional_packages import optional
+from ..base.units import millimetres
+from ..io.origin import as_json, provenance
+from ..scans import ScanImages
+
+OME_VERSION = "0.5"
+_NAMES = ("x1", "x2", "x3")
+
+
+def to_xarray(
+    found: ScanImages,
+    *,
+    deviation: np.ndarray | None = None,
+    wavelengths: np.ndarray | None = None,
+    inputs: Sequence[str | Path] = (),
+) -> Any:
+    """Images of a scan as an `xarray.Dataset`, which writes itself to NetCDF or Zarr.
+
+    Needs xarray: ``pip install 'jaxtat[xarray]'``.
+
+    Args:
+        found: by `scans.reconstruct` or `reconstruct_file`.
+        deviation: of its pixels, by `scans.standard_deviations`.
+        wavelengths: of the frames, (frames,) [nm], such as ``scan.known["wavelengths"]``.
+        inputs: files from which the images were made; names and SHA-256 are stored.
+
+    Returns:
+        With ``image`` and perhaps ``standard_deviation`` over ``frame`` (of several), ``x1``,
+        ``x2`` (and ``x3``) in metres where the scan's unit is known; coordinates ``frame`` (the
+        numbers in the file) and ``wavelength`` [nm]; settings and provenance as attributes (JSON).
+
+    Raises:
+        ValueError: without xarray, and for another number of wavelengths than frames.
+    """
+    xarray = optional("xarray", "to_xarray", "xarray")
+    scale, unit = _metres(found)
+    axes = [scale * along for along in _nodes(found)]
+    names, several = _NAMES[: len(axes)], found.frames is not None
+    dims = ("frame", *names) if several else names
+    inside = np.asarray(found.region.contains(found.grid.points))
+    coordinates: dict[str, Any] = {
+        name: (name, along, {"units": unit}) for name, along in zip(names, axes, strict=True)
+    }
+    if several:
+        coordinates["frame"] = np.asarray(found.numbers)
+    if wavelengths is not None:
+        along = np.asarray(wavelengths, float)
+        if along.shape != found.numbers.shape:
+            raise ValueError(
+                f"wavelengths have shape {along.shape}, but there are {len(found.numbers)} images."
+            )
+        dimension = ("frame", along) if several else ((), along[0])
+        coordinates["wavelength"] = (*dimension, {"units": "nm"})
+    variables = {"image": (dims, np.where(inside, found.image, np.nan))}
+    if deviation is not None:
+        spread = deviation if several else np.asarray(deviation)[0]
+        variables["standard_deviation"] = (dims, np.where(inside, spread, np.nan))
+    return xarray.Dataset(variables, coordinates, _texts(found, inputs))
+
+
+def save_ome_zarr(
+    path: str | Path,
+    found: ScanImages,
+    *,
+    wavelengths: np.ndarray | None = None,
+    inputs: Sequence[str | Path] = (),
+) -> None:
+    """Write images of a scan as OME-Zarr 0.5 (Zarr 3), for napari, Fiji and viewers in browsers.
+
+    One resolution, float32, axes frame (a channel), z, y, x with x1 along x and x2 along y;
+    millimetres; where pixel 0 is stands in the translation. Needs zarr: ``pip install
+    'jaxtat[zarr]'``.
+
+    Args:
+        path: a folder that is not there yet, such as ``scan.ome.zarr``; it appears when whole.
+        found: by `scans.reconstruct` or `reconstruct_file`.
+        wavelengths: of the frames, (frames,) [nm]: names of the channels.
+        inputs: files from which the images were made; names and SHA-256 are stored.
+
+    Raises:
+        ValueError: without zarr, for a folder that is there, or where none can be made.
+
+    Source: OME-NGFF 0.5, https://ngff.openmicroscopy.org/0.5.
+    """
+    zarr = optional("zarr", "save_ome_zarr", "zarr")
+    target = Path(path).resolve()
+    if target.exists():
+        raise ValueError(f"cannot write {path}: it is there already.")
+    if not target.parent.is_dir():
+        raise ValueError(f"cannot write {path}: there is no folder {target.parent}.")
+    shape, d = found.grid.shape, len(found.grid.shape)
+    inside = np.asarray(found.region.contains(found.grid.points))
+    images = np.where(inside, found.image, np.nan).reshape(-1, *shape, *(1,) * (3 - d))
+    data = images.transpose(0, 3, 2, 1).astype(np.float32)
+    labels = found.numbers if wavelengths is None else [f"{w:g} nm" for w in wavelengths]
+    marks = {"ome": _ome(found, [str(label) for label in labels]), "jaxtat": _texts(found, inputs)}
+    made = Path(mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+    try:
+        group = zarr.create_group(made, attributes=json.loads(as_json("attributes", marks)))
+        array = group.create_array(
+            "0",
+            shape=data.shape,
+            chunks=(1, *data.shape[1:]),
+            dtype="float32",
+            dimension_names=("c", "z", "y", "x"),
+        )
+        array[:] = data
+        made.chmod(0o755)
+        made.rename(target)
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+
+
+def _ome(found: ScanImages, labels: Sequence[str]) -> dict[str, Any]:
+    """The meta data of an image with one resolution."""
+    unit = None if found.unit is None else "millimeter"
+    scale = millimetres(found.unit)
+    nodes = [*_nodes(found), np.zeros(1)][:3][::-1]  # z, y, x
+    steps = [scale * float(along[1] - along[0]) if len(along) > 1 else 1.0 for along in nodes]
+    first = [scale * float(along[0]) for along in nodes]
+    space: list[dict[str, Any]] = [
+        {"name": name, "type": "space"} | ({"unit": unit} if unit else {}) for name in "zyx"
+    ]
+    where = [
+        {"type": "scale", "scale": [1.0, *steps]},
+        {"type": "translation", "translation": [0.0, *first]},
+    ]
+    multiscale = {
+        "axes": [{"name": "c", "type": "channel"}, *space],
+        "datasets": [{"path": "0", "coordinateTransformations": where}],
+        "name": "jaxtat",
+    }
+    low, high = float(np.nanmin(found.image)), float(np.nanmax(found.image))
+    window = {"min": low, "max": high, "start": low, "end": high}
+    shown = [
+        {"label": label, "active": k == 0, "color": "FFFFFF", "window": window}
+        for k, label in enumerate(labels)
+    ]
+    return {"version": OME_VERSION, "multiscales": [multiscale], "omero": {"channels": shown}}
+
+
+def _nodes(found: ScanImages) -> list[np.ndarray]:
+    return [np.asarray(found.grid.axis(k), float) for k in range(len(found.grid.shape))]
+
+
+def _metres(found: ScanImages) -> tuple[float, str]:
+    """The unit of length in metres, and what lengths are in then."""
+    return (1.0, "unknown") if found.unit is None else (1e-3 * millimetres(found.unit), "m")
+
+
+def _texts(found: ScanImages, inputs: Sequence[str | Path]) -> Mapping[str, str]:
+    return {
+        "settings": as_json("settings", found.choices.settings()),
+        "provenance": as_json("provenance", provenance(inputs, found.unit)),
+    }

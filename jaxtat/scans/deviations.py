@@ -1,0 +1,115 @@
+"""How far noise moves the pixels of a scan's images: by drawing records of its own noise.
+
+A direct reconstruction is linear, so that records of nothing but noise give images of nothing but
+noise. Their root mean square is the standard deviation, whatever colour the noise has and whatever
+is done to the record; from n of them it is known to 1/√(2n).
+"""
+
+import warnings
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..io import Scan
+from ..reconstruction import ReconstructionPlan, Setup
+from ..records import LEAST_SAMPLES, RecordNoise, noise_of_record
+from ..steps import AccuracyWarning
+from .choices import Choices
+from .facts import times_of
+from .frames import integrals, lit_frames, setup_of
+from .images import formula_images, frames_at_a_time, without_blank_frames
+
+DRAWN = 32  # records: standard deviations are good to 13 %
+
+
+def standard_deviations(
+    scan: Scan, choices: Choices, *, plan: ReconstructionPlan | None = None
+) -> Float[np.ndarray, "frames x1 x2"] | None:
+    """√Var f of every pixel in every frame's image, by the noise of the record before sound comes.
+
+    Noise is taken to be of one colour, and spread alike over the detectors, in all frames; its size
+    is that of each frame, over the energy of its pulse if that is divided out. So few images are
+    made, whatever the number of frames.
+
+    Args:
+        scan, choices, plan: as in `scans.reconstruct`.
+
+    Returns:
+        As the images of frames that are good [their unit]; None where a record has no quiet part,
+        of circular integrals, in space, and of images under constraints, which are not linear.
+    """
+    if choices.in_space or choices.model_based:
+        return None
+    setup = setup_of(scan, choices) if plan is None else plan.setup
+    with warnings.catch_warnings():  # the images have told which are left out
+        warnings.simplefilter("ignore", AccuracyWarning)
+        scan = without_blank_frames(scan, choices)
+    found: list[RecordNoise] = []
+    for k in range(scan.n_frames):
+        noise = quiet_noise(scan, choices, setup, lit_frames(scan, choices, k, k + 1)[0])
+        if noise is None:
+            return None
+        found.append(noise)
+    sizes = np.array([_size(noise) for noise in found])
+    shape = [(noise.sigma / size, noise.spectrum) for noise, size in zip(found, sizes, strict=True)]
+    sigma = jnp.sqrt(jnp.mean(jnp.stack([of for of, _ in shape]) ** 2, axis=0))
+    common = RecordNoise(sigma, jnp.mean(jnp.stack([of for _, of in shape]), axis=0))
+    return sizes[:, None, None] * _of_unit_noise(scan, choices, setup, plan, common)
+
+
+def quiet_noise(
+    scan: Scan, choices: Choices, setup: Setup, frame: Float[np.ndarray, "detectors samples"]
+) -> RecordNoise | None:
+    """The noise of a frame before sound from the region arrives, of the detectors that are used.
+
+    None for circular integrals, where no part of the record is quiet, and where that holds nothing.
+    """
+    times = times_of(scan)
+    if times is None:
+        return None
+    start = 2 * choices.dead_time  # what is silenced is faded in over as long again
+    nearest = jnp.linalg.norm(setup.curve.points - setup.region.center, axis=1).min()
+    arrival = float(nearest - setup.region.reach) / choices.sound_speed
+    if np.count_nonzero((times >= start) & (times < arrival)) < LEAST_SAMPLES:
+        return None
+    quiet = frame[list(choices.channels)].astype(float)
+    noise = noise_of_record(quiet, times, until=arrival, dead_time=start)
+    return noise if float(noise.sigma.max()) > 0 else None
+
+
+def draw(
+    scan: Scan, choices: Choices, noise: RecordNoise, key: Array
+) -> Float[np.ndarray, "detectors samples"]:
+    """A record of such noise, rows as in the file; zero where detectors are not used."""
+    drawn = np.zeros((scan.n_detectors, scan.n_samples))
+    drawn[list(choices.channels)] = noise.sample(key, scan.n_samples)
+    return drawn
+
+
+def _size(noise: RecordNoise) -> float:
+    """Root mean square over the detectors."""
+    return float(jnp.sqrt(jnp.mean(noise.sigma**2)))
+
+
+def _of_unit_noise(
+    scan: Scan,
+    choices: Choices,
+    setup: Setup,
+    plan: ReconstructionPlan | None,
+    noise: RecordNoise,
+) -> Float[np.ndarray, "x1 x2"]:
+    """The root mean square of `DRAWN` images."""
+    keys = jax.random.split(jax.random.key(0), DRAWN)
+    total, size = np.zeros(setup.grid.shape), frames_at_a_time(scan, DRAWN)
+    with warnings.catch_warnings():  # noise holds finer detail than any image
+        warnings.simplefilter("ignore", AccuracyWarning)
+        for start in range(0, DRAWN, size):
+            records = np.stack(
+                [draw(scan, choices, noise, key) for key in keys[start : start + size]]
+            )
+            g = integrals(scan, choices, setup, records)
+            images = np.asarray(formula_images(setup, g, choices, plan))
+            total += (images**2).sum(axis=0)
+    return np.sqrt(total / DRAWN)
