@@ -4,13 +4,16 @@ from .choices import Choices
 from .choosing import choose
 from .facts import with_facts
 from .frames import integrals, setup_of
+from .graded import as_json, to_look_at
 from .images import ScanImages, reconstruct, reconstruct_file
 from .info import describe
 from .speed import estimate_sound_speed
+from .trials import trials
 
 __all__ = [
     "Choices",
     "ScanImages",
+    "as_json",
     "choose",
     "describe",
     "estimate_sound_speed",
@@ -18,5 +21,7 @@ __all__ = [
     "reconstruct",
     "reconstruct_file",
     "setup_of",
+    "to_look_at",
+    "trials",
     "with_facts",
 ]

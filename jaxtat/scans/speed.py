@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from ..base.choice_table import GUESSED, LIKELY
 from ..io import Scan
 from ..reconstruction.plane_basis import plane_basis
 from ..reconstruction.setup import plane_of
@@ -46,7 +47,8 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
     )
     setup = setup_of(scan, coarse)
     if not setup.complete:
-        return _believed(choices, "water's: the record ends too early to tell another")
+        why = "water's: the record ends too early to tell another"
+        return choices.with_reason("sound_speed", why, GUESSED)
     g = integrals(scan, coarse, setup, typical_frame(scan))
     *_, radii, sizes = where = plane_of(setup)
     basis = plane_basis(*where, "auto", jax.device_put(DEFAULT_TOLERANCE), None)
@@ -65,13 +67,7 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
         first_radius=choices.first_radius * stretch,
         radial_step=choices.radial_step * stretch,
     )
-    return _believed(stretched, why)
-
-
-def _believed(choices: Choices, why: str) -> Choices:
-    """The same, with another reason for the speed."""
-    reasons = tuple((n, why if n == "sound_speed" else old) for n, old in choices.reasons)
-    return replace(choices, reasons=reasons)
+    return stretched.with_reason("sound_speed", why, LIKELY if stretch != 1.0 else GUESSED)
 
 
 def sharpest(sharpness_at: Callable[[np.ndarray], np.ndarray]) -> tuple[float, str]:
