@@ -27,7 +27,7 @@ class Size:
     edge: float
 
 
-SIZES = {"full": Size(1.0, 1.2e-4), "quick": Size(0.5, 2.4e-4)}
+SIZES = {"full": Size(1.0, 1.2e-4), "quick": Size(0.3, 4e-4)}
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 Speed of sound, region and model are the true ones, alpha and filter those of least error.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from bodies import Body
@@ -11,7 +11,7 @@ from cases import Case
 from scipy.ndimage import map_coordinates
 
 from jaxtat.io import Scan
-from jaxtat.scans import ScanImages, choose, reconstruct
+from jaxtat.scans import Choices, ScanImages, choose, reconstruct
 
 ALPHAS = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
 SHARES = (0.0, 0.25, 0.5)  # of the way from the water's speed to the body's
@@ -69,16 +69,23 @@ def best(scan: Scan, case: Case, body: Body, where: Window) -> Best:
     given = _known(case, body)
     speeds = sorted({case.water + share * (case.speed - case.water) for share in SHARES})
     direct = not choose(scan, sound_speed=speeds[0], **given).model_based
-    found: list[tuple[float, float, float, np.ndarray]] = []
+    found: list[tuple[float, float, float, Choices]] = []
     for speed in speeds:
         for alpha in ALPHAS if direct else (0.0,):
             rule = {"alpha": alpha, "low_pass": "none" if alpha < 1e-5 else "cosine"}
             choices = choose(scan, sound_speed=speed, **given, **(rule if direct else {}))
-            image = where.seen(reconstruct(scan, choices))
-            found.append((where.error(image), alpha, speed, image))
-    error, alpha, speed, image = min(found, key=lambda entry: entry[0])
+            image = where.seen(reconstruct(scan, _coarse(choices)))
+            found.append((where.error(image), alpha, speed, choices))
+    _, alpha, speed, choices = min(found, key=lambda entry: entry[0])
+    image = where.seen(reconstruct(scan, choices))
     shows = direct and _shows(scan, given | {"alpha": max(alpha, 1e-3)}, case, where)
-    return Best(image, error, alpha, speed, shows)
+    return Best(image, where.error(image), alpha, speed, shows)
+
+
+def _coarse(choices: Choices) -> Choices:
+    """With fewer pixels and the faster last step, enough to compare by."""
+    pixels = int(choices.pixels / 1.6) // 2 * 2 + 1
+    return replace(choices, pixels=pixels, inversion="fourier")
 
 
 def _known(case: Case, body: Body) -> dict:
@@ -97,8 +104,7 @@ def _shows(scan: Scan, given: dict, case: Case, where: Window) -> bool:
         return False
     values = []
     for factor in SPEEDS:
-        image = where.seen(
-            reconstruct(scan, choose(scan, sound_speed=factor * case.speed, **given))
-        )
+        choices = choose(scan, sound_speed=factor * case.speed, **given)
+        image = where.seen(reconstruct(scan, _coarse(choices)))
         values.append(sum(float(np.sum(slope**2)) for slope in np.gradient(image)))
     return int(np.argmax(values)) == 2 and values[2] > PEAK * float(np.median(values))

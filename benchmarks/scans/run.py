@@ -10,9 +10,11 @@ documentation quotes, and decides nothing.
 import argparse
 import csv
 import json
+import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +40,8 @@ COLUMNS = (
     "failed",
 )
 LONGEST = 1500  # s that a scan may take with its oracle
+# small scans are compiled longer than they are computed
+UNOPTIMISED = {"XLA_FLAGS": "--xla_backend_optimization_level=0"}
 ON_A_SHEET = 12  # scans
 
 
@@ -47,7 +51,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--half", choices=HALVES)
     parser.add_argument("--only", metavar="NAME", help="scans whose name holds this")
-    parser.add_argument("--quick", action="store_true", help="half the detectors and samples")
+    parser.add_argument("--quick", action="store_true", help="0.3 of all detectors and samples")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="scans at a time")
     parser.add_argument("--out", type=Path, default=Path("out/scans"), metavar="FOLDER")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
@@ -56,14 +61,19 @@ def main() -> None:
         for case in cases()
         if options.half in (None, case.half) and (options.only or "") in case.name
     ]
-    rows = []
-    for case in wanted:
-        row = in_a_process(case.name, "quick" if options.quick else "full", options.out)
-        row |= {"half": case.half, "dirt": described(case)}
-        rows.append(row)
-        print(line(row), flush=True)
-        write_tables(rows, options)
+    rows: list[dict] = []
+    size = "quick" if options.quick else "full"
+    with ThreadPoolExecutor(options.jobs) as pool:
+        for row in pool.map(lambda case: examined(case, size, options.out), wanted):
+            rows.append(row)
+            print(line(row), flush=True)
+            write_tables(rows, options.out)
     draw_sheets([row["name"] for row in rows], options.out)
+
+
+def examined(case, size: str, folder: Path) -> dict:
+    row = in_a_process(case.name, size, folder)
+    return row | {"half": case.half, "dirt": described(case)}
 
 
 def in_a_process(name: str, size: str, folder: Path) -> dict:
@@ -71,7 +81,10 @@ def in_a_process(name: str, size: str, folder: Path) -> dict:
     command = [sys.executable, str(HERE / "examine.py"), name, size, str(folder)]
     start = time.perf_counter()
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST)
+        environment = os.environ | (UNOPTIMISED if size == "quick" else {})
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=LONGEST, env=environment
+        )
         row = json.loads(done.stdout.splitlines()[-1])
     except (subprocess.TimeoutExpired, IndexError, json.JSONDecodeError) as problem:
         said = getattr(problem, "stderr", None) or done.stderr  # type: ignore[possibly-undefined]
@@ -145,10 +158,10 @@ def summary(rows: list[dict]) -> str:
     return "\n".join(lines)
 
 
-def write_tables(rows: list[dict], options: argparse.Namespace) -> None:
+def write_tables(rows: list[dict], folder: Path) -> None:
     text = [summary(rows), "", HEAD, *map(line, rows)]
-    (options.out / "scans.md").write_text("\n".join(text) + "\n")
-    with (options.out / "scans.csv").open("w", newline="") as file:
+    (folder / "scans.md").write_text("\n".join(text) + "\n")
+    with (folder / "scans.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
         writer.writeheader()
         writer.writerows(rows)
@@ -156,6 +169,9 @@ def write_tables(rows: list[dict], options: argparse.Namespace) -> None:
 
 def draw_sheets(names: list[str], folder: Path) -> None:
     """Truth, with no option, oracle: sheet-1.png and so on."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
     from jaxtat import ImageGrid
     from jaxtat.plotting import contact_sheet
 

@@ -8,7 +8,7 @@ from .graded import as_json, to_look_at
 from .images import ScanImages, reconstruct, reconstruct_file
 from .info import describe
 from .speed import estimate_sound_speed
-from .trials import trials
+from .trying import trials
 
 __all__ = [
     "Choices",

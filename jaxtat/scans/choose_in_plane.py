@@ -31,10 +31,12 @@ from ..records.power import (
     artefact_end,
     faded,
     highest_frequency,
+    muted_until,
     noise_before,
     onsets,
     record_power,
     sounding_disk,
+    tail_share,
     totals,
 )
 from ..steps import AccuracyWarning
@@ -68,7 +70,9 @@ PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
 DRIFT = 5.0  # periods within the record; what is slower is drift
 FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
 OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
-DOUBTFUL = "a scanner's size and rate, but no third coordinate nor counts: two-dimensional waves"
+EXACT = 1e-8  # noise over signal power, below which a record is simulated, not muted
+TAIL = 0.1  # of `tail_share`: less is no tail of two-dimensional waves
+WAVES = "a scanner's size and rate, but neither counts nor an offset, and a slow tail"
 SPACING = "the detectors' spacing in the inner half of the region"
 BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequency
 
@@ -97,8 +101,8 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     assert facts.times is not None
     times, frame = facts.times, typical_frame(scan)[facts.order]
     model = found.take("model", *_model(facts, frame))
-    if found.reasons["model"] == DOUBTFUL:
-        warnings.warn(f"{DOUBTFUL}; a scanner's record needs model in-plane.", AccuracyWarning, 3)
+    if found.reasons["model"] == WAVES:
+        warnings.warn(f"{WAVES}; a scanner's record needs model in-plane.", AccuracyWarning, 3)
     speed = _nominal_speed(scan, facts, found)
     detrend = model == "in-plane"
     whole = np.where(np.isfinite(frame), frame, 0.0)
@@ -112,7 +116,9 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         "impulse_response" in scan.known,
         "in the file" if "impulse_response" in scan.known else "none in the file",
     )
-    good, floor = _channels(frame, times, dead_time, found)
+    muted = min(muted_until(power), float(times[-1]) / 2)
+    good, floor = _channels(frame, times, max(dead_time, muted), found)
+    muted = muted if floor > EXACT else 0.0  # what is silent without noise is no less exact
     good = _without_faded(whole, facts, dead_time, found, good)
     if facts.arc is not None and facts.arc.closed and not good.all():
         start = begin_behind_gap(facts.order, facts.points, good)
@@ -122,10 +128,11 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         found.values["order"] = tuple(int(k) for k in facts.order)
     if facts.arc is not None:
         facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
-    power = power.after(2 * dead_time)  # what is silenced is faded in over as long again
+    begin = max(2 * dead_time, muted)  # what is silenced is faded in over as long again
+    power = power.after(begin)
     sound = _Sound(RecordPower(power.times, power.power[good]), speed)
     _region(scan, facts, found, sound, good)
-    start = int(np.searchsorted(times, 2 * dead_time))
+    start = int(np.searchsorted(times, begin))
     arrival = _first_arrival(facts, found, speed)
     quiet = slice(0, max(int(np.searchsorted(times, arrival)) - start, 0))
     highest = highest_frequency(whole[good][:, start:], times[start:], quiet)
@@ -137,7 +144,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
 
 
 def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[str, str, str]:
-    """By sizes, sampling rate, and whether the record is of counts; why, and how sure."""
+    """By sizes, sampling rate, counts and a tail of the record; why, and how sure."""
     if water_speed(facts.units) is None:
         return "2d", "sizes are not a scanner's: two-dimensional waves", LIKELY
     if facts.in_space:
@@ -147,7 +154,9 @@ def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[s
     offset = np.median(np.abs(np.median(known, axis=1)))
     if (known == np.round(known)).all() or offset > OFFSET * np.median(known.std(axis=1)):
         return "in-plane", "a scanner's size, rate and counts: focused into the plane", LIKELY
-    return "2d", DOUBTFUL, GUESSED
+    if tail_share(known) < TAIL:
+        return "in-plane", "a scanner's size and rate, and no tail of two-dimensional waves", LIKELY
+    return "2d", WAVES, LIKELY
 
 
 class _Sound(NamedTuple):

@@ -33,30 +33,34 @@ def test_images_are_those_of_each_value_and_differ_by_nothing_else():
     assert np.abs(found[0].image - found[1].image).max() > 0.01
 
 
-def test_what_follows_from_a_choice_follows_it():
-    """A smaller region has fewer pixels and is shown wholly."""
-    chosen = choose(SCAN, max_frequency=MAX_FREQUENCY)
-    small, same = trials(
-        SCAN, chosen, {"max_frequency": MAX_FREQUENCY}, "region_radius", [0.5, chosen.region_radius]
-    )
-    assert small.choices.half_width == 0.5
-    assert small.choices.pixels < chosen.pixels == same.choices.pixels
-    assert same.choices.max_frequency == small.choices.max_frequency == chosen.max_frequency
-
-
-def test_a_speed_leaves_the_region_as_it_was(monkeypatch):
-    """Which the choice would let grow with it."""
+@pytest.fixture
+def tried(monkeypatch):
+    """A pulse in all detectors at once, and a function (name, values) -> choices of the trials."""
     record = 0.01 * np.random.default_rng(0).standard_normal((90, 400)) + 1000.0
     record[:, 200:220] += np.sin(np.arange(20.0))
     known = {"detectors": positions(), "sampling_rate": RATE * 400 / 230, "sound_speed": SPEED}
     scan = Scan("pressure", record, known)
-    monkeypatch.setattr("jaxtat.scans.trials.reconstruct", lambda scan, choices: choices)
-    chosen = choose(scan)
-    found = list(trials(scan, chosen, {}, "sound_speed", [1450.0, 1550.0]))
-    assert [one.sound_speed for one in found] == [1450.0, 1550.0]
+    monkeypatch.setattr("jaxtat.scans.trying.reconstruct", lambda scan, choices: choices)
+    return scan, lambda name, values: list(trials(scan, choose(scan), {}, name, values))
+
+
+def test_a_speed_leaves_the_region_as_it_was(tried):
+    """Which the choice would let grow with it."""
+    scan, found = tried
+    chosen, made = choose(scan), found("sound_speed", [1450.0, 1550.0])
+    assert [one.sound_speed for one in made] == [1450.0, 1550.0]
     for name in ("region_radius", "max_frequency", "pixels", "alpha", "band", "dead_time"):
-        assert getattr(found[0], name) == getattr(found[1], name) == getattr(chosen, name), name
+        assert getattr(made[0], name) == getattr(made[1], name) == getattr(chosen, name), name
     assert choose(scan, sound_speed=1550.0).region_radius != chosen.region_radius
+
+
+def test_what_follows_from_a_choice_follows_it(tried):
+    """A smaller region has fewer pixels and is shown wholly."""
+    scan, found = tried
+    small, large = found("region_radius", [5e-3, 20e-3])
+    assert (small.half_width, large.half_width) == (5e-3, 20e-3)
+    assert small.pixels < large.pixels
+    assert small.max_frequency == large.max_frequency == choose(scan).max_frequency
 
 
 @pytest.mark.parametrize(
