@@ -8,8 +8,6 @@ is a difference of that. Of a ball in space p = (d - r)/(2d) for |d - r| < a.
 import numpy as np
 from bodies import Body
 
-from jaxtat.records import circular_integrals_to_pressure
-
 
 def _add(record, distances, radius, amplitude, step, primitive) -> None:
     """Adds a (P(r + step/2) - P(r - step/2)) / step about every detector's distance, in place."""
@@ -61,6 +59,8 @@ def in_space(body: Body, points: np.ndarray, n: int, step: float) -> np.ndarray:
 
 def two_dimensional(body: Body, points: np.ndarray, n: int, step: float) -> np.ndarray:
     """Records of waves in the plane, as of integrating line detectors."""
+    from jaxtat.records import circular_integrals_to_pressure
+
     radii = step * np.arange(1, n + 1)
     g = np.zeros((len(points), n))
     for center, radius, amplitude in body.disks():

@@ -1,11 +1,11 @@
-"""Where the detectors are: arrays of scanners, about the origin, in metres."""
+"""Where the detectors are: arrays of scanners, about the origin, in metres.
+
+jaxtat is imported where it is needed: `two_speeds.py` runs without it.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
-
-from jaxtat import elliptic_arc
-from jaxtat.spherical import spherical_cap
 
 
 class Array(NamedTuple):
@@ -30,12 +30,16 @@ def arc(radius: float, degrees: float, n: int, turn: float = 90.0) -> Array:
 
 def ellipse(n: int) -> Array:
     """Five sixths of an ellipse of half-axes 45 and 38 mm."""
+    from jaxtat import elliptic_arc
+
     curve = elliptic_arc((45e-3, 38e-3), n, start=np.radians(-60), stop=np.radians(240))
     return Array(np.insert(np.asarray(curve.points), 2, 0.0, axis=1), 38e-3)
 
 
 def cap(rings: int, around: int) -> Array:
     """Rings on a spherical cap of 40 mm that is open at the top."""
+    from jaxtat.spherical import spherical_cap
+
     points = np.asarray(spherical_cap(40e-3, 28e-3, rings, around).points)
     return Array(points.reshape(-1, 3), 40e-3)
 

@@ -62,6 +62,8 @@ class Case:
         """Rules are made on one half, the other tells how good they are; of each array, half."""
         kinds = list(ARRAYS)
         kind = kinds.index(self.array)
+        if self.number >= N:
+            return HALVES[self.number % 2]
         alike = np.arange(kind, N, len(kinds))
         order = np.random.default_rng([SEED, kind]).permutation(alike).tolist()
         return HALVES[(order.index(self.number) + kind) % 2]
@@ -71,8 +73,21 @@ class Case:
 
 
 def cases() -> list[Case]:
-    """All of them."""
-    return [_case(number) for number in range(N)]
+    """All of them; those of k-Wave last."""
+    return [_case(number) for number in range(N)] + K_WAVE
+
+
+# waves in the plane through a body and water of different speeds, by another code: `two_speeds.py`
+K_WAVE = [
+    Case(N, "arc270", "vessels", "2d", 1540.0, 1500.0, 0.01, ("k-wave",)),
+    Case(N + 1, "arc270", "mouse", "2d", 1560.0, 1490.0, 0.03, ("k-wave",)),
+    Case(N + 2, "ring", "off-middle", "2d", 1550.0, 1510.0, 0.03, ("k-wave",)),
+    Case(N + 3, "arc180", "derenzo", "2d", 1580.0, 1500.0, 0.01, ("k-wave",)),
+]
+
+
+def simulated_by_k_wave(case: Case, folder: Path) -> Path:
+    return folder / "k-wave" / f"{case.name}.npy"
 
 
 def _case(number: int) -> Case:
@@ -121,7 +136,10 @@ def truth(case: Case, size: Size) -> Body:
 def write(case: Case, size: Size, folder: Path) -> Path:
     """The scan's file, with nothing in it but what it recorded, where and how fast."""
     array, rate = geometry(case, size), RATE * size.share
-    pressure, response = record(case, size)
+    if "k-wave" in case.dirt:
+        pressure, response = np.load(simulated_by_k_wave(case, folder)), np.ones(1)
+    else:
+        pressure, response = record(case, size)
     positions = array.positions
     if case.model == "2d" or "plane" in case.dirt:
         positions = positions[:, :2]

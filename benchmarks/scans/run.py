@@ -4,7 +4,8 @@
 
 Writes scans.csv, scans.md and contact sheets (truth, with no option, oracle) into the folder.
 Rules in `jaxtat.scans` are made by looking at the half "rules" alone; the other half is what
-documentation quotes, and decides nothing.
+documentation quotes, and decides nothing. Scans through a body and water of different speeds are
+among them if `two_speeds.py` has written their records into the folder.
 """
 
 import argparse
@@ -46,7 +47,7 @@ ON_A_SHEET = 12  # scans
 
 
 def main() -> None:
-    from cases import HALVES, cases
+    from cases import HALVES, cases, simulated_by_k_wave
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--half", choices=HALVES)
@@ -59,7 +60,9 @@ def main() -> None:
     wanted = [
         case
         for case in cases()
-        if options.half in (None, case.half) and (options.only or "") in case.name
+        if options.half in (None, case.half)
+        and (options.only or "") in case.name
+        and ("k-wave" not in case.dirt or simulated_by_k_wave(case, options.out).exists())
     ]
     rows: list[dict] = []
     size = "quick" if options.quick else "full"
@@ -68,7 +71,10 @@ def main() -> None:
             rows.append(row)
             print(line(row), flush=True)
             write_tables(rows, options.out)
-    draw_sheets([row["name"] for row in rows], options.out)
+    names = [row["name"] for row in rows]
+    for sheet, start in enumerate(range(0, len(names), ON_A_SHEET), 1):
+        draw(names[start : start + ON_A_SHEET], options.out, options.out / f"sheet-{sheet}.png")
+    draw(worst(rows), options.out, options.out / "worst.png", columns=3)
 
 
 def examined(case, size: str, folder: Path) -> dict:
@@ -167,23 +173,32 @@ def write_tables(rows: list[dict], folder: Path) -> None:
         writer.writerows(rows)
 
 
-def draw_sheets(names: list[str], folder: Path) -> None:
-    """Truth, with no option, oracle: sheet-1.png and so on."""
+def worst(rows: list[dict], n: int = 5) -> list[str]:
+    """Names of the scans whose error is the most over the oracle's."""
+    known = [row for row in rows if np.isfinite(number(row, "error") / number(row, "oracle"))]
+    known.sort(key=lambda row: -number(row, "error") / number(row, "oracle"))
+    return [row["name"] for row in known[:n]]
+
+
+def draw(names: list[str], folder: Path, path: Path, columns: int = 6) -> None:
+    """Truth, with no option, oracle, for each of the scans."""
     import jax
 
     jax.config.update("jax_enable_x64", True)
     from jaxtat import ImageGrid
     from jaxtat.plotting import contact_sheet
 
-    for sheet, start in enumerate(range(0, len(names), ON_A_SHEET), 1):
-        panels = []
-        for name in names[start : start + ON_A_SHEET]:
-            with np.load(folder / f"{name}.images.npz") as pictures:
-                for kind in ("truth", "chosen", "oracle"):
-                    image = pictures[kind] if kind in pictures else 0 * pictures["truth"]
-                    image = image if image.ndim == 2 else image[..., image.shape[2] // 2]
-                    panels.append((image, ImageGrid(len(image)), f"{name} {kind}"))
-        contact_sheet(panels, columns=6).savefig(folder / f"sheet-{sheet}.png", dpi=80)
+    panels = []
+    for name in names:
+        if not (folder / f"{name}.images.npz").exists():
+            continue
+        with np.load(folder / f"{name}.images.npz") as pictures:
+            for kind in ("truth", "chosen", "oracle"):
+                image = pictures[kind] if kind in pictures else 0 * pictures["truth"]
+                image = image if image.ndim == 2 else image[..., image.shape[2] // 2]
+                panels.append((image, ImageGrid(len(image)), f"{name} {kind}"))
+    if panels:
+        contact_sheet(panels, columns=columns).savefig(path, dpi=70)
 
 
 if __name__ == "__main__":

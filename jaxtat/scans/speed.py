@@ -145,14 +145,14 @@ def _peak(values: Float[np.ndarray, " speeds"]) -> tuple[int, float]:
     """
     numbers = np.arange(len(values))
     best, highest = 0, 0.0
-    for k in numbers[1:-1]:
+    for k in range(1, len(values) - 1):
         if values[k] < max(values[k - 1], values[k + 1]):
             continue
         beside = _beside(k)
         line = np.polyval(np.polyfit(numbers[beside], values[beside], 1), k)
         height = float(values[k] / line) if line > 0 else 0.0
         if height > highest:
-            best, highest = int(k), height
+            best, highest = k, height
     return best, highest
 
 

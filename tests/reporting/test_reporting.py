@@ -119,7 +119,7 @@ class Reader(HTMLParser):
 def written(complete, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "report.html"
     origin = provenance((), "m") | {"inputs": [{"name": HOSTILE, "sha256": HOSTILE}]}
-    choices = [("K", HOSTILE, HOSTILE)]
+    choices = [("K", HOSTILE, HOSTILE, HOSTILE)]
     write_report(path, complete, title=HOSTILE, choices=choices, origin=origin, unit="m")
     return path.read_text(encoding="utf-8")
 
