@@ -37,7 +37,7 @@ def test_images_are_those_of_each_value_and_differ_by_nothing_else():
 def tried(monkeypatch):
     """A pulse in all detectors at once, and a function (name, values) -> choices of the trials."""
     record = 0.01 * np.random.default_rng(0).standard_normal((90, 400)) + 1000.0
-    record[:, 200:220] += np.sin(np.arange(20.0))
+    record[:, 150:170] += np.sin(np.arange(20.0))
     known = {"detectors": positions(), "sampling_rate": RATE * 400 / 230, "sound_speed": SPEED}
     scan = Scan("pressure", record, known)
     monkeypatch.setattr("jaxtat.scans.trying.reconstruct", lambda scan, choices: choices)
