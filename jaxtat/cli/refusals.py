@@ -3,6 +3,7 @@
 import argparse
 import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..base.atomic import require_place
@@ -85,7 +86,7 @@ def slices(use: str, option: str = "--use") -> list[slice]:
     return found
 
 
-def trial(text: str) -> tuple[str, list[float]]:
+def trial(text: str) -> tuple[str, Sequence[float]]:
     """The name and the values of --try.
 
     >>> trial("sound-speed=1480:1520:20")
@@ -110,7 +111,7 @@ def trial(text: str) -> tuple[str, list[float]]:
     if name == "pixels":
         for value in found:
             require_pixels(value, f"--try {name}")
-        found = [int(value) for value in found]
+        return name, [int(value) for value in found]
     return name, found
 
 
