@@ -130,7 +130,7 @@ def test_a_hostile_file_name_is_text(written):
     assert {name for name, _ in page.elements} == set(ALLOWED)
     assert not [name for _, attributes in page.elements for name in attributes if name[:2] == "on"]
     times = sum(text.count(HOSTILE) for text in page.text)
-    assert times == 6  # title, heading, value, why, name and digest of the file
+    assert times == 7  # title, heading, value, grade, why, name and digest of the file
     assert "<script" not in written
 
 
