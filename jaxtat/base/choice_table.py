@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 from .names import INVERSIONS, LOW_PASSES, MODELS, PENALTIES
 
+SURE, LIKELY, GUESSED = GRADES = ("sure", "likely", "guessed")
+"""Given, in the file, or following from it; what the data show, by a rule; nothing shows it."""
 POSITIVE = "above zero"
 NOT_NEGATIVE = "0 or above"
 
@@ -24,6 +26,7 @@ class Choice(NamedTuple):
         group: of options, under which the command has it; None if it has none.
         option: how argparse reads it.
         bound: what a number must be, `POSITIVE` or `NOT_NEGATIVE`; none by default.
+        quantity: one of `Units.in_si`, of a number with a unit.
     """
 
     name: str
@@ -32,6 +35,12 @@ class Choice(NamedTuple):
     group: str | None = None
     option: Mapping[str, Any] = {}
     bound: str = ""
+    quantity: str = ""
+
+    @property
+    def is_number(self) -> bool:
+        """Whether its option takes a single number."""
+        return self.option.get("type") in (int, float) and "nargs" not in self.option
 
     def require(self, value: Any, name: str | None = None) -> None:
         """Raise ValueError for a number out of bounds; None is not chosen yet."""
@@ -90,6 +99,7 @@ CHOICES = (
             "seconds",
         },
         POSITIVE,
+        "speed",
     ),
     Choice(
         "impulse_response",
@@ -108,6 +118,7 @@ CHOICES = (
         RECORD,
         _NUMBER | {"metavar": "T", "help": "silence the start"},
         NOT_NEGATIVE,
+        "time",
     ),
     Choice(
         "band",
@@ -119,6 +130,7 @@ CHOICES = (
             "metavar": "F",
             "help": "LOW HIGH of a band-pass [cycles/time], or none",
         },
+        quantity="frequency",
     ),
     Choice(
         "region_radius",
@@ -127,6 +139,7 @@ CHOICES = (
         REGION,
         _NUMBER | {"metavar": "R"},
         POSITIVE,
+        "length",
     ),
     Choice(
         "region_cut",
@@ -134,6 +147,7 @@ CHOICES = (
         _cut,
         REGION,
         _NUMBER | {"metavar": "X", "help": "default: a whole disk"},
+        quantity="length",
     ),
     Choice(
         "region_angle",
@@ -141,6 +155,7 @@ CHOICES = (
         lambda c: f"{round(c.region_angle, 1) + 0.0:g} degrees",
         REGION,
         _NUMBER | {"metavar": "DEG", "help": "outward normal of the cut"},
+        quantity="angle",
     ),
     Choice(
         "region_center",
@@ -148,6 +163,7 @@ CHOICES = (
         lambda c: c.units.of_place(c.region_center, c.region_radius),
         REGION,
         _NUMBER | {"nargs": 2, "metavar": ("X1", "X2")},
+        quantity="length",
     ),
     Choice("first_radius", float),
     Choice("radial_step", float),
@@ -159,6 +175,7 @@ CHOICES = (
         METHOD,
         _NUMBER | {"metavar": "LAMBDA", "help": "[rad/length]"},
         POSITIVE,
+        "wave number",
     ),
     Choice(
         "pixels",
@@ -174,6 +191,7 @@ CHOICES = (
         IMAGE,
         _NUMBER | {"metavar": "B", "help": "default: the region's radius"},
         POSITIVE,
+        "length",
     ),
     Choice(
         "alpha",
@@ -243,6 +261,7 @@ CHOICES = (
 """In the order of the table that is shown."""
 
 OPTIONS = tuple(choice for choice in CHOICES if choice.group is not None)
+NUMBERS = tuple(choice.name for choice in OPTIONS if choice.is_number)
 OF_CONSTRAINTS = tuple(choice.name for choice in CHOICES if choice.group == CONSTRAINTS)
 OF_REGION = tuple(choice.name for choice in CHOICES if choice.group in (REGION, IMAGE))
 

@@ -82,6 +82,28 @@ class Units(NamedTuple):
         """A wave number lambda in radians per millimetre."""
         return _with(f"{wave_number / millimetres(self.length):.5g}", self.length, "rad/mm")
 
+    def in_si(self, quantity: str) -> tuple[float, str | None]:
+        """By what a number is multiplied to be in SI units, and that unit; None if it is unknown.
+
+        Args:
+            quantity: "length", "time", "speed", "frequency", "wave number", "angle", in degrees,
+                or "" of a bare number.
+
+        >>> Units("mm", "us").in_si("speed"), Units().in_si("speed")
+        ((1000.0, 'm/s'), (1.0, None))
+        """
+        length, time = millimetres(self.length), self._microseconds
+        factor, unit, known = {
+            "length": (length / 1e3, "m", self.length),
+            "time": (time / 1e6, "s", self.time),
+            "speed": (1e3 * length / time, "m/s", self.length and self.time),
+            "frequency": (1e6 / time, "Hz", self.time),
+            "wave number": (1e3 / length, "rad/m", self.length),
+            "angle": (1.0, "degree", True),
+            "": (1.0, None, True),
+        }[quantity]
+        return (factor, unit) if known else (1.0, None)
+
     @property
     def _microseconds(self) -> float:
         return MICROSECONDS[self.time] if self.time else 1.0

@@ -35,9 +35,14 @@ def info(options: argparse.Namespace) -> None:
     """``jaxtat info``."""
     from ..scans import choose, describe
     from .inputs import given, scan_of
+    from .suggestions import suggestions
 
     scan, options = scan_of(options)
-    print(describe(scan, choose(scan, **given(options, scan))))
+    choices = choose(scan, **given(options, scan))
+    if options.json:
+        _write_json(options, choices)
+    if options.json != "-":
+        print(f"{describe(scan, choices)}\n\n{suggestions(options, choices)}")
 
 
 def reconstruct(options: argparse.Namespace) -> None:
@@ -48,6 +53,11 @@ def reconstruct(options: argparse.Namespace) -> None:
     start = time.perf_counter()
     require_suffix(options.out)  # and the package that writes it
     scan, choices, plan, options = _asked(options, start)
+    if options.json:
+        _write_json(options, choices)
+    if options.trial:
+        _sheet(options, scan, choices, start)
+        return
     inputs = [path for path in (options.file, options.plan) if path]
     if options.format == "patato":
         from ..interop.patato_files import require_patato
@@ -80,6 +90,50 @@ def _to_patato(options, scan, found, plan, settings, inputs, start: float) -> No
     save_patato(options.out, scan, found, deviation=deviation, settings=settings, inputs=inputs)
     without = "" if deviation is not None else "; no standard deviations: no part of it is quiet"
     _report(options, f"images are in {options.out}, for PATATO{without}", start)
+
+
+def _write_json(options: argparse.Namespace, choices) -> None:
+    """The choices as JSON, in a file or on standard output."""
+    import json
+
+    from ..base.atomic import replacing
+    from ..scans import as_json
+
+    text = json.dumps(as_json(choices), indent=2, allow_nan=False)
+    if options.json == "-":
+        print(text)
+        return
+    with replacing(options.json) as new:
+        new.write_text(text + "\n")
+
+
+def _sheet(options: argparse.Namespace, scan, choices, start: float) -> None:
+    """A picture for each value of --try."""
+    import numpy as np
+
+    from ..base.atomic import replacing
+    from ..base.choice_table import CHOICES
+    from ..plotting import contact_sheet
+    from ..scans import trials
+    from .inputs import given, with_unit
+    from .refusals import trial
+
+    name, values = trial(options.trial)
+    (choice,) = (choice for choice in CHOICES if choice.name == name)
+    assert choice.shown is not None
+    panels = []
+    for found in trials(scan, choices, given(options, scan), name, values):
+        title = choice.shown(with_unit(found.choices, options.length_unit))
+        inside = np.asarray(found.region.contains(found.grid.points))
+        image = np.reshape(found.image, found.grid.shape)
+        panels.append((np.where(inside, image, np.nan), found.grid, title))
+        _report(options, f"{name} {title}", start)
+    figure = contact_sheet(panels, unit=options.length_unit or choices.units.length)
+    now = choice.shown(choices)
+    figure.suptitle(f"{name}, otherwise {now} ({choices.grade(name)})", fontsize=10)
+    with replacing(options.out) as new:
+        figure.savefig(new, dpi=110)
+    _report(options, f"sheet written to {options.out}", start)
 
 
 def report(options: argparse.Namespace) -> None:

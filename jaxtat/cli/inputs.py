@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.choice_table import OPTIONS
+from ..base.choice_table import OPTIONS, SURE
 from ..geometry import Disk, circular_arc, in_plane
 from ..io import Scan, load_scan, load_settings
 from ..io.frames import LazyFrames
@@ -20,7 +20,19 @@ from .refusals import OF_PLANS, band, is_given, slices
 
 SAME = 1e-6  # of the size: places and radii that differ by less are the same
 FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use", "frames")
-_OPTIONS = ("file", "out", "format", "quiet", "cache", "no_cache", "repeat", "length_unit", "plan")
+_OPTIONS = (
+    "file",
+    "out",
+    "format",
+    "quiet",
+    "cache",
+    "no_cache",
+    "repeat",
+    "length_unit",
+    "plan",
+    "json",
+    "trial",
+)
 
 
 def scan_of(
@@ -177,7 +189,7 @@ def with_unit(choices: Choices, unit: str | None) -> Choices:
     if unit is None:
         return choices
     units = choices.units._replace(length=unit)
-    return replace(choices, units=units, reasons=(*choices.reasons, ("length_unit", "given")))
+    return replace(choices, units=units).with_reason("length_unit", "given", SURE)
 
 
 def chosen(use: str | None, n: int, option: str = "--use", what: str = "detectors") -> np.ndarray:

@@ -37,6 +37,8 @@ _EXAMPLES = {
       the same with choices made by hand
   jaxtat reconstruct scan.hdf5 --model-based --nonnegative --out scan.png
       the image that fits the record and has the shortest edges, no pixel below zero
+  jaxtat reconstruct scan.hdf5 --try sound_speed=1450:1600:10 --out sheet.png
+      sixteen pictures beside each other, to choose by eye
   jaxtat reconstruct data.npz --plan half.h5 --out image.png
       with a plan, of `jaxtat plan`
   jaxtat reconstruct scan.msot --format patato --out scan.hdf5
@@ -45,6 +47,8 @@ _EXAMPLES = {
     "info": """
   jaxtat info scan.hdf5
       what is in a scan file, and what would be chosen for its reconstruction
+  jaxtat info scan.hdf5 --json -
+      the choices for other programs
 """,
     "report": """
   jaxtat report scan.hdf5 --out report.html
@@ -146,6 +150,14 @@ def _add_reconstruct(subparsers) -> None:
     parser.add_argument(
         "--frames", metavar="SLICES", help="frames to reconstruct: 0:10 or 3:4,8:20:2"
     )
+    parser.add_argument(
+        "--try",
+        dest="trial",
+        metavar="NAME=VALUES",
+        help="a sheet of pictures, one choice at several values and all others the same: "
+        "sound_speed=1450:1600:10 or alpha=1e-3,1e-2",
+    )
+    _add_json(parser, "FILE", "also write what was chosen here, with reasons and grades")
     _add_unit_and_plan(parser)
     _add_choices(parser)
     _add_constraints(parser)
@@ -193,7 +205,12 @@ def _add_info(subparsers) -> None:
         subparsers, "info", commands.info, "What is in a scan file, and what would be chosen."
     )
     parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    _add_json(parser, "FILE|-", "write the choices, for programs, here or to standard output")
     _add_choices(parser)
+
+
+def _add_json(parser: argparse.ArgumentParser, metavar: str, what: str) -> None:
+    parser.add_argument("--json", metavar=metavar, help=f"{what}, in SI units")
 
 
 def _add_stream(subparsers) -> None:

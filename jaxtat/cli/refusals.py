@@ -1,12 +1,15 @@
 """What is wrong with the options alone, said before JAX is imported and the file is opened."""
 
 import argparse
+import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..base.atomic import require_place
 from ..base.choice_table import (
     NOT_NEGATIVE,
+    NUMBERS,
     OF_CONSTRAINTS,
     OF_REGION,
     OPTIONS,
@@ -19,6 +22,7 @@ from ..base.messages import require_file
 from ..base.names import FORMATS, IMAGE_SUFFIXES
 from ..base.scanners import scanner_named
 
+MOST_TRIALS = 36  # images on a sheet
 OF_PLANS = ("K", "j_max", "sigma_min", "series", "collocation", "single")
 _MORE_BOUNDS = {
     **dict.fromkeys(("sampling_rate", "duration"), POSITIVE),
@@ -49,6 +53,8 @@ def _require_files(options: argparse.Namespace) -> None:
     """Raise an error for files that cannot be read or written, before anything else is done."""
     if options.run.__name__ not in ("paper", "stream") and is_given(options, "out"):
         require_place(options.out)
+    if is_given(options, "json") and options.json != "-":
+        require_place(options.json)
     for name in ("file", "detectors_from", "repeat", "plan"):
         if is_given(options, name):
             require_file(getattr(options, name))
@@ -81,6 +87,44 @@ def slices(use: str, option: str = "--use") -> list[slice]:
             raise ValueError(f"{option} {text}: expected slices such as 904:1024,0:616 or 0:500:2.")
         found.append(slice(*bounds))
     return found
+
+
+def trial(text: str) -> tuple[str, Sequence[float]]:
+    """The name and the values of --try.
+
+    >>> trial("sound-speed=1480:1520:20")
+    ('sound_speed', [1480.0, 1500.0, 1520.0])
+    >>> trial("alpha=1e-4,1e-3")
+    ('alpha', [0.0001, 0.001])
+    """
+    name, _, values = text.partition("=")
+    name = name.replace("-", "_")
+    if name not in NUMBERS:
+        raise ValueError(f"--try {text}: expected NAME=VALUES, NAME one of {', '.join(NUMBERS)}.")
+    expected = f"--try {text}: expected {name}=START:STOP:STEP or {name}=FIRST,SECOND,..."
+    try:
+        found = _steps(values) if ":" in values else [float(v) for v in values.split(",")]
+    except ValueError:
+        raise ValueError(f"{expected}.") from None
+    if not 0 < len(found) <= MOST_TRIALS:
+        raise ValueError(f"{expected} of 1 to {MOST_TRIALS} values.")
+    choice = next(choice for choice in OPTIONS if choice.name == name)
+    for value in found:
+        choice.require(value, f"--try {name}")
+    if name == "pixels":
+        for value in found:
+            require_pixels(value, f"--try {name}")
+        return name, [int(value) for value in found]
+    return name, found
+
+
+def _steps(text: str) -> list[float]:
+    """START:STOP:STEP, the end included where a step meets it."""
+    start, stop, step = (float(bound) for bound in text.split(":"))
+    n = (stop - start) / step if step else math.nan
+    if not 0 <= n < math.inf:
+        return []
+    return [start + k * step for k in range(min(int(n + 1e-6), MOST_TRIALS) + 1)]
 
 
 def band(texts: list[str]) -> tuple[float, float] | str:
@@ -123,6 +167,10 @@ def _require_together(options: argparse.Namespace) -> None:
         is_given(options, name) for name in ("K", "j_max", "sigma_min")
     ):
         raise ValueError("--series is a closed form: --K, --j-max and --sigma-min do nothing.")
+    if getattr(options, "json", None) == "-" and options.run.__name__ != "info":
+        raise ValueError("--json -: the report is on standard output, expected a file.")
+    if is_given(options, "trial"):
+        _require_trial(options)
     if is_given(options, "repeat"):
         every = tuple(choice.name for choice in OPTIONS)
         _refuse(options, (*every, *OF_PLANS, "plan"), "repeat", "the earlier image")
@@ -133,6 +181,15 @@ def _require_together(options: argparse.Namespace) -> None:
         raise ValueError(f"{option_of(constraints[0])} and a plan: images are fitted without one.")
     if wants_plan(options) and is_given(options, "alpha"):
         raise ValueError("--alpha is for a reconstruction without densities: leave out the others.")
+
+
+def _require_trial(options: argparse.Namespace) -> None:
+    name, _ = trial(options.trial)
+    for other in (name, "repeat", "plan", *OF_PLANS):
+        if is_given(options, other):
+            raise ValueError(f"{option_of(other)} and --try: every picture is chosen anew.")
+    if not options.out.endswith(".png"):
+        raise ValueError(f"cannot write {options.out}: a sheet of trials is a picture, .png.")
 
 
 def _refuse(options: argparse.Namespace, names: tuple[str, ...], by: str, what: str) -> None:

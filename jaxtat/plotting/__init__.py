@@ -17,7 +17,7 @@ from .canvas import (
 from .data import show_detectors, show_sinogram
 from .frequencies import show_frequencies, show_frequency_plane
 from .geometry import show_edges, show_geometry, show_opening, show_visibility
-from .images import add_scale_bar, picture, save_picture, show_image
+from .images import add_scale_bar, contact_sheet, picture, save_picture, show_image
 from .volumes import save_slices, show_slices, show_space
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "GRAY",
     "SEQUENTIAL",
     "add_scale_bar",
+    "contact_sheet",
     "gray_levels",
     "greatest",
     "label_axes",

@@ -1,5 +1,6 @@
 """Pictures of images on a grid: x_1 to the right, x_2 upwards, one scale for both."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +111,31 @@ def picture(
     figure.colorbar(shown, ax=panels.flat[:n].tolist(), shrink=0.9)
     if n < len(stack):
         figure.suptitle(f"{n} of {len(stack)} images", fontsize=text_size(9))
+    return figure
+
+
+def contact_sheet(
+    panels: Sequence[tuple[Numbers, ImageGrid, str]],
+    *,
+    columns: int | None = None,
+    unit: str | None = None,
+) -> Figure:
+    """Images beside each other, each with its own grey levels and a title.
+
+    Args:
+        panels: image (x1, x2), its grid, and its title; NaN stays blank.
+        columns: of the sheet; by default it is about square.
+        unit: of length of the grids; axes are in mm then.
+    """
+    across = columns or int(np.ceil(np.sqrt(len(panels))))
+    rows = -(-len(panels) // across)
+    figure = new_figure(2.2 * across, 2.35 * rows)
+    axes = figure.subplots(rows, across, squeeze=False).flat
+    for ax, (image, grid, title) in zip(axes, panels, strict=False):
+        values = np.asarray(image)
+        show_image(ax, values, grid, limits=gray_levels(values), title=title, unit=unit)
+    for ax in list(axes)[len(panels) :]:
+        ax.remove()
     return figure
 
 

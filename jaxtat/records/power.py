@@ -19,6 +19,7 @@ FADED = 0.1  # of the typical total, by which a channel's is too small
 SPREAD = 0.02  # median deviation of totals over the median, up to which they tell anything
 SURELY = 8.0  # times that, at least
 LEVEL = 4.0  # times the typical step of totals, up to which they are level
+MUTED = 1e-18  # share of the highest power that counts as none: what rounding leaves of it
 FAINT = 1e-8  # share of the highest spectral power that counts as none
 
 
@@ -180,6 +181,34 @@ def faded(
         for before, here, after in zip(along, along[1:], along[2:], strict=False):
             found[here] |= found[before] and gain[after] - gain[here] > level
     return found
+
+
+def muted_until(power: RecordPower) -> float:
+    """When a record begins that holds nothing at all before, as if it were muted; 0 of others.
+
+    >>> record = np.random.default_rng(0).standard_normal((2, 400))
+    >>> record[:, :100] = 7.0
+    >>> muted_until(record_power(record, np.arange(400.0), detrend=True))
+    95.5
+    """
+    silent = power.typical <= MUTED * power.typical.max()
+    if not silent[0] or silent.all():
+        return 0.0
+    first = int(np.argmin(silent))
+    return float(power.times[first - 1] + power.times[first]) / 2
+
+
+def tail_share(record: Float[np.ndarray, "detectors times"]) -> float:
+    """What the integral of the pressure over all times is, over the largest on the way there.
+
+    Waves in the plane have a tail: ∫_0^T p dt = (1/2π) ∫ g (T² - r²)^(-1/2) dr, c = 1, falls off as
+    1/T. Elements focused into the plane hear d(g/r)/dr, whose integral is nothing once all sound
+    has passed; so is that of any record whose slowest part is missing. Means over the detectors,
+    since noise has no sign in common.
+    """
+    passed = np.cumsum(record.mean(axis=0))
+    largest = np.abs(passed).max()
+    return float(np.abs(passed[-1]) / largest) if largest > 0 else 0.0
 
 
 def noise_before(power: RecordPower, arrival: float) -> float | None:

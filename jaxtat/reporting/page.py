@@ -42,7 +42,7 @@ class Page(NamedTuple):
 
     Attributes:
         title: of the page, as a rule the name of the file.
-        choices: rows of (name, value, reason).
+        choices: rows of (name, value, grade, reason).
         provenance: rows of (name, value).
         unit: of length, "m", "cm", "mm" or "um"; None if it is not known.
         channels: number of every detector in the file; None if that is its number.
@@ -66,9 +66,7 @@ def html_page(diagnosis: Diagnosis, page: Page) -> str:
         _section("With constraints", *_constrained(diagnosis, page.constrained, page.unit))
         if page.constrained
         else Html(),
-        _section("What was chosen", _table(("", "value", "why"), page.choices))
-        if page.choices
-        else Html(),
+        _section("What was chosen", *_choices(page.choices)) if page.choices else Html(),
         _section("What can be seen from where the detectors are", *_geometry(diagnosis, page.unit)),
         _section("How well plane waves are reached", *_waves(diagnosis, page.unit)),
         _section("What the image does not explain", *_residual(diagnosis, page.unit)),
@@ -136,6 +134,15 @@ def _constrained(diagnosis: Diagnosis, found: Constrained, unit: str | None) -> 
     )
     figure = figures.constrained(diagnosis, found, unit)
     return [element("p", in_words(found)), _figure(figure, caption)]
+
+
+def _choices(rows: Rows) -> list[Html]:
+    text = element(
+        "p",
+        "Sure is what was given, is in the file or follows from it; likely what the data show, by "
+        "a rule that may err; guessed what nothing shows: look at that first.",
+    )
+    return [text, _table(("", "value", "grade", "why"), rows)]
 
 
 def _geometry(diagnosis: Diagnosis, unit: str | None) -> list[Html]:

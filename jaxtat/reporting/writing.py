@@ -28,7 +28,7 @@ def report(
     uncertainty_pixels: int | None = None,
     constrained: Constrained | None = None,
     title: str = "Reconstruction",
-    choices: Sequence[tuple[str, str, str]] = (),
+    choices: Sequence[tuple[str, str, str, str]] = (),
     channels: Sequence[int] | None = None,
     inputs: Sequence[str | Path] = (),
     unit: str | None = None,
@@ -42,7 +42,7 @@ def report(
         plan, sigma, noise, low_pass, inversion, uncertainty_pixels, progress: as in `diagnose`.
         constrained: the image under constraints, to be shown beside it.
         title: of the page.
-        choices: what was chosen for the reconstruction, rows of (name, value, why).
+        choices: what was chosen for the reconstruction, rows of (name, value, grade, why).
         channels: number of every detector in the file, if it is not its number along the curve.
         inputs: files that the data come from; their names and SHA-256 go into the page.
         unit: of length: "m", "cm", "mm" or "um", then the page is in millimetres; None if it is
@@ -90,7 +90,7 @@ def write_report(
     *,
     constrained: Constrained | None = None,
     title: str = "Reconstruction",
-    choices: Sequence[tuple[str, str, str]] = (),
+    choices: Sequence[tuple[str, str, str, str]] = (),
     channels: Sequence[int] | None = None,
     origin: dict[str, Any] | None = None,
     unit: str | None = None,

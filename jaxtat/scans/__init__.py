@@ -5,13 +5,16 @@ from .choosing import choose
 from .deviations import standard_deviations
 from .facts import with_facts
 from .frames import integrals, setup_of
+from .graded import as_json, to_look_at
 from .images import ScanImages, reconstruct, reconstruct_file
 from .info import describe
 from .speed import estimate_sound_speed
+from .trying import trials
 
 __all__ = [
     "Choices",
     "ScanImages",
+    "as_json",
     "choose",
     "describe",
     "estimate_sound_speed",
@@ -20,5 +23,7 @@ __all__ = [
     "reconstruct_file",
     "setup_of",
     "standard_deviations",
+    "to_look_at",
+    "trials",
     "with_facts",
 ]

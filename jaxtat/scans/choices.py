@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.choice_table import CHOICES
+from ..base.choice_table import CHOICES, GRADES, GUESSED
 from ..base.names import PENALTIES
 from ..base.units import Units
 from ..geometry import (
@@ -56,6 +56,11 @@ class Choices(eqx.Module):
         low_pass: "none" or "cosine".
         inversion: "fbp" or "fourier".
         reasons: pairs of a name above and why it is as it is.
+        grades: pairs of a name above and how far the choice can be trusted: "sure" is given, in
+            the file, or follows from it, "likely" what the data show by a rule, "guessed" what
+            nothing shows.
+        standard_errors: pairs of a name above and the standard error of its number, where there is
+            one [unit of the number].
         units: of positions and record, for the words.
         model_based: whether images are fitted under constraints, see `constrained`.
         penalty, nonnegative, weight: of these.
@@ -82,6 +87,8 @@ class Choices(eqx.Module):
     low_pass: str = eqx.field(static=True)
     inversion: str = eqx.field(static=True)
     reasons: tuple[tuple[str, str], ...] = eqx.field(static=True)
+    grades: tuple[tuple[str, str], ...] = eqx.field(static=True, default=())
+    standard_errors: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
     units: Units = eqx.field(static=True, default=Units())
     laser_energy: bool = eqx.field(static=True, default=False)
     model_based: bool = eqx.field(static=True, default=False)
@@ -101,6 +108,9 @@ class Choices(eqx.Module):
             raise ValueError(
                 f"penalty is {self.penalty!r}, expected one of {', '.join(PENALTIES)}."
             )
+        unknown = sorted({grade for _, grade in self.grades} - set(GRADES))
+        if unknown:
+            raise ValueError(f"grades are {unknown}, expected some of {', '.join(GRADES)}.")
         require_inversion(self.inversion)
 
     @property
@@ -139,25 +149,41 @@ class Choices(eqx.Module):
             return whole
         return keep_detectors(whole, ~np.isin(self.order, self.left_out))
 
-    def because(self, **reasons: str) -> "Choices":
-        """The same with other reasons, by name."""
-        return dataclasses.replace(self, reasons=tuple((dict(self.reasons) | reasons).items()))
+    def grade(self, name: str) -> str:
+        """How far a choice can be trusted; "guessed" where nothing is said of it."""
+        return dict(self.grades).get(name, GUESSED)
 
-    def rows(self) -> list[tuple[str, str, str]]:
-        """What, how much, why."""
+    def with_reason(
+        self, name: str, reason: str, grade: str, standard_error: float | None = None
+    ) -> "Choices":
+        """The same, with another reason and grade for one of them."""
+        errors = {**dict(self.standard_errors), name: standard_error}
+        return dataclasses.replace(
+            self,
+            reasons=tuple({**dict(self.reasons), name: reason}.items()),
+            grades=tuple({**dict(self.grades), name: grade}.items()),
+            standard_errors=tuple((n, error) for n, error in errors.items() if error is not None),
+        )
+
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """What, how much, how sure, why."""
         reasons = dict(self.reasons)
         shown = {"channels": f"{len(self.channels)} of {len(self.order)}"}
         shown |= {choice.name: choice.shown(self) for choice in CHOICES if choice.shown}
         shown["length_unit"] = self.units.length or "unknown"
-        return [(name, value, reasons[name]) for name, value in shown.items() if name in reasons]
+        return [
+            (name, value, self.grade(name), reasons[name])
+            for name, value in shown.items()
+            if name in reasons
+        ]
 
     def table(self) -> str:
-        """A line for each choice: what, how much, why."""
+        """A line for each choice: what, how much, how sure, why."""
         rows = self.rows()
-        widths = [max(len(row[i]) for row in rows) for i in range(2)]
+        widths = [max(len(row[i]) for row in rows) for i in range(3)]
         return "\n".join(
-            f"{name:{widths[0]}}  {value:{widths[1]}}  {reason}".rstrip()
-            for name, value, reason in rows
+            f"{name:{widths[0]}}  {value:{widths[1]}}  {grade:{widths[2]}}  {reason}".rstrip()
+            for name, value, grade, reason in rows
         )
 
     def settings(self) -> dict[str, Any]:
@@ -180,7 +206,10 @@ class Choices(eqx.Module):
         try:
             values: dict[str, Any] = {c.name: c.read(settings[c.name]) for c in CHOICES}
             reasons = tuple((str(name), str(why)) for name, why in settings["reasons"])
-            values |= {"reasons": reasons, "units": Units(*settings["units"])}
+            grades = tuple((str(name), str(grade)) for name, grade in settings["grades"])
+            errors = tuple((str(n), float(error)) for n, error in settings["standard_errors"])
+            values |= {"reasons": reasons, "grades": grades, "standard_errors": errors}
+            values["units"] = Units(*settings["units"])
         except (TypeError, ValueError) as error:
             raise ValueError(f"the settings cannot be read ({error}).") from error
         return cls(**values)

@@ -11,6 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import (
     ArcFit,
     DetectorCurve,
@@ -30,10 +31,12 @@ from ..records.power import (
     artefact_end,
     faded,
     highest_frequency,
+    muted_until,
     noise_before,
     onsets,
     record_power,
     sounding_disk,
+    tail_share,
     totals,
 )
 from ..steps import AccuracyWarning
@@ -67,7 +70,9 @@ PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
 DRIFT = 5.0  # periods within the record; what is slower is drift
 FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
 OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
-DOUBTFUL = "a scanner's size and rate, but no third coordinate nor counts: two-dimensional waves"
+EXACT = 1e-8  # noise over signal power, below which a record is simulated, not muted
+TAIL = 0.1  # of `tail_share`: less is no tail of two-dimensional waves
+WAVES = "a scanner's size and rate, but neither counts nor an offset, and a slow tail"
 SPACING = "the detectors' spacing in the inner half of the region"
 BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequency
 
@@ -80,7 +85,9 @@ def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
             f"{', '.join(MODELS)}."
         )
     facts = facts_of(scan, given.get("use"))
-    found = Found(given, {"order": tuple(int(k) for k in facts.order), "units": facts.units}, {})
+    found = Found(
+        given, {"order": tuple(int(k) for k in facts.order), "units": facts.units}, {}, {}
+    )
     if scan.kind == "pressure":
         _from_record(scan, facts, found)
     else:
@@ -95,8 +102,8 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     assert facts.times is not None
     times, frame = facts.times, typical_frame(scan)[facts.order]
     model = found.take("model", *_model(facts, frame))
-    if found.reasons["model"] == DOUBTFUL:
-        warnings.warn(f"{DOUBTFUL}; a scanner's record needs model in-plane.", AccuracyWarning, 3)
+    if found.reasons["model"] == WAVES:
+        warnings.warn(f"{WAVES}; a scanner's record needs model in-plane.", AccuracyWarning, 3)
     speed = _nominal_speed(scan, facts, found)
     detrend = model == "in-plane"
     whole = np.where(np.isfinite(frame), frame, 0.0)
@@ -104,13 +111,15 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     middle = facts.arc.radius / speed if facts.arc else float(times[-1]) / 2
     end = artefact_end(power, middle)
     why = "the artefact at the start has died away" if end else "no artefact at the start"
-    dead_time = float(found.take("dead_time", end, why))
+    dead_time = float(found.take("dead_time", end, why, LIKELY))
     found.take(
         "impulse_response",
         "impulse_response" in scan.known,
         "in the file" if "impulse_response" in scan.known else "none in the file",
     )
-    good, floor = _channels(frame, times, dead_time, found)
+    muted = min(muted_until(power), float(times[-1]) / 2)
+    good, floor = _channels(frame, times, max(dead_time, muted), found)
+    muted = muted if floor > EXACT else 0.0  # what is silent without noise is no less exact
     good = _without_faded(whole, facts, dead_time, found, good)
     if facts.arc is not None and facts.arc.closed and not good.all():
         start = begin_behind_gap(facts.order, facts.points, good)
@@ -120,10 +129,11 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         found.values["order"] = tuple(int(k) for k in facts.order)
     if facts.arc is not None:
         facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
-    power = power.after(2 * dead_time)  # what is silenced is faded in over as long again
+    begin = max(2 * dead_time, muted)  # what is silenced is faded in over as long again
+    power = power.after(begin)
     sound = _Sound(RecordPower(power.times, power.power[good]), speed)
     _region(scan, facts, found, sound, good)
-    start = int(np.searchsorted(times, 2 * dead_time))
+    start = int(np.searchsorted(times, begin))
     arrival = _first_arrival(facts, found, speed)
     quiet = slice(0, max(int(np.searchsorted(times, arrival)) - start, 0))
     highest = highest_frequency(whole[good][:, start:], times[start:], quiet)
@@ -134,17 +144,20 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     _noise(found, sound.power, arrival, floor)
 
 
-def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[str, str]:
-    """By sizes, sampling rate, and whether the record is of counts; and why."""
+def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[str, str, str]:
+    """By sizes, sampling rate, counts and a tail of the record; why, and how sure."""
     if water_speed(facts.units) is None:
-        return "2d", "sizes are not a scanner's: two-dimensional waves"
+        return "2d", "sizes are not a scanner's: two-dimensional waves", LIKELY
     if facts.in_space:
-        return "in-plane", "detectors in space, of a scanner's size: focused into the plane"
+        why = "detectors in space, of a scanner's size: focused into the plane"
+        return "in-plane", why, LIKELY
     known = np.where(np.isfinite(frame), frame, 0.0)
     offset = np.median(np.abs(np.median(known, axis=1)))
     if (known == np.round(known)).all() or offset > OFFSET * np.median(known.std(axis=1)):
-        return "in-plane", "a scanner's size, rate and counts: focused into the plane"
-    return "2d", DOUBTFUL
+        return "in-plane", "a scanner's size, rate and counts: focused into the plane", LIKELY
+    if tail_share(known) < TAIL:
+        return "in-plane", "a scanner's size and rate, and no tail of two-dimensional waves", LIKELY
+    return "2d", WAVES, LIKELY
 
 
 class _Sound(NamedTuple):
@@ -158,9 +171,9 @@ def _nominal_speed(scan: Scan, facts: Facts, found: Found) -> float:
         return float(found.take("sound_speed", speed, "from the file"))
     water = water_speed(facts.units)
     if water is not None:
-        return float(found.take("sound_speed", water, TO_BE_ESTIMATED))
+        return float(found.take("sound_speed", water, TO_BE_ESTIMATED, GUESSED))
     why = "none in the file, and sizes are not a scanner's: taken to be 1"
-    return float(found.take("sound_speed", 1.0, why))
+    return float(found.take("sound_speed", 1.0, why, GUESSED))
 
 
 TO_BE_ESTIMATED = "none in the file: about that of water, to be estimated"
@@ -182,13 +195,13 @@ def _channels(
     blank = np.any(~np.isfinite(frame), axis=1, keepdims=True)
     quality = channel_quality(np.where(blank, 0.0, frame), times, dead_time=dead_time)
     good = np.logical_and(quality.good, ~blank[:, 0])
-    why = "all of them are good" if good.all() else _left_out(quality, order)
+    why, grade = "all of them are good" if good.all() else _left_out(quality, order), LIKELY
     if found.given.get("use") is not None:
-        good, why = np.ones(len(order), bool), "given"
+        good, why, grade = np.ones(len(order), bool), "given", SURE
     if good.sum() < 4:
         raise ValueError(f"{good.sum()} of {len(good)} detectors are good, expected 4: {why}.")
     found.values["left_out"] = tuple(sorted(int(k) for k in np.compress(~good, order)))
-    found.reasons["channels"] = why
+    found.explain("channels", why, grade)
     noise, signal = np.asarray(quality.noise)[good], np.asarray(quality.signal)[good]
     return good, float(np.median((noise / np.maximum(signal, 1e-300)) ** 2))
 
@@ -217,7 +230,7 @@ def _without_faded(
         left_out = *found.values["left_out"], *(int(k) for k in order[few])
         found.values["left_out"] = tuple(sorted(left_out))
         before = found.reasons["channels"] + "; " if not good.all() else "left out: "
-        found.reasons["channels"] = f"{before}faded {ranges(np.sort(order[few]))}"
+        found.explain("channels", f"{before}faded {ranges(np.sort(order[few]))}", LIKELY)
     return good & ~few
 
 
@@ -241,11 +254,11 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
     offset = facts.points[facts.order][good] - np.array(arc.center)
     middle, size = sounding_disk(offset / np.linalg.norm(offset, axis=1, keepdims=True), reach)
     wanted = MARGIN * (size + float(np.linalg.norm(middle)))
-    length = facts.units.of_length
+    length, grade = facts.units.of_length, LIKELY
     why = f"sound comes from within {length(wanted / MARGIN)}, and {MARGIN - 1:.0%} to spare"
     view = _field_of_view(scan, center)
     if view is not None and view < wanted:
-        wanted, why = view, "the field of view in the file"
+        wanted, why, grade = view, "the field of view in the file", SURE
     path = float(facts.times[-1]) * sound.speed
     if found.given.get("region_radius") is None:
         require_scale(path, arc.radius, sound.speed)
@@ -255,13 +268,14 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
     if path - arc.radius < sounding < SHARES[1] * arc.radius:  # fitted to what was recorded of it
         wanted, most, why = sounding, sounding, f"sound comes from within {length(sounding)}"
     if wanted < least:
-        wanted, why = least, "a tenth of the arc: where sound comes from cannot be told"
+        why = "a tenth of the arc: where sound comes from cannot be told"
+        wanted, grade = least, GUESSED
     if wanted > most:
         why = f"of {length(wanted)}, as much as detectors and record (path {length(path)}) cover"
-        wanted = max(least, most)
-    radius = float(found.take("region_radius", wanted, why))
+        wanted, grade = max(least, most), GUESSED
+    radius = float(found.take("region_radius", wanted, why, grade))
     _cut(arc, found, radius, middle)
-    found.take("half_width", radius, "the region")
+    found.take("half_width", radius, "the region", grade)
 
 
 def _seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) -> None:
@@ -281,9 +295,9 @@ def _seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) ->
         center, radius = tuple(float(x) for x in seen[0]), seen[1]
     center = found.take("region_center", center, "the middle of the largest disk that is seen")
     radius, why = covered(found, radius, "that disk", radii, _distances(facts, found))
-    radius = float(found.take("region_radius", radius, why))
+    radius = float(found.take("region_radius", radius, why, LIKELY))
     _cut(_around(facts, center), found, radius, np.zeros(2))
-    found.take("half_width", radius, "the region")
+    found.take("half_width", radius, "the region", LIKELY)
 
 
 def _cut(arc: ArcFit, found: Found, radius: float, middle: np.ndarray) -> None:
@@ -364,7 +378,9 @@ def _frequency_and_pixels(found: Found, limits: dict[str, float]) -> None:
     if found.given.get("pixels") is not None:
         limits["the pixels given"] = np.pi * max(found.given["pixels"] - 1, 1) / (2 * half_width)
     limit = min(limits, key=lambda name: limits[name])
-    highest = found.take("max_frequency", limits[limit], limit)
+    highest = found.take(
+        "max_frequency", limits[limit], limit, SURE if limit == SPACING else LIKELY
+    )
     if highest > limits[limit]:
         supports = units.of_wave_number(limits[limit])
         found.reasons["max_frequency"] = f"given; {limit} supports {supports}"
@@ -377,16 +393,17 @@ def _frequency_and_pixels(found: Found, limits: dict[str, float]) -> None:
 
 def _band(found: Found, times: np.ndarray, speed: float, highest: float) -> None:
     if isinstance(found.given.get("band"), str):
-        found.values["band"], found.reasons["band"] = None, "given"
+        found.values["band"] = None
+        found.explain("band", "given")
         return
     if found.values["model"] != "in-plane":
-        found.take("band", None, "the slow tail of two-dimensional waves is signal")
+        found.take("band", None, "the slow tail of two-dimensional waves is signal", LIKELY)
         return
     low = DRIFT / float(times[-1] - times[0])
     needed = BAND_TO_SPARE * found.values["max_frequency"] * speed / (2 * np.pi)
     high = min(max(needed, 2 * low), 0.45 / float(times[1] - times[0]))
     why = f"slower is drift, faster is beyond {BAND_TO_SPARE:g} times what the image holds"
-    found.take("band", (low, high), why)
+    found.take("band", (low, high), why, LIKELY)
 
 
 def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:
@@ -420,10 +437,10 @@ def _noise(found: Found, power: RecordPower, arrival: float, floor: float) -> No
         arrival: of the first sound from the region; before it there is noise alone [time].
         floor: noise over signal power by the differences of samples, which tell fast noise.
     """
-    ratio, how = noise_before(power, arrival), "before sound from the region arrives"
+    ratio, how, grade = noise_before(power, arrival), "before sound from the region arrives", LIKELY
     if ratio is None:
-        ratio, how = floor, "by differences of samples"
-    found.take_alpha(ratio, how)
+        ratio, how, grade = floor, "by differences of samples", GUESSED
+    found.take_alpha(ratio, how, grade)
 
 
 def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
@@ -431,7 +448,7 @@ def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
     for name, value in (("model", "none"), ("sound_speed", 1.0), ("dead_time", 0.0)):
         found.values[name] = value
     found.values.update(band=None, impulse_response=False, left_out=())
-    found.reasons["channels"] = "all"
+    found.explain("channels", "all", LIKELY)
     arc = facts.arc
     if arc is None:
         _seen_region(facts, found, radii_of(scan, found))
@@ -439,12 +456,12 @@ def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
         found.take("region_center", arc.center, "the middle of the detectors' circle")
         share, why = DEFAULT_SHARE * arc.radius, "three quarters of the detectors' circle"
         share, why = covered(found, share, why, radii_of(scan, found), _distances(facts, found))
-        radius = float(found.take("region_radius", share, why))
+        radius = float(found.take("region_radius", share, why, GUESSED))
         _cut(arc, found, radius, np.zeros(2))
-        found.take("half_width", radius, "the region")
+        found.take("half_width", radius, "the region", GUESSED)
     _own_radii(scan, facts, found)
-    found.take("alpha", INTEGRALS_ALPHA, "circular integrals are taken to be exact")
-    found.take("low_pass", "none", "circular integrals are taken to be exact")
+    found.take("alpha", INTEGRALS_ALPHA, "circular integrals are taken to be exact", GUESSED)
+    found.take("low_pass", "none", "circular integrals are taken to be exact", GUESSED)
 
 
 def _distances(facts: Facts, found: Found) -> Float[np.ndarray, " detectors"]:

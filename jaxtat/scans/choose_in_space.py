@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import DetectorPoints, ball, uncovered
 from ..io import Scan
 from ..records import supported
@@ -52,7 +53,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     center = tuple(float(x) for x in np.asarray(facts.detectors.center))
     values = {"order": tuple(int(k) for k in facts.order), "left_out": ()}
     values |= {"region_center": center, "region_angle": 0.0, "units": facts.units}
-    found = Found(given, values, {"channels": facts.arrangement})
+    found = Found(given, values, {"channels": facts.arrangement}, {"channels": SURE})
     _sound(scan, facts, found)
     _region(scan, facts, found)
     record = None if facts.times is None else frame[:: -(-len(frame) // LISTENED)]
@@ -87,17 +88,19 @@ def _sound(scan: Scan, facts: FactsInSpace, found: Found) -> None:
         return
     found.take("model", IN_SPACE, "detectors in space, around a volume")
     if "sound_speed" in scan.known:
-        speed, why = float(np.mean(scan.known["sound_speed"])), "from the file"
+        speed, why, grade = float(np.mean(scan.known["sound_speed"])), "from the file", SURE
     elif (water := water_speed(facts.units)) is not None:
-        speed, why = water, "none in the file: water's"
+        speed, why, grade = water, "none in the file: water's", GUESSED
     else:
-        speed, why = 1.0, "none in the file, and sizes are not a scanner's: taken to be 1"
-    found.take("sound_speed", speed, why)
-    found.take("dead_time", 0.0, "the record is taken as it is")
+        why = "none in the file, and sizes are not a scanner's: taken to be 1"
+        speed, grade = 1.0, GUESSED
+    found.take("sound_speed", speed, why, grade)
+    found.take("dead_time", 0.0, "the record is taken as it is", LIKELY)
     if found.given.get("band") == "none":
-        found.values["band"], found.reasons["band"] = None, "given"
+        found.values["band"] = None
+        found.explain("band", "given")
     else:
-        found.take("band", None, "the record is taken as it is")
+        found.take("band", None, "the record is taken as it is", LIKELY)
     there = "impulse_response" in scan.known
     found.take("impulse_response", there, "in the file" if there else "none in the file")
 
@@ -111,14 +114,14 @@ def _region(scan: Scan, facts: FactsInSpace, found: Found) -> None:
         if path - facts.radius < share:
             share, why = path - facts.radius, "as much as the record covers"
     share, why = covered(found, share, why, radii_of(scan, found), np.array([facts.radius]))
-    radius = float(found.take("region_radius", share, why))
+    radius = float(found.take("region_radius", share, why, GUESSED))
     cut, why = radius, "all of the ball"
     if not isinstance(facts.detectors, DetectorPoints):
         top = facts.radius * float(np.cos(float(facts.detectors.half_opening)))
         if top < radius and found.given.get("region_radius") is None:
             cut, why = top, "what lies beyond the cap's rim is not seen"
     found.take("region_cut", cut, why)
-    found.take("half_width", radius, "the region")
+    found.take("half_width", radius, "the region", GUESSED)
 
 
 def _arrival(facts: FactsInSpace, found: Found) -> float:
@@ -183,13 +186,15 @@ def _radii(scan: Scan, facts: FactsInSpace, found: Found) -> None:
 
 def _noise(facts: FactsInSpace, found: Found, record: np.ndarray | None) -> None:
     if record is None or facts.times is None:
-        found.take("alpha", INTEGRALS_ALPHA, "integrals over spheres are taken to be exact")
-        found.take("low_pass", "none", "integrals over spheres are taken to be exact")
+        found.take(
+            "alpha", INTEGRALS_ALPHA, "integrals over spheres are taken to be exact", GUESSED
+        )
+        found.take("low_pass", "none", "integrals over spheres are taken to be exact", GUESSED)
         return
     power = record_power(record, facts.times, detrend=False)
     ratio = noise_before(power.after(2 * found.values["dead_time"]), _arrival(facts, found))
     if ratio is None:
-        ratio, how = UNKNOWN_NOISE, "assumed: no silence in the record, by which it could be told"
+        how = "assumed: no silence in the record, by which it could be told"
+        found.take_alpha(UNKNOWN_NOISE, how, GUESSED)
     else:
-        how = "before sound from the region arrives"
-    found.take_alpha(ratio, how)
+        found.take_alpha(ratio, "before sound from the region arrives")

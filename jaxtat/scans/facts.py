@@ -20,7 +20,7 @@ from ..records import require_equispaced
 PER_FRAME = {"wavelengths", "laser_energy", "frame_numbers"}
 FLAT = 1e-3  # least extent over largest, from which detectors are not in a plane
 WATER = 1500.0  # speed of sound, nominal [m/s]
-SLOWEST, FASTEST = 1400 / WATER, 1600 / WATER  # of water and tissue, over that
+SLOWEST, FASTEST = 1400 / WATER, 1650 / WATER  # of water and tissue, over that
 # radii of scanners and sampling rates of theirs, by which units are told: (unit, least, greatest);
 # a radius of 1 with 100 samples per time is of no unit
 LENGTHS = (("m", 1e-3, 2.0), ("mm", 3.0, 1e3))

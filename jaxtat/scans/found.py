@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.choice_table import OF_CONSTRAINTS
+from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
 from ..io import Scan
 from ..records import Supported
 from .choices import Choices
@@ -27,27 +27,33 @@ class Found(NamedTuple):
     given: Mapping[str, Any]
     values: dict[str, Any]
     reasons: dict[str, str]
+    grades: dict[str, str]
 
-    def take(self, name: str, value: Any, reason: str) -> Any:
+    def take(self, name: str, value: Any, reason: str, grade: str = SURE) -> Any:
         if self.given.get(name) is not None:
-            value, reason = self.given[name], "given"
-        self.values[name], self.reasons[name] = value, reason
+            value, reason, grade = self.given[name], "given", SURE
+        self.values[name] = value
+        self.explain(name, reason, grade)
         return value
 
-    def take_alpha(self, ratio: float, how: str) -> None:
+    def explain(self, name: str, reason: str, grade: str = SURE) -> None:
+        self.reasons[name], self.grades[name] = reason, grade
+
+    def take_alpha(self, ratio: float, how: str, grade: str = LIKELY) -> None:
         """alpha and low pass by the power of the noise over that of the sound, and how it is known.
 
         Args:
             ratio: as in Wiener's filter; alpha is kept within `ALPHAS`.
             how: words that follow the number.
+            grade: of that number.
         """
         least, most = ALPHAS
         kept = "raised to the least: " if ratio < least else "capped: " if ratio > most else ""
         why = f"{kept}noise over signal power {ratio:.2g}, {how}"
-        alpha = float(self.take("alpha", float(np.clip(ratio, least, most)), why))
+        alpha = float(self.take("alpha", float(np.clip(ratio, least, most)), why, grade))
         noisy = alpha > CLEAN
         why = "noise" if noisy else "hardly any noise"
-        self.take("low_pass", "cosine" if noisy else "none", why)
+        self.take("low_pass", "cosine" if noisy else "none", why, grade)
 
     def take_laser_energy(self, scan: Scan) -> None:
         """Whether frames are divided by the energy of their pulses: said where the file has it."""
@@ -62,7 +68,7 @@ class Found(NamedTuple):
     def expect(self, missing: str) -> None:
         """Images are fitted where data are missing, in words; "" for none."""
         if missing:
-            self.reasons["model_based"] = f"there is no formula: {missing}"
+            self.explain("model_based", f"there is no formula: {missing}")
 
     def take_constraints(self) -> None:
         """How images are fitted, if they are; a penalty that is given says that they are."""
@@ -72,15 +78,15 @@ class Found(NamedTuple):
         defaults: dict[str, Any] = {"penalty": "tv", "nonnegative": False, "weight": None}
         if asked:
             why = "given" if "model_based" in asked else f"{asked[0]} is given"
-            self.reasons.setdefault("model_based", why)
+            self.explain("model_based", self.reasons.get("model_based", why))
         fitted = "model_based" in self.reasons
         self.values.update(defaults, model_based=fitted)
         if not fitted:
             return
         self._require_no_formula()
-        self.take("penalty", "tv", "total variation: for objects with edges")
-        self.take("nonnegative", False, "not asked for")
-        self.take("weight", None, "balances penalty and misfit")
+        self.take("penalty", "tv", "total variation: for objects with edges", GUESSED)
+        self.take("nonnegative", False, "not asked for", LIKELY)
+        self.take("weight", None, "balances penalty and misfit", LIKELY)
 
     def _require_no_formula(self) -> None:
         asked = [name for name in OF_FORMULA if self.given.get(name) is not None]
@@ -92,7 +98,8 @@ class Found(NamedTuple):
 
     def choices(self) -> Choices:
         """All of them, once all were taken."""
-        return Choices.from_settings(self.values | {"reasons": tuple(self.reasons.items())})
+        why = {"reasons": tuple(self.reasons.items()), "grades": tuple(self.grades.items())}
+        return Choices.from_settings(self.values | why | {"standard_errors": ()})
 
 
 def radii_of(scan: Scan, found: Found) -> np.ndarray | None:

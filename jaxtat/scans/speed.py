@@ -9,12 +9,14 @@ once, and sharpness needs no image: by Parseval's formula
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from ..base.choice_table import GUESSED, LIKELY
 from ..io import Scan
 from ..reconstruction.plane_basis import plane_basis
 from ..reconstruction.setup import plane_of
@@ -25,38 +27,60 @@ from ..steps.quadrature import radial_quadrature
 from ..steps.radon import low_pass_values
 from .choices import Choices
 from .choose_in_plane import TO_BE_ESTIMATED
-from .facts import FASTEST, SLOWEST, typical_frame
+from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .frames import integrals, setup_of
 
-SPEEDS = np.linspace(SLOWEST, FASTEST, 17)
-STANDS_OUT = 1.05  # the sharpest image's sharpness over the median one's, at least
+SPEEDS = np.linspace(SLOWEST, FASTEST, 21)
+STANDS_OUT = 1.05  # sharpness at a peak over its surroundings, at least
+BESIDE = 2  # speeds to each side that belong to a peak, not to its surroundings
+SECTORS = 8  # of directions of edges, each of which tells a speed
+SEEN_TWICE = 200.0  # degrees, from which on detectors opposite each other tell a speed
+UNSURE = 0.005  # standard error over the speed, above which it is not believed
 
 
 def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
     """With the speed of sound for which the image of a typical frame is sharpest, if none is known.
 
     Images are of half the resolution: that is quicker, and sharpness falls off less steeply beside
-    its peak, which is easier to find. Radii keep their ratio to the speed. A speed of which the
-    sharpness hardly depends, as with smooth objects, is not believed.
+    its peak, which is easier to find. Radii keep their ratio to the speed. What counts is a peak
+    over its surroundings: beside it sharpness may rise slowly to an end of the range. A speed of
+    which the sharpness hardly depends, as with smooth objects, is not believed, nor one on which
+    the edges of different directions do not agree. Detectors on one side only see every edge once:
+    at a wrong speed it is displaced, but not doubled, and other things make an image sharper.
     """
     if dict(choices.reasons).get("sound_speed") != TO_BE_ESTIMATED:
         return choices
+    points = facts_of(scan).points[list(choices.channels)]
+    span = _span(points, np.asarray(choices.region_center))
+    if span < SEEN_TWICE:
+        why = f"water's: from {span:.0f} degrees edges are seen once, and are as sharp at others"
+        return choices.with_reason("sound_speed", why, GUESSED)
     sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
     if sharpness_at is None:
-        return choices.because(sound_speed="water's: the record ends too early to tell another")
-    stretch, why = sharpest(sharpness_at)
+        why = "water's: the record ends too early to tell another"
+        return choices.with_reason("sound_speed", why, GUESSED)
+    found = sharpest(sharpness_at)
+    stretch = found.stretch
     stretched = replace(
         choices,
         sound_speed=choices.sound_speed * stretch,
         first_radius=choices.first_radius * stretch,
         radial_step=choices.radial_step * stretch,
     )
-    return stretched.because(sound_speed=why)
+    error = None if found.standard_error is None else choices.sound_speed * found.standard_error
+    return stretched.with_reason("sound_speed", found.why, found.grade, error)
+
+
+def _span(points: Float[np.ndarray, "detectors 2"], center: np.ndarray) -> float:
+    """Angle under which the curve is seen from the region's centre, without its gap [degrees]."""
+    angles = np.sort(np.arctan2(*(points - center).T))
+    gaps = np.diff(angles, append=angles[0] + 2 * np.pi)
+    return float(np.degrees(2 * np.pi - gaps.max()))
 
 
 def sharpness_by_speed(
     scan: Scan, choices: Choices, frame: np.ndarray
-) -> Callable[[np.ndarray], np.ndarray] | None:
+) -> Callable[[np.ndarray], Float[np.ndarray, "speeds sectors"]] | None:
     """How sharp the images of a frame are by speed of sound, up to a factor.
 
     Args:
@@ -64,8 +88,9 @@ def sharpness_by_speed(
         frame: (detectors, samples), rows as in the file.
 
     Returns:
-        From speeds over that of the choices to c² ∫ |grad f|² dx, both (speeds,); None for a record
-        that ends before all sound from the region is heard.
+        From speeds over that of the choices, (speeds,), to c² ∫ |grad f|² dx in sectors of
+        directions that add up, (speeds, sectors); None for a record that ends before all sound from
+        the region is heard.
     """
     coarse = replace(
         choices, pixels=choices.pixels // 4 * 2 + 1, max_frequency=choices.max_frequency / 2
@@ -87,28 +112,83 @@ def sharpness_by_speed(
     return sharpness_at
 
 
-def sharpest(sharpness_at: Callable[[np.ndarray], np.ndarray]) -> tuple[float, str]:
-    """The speed of greatest sharpness, over that of water and within 7 % of it, and why.
+class Sharpest(NamedTuple):
+    """A speed over that of water, why, and how sure; its standard error if it was found."""
 
-    As many speeds again between the neighbours of the sharpest, and a parabola through the three
-    highest values.
+    stretch: float
+    why: str
+    grade: str
+    standard_error: float | None
 
-    >>> speed, _ = sharpest(lambda speeds: 1 / (1 + ((speeds - 0.9877) / 0.013) ** 2))
-    >>> abs(speed - 0.9877) < 1e-5
-    True
+
+def sharpest(sharpness_at: Callable[[np.ndarray], Float[np.ndarray, "speeds sectors"]]) -> Sharpest:
+    """The speed at which sharpness has the highest peak over its surroundings.
+
+    As many speeds again between the neighbours of that peak, without the slope of the straight line
+    through what is beside it, and a parabola through the three highest values. The standard error
+    is the jackknife's, by leaving out each sector of directions in turn: edges of all directions
+    must agree on the speed.
+
+    Args:
+        sharpness_at: of speeds over that of water, in sectors that add up.
+
+    >>> peak = lambda speeds: 1 + np.exp(-(((speeds[:, None] - 0.9877) / 0.01) ** 2)) * np.ones(8)
+    >>> found = sharpest(peak)
+    >>> round(found.stretch, 5), round(found.standard_error, 9)
+    (0.9877, 0.0)
     """
-    values = sharpness_at(SPEEDS)
-    best, median = int(np.argmax(values)), float(np.median(values))
-    if best in (0, len(values) - 1) or values[best] < STANDS_OUT * median:
-        return 1.0, "water's: no other within 7 % gives an image much sharper than all others"
+    coarse = sharpness_at(SPEEDS)
+    best, height = _peak(coarse.sum(axis=1))
+    slope = np.polyfit(SPEEDS[beside := _beside(best)], coarse[beside], 1)[0]
+    if height < STANDS_OUT:
+        why = "water's: no other within 10 % gives an image much sharper than those beside it"
+        return Sharpest(1.0, why, GUESSED, None)
     near = np.linspace(SPEEDS[best - 1], SPEEDS[best + 1], len(SPEEDS))
-    values = sharpness_at(near)
+    fine = sharpness_at(near) - (near[:, None] - near[0]) * slope
+    total = fine.sum(axis=1)
+    speed, error = _summit(near, total), 0.0
+    n = fine.shape[1]
+    if n > 1:
+        without = np.array([_summit(near, total - fine[:, k]) for k in range(n)])
+        error = float(np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2)))
+    if error > UNSURE * speed:
+        why = f"water's: edges of different directions do not agree, to {error / speed:.1%}"
+        return Sharpest(1.0, why, GUESSED, None)
+    return Sharpest(
+        speed, f"the image is sharpest, by {height - 1:.0%}; none in the file", LIKELY, error
+    )
+
+
+def _peak(values: Float[np.ndarray, " speeds"]) -> tuple[int, float]:
+    """Number of the highest peak, and its height over the straight line through what is beside it.
+
+    The line is one through all values but those of the peak.
+    """
+    numbers = np.arange(len(values))
+    best, highest = 0, 0.0
+    for k in range(1, len(values) - 1):
+        if values[k] < max(values[k - 1], values[k + 1]):
+            continue
+        beside = _beside(k)
+        line = np.polyval(np.polyfit(numbers[beside], values[beside], 1), k)
+        height = float(values[k] / line) if line > 0 else 0.0
+        if height > highest:
+            best, highest = k, height
+    return best, highest
+
+
+def _beside(k: int) -> np.ndarray:
+    """Which speeds are surroundings of the k-th."""
+    return np.abs(np.arange(len(SPEEDS)) - k) > BESIDE
+
+
+def _summit(speeds: Float[np.ndarray, " speeds"], values: Float[np.ndarray, " speeds"]) -> float:
+    """Where the parabola through the three highest values is highest."""
     best = int(np.argmax(values[1:-1])) + 1
     before, highest, behind = values[best - 1 : best + 2]
     curvature = min(before - 2 * highest + behind, -np.finfo(float).tiny)
-    speed = near[best] + (near[1] - near[0]) * (before - behind) / (2 * curvature)
-    more = float(highest / median - 1)
-    return float(speed), f"the image is sharpest, by {more:.0%}; none in the file"
+    step = float(np.clip((before - behind) / (2 * curvature), -1.0, 1.0))
+    return float(speeds[best] + (speeds[1] - speeds[0]) * step)
 
 
 @jax.jit
@@ -135,7 +215,12 @@ def _sharpness(
     eta: Float[Array, " frequencies"],
     stretches: Float[Array, " speeds"],
     frequencies: Float[Array, " frequencies"],
-) -> Float[Array, " speeds"]:
-    """c² ∫ |grad f|² dx, up to a factor: f has the unit of g per length, which grows with c."""
-    of_rings = jnp.mean(jnp.abs(fhat) ** 2, axis=-1)
-    return stretches**2 * (of_rings @ (eta**2 * frequencies**3))
+) -> Float[Array, "speeds sectors"]:
+    """c² ∫ |grad f|² dx, up to a factor: f has the unit of g per length, which grows with c.
+
+    In sectors of directions of the gradient, which add up.
+    """
+    power = jnp.einsum("sfd,f->sd", jnp.abs(fhat) ** 2, eta**2 * frequencies**3)
+    sectors = np.minimum(np.arange(power.shape[1]) * SECTORS // power.shape[1], SECTORS - 1)
+    of_sectors = power @ jnp.asarray(np.eye(SECTORS)[sectors]) / power.shape[1]
+    return stretches[:, None] ** 2 * of_sectors

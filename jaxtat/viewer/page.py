@@ -395,7 +395,7 @@ class _Seen(NamedTuple):
     session: Session
     image: np.ndarray
     command: str
-    rows: list[tuple[str, str, str]] | None  # of choices
+    rows: list[tuple[str, str, str, str]] | None  # of choices
     seconds: float
 
 
@@ -409,7 +409,7 @@ def _as_code(command: str) -> str:
     return f"<code>{' '.join(words)}</code>"
 
 
-def _as_table(rows: list[tuple[str, str, str]]) -> str:
+def _as_table(rows: list[tuple[str, str, str, str]]) -> str:
     lines = "".join(f"<tr>{''.join(map(_cell, line))}</tr>" for line in rows)
     return f"<b>What was chosen, and why</b><table>{lines}</table>"
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..base.choice_table import METHOD, OPTIONS, PLAIN, RECORD
+from ..base.choice_table import METHOD, OPTIONS, PLAIN, RECORD, SURE
 from ..geometry import fit_circle
 from ..io import Scan
 from ..scans import Choices, choose, integrals
@@ -64,7 +64,8 @@ class Session:
 
     def __init__(self, scan: Scan, choices: Choices, facts: Mapping[str, Any] | None = None):
         if choices.inversion != "fourier":
-            choices = replace(choices, inversion="fourier").because(inversion="the viewer's")
+            choices = replace(choices, inversion="fourier")
+            choices = _given(choices, {"inversion": "the viewer's"})
         self.scan, self.choices, self.facts = scan, choices, dict(facts or {})
         self.start = Knobs(choices.sound_speed, choices.alpha, choices.low_pass)
         self._live, self._made = live(scan, choices, few_frames=True), self.start
@@ -105,7 +106,7 @@ class Session:
         if knobs.method == MODEL_BASED:
             turned = replace(turned, model_based=True, penalty="tv", nonnegative=True)
             said = "asked for in the viewer"
-            turned = turned.because(model_based=said, penalty=said, nonnegative=said)
+            turned = _given(turned, dict.fromkeys(("model_based", "penalty", "nonnegative"), said))
         return turned
 
     def speeds(self) -> tuple[float, float]:
@@ -133,7 +134,7 @@ class Session:
         parts = np.split(
             speeds / choices.sound_speed, 3
         )  # as many at once as where speeds are estimated
-        values = np.concatenate([sharpness_at(part) for part in parts])
+        values = np.concatenate([sharpness_at(part).sum(axis=1) for part in parts])
         return speeds, values / values.max()
 
     def with_region(self, radius: float, center: tuple[float, float], knobs: Knobs) -> "Session":
@@ -154,8 +155,10 @@ class Session:
         kept |= {"use": np.array(self.choices.channels), "inversion": "fourier"}
         moved = choose(self.scan, **kept, region_radius=radius, region_center=center)
         before = dict(self.choices.reasons)
-        kept = {name: before[name] for name in kept if name in before}
-        return Session(self.scan, moved.because(**kept), self.facts)
+        for name in kept:
+            if name in before:
+                moved = moved.with_reason(name, before[name], self.choices.grade(name))
+        return Session(self.scan, moved, self.facts)
 
     def frame_number(self, frame: int) -> int:
         """Of a frame in its file."""
@@ -201,7 +204,7 @@ class Session:
                 first_radius=float(radii[0]),
                 radial_step=float(radii[-1] - radii[0]) / (len(radii) - 1),
             )
-        return replace(start, alpha=knobs.alpha, low_pass=knobs.low_pass).because(**said)
+        return _given(replace(start, alpha=knobs.alpha, low_pass=knobs.low_pass), said)
 
     def _back_projected(self, knobs: Knobs) -> Any:
         choices, setup = self._turned(knobs), self._live.setup.replace(radii=self._live.radii)
@@ -216,3 +219,10 @@ class Session:
     def _fitted(self, knobs: Knobs) -> Any:
         choices, setup = self.choices_of(knobs), self._live.setup.replace(radii=self._live.radii)
         return fitted(self.scan, choices, setup, self._read(knobs.frame)).image
+
+
+def _given(choices: Choices, reasons: Mapping[str, str]) -> Choices:
+    """With other reasons, by name: of what the person at the knobs has decided."""
+    for name, reason in reasons.items():
+        choices = choices.with_reason(name, reason, SURE)
+    return choices

@@ -644,6 +644,55 @@ def test_wrong_arguments_exit_with_2_and_the_usage(capsys, line):
     assert capsys.readouterr().err.startswith("usage: jaxtat")
 
 
+def test_choices_for_programs(jaxtat_command, capsys):
+    """On standard output nothing else; in a file the same, and beside an image what made it."""
+    np.savez("data.npz", circular_integrals=INTEGRALS)
+    assert jaxtat_command(f"info data.npz {ARC} {REGION} --json -") == 0
+    printed = json.loads(capsys.readouterr().out)["choices"]
+    assert jaxtat_command(f"reconstruct data.npz {ARC} {REGION} --json a.json --out a.npy") == 0
+    assert json.loads(Path("a.json").read_text())["choices"] == printed
+    given = {"value": 0.8, "unit": None, "reason": "given", "grade": "sure"}
+    assert printed["region_radius"] == given
+    assert printed["alpha"]["grade"] == "guessed"
+
+
+def test_what_deserves_a_look_comes_with_a_command_that_runs(jaxtat_command, capsys):
+    np.savez("data.npz", circular_integrals=INTEGRALS)
+    assert jaxtat_command(f"info data.npz {ARC} {REGION}") == 0
+    said = capsys.readouterr().out.split("Look at these first\n")[1].splitlines()
+    assert said[0].startswith("alpha  guessed  circular integrals are taken to be exact")
+    for line in said[1::2]:
+        command = shlex.split(line)
+        assert command[:3] == ["jaxtat", "reconstruct", "data.npz"]
+        options = build_parser().parse_args(command[1:])
+        assert (options.arc, options.pixels) == ([1.3, 1.0, 24.0], 11)
+    assert len(said) == 6
+    assert main([*shlex.split(said[1])[1:], "--quiet"]) == 0
+    sheet = matplotlib.image.imread("sheet.png")
+    assert sheet.shape[1] > sheet.shape[0] > 300  # five pictures in two rows
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("--try speed=1:2:1 --out a.png", "expected NAME=VALUES, NAME one of sound_speed"),
+        ("--try alpha=1:2 --out a.png", "expected alpha=START:STOP:STEP or alpha=FIRST,SECOND"),
+        ("--try alpha=2:1:1 --out a.png", "of 1 to 36 values"),
+        ("--try pixels=10:100:1 --out a.png", "of 1 to 36 values"),
+        ("--try pixels=10.5 --out a.png", "--try pixels is 10.5"),
+        ("--try alpha=-1,1 --out a.png", "--try alpha is -1.0"),
+        ("--try alpha=1,2 --alpha 3 --out a.png", "--alpha and --try"),
+        ("--try alpha=1,2 --K 3 --out a.png", "--K and --try"),
+        ("--try alpha=1,2 --out a.h5", "a sheet of trials is a picture"),
+        (f"{REGION} --try sound_speed=1,2 --out a.png", "sound_speed is of pressure records"),
+        ("--json - --out a.png", "the report is on standard output"),
+        ("--json nowhere/a.json --out a.png", "there is no folder"),
+    ],
+)
+def test_trials_that_cannot_be_are_refused(bad_input, capsys, line, reason):
+    require_refusal(bad_input, capsys, f"reconstruct good.npz {ARC} {line}", reason)
+
+
 @pytest.mark.parametrize("command", ["paper", "plan", "reconstruct", "info", "report"])
 def test_help_shows_examples_of_the_command_that_parse(capsys, command):
     with pytest.raises(SystemExit) as caught:

@@ -65,7 +65,7 @@ def test_the_image_is_that_of_the_direct_reconstructions_regularisation(
     assert_allclose(np.asarray(found.image)[inside], expected[inside], rtol=1e-12)
     text = (tmp_path / "r.html").read_text()
     assert "two frames, frame 1 of 2" in text
-    assert re.search(r"alpha</th><td>1e-06</td><td>given", text)
+    assert re.search(r"alpha</th><td>1e-06</td><td>sure</td><td>given", text)
     coarse = choose(scan, **GIVEN | {"alpha": 10.0})  # leaves out waves on purpose
     report_scan(tmp_path / "r.html", scan, coarse, sigma=0.1, uncertainty_pixels=0)
     off = np.asarray(asked["plan"].report.residual) > 0.3

@@ -119,7 +119,7 @@ class Reader(HTMLParser):
 def written(complete, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "report.html"
     origin = provenance((), "m") | {"inputs": [{"name": HOSTILE, "sha256": HOSTILE}]}
-    choices = [("K", HOSTILE, HOSTILE)]
+    choices = [("K", HOSTILE, HOSTILE, HOSTILE)]
     write_report(path, complete, title=HOSTILE, choices=choices, origin=origin, unit="m")
     return path.read_text(encoding="utf-8")
 
@@ -130,7 +130,7 @@ def test_a_hostile_file_name_is_text(written):
     assert {name for name, _ in page.elements} == set(ALLOWED)
     assert not [name for _, attributes in page.elements for name in attributes if name[:2] == "on"]
     times = sum(text.count(HOSTILE) for text in page.text)
-    assert times == 6  # title, heading, value, why, name and digest of the file
+    assert times == 7  # title, heading, value, grade, why, name and digest of the file
     assert "<script" not in written
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from jaxtat.base.units import Units
-from jaxtat.scans import Choices
+from jaxtat.scans import Choices, as_json, to_look_at
 from jaxtat.scans.found import Found
 
 CHOICES = Choices(
@@ -35,6 +35,8 @@ CHOICES = Choices(
     low_pass="cosine",
     inversion="fbp",
     reasons=(("model", "given"), ("channels", "left out: dead 3, 17"), ("alpha", "noise")),
+    grades=(("model", "sure"), ("channels", "likely"), ("alpha", "guessed")),
+    standard_errors=(("alpha", 1e-4 / 3),),
 )
 
 
@@ -70,7 +72,8 @@ def test_the_table_has_a_line_and_a_reason_for_each():
     lines = CHOICES.table().splitlines()
     assert [line.split()[0] for line in lines] == ["channels", "model", "alpha"]
     assert "38 of 40" in lines[0]
-    assert lines[0].endswith("left out: dead 3, 17")
+    assert lines[0].endswith("  likely   left out: dead 3, 17")
+    assert [line.split()[-2] for line in lines[1:]] == ["sure", "guessed"]
 
 
 def test_the_table_is_in_millimetres_where_units_are_known_and_free_of_rounding():
@@ -91,11 +94,11 @@ def test_the_table_is_in_millimetres_where_units_are_known_and_free_of_rounding(
         reasons=reasons,
         units=Units("m", "s"),
     )
-    assert {name: value for name, value, _ in found.rows()} == SHOWN
+    assert {name: value for name, value, *_ in found.rows()} == SHOWN
     again = Choices.from_settings(json.loads(json.dumps(found.settings())))
     assert again.rows() == found.rows()
     bare = dataclasses.replace(found, units=Units())
-    values = {name: value for name, value, _ in bare.rows()}
+    values = {name: value for name, value, *_ in bare.rows()}
     assert values["region_radius"] == "0.0129" and values["sound_speed"] == "1481.1"
 
 
@@ -113,6 +116,54 @@ SHOWN = {
 }
 
 
+def test_choices_for_programs_are_in_si_units():
+    """Of positions in millimetres and times in microseconds, with everything that is said."""
+    found = dataclasses.replace(
+        CHOICES,
+        sound_speed=1.5,
+        region_radius=12.0,
+        region_cut=12.0,
+        region_center=(0.5, -12.0),
+        band=(0.1, 7.0),
+        max_frequency=26.0,
+        units=Units("mm", "us"),
+        reasons=tuple((name, "why") for name in (*SHOWN, "channels")),
+        grades=(("sound_speed", "likely"),),
+        standard_errors=(("sound_speed", 0.003),),
+    )
+    written = json.loads(json.dumps(as_json(found)))["choices"]
+    said = {"value": 1500.0, "unit": "m/s", "reason": "why", "grade": "likely"}
+    assert written["sound_speed"] == said | {"standard_error": 3.0}
+    assert {name: (entry["value"], entry["unit"]) for name, entry in written.items()} == {
+        "channels": (38, None),
+        "sound_speed": (1500.0, "m/s"),
+        "dead_time": (pytest.approx(1e-12 / 3), "s"),
+        "band": ([1e5, 7e6], "Hz"),
+        "region_radius": (0.012, "m"),
+        "region_cut": (None, "m"),  # all of the disk
+        "region_angle": (-90.0, "degree"),
+        "region_center": ([0.0005, -0.012], "m"),
+        "max_frequency": (26000.0, "rad/m"),
+        "half_width": (pytest.approx(0.0007), "m"),
+        "alpha": (pytest.approx(1e-3 / 3), None),
+    }
+    assert written["channels"]["left_out"] == [3, 17]
+    assert written["alpha"]["grade"] == "guessed"  # of what nothing is said
+    bare = as_json(dataclasses.replace(found, units=Units()))["choices"]
+    assert (bare["sound_speed"]["value"], bare["sound_speed"]["unit"]) == (1.5, None)
+
+
+def test_what_is_least_sure_is_looked_at_first_and_then_what_decides_most():
+    reasons = tuple((name, "why") for name in (*SHOWN, "model", "channels"))
+    grades = dict.fromkeys(dict(reasons), "sure") | {"alpha": "likely", "band": "guessed"}
+    found = dataclasses.replace(CHOICES, reasons=reasons, grades=tuple(grades.items()))
+    assert to_look_at(found) == ["band", "alpha", "sound_speed"]
+    given = found.with_reason("sound_speed", "given", "sure")
+    assert to_look_at(given) == ["band", "alpha", "model"]
+    assert dict(given.standard_errors) == dict(found.standard_errors)
+    assert given.grade("sound_speed") == "sure" and given.grade("pixels") == "guessed"
+
+
 @pytest.mark.parametrize(
     ("ratio", "alpha", "why"),
     [
@@ -122,7 +173,7 @@ SHOWN = {
     ],
 )
 def test_alpha_says_what_it_means(ratio, alpha, why):
-    found = Found({}, {}, {})
+    found = Found({}, {}, {}, {})
     found.take_alpha(ratio, "by hand")
     assert (found.values["alpha"], found.reasons["alpha"]) == (alpha, why)
 
@@ -134,6 +185,7 @@ def test_alpha_says_what_it_means(ratio, alpha, why):
         ({"low_pass": "hann"}, "low_pass is 'hann'"),
         ({"inversion": "radon"}, "inversion"),
         ({"band": [1.0]}, "cannot be read"),
+        ({"grades": [["alpha", "certain"]]}, "grades are \\['certain'\\]"),
         ({"colour": "red"}, "unknown \\['colour'\\]"),
     ],
 )

@@ -9,7 +9,8 @@ from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, N, positions, raw_coun
 from jaxtat import detector_curve, phantoms
 from jaxtat.io import Scan
 from jaxtat.io.frames import LazyFrames
-from jaxtat.scans import choose, describe, with_facts
+from jaxtat.records import circular_integrals_to_pressure
+from jaxtat.scans import choose, describe, estimate_sound_speed, with_facts
 from jaxtat.steps import AccuracyWarning
 
 REACH = max(np.hypot(*c) + r for c, r in zip(BELLS["centers"], BELLS["radii"], strict=True))
@@ -59,6 +60,20 @@ def test_alpha_is_noise_over_signal_power(pressure, noise):
     arrival = (RADIUS - chosen.region_radius) / SPEED
     signal = np.mean(pressure[:, arrival < TIMES] ** 2) / np.abs(pressure).max() ** 2
     assert 0.3 < chosen.alpha / (noise**2 / signal) < 3
+
+
+def test_a_muted_start_does_not_make_a_record_exact(pressure):
+    """Nothing at all before the sound, and noise in it: alpha is as without that."""
+    noise = 0.03 * np.abs(pressure).max() * np.random.default_rng(4).standard_normal(pressure.shape)
+    muted = pressure + noise
+    muted[:, TIMES < 16e-6] = 0.0
+    chosen, heard = choose(scan(muted)), choose(scan(pressure + noise))
+    assert 0.3 < chosen.alpha / heard.alpha < 3
+    assert chosen.region_radius == pytest.approx(heard.region_radius, rel=0.2)
+    muted[:, TIMES < 0.98 * (RADIUS - REACH) / SPEED] = 0.0  # up to the sound: by differences
+    chosen = choose(scan(muted))
+    assert 0.3 < chosen.alpha / heard.alpha < 3
+    assert chosen.grade("alpha") == "guessed"
 
 
 def test_exact_records_are_hardly_regularised_and_not_smoothed(pressure):
@@ -125,8 +140,15 @@ def test_positions_in_the_plane_are_a_scanners_if_sizes_rate_and_counts_are(coun
         chosen = choose(Scan("pressure", data, known))
         assert chosen.model == "in-plane"
         assert "rate and counts" in dict(chosen.reasons)["model"]
-    with pytest.warns(AccuracyWarning, match="scanner's record needs model in-plane"):
-        assert choose(Scan("pressure", pressure, known)).model == "2d"
+    found = choose(Scan("pressure", pressure, known))  # exact: no counts, but no tail either
+    assert found.model == "in-plane" and "no tail" in dict(found.reasons)["model"]
+    radii = np.arange(1e-3, 62e-3, 4e-4)
+    bells = phantoms.Bells(BELLS["centers"], BELLS["radii"])
+    g = bells.circular_integrals(detector_curve(positions()[:, :2]), radii)
+    waves = np.asarray(circular_integrals_to_pressure(g, radii, SPEED * TIMES))
+    noise = 0.1 * waves.std() * np.random.default_rng(0).standard_normal(waves.shape)
+    with pytest.warns(AccuracyWarning, match="slow tail; a scanner's record needs model in-plane"):
+        assert choose(Scan("pressure", waves + noise, known)).model == "2d"
     assert choose(Scan("pressure", pressure, known), model="2d").model == "2d"
 
 
@@ -291,6 +313,18 @@ def test_a_record_that_ends_early_bounds_the_region_and_what_is_asked_beyond_is_
 def test_units_that_do_not_fit_each_other_are_refused(counts, known, path):
     with pytest.raises(ValueError, match=path + ".* in units that fit each other"):
         choose(scan(counts, **known))
+
+
+def test_from_one_side_no_speed_is_told():
+    """Half a circle sees edges once: at a wrong speed they are elsewhere, and as sharp."""
+    half = positions(span=180.0)
+    record = np.zeros((N, len(TIMES)))
+    record[:, 90:110] = np.sin(np.arange(20.0))
+    unknown = Scan("pressure", record, {"detectors": half, "sampling_rate": RATE})
+    found = estimate_sound_speed(unknown, choose(unknown))
+    assert found.sound_speed == SPEED
+    assert "from 180 degrees edges are seen once" in dict(found.reasons)["sound_speed"]
+    assert found.grade("sound_speed") == "guessed"
 
 
 def test_a_scanner_gives_what_a_file_lacks():

@@ -77,7 +77,7 @@ def test_the_phantom_comes_back_with_nothing_given(recorded):
     """96 detectors on an arc of 270 degrees, two-dimensional waves."""
     theta = np.radians(100.0 + (np.arange(96) + 0.5) / 96 * 270)
     positions = RADIUS * np.stack([np.cos(theta), np.sin(theta)], axis=1)
-    with pytest.warns(AccuracyWarning, match="no third coordinate nor counts"):
+    with pytest.warns(AccuracyWarning, match="neither counts nor an offset, and a slow tail"):
         found = reconstruct_file(recorded(positions, 2e-4))
     assert found.choices.model == "2d"
     assert relative_error(found.image, found.region, found.grid) < 0.01

@@ -37,18 +37,53 @@ def test_sharpness_without_an_image_is_the_images():
     values, exact = [], []
     for bells in (wide, narrow):
         fhat, _ = basis.fhat(_stretched(data(bells), RADII, STRETCHES, FREQUENCIES), rule)
-        values.append(np.asarray(_sharpness(fhat, eta, STRETCHES, FREQUENCIES)))
+        values.append(np.asarray(_sharpness(fhat, eta, STRETCHES, FREQUENCIES)).sum(axis=1))
         fine = ImageGrid(201, 0.8)
         exact.append(float(sharpness(bells.image(fine), fine)))
     assert values[1][1] / values[0][1] == pytest.approx(exact[1] / exact[0], rel=0.01)
     twice = _sharpness(fhat, eta, 2 * STRETCHES, FREQUENCIES)
-    np.testing.assert_allclose(twice, 4 * jnp.asarray(values[1]), rtol=1e-12)
+    np.testing.assert_allclose(twice.sum(axis=1), 4 * values[1], rtol=1e-12)
+
+
+def bump(speeds, at, height=0.3):
+    """In one sector, over a sharpness of 1."""
+    return 1 + height * np.exp(-(((speeds[:, None] - at) / 0.01) ** 2))
 
 
 def test_no_speed_is_believed_that_hardly_stands_out():
-    speed, why = sharpest(lambda speeds: 1 + 0.04 * np.exp(-(((speeds - 0.99) / 0.01) ** 2)))
-    assert speed == 1.0
-    assert "no other within 7 %" in why
-    speed, why = sharpest(lambda speeds: 1 + 0.3 * np.exp(-(((speeds - 0.9837) / 0.01) ** 2)))
-    assert speed == pytest.approx(0.9837, abs=1e-5)
-    assert why == "the image is sharpest, by 30%; none in the file"
+    found = sharpest(lambda speeds: bump(speeds, 0.99, 0.04))
+    assert (found.stretch, found.grade, found.standard_error) == (1.0, "guessed", None)
+    assert "no other within 10 %" in found.why
+    found = sharpest(lambda speeds: bump(speeds, 0.9837))
+    assert found.stretch == pytest.approx(0.9837, abs=1e-5)
+    assert (found.why, found.grade) == ("the image is sharpest, by 30%; none in the file", "likely")
+
+
+def test_a_peak_counts_beside_a_slow_rise_to_an_end_of_the_range():
+    """The end is sharper than the peak, and no peak."""
+    found = sharpest(lambda speeds: bump(speeds, 0.9837) + 6 * (speeds[:, None] - 0.93))
+    assert found.stretch == pytest.approx(0.9837, abs=1e-3)
+    assert "sharpest, by" in found.why
+    rising = sharpest(lambda speeds: 1 + 6 * (speeds[:, None] - 0.93))
+    assert rising.stretch == 1.0 and rising.grade == "guessed"
+
+
+def test_the_standard_error_is_that_of_a_mean_of_sectors():
+    """Of parabolas about s_k the sum is highest at their mean, and the jackknife is exact."""
+    places = 1.01 + 1e-3 * np.random.default_rng(0).standard_normal(8)
+
+    def parabolas(speeds):
+        """With surroundings that are no part of it."""
+        off = speeds[:, None] - places
+        return np.where(np.abs(off) < 0.02, 2 - (off / 0.02) ** 2, 1.0)
+
+    found = sharpest(parabolas)
+    assert found.stretch == pytest.approx(places.mean(), abs=1e-6)
+    assert found.standard_error == pytest.approx(places.std(ddof=1) / np.sqrt(8), rel=1e-3)
+
+
+def test_directions_that_do_not_agree_are_not_believed():
+    """Two halves, of which one alone would be."""
+    found = sharpest(lambda speeds: np.hstack([bump(speeds, 0.976), bump(speeds, 0.99)]))
+    assert found.stretch == 1.0 and found.grade == "guessed"
+    assert "do not agree" in found.why

@@ -1,0 +1,220 @@
+"""Which scans there are: arrays, bodies, acoustics and dirt, combined by a seed; and their files.
+
+The truth of a scan is made again from its case: files hold what a scanner would have written.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import acoustics
+import dirt
+import numpy as np
+from arrays import ARRAYS, Array
+from bodies import BODIES, Body, balls
+
+SEED, N = 18, 48
+HALVES = ("rules", "held-out")
+RATE, SAMPLES = 40e6, 2030  # of a scanner
+LOUDER = 0.12  # of the sound: root mean square of what comes from out of the plane
+
+
+@dataclass(frozen=True)
+class Size:
+    """Share of a scanner's detectors and samples, and the width of edges that goes with it [m]."""
+
+    share: float
+    edge: float
+
+
+SIZES = {"full": Size(1.0, 1.2e-4), "quick": Size(0.3, 4e-4)}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One scan.
+
+    Attributes:
+        number: from 0.
+        array, body: names in `ARRAYS` and `BODIES`.
+        model: "in-plane", "2d" or "in-space".
+        speed: of sound in the body [m/s].
+        water: of sound around it; the same, but for a few [m/s].
+        noise: over the sound.
+        dirt: names, see `record`.
+    """
+
+    number: int
+    array: str
+    body: str
+    model: str
+    speed: float
+    water: float
+    noise: float
+    dirt: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.number:02d}-{self.array}-{self.body}"
+
+    @property
+    def half(self) -> str:
+        """Rules are made on one half, the other tells how good they are; of each array, half."""
+        kinds = list(ARRAYS)
+        kind = kinds.index(self.array)
+        if self.number >= N:
+            return HALVES[self.number % 2]
+        alike = np.arange(kind, N, len(kinds))
+        order = np.random.default_rng([SEED, kind]).permutation(alike).tolist()
+        return HALVES[(order.index(self.number) + kind) % 2]
+
+    def generator(self, what: str) -> np.random.Generator:
+        return np.random.default_rng([SEED, self.number, *what.encode()])
+
+
+def cases() -> list[Case]:
+    """All of them; those of k-Wave last."""
+    return [_case(number) for number in range(N)] + K_WAVE
+
+
+# waves in the plane through a body and water of different speeds, by another code: `two_speeds.py`
+K_WAVE = [
+    Case(N, "arc270", "vessels", "2d", 1540.0, 1500.0, 0.01, ("k-wave",)),
+    Case(N + 1, "arc270", "mouse", "2d", 1560.0, 1490.0, 0.03, ("k-wave",)),
+    Case(N + 2, "ring", "off-middle", "2d", 1550.0, 1510.0, 0.03, ("k-wave",)),
+    Case(N + 3, "arc180", "derenzo", "2d", 1580.0, 1500.0, 0.01, ("k-wave",)),
+]
+
+
+def simulated_by_k_wave(case: Case, folder: Path) -> Path:
+    return folder / "k-wave" / f"{case.name}.npy"
+
+
+def _case(number: int) -> Case:
+    rng = np.random.default_rng([SEED, number])
+    array = list(ARRAYS)[number % len(ARRAYS)]
+    speed = float(rng.uniform(1440, 1620))
+    noise = float(rng.choice([0.0, 0.01, 0.03, 0.1, 0.2]))
+    if array == "cap":
+        return Case(number, array, "balls", "in-space", speed, speed, noise, ("float",))
+    body = str(rng.choice(list(BODIES)))
+    model = "2d" if rng.uniform() < 0.12 else "in-plane"
+    names = [] if model == "2d" else _dirt(rng)
+    mixed = model == "in-plane" and rng.uniform() < 0.2
+    water = speed - rng.uniform(20, 60) if mixed else speed
+    names += [name for name, share in (("shuffled", 0.2), ("early", 0.08)) if rng.uniform() < share]
+    return Case(number, array, body, model, speed, float(water), noise, tuple(names))
+
+
+def _dirt(rng: np.random.Generator) -> list[str]:
+    chances = {
+        "counts": 0.6,
+        "plane": 0.4,
+        "artefact": 0.3,
+        "bad": 0.25,
+        "coloured": 0.4,
+        "out-of-plane": 0.3,
+        "mirror": 0.15,
+        "wall": 0.2,
+        "muted": 0.12,
+        "frames": 0.1,
+    }
+    names = [name for name, chance in chances.items() if rng.uniform() < chance]
+    return names + [[], [], ["band"], ["band-known"]][int(rng.integers(4))]
+
+
+def geometry(case: Case, size: Size) -> Array:
+    return ARRAYS[case.array](size.share if case.array != "cap" else 1.0)
+
+
+def truth(case: Case, size: Size) -> Body:
+    """What sounds."""
+    make = balls if case.body == "balls" else BODIES[case.body]
+    return make(case.generator("body"), size.edge)
+
+
+def write(case: Case, size: Size, folder: Path) -> Path:
+    """The scan's file, with nothing in it but what it recorded, where and how fast."""
+    array, rate = geometry(case, size), RATE * size.share
+    if "k-wave" in case.dirt:
+        pressure, response = np.load(simulated_by_k_wave(case, folder)), np.ones(1)
+    else:
+        pressure, response = record(case, size)
+    positions = array.positions
+    if case.model == "2d" or "plane" in case.dirt:
+        positions = positions[:, :2]
+    order = np.arange(len(positions))
+    if "shuffled" in case.dirt:
+        order = case.generator("order").permutation(order)
+    facts = {"detectors": positions[order], "sampling_rate": rate}
+    if "band-known" in case.dirt:
+        facts["impulse_response"] = response
+    frames = list(_frames(case, pressure))
+    if len(frames) > 1:
+        facts["wavelengths"] = 700.0 + 20.0 * np.arange(len(frames))
+    path = folder / f"{case.name}.npz"
+    data = np.stack(frames)[:, order]
+    np.savez(path, pressure=data if len(frames) > 1 else data[0], **facts)
+    return path
+
+
+def _frames(case: Case, pressure: np.ndarray) -> Iterator[np.ndarray]:
+    rng = case.generator("frames")
+    strengths = (0.6, 1.0, 0.4) if "frames" in case.dirt else (1.0,)
+    for strength in strengths:
+        frame = dirt.noise(rng, strength * pressure, case.noise / strength, _colour(case))
+        yield _as_written(case, frame, rng)
+
+
+def _colour(case: Case) -> str:
+    return "coloured" if "coloured" in case.dirt else "white"
+
+
+def _as_written(case: Case, frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    if "artefact" in case.dirt:
+        frame = dirt.artefact(frame, _rate(case, frame), 20.0)
+    if "bad" in case.dirt:
+        frame = dirt.bad_channels(case.generator("bad"), frame, 0.05)
+    if "counts" in case.dirt:
+        frame = dirt.counts(rng, frame).copy()
+    if "muted" in case.dirt:
+        first = int(0.55 * ARRAYS[case.array](0.1).radius / case.water * _rate(case, frame))
+        frame = frame.copy()
+        frame[:, :first] = 32768 if "counts" in case.dirt else 0
+    if "early" in case.dirt:
+        frame = frame[:, : int(0.62 * frame.shape[1])]
+    return frame
+
+
+def _rate(case: Case, frame: np.ndarray) -> float:
+    return RATE if frame.shape[1] > 0.75 * SAMPLES else RATE / 2
+
+
+def record(case: Case, size: Size) -> tuple[np.ndarray, np.ndarray]:
+    """Exact pressure (detectors, samples) without noise, and the response of the elements."""
+    array, body, rate = geometry(case, size), truth(case, size), RATE * size.share
+    n, step = int(SAMPLES * size.share), case.water / rate
+    points, rng = array.positions, case.generator("sound")
+    pulse = dirt.response(rate, 3.5e6 * size.share, rng.uniform(0.9, 1.4))
+    if case.model == "in-space":
+        return acoustics.in_space(body, points, n, step), pulse
+    if case.model == "2d":
+        return acoustics.two_dimensional(body, points, n, step), pulse
+    detour = None
+    if case.water != case.speed:
+        detour = acoustics.straight_rays(body, case.speed, case.water)
+    found = acoustics.in_plane(body, points, n, step, detour)
+    power = np.mean(found**2)
+    if "out-of-plane" in case.dirt:
+        other = acoustics.in_space(acoustics.out_of_plane(rng, body), points, n, step)
+        found = found + LOUDER * np.sqrt(power / np.mean(other**2)) * other
+    if "mirror" in case.dirt:
+        wall = acoustics.mirrored(body, rng.uniform(0, 2 * np.pi), rng.uniform(20e-3, 40e-3), 0.3)
+        found = found + acoustics.in_plane(wall, points, n, step)
+    if "wall" in case.dirt:
+        where = rng.uniform(0, 2 * np.pi), rng.uniform(20e-3, 28e-3)
+        wall = acoustics.sounding_wall(*where, size.edge, 0.15)
+        found = found + acoustics.in_plane(wall, points, n, step)
+    if {"band", "band-known"} & set(case.dirt):
+        found = dirt.heard_by(found, pulse)
+    return found, pulse

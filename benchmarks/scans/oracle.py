@@ -1,0 +1,110 @@
+"""The best picture of a scan that jaxtat's formula can make, the truth being known; and errors.
+
+Speed of sound, region and model are the true ones, alpha and filter those of least error.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from bodies import Body
+from cases import Case
+from scipy.ndimage import map_coordinates
+
+from jaxtat.io import Scan
+from jaxtat.scans import Choices, ScanImages, choose, reconstruct
+
+ALPHAS = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
+SHARES = (0.0, 0.25, 0.5)  # of the way from the water's speed to the body's
+SPEEDS = (0.97, 0.985, 1.0, 1.015, 1.03)
+PEAK = 1.05  # of sharpness at the true speed over its median beside it: then the image shows it
+TO_SPARE = 1.1  # of the body's radius: where errors are taken
+
+
+@dataclass(frozen=True)
+class Window:
+    """Pixels, or voxels, in a disk or ball about the body, and the truth there."""
+
+    points: np.ndarray
+    inside: np.ndarray
+    truth: np.ndarray
+
+    def seen(self, found: ScanImages) -> np.ndarray:
+        """The first image, with the best factor; zero where there is none."""
+        image = np.asarray(found.image).reshape(-1, *found.grid.shape)[0]
+        low = np.asarray(found.grid.points)[(0,) * self.points.shape[-1]]
+        spacing = np.asarray(found.grid.spacing)
+        inside = np.asarray(found.region.contains(self.points))
+        at = np.moveaxis((self.points - low) / spacing, -1, 0)
+        values = np.where(inside, map_coordinates(image, at, order=1), 0.0) * self.inside
+        return values * np.sum(values * self.truth) / max(np.sum(values**2), 1e-300)
+
+    def error(self, image: np.ndarray) -> float:
+        """Relative, in L2."""
+        return float(np.linalg.norm(image - self.truth) / np.linalg.norm(self.truth))
+
+
+def window(body: Body, n: int = 160) -> Window:
+    """About a body, ``n`` pixels across; a quarter of that in space."""
+    half, d = TO_SPARE * body.extent, body.centers.shape[1]
+    line = np.linspace(-half, half, n if d == 2 else n // 4)
+    points = np.stack(np.meshgrid(*[line] * d, indexing="ij"), axis=-1)
+    inside = np.linalg.norm(points, axis=-1) <= half
+    points = points + body.middle
+    return Window(points, inside, body.image(points) * inside)
+
+
+@dataclass(frozen=True)
+class Best:
+    """What the oracle found: its picture, error, choices, and whether sharpness shows the speed."""
+
+    image: np.ndarray
+    error: float
+    alpha: float
+    speed: float
+    shows: bool
+
+
+def best(scan: Scan, case: Case, body: Body, where: Window) -> Best:
+    """The picture of least error."""
+    given = _known(case, body)
+    speeds = sorted({case.water + share * (case.speed - case.water) for share in SHARES})
+    direct = not choose(scan, sound_speed=speeds[0], **given).model_based
+    found: list[tuple[float, float, float, Choices]] = []
+    for speed in speeds:
+        for alpha in ALPHAS if direct else (0.0,):
+            rule = {"alpha": alpha, "low_pass": "none" if alpha < 1e-5 else "cosine"}
+            choices = choose(scan, sound_speed=speed, **given, **(rule if direct else {}))
+            image = where.seen(reconstruct(scan, _coarse(choices)))
+            found.append((where.error(image), alpha, speed, choices))
+    _, alpha, speed, choices = min(found, key=lambda entry: entry[0])
+    image = where.seen(reconstruct(scan, choices))
+    shows = direct and _shows(scan, given | {"alpha": max(alpha, 1e-3)}, case, where)
+    return Best(image, where.error(image), alpha, speed, shows)
+
+
+def _coarse(choices: Choices) -> Choices:
+    """With fewer pixels and the faster last step, enough to compare by."""
+    pixels = int(choices.pixels / 1.6) // 2 * 2 + 1
+    return replace(choices, pixels=pixels, inversion="fourier")
+
+
+def _known(case: Case, body: Body) -> dict:
+    if case.model == "in-space":
+        return {"region_radius": TO_SPARE * body.reach}
+    return {
+        "model": case.model,
+        "region_center": (0.0, 0.0),
+        "region_radius": min(TO_SPARE * body.reach, 0.9 * 38e-3),
+    }
+
+
+def _shows(scan: Scan, given: dict, case: Case, where: Window) -> bool:
+    """Whether the image is sharpest at the true speed, over where the body is."""
+    if case.model == "in-space" or case.water != case.speed:
+        return False
+    values = []
+    for factor in SPEEDS:
+        choices = choose(scan, sound_speed=factor * case.speed, **given)
+        image = where.seen(reconstruct(scan, _coarse(choices)))
+        values.append(sum(float(np.sum(slope**2)) for slope in np.gradient(image)))
+    return int(np.argmax(values)) == 2 and values[2] > PEAK * float(np.median(values))

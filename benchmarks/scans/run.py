@@ -1,0 +1,205 @@
+"""Reconstructs all scans with no option, and shows what came of it beside the truth.
+
+    python benchmarks/scans/run.py [--half rules|held-out] [--only NAME] [--quick] [--out FOLDER]
+
+Writes scans.csv, scans.md and contact sheets (truth, with no option, oracle) into the folder.
+Rules in `jaxtat.scans` are made by looking at the half "rules" alone; the other half is what
+documentation quotes, and decides nothing. Scans through a body and water of different speeds are
+among them if `two_speeds.py` has written their records into the folder.
+"""
+
+import argparse
+import csv
+import json
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+COLUMNS = (
+    "name",
+    "half",
+    "dirt",
+    "error",
+    "oracle",
+    "speed_error",
+    "speed_grade",
+    "speed_standard_error",
+    "shows",
+    "region_ratio",
+    "model_right",
+    "alpha",
+    "oracle_alpha",
+    "pixels",
+    "seconds",
+    "speed_why",
+    "failed",
+)
+LONGEST = 1500  # s that a scan may take with its oracle
+# small scans are compiled longer than they are computed
+UNOPTIMISED = {"XLA_FLAGS": "--xla_backend_optimization_level=0"}
+ON_A_SHEET = 12  # scans
+
+
+def main() -> None:
+    from cases import HALVES, cases, simulated_by_k_wave
+
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--half", choices=HALVES)
+    parser.add_argument("--only", metavar="NAME", help="scans whose name holds this")
+    parser.add_argument("--quick", action="store_true", help="0.3 of all detectors and samples")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="scans at a time")
+    parser.add_argument("--out", type=Path, default=Path("out/scans"), metavar="FOLDER")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    wanted = [
+        case
+        for case in cases()
+        if options.half in (None, case.half)
+        and (options.only or "") in case.name
+        and ("k-wave" not in case.dirt or simulated_by_k_wave(case, options.out).exists())
+    ]
+    rows: list[dict] = []
+    size = "quick" if options.quick else "full"
+    with ThreadPoolExecutor(options.jobs) as pool:
+        for row in pool.map(lambda case: examined(case, size, options.out), wanted):
+            rows.append(row)
+            print(line(row), flush=True)
+            write_tables(rows, options.out)
+    names = [row["name"] for row in rows]
+    for sheet, start in enumerate(range(0, len(names), ON_A_SHEET), 1):
+        draw(names[start : start + ON_A_SHEET], options.out, options.out / f"sheet-{sheet}.png")
+    draw(worst(rows), options.out, options.out / "worst.png", columns=3)
+
+
+def examined(case, size: str, folder: Path) -> dict:
+    row = in_a_process(case.name, size, folder)
+    return row | {"half": case.half, "dirt": described(case)}
+
+
+def in_a_process(name: str, size: str, folder: Path) -> dict:
+    """Of a child, whose end, whatever it was, is a row."""
+    command = [sys.executable, str(HERE / "examine.py"), name, size, str(folder)]
+    start = time.perf_counter()
+    try:
+        environment = os.environ | (UNOPTIMISED if size == "quick" else {})
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=LONGEST, env=environment
+        )
+        row = json.loads(done.stdout.splitlines()[-1])
+    except (subprocess.TimeoutExpired, IndexError, json.JSONDecodeError) as problem:
+        said = getattr(problem, "stderr", None) or done.stderr  # type: ignore[possibly-undefined]
+        return {"name": name, "failed": f"no answer: {str(said)[-300:]}"}
+    row["seconds_in_all"] = time.perf_counter() - start
+    return row
+
+
+def described(case) -> str:
+    speeds = f"{case.speed:.0f}" + (f" in {case.water:.0f}" if case.water != case.speed else "")
+    noise = f"noise {100 * case.noise:.0f} %"
+    return ", ".join([case.model, f"{speeds} m/s", noise, *case.dirt])
+
+
+def number(row: dict, name: str) -> float:
+    value = row.get(name)
+    return float("nan") if value is None else float(value)
+
+
+def line(row: dict) -> str:
+    """Of the table in Markdown."""
+    ratio = number(row, "error") / number(row, "oracle")
+    speed = number(row, "speed_error")
+    cells = (
+        row["name"],
+        row["dirt"],
+        f"{number(row, 'error'):.3f}",
+        f"{number(row, 'oracle'):.3f}",
+        f"{ratio:.2f}",
+        "" if np.isnan(speed) else f"{100 * speed:+.2f} %",
+        row.get("speed_grade", ""),
+        {True: "yes", False: "no"}.get(row.get("shows"), ""),
+        f"{number(row, 'region_ratio'):.2f}",
+        f"{number(row, 'seconds'):.0f}",
+        row["failed"][:120],
+    )
+    return "| " + " | ".join(cells) + " |"
+
+
+HEAD = (
+    "| scan | what it is | error | oracle's | ratio | speed | graded | shows | region | s "
+    "| failed |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+)
+
+
+def summary(rows: list[dict]) -> str:
+    """The figures that are wanted, and those that are had."""
+    done = [row for row in rows if not row["failed"]]
+    ratio = np.array([number(row, "error") / number(row, "oracle") for row in done])
+    ratio = ratio[np.isfinite(ratio)]
+    region = np.array([number(row, "region_ratio") for row in done])
+    shown = [row for row in done if row.get("shows")]
+    known = [row for row in done if not np.isnan(number(row, "speed_error"))]
+    right = [abs(row["speed_error"]) < 5e-3 for row in shown]
+    wrong = [r for r in known if abs(r["speed_error"]) > 5e-3 and r["speed_grade"] != "guessed"]
+    lines = [
+        f"- {len(rows)} scans, {len(rows) - len(done)} ended in an error.",
+        f"- Speed within 0.5 %: {sum(right)} of {len(shown)} whose sharpness shows one; wrong by "
+        f"more with a confident reason: {len(wrong)} of {len(known)}.",
+        f"- Region holds the body and is at most 1.5 times its size: "
+        f"{int(np.sum((region >= 0.99) & (region <= 1.5)))} of {len(done)}.",
+    ]
+    if len(ratio):
+        lines.append(
+            f"- Error over the oracle's: median {np.median(ratio):.2f}, 95 % below "
+            f"{np.quantile(ratio, 0.95):.2f}; at most 2 in {int(np.sum(ratio <= 2))} of "
+            f"{len(ratio)}."
+        )
+        slowest = max(number(row, "seconds") for row in done)
+        lines.append(f"- Slowest: {slowest:.0f} s in a new process.")
+    return "\n".join(lines)
+
+
+def write_tables(rows: list[dict], folder: Path) -> None:
+    text = [summary(rows), "", HEAD, *map(line, rows)]
+    (folder / "scans.md").write_text("\n".join(text) + "\n")
+    with (folder / "scans.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def worst(rows: list[dict], n: int = 5) -> list[str]:
+    """Names of the scans whose error is the most over the oracle's."""
+    known = [row for row in rows if np.isfinite(number(row, "error") / number(row, "oracle"))]
+    known.sort(key=lambda row: -number(row, "error") / number(row, "oracle"))
+    return [row["name"] for row in known[:n]]
+
+
+def draw(names: list[str], folder: Path, path: Path, columns: int = 6) -> None:
+    """Truth, with no option, oracle, for each of the scans."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    from jaxtat import ImageGrid
+    from jaxtat.plotting import contact_sheet
+
+    panels = []
+    for name in names:
+        if not (folder / f"{name}.images.npz").exists():
+            continue
+        with np.load(folder / f"{name}.images.npz") as pictures:
+            for kind in ("truth", "chosen", "oracle"):
+                image = pictures[kind] if kind in pictures else 0 * pictures["truth"]
+                image = image if image.ndim == 2 else image[..., image.shape[2] // 2]
+                panels.append((image, ImageGrid(len(image)), f"{name} {kind}"))
+    if panels:
+        contact_sheet(panels, columns=columns).savefig(path, dpi=70)
+
+
+if __name__ == "__main__":
+    main()

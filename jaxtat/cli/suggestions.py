@@ -1,0 +1,72 @@
+"""What a person should look at first, with the command line that changes it."""
+
+import argparse
+import shlex
+from typing import Any
+
+from ..base.choice_table import NUMBERS, OPTIONS
+from ..scans import Choices, to_look_at
+from .refusals import OF_PLANS, is_given, option_of
+
+_OPTIONS = (
+    "scanner",
+    "arc",
+    "ring",
+    "sampling_rate",
+    "duration",
+    "use",
+    *OF_PLANS,
+    *(choice.name for choice in OPTIONS),
+)
+_FACTORS = {
+    "sound_speed": (0.97, 0.98, 0.99, 1.0, 1.01, 1.02, 1.03),
+    "alpha": (0.1, 0.3, 1.0, 3.0, 10.0),
+}
+_ANY = (0.6, 0.8, 1.0, 1.2, 1.4)
+_OTHER = {"2d": "in-plane", "in-plane": "2d", "none": "cosine", "cosine": "none"}
+
+
+def suggestions(options: argparse.Namespace, choices: Choices) -> str:
+    """Up to three choices, least sure first, and how to see or make each otherwise."""
+    names, reasons = to_look_at(choices), dict(choices.reasons)
+    if not names:
+        return "Nothing is left to look at: everything is given."
+    lines = ["Look at these first"]
+    for name in names:
+        lines.append(f"{name}  {choices.grade(name)}  {reasons[name]}")
+        lines.append(f"    {shlex.join(_command(options, choices, name))}")
+    return "\n".join(lines)
+
+
+def _command(options: argparse.Namespace, choices: Choices, name: str) -> list[str]:
+    """As the options were given, and one choice otherwise."""
+    asked = ["jaxtat", "reconstruct", options.file, *_given(options)]
+    value = getattr(choices, name, None)
+    if name in NUMBERS and value and not any(is_given(options, plan) for plan in OF_PLANS):
+        tried = ",".join(f"{factor * value:.4g}" for factor in _FACTORS.get(name, _ANY))
+        return [*asked, "--try", f"{name}={tried}", "--out", "sheet.png"]
+    return [*asked, *_otherwise(choices, name, value), "--out", "image.png"]
+
+
+def _otherwise(choices: Choices, name: str, value: Any) -> list[str]:
+    if name == "channels":
+        return ["--use", f"0:{len(choices.order)}"]
+    if name == "band":
+        return ["--band", "none"]
+    return [option_of(name), _OTHER[value] if isinstance(value, str) else f"{value:.6g}"]
+
+
+def _given(options: argparse.Namespace) -> list[str]:
+    """What `jaxtat info` was told, as it is told to `jaxtat reconstruct`."""
+    found = []
+    for name in _OPTIONS:
+        value = getattr(options, name, None)
+        if not is_given(options, name):
+            continue
+        if value is True:
+            found.append(option_of(name))
+        elif isinstance(value, list | tuple):
+            found += [option_of(name), *(x if isinstance(x, str) else f"{x:.10g}" for x in value)]
+        else:
+            found.append(f"{option_of(name)}={value}")
+    return found

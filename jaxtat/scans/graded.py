@@ -1,0 +1,68 @@
+"""How far each choice can be trusted: for programs, and which ones a person should look at."""
+
+from typing import Any
+
+from ..base.choice_table import CHOICES, GRADES
+from .choices import Choices
+
+LOOKED_AT = (
+    "sound_speed",
+    "model",
+    "region_radius",
+    "alpha",
+    "channels",
+    "dead_time",
+    "max_frequency",
+    "band",
+    "low_pass",
+)
+"""What decides most of an image first; all else follows from these or from the geometry."""
+
+
+def as_json(choices: Choices) -> dict[str, Any]:
+    """``{"choices": {name: {"value", "unit", "reason", "grade", ...}}}``, numbers in SI units.
+
+    A number has its ``standard_error`` where one is known, and no unit where the scan's are not
+    known. The entry ``channels`` counts the detectors used and names rows that are left out.
+    """
+    reasons, errors = dict(choices.reasons), dict(choices.standard_errors)
+    found: dict[str, Any] = {}
+    if "channels" in reasons:
+        found["channels"] = {
+            "value": len(choices.channels),
+            "unit": None,
+            "left_out": list(choices.left_out),
+        }
+    for choice in CHOICES:
+        if choice.name not in reasons:
+            continue
+        factor, unit = choices.units.in_si(choice.quantity)
+        value = _scaled(_value(choices, choice.name), factor)
+        found[choice.name] = {"value": value, "unit": unit}
+        if choice.name in errors:
+            found[choice.name]["standard_error"] = factor * errors[choice.name]
+    for name, entry in found.items():
+        entry |= {"reason": reasons[name], "grade": choices.grade(name)}
+    return {"choices": found}
+
+
+def _value(choices: Choices, name: str) -> Any:
+    """None for a cut that cuts nothing."""
+    whole = name == "region_cut" and choices.region_cut >= choices.region_radius
+    return None if whole else getattr(choices, name)
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    if isinstance(value, tuple):
+        return [factor * float(x) for x in value]
+    return factor * value if isinstance(value, float) else value
+
+
+def to_look_at(choices: Choices, n: int = 3) -> list[str]:
+    """Names of the choices that most deserve a person's eye: what is least sure, and decides most.
+
+    What was given is not among them.
+    """
+    reasons = dict(choices.reasons)
+    open_ones = [name for name in LOOKED_AT if not reasons.get(name, "given").startswith("given")]
+    return sorted(open_ones, key=lambda name: -GRADES.index(choices.grade(name)))[:n]

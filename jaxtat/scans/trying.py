@@ -1,0 +1,71 @@
+"""One choice at several values, all others the same: images to compare by eye."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from ..base.choice_table import NUMBERS
+from ..io import Scan
+from .choices import Choices
+from .choosing import choose
+from .facts import in_space, some_frames
+from .found import OF_FORMULA
+from .images import ScanImages, reconstruct
+
+_OF_IMAGE = (
+    "region_radius",
+    "region_cut",
+    "region_angle",
+    "region_center",
+    "half_width",
+    "max_frequency",
+    "pixels",
+)
+_OF_RECORD = ("model", "sound_speed", "dead_time", "band")
+_FOLLOW = {"region_radius": ("region_cut", "half_width", "pixels", *OF_FORMULA)}
+"""What follows from a choice, and is chosen anew with it."""
+
+
+def trials(
+    scan: Scan, choices: Choices, given: Mapping[str, Any], name: str, values: Sequence[float]
+) -> Iterator[ScanImages]:
+    """Images of the first frame with one choice at each of the values.
+
+    All other choices are those given, so that the images differ by one alone; of a region's
+    radius the pixels and the cut follow it.
+
+    Args:
+        scan: in the plane.
+        choices: from `choose`, with its speed of sound estimated.
+        given: options with which they were chosen.
+        name: of the choice, a number.
+        values: to try, in the units of the scan.
+
+    Yields:
+        ScanImages, one for each value.
+
+    Raises:
+        ValueError: for a choice that is no number or that the data do not have, detectors around a
+            volume, and as `choose` and `reconstruct`.
+    """
+    if name not in NUMBERS:
+        raise ValueError(f"{name} cannot be tried, expected one of {', '.join(NUMBERS)}.")
+    if in_space(scan):
+        raise ValueError(
+            "the detectors surround a volume, and trials are pictures in the plane: reconstruct "
+            f"once for each {name} instead."
+        )
+    if scan.kind != "pressure" and name in _OF_RECORD:
+        raise ValueError(f"{name} is of pressure records, and the data are circular integrals.")
+    return _trials(some_frames(scan, [0]), choices, dict(given), name, values)
+
+
+def _trials(
+    scan: Scan, choices: Choices, given: dict[str, Any], name: str, values: Sequence[float]
+) -> Iterator[ScanImages]:
+    fixed = (*_OF_IMAGE, *(_OF_RECORD if scan.kind == "pressure" else ()))
+    fixed += () if choices.model_based else OF_FORMULA
+    kept = {key: getattr(choices, key) for key in fixed if key not in _FOLLOW.get(name, ())}
+    if "band" in kept and kept["band"] is None:
+        kept["band"] = "none"
+    for value in values:
+        yield reconstruct(scan, choose(scan, **given | kept | {name: value}))
