@@ -70,6 +70,7 @@ PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
 DRIFT = 5.0  # periods within the record; what is slower is drift
 FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
 OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
+LEFT_TO_JUDGE = 128  # samples after a muted start, by which channels and noise are told
 EXACT = 1e-8  # noise over signal power, below which a record is simulated, not muted
 TAIL = 0.1  # of `tail_share`: less is no tail of two-dimensional waves
 WAVES = "a scanner's size and rate, but neither counts nor an offset, and a slow tail"
@@ -117,7 +118,9 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         "impulse_response" in scan.known,
         "in the file" if "impulse_response" in scan.known else "none in the file",
     )
-    muted = min(muted_until(power), float(times[-1]) / 2)
+    muted = muted_until(power)
+    if np.count_nonzero(times >= muted) < LEFT_TO_JUDGE:
+        muted = 0.0
     good, floor = _channels(frame, times, max(dead_time, muted), found)
     muted = muted if floor > EXACT else 0.0  # what is silent without noise is no less exact
     good = _without_faded(whole, facts, dead_time, found, good)
