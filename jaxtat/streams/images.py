@@ -188,7 +188,8 @@ def live(
 
     What `scans.reconstruct` does to frames of this scan, with ``inversion="fourier"``: the samples
     of all detectors go through one matrix (conditioning, pressure to integrals, step 2), through
-    the densities, and through a Fourier sum. To 1e-4 in single precision and 1e-9 in double.
+    the densities, and through a Fourier sum. To 1e-4 in single precision and 1e-9 in double. Only
+    the energy of a frame's pulse is not divided out: a stream does not tell it, divide the image.
 
     Args:
         scan: in the plane, any of its frames; or a `Setup`, for frames of circular integrals.

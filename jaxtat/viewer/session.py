@@ -14,6 +14,7 @@ from ..io import Scan
 from ..scans import Choices, choose, integrals
 from ..scans.constrained import fitted
 from ..scans.facts import FASTEST, SLOWEST, frame_numbers, water_speed
+from ..scans.frames import lit_frames
 from ..scans.speed import SPEEDS, sharpness_by_speed
 from ..steps import universal_back_projection
 from ..streams import live
@@ -69,7 +70,7 @@ class Session:
         self.scan, self.choices, self.facts = scan, choices, dict(facts or {})
         self.start = Knobs(choices.sound_speed, choices.alpha, choices.low_pass)
         self._live, self._made = live(scan, choices, few_frames=True), self.start
-        self._frame = 0, scan.frame(0)
+        self._frame = 0, self._lit(0)
         grid = self._live.setup.grid
         self.inside = np.asarray(self._live.setup.region.contains(grid.points))
 
@@ -173,8 +174,12 @@ class Session:
 
     def _read(self, frame: int) -> np.ndarray:
         if self._frame[0] != frame:
-            self._frame = frame, self.scan.frame(frame)
+            self._frame = frame, self._lit(frame)
         return self._frame[1]
+
+    def _lit(self, frame: int) -> np.ndarray:
+        (record,) = lit_frames(self.scan, self.choices, frame, frame + 1)
+        return record
 
     def _direct(self, knobs: Knobs) -> np.ndarray:
         self._turn(knobs)

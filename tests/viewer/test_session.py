@@ -75,7 +75,11 @@ def test_of_thousands_of_frames_those_are_read_that_are_shown(session):
 
     known = {name: session.scan.known[name] for name in ("detectors", "sampling_rate")}
     many = LazyFrames((5000, *frames.shape[1:]), frames.dtype, some)
-    scan = Scan("pressure", many, known | {"sound_speed": SPEED})
+    known |= {
+        "sound_speed": SPEED,
+        "laser_energy": np.resize(session.scan.known["laser_energy"], 5000),
+    }
+    scan = Scan("pressure", many, known)
     mine = Session(scan, choose(scan, **GIVEN))
     assert len(set(read)) <= 6  # to choose by
     read.clear()

@@ -21,6 +21,7 @@ def write_scan(path):
         file["detectors"] = positions()
         file["sampling_rate"], file["sound_speed"] = RATE, SPEED
         file["wavelengths"] = np.tile([700.0, 850.0], 3)
+        file["laser_energy"] = np.array([40.0, 70.0, 41.0, 72.0, 39.0, 71.0])
     return path
 
 
