@@ -45,15 +45,22 @@ def setup_of(scan: Scan, choices: Choices, *, n_groups: int = GROUPS) -> Setup:
 def lit_frames(
     scan: Scan, choices: Choices, start: int, stop: int
 ) -> Num[np.ndarray, "frames detectors samples"]:
-    """Frames from ``start`` to ``stop`` - 1, over the energy of their pulses if that is chosen.
+    """Frames from ``start`` to ``stop`` - 1, over the energy of their pulses if that is chosen."""
+    frames = np.asarray(scan.data[start:stop] if scan.data.ndim == 3 else scan.data[None])
+    return per_energy(scan, choices, frames, slice(start, stop))
+
+
+def per_energy(
+    scan: Scan, choices: Choices, frames: np.ndarray, numbers: int | slice
+) -> Num[np.ndarray, "*frames detectors samples"]:
+    """Frames of these numbers, over the energy of their pulses if that is chosen.
 
     Light of twice the energy makes twice the pressure, so that images of several wavelengths can be
     compared only per energy.
     """
-    frames = np.asarray(scan.data[start:stop] if scan.data.ndim == 3 else scan.data[None])
     if not choices.laser_energy:
         return frames
-    return frames / scan.known["laser_energy"][start:stop, None, None]
+    return frames / scan.known["laser_energy"][numbers, None, None]
 
 
 def integrals(

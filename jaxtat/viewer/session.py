@@ -14,7 +14,7 @@ from ..io import Scan
 from ..scans import Choices, choose, integrals
 from ..scans.constrained import fitted
 from ..scans.facts import FASTEST, SLOWEST, frame_numbers, water_speed
-from ..scans.frames import lit_frames
+from ..scans.frames import per_energy
 from ..scans.speed import SPEEDS, sharpness_by_speed
 from ..steps import universal_back_projection
 from ..streams import live
@@ -178,8 +178,7 @@ class Session:
         return self._frame[1]
 
     def _lit(self, frame: int) -> np.ndarray:
-        (record,) = lit_frames(self.scan, self.choices, frame, frame + 1)
-        return record
+        return per_energy(self.scan, self.choices, self.scan.frame(frame), frame)
 
     def _direct(self, knobs: Knobs) -> np.ndarray:
         self._turn(knobs)
