@@ -221,7 +221,7 @@ def _uncertainty(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
         f"Computed at the {n} of {side} x {side} pixels that lie in the region, in "
         f"{_duration(found.seconds)}; all {wanted} of the image would take about "
         f"{_duration(all_of_them)}. Unless a number is asked for, there are {most} x {most}, and "
-        "fewer where they would take minutes.",
+        "fewer where they would take longer than half a minute.",
     )
     return [_figure(figures.uncertainty(diagnosis, unit), caption), cost]
 

@@ -19,7 +19,7 @@ from .seen_edges import visibility_map
 from .uncertainty import BLOCK, pixel_standard_deviation
 
 UNCERTAINTY_PIXELS = 3 * BLOCK  # nodes per axis, of plans that are not too large for it
-MOST_WORK = 3e11  # multiplications for standard deviations that were not asked for: a minute or two
+MOST_WORK = 1e11  # multiplications for standard deviations that were not asked for: half a minute
 
 
 class WaveAccuracy(eqx.Module):
