@@ -10,7 +10,7 @@ limit on the size of files, which the system answers alike ("File too large"), o
 a small disk one that other files fill but for a random rest.
 
     python benchmarks/robustness/interrupted.py --times 100
-    mount -t tmpfs -o size=8m tmpfs /mnt && python ... --folder /mnt --fill
+    mount -t tmpfs -o size=64m tmpfs /mnt && python ... --folder /mnt --fill
 """
 
 import argparse
