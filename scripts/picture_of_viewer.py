@@ -19,7 +19,7 @@ from jaxtat.io import load_scan
 OUT = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "viewer.png"
 FLAGS = (  # no window, and nobody asked for anything
     "headless=new no-sandbox disable-gpu disable-quic no-first-run disable-sync "
-    "disable-background-networking disable-component-update window-size=1150,1240"
+    "disable-background-networking disable-component-update window-size=1180,1300"
 )
 CURVE = """
 const models = window.Bokeh?.documents[0]?._all_models.values() ?? [];
