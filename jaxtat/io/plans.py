@@ -279,15 +279,13 @@ def _require_consistent(plan: Any) -> None:
             lambda side: image_cost(tuple(k * side / largest for k in plan.grid.shape), n, m),
             largest,
         )
-    if plan.setup.sizes.operator != circle_sizes(plan.curve, plan.grid):
-        raise ValueError("sizes of a forward operator that are not of its detectors and pixels.")
     try:
         per_frequency(plan.regularization, n)
     except ValueError as error:
         raise ValueError(f"a rule whose {error}.") from error
     try:
         data = jax.ShapeDtypeStruct((n, 2, detectors), float)
-        weights = jax.eval_shape(lambda: plan.curve.weights)
+        weights = jax.ShapeDtypeStruct((detectors,), float)
         fhat = jax.eval_shape(plan.densities.polar_fourier, data, weights)
         last = jax.eval_shape(lambda w: plan.densities.of_frequency(n - 1, w), weights)
         if (fhat.shape, last.shape) != ((n, m), (m, 2, detectors)):
@@ -297,6 +295,9 @@ def _require_consistent(plan: Any) -> None:
             f"densities whose shape does not fit its {n} frequencies, {m} directions "
             f"and {detectors} detectors ({error})."
         ) from error
+    # of detectors whose number the densities bear out
+    if plan.setup.sizes.operator != circle_sizes(plan.curve, plan.grid):
+        raise ValueError("sizes of a forward operator that are not of its detectors and pixels.")
     try:
         checked_width(plan.curve.element_width, plan.curve.weights)
     except ValueError as error:

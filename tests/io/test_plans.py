@@ -696,6 +696,7 @@ def test_arrays_of_another_type_are_refused(files, tmp_path, name, value, reason
         ("grid", "shape", b"[5, 1099511627776]", "a grid whose 1099511627776 pixels a side"),
         ("curve", "kind", "CircularArc", "has no kind"),
         ("curve", "n", 10**12, "no plan can hold"),
+        ("curve", "n", 2**25, "and 33554432 detectors"),  # of which no array is made
         ("curve", "n", np.zeros(10**3), "no text of fixed length and no number"),
         ("region", "counts", b"[47, 0]", "counts"),
         ("region", "counts", b"[[24, 24], 0]", "counts"),
