@@ -266,6 +266,11 @@ OF_CONSTRAINTS = tuple(choice.name for choice in CHOICES if choice.group == CONS
 OF_REGION = tuple(choice.name for choice in CHOICES if choice.group in (REGION, IMAGE))
 
 
+def choice_named(name: str) -> Choice:
+    """The choice of that name."""
+    return next(choice for choice in CHOICES if choice.name == name)
+
+
 def option_of(name: str) -> str:
     """--sound-speed for sound_speed."""
     return f"--{name.replace('_', '-')}"

@@ -58,7 +58,7 @@ def reconstruct(options: argparse.Namespace) -> None:
     if options.trial:
         _sheet(options, scan, choices, start)
         return
-    inputs = [path for path in (options.file, options.plan) if path]
+    inputs = _inputs(options)
     if options.format == "patato":
         from ..interop.patato_files import require_patato
 
@@ -80,6 +80,11 @@ def reconstruct(options: argparse.Namespace) -> None:
         inputs=inputs,
     )
     _report(options, f"image written to {options.out}", start)
+
+
+def _inputs(options: argparse.Namespace) -> list[str]:
+    """Files of which an image is made."""
+    return [path for path in (options.file, options.plan) if path]
 
 
 def _to_patato(options, scan, found, plan, settings, inputs, start: float) -> None:
@@ -112,14 +117,14 @@ def _sheet(options: argparse.Namespace, scan, choices, start: float) -> None:
     import numpy as np
 
     from ..base.atomic import replacing
-    from ..base.choice_table import CHOICES
+    from ..base.choice_table import choice_named
     from ..plotting import contact_sheet
     from ..scans import trials
     from .inputs import given, with_unit
     from .refusals import trial
 
     name, values = trial(options.trial)
-    (choice,) = (choice for choice in CHOICES if choice.name == name)
+    choice = choice_named(name)
     assert choice.shown is not None
     panels = []
     for found in trials(scan, choices, given(options, scan), name, values):
@@ -151,7 +156,7 @@ def report(options: argparse.Namespace) -> None:
         sigma=options.noise,
         uncertainty_pixels=options.uncertainty_pixels,
         title=Path(options.file).name,
-        inputs=[path for path in (options.file, options.plan) if path],
+        inputs=_inputs(options),
         unit=options.length_unit,
         progress=not options.quiet,
     )

@@ -15,6 +15,7 @@ from ..base.choice_table import (
     OPTIONS,
     POSITIVE,
     Choice,
+    choice_named,
     option_of,
     require_pixels,
 )
@@ -108,9 +109,8 @@ def trial(text: str) -> tuple[str, Sequence[float]]:
         raise ValueError(f"{expected}.") from None
     if not 0 < len(found) <= MOST_TRIALS:
         raise ValueError(f"{expected} of 1 to {MOST_TRIALS} values.")
-    choice = next(choice for choice in OPTIONS if choice.name == name)
     for value in found:
-        choice.require(value, f"--try {name}")
+        choice_named(name).require(value, f"--try {name}")
     if name == "pixels":
         for value in found:
             require_pixels(value, f"--try {name}")

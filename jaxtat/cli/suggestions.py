@@ -6,18 +6,10 @@ from typing import Any
 
 from ..base.choice_table import NUMBERS, OPTIONS
 from ..scans import Choices, to_look_at
-from .refusals import OF_PLANS, is_given, option_of
+from .inputs import FACTS
+from .refusals import OF_PLANS, is_given, option_of, wants_plan
 
-_OPTIONS = (
-    "scanner",
-    "arc",
-    "ring",
-    "sampling_rate",
-    "duration",
-    "use",
-    *OF_PLANS,
-    *(choice.name for choice in OPTIONS),
-)
+_OPTIONS = (*FACTS, *OF_PLANS, *(choice.name for choice in OPTIONS))
 _FACTORS = {
     "sound_speed": (0.97, 0.98, 0.99, 1.0, 1.01, 1.02, 1.03),
     "alpha": (0.1, 0.3, 1.0, 3.0, 10.0),
@@ -42,7 +34,7 @@ def _command(options: argparse.Namespace, choices: Choices, name: str) -> list[s
     """As the options were given, and one choice otherwise."""
     asked = ["jaxtat", "reconstruct", options.file, *_given(options)]
     value = getattr(choices, name, None)
-    if name in NUMBERS and value and not any(is_given(options, plan) for plan in OF_PLANS):
+    if name in NUMBERS and value and not wants_plan(options):
         tried = ",".join(f"{factor * value:.4g}" for factor in _FACTORS.get(name, _ANY))
         return [*asked, "--try", f"{name}={tried}", "--out", "sheet.png"]
     return [*asked, *_otherwise(choices, name, value), "--out", "image.png"]
