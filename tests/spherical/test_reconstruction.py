@@ -164,7 +164,7 @@ def boundary_points(region):
 
 
 def dense(region, frequency, alpha, data, xi):
-    """fhat = (2π)^(-3/2) rho·√w G, rho = A^T (A A^T + alpha)^-1 u."""
+    """fhat = (2π)^(-3/2) rho·√w G, rho = A^T (A A^T + alpha)^-1 u = (A^T A + alpha)^-1 A^T u."""
     points, normals, weights = boundary_points(region)
     root = np.sqrt(np.tile(weights, 2))[:, None]
     w = np.sqrt(np.asarray(SMALL_CAP.weights).ravel())
@@ -172,7 +172,7 @@ def dense(region, frequency, alpha, data, xi):
     a *= np.tile(w, 2)
     wave = np.exp(-1j * points @ xi.T)
     u = root * np.concatenate([wave, -1j * (normals @ xi.T) / frequency * wave])
-    rho = a.T @ np.linalg.solve(a @ a.T + alpha * np.eye(len(a)), u)
+    rho = np.linalg.solve(a.T @ a + alpha * np.eye(a.shape[1]), a.T @ u)
     return (np.concatenate([w * data[0], w * data[1]]) @ rho) / (2 * np.pi) ** 1.5
 
 
