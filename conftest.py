@@ -32,13 +32,13 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     folder = tempfile.mkdtemp(prefix="jaxtat-tests-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 # what tests compile, write and start stays out of the user's own cache
 os.environ["JAXTAT_CACHE"] = os.environ["JAX_COMPILATION_CACHE_DIR"]
 # in a folder of its own: the flags that are gone are not in a program's key
 own = os.path.join(os.environ["JAX_COMPILATION_CACHE_DIR"], "unoptimised")
 jax.config.update("jax_compilation_cache_dir", own)
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_enable_x64", True)
 # the lines of Python that operations come from: written into programs, and read by no one here
 jax.config.update("jax_traceback_in_locations_limit", 0)
@@ -95,16 +95,16 @@ def data_folder() -> Path:
     return Path(os.environ.get("JAXTAT_DATA", default))
 
 
-@pytest.fixture
-def unoptimised(monkeypatch):
-    """For processes that compile longer than they compute."""
-    monkeypatch.setenv("XLA_FLAGS", UNOPTIMISED)
-
-
 @pytest.fixture(scope="session")
-def few_optimisations() -> str:
-    """XLA_FLAGS for processes that compile as long as they compute."""
-    return UNOPTIMISED.replace("level=0", "level=1")
+def unoptimised_flags() -> str:
+    """XLA_FLAGS for processes that compile longer than they compute."""
+    return UNOPTIMISED
+
+
+@pytest.fixture
+def unoptimised(monkeypatch, unoptimised_flags):
+    """Those flags for what a test starts."""
+    monkeypatch.setenv("XLA_FLAGS", unoptimised_flags)
 
 
 @pytest.fixture(scope="module", autouse=True)

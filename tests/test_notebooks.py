@@ -30,10 +30,10 @@ NAMES = (
 
 
 @pytest.fixture(scope="module")
-def kernel(few_optimisations):
+def kernel(unoptimised_flags):
     """One process for all notebooks: they import once, and share compiled programs."""
     manager = KernelManager(kernel_name="python3")
-    environment = os.environ | {"XLA_FLAGS": few_optimisations}
+    environment = os.environ | {"XLA_FLAGS": unoptimised_flags}
     manager.start_kernel(cwd=str(FOLDER), env=environment)
     yield manager
     manager.shutdown_kernel(now=True)
