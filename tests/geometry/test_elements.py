@@ -6,16 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from jaxtat import (
-    circular_arc,
-    detector_curve,
-    elliptic_arc,
-    join_curves,
-    keep_detectors,
-    parametric_curve,
-    polyline,
-)
-from jaxtat.geometry import CircularArc, turned_views
+from jaxtat import circular_arc, detector_curve, elliptic_arc, polyline
+from jaxtat.geometry import CircularArc, join_curves, keep_detectors, parametric_curve, turned_views
 from jaxtat.geometry.elements import MOST_NODES, element_factor, enough_nodes, gauss_rule
 
 PLACE = {"center": (0.3, -0.2), "angle": 0.7}

@@ -27,8 +27,8 @@ from jaxtat import (
     phantoms,
     polygon,
     reconstruct,
-    union_of_regions,
 )
+from jaxtat.geometry import union_of_regions
 from jaxtat.io import load_plan, save_plan
 from jaxtat.regularization import Regularization
 

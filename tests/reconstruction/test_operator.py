@@ -26,8 +26,8 @@ from jaxtat import (
     forward_operator,
     phantoms,
     polyline,
-    rectangle,
 )
+from jaxtat.geometry import rectangle
 from jaxtat.geometry.curves import SampledCurve
 from jaxtat.records import pressure_to_circular_integrals
 
