@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ..base.checks import (
     Numbers,
@@ -21,7 +21,6 @@ from ..base.checks import (
 from .elements import (
     NODES,
     checked_width,
-    element_factor,
     gauss_rule,
     mean_over_nodes,
     nodes_along_circle,
@@ -163,18 +162,6 @@ class CircularArc(DetectorCurve):
     def element_angle(self) -> Float[Array, "*one_or_detectors"] | None:
         """D, the angle under which elements are seen from the centre; None of points [rad]."""
         return None if self.element_width is None else self.element_width / self.radius
-
-    def element_factor(self, orders: Int[Array, " orders"]) -> Float[Array, "orders *detectors"]:
-        """sin(m D/2) / (m D/2): the means of exp(i m theta) over elements, over its values there.
-
-        Args:
-            orders: m.
-
-        Returns:
-            (orders,) if all elements are alike, else (orders, detectors); ones of point detectors.
-        """
-        angle = self.element_angle
-        return jnp.ones(len(orders)) if angle is None else element_factor(orders, angle)
 
     def _nodes(self, nodes: np.ndarray) -> Float[Array, "detectors nodes 2"]:
         where = self.center, self.radius, self.normals, self.element_width

@@ -22,7 +22,7 @@ from jaxtyping import Array, Complex, Float
 from ...base.checks import is_concrete
 from ...regularization import SINGULAR, Regularization, per_frequency, singular_components
 from ...regularization.filtered import filtered_solve
-from ..stored import Densities, DensityReport, mean_norm
+from ..stored import Densities, DensityReport, in_precision, mean_norm
 from .polar import PolarGeometry, half_weights
 from .table import (
     RegionFactor,
@@ -149,10 +149,7 @@ class HarmonicDensities(Densities):
         return found * self.phases[number][:, None, None] / weights
 
     def in_single_precision(self) -> "HarmonicDensities":
-        def single(leaf: Array) -> Array:
-            return leaf.astype(jnp.complex64 if jnp.iscomplexobj(leaf) else jnp.float32)
-
-        groups = jax.tree.map(single, self.groups)
+        groups = in_precision(self.groups, jnp.float32)
         return HarmonicDensities(groups, self.angles, self.phases, self.mirror)
 
 
