@@ -178,7 +178,7 @@ def tikhonov_rule(rule: Any, n_frequencies: int) -> TikhonovRule:
     if isinstance(rule, Truncation):
         raise ValueError(
             f"{type(rule).__name__} keeps or drops singular components, which only a plan forms: "
-            f"use build_plan(setup, {type(rule).__name__}(...)), or its twin {rule.twin} here."
+            f"use build_plan(setup, {type(rule).__name__}(...)), or {rule.counterpart} here."
         )
     if not isinstance(rule, TikhonovRule):
         value = real_array("alpha", rule, None)

@@ -76,10 +76,10 @@ class Truncation(Regularization):
     """Rules that keep or drop components: for plans, which form the components.
 
     Attributes:
-        twin: what `solve` takes instead, in words.
+        counterpart: the smooth rule that `solve` takes instead, in words.
     """
 
-    twin: ClassVar[str]
+    counterpart: ClassVar[str]
 
 
 class NormBound(Truncation):
@@ -107,7 +107,7 @@ class NormBound(Truncation):
     Source: Kunyansky 2008, section 3.2.
     """
 
-    twin = "TikhonovNormBound(K)"
+    counterpart = "TikhonovNormBound(K)"
     by_direction = True
     K: Float[Array, "*each"]
     fractional: bool = eqx.field(static=True)
@@ -169,7 +169,7 @@ class FixedRank(Truncation):
         softness: 0 for a sharp edge, or at least 0.01 terms.
     """
 
-    twin = "Tikhonov(alpha)"
+    counterpart = "Tikhonov(alpha)"
     j_max: Float[Array, "*each"]
     softness: Float[Array, "*each"] | None
 
@@ -204,7 +204,7 @@ class SingularValueCutoff(Truncation):
     is kept, which makes solutions continuous in sigma_min; ``fractional=False`` keeps none.
     """
 
-    twin = "Tikhonov(alpha)"
+    counterpart = "Tikhonov(alpha)"
     sigma_min: Float[Array, "*each"]
     fractional: bool = eqx.field(static=True)
 
@@ -246,10 +246,10 @@ class RelativeCutoff(Truncation):
     is not seen: what no detector records is left out, and the rest is kept. kappa = 0.1 suits noise
     of some per cent, more noise of which nothing is known (it loses up to half of what can be won
     at 15 %; `NoiseLevel` does not), and regions not wholly seen; 0.01 exact data and regions that
-    are. Its twin without a step is `RelativeTikhonov`.
+    are. `RelativeTikhonov` is the same without a step.
     """
 
-    twin = "RelativeTikhonov(kappa)"
+    counterpart = "RelativeTikhonov(kappa)"
     kappa: Float[Array, "*each"]
 
     def __init__(self, kappa: Numbers):
@@ -269,10 +269,13 @@ class ResidualTarget(Truncation):
     direction is not seen, and a bound on the norm alone lets through noise that nothing asks for
     where all is seen well. Of the last term the fraction that reaches residual or bound is kept.
 
+    Tikhonov's rules have one alpha for all directions of a frequency, which cannot meet a target in
+    each of them. So this rule is for plans only; `TikhonovNormBound` has its bound on the norm.
+
     Source: the discrepancy principle, Morozov, Soviet Math. Dokl. 7 (1966) 414-417, with a bound.
     """
 
-    twin = "TikhonovNormBound(K)"
+    counterpart = "TikhonovNormBound(K)"
     by_direction = True
     residual: Float[Array, "*each"]
     K: Float[Array, "*each"]

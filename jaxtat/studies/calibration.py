@@ -386,7 +386,7 @@ def _flat(g: Numbers, views: int, turned: bool, detectors: int, radii: int) -> A
         raise ValueError(
             f"g has shape {values.shape}, expected {wanted}: one array of data for each of turns."
         )
-    if is_concrete(values) and not values.any():
+    if is_concrete(values) and not np.asarray(values).any():
         raise ValueError("g is zero everywhere: there is nothing to calibrate with.")
     return values.reshape(-1, radii)
 

@@ -96,6 +96,11 @@ def dot_test(operator, seed):
     return float(gap / (jnp.linalg.norm(ahead) * jnp.linalg.norm(data)))
 
 
+def test_a_known_setup_may_be_closed_over_in_every_geometry(setup):
+    traced = jax.eval_shape(lambda image: circular_integrals(setup, image), BELL.image(GRID))
+    assert traced.shape == setup.data_shape
+
+
 def test_the_transpose_is_exact_in_every_geometry(setup):
     operator = forward_operator(setup)
     assert dot_test(operator, 0) < 1e-12
