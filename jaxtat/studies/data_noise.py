@@ -73,8 +73,8 @@ def noise_of_residual(residual: DataResidual, curve: DetectorCurve, radii: Numbe
     """
     if not is_concrete(residual, curve):
         raise ValueError(
-            "noise_of_residual leaves out detectors that stand out, and which do the data tell: the "
-            "residual must be known, not traced by jax.jit."
+            "noise_of_residual is for known data, not inside jax.jit: how many detectors it leaves "
+            "out depends on them."
         )
     radii = np.asarray(real_array("radii", radii, ("radii",)))
     values = _without(np.asarray(residual.values), residual.unusual)

@@ -100,11 +100,9 @@ def test_the_default_is_the_papers_where_its_assumptions_hold(half_arc):
 
 def test_truncations_are_for_plans_and_name_their_counterpart(half_arc):
     rules = (ResidualTarget(), "TikhonovNormBound(K)"), (RelativeCutoff(0.1), "RelativeTikhonov(k")
-    for rule, counterpart in rules:
+    for rule, smooth in rules:
         name = re.escape(type(rule).__name__)
-        with pytest.raises(
-            ValueError, match=f"build_plan.setup, {name}.* {re.escape(counterpart)}"
-        ):
+        with pytest.raises(ValueError, match=f"build_plan.setup, {name}.* {re.escape(smooth)}"):
             solve(half_arc, np.ones(half_arc.data_shape), rule)
 
 
