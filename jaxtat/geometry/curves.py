@@ -103,7 +103,7 @@ class DetectorCurve(eqx.Module):
 
 
 class SampledCurve(DetectorCurve):
-    """A curve known by its detectors."""
+    """A curve given by the positions of its detectors."""
 
     points: Float[Array, "detectors 2"]
     weights: Float[Array, " detectors"]
@@ -113,7 +113,7 @@ class SampledCurve(DetectorCurve):
 
 
 class CircularArc(DetectorCurve):
-    """Equispaced detectors on a circle, which stay on it whatever becomes of the parameters.
+    """Equispaced detectors on a circle, given by its parameters.
 
     Attributes:
         center, radius: of the circle [length].
@@ -285,8 +285,8 @@ def outward(
 def turned_views(curve: DetectorCurve, turns: Numbers) -> SampledCurve:
     """One array in several positions: detectors of view 1, 2, ..., each turned about the origin.
 
-    An array that sees too little at once is turned about the object, or the object before it. The
-    weights are divided by the number of views, so that places visited twice count once.
+    An array that does not see enough from one position is turned about the object. The weights are
+    divided by the number of views, so that places visited twice count once.
 
     Args:
         curve: the array at turn 0, the axis of rotation at the origin.

@@ -18,7 +18,7 @@ from .regions import Region
 
 
 class VisibilityWarning(UserWarning):
-    """Part of the region of interest sends waves that no detector records."""
+    """Some lines through the region of interest meet no detector: edges along them are lost."""
 
 
 class Visibility(eqx.Module):

@@ -128,7 +128,7 @@ def reconstruct_stack(
     inversion: str = "fbp",
     progress: bool = False,
 ) -> Any:
-    """As `line_detectors.reconstruct`, from and into files, a few rotations or slices at a time.
+    """As `line_detectors.reconstruct`, reading and writing a few rotations or slices at a time.
 
     Args:
         plan, scan, slices, low_pass, inversion: as in `line_detectors.reconstruct`.

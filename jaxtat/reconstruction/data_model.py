@@ -14,9 +14,9 @@ def circular_integrals(
 ) -> Float[Array, "..."]:
     """g(z, r) = ∫_{|x - z| = r} f of a pixel image over circles, or of a volume over spheres.
 
-    By `forward_operator`, which is worth keeping for many images, or by quadrature. Between its
-    pixels the image is band-limited; by quadrature it is continued by Keys' cubic interpolation,
-    and by zero outside the grid. Nothing is cut off at the region. Linear in the image;
+    By `forward_operator` (use that for many images) or by quadrature. Between its pixels the image
+    is band-limited; for the quadrature it is interpolated by Keys' cubic polynomials, and is zero
+    outside the grid. It is not cut off at the region. Linear in the image;
     differentiable in the image, the detector positions and the radii.
 
     Args:

@@ -241,12 +241,12 @@ def seen_once(frequency: Array) -> Array:
 class RelativeCutoff(Truncation):
     """Singular values above kappa 2 √2 / lambda: waves crossing the curve with a weight > kappa².
 
-    2 √2 / lambda is the singular value of a wave that crosses the curve once and squarely, whatever
-    the curve and the region. So kappa asks for no norm, and means the same where part of the region
+    2 √2 / lambda is the singular value of a wave that crosses the curve once and squarely, for
+    any curve and region. So kappa needs no norm, and has the same meaning where part of the region
     is not seen: what no detector records is left out, and the rest is kept. kappa = 0.1 suits noise
-    of some per cent, more noise of which nothing is known (it loses up to half of what can be won
-    at 15 %; `NoiseLevel` does not), and regions not wholly seen; 0.01 exact data and regions that
-    are. `RelativeTikhonov` is the same without a step.
+    of some per cent or of unknown level (with a known one `NoiseLevel` is better), and regions that
+    are not wholly seen; 0.01 suits exact data of regions that are. `RelativeTikhonov` is the same
+    without a step.
     """
 
     counterpart = "RelativeTikhonov(kappa)"
@@ -265,9 +265,10 @@ class RelativeCutoff(Truncation):
 class ResidualTarget(Truncation):
     """The fewest terms whose residual is small enough, but no norm above K N(lambda).
 
-    For each direction by itself. A residual alone, the discrepancy principle, explodes where a
-    direction is not seen, and a bound on the norm alone lets through noise that nothing asks for
-    where all is seen well. Of the last term the fraction that reaches residual or bound is kept.
+    For each direction separately. With a target for the residual alone, the discrepancy principle,
+    the norm diverges where a direction is not seen. With a bound on the norm alone, more terms than
+    necessary are kept where all is seen, and with them noise. Of the last term the fraction that
+    reaches target or bound is kept.
 
     Tikhonov's rules have one alpha for all directions of a frequency, which cannot meet a target in
     each of them. So this rule is for plans only; `TikhonovNormBound` has its bound on the norm.

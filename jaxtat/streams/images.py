@@ -183,12 +183,12 @@ def live(
     few_frames: bool = False,
     dtype: Any = np.float32,
 ) -> Live:
-    """A function from raw frames to images, made once and fast: for streams and for sliders.
+    """A fast function from raw frames to images: for streams and for sliders.
 
-    What `scans.reconstruct` does to frames of this scan, with ``inversion="fourier"``: the samples
+    Its images are those of `scans.reconstruct` with ``inversion="fourier"``: the samples
     of all detectors go through one matrix (conditioning, pressure to integrals, step 2), through
     the densities, and through a Fourier sum. To 1e-4 in single precision and 1e-9 in double. Only
-    the energy of a frame's pulse is not divided out: a stream does not tell it, divide the image.
+    the energy of a pulse is not divided out, since it is not in a stream: divide the image by it.
 
     Args:
         scan: in the plane, any of its frames; or a `Setup`, for frames of circular integrals.

@@ -55,9 +55,9 @@ def _free(folder: Path, name: str, suffix: str) -> Path:
 
 
 def command_line(choices: Choices, facts: Mapping[str, Any], file: str = "FILE") -> str:
-    """The command that makes an image by options alone.
+    """The command that makes an image with options alone.
 
-    The radii of the integrals are chosen by it again; with ``--repeat`` they are the same too.
+    It chooses the radii of the integrals again; with ``--repeat`` they are the same too.
 
     Args:
         choices: of the image.
