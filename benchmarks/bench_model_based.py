@@ -12,15 +12,8 @@ import numpy as np
 import pytest
 from problems import problem
 
-from jaxtat import (
-    NoiseLevel,
-    NoPenalty,
-    build_plan,
-    cosine_filter,
-    model_based,
-    phantoms,
-    reconstruct,
-)
+from jaxtat import NoiseLevel, build_plan, cosine_filter, model_based, phantoms, reconstruct
+from jaxtat.constraints import NoPenalty
 
 DISKS = phantoms.Disks(
     [[0, 0], [0.2, 0.35], [-0.35, -0.1], [0.3, -0.4]], [0.8, 0.25, 0.15, 0.2], [1, 0.5, -0.5, 1]

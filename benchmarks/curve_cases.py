@@ -12,14 +12,11 @@ from jaxtat import (
     detector_curve,
     disk,
     elliptic_arc,
-    join_curves,
     phantoms,
     polygon,
     polyline,
-    rectangle,
-    union_of_regions,
 )
-from jaxtat.geometry import Region
+from jaxtat.geometry import Region, join_curves, rectangle, union_of_regions
 
 GEOMETRY_1 = [([0.3, 0.3], 0.55), ([-0.4, 0.2], 0.5)]
 HALF = [([-0.45, 0.3], 0.35), ([-0.5, -0.3], 0.3)]

@@ -26,10 +26,11 @@ from matplotlib.path import Path
 from matplotlib.textpath import TextPath
 
 import jaxtat
+from jaxtat.constraints import Ridge, SecondOrderVariation, TotalVariation, Wavelets
 
 FINER = 4  # the phantom's pixels in one of the image's, along an axis
 EDGE = 0.95  # of the region's radius: phantoms end there
-PENALTIES = jaxtat.TotalVariation, jaxtat.SecondOrderVariation, jaxtat.Wavelets, jaxtat.Ridge
+PENALTIES = TotalVariation, SecondOrderVariation, Wavelets, Ridge
 WORDS = ("photo acoustic", "open curve", "single layer", "cylindrical wave", "limited view")
 Picture = Callable[[np.random.Generator, np.ndarray, int], np.ndarray]  # points, seed -> values
 

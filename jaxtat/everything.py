@@ -1,16 +1,19 @@
 """All that `import jaxtat` gives. In a module of its own since it needs JAX: see `jaxtat`."""
 
 # ruff: noqa: F401
-from . import line_detectors, phantoms, records, scans, spherical, studies
-from .base import scanners
-from .constraints import (
-    NoPenalty,
-    Ridge,
-    SecondOrderVariation,
-    TotalVariation,
-    Wavelets,
-    model_based,
+from . import (
+    constraints,
+    geometry,
+    io,
+    line_detectors,
+    phantoms,
+    records,
+    scans,
+    spherical,
+    studies,
 )
+from .base import scanners
+from .constraints import model_based
 from .geometry import (
     ImageGrid,
     VisibilityWarning,
@@ -20,15 +23,9 @@ from .geometry import (
     detector_curve,
     disk,
     elliptic_arc,
-    join_curves,
-    keep_detectors,
-    parametric_curve,
     polygon,
     polyline,
-    rectangle,
-    union_of_regions,
 )
-from .io import datasets, load_plan, load_settings, save_image, save_plan
 from .reconstruction import (
     PAPER_K,
     Reconstruction,

@@ -74,13 +74,15 @@ def _public_names() -> list[str]:
         for node in ast.parse(_PACKAGE.read_text()).body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
     )
-    return [name for name in ast.literal_eval(names) if name not in _ROOMS]
+    return [name for name in ast.literal_eval(names) if name not in _MODULES]
 
 
-# shown by what they hold
-_ROOMS = {
+# modules: what they hold is shown
+_MODULES = {
     "__version__",
-    "datasets",
+    "constraints",
+    "geometry",
+    "io",
     "line_detectors",
     "phantoms",
     "records",

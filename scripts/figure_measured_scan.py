@@ -21,7 +21,7 @@ LIMITS = (-2.0, 5.0)  # standard deviations of the image
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
-    scan = load_scan(jaxtat.datasets.fetch("msot_scan9"))
+    scan = load_scan(jaxtat.io.datasets.fetch("msot_scan9"))
     choices = jaxtat.scans.estimate_sound_speed(scan, jaxtat.scans.choose(scan))
     print(choices.table())
     image = jaxtat.scans.reconstruct(scan, choices).image

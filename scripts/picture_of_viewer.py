@@ -1,6 +1,6 @@
 """docs/pictures/viewer.png: the page of `jaxtat view`, photographed in Chromium.
 
-It takes chromium and chromedriver on the path, and the public scan, as `jaxtat.datasets` finds it.
+It takes chromium and chromedriver on the path, and the public scan that `jaxtat.io.datasets` finds.
 """
 
 import io
@@ -30,7 +30,7 @@ SECONDS = 120  # for the curve of sharpness, which comes last
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
-    source = jaxtat.datasets.fetch("msot_scan9")
+    source = jaxtat.io.datasets.fetch("msot_scan9")
     scan = load_scan(source)
     choices = jaxtat.scans.choose(scan, pixels=257, sound_speed=1477.0)
     viewer = jaxtat.view(scan, choices, source=source.name)

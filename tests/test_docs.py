@@ -41,19 +41,19 @@ def test_every_how_to_has_code_that_is_run(page):
     assert shown(page, "python")
 
 
-def test_rooms_are_used_from_above_only():
+def test_packages_import_only_those_above_them():
     """In the order of docs/architecture.md, which names all of them."""
-    rooms = re.findall(r"^\| `(\w+)` \|", (DOCS / "architecture.md").read_text(), re.M)
+    packages = re.findall(r"^\| `(\w+)` \|", (DOCS / "architecture.md").read_text(), re.M)
     package = ROOT / "jaxtat"
-    assert sorted(rooms) == sorted(path.parent.name for path in package.glob("*/__init__.py"))
+    assert sorted(packages) == sorted(path.parent.name for path in package.glob("*/__init__.py"))
     for path in package.glob("*/**/*.py"):
-        room, *inner = path.relative_to(package).parts
-        for used in used_rooms(path, len(inner)):
-            if used in rooms:
-                assert rooms.index(used) <= rooms.index(room), path
+        own, *inner = path.relative_to(package).parts
+        for used in used_packages(path, len(inner)):
+            if used in packages:
+                assert packages.index(used) <= packages.index(own), path
 
 
-def used_rooms(path, depth):
+def used_packages(path, depth):
     """First names of what a module that lies so deep imports from the package's root."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.level == depth + 1:

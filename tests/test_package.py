@@ -38,7 +38,7 @@ import jaxtat
 assert "jax" not in sys.modules
 jaxtat.__version__, dir(jaxtat)
 assert "jax" not in sys.modules
-jaxtat.io.load_scan  # a submodule that is no public name
+jaxtat.steps.cosine_filter  # a submodule that is no public name
 from jaxtat import circular_arc, phantoms
 from jaxtat import *
 assert studies.sharpness is jaxtat.studies.autofocus.sharpness

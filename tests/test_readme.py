@@ -91,7 +91,7 @@ def test_figures_of_the_readme_are_those_of_the_pages():
     assert '| "several hours" |' in accuracy
     assert "relative L2 error of 0.035 %" in comparison
     assert "about 5 %" in comparison
-    table = README.partition("## What it reaches")[2].partition("\n## ")[0]
+    table = README.partition("## Accuracy and speed")[2].partition("\n## ")[0]
     figures = re.findall(r"^\| .*\| (.*?) \| (.*?) \| .*? \|$", table, re.M)[2:]
     assert figures == [
         ("7.3e-5 (the paper)", "1.6e-9"),

@@ -56,7 +56,7 @@ def of_curves(rng: Rng) -> Cases:
     yield Case(
         "parametric_curve",
         lambda pitch, start, stop: _parts(
-            jt.parametric_curve(
+            jt.geometry.parametric_curve(
                 lambda t: (1.2 + pitch * t) * jnp.array([jnp.cos(t), jnp.sin(t)]), start, stop, 12
             )
         ),
@@ -69,14 +69,14 @@ def of_curves(rng: Rng) -> Cases:
     yield Case(
         "rectangle",
         lambda half_widths, center, angle: _parts(
-            jt.rectangle(half_widths, n_boundary=[4, 5, 4, 5], center=center, angle=angle)
+            jt.geometry.rectangle(half_widths, n_boundary=[4, 5, 4, 5], center=center, angle=angle)
         ),
         {"half_widths": rng.uniform(1, 2, 2), "center": center, "angle": turn},
     )
     yield Case(
         "disk, union_of_regions",
         lambda radius, cut, center, angle: _parts(
-            jt.union_of_regions(
+            jt.geometry.union_of_regions(
                 jt.disk(radius, cut, n_boundary=16, center=center, angle=angle),
                 jt.disk(0.3 * radius, n_boundary=8, center=center + 5.0),
             )
@@ -98,8 +98,10 @@ def of_curves(rng: Rng) -> Cases:
         "keep_detectors, join_curves, turned_views",
         lambda p, turns: _parts(
             geometry.turned_views(
-                jt.join_curves(
-                    jt.keep_detectors(jt.detector_curve(p, closed=False), np.arange(14) != 5),
+                jt.geometry.join_curves(
+                    jt.geometry.keep_detectors(
+                        jt.detector_curve(p, closed=False), np.arange(14) != 5
+                    ),
                     jt.circular_arc(4.0, 1.0, 5),
                 ),
                 turns,
@@ -307,8 +309,8 @@ def of_integrals(rng: Rng) -> Cases:
         {"f": image, "g": g + 0.1, "p": points, "radii": radii},
     )
     for name, penalty in {
-        "ridge": jt.Ridge(),
-        "variation": jt.TotalVariation(smoothing=0.3),
+        "ridge": jt.constraints.Ridge(),
+        "variation": jt.constraints.TotalVariation(smoothing=0.3),
     }.items():
         yield Case(
             f"model_based, {name}",
@@ -372,12 +374,12 @@ def of_direct(rng: Rng) -> Cases:
         (
             "off centre",
             1.6 * _scattered(rng, 40, 0.01) + [0.4, 0.1],
-            jt.rectangle((0.9, 0.5), center=(0.2, 0.1)),
+            jt.geometry.rectangle((0.9, 0.5), center=(0.2, 0.1)),
         ),
         (
             "on the boundary",
             np.asarray(jt.polyline([(1.2, 1.2), (-1.2, 1.2), (-1.2, -1.2)], 40).points),
-            jt.rectangle((0.9, 0.9)),
+            jt.geometry.rectangle((0.9, 0.9)),
         ),
     ):
         curve = jt.detector_curve(points, closed=False)
@@ -538,7 +540,7 @@ def of_space(rng: Rng) -> Cases:
                 "model_based in space",
                 lambda detectors, g, cap=cap, setup=setup, back=back: jt.model_based(
                     setup.replace(curve=eqx.combine(back(detectors), cap)), g,
-                    penalty=jt.Ridge(), weight=0.01, tolerance=1e-12, max_steps=20000,
+                    penalty=jt.constraints.Ridge(), weight=0.01, tolerance=1e-12, max_steps=20000,
                 ).image,
                 {"detectors": numbers, "g": bell.spherical_integrals(cap, radii)},
             )  # fmt: skip

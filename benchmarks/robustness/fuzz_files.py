@@ -51,7 +51,8 @@ def read_plan(path: Path) -> None:
     """Of a plan that is read an image is made, as far as shapes and types go."""
     import equinox as eqx
 
-    from jaxtat import load_plan, reconstruct
+    from jaxtat import reconstruct
+    from jaxtat.io import load_plan
 
     plan = load_plan(path)
     if os.stat(path).st_size % 4 == 0:  # of some: it takes a hundred times as long
@@ -60,7 +61,7 @@ def read_plan(path: Path) -> None:
 
 
 def read_settings(path: Path) -> None:
-    from jaxtat import load_settings
+    from jaxtat.io import load_settings
 
     load_settings(path)
 

@@ -45,20 +45,9 @@ class Writer(NamedTuple):
 
 def writers(folder: Path) -> list[Writer]:
     """`save_plan`, `save_image`, and the commands `reconstruct` and `report`."""
-    from jaxtat import (
-        ImageGrid,
-        Setup,
-        build_plan,
-        circular_arc,
-        data_radii,
-        disk,
-        load_plan,
-        load_settings,
-        phantoms,
-        save_image,
-        save_plan,
-    )
+    from jaxtat import ImageGrid, Setup, build_plan, circular_arc, data_radii, disk, phantoms
     from jaxtat.cli import main
+    from jaxtat.io import load_plan, load_settings, save_image, save_plan
 
     arc, region, grid = circular_arc(1.3, 1.0, 64), disk(0.8), ImageGrid(17)
     radii = data_radii(arc, region, 0.1)

@@ -29,12 +29,11 @@ from jaxtat import (  # noqa: E402
     detector_curve,
     disk,
     elliptic_arc,
-    join_curves,
     phantoms,
     polyline,
     solve,
 )
-from jaxtat.geometry import DetectorCurve, Region  # noqa: E402
+from jaxtat.geometry import DetectorCurve, Region, join_curves  # noqa: E402
 from jaxtat.steps.inversion import invert  # noqa: E402
 from jaxtat.studies import visibility_map  # noqa: E402
 

@@ -1,1 +1,1 @@
-"""What every room uses. Nothing is imported here: the command's help needs names, and no JAX."""
+"""Used by all other packages. Imports nothing here: the help of the command needs no JAX."""

@@ -6,6 +6,7 @@ here, a field of `scans.Choices`, and what decides it in `scans`.
 
 import math
 from collections.abc import Callable, Mapping
+from decimal import Decimal
 from typing import Any, NamedTuple
 
 from .names import INVERSIONS, LOW_PASSES, MODELS, PENALTIES
@@ -274,6 +275,28 @@ def choice_named(name: str) -> Choice:
 def option_of(name: str) -> str:
     """--sound-speed for sound_speed."""
     return f"--{name.replace('_', '-')}"
+
+
+def words_of(name: str, value: Any) -> list[str]:
+    """An option and its values, as words of a command line; none for what is not given.
+
+    Numbers have ten digits and no exponent: argparse takes -1e-05 for an option.
+
+    >>> words_of("region_center", (0.1, -1e-5)), words_of("quiet", True), words_of("alpha", None)
+    (['--region-center', '0.1', '-0.00001'], ['--quiet'], [])
+    """
+    if value is None or value is False:
+        return []
+    if value is True:
+        return [option_of(name)]
+    words = [_word(x) for x in (value if isinstance(value, list | tuple) else [value])]
+    if len(words) == 1 and words[0].startswith("-"):  # a text, say "-100:"
+        return [f"{option_of(name)}={words[0]}"]
+    return [option_of(name), *words]
+
+
+def _word(value: Any) -> str:
+    return f"{Decimal(f'{value:.10g}'):f}" if isinstance(value, float) else str(value)
 
 
 def require_pixels(pixels: Any, name: str = "pixels") -> None:

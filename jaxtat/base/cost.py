@@ -113,6 +113,15 @@ def systems_cost(sizes: Systems, plan: str | None = None) -> Cost:
     return Cost(nbytes, seconds / (os.cpu_count() or 1))
 
 
+def most_that_fit(cost_of: Callable[[int], Cost], too_many: int, room: float) -> int:
+    """The largest number whose cost fits into so many bytes, of less than ``too_many``."""
+    fits = 0
+    while too_many - fits > 1:
+        middle = (fits + too_many) // 2
+        fits, too_many = (middle, too_many) if cost_of(middle).nbytes <= room else (fits, middle)
+    return fits
+
+
 def require_room(
     cost_of: Callable[[int], Cost],
     n: int,
@@ -135,12 +144,7 @@ def require_room(
     """
     cost, room = cost_of(n), available_memory()
     if cost.nbytes > room:
-        fits, too_many = 0, n
-        while too_many - fits > 1:
-            middle = (fits + too_many) // 2
-            fits, too_many = (
-                (middle, too_many) if cost_of(middle).nbytes <= room else (fits, middle)
-            )
+        fits = most_that_fit(cost_of, n, room)
         raise ValueError(
             f"{n} {what} take at least {_gigabytes(cost.nbytes)} of memory, and "
             f"{_gigabytes(room)} are free: at most {fits} fit"

@@ -4,10 +4,10 @@ import argparse
 import shlex
 from typing import Any
 
-from ..base.choice_table import NUMBERS, OPTIONS
+from ..base.choice_table import NUMBERS, OPTIONS, words_of
 from ..scans import Choices, to_look_at
 from .inputs import FACTS
-from .refusals import OF_PLANS, is_given, option_of, wants_plan
+from .refusals import OF_PLANS, wants_plan
 
 _OPTIONS = (*FACTS, *OF_PLANS, *(choice.name for choice in OPTIONS))
 _FACTORS = {
@@ -42,23 +42,12 @@ def _command(options: argparse.Namespace, choices: Choices, name: str) -> list[s
 
 def _otherwise(choices: Choices, name: str, value: Any) -> list[str]:
     if name == "channels":
-        return ["--use", f"0:{len(choices.order)}"]
+        return words_of("use", f"0:{len(choices.order)}")
     if name == "band":
-        return ["--band", "none"]
-    return [option_of(name), _OTHER[value] if isinstance(value, str) else f"{value:.6g}"]
+        return words_of("band", "none")
+    return words_of(name, _OTHER[value] if isinstance(value, str) else float(f"{value:.6g}"))
 
 
 def _given(options: argparse.Namespace) -> list[str]:
     """What `jaxtat info` was told, as it is told to `jaxtat reconstruct`."""
-    found = []
-    for name in _OPTIONS:
-        value = getattr(options, name, None)
-        if not is_given(options, name):
-            continue
-        if value is True:
-            found.append(option_of(name))
-        elif isinstance(value, list | tuple):
-            found += [option_of(name), *(x if isinstance(x, str) else f"{x:.10g}" for x in value)]
-        else:
-            found.append(f"{option_of(name)}={value}")
-    return found
+    return [word for name in _OPTIONS for word in words_of(name, getattr(options, name, None))]

@@ -1,4 +1,4 @@
-"""Images with constraints: what data leave open, a penalty decides."""
+"""Images with constraints: the least misfit plus penalty, f >= 0 if asked."""
 
 from .comparison import Comparison, compare_fits
 from .fit import ModelBased, model_based

@@ -15,7 +15,7 @@ from .data_fit import DataFit
 
 
 class Comparison(NamedTuple):
-    """Two images beside each other; all numbers are relative.
+    """Two images compared; all numbers are relative.
 
     Attributes:
         misfits: ||W (A f - g)|| / ||W g|| of the first and the second.
@@ -41,10 +41,10 @@ def compare_fits(
     model: str = "2d",
     conditioning: Callable[[Array], Array] | None = None,
 ) -> Comparison:
-    """How well two images fit the data, and whether the data tell them apart.
+    """How well two images fit the data, and whether the data distinguish them.
 
-    Where ``told`` is less than the misfits the data hold no more of the difference than of noise:
-    there what made the images, formula or penalty, has decided.
+    Where ``told`` is less than the misfits, the difference of the images is not visible in the
+    data above the noise: it comes from the formula or the penalty.
 
     Args:
         setup, data, noise, mask, times, sound_speed, model, conditioning: as in `model_based`, of

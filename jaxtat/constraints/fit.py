@@ -31,7 +31,7 @@ _AT_A_TIME = 10  # steps between two looks at the progress
 
 
 class ModelBased(eqx.Module):
-    """An image and how it was found; all but ``image`` with one value for each image of a stack.
+    """An image and a report; all but ``image`` with one value for each image of a stack.
 
     Attributes:
         image: f, (..., *setup.grid.shape) [unit of g per length].
@@ -76,12 +76,12 @@ def model_based(
     """The image that minimises ||W (A f - g)||² / 2 + weight P(f), with f >= 0 if that is asked.
 
     A is `forward_operator`, P the penalty: total variation for objects with sharp edges. For few
-    detectors, noise, records that end early or have gaps: what the data leave open, P decides. In
-    the plane and in space, for detectors anywhere.
+    detectors, noise, and records that end early or have gaps, where the data do not determine the
+    image. In the plane and in space, for detectors anywhere.
 
     With ``noise``, W divides by it; without, integrals are weighted by 1/√r, by which A nearly
-    keeps norms. A weight that is not given follows from image and misfit, see
-    `jaxtat.constraints.weight`: nothing is to be tuned.
+    keeps norms. By default the weight follows from image and misfit, see
+    `jaxtat.constraints.weight`.
 
     Differentiable in both modes with respect to data, a given weight, noise, detectors, radii,
     speed of sound, and what a penalty holds: implicitly, as if converged, a weight that was found

@@ -20,7 +20,8 @@ from ..special import root
 class Penalty(eqx.Module):
     """P(f), of images (..., x1, x2) or volumes (..., x1, x2, x3).
 
-    A subclass says what is charged: ``parts`` is the linear map D, ``bound`` a number >= ||D||².
+    P is a sum of norms of D f: a subclass has ``parts``, the linear map D, and ``bound``, a number
+    >= ||D||².
 
     Attributes:
         smoothing: delta, as a fraction of the image's size (`model_based` says which).
@@ -59,7 +60,7 @@ class Penalty(eqx.Module):
 
 
 class TotalVariation(Penalty):
-    """P(f) = Σ √((d_1 f)² + (d_2 f)²), differences to the next pixel: images of flat pieces.
+    """P(f) = Σ √((d_1 f)² + (d_2 f)²), differences to the next pixel, for images with edges.
 
     The length of all edges times their height. With ``joint=True`` the root is taken over a whole
     stack, such as wavelengths: they share their edges.
@@ -81,9 +82,9 @@ class TotalVariation(Penalty):
 
 
 class SecondOrderVariation(Penalty):
-    """P(f) = Σ √((d_11 f)² + 2 (d_12 f)² + (d_22 f)²): images of pieces that slope evenly.
+    """P(f) = Σ √((d_11 f)² + 2 (d_12 f)² + (d_22 f)²): for smooth images.
 
-    Where total variation makes stairs of a slope, this leaves it; edges are less sharp.
+    Slopes stay slopes, where total variation makes steps of them; edges are less sharp.
 
     Source: Lysaker, Lundervold and Tai, IEEE Trans. Image Process. 12 (2003) 1579-1590.
     """
@@ -149,14 +150,14 @@ class Wavelets(Penalty):
 
 
 class Ridge(eqx.Module):
-    """P(f) = ||f||² / 2: small images, smooth as the data make them.
+    """P(f) = ||f||² / 2, for images of least norm.
 
     Source: Hoerl and Kennard, Technometrics 12 (1970) 55-67.
     """
 
 
 class NoPenalty(eqx.Module):
-    """P(f) = 0: the data, and f >= 0 if that is asked, decide alone."""
+    """P(f) = 0: the data alone, with f >= 0 if asked."""
 
 
 def _forward(images: Array, axis: int) -> Array:

@@ -3,8 +3,8 @@
 from .basis import Basis
 from .boundary import solve_on_boundary
 from .collocation import collocation_densities, series_densities
-from .single_layer import plane_wave, potential
-from .stored import Densities, DensityReport, SampledDensities
+from .single_layer import phases_from, plane_wave, potential
+from .stored import Densities, DensityReport, SampledDensities, in_precision
 from .symmetry import find_mirror
 
 __all__ = [
@@ -14,6 +14,8 @@ __all__ = [
     "SampledDensities",
     "collocation_densities",
     "find_mirror",
+    "in_precision",
+    "phases_from",
     "plane_wave",
     "potential",
     "series_densities",

@@ -10,7 +10,7 @@ from ..geometry.elements import NODES
 from ..regularization import Regularization, per_frequency
 from ..regularization.filtered import filtered_solve
 from .full_circle import full_circle_densities
-from .single_layer import plane_wave_traces, potential_matrix
+from .single_layer import phases_from, plane_wave_traces, potential_matrix
 from .stored import DensityReport, mean_norm
 from .symmetry import Mirror
 
@@ -102,15 +102,14 @@ def series_densities(
     """
     local = curve.points - circle.center
     detector_angles = jnp.arctan2(local[:, 1], local[:, 0])
-    shift = circle.center - region.center  # phases are counted from the region's centre
-    along = jnp.cos(angles) * shift[0] + jnp.sin(angles) * shift[1]
+    offset = region.center - circle.center  # phases are counted from the region's centre
 
     def at(arguments: tuple[Array, Array]) -> tuple[Array, DensityReport]:
         frequency, unit_norm = arguments
         densities = full_circle_densities(
             frequency, angles, detector_angles, circle.radius, n_orders
         )
-        densities = densities * jnp.exp(-1j * frequency * along)[:, None, None]
+        densities = densities * phases_from(frequency, angles, offset)[:, None, None]
         unknowns = (densities * jnp.sqrt(curve.weights)).reshape(angles.shape[0], -1).T
         traces = plane_wave_traces(frequency, angles, region)
         misfit = potential_matrix(frequency, curve, region) @ unknowns - traces

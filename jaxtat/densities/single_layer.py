@@ -3,14 +3,17 @@
     (S rho)(x) = ∫_gamma [rho_J(z) J_0(lambda |x - z|) + rho_Y(z) Y_0(lambda |x - z|)] dl(z)
 
 solves the Helmholtz equation off the curve; of elements of finite size the kernels are means over
-each. Here are its matrix on the boundary of the region,
-the traces of the plane waves it shall match there, and its values at any points.
+each. Here are its matrix on the boundary of the region, the traces that plane waves have there, and
+its values at any points.
 """
+
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
+from ..base.checks import by_library
 from ..geometry import DetectorCurve, Region
 from ..geometry.elements import NODES
 from ..special import both_kinds
@@ -75,6 +78,26 @@ def plane_wave(
         Complex, (..., directions).
     """
     return jnp.exp(-1j * frequency * (points @ _unit(angles)))
+
+
+def phases_from(
+    frequencies: Float[Array, "*f"],
+    angles: Float[Array, " directions"],
+    offset: Float[Array, "2"],
+) -> Complex[Array, "*f directions"]:
+    """exp(i xi·offset), by which plane waves change that count their phases from another point.
+
+    Args:
+        frequencies: lambda, one or many [rad/length].
+        angles: theta, (directions,) [rad].
+        offset: the new point, from where the old one is [length].
+    """
+
+    def phases(xp: Any, frequencies: Any, angles: Any, offset: Any) -> Any:
+        along = xp.cos(angles) * offset[0] + xp.sin(angles) * offset[1]
+        return xp.exp(1j * frequencies[..., None] * along)
+
+    return by_library(phases, (frequencies, angles, offset))
 
 
 def plane_wave_traces(

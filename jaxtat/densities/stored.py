@@ -1,10 +1,14 @@
 """What step 1 leaves: the densities of all plane waves, in whatever form, and their report."""
 
 from abc import abstractmethod
+from typing import Any, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
+
+T = TypeVar("T")
 
 
 class Densities(eqx.Module):
@@ -42,7 +46,15 @@ class SampledDensities(Densities):
         return self.values[number]
 
     def in_single_precision(self) -> "SampledDensities":
-        return SampledDensities(self.values.astype(jnp.complex64))
+        return SampledDensities(in_precision(self.values, jnp.float32))
+
+
+def in_precision(tree: T, dtype: Any) -> T:
+    """Every array of a tree in float32 or float64, complex ones in complex64 or complex128."""
+    of_complex = jnp.result_type(dtype, jnp.complex64)
+    return jax.tree.map(
+        lambda leaf: leaf.astype(of_complex if jnp.iscomplexobj(leaf) else dtype), tree
+    )
 
 
 class DensityReport(eqx.Module):

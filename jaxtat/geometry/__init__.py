@@ -1,6 +1,6 @@
-"""Where the detectors, the region of interest, the image and the data radii are.
+"""Curves of detectors, regions of interest, image grids and data radii.
 
-Lengths are in any one unit, the same for everything in a problem: metres, millimetres, or the
+All lengths of a problem are in one unit: metres, millimetres, or the
 radius of the region of interest as in the paper.
 """
 

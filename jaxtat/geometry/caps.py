@@ -181,8 +181,8 @@ def spherical_cap(
 ) -> SphericalCap:
     """The cap |z| = R_g, z_3 < cut with detectors on rings.
 
-    A frequency lambda asks for rings π/(lambda R) apart, as seen from the centre, and for
-    2 lambda R azimuths and a quarter more, R being the reach of the region of interest.
+    A frequency lambda needs rings at most π/(lambda R) apart, as seen from the centre, and
+    2.5 lambda R azimuths, with R the reach of the region of interest.
 
     Args:
         radius: R_g > 0 [length].

@@ -48,7 +48,8 @@ def fit_circle(points: Numbers) -> Circle:
     center, radius, size = _fit_circle(np.asarray(points), np)  # no program for known positions
     if not float(radius) < 1e4 * float(size):
         raise ValueError("the points lie on a straight line, expected part of a circle.")
-    return Circle(*jax.device_put((center, np.asarray(radius))))
+    with jax.ensure_compile_time_eval():  # known inside jax.jit too
+        return Circle(*jax.device_put((center, np.asarray(radius))))
 
 
 def _fit_circle(points: Any, xp: Any) -> tuple[Any, Any, Any]:

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ..base.checks import (
     Numbers,
@@ -21,7 +21,6 @@ from ..base.checks import (
 from .elements import (
     NODES,
     checked_width,
-    element_factor,
     gauss_rule,
     mean_over_nodes,
     nodes_along_circle,
@@ -104,7 +103,7 @@ class DetectorCurve(eqx.Module):
 
 
 class SampledCurve(DetectorCurve):
-    """A curve known by its detectors."""
+    """A curve given by the positions of its detectors."""
 
     points: Float[Array, "detectors 2"]
     weights: Float[Array, " detectors"]
@@ -114,7 +113,7 @@ class SampledCurve(DetectorCurve):
 
 
 class CircularArc(DetectorCurve):
-    """Equispaced detectors on a circle, which stay on it whatever becomes of the parameters.
+    """Equispaced detectors on a circle, given by its parameters.
 
     Attributes:
         center, radius: of the circle [length].
@@ -163,18 +162,6 @@ class CircularArc(DetectorCurve):
     def element_angle(self) -> Float[Array, "*one_or_detectors"] | None:
         """D, the angle under which elements are seen from the centre; None of points [rad]."""
         return None if self.element_width is None else self.element_width / self.radius
-
-    def element_factor(self, orders: Int[Array, " orders"]) -> Float[Array, "orders *detectors"]:
-        """sin(m D/2) / (m D/2): the means of exp(i m theta) over elements, over its values there.
-
-        Args:
-            orders: m.
-
-        Returns:
-            (orders,) if all elements are alike, else (orders, detectors); ones of point detectors.
-        """
-        angle = self.element_angle
-        return jnp.ones(len(orders)) if angle is None else element_factor(orders, angle)
 
     def _nodes(self, nodes: np.ndarray) -> Float[Array, "detectors nodes 2"]:
         where = self.center, self.radius, self.normals, self.element_width
@@ -298,8 +285,8 @@ def outward(
 def turned_views(curve: DetectorCurve, turns: Numbers) -> SampledCurve:
     """One array in several positions: detectors of view 1, 2, ..., each turned about the origin.
 
-    An array that sees too little at once is turned about the object, or the object before it. The
-    weights are divided by the number of views, so that places visited twice count once.
+    An array that does not see enough from one position is turned about the object. The weights are
+    divided by the number of views, so that places visited twice count once.
 
     Args:
         curve: the array at turn 0, the axis of rotation at the origin.

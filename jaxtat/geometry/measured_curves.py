@@ -47,12 +47,12 @@ def detector_curve(
 ) -> SampledCurve:
     """Acquisition curve through measured detector positions, in order along the curve.
 
-    Each detector owns half the arc to either neighbour, w_k = (l_{k-1,k} + l_{k,k+1})/2; an end
-    detector owns a full step, as if its sensitive area reached half a step past it. The arcs l and
-    the tangents are those of the circle through three neighbouring detectors: exact for a circle;
-    for other smooth curves weights are third and normals second order in the spacing. Beside a gap
-    of more than four steps, like those to either side (medians of three) and like all of them (the
-    median), a detector counts as an end: several separate arcs may follow one another.
+    The weight of a detector is half the arcs to its neighbours, w_k = (l_{k-1,k} + l_{k,k+1})/2; an
+    end detector has a full step, as if its sensitive area reached half a step past it. The arcs l
+    and the tangents are those of the circle through three neighbouring detectors: exact for a
+    circle; for other smooth curves weights are third and normals second order in the spacing.
+    Beside a gap of more than four steps, like those to either side (medians of three) and like all
+    of them (the median), a detector counts as an end: several separate arcs may follow one another.
 
     Args:
         positions: (detectors, 2), or (detectors, 3) where one of the three coordinates is constant
@@ -165,11 +165,11 @@ def _require_length(weights: Array, from_order: Array) -> None:
 
 
 def keep_detectors(curve: DetectorCurve, keep: Numbers | np.ndarray) -> SampledCurve:
-    """The curve without some detectors; each of the others owns half the arc to its neighbours.
+    """The curve without some detectors; the weight of each is half the arc to its neighbours.
 
-    So the gap of one missing detector is shared by those beside it. One of more than four steps
-    like those beside it is a gap in the curve: the detectors next to it are ends, and nobody stands
-    for it; behind the last detector it opens a closed curve. Data keep the same rows,
+    So the arc of one missing detector is shared by its neighbours. A gap of more than four steps
+    like those beside it is a gap in the curve: the detectors next to it are ends, and it has no
+    weight; after the last detector it opens a closed curve. Data keep the same rows,
     ``g[..., keep, :]``. Elements keep their widths, along the tangent.
 
     Args:

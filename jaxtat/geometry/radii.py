@@ -16,7 +16,7 @@ def data_radii(
 
     r_min and r_max are the least and largest distances from a detector to a point of the region of
     interest, and of the region that holds the sources: the method needs all circles that meet a
-    source, also of sources whose image is not wanted. Cutting those falsifies the image inside.
+    source, also for sources outside the region. Without them the image inside is wrong.
 
     Args:
         curve, region: the geometry (concrete, since it decides how many radii there are).

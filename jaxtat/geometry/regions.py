@@ -22,10 +22,9 @@ Counts = tuple[Any, ...]  # of boundary points on every piece; of a union, one t
 
 
 class Region(eqx.Module):
-    """A region of interest Omega, known by its boundary: ∫_dOmega u dl ≈ Σ_k w_k u(x_k).
+    """A region of interest Omega, given by its boundary: ∫_dOmega u dl ≈ Σ_k w_k u(x_k).
 
-    A new region needs these fields and the methods, and a line in io/plans.py to be saved; nothing
-    else in the library asks more.
+    A new region needs these fields and the methods, and a line in io/plans.py to be saved.
 
     Attributes:
         points: collocation points x_k on the boundary, (boundary, 2) [length].

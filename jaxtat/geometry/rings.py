@@ -16,7 +16,7 @@ UNEVEN = 0.02  # of the step between neighbours on a ring, likewise
 
 
 class DetectorRings(SphericalCap):
-    """A cap whose rings are where they are: at any height, each turned by any angle.
+    """A cap with rings at given heights, each turned by a given angle.
 
     A ring's area reaches half-way to its neighbours, and as far beyond the highest and the lowest
     one; below the lowest one to the pole, if that is not farther than the next ring.
@@ -77,8 +77,8 @@ def find_rings(positions: Numbers) -> FoundRings:
 
     Positions are moved onto the rings that fit them. Detectors may lie up to 0.2 % of the radius
     off the sphere, a ring ends where the polar angle leaps by more than 0.002 rad, and azimuths may
-    differ by up to 2 % of the step between neighbours from equal ones. `DetectorPoints` keep what
-    is measured.
+    differ by up to 2 % of the step between neighbours from equal ones. `DetectorPoints` keep the
+    measured positions.
 
     Args:
         positions: concrete, (detectors, 3), in any order [length].

@@ -11,14 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import require_objects
+from ..base.checks import is_concrete, require_objects
 from .curves import DetectorCurve
 from .measured_curves import behind_gap
 from .regions import Region
 
 
 class VisibilityWarning(UserWarning):
-    """Part of the region of interest sends waves that no detector records."""
+    """Some lines through the region of interest meet no detector: edges along them are lost."""
 
 
 class Visibility(eqx.Module):
@@ -65,6 +65,9 @@ def visibility(
     Returns:
         Visibility.
 
+    Raises:
+        ValueError: for a traced geometry.
+
     >>> from jaxtat import circular_arc, disk
     >>> half = circular_arc(1.3, 0.0, 500)
     >>> print(visibility(half, disk(1.0, 0.0, n_boundary=1000)))
@@ -73,6 +76,11 @@ def visibility(
     True
     """
     require_objects(curve=curve, region=region)
+    if not is_concrete(curve, region):
+        raise ValueError(
+            "curve and region are traced, expected known ones: visibility counts lines. "
+            "transverse_weight and visibility_map can be traced."
+        )
     angles = np.arange(n_angles) * np.pi / n_angles
     w = np.stack([np.cos(angles), np.sin(angles)])
     low, high = _shadow(np.asarray(region.points), w)

@@ -140,7 +140,7 @@ def polyline(
 
 
 def join_curves(*curves: DetectorCurve) -> SampledCurve:
-    """Several separate curves as one: each keeps its weights, and nobody stands for the gaps.
+    """Several separate curves as one: each keeps its weights, and the gaps have none.
 
     Normals are turned away from the middle of all of them. Elements keep their widths, along the
     tangent.

@@ -25,7 +25,7 @@ _STEPS = 8.0  # of the table of offsets within the Gaussian's width
 def edge_weight(
     curve: DetectorCurve, points: Numbers, angles: Numbers, *, width: Numbers | None = None
 ) -> Float[Array, "*n angles"]:
-    """W of the lines along which edges at some points send their waves.
+    """Transverse weight W of the lines normal to edges at some points: how well they are recorded.
 
     The edges that can be seen are those with ``edge_weight(...) >= VISIBLE`` (0.75).
 

@@ -1,4 +1,4 @@
-"""jaxtat in the pipelines of others: its operator in their clothes, its images in their files."""
+"""Adapters for other packages: their operators, interfaces and image files."""
 
 from .ipasc import IpascAlgorithm
 from .labelled_images import save_ome_zarr, to_xarray

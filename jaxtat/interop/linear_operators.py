@@ -20,9 +20,9 @@ def direct_operator(
 ) -> lx.FunctionLinearOperator:
     """The direct reconstruction g -> f as an operator of lineax: A_dagger, in closed form.
 
-    It inverts A on images that vanish outside the region, there only, as far as the rule keeps
-    them; it is no Moore-Penrose inverse. The image is zero outside the region. `scipy_operator` and
-    `pylops_operator` take it too: as a start, or as a preconditioner.
+    It inverts A for images that vanish outside the region, up to the regularisation; it is not the
+    Moore-Penrose inverse. The image is zero outside the region. `scipy_operator` and
+    `pylops_operator` take it too, for an initial value or a preconditioner.
 
     Args:
         setup: detectors, region, grid and radii.

@@ -1,5 +1,6 @@
 """Files in and out: plans, scans and images."""
 
+from . import datasets as datasets
 from .images import load_settings, save_image
 from .ipasc import save_ipasc
 from .plans import load_plan, save_plan

@@ -15,7 +15,7 @@ REAL = "fiu"  # NumPy's kinds of real numbers
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """Data of one or more frames, and what is known of how they were recorded.
+    """Data of one or more frames, and the facts about the scan that the file has.
 
     Attributes:
         kind: "pressure" or "circular_integrals", over spheres if detectors surround a volume.

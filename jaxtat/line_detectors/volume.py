@@ -9,6 +9,7 @@ import warnings
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -128,7 +129,7 @@ def reconstruct_stack(
     inversion: str = "fbp",
     progress: bool = False,
 ) -> Any:
-    """As `line_detectors.reconstruct`, from and into files, a few rotations or slices at a time.
+    """As `line_detectors.reconstruct`, reading and writing a few rotations or slices at a time.
 
     Args:
         plan, scan, slices, low_pass, inversion: as in `line_detectors.reconstruct`.
@@ -249,7 +250,8 @@ def _checked_slices(
     """The grid of slices, after a look at what goes into them."""
     require_inversion(inversion)
     if is_concrete(grid, scan.axis):
-        first, last = float(grid.x1[0]), float(grid.x1[-1])
+        with jax.ensure_compile_time_eval():  # known inside jax.jit too
+            first, last = float(grid.x1[0]), float(grid.x1[-1])
         if not first <= float(scan.axis) <= last:
             raise ValueError(
                 f"the axis of rotation is u = {float(scan.axis):.6g}, but the grid runs from "
@@ -257,7 +259,8 @@ def _checked_slices(
                 "length."
             )
     if not scan.whole_turn and is_concrete(grid, region, scan):
-        here, behind = (np.asarray(depth) > 0 for depth in _depths(grid, region, scan))
+        with jax.ensure_compile_time_eval():
+            here, behind = (np.asarray(depth) > 0 for depth in _depths(grid, region, scan))
         alone = (here & ~behind).sum() / max(1, here.sum())
         if alone > 0.2:
             warnings.warn(

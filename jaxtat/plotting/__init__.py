@@ -1,7 +1,7 @@
-"""Pictures: images, volumes, geometries, the frequency plane, data, on axes that say their units.
+"""Figures: images, volumes, geometries, the frequency plane, data; axes have units.
 
-Every function draws on axes that it is given; figures need no screen and no global state. Colour
-maps are readable without colour vision: grey, viridis, and blue to red through white.
+Every function draws on given axes; figures need no screen and no global state. Colour maps are
+readable without colour vision: grey, viridis, and blue to red through white.
 """
 
 from .canvas import (

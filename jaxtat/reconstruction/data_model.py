@@ -1,4 +1,4 @@
-"""The other way round: the data of an image, and the adjoint."""
+"""From image to data, and the exact transpose."""
 
 from jaxtyping import Array, Float
 
@@ -14,9 +14,9 @@ def circular_integrals(
 ) -> Float[Array, "..."]:
     """g(z, r) = ∫_{|x - z| = r} f of a pixel image over circles, or of a volume over spheres.
 
-    By `forward_operator`, which is worth keeping for many images, or by quadrature. Between its
-    pixels the image is band-limited; by quadrature it is continued by Keys' cubic interpolation,
-    and by zero outside the grid. Nothing is cut off at the region. Linear in the image;
+    By `forward_operator` (use that for many images) or by quadrature. Between its pixels the image
+    is band-limited; for the quadrature it is interpolated by Keys' cubic polynomials, and is zero
+    outside the grid. It is not cut off at the region. Linear in the image;
     differentiable in the image, the detector positions and the radii.
 
     Args:
@@ -51,11 +51,20 @@ def circular_integrals_adjoint(
     """The exact transpose of `circular_integrals`: Σ g·data = Σ image·adjoint(data).
 
     Args:
-        setup, method: as there.
+        setup, method: as in `circular_integrals`.
         data: (..., *setup.data_shape).
 
     Returns:
         (..., *setup.grid.shape).
+
+    Raises:
+        ValueError: for data of another shape, NaN in them, or an unknown method.
+
+    >>> import jax.numpy as jnp
+    >>> from jaxtat import ImageGrid, circular_arc, disk
+    >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
+    >>> circular_integrals_adjoint(setup, jnp.ones(setup.data_shape)).shape
+    (21, 21)
     """
     if _by_quadrature(setup, method):
         where = setup.grid, setup.curve, setup.radii
@@ -64,7 +73,23 @@ def circular_integrals_adjoint(
 
 
 def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:
-    """Means of a pixel image over circles, g(z, r)/2πr, or of a volume over spheres, g/4πr²."""
+    """Means of a pixel image over circles, g(z, r)/2πr, or of a volume over spheres, g/4πr².
+
+    Args:
+        setup, image: as in `circular_integrals`.
+
+    Returns:
+        (..., *setup.data_shape), in the unit of f.
+
+    Raises:
+        ValueError: as `circular_integrals`.
+
+    >>> import jax.numpy as jnp
+    >>> from jaxtat import ImageGrid, circular_arc, disk
+    >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
+    >>> circular_means(setup, jnp.ones(setup.grid.shape)).shape == setup.data_shape
+    True
+    """
     require_setup(setup)
     return circular_integrals(setup, image) / setup.kind.measure(setup.radii)
 

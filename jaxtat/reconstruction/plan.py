@@ -19,6 +19,7 @@ from ..densities import (
     SampledDensities,
     collocation_densities,
     find_mirror,
+    phases_from,
     series_densities,
 )
 from ..densities.harmonic import (
@@ -268,8 +269,7 @@ def _traced_harmonic(
         )
         pieces.append(values)
         reports.append(report)
-    along = jnp.cos(angles) * offset[0] + jnp.sin(angles) * offset[1]
-    phases = jnp.exp(1j * frequencies[:, None] * along)
+    phases = phases_from(frequencies, angles, offset)
     return jnp.concatenate(pieces) * phases[..., None, None], _joined(reports)
 
 
@@ -284,7 +284,7 @@ def _harmonic(
         orders = harmonic_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
         table = wave_table(geometry, frequencies, int(orders.max()))
-        offset = np.asarray(region.center - geometry.center)
+        offset = region.center - geometry.center
         local = jax.device_put(np.asarray(angles) - np.asarray(geometry.axis))
     each = _divisible((table, norms, per_frequency(regularization, len(frequencies))))
     groups, reports = [], []
@@ -298,16 +298,9 @@ def _harmonic(
             reports.append(report)
             bar.update(chosen.stop - chosen.start)
         groups.append(group_of(steps))
-    phases = _phases(frequencies, angles, offset)
+    phases = phases_from(frequencies, angles, offset)
     densities = HarmonicDensities(tuple(groups), local, phases, geometry.mirror)
     return densities.in_single_precision() if single else densities, _joined(reports)
-
-
-def _phases(frequencies: Array, angles: Array, offset: np.ndarray) -> Array:
-    """exp(i xi·offset)."""
-    theta = np.asarray(angles)
-    along = np.cos(theta) * offset[0] + np.sin(theta) * offset[1]
-    return jax.device_put(np.exp(1j * np.asarray(frequencies)[:, None] * along))
 
 
 def _collocation(

@@ -9,7 +9,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float
 
 from ..base.checks import is_concrete
-from ..densities import Basis, Densities, solve_on_boundary
+from ..densities import Basis, Densities, phases_from, solve_on_boundary
 from ..densities.harmonic import (
     Asked,
     PolarGeometry,
@@ -209,9 +209,8 @@ def _on_polar_grid(
     angles = sizes.angles
     fhat = circular_harmonics_at(harmonics, angles - geometry.axis)
     if not geometry.disk:  # the harmonics count them from the centre of the waves
-        directions = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
-        along = directions @ (geometry.region.center - geometry.center)
-        fhat = fhat * jnp.exp(1j * sizes.frequencies[:, None] * along)
+        offset = geometry.region.center - geometry.center
+        fhat = fhat * phases_from(sizes.frequencies, angles, offset)
     return fhat
 
 

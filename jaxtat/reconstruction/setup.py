@@ -29,7 +29,7 @@ class Setup(eqx.Module):
     reach R, so that projections are resolved up to |s| = 2 R; directions cover half a turn.
 
     A frozen pytree: arrays are leaves, and may be traced; sizes are static. Everything is checked
-    when it is made. Under `jax.jit` make it outside, pass it in, and give it new arrays by
+    when it is made. With `jax.jit`, make it outside, pass it in, and change its arrays by
     `replace`: no new program is compiled.
 
     Attributes:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, by_library
-from ..base.cost import Systems, available_memory, require_room, systems_cost
+from ..base.cost import Systems, available_memory, most_that_fit, require_room, systems_cost
 from ..densities.harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
 from ..forward import CircleSizes, circle_sizes, default_points
 from ..geometry import (
@@ -184,13 +184,15 @@ def systems_fit(
     def advice(fits: int) -> str:
         if fits:
             return f"pass max_frequency={highest * fits / n_all:.4g}"
-        n_radii, room = radii.shape[0], available_memory()
-        while n_radii > 1 and systems_cost(one._replace(n_radii=n_radii), kept).nbytes > room:
-            n_radii = 9 * n_radii // 10
+        n_radii = most_that_fit(
+            lambda n: systems_cost(one._replace(n_radii=n), kept),
+            radii.shape[0],
+            available_memory(),
+        )
         if n_radii < 4:
             return "use fewer detectors or boundary points"
         share = n_radii / radii.shape[0]
-        return f"about {n_radii} radii would: take pixels {1 / share:.2g} times as large, or more"
+        return f"{n_radii} radii would: take pixels {1 / share:.2g} times as large, or more"
 
     kept, one = ("harmonic" if harmonic else "sampled") if plan else None, sizes(1)
     what = f"frequencies for {curve.n_detectors} detectors and {radii.shape[0]} radii"

@@ -1,4 +1,4 @@
-"""The one verb: from circular integrals to the image, by a plan or with nothing beforehand."""
+"""From circular integrals to the image, with a plan or without."""
 
 import warnings
 from functools import partial
@@ -28,7 +28,7 @@ DEFAULT_TOLERANCE = 1e-10  # of conjugate gradients
 
 
 class Reconstruction(eqx.Module):
-    """An image and how it was solved for.
+    """An image and a report on its solution.
 
     Attributes:
         image: f, (..., x1, x2) or (..., x1, x2, x3), the unit of g per length (in space length²).
@@ -61,8 +61,8 @@ def reconstruct(
     ``setup.region.contains(setup.grid.points)``.
 
     Args:
-        problem: a `Setup`, solved with nothing computed beforehand (see `solve`), or a plan of
-            `build_plan` or `load_plan`, which takes milliseconds.
+        problem: a `Setup`, solved without precomputation (see `solve`), or a plan of `build_plan`
+            or `load_plan`, which takes milliseconds.
         g: float32 or float64, (..., detectors, radii), or (..., rings, azimuths, radii) of a cap.
         rule: as in `solve`; a plan has its own.
         low_pass: eta(lambda / lambda_max), such as `cosine_filter` or "cosine"; none by default.
@@ -108,15 +108,15 @@ def solve(
     tolerance: Numbers = DEFAULT_TOLERANCE,
     mesh: Mesh | None = None,
 ) -> Reconstruction:
-    """The image f from its integrals g, and how it was solved for; nothing computed beforehand.
+    """The image f from its integrals g without a plan, and a report on the solution.
 
     In cylindrical (spherical) waves the potentials of the curve are a small matrix A(lambda), and
     one solution of (A A^T + alpha) y = A √w G serves all directions: fhat(xi) = (1/2π) y·u_xi.
-    Around detectors that are too near for waves about a centre, on an L or U, A is taken on the
-    boundary itself; the result tells its basis. Linear in g for a fixed rule; differentiable,
-    through implicit derivatives, with respect to g, the rule's numbers, radii, and all positions
-    and sizes of curve, region and grid; a number as rule makes a kink where a closed ring begins to
-    open, see `alpha_unit`.
+    Where detectors are too near for waves about a centre, as on an L or U, A is formed on the
+    boundary of the region; the result names the basis. Linear in g for a fixed rule;
+    differentiable, through implicit derivatives, with respect to g, the rule's numbers, radii, and
+    all positions and sizes of curve, region and grid; a number as rule makes a kink where a closed
+    ring begins to open, see `alpha_unit`.
 
     Args:
         setup: detectors, region, grid and radii.
@@ -126,7 +126,7 @@ def solve(
             `NoiseLevel(sigma)` for data with noise of known size, `RelativeTikhonov(kappa)`,
             `TikhonovNormBound(K)` or `Tikhonov(alpha)`. By default ("auto" or None) 1e-6 for
             detectors on a circle that see all of the region (1e-3 at frequencies that they do not
-            sample), and in space, else ``RelativeTikhonov(0.1)``, which holds whatever they see.
+            sample), and in space, else ``RelativeTikhonov(0.1)``, also where lines are missed.
         low_pass, inversion: as in `reconstruct`.
         solver: "cholesky", "cg" (preconditioned conjugate gradients), or by size ("auto"). In space
             there is one way.
@@ -137,8 +137,8 @@ def solve(
         Reconstruction: image, report, basis, and whether it converged.
 
     Raises:
-        ValueError: for wrong shapes, NaN, an alpha that is not above zero, rules that only plans
-            take, or 64-bit arithmetic off.
+        ValueError: for wrong shapes, NaN, an alpha that is not above zero, rules that need a plan,
+            or if 64-bit arithmetic is off.
 
     Warns:
         AccuracyWarning: if a frequency was not solved, if the data hold finer detail than the

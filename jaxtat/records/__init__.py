@@ -1,4 +1,4 @@
-"""Between a file and circular integrals: conditioning, noise, and what a record shows."""
+"""From pressure records to circular integrals: conditioning, noise, channels, sampling."""
 
 from .channels import ChannelQuality, channel_quality, ranges
 from .impulse_response import apply_impulse_response, remove_impulse_response

@@ -27,7 +27,7 @@ SILENT = 1e-3  # of the typical signal: noise below it (-60 dB) is not worth a d
 
 
 class ChannelQuality(eqx.Module):
-    """What `channel_quality` found, for each detector.
+    """The result of `channel_quality`, for each detector.
 
     Attributes:
         noise: standard deviation of the noise, if it is white [unit of the record].

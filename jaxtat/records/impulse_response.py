@@ -28,8 +28,8 @@ def remove_impulse_response(
 ) -> Float[Array, "*batch detectors times"]:
     """p from y = p * h: the inverse filter conj H/(|H|² + eps max|H|²), with zeros beyond the ends.
 
-    H(f) = Σ_m h_m exp(-2πi f (m - m_0) dt). The record must hold all of its waves' responses, or
-    what is cut off is missing, and it must not jump at its ends: `condition_record` comes first.
+    H(f) = Σ_m h_m exp(-2πi f (m - m_0) dt). The record must contain the complete responses, and
+    must not jump at its ends: use `condition_record` first.
     Linear in the record; differentiable with respect to everything but times.
 
     Args:
@@ -79,7 +79,7 @@ def remove_impulse_response(
 def apply_impulse_response(
     pressure: Numbers, impulse_response: Numbers, *, origin: Numbers = 0.0
 ) -> Float[Array, "*batch detectors times"]:
-    """y = p * h, what a transducer with the response h makes of a pressure; zeros beyond the ends.
+    """y = p * h, the signal of a transducer with the response h; p is zero beyond its ends.
 
     Args:
         pressure: p, (..., detectors, times), any unit.

@@ -127,7 +127,7 @@ def record_noise_level(
     model: str = "2d",
     conditioning: Callable[[Array], Array] | None = None,
 ) -> NoiseLevel:
-    """The `NoiseLevel` with which `solve` meets the noise of a record.
+    """The `NoiseLevel` of `solve` for the noise of a record.
 
         sigma_g(lambda)² = mean_k(w_k sigma_k²) V(lambda) / p(lambda),
 

@@ -86,7 +86,7 @@ def condition_record(
     order: int = 3,
     baseline: bool = True,
 ) -> Float[Array, "*batch detectors times"]:
-    """Make a raw record ready: silence the start, remove the offset, limit the band.
+    """Condition a raw record: silence the start, remove offset and drift, limit the band.
 
     Samples before ``dead_time`` (the laser's electrical artefact) are faded out over as long again
     as the dead time, capped at a tenth of the record. Offset and drift of each detector, a straight

@@ -29,7 +29,7 @@ _EDGE = 0.98  # of the distance to the nearest detector: cylindrical waves need 
 
 
 class Supported(eqx.Module):
-    """What was asked and what can be had.
+    """Requested and possible region radius and highest frequency.
 
     Attributes:
         reach: radius of the region about its centre, as asked [length].

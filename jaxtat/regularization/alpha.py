@@ -59,8 +59,8 @@ class Tikhonov(TikhonovRule):
     """phi = sigma² / (sigma² + alpha).
 
     alpha is relative: in units of the strongest cylindrical wave at each frequency
-    (`harmonic.table.alpha_unit`), or of 8 / lambda² where none reach. 1e-12 suits exact data, 1e-3
-    poor ones. A plain number as a rule means this one. `filtered_solve` takes alpha as it is
+    (`harmonic.table.alpha_unit`), or of 8 / lambda² in the basis of the boundary. 1e-12 suits exact
+    data, 1e-3 noisy ones. A plain number as a rule means this rule. `filtered_solve` takes alpha in
     [length²].
 
     Source: Tikhonov; e.g. Hansen, Rank-Deficient and Discrete Ill-Posed Problems (SIAM 1998).
@@ -178,7 +178,7 @@ def tikhonov_rule(rule: Any, n_frequencies: int) -> TikhonovRule:
     if isinstance(rule, Truncation):
         raise ValueError(
             f"{type(rule).__name__} keeps or drops singular components, which only a plan forms: "
-            f"use build_plan(setup, {type(rule).__name__}(...)), or its twin {rule.twin} here."
+            f"use build_plan(setup, {type(rule).__name__}(...)), or {rule.counterpart} here."
         )
     if not isinstance(rule, TikhonovRule):
         value = real_array("alpha", rule, None)

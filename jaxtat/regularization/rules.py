@@ -76,10 +76,10 @@ class Truncation(Regularization):
     """Rules that keep or drop components: for plans, which form the components.
 
     Attributes:
-        twin: what `solve` takes instead, in words.
+        counterpart: the smooth rule that `solve` takes instead, in words.
     """
 
-    twin: ClassVar[str]
+    counterpart: ClassVar[str]
 
 
 class NormBound(Truncation):
@@ -107,7 +107,7 @@ class NormBound(Truncation):
     Source: Kunyansky 2008, section 3.2.
     """
 
-    twin = "TikhonovNormBound(K)"
+    counterpart = "TikhonovNormBound(K)"
     by_direction = True
     K: Float[Array, "*each"]
     fractional: bool = eqx.field(static=True)
@@ -169,7 +169,7 @@ class FixedRank(Truncation):
         softness: 0 for a sharp edge, or at least 0.01 terms.
     """
 
-    twin = "Tikhonov(alpha)"
+    counterpart = "Tikhonov(alpha)"
     j_max: Float[Array, "*each"]
     softness: Float[Array, "*each"] | None
 
@@ -204,7 +204,7 @@ class SingularValueCutoff(Truncation):
     is kept, which makes solutions continuous in sigma_min; ``fractional=False`` keeps none.
     """
 
-    twin = "Tikhonov(alpha)"
+    counterpart = "Tikhonov(alpha)"
     sigma_min: Float[Array, "*each"]
     fractional: bool = eqx.field(static=True)
 
@@ -241,15 +241,15 @@ def seen_once(frequency: Array) -> Array:
 class RelativeCutoff(Truncation):
     """Singular values above kappa 2 √2 / lambda: waves crossing the curve with a weight > kappa².
 
-    2 √2 / lambda is the singular value of a wave that crosses the curve once and squarely, whatever
-    the curve and the region. So kappa asks for no norm, and means the same where part of the region
+    2 √2 / lambda is the singular value of a wave that crosses the curve once and squarely, for
+    any curve and region. So kappa needs no norm, and has the same meaning where part of the region
     is not seen: what no detector records is left out, and the rest is kept. kappa = 0.1 suits noise
-    of some per cent, more noise of which nothing is known (it loses up to half of what can be won
-    at 15 %; `NoiseLevel` does not), and regions not wholly seen; 0.01 exact data and regions that
-    are. Its twin without a step is `RelativeTikhonov`.
+    of some per cent or of unknown level (with a known one `NoiseLevel` is better), and regions that
+    are not wholly seen; 0.01 suits exact data of regions that are. `RelativeTikhonov` is the same
+    without a step.
     """
 
-    twin = "RelativeTikhonov(kappa)"
+    counterpart = "RelativeTikhonov(kappa)"
     kappa: Float[Array, "*each"]
 
     def __init__(self, kappa: Numbers):
@@ -265,14 +265,18 @@ class RelativeCutoff(Truncation):
 class ResidualTarget(Truncation):
     """The fewest terms whose residual is small enough, but no norm above K N(lambda).
 
-    For each direction by itself. A residual alone, the discrepancy principle, explodes where a
-    direction is not seen, and a bound on the norm alone lets through noise that nothing asks for
-    where all is seen well. Of the last term the fraction that reaches residual or bound is kept.
+    For each direction separately. With a target for the residual alone, the discrepancy principle,
+    the norm diverges where a direction is not seen. With a bound on the norm alone, more terms than
+    necessary are kept where all is seen, and with them noise. Of the last term the fraction that
+    reaches target or bound is kept.
+
+    Tikhonov's rules have one alpha for all directions of a frequency, which cannot meet a target in
+    each of them. So this rule is for plans only; `TikhonovNormBound` has its bound on the norm.
 
     Source: the discrepancy principle, Morozov, Soviet Math. Dokl. 7 (1966) 414-417, with a bound.
     """
 
-    twin = "TikhonovNormBound(K)"
+    counterpart = "TikhonovNormBound(K)"
     by_direction = True
     residual: Float[Array, "*each"]
     K: Float[Array, "*each"]

@@ -1,4 +1,4 @@
-"""From a file to a picture: what a scan tells of itself, what is chosen by it, and the images."""
+"""From a scan file to images: facts of the scan, automatic choices, reconstruction."""
 
 from .choices import Choices
 from .choosing import choose

@@ -31,7 +31,7 @@ IN_SPACE = "in-space"  # the model of point-like detectors around a volume
 
 
 class Choices(eqx.Module):
-    """What was chosen, or given, for the reconstruction of a scan.
+    """Parameters of the reconstruction of a scan, chosen or given.
 
     Lengths are in the unit of the detectors' positions, times in that of the record; `rows` and
     `table` tell them in millimetres and microseconds where those units are known.

@@ -13,7 +13,7 @@ from .facts import in_space
 
 
 def choose(scan: Scan, **given: Any) -> Choices:
-    """All choices for a scan but an estimated speed of sound, which takes images.
+    """All choices for a scan, except the speed of sound if that has to be estimated from images.
 
     Args:
         scan: from `load_scan`.

@@ -27,7 +27,7 @@ DRAWN = 32  # records: standard deviations are good to 13 %
 def standard_deviations(
     scan: Scan, choices: Choices, *, plan: ReconstructionPlan | None = None
 ) -> Float[np.ndarray, "frames x1 x2"] | None:
-    """√Var f of every pixel in every frame's image, by the noise of the record before sound comes.
+    """√Var f of every pixel and frame, from the noise of the record before sound arrives.
 
     Noise is taken to be of one colour, and spread alike over the detectors, in all frames; its size
     is that of each frame, over the energy of its pulse if that is divided out. So few images are

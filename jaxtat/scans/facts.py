@@ -57,7 +57,7 @@ def with_facts(
     times: Any = None,
     frames: Any = None,
 ) -> Scan:
-    """The scan with what its file does not tell, or tells wrongly.
+    """The scan with facts that its file lacks, or has wrongly.
 
     Args:
         scan: from `load_scan`.

@@ -59,9 +59,9 @@ def _scaled(value: Any, factor: float) -> Any:
 
 
 def to_look_at(choices: Choices, n: int = 3) -> list[str]:
-    """Names of the choices that most deserve a person's eye: what is least sure, and decides most.
+    """Names of the choices to check first: the least certain with the largest effect.
 
-    What was given is not among them.
+    Given ones are not among them.
     """
     reasons = dict(choices.reasons)
     open_ones = [name for name in LOOKED_AT if not reasons.get(name, "given").startswith("given")]

@@ -67,7 +67,7 @@ def reconstruct_file(
     report: Callable[[str], Any] | None = None,
     **given: Any,
 ) -> ScanImages:
-    """The image or images of a scan file, everything chosen that is not given.
+    """The image or images of a scan file; parameters that are not given are chosen.
 
     Args:
         path: a file that `load_scan` reads.
@@ -117,7 +117,7 @@ def reconstruct(
     out: Any = None,
     progress: bool = False,
 ) -> ScanImages:
-    """The images of all frames; few are in memory at a time, and the geometry is found once.
+    """The images of all frames, a few in memory at a time; the geometry is computed once.
 
     Frames with NaN or infinite values in detectors that are used are left out, if there are others.
 

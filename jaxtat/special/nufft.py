@@ -1,8 +1,9 @@
-"""Non-uniform Fourier sums: from a regular grid to any frequencies, and back.
+"""Non-uniform Fourier sums: from a regular grid to any frequencies.
 
     type 2:  F_j = Σ_n f_n e^{i n·x_j},        type 1, its transpose:  f_n = Σ_j F_j e^{i n·x_j},
 
-n_a = -⌊N_a/2⌋ .. ⌈N_a/2⌉ - 1 along each of one to three axes. Both are computed by jax-finufft
+n_a = -⌊N_a/2⌋ .. ⌈N_a/2⌉ - 1 along each of one to three axes. The second is what
+derivatives of the first take. Both are computed by jax-finufft
 (Barnett, Magland, af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479-C504) with one kernel, so that
 they are transposes of each other to rounding, whatever the tolerance. Its wheels are for processors
 under Linux and macOS; elsewhere nufftax does the same in JAX itself, on processors three times
@@ -38,33 +39,11 @@ def from_grid(
     axes = points.shape[1]
     batch, grid = values.shape[: values.ndim - axes], values.shape[values.ndim - axes :]
     if not native():
-        found = _in_jax("2", values.reshape(-1, *grid), points, tolerance)
+        found = _in_jax(values.reshape(-1, *grid), points, tolerance)
         return found.reshape(*batch, points.shape[0])
     options = {"iflag": 1, "eps": tolerance, "opts": _options(axes)}
     found = _library().nufft2(values.reshape(-1, *grid), *points.T, **options)
     return found.reshape(*batch, points.shape[0])
-
-
-def to_grid(
-    values: Complex[Array, "*batch n"],
-    points: Float[Array, "n axes"],
-    shape: tuple[int, ...],
-    tolerance: float,
-) -> Complex[Array, "*batch_and_grid"]:
-    """f_n = Σ_j F_j e^{i n·x_j}, type 1, the transpose of `from_grid` (not its adjoint).
-
-    Args:
-        values: F, (..., points).
-        points, tolerance: as in `from_grid`.
-        shape: (N_1, ...) of the grid.
-    """
-    batch = values.shape[:-1]
-    flat = values.reshape(-1, values.shape[-1])
-    if not native():
-        return _in_jax("1", flat, points, tolerance, shape).reshape(*batch, *shape)
-    options = {"iflag": 1, "eps": tolerance, "opts": _options(len(shape))}
-    found = _library().nufft1(shape, flat, *points.T, **options)
-    return found.reshape(*batch, *shape)
 
 
 def native() -> bool:
@@ -72,18 +51,15 @@ def native() -> bool:
     return jax.default_backend() == "cpu" and find_spec("jax_finufft") is not None
 
 
-def _in_jax(
-    kind: str, values: Array, points: Array, tolerance: float, shape: tuple[int, ...] = ()
-) -> Array:
+def _in_jax(values: Array, points: Array, tolerance: float) -> Array:
     """By nufftax, which counts axes from the last one, one transform after the other.
 
     Stacks of its own and `jax.vmap` (0.6.1) do not go together.
     """
     axes = points.shape[1]
-    transform = getattr(optional("nufftax", "a GPU or Windows", "gpu"), f"nufft{axes}d{kind}")
-    sizes = () if not shape else (shape[0] if axes == 1 else shape[::-1],)
+    transform = getattr(optional("nufftax", "a GPU or Windows", "gpu"), f"nufft{axes}d2")
     where = points.T[::-1]
-    return jax.lax.map(lambda one: transform(*where, one, *sizes, eps=tolerance, isign=1), values)
+    return jax.lax.map(lambda one: transform(*where, one, eps=tolerance, isign=1), values)
 
 
 @cache

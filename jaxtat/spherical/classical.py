@@ -18,9 +18,9 @@ def back_projection(
 ) -> Float[Array, "..."]:
     """f(x) = -1/(8π² R_g) ∫ (1/r) d²g(z, r)/dr² at r = |x - z| dS(z), exact on a whole sphere.
 
-    On a cap the integral runs over what there is of the sphere, as is customary: what is missing
-    shows as artefacts. Second differences in r, straight lines between, on as many equispaced radii
-    as there are; data on others are read there first, see `radial_quadrature`.
+    On a cap the integral is over the cap, as is customary, and the missing part causes artefacts.
+    Second differences in r, straight lines between, on as many equispaced radii as there are; data
+    on others are read there first, see `radial_quadrature`.
 
     Args:
         cap: the detectors.

@@ -1,4 +1,4 @@
-"""From raw frames to images as fast as they come: all that does not depend on them found before."""
+"""From raw frames to images as they arrive; what does not depend on them is precomputed."""
 
 from .images import Live, live
 from .run import Streamed, stream

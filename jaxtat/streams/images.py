@@ -12,13 +12,12 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Num
 
 from ..base.checks import Numbers, dtype_of, real_array, require_positive
-from ..densities import Densities
+from ..densities import Densities, in_precision
 from ..densities.harmonic import (
     DecomposedWaves,
     HarmonicDensities,
@@ -184,12 +183,12 @@ def live(
     few_frames: bool = False,
     dtype: Any = np.float32,
 ) -> Live:
-    """A function from raw frames to images, made once and fast: for streams and for sliders.
+    """A fast function from raw frames to images: for streams and for sliders.
 
-    What `scans.reconstruct` does to frames of this scan, with ``inversion="fourier"``: the samples
+    Its images are those of `scans.reconstruct` with ``inversion="fourier"``: the samples
     of all detectors go through one matrix (conditioning, pressure to integrals, step 2), through
     the densities, and through a Fourier sum. To 1e-4 in single precision and 1e-9 in double. Only
-    the energy of a frame's pulse is not divided out: a stream does not tell it, divide the image.
+    the energy of a pulse is not divided out, since it is not in a stream: divide the image by it.
 
     Args:
         scan: in the plane, any of its frames; or a `Setup`, for frames of circular integrals.
@@ -243,7 +242,7 @@ def live(
         waves = _waves_of(setup, dtype)
         densities = _densities(setup, waves, used, dtype, few_frames)
     else:
-        densities = _in_precision(plan.densities, dtype)
+        densities = in_precision(plan.densities, dtype)
     samples = _samples(pressure, setup, speed, dtype)
     return Live(
         setup=setup,
@@ -339,19 +338,8 @@ def _densities(
     setup: Setup, waves: DecomposedWaves | None, rule: Any, dtype: np.dtype, in_factors: bool
 ) -> Densities:
     if waves is None:
-        return _in_precision(build_plan(setup, rule, method="collocation").densities, dtype)
+        return in_precision(build_plan(setup, rule, method="collocation").densities, dtype)
     return tikhonov_densities(waves, rule, in_factors=in_factors)
-
-
-def _in_precision(densities: Densities, dtype: np.dtype) -> Densities:
-    """A plan's densities; what stays double in single precision too is turned as well."""
-
-    def cast(leaf: Array) -> Array:
-        return leaf.astype(
-            jnp.result_type(dtype, jnp.complex64) if leaf.dtype.kind == "c" else dtype
-        )
-
-    return jax.tree.map(cast, densities)
 
 
 def _pressure_of(scan: Scan, choices: Choices) -> tuple[Pressure | None, bool]:

@@ -16,7 +16,7 @@ BATCH = 8  # frames of an image each: together they take half the time
 
 
 class Streamed(NamedTuple):
-    """What became of the frames.
+    """Counts of the frames read, written and left out.
 
     Attributes:
         images: written.

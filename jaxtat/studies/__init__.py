@@ -1,4 +1,4 @@
-"""Questions about a reconstruction: how good, how sure, how much noise, where things are."""
+"""Questions about a reconstruction: accuracy, uncertainty, noise, calibration."""
 
 from .autofocus import sharpness, sound_speed_by_sharpness
 from .calibration import Calibration, calibrate

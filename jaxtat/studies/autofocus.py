@@ -11,11 +11,12 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..base.checks import Numbers, data_array, real_array, require_positive
+from ..base.checks import Numbers, data_array, is_concrete, real_array, require_positive
 from ..geometry import ImageGrid, Region
 from ..reconstruction import Setup, reconstruct
 from ..reconstruction.setup import plane_of
@@ -34,7 +35,7 @@ class SharpnessScan(eqx.Module):
             the unit of g per length, and with c grow the lengths but not g.
         sound_speed: where the curve is highest: its derivative is zero there.
         image: with that speed, (x1, x2).
-        converged: whether that place was found.
+        converged: whether that place was found, and not at an end of the speeds.
     """
 
     sound_speeds: Float[Array, " speeds"]
@@ -103,27 +104,30 @@ def sound_speed_by_sharpness(
 
     Raises:
         ValueError: if the sharpest image is that of the first or last speed, for speeds that do
-            not increase, and as `reconstruct`.
+            not increase, and as `reconstruct`. Under `jax.jit` `converged` says so instead.
     """
     speeds = real_array("sound_speeds", sound_speeds, ("speeds",))
     nominal = real_array("sound_speed", sound_speed, ())
     require_positive("sound_speed", nominal)
     require_positive("sound_speeds", speeds)
-    if speeds.shape[0] < 3 or not bool((jnp.diff(speeds) > 0).all()):
+    increasing = not is_concrete(speeds) or bool((np.diff(np.asarray(speeds)) > 0).all())
+    if speeds.shape[0] < 3 or not increasing:
         raise ValueError(f"sound_speeds are {speeds}, expected at least 3 in increasing order.")
     plane_of(setup)
     values = data_array(g, *setup.data_shape)
     make = _Images(setup, values, tikhonov_rule(rule, setup.sizes.n_frequencies), low_pass)
     found = _scan(make, speeds / nominal)
-    best = int(jnp.argmax(found))
-    if best in (0, len(found) - 1):
+    best = jnp.argmax(found)
+    inside = (best > 0) & (best < len(found) - 1)
+    if is_concrete(inside) and not inside:
         raise ValueError(
             f"the image is sharpest for {float(speeds[best]):.6g}, at the end of the speeds given "
             f"({float(speeds[0]):.6g} to {float(speeds[-1]):.6g}): widen their range."
         )
+    best = jnp.clip(best, 1, len(found) - 2)
     low, high = speeds[best - 1] / nominal, speeds[best + 1] / nominal
     stretch, image, converged = _sharpest(make, low, high)
-    return SharpnessScan(speeds, found, stretch * nominal, image, converged)
+    return SharpnessScan(speeds, found, stretch * nominal, image, converged & inside)
 
 
 class _Images(eqx.Module):

@@ -82,7 +82,7 @@ class Stage(eqx.Module):
 
 
 class Calibration(eqx.Module):
-    """The parameters found, and all that a reconstruction with them needs.
+    """The estimated parameters, and the corrected geometry and data.
 
     Attributes:
         parameters: the best ones.
@@ -116,11 +116,11 @@ def calibrate(
     turns: Numbers | None = None,
     alpha: Numbers = 1e-6,
 ) -> Calibration:
-    """Sound speed, radius and centre of the arc, gains and delays for which data agree best.
+    """Sound speed, radius and centre of the arc, gains and delays of most consistent data.
 
-    Pressure records become circular integrals first, with the nominal speed of sound. The region
-    must hold all sources, and radii must reach a little past it, by as much as the parameters may
-    be wrong.
+    Pressure records are first converted to circular integrals with the nominal speed of sound. The
+    region must contain all sources, and radii must reach a little past it, by as much as the
+    parameters may be wrong.
 
     Args:
         setup: in the plane. Its curve is the array as it is believed to be, a `CircularArc` if its
@@ -386,7 +386,7 @@ def _flat(g: Numbers, views: int, turned: bool, detectors: int, radii: int) -> A
         raise ValueError(
             f"g has shape {values.shape}, expected {wanted}: one array of data for each of turns."
         )
-    if is_concrete(values) and not values.any():
+    if is_concrete(values) and not np.asarray(values).any():
         raise ValueError("g is zero everywhere: there is nothing to calibrate with.")
     return values.reshape(-1, radii)
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, real_array
+from ..base.checks import Numbers, is_concrete, real_array
 from ..geometry import DetectorCurve
 from .residual import DataResidual
 
@@ -54,6 +54,12 @@ def noise_of_residual(residual: DataResidual, curve: DetectorCurve, radii: Numbe
         residual: of `data_residual`.
         curve, radii: of the data, concrete; radii are equispaced.
 
+    Returns:
+        DataNoise.
+
+    Raises:
+        ValueError: inside of `jax.jit`, unless the residual is known there.
+
     >>> from jaxtat import ImageGrid, Setup, circular_arc, disk, phantoms
     >>> from jaxtat.studies import data_residual
     >>> setup = Setup(circular_arc(1.3, 1.3, 90), disk(1.0), ImageGrid(33))
@@ -65,6 +71,11 @@ def noise_of_residual(residual: DataResidual, curve: DetectorCurve, radii: Numbe
     >>> found.source.name, abs(float(found.sigma) - 0.1) < 0.01, bool(residual.typical > 0.12)
     ('INCOHERENT', True, True)
     """
+    if not is_concrete(residual, curve):
+        raise ValueError(
+            "noise_of_residual is for known data, not inside jax.jit: how many detectors it leaves "
+            "out depends on them."
+        )
     radii = np.asarray(real_array("radii", radii, ("radii",)))
     values = _without(np.asarray(residual.values), residual.unusual)
     n, m = values.shape

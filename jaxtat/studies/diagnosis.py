@@ -23,7 +23,7 @@ MOST_WORK = 1e11  # multiplications for standard deviations that were not asked 
 
 
 class WaveAccuracy(eqx.Module):
-    """How well plane waves are approximated by potentials of the curve, and what noise they let in.
+    """How well plane waves are approximated by potentials of the curve, and how they amplify noise.
 
     Attributes:
         frequencies: lambda, (frequencies,) [rad/length].
@@ -61,7 +61,7 @@ class Uncertainty(eqx.Module):
 
 
 class Diagnosis(eqx.Module):
-    """What `diagnose` found.
+    """The result of `diagnose`.
 
     Attributes:
         setup, g: the problem and the data.
@@ -193,10 +193,10 @@ def _affordable(n_detectors: int, n_radii: int, n: int, n_directions: int) -> in
 
 
 def plan_of(setup: Setup, found: Reconstruction, *, progress: bool = False) -> ReconstructionPlan:
-    """The plan that makes the same images as `solve` did.
+    """The plan with the same images as `solve`.
 
-    `solve` never forms densities, and so cannot tell their accuracy and norm; with its alpha at
-    every frequency a plan can. It takes as long as a plan takes.
+    `solve` never forms densities, and so cannot report their accuracy and norm. A plan with its
+    alpha at every frequency does, and takes the time of a plan.
 
     Args:
         setup: of the reconstruction.

@@ -89,7 +89,7 @@ def choose_regularization(
 
     By gradient descent (Broyden, Fletcher, Goldfarb and Shanno) on the logarithm of the expected
     error at each frequency, through filter factors and densities, from the best of some starts. Of
-    all densities Tikhonov's, with the alpha found here, have the least expected error: he is the
+    all densities Tikhonov's, with the alpha found here, have the least expected error: they are the
     Wiener filter of this problem. Differentiable with respect to sigma and power, implicitly, but
     for `NormBound`, whose error has a kink wherever a component enters: where the least error lies
     in one, K stays there or jumps to the next, and its derivative means nothing.

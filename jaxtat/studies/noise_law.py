@@ -39,10 +39,10 @@ def predict_noise(
         sigma_f²(x) = (h / 4π³) ∫_0^Λ lambda² eta² dlambda Σ_k (w_k sigma_k / |x - z_k|)² phi² / W²
 
     with W the transverse weight of the line through x and z_k, h the radial step, Λ the highest
-    frequency and phi = W / (W + kappa²) what the regularisation leaves of waves along that line.
-    It holds where the region is seen, to some per cent, a few pixels away from its boundary and
+    frequency and phi = W / (W + kappa²) what the regularisation leaves of waves along that line. It
+    holds where the region is seen, to some per cent, a few pixels away from its boundary and
     farther from the detectors than their spacing; `pixel_standard_deviation` is exact and takes a
-    plan. No region is asked for: densities are as large as lines ask, whatever lies along them.
+    plan. It does not depend on the region.
 
     Args:
         setup: in the plane; h is its mean radial step, Λ its highest frequency.

@@ -21,7 +21,7 @@ _LEAST = 0.05  # of relative norm or gain, by which it must differ besides
 
 
 class DataResidual(eqx.Module):
-    """Data minus the circular integrals of the image, and what their sizes are.
+    """Data minus the circular integrals of the image, and their norms.
 
     Attributes:
         values: g - A f, (detectors, radii) [unit of g].
@@ -65,7 +65,7 @@ class DataResidual(eqx.Module):
 def data_residual(setup: Setup, g: Numbers, image: Numbers) -> DataResidual:
     """g - A f for the image f inside the region of interest, A its circular integrals.
 
-    Outside the region the image means nothing and is taken as zero. Differentiable in image, g and
+    Outside the region the image has no meaning and is set to zero. Differentiable in image, g and
     geometry, but for the boundary of the region. A is `forward_operator`: exact for images that are
     band-limited between their pixels; at a sharp edge, also the region's, it rings.
 

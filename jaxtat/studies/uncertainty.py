@@ -44,11 +44,11 @@ def pixel_standard_deviation(
     inversion: str = "fbp",
     progress: bool = False,
 ) -> Float[Array, "x1 x2"]:
-    """√Var f_i = √(Σ_j L_ij² sigma_j²) of the images that `reconstruct` makes.
+    """√Var f_i = √(Σ_j L_ij² sigma_j²) of images of `reconstruct`.
 
-    Exact for independent noise of any distribution; nothing is drawn at random. Differentiable
-    with respect to sigma. Where the geometry is traced by `jax.jit` all pixels are worked out,
-    since nobody knows yet which are wanted.
+    Exact for independent noise of any distribution, without sampling. Differentiable with respect
+    to sigma. Where the geometry is traced by `jax.jit` all pixels are computed, since those inside
+    the region are not known yet.
 
     Args:
         problem: a plan, or a `Setup`, of which the plan is built first.

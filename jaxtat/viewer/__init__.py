@@ -1,4 +1,4 @@
-"""A scan in the browser, with knobs to turn: the page and its server are on this machine alone."""
+"""A scan in the browser, with controls; page and server are on this machine only."""
 
 from .keeping import command_line, keep
 from .serve import Viewer, view

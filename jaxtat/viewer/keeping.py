@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.choice_table import CONSTRAINTS, OPTIONS, RECORD, option_of
+from ..base.choice_table import CONSTRAINTS, OPTIONS, RECORD, words_of
 from ..base.units import ROUNDING
 from ..io.images import save_image
 from ..scans import Choices
@@ -55,9 +55,9 @@ def _free(folder: Path, name: str, suffix: str) -> Path:
 
 
 def command_line(choices: Choices, facts: Mapping[str, Any], file: str = "FILE") -> str:
-    """The command that makes an image by options alone.
+    """The command that makes an image with options alone.
 
-    The radii of the integrals are chosen by it again; with ``--repeat`` they are the same too.
+    It chooses the radii of the integrals again; with ``--repeat`` they are the same too.
 
     Args:
         choices: of the image.
@@ -66,12 +66,12 @@ def command_line(choices: Choices, facts: Mapping[str, Any], file: str = "FILE")
     """
     words = ["jaxtat", "reconstruct", file]
     for name, value in facts.items():
-        words += _option(name, value)
+        words += words_of(name, value)
     if choices.left_out and not facts.get("use"):
-        words += _option("use", _slices(choices.channels))
+        words += words_of("use", _slices(choices.channels))
     for choice in OPTIONS:
         if _is_said(choice.name, choice.group, choices):
-            words += _option(choice.name, _value(choice.name, choices))
+            words += words_of(choice.name, _value(choice.name, choices))
     return shlex.join([*words, "--out", "image.png"])
 
 
@@ -91,23 +91,6 @@ def _is_said(name: str, group: str | None, choices: Choices) -> bool:
         return choices.model_based == (group == CONSTRAINTS)
     whole = choices.region_cut >= choices.region_radius
     return not (whole and name in ("region_cut", "region_angle"))
-
-
-def _option(name: str, value: Any) -> list[str]:
-    """Words of an option; none for what is not there."""
-    if value is None or value is False:
-        return []
-    if value is True:
-        return [option_of(name)]
-    values = value if isinstance(value, tuple | list) else [value]
-    return [option_of(name), *map(_word, values)]
-
-
-def _word(value: Any) -> str:
-    """Numbers to nine digits, without exponents: a minus before one is no number's to argparse."""
-    if not isinstance(value, float):
-        return str(value)
-    return np.format_float_positional(float(f"{value:.9g}"), trim="-")
 
 
 def _slices(rows: tuple[int, ...]) -> str:

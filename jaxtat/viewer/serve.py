@@ -133,7 +133,7 @@ def view(
     folder: str | Path = ".",
     port: int = 0,
 ) -> Viewer:
-    """A page with the image of a scan and knobs to turn: in a notebook, or at `Viewer.address`.
+    """A page with the image of a scan and controls: in a notebook, or at `Viewer.address`.
 
     Its server is in this process, listens on 127.0.0.1 only, and loads nothing from elsewhere.
 

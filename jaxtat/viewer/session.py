@@ -26,7 +26,7 @@ _KEPT = (PLAIN, RECORD, METHOD)  # groups of choices that another region leaves 
 
 @dataclass(frozen=True)
 class Knobs:
-    """Where the knobs stand.
+    """Values of the controls.
 
     Attributes:
         sound_speed: c [length/time]; of no meaning for circular integrals.
@@ -48,7 +48,7 @@ class Knobs:
 
 
 class Session:
-    """Images of a scan as knobs are turned; only what a knob changes is computed anew.
+    """Images of a scan for any values of the controls; only what a control changes is recomputed.
 
     Args:
         scan: in the plane; its frames may be lazy, and only those that are shown are read.

@@ -289,7 +289,7 @@ for wrong in (
         assert "expected a Setup(curve, region, grid, radii) first." in line
     assert level.startswith("NoiseLevel looks at the data, which a plan has not seen: use solve(")
     assert rule == "rule is 4.0, expected one such as NormBound(4.0)."
-    assert bound.endswith("or its twin TikhonovNormBound(K) here.")
+    assert bound.endswith("or TikhonovNormBound(K) here.")
 
 
 def test_numbers_and_small_geometries_take_no_compiled_program():

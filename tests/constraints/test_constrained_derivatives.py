@@ -5,7 +5,8 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 
-from jaxtat import ImageGrid, Ridge, Setup, circular_arc, disk, model_based, phantoms
+from jaxtat import ImageGrid, Setup, circular_arc, disk, model_based, phantoms
+from jaxtat.constraints import Ridge
 from jaxtat.records import circular_integrals_to_pressure
 
 

@@ -11,7 +11,8 @@ from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
 import jaxtat
-from jaxtat import NoPenalty, Ridge, SecondOrderVariation, TotalVariation, Wavelets, model_based
+from jaxtat import model_based
+from jaxtat.constraints import NoPenalty, Ridge, SecondOrderVariation, TotalVariation, Wavelets
 from jaxtat.constraints.implicit import Problem, objective
 from jaxtat.records import circular_integrals_to_pressure, condition_record
 

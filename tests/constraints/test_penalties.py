@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
-from jaxtat import SecondOrderVariation, TotalVariation, Wavelets
+from jaxtat.constraints import SecondOrderVariation, TotalVariation, Wavelets
 from jaxtat.constraints.proximal import prox
 
 RNG = np.random.default_rng(0)

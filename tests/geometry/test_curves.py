@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from jaxtat import circular_arc, detector_curve, keep_detectors
-from jaxtat.geometry import SampledCurve, fit_circle, near_circle, turned_views
+from jaxtat import circular_arc, detector_curve
+from jaxtat.geometry import SampledCurve, fit_circle, keep_detectors, near_circle, turned_views
 from jaxtat.geometry.measured_curves import behind_gap
 
 unit = st.floats(-3.0, 3.0)

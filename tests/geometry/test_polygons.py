@@ -7,8 +7,8 @@ import pytest
 from jax.test_util import check_grads
 from matplotlib.path import Path
 
-from jaxtat import circular_arc, disk, polygon, rectangle, union_of_regions
-from jaxtat.geometry import require_outside, visibility
+from jaxtat import circular_arc, disk, polygon
+from jaxtat.geometry import rectangle, require_outside, union_of_regions, visibility
 
 NOTCHED = np.array([(-0.8, -0.5), (0.7, -0.6), (0.1, 0.0), (0.8, 0.6), (-0.7, 0.5)])  # not convex
 

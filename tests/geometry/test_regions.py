@@ -125,6 +125,12 @@ def test_radii_that_do_not_cover_the_region_are_refused(radii, message):
         require_cover(curve, region, jnp.asarray(radii))
 
 
+def test_visibility_of_a_traced_geometry_is_refused():
+    region = disk(1.0, n_boundary=100)
+    with pytest.raises(ValueError, match="traced, expected known ones"):
+        jax.jit(lambda r: visibility(circular_arc(r, 1.0, 50), region).angles)(1.3)
+
+
 def test_a_dead_piece_of_the_curve_is_not_visible():
     whole = circular_arc(1.3, 0.0, 300)
     alive = np.r_[0:130, 170:300]

@@ -8,18 +8,8 @@ import pytest
 from jax.test_util import check_grads
 from scipy.special import ellipe, ellipeinc
 
-from jaxtat import (
-    circular_arc,
-    detector_curve,
-    disk,
-    elliptic_arc,
-    join_curves,
-    parametric_curve,
-    polygon,
-    polyline,
-    union_of_regions,
-)
-from jaxtat.geometry import visibility
+from jaxtat import circular_arc, detector_curve, disk, elliptic_arc, polygon, polyline
+from jaxtat.geometry import join_curves, parametric_curve, union_of_regions, visibility
 from jaxtat.geometry.seen_lines import connected_pieces
 
 N = 60

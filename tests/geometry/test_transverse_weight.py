@@ -10,8 +10,8 @@ from jax.test_util import check_grads
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from jaxtat import circular_arc, detector_curve, join_curves
-from jaxtat.geometry import SampledCurve, transverse_weight
+from jaxtat import circular_arc, detector_curve
+from jaxtat.geometry import SampledCurve, join_curves, transverse_weight
 
 N, ANGLES = 800, np.arange(24) * np.pi / 24  # one size of curve, and of lines: (24, 15)
 

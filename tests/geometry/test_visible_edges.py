@@ -6,8 +6,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from jaxtat import ImageGrid, circular_arc, detector_curve, join_curves, polyline
-from jaxtat.geometry import VISIBLE, SampledCurve, edge_weight, visible_disk
+from jaxtat import ImageGrid, circular_arc, detector_curve, polyline
+from jaxtat.geometry import VISIBLE, SampledCurve, edge_weight, join_curves, visible_disk
 from jaxtat.geometry.seen_lines import connected_pieces
 from jaxtat.geometry.visible_edges import seen_share
 

@@ -12,8 +12,7 @@ import numpy as np
 import pooch
 import pytest
 
-from jaxtat import datasets
-from jaxtat.io import load_scan
+from jaxtat.io import datasets, load_scan
 from jaxtat.io.datasets import DATA_SETS, DataFile, DataSet, checksum, fetch
 
 CONTENT = {"scan/a.msot": b"geometry", "scan/a.bin": b"samples"}

@@ -113,6 +113,11 @@ def test_a_whole_turn_of_half_the_projections_is_enough(edge):
     assert np.abs(found - BELLS.volume(ImageGrid(33), grid.x2)).max() < 1e-4
 
 
+def test_it_can_be_traced_with_the_plan_closed_over(shown):
+    traced = jax.eval_shape(lambda g: reconstruct(shown.plan, g, shown.scan), shown.g)
+    assert traced.shape == shown.volume.shape
+
+
 def test_a_region_beside_the_axis_asks_for_a_whole_turn():
     grid, scan = ImageGrid((33, 5), (1.0, 0.4)), scan_of(96)
     with pytest.raises(VisibilityWarning, match="lie on one side of the axis u = 0 only"):

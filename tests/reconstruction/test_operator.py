@@ -26,8 +26,8 @@ from jaxtat import (
     forward_operator,
     phantoms,
     polyline,
-    rectangle,
 )
+from jaxtat.geometry import rectangle
 from jaxtat.geometry.curves import SampledCurve
 from jaxtat.records import pressure_to_circular_integrals
 
@@ -94,6 +94,11 @@ def dot_test(operator, seed):
     ahead, back = operator.mv(image), operator.T.mv(data)
     gap = jnp.abs(jnp.vdot(ahead, data) - jnp.vdot(image, back))
     return float(gap / (jnp.linalg.norm(ahead) * jnp.linalg.norm(data)))
+
+
+def test_a_known_setup_may_be_closed_over_in_every_geometry(setup):
+    traced = jax.eval_shape(lambda image: circular_integrals(setup, image), BELL.image(GRID))
+    assert traced.shape == setup.data_shape
 
 
 def test_the_transpose_is_exact_in_every_geometry(setup):

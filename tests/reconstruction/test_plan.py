@@ -371,6 +371,13 @@ def test_new_numbers_do_not_retrace(arc_plan, data, monkeypatch, forget_programs
     assert len(traced) == 1
 
 
+def test_plans_for_other_numbers_of_a_rule_have_the_same_sizes(arc):
+    """And so share the program of `reconstruct`: sizes are rounded up."""
+    plans = [build_plan(arc, NormBound(K)) for K in (3.0, 3.5, 4.0)]
+    sizes = [[leaf.shape for leaf in jax.tree.leaves(plan.densities)] for plan in plans]
+    assert sizes[0] == sizes[1] == sizes[2]
+
+
 @pytest.mark.parametrize("method", SOLVED)
 def test_the_bar_shows_progress_if_it_is_asked_for(arc, capsys, method):
     setup = Setup(arc.curve, arc.region, arc.grid, arc.radii, max_frequency=4.0, n_directions=8)

@@ -348,7 +348,7 @@ def test_a_number_is_tikhonovs(small):
 
 
 @pytest.mark.parametrize(
-    ("rule", "twin"),
+    ("rule", "smooth"),
     [
         (NormBound(2.0), r"TikhonovNormBound\(K\)"),
         (FixedRank(8.0), r"Tikhonov\(alpha\)"),
@@ -358,10 +358,10 @@ def test_a_number_is_tikhonovs(small):
     ],
 )
 @pytest.mark.parametrize("where", ["small", "small_cap"])
-def test_truncations_are_for_plans(request, where, rule, twin):
+def test_truncations_are_for_plans(request, where, rule, smooth):
     setup = request.getfixturevalue(where)
     for verb in (solve, reconstruct):
-        with pytest.raises(ValueError, match=rf"{type(rule).__name__} keeps or drops.*{twin}"):
+        with pytest.raises(ValueError, match=rf"{type(rule).__name__} keeps or drops.*{smooth}"):
             verb(setup, data_like(setup), rule)
 
 

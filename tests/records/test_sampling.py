@@ -13,11 +13,11 @@ from jaxtat import (
     circular_arc,
     detector_curve,
     disk,
-    keep_detectors,
     phantoms,
     polyline,
     reconstruct,
 )
+from jaxtat.geometry import keep_detectors
 from jaxtat.records import first_arrival, supported
 
 TIMES = np.linspace(0.0, 2.4, 481)

@@ -98,11 +98,11 @@ def test_the_default_is_the_papers_where_its_assumptions_hold(half_arc):
     assert isinstance(build_plan(partly).regularization, RelativeCutoff)
 
 
-def test_truncations_are_for_plans_and_tell_their_twin(half_arc):
+def test_truncations_are_for_plans_and_name_their_counterpart(half_arc):
     rules = (ResidualTarget(), "TikhonovNormBound(K)"), (RelativeCutoff(0.1), "RelativeTikhonov(k")
-    for rule, twin in rules:
+    for rule, smooth in rules:
         name = re.escape(type(rule).__name__)
-        with pytest.raises(ValueError, match=f"build_plan.setup, {name}.* {re.escape(twin)}"):
+        with pytest.raises(ValueError, match=f"build_plan.setup, {name}.* {re.escape(smooth)}"):
             solve(half_arc, np.ones(half_arc.data_shape), rule)
 
 

@@ -5,15 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.test_util import check_grads
 
-from jaxtat import (
-    circular_arc,
-    detector_curve,
-    disk,
-    join_curves,
-    polyline,
-    rectangle,
-    union_of_regions,
-)
+from jaxtat import circular_arc, detector_curve, disk, polyline
+from jaxtat.geometry import join_curves, rectangle, union_of_regions
 from jaxtat.regularization import microlocal_norm, unit_norms
 from jaxtat.special import full_circle_norm
 

@@ -76,6 +76,18 @@ def test_curve_and_image_are_those_of_reconstructions(scan):
     assert abs(high - low) < 0.01 * (2 * top - low - high)  # the slope there is zero
 
 
+def test_a_compiled_search_says_that_the_range_was_too_narrow(scan):
+    g, found = scan
+
+    @jax.jit
+    def search(speeds):
+        return sound_speed_by_sharpness(SETUP, g, speeds, sound_speed=1470.0)
+
+    again = search(found.sound_speeds)
+    assert again.converged and np.isclose(again.sound_speed, found.sound_speed, rtol=1e-9)
+    assert not search(found.sound_speeds + 70).converged  # the first is the sharpest
+
+
 @pytest.mark.parametrize(
     ("speeds", "message"),
     [

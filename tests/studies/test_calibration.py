@@ -138,6 +138,11 @@ def test_derivatives_of_the_sound_speed_with_respect_to_data(exact, caplog, forg
     check_grads(speed, (0.0,), 1, ["fwd", "rev"], atol=1e-5, rtol=1e-3, eps=0.1)
 
 
+def test_it_can_be_traced_with_the_setup_closed_over(exact):
+    found = jax.eval_shape(lambda g: calibrate(COARSE, g).parameters.sound_speed, exact)
+    assert found.shape == ()
+
+
 def test_new_numbers_need_no_new_program(exact):
     programs = set()
     for i, speed in enumerate((1.0, 1480.0)):

@@ -22,7 +22,7 @@ from jaxtyping import Array, Complex, Float
 from ...base.checks import is_concrete
 from ...regularization import SINGULAR, Regularization, per_frequency, singular_components
 from ...regularization.filtered import filtered_solve
-from ..stored import Densities, DensityReport, mean_norm
+from ..stored import Densities, DensityReport, in_precision, mean_norm
 from .polar import PolarGeometry, half_weights
 from .table import (
     RegionFactor,
@@ -38,6 +38,7 @@ from .table import (
 from .waves import angular, circular_harmonics_at, minus_i_powers
 
 ROUNDING = 1e-11  # relative size of rows and components that are left out
+_SIZES = 16  # orders and components are kept in multiples of this, as far as there are any
 
 
 class Factors(eqx.Module):
@@ -149,10 +150,7 @@ class HarmonicDensities(Densities):
         return found * self.phases[number][:, None, None] / weights
 
     def in_single_precision(self) -> "HarmonicDensities":
-        def single(leaf: Array) -> Array:
-            return leaf.astype(jnp.complex64 if jnp.iscomplexobj(leaf) else jnp.float32)
-
-        groups = jax.tree.map(single, self.groups)
+        groups = in_precision(self.groups, jnp.float32)
         return HarmonicDensities(groups, self.angles, self.phases, self.mirror)
 
 
@@ -258,15 +256,20 @@ def group_of(steps: Sequence[Step]) -> DensityGroup:
     largest = np.linalg.norm(rows, axis=-1).max()
     each = rows.reshape(rows.shape[0], 2, -1, rows.shape[-1])  # cosines and sines, orders
     matters = (np.linalg.norm(each, axis=-1) > ROUNDING * largest).any(axis=(0, 1))
-    each = each[:, :, : np.flatnonzero(matters).max() + 1]
+    each = each[:, :, : _rounded(int(np.flatnonzero(matters).max()) + 1)]
     weight = np.abs(extra).max(axis=-1)
-    n_extra = (weight > ROUNDING * largest).sum(axis=-1).max()
+    n_extra = _rounded(int((weight > ROUNDING * largest).sum(axis=-1).max()))
     first = np.argsort(-weight, axis=-1)[..., :n_extra, None]
     return DensityGroup(
         rows=jax.device_put(each.reshape(*rows.shape[:2], -1, rows.shape[-1])),
         extra_rows=jax.device_put(np.take_along_axis(right, first, axis=-2)),
         extra=jax.device_put(np.take_along_axis(extra, first, axis=-2)),
     )
+
+
+def _rounded(size: int) -> int:
+    """Up to the next of few sizes, so that plans for other numbers of a rule share programs."""
+    return -(-size // _SIZES) * _SIZES
 
 
 @eqx.filter_jit

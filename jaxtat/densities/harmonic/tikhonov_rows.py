@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ...regularization import RelativeTikhonov, Tikhonov, per_frequency
+from ..single_layer import phases_from
 from .densities import DensityGroup, Factors, HarmonicDensities, detector_columns, plane_scales
 from .polar import PolarGeometry
 from .table import WaveTable, alpha_unit, region_factor, wave_table
@@ -75,8 +76,7 @@ def decomposed_waves(
     """
     table = wave_table(geometry, frequencies, max(orders for *_, orders in groups))
     offset = geometry.region.center - geometry.center
-    along = jnp.cos(angles) * offset[0] + jnp.sin(angles) * offset[1]
-    phases = jnp.exp(1j * frequencies[:, None] * along)
+    phases = phases_from(frequencies, angles, offset)
     found = tuple(_decomposed(geometry, table, *group, dtype) for group in groups)
     phases = phases.astype(jnp.result_type(dtype, jnp.complex64))
     return DecomposedWaves(found, angles - geometry.axis, phases, geometry.mirror)
