@@ -36,7 +36,8 @@ def full_circle(setup: jaxtat.Setup, g: np.ndarray) -> np.ndarray:
     center, radius = np.asarray(circle.center), float(circle.radius)
     x, y = (np.asarray(setup.curve.points) - center).T
     weights = np.asarray(setup.curve.weights) / (2 * np.pi * radius)
-    frequencies, angles = np.asarray(setup.sizes.frequencies), np.asarray(setup.sizes.angles)
+    frequencies = np.asarray(setup.sizes.frequencies)
+    angles = np.arange(setup.sizes.n_directions) * np.pi / setup.sizes.n_directions
     radii = np.asarray(setup.radii)
     orders = np.arange(-(len(x) // 2), len(x) // 2 + 1)
     turned = np.exp(-1j * orders[:, None] * np.arctan2(y, x)) * weights
