@@ -26,6 +26,7 @@ from ..geometry import (
 )
 from ..io import Scan
 from ..records import MODELS, channel_quality, ranges, supported
+from ..records.extent import Heard, heard, sounding_disk
 from ..records.power import (
     RecordPower,
     artefact_end,
@@ -33,9 +34,7 @@ from ..records.power import (
     highest_frequency,
     muted_until,
     noise_before,
-    onsets,
     record_power,
-    sounding_disk,
     tail_share,
     totals,
 )
@@ -53,8 +52,10 @@ from .facts import (
 from .found import (
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
+    MARGIN,
     RIM,
     SHARES,
+    TO_BE_ESTIMATED,
     Found,
     covered,
     radii_of,
@@ -63,7 +64,6 @@ from .found import (
     require_scale,
 )
 
-MARGIN = 1.25  # of the region beyond where sound comes from
 PIXELS = (65, 1025)
 SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
 PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
@@ -134,7 +134,9 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
     begin = max(2 * dead_time, muted)  # what is silenced is faded in over as long again
     power = power.after(begin)
-    sound = _Sound(RecordPower(power.times, power.power[good]), speed)
+    clear = begin + 0.6 * (power.times[1] - power.times[0])  # pieces that begin later
+    finely = record_power(whole[good], times, detrend=True, overlap=4).after(clear)
+    sound = _Sound(RecordPower(power.times, power.power[good]), speed, heard(finely))
     _region(scan, facts, found, sound, good)
     start = int(np.searchsorted(times, begin))
     arrival = _first_arrival(facts, found, speed)
@@ -166,6 +168,7 @@ def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[s
 class _Sound(NamedTuple):
     power: RecordPower
     speed: float
+    when: Heard
 
 
 def _nominal_speed(scan: Scan, facts: Facts, found: Found) -> float:
@@ -177,9 +180,6 @@ def _nominal_speed(scan: Scan, facts: Facts, found: Found) -> float:
         return float(found.take("sound_speed", water, TO_BE_ESTIMATED, GUESSED))
     why = "none in the file, and sizes are not a scanner's: taken to be 1"
     return float(found.take("sound_speed", 1.0, why, GUESSED))
-
-
-TO_BE_ESTIMATED = "none in the file: about that of water, to be estimated"
 
 
 def _slowest(found: Found) -> float:
@@ -253,10 +253,10 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
         return
     assert facts.times is not None
     center = found.take("region_center", arc.center, "the middle of the detectors' circle")
-    reach = arc.radius - sound.speed * onsets(sound.power)
-    offset = facts.points[facts.order][good] - np.array(arc.center)
-    middle, size = sounding_disk(offset / np.linalg.norm(offset, axis=1, keepdims=True), reach)
-    wanted = MARGIN * (size + float(np.linalg.norm(middle)))
+    points = facts.points[facts.order][good] - np.array(arc.center)
+    known = found.reasons["sound_speed"] != TO_BE_ESTIMATED
+    body = sounding_disk(points, sound.when, sound.speed, known)
+    wanted = MARGIN * (body.radius + float(np.linalg.norm(body.middle)))
     length, grade = facts.units.of_length, LIKELY
     why = f"sound comes from within {length(wanted / MARGIN)}, and {MARGIN - 1:.0%} to spare"
     view = _field_of_view(scan, center)
@@ -268,16 +268,23 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
     path *= _slowest(found)
     least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
     sounding = wanted / MARGIN
-    if path - arc.radius < sounding < SHARES[1] * arc.radius:  # fitted to what was recorded of it
+    late = path - arc.radius < sounding < SHARES[1] * arc.radius
+    if late and sound.when.tells:  # fitted to what was recorded of it
         wanted, most, why = sounding, sounding, f"sound comes from within {length(sounding)}"
     if wanted < least:
         why = "a tenth of the arc: where sound comes from cannot be told"
         wanted, grade = least, GUESSED
-    if wanted > most:
+    if not sound.when.tells and grade != SURE:
+        much = f"as much as detectors and record (path {length(path)}) cover"
+        why = f"where sound comes from cannot be told: {much}"
+        wanted, grade = max(least, most), GUESSED
+    elif wanted > most:
         why = f"of {length(wanted)}, as much as detectors and record (path {length(path)}) cover"
         wanted, grade = max(least, most), GUESSED
     radius = float(found.take("region_radius", wanted, why, grade))
-    _cut(arc, found, radius, middle)
+    toward = np.array([np.cos(arc.opening), np.sin(arc.opening)])
+    told = grade != GUESSED  # the region is not the most that the detectors cover
+    _cut(arc, found, radius, float(body.middle @ toward) + body.radius if told else -np.inf)
     found.take("half_width", radius, "the region", grade)
 
 
@@ -299,17 +306,24 @@ def _seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) ->
     center = found.take("region_center", center, "the middle of the largest disk that is seen")
     radius, why = covered(found, radius, "that disk", radii, _distances(facts, found))
     radius = float(found.take("region_radius", radius, why, LIKELY))
-    _cut(_around(facts, center), found, radius, np.zeros(2))
+    _cut(_around(facts, center), found, radius)
     found.take("half_width", radius, "the region", LIKELY)
 
 
-def _cut(arc: ArcFit, found: Found, radius: float, middle: np.ndarray) -> None:
-    """The region ends at the chord of the opening, unless what sounds lies beyond it."""
-    toward = np.array([np.cos(arc.opening), np.sin(arc.opening)])
-    whole = found.given.get("region_radius") is not None or middle @ toward > arc.chord
-    beyond = arc.chord < radius and not whole
-    cut = arc.chord if beyond else radius
-    why = "what lies beyond the arc's ends is not seen" if beyond else "all of the disk"
+def _cut(arc: ArcFit, found: Found, radius: float, beyond: float = -np.inf) -> None:
+    """The region ends at the chord of the opening, unless what sounds reaches beyond it.
+
+    Of that the detectors see some edges, and the disk's image is better with than without them.
+
+    Args:
+        beyond: how far from the middle it sounds, towards the opening, if that is known [length].
+    """
+    whole = found.given.get("region_radius") is not None or beyond > arc.chord
+    ends = arc.chord < radius and not whole
+    cut = arc.chord if ends else radius
+    why = "what lies beyond the arc's ends is not seen" if ends else "all of the disk"
+    if arc.chord < radius and beyond > arc.chord:
+        why = "all of the disk: what sounds reaches beyond the arc's ends"
     found.take("region_cut", float(cut), why)
     angle = float(np.degrees(arc.opening))
     found.take("region_angle", angle, "closed ring" if arc.closed else "the arc opens there")
@@ -460,7 +474,7 @@ def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
         share, why = DEFAULT_SHARE * arc.radius, "three quarters of the detectors' circle"
         share, why = covered(found, share, why, radii_of(scan, found), _distances(facts, found))
         radius = float(found.take("region_radius", share, why, GUESSED))
-        _cut(arc, found, radius, np.zeros(2))
+        _cut(arc, found, radius)
         found.take("half_width", radius, "the region", GUESSED)
     _own_radii(scan, facts, found)
     found.take("alpha", INTEGRALS_ALPHA, "circular integrals are taken to be exact", GUESSED)

@@ -26,8 +26,8 @@ from ..special import both_kinds
 from ..steps.quadrature import radial_quadrature
 from ..steps.radon import low_pass_values
 from .choices import Choices
-from .choose_in_plane import TO_BE_ESTIMATED
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
+from .found import TO_BE_ESTIMATED
 from .frames import integrals, setup_of
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 21)
