@@ -41,7 +41,6 @@ from ..records.power import (
 from ..steps import AccuracyWarning
 from .choices import IN_SPACE, Choices
 from .facts import (
-    SLOWEST,
     Facts,
     arc_through,
     begin_behind_gap,
@@ -62,6 +61,7 @@ from .found import (
     require_detail,
     require_middle,
     require_scale,
+    slowest,
 )
 
 PIXELS = (65, 1025)
@@ -182,11 +182,6 @@ def _nominal_speed(scan: Scan, facts: Facts, found: Found) -> float:
     return float(found.take("sound_speed", 1.0, why, GUESSED))
 
 
-def _slowest(found: Found) -> float:
-    """The least speed that may be looked for, over the nominal one: the record has to do for it."""
-    return SLOWEST if found.reasons["sound_speed"] == TO_BE_ESTIMATED else 1.0
-
-
 def _channels(
     frame: Float[np.ndarray, "detectors times"],
     times: Float[np.ndarray, " times"],
@@ -220,7 +215,7 @@ def _without_faded(
     assert facts.times is not None
     if facts.arc is None or found.given.get("use") is not None:
         return good
-    slowest = found.values["sound_speed"] * _slowest(found)
+    slowest = found.values["sound_speed"] * slowest(found)
     times = facts.times[facts.times <= 2 * facts.arc.radius / slowest]
     if slowest * facts.times[-1] < (1 + RIM) * facts.arc.radius or len(times) < FEWEST_SAMPLES:
         return good  # not all that sounds within the circle has passed, or hardly sampled
@@ -265,7 +260,7 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
     path = float(facts.times[-1]) * sound.speed
     if found.given.get("region_radius") is None:
         require_scale(path, arc.radius, sound.speed)
-    path *= _slowest(found)
+    path *= slowest(found)
     least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
     sounding = wanted / MARGIN
     late = path - arc.radius < sounding < SHARES[1] * arc.radius
@@ -378,7 +373,7 @@ def _resolution(
     where: _Where, times: np.ndarray, found: Found, speed: float, highest: float
 ) -> None:
     """lambda_max by detectors, band and pixels, whichever is least, and the pixels by it."""
-    speed_at_least = speed * _slowest(found)
+    speed_at_least = speed * slowest(found)
     support = supported(*where, times, sound_speed=speed_at_least)
     require_middle(support, speed_at_least)
     if support.ends_early:

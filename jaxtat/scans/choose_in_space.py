@@ -33,6 +33,7 @@ from .found import (
     require_detail,
     require_end,
     require_scale,
+    slowest,
 )
 from .space import MOST_POINTS, FactsInSpace, facts_in_space
 
@@ -120,6 +121,7 @@ def _region(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) ->
             share, grade = max(MARGIN * reach, SHARES[0] * facts.radius), LIKELY
             length = facts.units.of_length
             why = f"sound comes from within {length(reach)}, and {MARGIN - 1:.0%} to spare"
+        path *= slowest(found)
         if path - facts.radius < share:
             share, why, grade = path - facts.radius, "as much as the record covers", GUESSED
     share, why = covered(found, share, why, radii_of(scan, found), np.array([facts.radius]))

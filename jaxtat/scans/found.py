@@ -10,6 +10,7 @@ from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
 from ..io import Scan
 from ..records import Supported
 from .choices import Choices
+from .facts import SLOWEST
 
 TO_BE_ESTIMATED = "none in the file: about that of water, to be estimated"
 MARGIN = 1.3  # of the region beyond where sound comes from
@@ -110,6 +111,11 @@ def radii_of(scan: Scan, found: Found) -> np.ndarray | None:
     if own is None and scan.kind == "circular_integrals":
         own = scan.known.get("radii")
     return None if own is None else np.asarray(own, float)
+
+
+def slowest(found: Found) -> float:
+    """The least speed that may be looked for, over the nominal one: the record has to do for it."""
+    return SLOWEST if found.reasons["sound_speed"] == TO_BE_ESTIMATED else 1.0
 
 
 def covered(
