@@ -14,7 +14,10 @@ from arrays import ARRAYS, Array
 from bodies import BODIES, Body, balls
 
 N = 48
-SEEDS = {"rules": 18, "held-out": 2026}  # rules are made on one half, the other tells how good they are
+SEEDS = {
+    "rules": 18,
+    "held-out": 2026,
+}  # rules are made on one half, the other tells how good they are
 HALVES = tuple(SEEDS)
 HELD_OUT = 100  # number of the first
 RATE, SAMPLES = 40e6, 2030  # of a scanner
@@ -167,9 +170,7 @@ def _colour(case: Case) -> str:
     return "coloured" if "coloured" in case.dirt else "white"
 
 
-def _as_written(
-    case: Case, frame: np.ndarray, rate: float, rng: np.random.Generator
-) -> np.ndarray:
+def _as_written(case: Case, frame: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
     if "artefact" in case.dirt:
         frame = dirt.artefact(frame, rate, 20.0)
     if "bad" in case.dirt:

@@ -26,13 +26,12 @@ from ..geometry import (
 )
 from ..io import Scan
 from ..records import MODELS, channel_quality, ranges, supported
-from ..records.extent import Heard, heard, sounding_disk
+from ..records.extent import Heard, sounding_disk
 from ..records.power import (
     RecordPower,
     artefact_end,
     faded,
     highest_frequency,
-    muted_until,
     noise_before,
     record_power,
     tail_share,
@@ -63,6 +62,7 @@ from .found import (
     require_scale,
     slowest,
 )
+from .hearing import EXACT, heard_in_plane, muted_start, noise_floor
 
 PIXELS = (65, 1025)
 SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
@@ -70,8 +70,6 @@ PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
 DRIFT = 5.0  # periods within the record; what is slower is drift
 FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
 OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
-LEFT_TO_JUDGE = 128  # samples after a muted start, by which channels and noise are told
-EXACT = 1e-8  # noise over signal power, below which a record is simulated, not muted
 TAIL = 0.1  # of `tail_share`: less is no tail of two-dimensional waves
 WAVES = "a scanner's size and rate, but neither counts nor an offset, and a slow tail"
 SPACING = "the detectors' spacing in the inner half of the region"
@@ -118,9 +116,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         "impulse_response" in scan.known,
         "in the file" if "impulse_response" in scan.known else "none in the file",
     )
-    muted = muted_until(power)
-    if np.count_nonzero(times >= muted) < LEFT_TO_JUDGE:
-        muted = 0.0
+    muted = muted_start(power, times)
     good, floor = _channels(frame, times, max(dead_time, muted), found)
     muted = muted if floor > EXACT else 0.0  # what is silent without noise is no less exact
     good = _without_faded(whole, facts, dead_time, found, good)
@@ -134,9 +130,8 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
     begin = max(2 * dead_time, muted)  # what is silenced is faded in over as long again
     power = power.after(begin)
-    clear = begin + 0.6 * (power.times[1] - power.times[0])  # pieces that begin later
-    finely = record_power(whole[good], times, detrend=True, overlap=4).after(clear)
-    sound = _Sound(RecordPower(power.times, power.power[good]), speed, heard(finely))
+    when = heard_in_plane(whole[good], times, begin)
+    sound = _Sound(RecordPower(power.times, power.power[good]), speed, when)
     _region(scan, facts, found, sound, good)
     start = int(np.searchsorted(times, begin))
     arrival = _first_arrival(facts, found, speed)
@@ -200,8 +195,7 @@ def _channels(
         raise ValueError(f"{good.sum()} of {len(good)} detectors are good, expected 4: {why}.")
     found.values["left_out"] = tuple(sorted(int(k) for k in np.compress(~good, order)))
     found.explain("channels", why, grade)
-    noise, signal = np.asarray(quality.noise)[good], np.asarray(quality.signal)[good]
-    return good, float(np.median((noise / np.maximum(signal, 1e-300)) ** 2))
+    return good, noise_floor(quality, good)
 
 
 def _without_faded(
@@ -215,9 +209,9 @@ def _without_faded(
     assert facts.times is not None
     if facts.arc is None or found.given.get("use") is not None:
         return good
-    slowest = found.values["sound_speed"] * slowest(found)
-    times = facts.times[facts.times <= 2 * facts.arc.radius / slowest]
-    if slowest * facts.times[-1] < (1 + RIM) * facts.arc.radius or len(times) < FEWEST_SAMPLES:
+    least = found.values["sound_speed"] * slowest(found)
+    times = facts.times[facts.times <= 2 * facts.arc.radius / least]
+    if least * facts.times[-1] < (1 + RIM) * facts.arc.radius or len(times) < FEWEST_SAMPLES:
         return good  # not all that sounds within the circle has passed, or hardly sampled
     if found.values["model"] == "in-plane":  # counts have an offset, waves in the plane a slow tail
         record = record - np.median(record, axis=1, keepdims=True)

@@ -111,7 +111,11 @@ def _sound(scan: Scan, facts: FactsInSpace, found: Found) -> None:
 
 
 def _region(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) -> None:
-    share, why, grade = DEFAULT_SHARE * facts.radius, "three quarters of the detectors' sphere", GUESSED
+    share, why, grade = (
+        DEFAULT_SHARE * facts.radius,
+        "three quarters of the detectors' sphere",
+        GUESSED,
+    )
     if facts.times is not None:
         path = float(facts.times[-1]) * found.values["sound_speed"]
         if found.given.get("region_radius") is None:
@@ -135,9 +139,7 @@ def _region(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) ->
     found.take("half_width", radius, "the region", grade)
 
 
-def _sounding(
-    scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray
-) -> float | None:
+def _sounding(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) -> float | None:
     """How far from the middle it sounds, by when detectors hear it; None if they do not tell."""
     assert facts.times is not None
     quieted = frame - np.median(frame, axis=1, keepdims=True)

@@ -28,6 +28,7 @@ from .choices import Choices
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .found import TO_BE_ESTIMATED
 from .frames import integrals, setup_of
+from .hearing import speed_heard
 from .speed_found import UNSURE, SpeedFound, jackknife, summit
 from .speed_in_space import speed_in_space
 
@@ -63,17 +64,24 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
 
 
 def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
-    """By the sharpness of the image, where edges are seen twice."""
+    """By the sharpness of the image, where edges are seen twice, or else by hearing."""
     points = facts_of(scan).points[list(choices.channels)]
     span = _span(points, np.asarray(choices.region_center))
     if span < SEEN_TWICE:
-        why = f"water's: from {span:.0f} degrees edges are seen once, and are as sharp at others"
-        return SpeedFound(1.0, why, GUESSED, None)
+        return _heard(scan, choices, f"from {span:.0f} degrees edges are seen once")
     sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
     if sharpness_at is None:
-        why = "water's: the record ends too early to tell another"
-        return SpeedFound(1.0, why, GUESSED, None)
-    return sharpest(sharpness_at)
+        return _heard(scan, choices, "the record ends too early for sharp images")
+    found = sharpest(sharpness_at)
+    return _heard(scan, choices, found.why) if found.standard_error is None else found
+
+
+def _heard(scan: Scan, choices: Choices, why: str) -> SpeedFound:
+    """A guess where no image shows the speed."""
+    speed = speed_heard(scan, choices)
+    if speed is None:
+        return SpeedFound(1.0, f"water's: {why}", GUESSED, None)
+    return SpeedFound(speed, f"by when detectors begin and cease to hear: {why}", GUESSED, None)
 
 
 def _span(points: Float[np.ndarray, "detectors 2"], center: np.ndarray) -> float:
@@ -117,7 +125,9 @@ def sharpness_by_speed(
     return sharpness_at
 
 
-def sharpest(sharpness_at: Callable[[np.ndarray], Float[np.ndarray, "speeds sectors"]]) -> SpeedFound:
+def sharpest(
+    sharpness_at: Callable[[np.ndarray], Float[np.ndarray, "speeds sectors"]],
+) -> SpeedFound:
     """The speed at which sharpness has the highest peak over its surroundings.
 
     As many speeds again between the neighbours of that peak, without the slope of the straight line
@@ -137,7 +147,7 @@ def sharpest(sharpness_at: Callable[[np.ndarray], Float[np.ndarray, "speeds sect
     best, height = _peak(coarse.sum(axis=1))
     slope = np.polyfit(SPEEDS[beside := _beside(best)], coarse[beside], 1)[0]
     if height < STANDS_OUT:
-        why = "water's: no other within 10 % gives an image much sharper than those beside it"
+        why = "none within 10 % gives an image much sharper than those beside it"
         return SpeedFound(1.0, why, GUESSED, None)
     near = np.linspace(SPEEDS[best - 1], SPEEDS[best + 1], len(SPEEDS))
     fine = sharpness_at(near) - (near[:, None] - near[0]) * slope
@@ -145,7 +155,7 @@ def sharpest(sharpness_at: Callable[[np.ndarray], Float[np.ndarray, "speeds sect
     speed = summit(near, total)
     error = jackknife([summit(near, total - part) for part in fine.T])
     if error > UNSURE * speed:
-        why = f"water's: edges of different directions do not agree, to {error / speed:.1%}"
+        why = f"edges of different directions do not agree, to {error / speed:.1%}"
         return SpeedFound(1.0, why, GUESSED, None)
     return SpeedFound(
         speed, f"the image is sharpest, by {height - 1:.0%}; none in the file", LIKELY, error

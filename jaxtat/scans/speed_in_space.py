@@ -71,7 +71,9 @@ def agreement_by_speed(
     some = slice(None, None, -(-len(facts.order) // LISTENED))
     rows, center = facts.order[some], np.array(choices.region_center)
     points = np.asarray(scan.known["detectors"], float)[rows]
-    record = conditioned(scan, choices, jnp.asarray(typical_frame(scan)[rows]), times, baseline=False)
+    record = conditioned(
+        scan, choices, jnp.asarray(typical_frame(scan)[rows]), times, baseline=False
+    )
     highest = SHARPER * choices.max_frequency * choices.sound_speed / (2 * np.pi)
     filtered = _filtered(np.asarray(record), times, highest) * _weights(facts.detectors)[some, None]
     line = np.linspace(-choices.region_radius, choices.region_radius, ACROSS)
