@@ -44,18 +44,20 @@ class Heard(NamedTuple):
         return bool(max(self.begins.mean(), self.ceases.mean()) > 0.5)
 
 
-def heard(power: RecordPower) -> Heard:
+def heard(power: RecordPower, pause: float) -> Heard:
     """First and last time of a share of each detector's highest power, above its noise.
 
     Holders, membranes and walls sound too, more faintly. In a record without noise everything that
-    sounds belongs to the image.
+    sounds belongs to the image. What comes after a pause is an echo: the last time is that of the
+    sounds without one that are loudest together.
 
     Args:
         power: in order along the curve, since neighbours are averaged.
+        pause: the shortest that separates an echo [time].
 
     >>> times = np.arange(100.0)
     >>> power = np.where(abs(times - 40) < 10, 1.0, 1e-3) * np.ones((5, 1))
-    >>> found = heard(RecordPower(times, power))
+    >>> found = heard(RecordPower(times, power), 5.0)
     >>> float(found.first[0]), float(found.last[0]), bool(found.begins.all())
     (31.0, 49.0, True)
     """
@@ -68,7 +70,8 @@ def heard(power: RecordPower) -> Heard:
         noise = np.maximum(ABOVE_NOISE * quiet, quiet + ABOVE_SCATTER * (quiet - quietest))
         least = [np.maximum(noise, quiet + share * highest) for share in (BEGINS, CEASES)]
     first = np.argmax(values > least[0][:, None], axis=1)
-    last = values.shape[1] - 1 - np.argmax((values > least[1][:, None])[:, ::-1], axis=1)
+    pieces = int(np.ceil(pause / (power.times[1] - power.times[0])))
+    last = np.array([_end_of_loudest(*of, pieces) for of in zip(values, least[1], strict=True)])
     sounds = least[1] < CLEARLY * highest  # not the highest of the noise alone
     return Heard(
         power.times[first],
@@ -76,6 +79,15 @@ def heard(power: RecordPower) -> Heard:
         sounds & (first > 0),
         sounds & (last < len(power.times) - 1),
     )
+
+
+def _end_of_loudest(values: Float[np.ndarray, " pieces"], least: float, pause: int) -> int:
+    """Number of the last piece of those without a pause between them that are loudest together."""
+    sounds = np.flatnonzero(values > least)
+    if not len(sounds):
+        return len(values) - 1
+    parts = np.split(sounds, np.flatnonzero(np.diff(sounds) > pause) + 1)
+    return int(max(parts, key=lambda part: values[part].sum())[-1])
 
 
 def _with_neighbours(

@@ -50,7 +50,6 @@ from .facts import (
 from .found import (
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
-    MARGIN,
     RIM,
     SHARES,
     TO_BE_ESTIMATED,
@@ -64,6 +63,7 @@ from .found import (
 )
 from .hearing import EXACT, heard_in_plane, muted_start, noise_floor
 
+MARGIN = 1.25  # of the region beyond where sound comes from
 PIXELS = (65, 1025)
 SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
 PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
@@ -130,7 +130,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
     begin = max(2 * dead_time, muted)  # what is silenced is faded in over as long again
     power = power.after(begin)
-    when = heard_in_plane(whole[good], times, begin)
+    when = heard_in_plane(whole[good], times, begin, middle)
     sound = _Sound(RecordPower(power.times, power.power[good]), speed, when)
     _region(scan, facts, found, sound, good)
     start = int(np.searchsorted(times, begin))

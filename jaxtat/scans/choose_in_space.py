@@ -23,7 +23,6 @@ from .facts import typical_frame, water_speed
 from .found import (
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
-    MARGIN,
     RIM,
     SHARES,
     TO_BE_ESTIMATED,
@@ -35,8 +34,10 @@ from .found import (
     require_scale,
     slowest,
 )
+from .hearing import FINELY, PAUSE
 from .space import MOST_POINTS, FactsInSpace, facts_in_space
 
+MARGIN = 1.4  # of the region beyond where sound comes from: rims of balls are hardly heard
 VOXELS = (17, 129)  # along an axis, if none are given
 SHOWN = 8  # rows, at most, that a message names
 LISTENED = 512  # detectors, at most, by which noise is judged
@@ -143,7 +144,8 @@ def _sounding(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) 
     """How far from the middle it sounds, by when detectors hear it; None if they do not tell."""
     assert facts.times is not None
     quieted = frame - np.median(frame, axis=1, keepdims=True)
-    when = heard(record_power(quieted, facts.times, detrend=False, overlap=4))
+    power = record_power(quieted, facts.times, detrend=False, overlap=FINELY)
+    when = heard(power, PAUSE * facts.radius / found.values["sound_speed"])
     if not when.tells:
         return None
     points = np.asarray(scan.known["detectors"], float)[facts.order]
@@ -227,3 +229,5 @@ def _noise(facts: FactsInSpace, found: Found, record: np.ndarray | None) -> None
         found.take_alpha(UNKNOWN_NOISE, how, GUESSED)
     else:
         found.take_alpha(ratio, "before sound from the region arrives")
+        why = "all waves up to the highest stand out of the noise"
+        found.take("low_pass", "none", why, LIKELY)

@@ -13,7 +13,6 @@ from .choices import Choices
 from .facts import SLOWEST
 
 TO_BE_ESTIMATED = "none in the file: about that of water, to be estimated"
-MARGIN = 1.3  # of the region beyond where sound comes from
 DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not tell
 SHARES = (0.1, 0.9)  # least and largest region radius over the arc's
 LONGEST = 100.0  # radii of the arc: no record of a scanner is that long

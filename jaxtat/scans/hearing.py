@@ -14,6 +14,7 @@ from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 
 EXACT = 1e-8  # noise over signal power, below which a record is simulated, not muted
 LEFT_TO_JUDGE = 128  # samples after a muted start, by which channels and noise are told
+PAUSE = 0.3  # of the way from the middle to the detectors: what sounds after it is an echo
 FINELY = 4  # times as many pieces of the record as its power is measured in otherwise
 CLEAR = 0.6  # of a piece: later ones hold nothing of what is before them
 
@@ -31,11 +32,19 @@ def noise_floor(quality: ChannelQuality, good: Bool[np.ndarray, " detectors"]) -
 
 
 def heard_in_plane(
-    record: Float[np.ndarray, "detectors times"], times: Float[np.ndarray, " times"], begin: float
+    record: Float[np.ndarray, "detectors times"],
+    times: Float[np.ndarray, " times"],
+    begin: float,
+    middle: float,
 ) -> Heard:
-    """First and last sound after a time, without offset, drift and slow tails."""
+    """First and last sound after a time, without offset, drift and slow tails.
+
+    Args:
+        middle: when sound from the middle arrives [time].
+    """
     power = record_power(record, times, detrend=True, overlap=FINELY)
-    return heard(power.after(begin + CLEAR * FINELY * (power.times[1] - power.times[0])))
+    clear = begin + CLEAR * FINELY * (power.times[1] - power.times[0])
+    return heard(power.after(clear), PAUSE * middle)
 
 
 def speed_heard(scan: Scan, choices: Choices) -> float | None:
@@ -56,9 +65,10 @@ def speed_heard(scan: Scan, choices: Choices) -> float | None:
     quality = channel_quality(record, facts.times, dead_time=max(choices.dead_time, muted))
     exact = noise_floor(quality, np.ones(len(record), bool)) <= EXACT
     begin = max(2 * choices.dead_time, 0.0 if exact else muted)
-    when = heard_in_plane(np.asarray(record), facts.times, begin)
+    points = facts.points[list(choices.channels)] - np.array(choices.region_center)
+    middle = float(np.median(np.hypot(*points.T))) / choices.sound_speed
+    when = heard_in_plane(np.asarray(record), facts.times, begin, middle)
     if not (when.begins.mean() > 0.5 and when.ceases.mean() > 0.5):
         return None
-    points = facts.points[list(choices.channels)] - np.array(choices.region_center)
     speed = sounding_disk(points, when, choices.sound_speed, False).speed
     return float(np.clip(speed, SLOWEST, FASTEST))

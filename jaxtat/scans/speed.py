@@ -37,6 +37,7 @@ STANDS_OUT = 1.05  # sharpness at a peak over its surroundings, at least
 BESIDE = 2  # speeds to each side that belong to a peak, not to its surroundings
 SECTORS = 8  # of directions of edges, each of which tells a speed
 SEEN_TWICE = 200.0  # degrees, from which on detectors opposite each other tell a speed
+TOLD_APART = 110.0  # degrees, from which on a slower speed and a body farther off sound different
 
 
 def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
@@ -68,7 +69,10 @@ def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
     points = facts_of(scan).points[list(choices.channels)]
     span = _span(points, np.asarray(choices.region_center))
     if span < SEEN_TWICE:
-        return _heard(scan, choices, f"from {span:.0f} degrees edges are seen once")
+        why = f"from {span:.0f} degrees edges are seen once"
+        if span < TOLD_APART:
+            return SpeedFound(1.0, f"water's: {why}", GUESSED, None)
+        return _heard(scan, choices, why)
     sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
     if sharpness_at is None:
         return _heard(scan, choices, "the record ends too early for sharp images")
