@@ -212,6 +212,17 @@ def test_beyond_the_ends_of_the_arc_nothing_is_seen(pressure):
     assert given.region_cut == given.region_radius  # as asked
 
 
+def test_what_sounds_beyond_the_ends_of_the_arc_is_shown():
+    """A half circle, whose chord runs through the middle of what sounds."""
+    t = np.arange(600) / (4 * RATE)
+    record = np.sin(2 * np.pi * 1.7e6 * t) * (np.abs(t - RADIUS / SPEED) < 8e-3 / SPEED)
+    known = {"detectors": positions(span=180.0), "times": t, "sound_speed": SPEED}
+    noise = 0.01 * np.random.default_rng(0).standard_normal((N, 600))
+    chosen = choose(Scan("pressure", record + noise, known))
+    assert 8e-3 < chosen.region_radius < 12e-3 and chosen.region_cut == chosen.region_radius
+    assert "reaches beyond the arc's ends" in dict(chosen.reasons)["region_cut"]
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
