@@ -13,8 +13,13 @@ import numpy as np
 from arrays import ARRAYS, Array
 from bodies import BODIES, Body, balls
 
-SEED, N = 18, 48
-HALVES = ("rules", "held-out")
+N = 48
+SEEDS = {
+    "rules": 18,
+    "held-out": 2026,
+}  # rules are made on one half, the other tells how good they are
+HALVES = tuple(SEEDS)
+HELD_OUT = 100  # number of the first
 RATE, SAMPLES = 40e6, 2030  # of a scanner
 LOUDER = 0.12  # of the sound: root mean square of what comes from out of the plane
 
@@ -59,22 +64,17 @@ class Case:
 
     @property
     def half(self) -> str:
-        """Rules are made on one half, the other tells how good they are; of each array, half."""
-        kinds = list(ARRAYS)
-        kind = kinds.index(self.array)
-        if self.number >= N:
-            return HALVES[self.number % 2]
-        alike = np.arange(kind, N, len(kinds))
-        order = np.random.default_rng([SEED, kind]).permutation(alike).tolist()
-        return HALVES[(order.index(self.number) + kind) % 2]
+        return HALVES[self.number >= HELD_OUT]
 
     def generator(self, what: str) -> np.random.Generator:
-        return np.random.default_rng([SEED, self.number, *what.encode()])
+        return np.random.default_rng([SEEDS[self.half], self.number, *what.encode()])
 
 
 def cases() -> list[Case]:
-    """All of them; those of k-Wave last."""
-    return [_case(number) for number in range(N)] + K_WAVE
+    """All of them."""
+    rules = [_case(SEEDS["rules"], number) for number in range(N)]
+    held_out = [_case(SEEDS["held-out"], HELD_OUT + number) for number in range(N)]
+    return rules + K_WAVE + held_out
 
 
 # waves in the plane through a body and water of different speeds, by another code: `two_speeds.py`
@@ -90,8 +90,8 @@ def simulated_by_k_wave(case: Case, folder: Path) -> Path:
     return folder / "k-wave" / f"{case.name}.npy"
 
 
-def _case(number: int) -> Case:
-    rng = np.random.default_rng([SEED, number])
+def _case(seed: int, number: int) -> Case:
+    rng = np.random.default_rng([seed, number])
     array = list(ARRAYS)[number % len(ARRAYS)]
     speed = float(rng.uniform(1440, 1620))
     noise = float(rng.choice([0.0, 0.01, 0.03, 0.1, 0.2]))
@@ -149,7 +149,7 @@ def write(case: Case, size: Size, folder: Path) -> Path:
     facts = {"detectors": positions[order], "sampling_rate": rate}
     if "band-known" in case.dirt:
         facts["impulse_response"] = response
-    frames = list(_frames(case, pressure))
+    frames = list(_frames(case, pressure, rate))
     if len(frames) > 1:
         facts["wavelengths"] = 700.0 + 20.0 * np.arange(len(frames))
     path = folder / f"{case.name}.npz"
@@ -158,36 +158,32 @@ def write(case: Case, size: Size, folder: Path) -> Path:
     return path
 
 
-def _frames(case: Case, pressure: np.ndarray) -> Iterator[np.ndarray]:
+def _frames(case: Case, pressure: np.ndarray, rate: float) -> Iterator[np.ndarray]:
     rng = case.generator("frames")
     strengths = (0.6, 1.0, 0.4) if "frames" in case.dirt else (1.0,)
     for strength in strengths:
         frame = dirt.noise(rng, strength * pressure, case.noise / strength, _colour(case))
-        yield _as_written(case, frame, rng)
+        yield _as_written(case, frame, rate, rng)
 
 
 def _colour(case: Case) -> str:
     return "coloured" if "coloured" in case.dirt else "white"
 
 
-def _as_written(case: Case, frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _as_written(case: Case, frame: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
     if "artefact" in case.dirt:
-        frame = dirt.artefact(frame, _rate(case, frame), 20.0)
+        frame = dirt.artefact(frame, rate, 20.0)
     if "bad" in case.dirt:
         frame = dirt.bad_channels(case.generator("bad"), frame, 0.05)
     if "counts" in case.dirt:
         frame = dirt.counts(rng, frame).copy()
     if "muted" in case.dirt:
-        first = int(0.55 * ARRAYS[case.array](0.1).radius / case.water * _rate(case, frame))
+        first = int(0.55 * ARRAYS[case.array](0.1).radius / case.water * rate)
         frame = frame.copy()
         frame[:, :first] = 32768 if "counts" in case.dirt else 0
     if "early" in case.dirt:
         frame = frame[:, : int(0.62 * frame.shape[1])]
     return frame
-
-
-def _rate(case: Case, frame: np.ndarray) -> float:
-    return RATE if frame.shape[1] > 0.75 * SAMPLES else RATE / 2
 
 
 def record(case: Case, size: Size) -> tuple[np.ndarray, np.ndarray]:

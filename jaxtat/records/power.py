@@ -11,9 +11,6 @@ from jaxtyping import Bool, Float
 
 PIECES = 100  # of a record, in each of which its power is measured
 LOUD = 4.0  # times the power of the quietest piece, in which the artefact of the laser ends
-ONSET = 0.03  # share of the highest power that counts as sound
-ABOVE_NOISE = 6.0  # times the power of quiet pieces, at least
-SILENCE, FIRST = 1e-6, 1e-4  # where quiet pieces have less power than that, the first share counts
 STANDS_OUT = 4.0  # times the noise spectrum, up to which a record holds sound
 FADED = 0.1  # of the typical total, by which a channel's is too small
 SPREAD = 0.02  # median deviation of totals over the median, up to which they tell anything
@@ -48,23 +45,27 @@ def record_power(
     record: Float[np.ndarray, "detectors times"],
     times: Float[np.ndarray, " times"],
     detrend: bool,
+    overlap: int = 1,
 ) -> RecordPower:
     """Mean squares in about 100 pieces, with or without a straight line taken off each.
+
+    Args:
+        overlap: how many times as many pieces of the same length, which overlap then.
 
     >>> found = record_power(np.ones((2, 400)), np.arange(400.0), detrend=False)
     >>> found.power.shape, float(found.times[0]), float(found.power.max())
     ((2, 25), 7.5, 1.0)
     """
     size = max(16, len(times) // PIECES)
-    n = len(times) // size
-    pieces = np.asarray(record, float)[:, : n * size].reshape(len(record), n, size)
+    starts = np.arange(0, len(times) - size + 1, max(size // overlap, 1))
+    samples = starts[:, None] + np.arange(size)
+    pieces = np.asarray(record, float)[:, samples]
     if detrend:
         along = np.linspace(-1, 1, size)
         along /= np.linalg.norm(along)
         pieces = pieces - pieces.mean(axis=-1, keepdims=True)
         pieces = pieces - (pieces @ along)[..., None] * along
-    middles = times[: n * size].reshape(n, size).mean(axis=-1)
-    return RecordPower(middles, np.mean(pieces**2, axis=-1))
+    return RecordPower(times[samples].mean(axis=-1), np.mean(pieces**2, axis=-1))
 
 
 def artefact_end(power: RecordPower, before: float) -> float:
@@ -83,49 +84,6 @@ def artefact_end(power: RecordPower, before: float) -> float:
         return 0.0
     piece = power.times[1] - power.times[0]
     return float(power.times[int(np.argmin(loud))] + piece / 2)  # one piece to spare
-
-
-def onsets(power: RecordPower) -> Float[np.ndarray, " detectors"]:
-    """When each detector first hears sound: 3 % of its highest power, and not its noise [time].
-
-    Holders and membranes sound too, faintly, where there is noise at all. In a record without noise
-    everything that sounds belongs to the image, and the first sound counts.
-    """
-    highest = power.power.max(axis=1, keepdims=True)
-    quiet = np.quantile(power.power, 0.1, axis=1, keepdims=True)
-    exact = np.median(quiet) < SILENCE * np.median(highest)
-    least = FIRST * highest if exact else np.maximum(ONSET * highest, ABOVE_NOISE * quiet)
-    return power.times[np.argmax(power.power > least, axis=1)]
-
-
-def sounding_disk(
-    directions: Float[np.ndarray, "detectors 2"], reach: Float[np.ndarray, " detectors"]
-) -> tuple[Float[np.ndarray, "2"], float]:
-    """Centre and radius of the disk that the onsets outline: reach_k ≈ radius + centre·u_k.
-
-    No source lies nearer to detector k than its onset says: in direction u_k the sources reach as
-    far as reach_k from the middle. The sum of absolute differences is minimised, so that up to half
-    of the detectors may hear something else first, a holder or a membrane.
-
-    Args:
-        directions: u_k, unit vectors from the middle of the array to the detectors.
-        reach: R_g - c t_k [length].
-
-    >>> theta = np.linspace(0.0, 5.0, 60)
-    >>> u = np.stack([np.cos(theta), np.sin(theta)], axis=1)
-    >>> reach = 3.0 + u @ np.array([0.5, -0.2])
-    >>> reach[::4] = 9.0  # a quarter of the detectors
-    >>> center, radius = sounding_disk(u, reach)
-    >>> center.round(6).tolist(), round(radius, 6)
-    ([0.5, -0.2], 3.0)
-    """
-    design = np.column_stack([directions, np.ones(len(reach))])
-    weights, found = np.ones(len(reach)), np.zeros(3)
-    scale = max(float(np.abs(reach).max()), 1e-300)
-    for _ in range(60):  # weighted least squares with weights 1/|difference|
-        found = np.linalg.lstsq(design * weights[:, None], reach * weights, rcond=None)[0]
-        weights = 1 / np.sqrt(np.abs(design @ found - reach) + 1e-9 * scale)
-    return found[:2], float(found[2])
 
 
 def totals(
@@ -186,16 +144,19 @@ def faded(
 def muted_until(power: RecordPower) -> float:
     """When a record begins that holds nothing at all before, as if it were muted; 0 of others.
 
+    That is the end of the first piece that holds anything: the step there, from a mute to the
+    offset of each detector, is no sound.
+
     >>> record = np.random.default_rng(0).standard_normal((2, 400))
     >>> record[:, :100] = 7.0
     >>> muted_until(record_power(record, np.arange(400.0), detrend=True))
-    95.5
+    111.5
     """
     silent = power.typical <= MUTED * power.typical.max()
     if not silent[0] or silent.all():
         return 0.0
-    first = int(np.argmin(silent))
-    return float(power.times[first - 1] + power.times[first]) / 2
+    first, piece = int(np.argmin(silent)), power.times[1] - power.times[0]
+    return float(power.times[first] + piece / 2)
 
 
 def tail_share(record: Float[np.ndarray, "detectors times"]) -> float:

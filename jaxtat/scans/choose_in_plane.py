@@ -26,23 +26,20 @@ from ..geometry import (
 )
 from ..io import Scan
 from ..records import MODELS, channel_quality, ranges, supported
+from ..records.extent import Heard, sounding_disk
 from ..records.power import (
     RecordPower,
     artefact_end,
     faded,
     highest_frequency,
-    muted_until,
     noise_before,
-    onsets,
     record_power,
-    sounding_disk,
     tail_share,
     totals,
 )
 from ..steps import AccuracyWarning
 from .choices import IN_SPACE, Choices
 from .facts import (
-    SLOWEST,
     Facts,
     arc_through,
     begin_behind_gap,
@@ -55,13 +52,16 @@ from .found import (
     INTEGRALS_ALPHA,
     RIM,
     SHARES,
+    TO_BE_ESTIMATED,
     Found,
     covered,
     radii_of,
     require_detail,
     require_middle,
     require_scale,
+    slowest,
 )
+from .hearing import EXACT, heard_in_plane, muted_start, noise_floor
 
 MARGIN = 1.25  # of the region beyond where sound comes from
 PIXELS = (65, 1025)
@@ -70,8 +70,6 @@ PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
 DRIFT = 5.0  # periods within the record; what is slower is drift
 FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
 OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
-LEFT_TO_JUDGE = 128  # samples after a muted start, by which channels and noise are told
-EXACT = 1e-8  # noise over signal power, below which a record is simulated, not muted
 TAIL = 0.1  # of `tail_share`: less is no tail of two-dimensional waves
 WAVES = "a scanner's size and rate, but neither counts nor an offset, and a slow tail"
 SPACING = "the detectors' spacing in the inner half of the region"
@@ -118,9 +116,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         "impulse_response" in scan.known,
         "in the file" if "impulse_response" in scan.known else "none in the file",
     )
-    muted = muted_until(power)
-    if np.count_nonzero(times >= muted) < LEFT_TO_JUDGE:
-        muted = 0.0
+    muted = muted_start(power, times)
     good, floor = _channels(frame, times, max(dead_time, muted), found)
     muted = muted if floor > EXACT else 0.0  # what is silent without noise is no less exact
     good = _without_faded(whole, facts, dead_time, found, good)
@@ -134,7 +130,8 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
     begin = max(2 * dead_time, muted)  # what is silenced is faded in over as long again
     power = power.after(begin)
-    sound = _Sound(RecordPower(power.times, power.power[good]), speed)
+    when = heard_in_plane(whole[good], times, begin, middle)
+    sound = _Sound(RecordPower(power.times, power.power[good]), speed, when)
     _region(scan, facts, found, sound, good)
     start = int(np.searchsorted(times, begin))
     arrival = _first_arrival(facts, found, speed)
@@ -166,6 +163,7 @@ def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[s
 class _Sound(NamedTuple):
     power: RecordPower
     speed: float
+    when: Heard
 
 
 def _nominal_speed(scan: Scan, facts: Facts, found: Found) -> float:
@@ -177,14 +175,6 @@ def _nominal_speed(scan: Scan, facts: Facts, found: Found) -> float:
         return float(found.take("sound_speed", water, TO_BE_ESTIMATED, GUESSED))
     why = "none in the file, and sizes are not a scanner's: taken to be 1"
     return float(found.take("sound_speed", 1.0, why, GUESSED))
-
-
-TO_BE_ESTIMATED = "none in the file: about that of water, to be estimated"
-
-
-def _slowest(found: Found) -> float:
-    """The least speed that may be looked for, over the nominal one: the record has to do for it."""
-    return SLOWEST if found.reasons["sound_speed"] == TO_BE_ESTIMATED else 1.0
 
 
 def _channels(
@@ -205,8 +195,7 @@ def _channels(
         raise ValueError(f"{good.sum()} of {len(good)} detectors are good, expected 4: {why}.")
     found.values["left_out"] = tuple(sorted(int(k) for k in np.compress(~good, order)))
     found.explain("channels", why, grade)
-    noise, signal = np.asarray(quality.noise)[good], np.asarray(quality.signal)[good]
-    return good, float(np.median((noise / np.maximum(signal, 1e-300)) ** 2))
+    return good, noise_floor(quality, good)
 
 
 def _without_faded(
@@ -220,9 +209,9 @@ def _without_faded(
     assert facts.times is not None
     if facts.arc is None or found.given.get("use") is not None:
         return good
-    slowest = found.values["sound_speed"] * _slowest(found)
-    times = facts.times[facts.times <= 2 * facts.arc.radius / slowest]
-    if slowest * facts.times[-1] < (1 + RIM) * facts.arc.radius or len(times) < FEWEST_SAMPLES:
+    least = found.values["sound_speed"] * slowest(found)
+    times = facts.times[facts.times <= 2 * facts.arc.radius / least]
+    if least * facts.times[-1] < (1 + RIM) * facts.arc.radius or len(times) < FEWEST_SAMPLES:
         return good  # not all that sounds within the circle has passed, or hardly sampled
     if found.values["model"] == "in-plane":  # counts have an offset, waves in the plane a slow tail
         record = record - np.median(record, axis=1, keepdims=True)
@@ -253,10 +242,10 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
         return
     assert facts.times is not None
     center = found.take("region_center", arc.center, "the middle of the detectors' circle")
-    reach = arc.radius - sound.speed * onsets(sound.power)
-    offset = facts.points[facts.order][good] - np.array(arc.center)
-    middle, size = sounding_disk(offset / np.linalg.norm(offset, axis=1, keepdims=True), reach)
-    wanted = MARGIN * (size + float(np.linalg.norm(middle)))
+    points = facts.points[facts.order][good] - np.array(arc.center)
+    known = found.reasons["sound_speed"] != TO_BE_ESTIMATED
+    body = sounding_disk(points, sound.when, sound.speed, known)
+    wanted = MARGIN * (body.radius + float(np.linalg.norm(body.middle)))
     length, grade = facts.units.of_length, LIKELY
     why = f"sound comes from within {length(wanted / MARGIN)}, and {MARGIN - 1:.0%} to spare"
     view = _field_of_view(scan, center)
@@ -265,19 +254,26 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
     path = float(facts.times[-1]) * sound.speed
     if found.given.get("region_radius") is None:
         require_scale(path, arc.radius, sound.speed)
-    path *= _slowest(found)
+    path *= slowest(found)
     least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
     sounding = wanted / MARGIN
-    if path - arc.radius < sounding < SHARES[1] * arc.radius:  # fitted to what was recorded of it
+    late = path - arc.radius < sounding < SHARES[1] * arc.radius
+    if late and sound.when.tells:  # fitted to what was recorded of it
         wanted, most, why = sounding, sounding, f"sound comes from within {length(sounding)}"
     if wanted < least:
         why = "a tenth of the arc: where sound comes from cannot be told"
         wanted, grade = least, GUESSED
-    if wanted > most:
+    if not sound.when.tells and grade != SURE:
+        much = f"as much as detectors and record (path {length(path)}) cover"
+        why = f"where sound comes from cannot be told: {much}"
+        wanted, grade = max(least, most), GUESSED
+    elif wanted > most:
         why = f"of {length(wanted)}, as much as detectors and record (path {length(path)}) cover"
         wanted, grade = max(least, most), GUESSED
     radius = float(found.take("region_radius", wanted, why, grade))
-    _cut(arc, found, radius, middle)
+    toward = np.array([np.cos(arc.opening), np.sin(arc.opening)])
+    told = grade != GUESSED  # the region is not the most that the detectors cover
+    _cut(arc, found, radius, float(body.middle @ toward) + body.radius if told else -np.inf)
     found.take("half_width", radius, "the region", grade)
 
 
@@ -299,17 +295,24 @@ def _seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) ->
     center = found.take("region_center", center, "the middle of the largest disk that is seen")
     radius, why = covered(found, radius, "that disk", radii, _distances(facts, found))
     radius = float(found.take("region_radius", radius, why, LIKELY))
-    _cut(_around(facts, center), found, radius, np.zeros(2))
+    _cut(_around(facts, center), found, radius)
     found.take("half_width", radius, "the region", LIKELY)
 
 
-def _cut(arc: ArcFit, found: Found, radius: float, middle: np.ndarray) -> None:
-    """The region ends at the chord of the opening, unless what sounds lies beyond it."""
-    toward = np.array([np.cos(arc.opening), np.sin(arc.opening)])
-    whole = found.given.get("region_radius") is not None or middle @ toward > arc.chord
-    beyond = arc.chord < radius and not whole
-    cut = arc.chord if beyond else radius
-    why = "what lies beyond the arc's ends is not seen" if beyond else "all of the disk"
+def _cut(arc: ArcFit, found: Found, radius: float, beyond: float = -np.inf) -> None:
+    """The region ends at the chord of the opening, unless what sounds reaches beyond it.
+
+    Of that the detectors see some edges, and the disk's image is better with than without them.
+
+    Args:
+        beyond: how far from the middle it sounds, towards the opening, if that is known [length].
+    """
+    whole = found.given.get("region_radius") is not None or beyond > arc.chord
+    ends = arc.chord < radius and not whole
+    cut = arc.chord if ends else radius
+    why = "what lies beyond the arc's ends is not seen" if ends else "all of the disk"
+    if arc.chord < radius and beyond > arc.chord:
+        why = "all of the disk: what sounds reaches beyond the arc's ends"
     found.take("region_cut", float(cut), why)
     angle = float(np.degrees(arc.opening))
     found.take("region_angle", angle, "closed ring" if arc.closed else "the arc opens there")
@@ -364,7 +367,7 @@ def _resolution(
     where: _Where, times: np.ndarray, found: Found, speed: float, highest: float
 ) -> None:
     """lambda_max by detectors, band and pixels, whichever is least, and the pixels by it."""
-    speed_at_least = speed * _slowest(found)
+    speed_at_least = speed * slowest(found)
     support = supported(*where, times, sound_speed=speed_at_least)
     require_middle(support, speed_at_least)
     if support.ends_early:
@@ -460,7 +463,7 @@ def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
         share, why = DEFAULT_SHARE * arc.radius, "three quarters of the detectors' circle"
         share, why = covered(found, share, why, radii_of(scan, found), _distances(facts, found))
         radius = float(found.take("region_radius", share, why, GUESSED))
-        _cut(arc, found, radius, np.zeros(2))
+        _cut(arc, found, radius)
         found.take("half_width", radius, "the region", GUESSED)
     _own_radii(scan, facts, found)
     found.take("alpha", INTEGRALS_ALPHA, "circular integrals are taken to be exact", GUESSED)

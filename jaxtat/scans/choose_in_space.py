@@ -1,7 +1,7 @@
 """What to do with a scan in space: as `choose`, with fewer things to decide.
 
-The region is a ball about the sphere's centre, or its part that the cap sees; the speed of sound is
-not estimated, and no channel is left out, since rings must be whole.
+The region is a ball about the sphere's centre, or its part that the cap sees; no channel is left
+out, since rings must be whole.
 """
 
 from collections.abc import Mapping
@@ -14,6 +14,7 @@ from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import DetectorPoints, ball, uncovered
 from ..io import Scan
 from ..records import supported
+from ..records.extent import heard, sounding_disk
 from ..records.power import highest_frequency, noise_before, record_power
 from ..spherical import cap_radii
 from ..spherical.sizes import resolved_frequency
@@ -23,15 +24,20 @@ from .found import (
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
     RIM,
+    SHARES,
+    TO_BE_ESTIMATED,
     Found,
     covered,
     radii_of,
     require_detail,
     require_end,
     require_scale,
+    slowest,
 )
+from .hearing import FINELY, PAUSE
 from .space import MOST_POINTS, FactsInSpace, facts_in_space
 
+MARGIN = 1.4  # of the region beyond where sound comes from: rims of balls are hardly heard
 VOXELS = (17, 129)  # along an axis, if none are given
 SHOWN = 8  # rows, at most, that a message names
 LISTENED = 512  # detectors, at most, by which noise is judged
@@ -55,7 +61,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     values |= {"region_center": center, "region_angle": 0.0, "units": facts.units}
     found = Found(given, values, {"channels": facts.arrangement}, {"channels": SURE})
     _sound(scan, facts, found)
-    _region(scan, facts, found)
+    _region(scan, facts, found, frame)
     record = None if facts.times is None else frame[:: -(-len(frame) // LISTENED)]
     _resolution(scan, facts, found, record)
     _radii(scan, facts, found)
@@ -90,7 +96,7 @@ def _sound(scan: Scan, facts: FactsInSpace, found: Found) -> None:
     if "sound_speed" in scan.known:
         speed, why, grade = float(np.mean(scan.known["sound_speed"])), "from the file", SURE
     elif (water := water_speed(facts.units)) is not None:
-        speed, why, grade = water, "none in the file: water's", GUESSED
+        speed, why, grade = water, TO_BE_ESTIMATED, GUESSED
     else:
         why = "none in the file, and sizes are not a scanner's: taken to be 1"
         speed, grade = 1.0, GUESSED
@@ -105,23 +111,48 @@ def _sound(scan: Scan, facts: FactsInSpace, found: Found) -> None:
     found.take("impulse_response", there, "in the file" if there else "none in the file")
 
 
-def _region(scan: Scan, facts: FactsInSpace, found: Found) -> None:
-    share, why = DEFAULT_SHARE * facts.radius, "three quarters of the detectors' sphere"
+def _region(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) -> None:
+    share, why, grade = (
+        DEFAULT_SHARE * facts.radius,
+        "three quarters of the detectors' sphere",
+        GUESSED,
+    )
     if facts.times is not None:
         path = float(facts.times[-1]) * found.values["sound_speed"]
         if found.given.get("region_radius") is None:
             require_scale(path, facts.radius, found.values["sound_speed"])
+        reach = _sounding(scan, facts, found, frame)
+        if reach is not None and MARGIN * reach < share:
+            share, grade = max(MARGIN * reach, SHARES[0] * facts.radius), LIKELY
+            length = facts.units.of_length
+            why = f"sound comes from within {length(reach)}, and {MARGIN - 1:.0%} to spare"
+        path *= slowest(found)
         if path - facts.radius < share:
-            share, why = path - facts.radius, "as much as the record covers"
+            share, why, grade = path - facts.radius, "as much as the record covers", GUESSED
     share, why = covered(found, share, why, radii_of(scan, found), np.array([facts.radius]))
-    radius = float(found.take("region_radius", share, why, GUESSED))
+    radius = float(found.take("region_radius", share, why, grade))
     cut, why = radius, "all of the ball"
     if not isinstance(facts.detectors, DetectorPoints):
         top = facts.radius * float(np.cos(float(facts.detectors.half_opening)))
         if top < radius and found.given.get("region_radius") is None:
             cut, why = top, "what lies beyond the cap's rim is not seen"
     found.take("region_cut", cut, why)
-    found.take("half_width", radius, "the region", GUESSED)
+    found.take("half_width", radius, "the region", grade)
+
+
+def _sounding(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) -> float | None:
+    """How far from the middle it sounds, by when detectors hear it; None if they do not tell."""
+    assert facts.times is not None
+    quieted = frame - np.median(frame, axis=1, keepdims=True)
+    power = record_power(quieted, facts.times, detrend=False, overlap=FINELY)
+    when = heard(power, PAUSE * facts.radius / found.values["sound_speed"])
+    if not when.tells:
+        return None
+    points = np.asarray(scan.known["detectors"], float)[facts.order]
+    center = np.asarray(facts.detectors.center)
+    known = found.reasons["sound_speed"] != TO_BE_ESTIMATED
+    body = sounding_disk(points - center, when, found.values["sound_speed"], known)
+    return body.radius + float(np.linalg.norm(body.middle))
 
 
 def _arrival(facts: FactsInSpace, found: Found) -> float:
@@ -198,3 +229,5 @@ def _noise(facts: FactsInSpace, found: Found, record: np.ndarray | None) -> None
         found.take_alpha(UNKNOWN_NOISE, how, GUESSED)
     else:
         found.take_alpha(ratio, "before sound from the region arrives")
+        why = "all waves up to the highest stand out of the noise"
+        found.take("low_pass", "none", why, LIKELY)

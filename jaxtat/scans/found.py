@@ -10,7 +10,9 @@ from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
 from ..io import Scan
 from ..records import Supported
 from .choices import Choices
+from .facts import SLOWEST
 
+TO_BE_ESTIMATED = "none in the file: about that of water, to be estimated"
 DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not tell
 SHARES = (0.1, 0.9)  # least and largest region radius over the arc's
 LONGEST = 100.0  # radii of the arc: no record of a scanner is that long
@@ -108,6 +110,11 @@ def radii_of(scan: Scan, found: Found) -> np.ndarray | None:
     if own is None and scan.kind == "circular_integrals":
         own = scan.known.get("radii")
     return None if own is None else np.asarray(own, float)
+
+
+def slowest(found: Found) -> float:
+    """The least speed that may be looked for, over the nominal one: the record has to do for it."""
+    return SLOWEST if found.reasons["sound_speed"] == TO_BE_ESTIMATED else 1.0
 
 
 def covered(

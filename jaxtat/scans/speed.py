@@ -9,7 +9,6 @@ once, and sharpness needs no image: by Parseval's formula
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -26,16 +25,19 @@ from ..special import both_kinds
 from ..steps.quadrature import radial_quadrature
 from ..steps.radon import low_pass_values
 from .choices import Choices
-from .choose_in_plane import TO_BE_ESTIMATED
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
+from .found import TO_BE_ESTIMATED
 from .frames import integrals, setup_of
+from .hearing import speed_heard
+from .speed_found import UNSURE, SpeedFound, jackknife, summit
+from .speed_in_space import speed_in_space
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 21)
 STANDS_OUT = 1.05  # sharpness at a peak over its surroundings, at least
 BESIDE = 2  # speeds to each side that belong to a peak, not to its surroundings
 SECTORS = 8  # of directions of edges, each of which tells a speed
 SEEN_TWICE = 200.0  # degrees, from which on detectors opposite each other tell a speed
-UNSURE = 0.005  # standard error over the speed, above which it is not believed
+TOLD_APART = 110.0  # degrees, from which on a slower speed and a body farther off sound different
 
 
 def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
@@ -50,16 +52,7 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
     """
     if dict(choices.reasons).get("sound_speed") != TO_BE_ESTIMATED:
         return choices
-    points = facts_of(scan).points[list(choices.channels)]
-    span = _span(points, np.asarray(choices.region_center))
-    if span < SEEN_TWICE:
-        why = f"water's: from {span:.0f} degrees edges are seen once, and are as sharp at others"
-        return choices.with_reason("sound_speed", why, GUESSED)
-    sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
-    if sharpness_at is None:
-        why = "water's: the record ends too early to tell another"
-        return choices.with_reason("sound_speed", why, GUESSED)
-    found = sharpest(sharpness_at)
+    found = speed_in_space(scan, choices) if choices.in_space else _speed_in_plane(scan, choices)
     stretch = found.stretch
     stretched = replace(
         choices,
@@ -69,6 +62,30 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
     )
     error = None if found.standard_error is None else choices.sound_speed * found.standard_error
     return stretched.with_reason("sound_speed", found.why, found.grade, error)
+
+
+def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
+    """By the sharpness of the image, where edges are seen twice, or else by hearing."""
+    points = facts_of(scan).points[list(choices.channels)]
+    span = _span(points, np.asarray(choices.region_center))
+    if span < SEEN_TWICE:
+        why = f"from {span:.0f} degrees edges are seen once"
+        if span < TOLD_APART:
+            return SpeedFound(1.0, f"water's: {why}", GUESSED, None)
+        return _heard(scan, choices, why)
+    sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
+    if sharpness_at is None:
+        return _heard(scan, choices, "the record ends too early for sharp images")
+    found = sharpest(sharpness_at)
+    return _heard(scan, choices, found.why) if found.standard_error is None else found
+
+
+def _heard(scan: Scan, choices: Choices, why: str) -> SpeedFound:
+    """A guess where no image shows the speed."""
+    speed = speed_heard(scan, choices)
+    if speed is None:
+        return SpeedFound(1.0, f"water's: {why}", GUESSED, None)
+    return SpeedFound(speed, f"by when detectors begin and cease to hear: {why}", GUESSED, None)
 
 
 def _span(points: Float[np.ndarray, "detectors 2"], center: np.ndarray) -> float:
@@ -112,16 +129,9 @@ def sharpness_by_speed(
     return sharpness_at
 
 
-class Sharpest(NamedTuple):
-    """A speed over that of water, why, and how sure; its standard error if it was found."""
-
-    stretch: float
-    why: str
-    grade: str
-    standard_error: float | None
-
-
-def sharpest(sharpness_at: Callable[[np.ndarray], Float[np.ndarray, "speeds sectors"]]) -> Sharpest:
+def sharpest(
+    sharpness_at: Callable[[np.ndarray], Float[np.ndarray, "speeds sectors"]],
+) -> SpeedFound:
     """The speed at which sharpness has the highest peak over its surroundings.
 
     As many speeds again between the neighbours of that peak, without the slope of the straight line
@@ -141,20 +151,17 @@ def sharpest(sharpness_at: Callable[[np.ndarray], Float[np.ndarray, "speeds sect
     best, height = _peak(coarse.sum(axis=1))
     slope = np.polyfit(SPEEDS[beside := _beside(best)], coarse[beside], 1)[0]
     if height < STANDS_OUT:
-        why = "water's: no other within 10 % gives an image much sharper than those beside it"
-        return Sharpest(1.0, why, GUESSED, None)
+        why = "none within 10 % gives an image much sharper than those beside it"
+        return SpeedFound(1.0, why, GUESSED, None)
     near = np.linspace(SPEEDS[best - 1], SPEEDS[best + 1], len(SPEEDS))
     fine = sharpness_at(near) - (near[:, None] - near[0]) * slope
     total = fine.sum(axis=1)
-    speed, error = _summit(near, total), 0.0
-    n = fine.shape[1]
-    if n > 1:
-        without = np.array([_summit(near, total - fine[:, k]) for k in range(n)])
-        error = float(np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2)))
+    speed = summit(near, total)
+    error = jackknife([summit(near, total - part) for part in fine.T])
     if error > UNSURE * speed:
-        why = f"water's: edges of different directions do not agree, to {error / speed:.1%}"
-        return Sharpest(1.0, why, GUESSED, None)
-    return Sharpest(
+        why = f"edges of different directions do not agree, to {error / speed:.1%}"
+        return SpeedFound(1.0, why, GUESSED, None)
+    return SpeedFound(
         speed, f"the image is sharpest, by {height - 1:.0%}; none in the file", LIKELY, error
     )
 
@@ -180,15 +187,6 @@ def _peak(values: Float[np.ndarray, " speeds"]) -> tuple[int, float]:
 def _beside(k: int) -> np.ndarray:
     """Which speeds are surroundings of the k-th."""
     return np.abs(np.arange(len(SPEEDS)) - k) > BESIDE
-
-
-def _summit(speeds: Float[np.ndarray, " speeds"], values: Float[np.ndarray, " speeds"]) -> float:
-    """Where the parabola through the three highest values is highest."""
-    best = int(np.argmax(values[1:-1])) + 1
-    before, highest, behind = values[best - 1 : best + 2]
-    curvature = min(before - 2 * highest + behind, -np.finfo(float).tiny)
-    step = float(np.clip((before - behind) / (2 * curvature), -1.0, 1.0))
-    return float(speeds[best] + (speeds[1] - speeds[0]) * step)
 
 
 @jax.jit

@@ -6,9 +6,7 @@ import pytest
 from jaxtat.records.power import (
     artefact_end,
     highest_frequency,
-    onsets,
     record_power,
-    sounding_disk,
 )
 
 RNG = np.random.default_rng(0)
@@ -38,25 +36,6 @@ def test_the_artefact_ends_when_it_has_died_away(length):
     assert length <= end <= length + 1.6e-6  # pieces are half a microsecond long
     assert artefact_end(record_power(record, TIMES, True), middle) == 0.0
     assert artefact_end(record_power(0 * record, TIMES, True), middle) == 0.0
-
-
-def test_onsets_of_pulses_in_noise_and_without():
-    arrivals = np.linspace(12e-6, 25e-6, 40)
-    for noise in (0.0, 0.02):
-        record = pulses(arrivals, 0.15e-6) + noise * RNG.standard_normal((40, 2000))
-        power = record_power(record, TIMES, True)
-        found = onsets(power)
-        assert (np.abs(found - (arrivals - 0.15e-6)) < 0.8e-6).all()
-
-
-def test_the_sounding_disk_bears_detectors_that_hear_something_else():
-    theta = np.linspace(0.0, 4.7, 80)
-    u = np.stack([np.cos(theta), np.sin(theta)], axis=1)
-    reach = 0.01 + u @ np.array([2e-3, -1e-3]) + 1e-5 * RNG.standard_normal(80)
-    reach[RNG.permutation(80)[:30]] += RNG.uniform(0.005, 0.03, 30)
-    center, radius = sounding_disk(u, reach)
-    assert np.allclose(center, (2e-3, -1e-3), atol=1e-4)
-    assert np.isclose(radius, 0.01, atol=1e-4)
 
 
 @pytest.mark.parametrize("limit", [2e6, 5e6, 12e6])

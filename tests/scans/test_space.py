@@ -11,13 +11,14 @@ import jaxtat
 from jaxtat import Setup, VolumeGrid, reconstruct_file
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_scan, load_settings, save_ipasc
-from jaxtat.scans import choose, describe, reconstruct, setup_of
+from jaxtat.scans import choose, describe, estimate_sound_speed, reconstruct, setup_of
 from jaxtat.scans import integrals as integrals_of
 from jaxtat.spherical import Bells, ball, cap_radii, spherical_cap
 
 CENTER = np.array([0.02, -0.01, 0.03])
 CAP = spherical_cap(0.04, 0.03, 13, 28, center=CENTER)
 BELL = Bells((CENTER + np.array([0.001, -0.001, 0.0005]))[None], [0.018])
+REACH = 0.018 + 0.0015  # how far from the middle the bell sounds
 REGION, RADIUS = ball(0.02, center=CENTER), 0.02
 MAX_FREQUENCY = 8 * np.pi / 0.04
 # the ball in nine voxels across, and the radii of the command's rule
@@ -127,12 +128,12 @@ def test_pressure_in_the_exchange_format(integrals, tmp_path, capsys):
     save_ipasc(path, Scan("pressure", record(), known))
     assert main(["info", str(path)]) == 0
     said = capsys.readouterr().out
-    for text in ("13 rings of 28 on a sphere, open upwards, radius 40 mm", "in-space", "water's"):
-        assert text in said
+    rings = "13 rings of 28 on a sphere, open upwards, radius 40 mm"
+    assert all(text in said for text in (rings, "in-space", "to be estimated"))
     choices = choose(load_scan(path))
-    assert choices.region_radius == pytest.approx(0.03) and choices.region_cut == pytest.approx(
-        0.03
-    )
+    assert REACH <= choices.region_radius <= 1.5 * REACH
+    assert choices.grade("region_radius") == "likely"
+    assert choices.region_cut == choices.region_radius
     assert choices.alpha < 1e-5 and choices.low_pass == "none"
     given = {"region_radius": RADIUS, "pixels": 9, "max_frequency": MAX_FREQUENCY}
     found = reconstruct_file(path, **given)
@@ -141,10 +142,29 @@ def test_pressure_in_the_exchange_format(integrals, tmp_path, capsys):
     assert found.unit == "m" and error < 0.02
 
 
-@pytest.mark.parametrize("n", [150, 160, 173])
+def test_opposite_detectors_agree_on_the_speed_of_sound():
+    """Within twice the standard error, in noise of a tenth of the sound too; not of noise alone."""
+    known, sound = {"detectors": shuffled()[0], "sampling_rate": 0.97 * RATE}, record()
+    rng = np.random.default_rng(0)
+    noise = 0.1 * sound.std() * rng.standard_normal(sound.shape)
+    for pressure in (sound, sound + noise):
+        scan = Scan("pressure", pressure, known)
+        choices = choose(scan)
+        found = estimate_sound_speed(scan, choices)
+        error = dict(found.standard_errors)["sound_speed"]
+        assert found.sound_speed == pytest.approx(0.97 * SOUND, abs=2 * error)
+        assert error < 0.005 * SOUND and found.grade("sound_speed") == "likely"
+        assert found.radial_step / choices.radial_step == pytest.approx(found.sound_speed / 1500)
+    silent = Scan("pressure", rng.standard_normal(sound.shape), known)
+    found = estimate_sound_speed(silent, choose(silent, region_radius=RADIUS))
+    assert found.sound_speed == 1500.0 and found.grade("sound_speed") == "guessed"
+    assert "opposite detectors agree at no other" in dict(found.reasons)["sound_speed"]
+
+
+@pytest.mark.parametrize("n", [150, 160, 165])
 def test_radii_end_with_a_short_record(n):
     """Where the region is as much as the record covers, its last radius must be there too."""
-    known = {"detectors": shuffled()[0], "sampling_rate": RATE}
+    known = {"detectors": shuffled()[0], "sampling_rate": RATE, "sound_speed": SOUND}
     scan = Scan("pressure", record()[:, :n], known)
     choices = choose(scan)
     end = SOUND / RATE * (n - 1)

@@ -53,7 +53,7 @@ def bump(speeds, at, height=0.3):
 def test_no_speed_is_believed_that_hardly_stands_out():
     found = sharpest(lambda speeds: bump(speeds, 0.99, 0.04))
     assert (found.stretch, found.grade, found.standard_error) == (1.0, "guessed", None)
-    assert "no other within 10 %" in found.why
+    assert "none within 10 %" in found.why
     found = sharpest(lambda speeds: bump(speeds, 0.9837))
     assert found.stretch == pytest.approx(0.9837, abs=1e-5)
     assert (found.why, found.grade) == ("the image is sharpest, by 30%; none in the file", "likely")

@@ -1,0 +1,74 @@
+"""When the detectors of a scan in the plane begin and cease to hear, and the speed that tells."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..io import Scan
+from ..records import channel_quality
+from ..records.channels import ChannelQuality
+from ..records.extent import Heard, heard, sounding_disk
+from ..records.power import RecordPower, muted_until, record_power
+from .choices import Choices
+from .facts import FASTEST, SLOWEST, facts_of, typical_frame
+
+EXACT = 1e-8  # noise over signal power, below which a record is simulated, not muted
+LEFT_TO_JUDGE = 128  # samples after a muted start, by which channels and noise are told
+PAUSE = 0.3  # of the way from the middle to the detectors: what sounds after it is an echo
+FINELY = 4  # times as many pieces of the record as its power is measured in otherwise
+CLEAR = 0.6  # of a piece: later ones hold nothing of what is before them
+
+
+def muted_start(power: RecordPower, times: Float[np.ndarray, " times"]) -> float:
+    """When the record begins, if it is muted before; 0 where too little is left to judge by."""
+    muted = muted_until(power)
+    return muted if np.count_nonzero(times >= muted) >= LEFT_TO_JUDGE else 0.0
+
+
+def noise_floor(quality: ChannelQuality, good: Bool[np.ndarray, " detectors"]) -> float:
+    """Power of the noise over that of the signal, by differences of samples."""
+    noise, signal = np.asarray(quality.noise)[good], np.asarray(quality.signal)[good]
+    return float(np.median((noise / np.maximum(signal, 1e-300)) ** 2))
+
+
+def heard_in_plane(
+    record: Float[np.ndarray, "detectors times"],
+    times: Float[np.ndarray, " times"],
+    begin: float,
+    middle: float,
+) -> Heard:
+    """First and last sound after a time, without offset, drift and slow tails.
+
+    Args:
+        middle: when sound from the middle arrives [time].
+    """
+    power = record_power(record, times, detrend=True, overlap=FINELY)
+    clear = begin + CLEAR * FINELY * (power.times[1] - power.times[0])
+    return heard(power.after(clear), PAUSE * middle)
+
+
+def speed_heard(scan: Scan, choices: Choices) -> float | None:
+    """The speed of sound, over that of the choices, by when detectors begin and cease to hear.
+
+    Sound of a body about m comes after |y - m| ∓ a: both by the speed at which the middle of what
+    is heard fits the detectors' distance. Simulated arcs of 125 degrees and more told it to 1 or
+    2 %, those of 90 hardly. None where the record does not tell both.
+
+    Args:
+        scan, choices: in the plane, of pressure.
+    """
+    facts = facts_of(scan)
+    assert facts.times is not None
+    record = jnp.asarray(typical_frame(scan)[list(choices.channels)])
+    power = record_power(np.asarray(record), facts.times, detrend=True)
+    muted = muted_start(power, facts.times)
+    quality = channel_quality(record, facts.times, dead_time=max(choices.dead_time, muted))
+    exact = noise_floor(quality, np.ones(len(record), bool)) <= EXACT
+    begin = max(2 * choices.dead_time, 0.0 if exact else muted)
+    points = facts.points[list(choices.channels)] - np.array(choices.region_center)
+    middle = float(np.median(np.hypot(*points.T))) / choices.sound_speed
+    when = heard_in_plane(np.asarray(record), facts.times, begin, middle)
+    if not (when.begins.mean() > 0.5 and when.ceases.mean() > 0.5):
+        return None
+    speed = sounding_disk(points, when, choices.sound_speed, False).speed
+    return float(np.clip(speed, SLOWEST, FASTEST))

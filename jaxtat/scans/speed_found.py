@@ -1,0 +1,41 @@
+"""A speed of sound that was looked for, and what both ways to find it share."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+UNSURE = 0.005  # standard error over the speed, above which it is not believed
+
+
+class SpeedFound(NamedTuple):
+    """A speed over that of water, why, and how sure; its standard error if it was found."""
+
+    stretch: float
+    why: str
+    grade: str
+    standard_error: float | None
+
+
+def summit(speeds: Float[np.ndarray, " speeds"], values: Float[np.ndarray, " speeds"]) -> float:
+    """Where the parabola through the three highest values is highest.
+
+    >>> speeds = np.linspace(0.9, 1.1, 5)
+    >>> round(summit(speeds, -(speeds - 0.98) ** 2), 12)
+    0.98
+    """
+    best = int(np.argmax(values[1:-1])) + 1
+    before, highest, behind = values[best - 1 : best + 2]
+    curvature = min(before - 2 * highest + behind, -np.finfo(float).tiny)
+    step = float(np.clip((before - behind) / (2 * curvature), -1.0, 1.0))
+    return float(speeds[best] + (speeds[1] - speeds[0]) * step)
+
+
+def jackknife(without: list[float]) -> float:
+    """Standard error of what was found without each of n parts in turn.
+
+    >>> round(jackknife([1.0, 1.0, 1.0]), 12), round(jackknife([0.9, 1.1]), 12)
+    (0.0, 0.1)
+    """
+    n, found = len(without), np.array(without)
+    return float(np.sqrt((n - 1) / n * np.sum((found - found.mean()) ** 2)))
