@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 
 from jaxtat import (
     NoiseLevel,
@@ -187,7 +186,7 @@ def test_derivatives_of_the_norm_bound():
     assert (jnp.abs(slopes) > 1e-2).all()
 
 
-def test_derivatives_where_eigenvalues_coincide():
+def test_derivatives_where_eigenvalues_coincide(check_both_modes):
     """Any change of matrix and plane waves, where eigenvectors have no derivative."""
     rng = np.random.default_rng(0)
     turn, _ = np.linalg.qr(rng.standard_normal((4, 4)))
@@ -199,8 +198,7 @@ def test_derivatives_where_eigenvalues_coincide():
         return jnp.log(_alpha_of_matrix(symmetric, root @ jnp.swapaxes(root, -1, -2), square))
 
     for square in (0.5, 3.0):
-        point = jnp.zeros((1, 4, 4)), root, jnp.array(square)
-        check_grads(jax.jit(found), point, 1, modes=("fwd", "rev"), atol=1e-6, rtol=1e-6)
+        check_both_modes(found, (jnp.zeros((1, 4, 4)), root, square), rtol=1e-6, atol=1e-6)
 
 
 def test_derivatives_at_a_tiny_alpha():
