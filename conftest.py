@@ -85,7 +85,12 @@ def pytest_collection_modifyitems(items):
         path = item.path.as_posix()
         return next((i for i, name in enumerate(SLOW) if path.endswith(name)), len(SLOW))
 
-    items.sort(key=place)
+    files = {path: number for number, path in enumerate(dict.fromkeys(i.path for i in items))}
+
+    def forgets(item):  # last in its file: all tests after it would make their programs anew
+        return "forget_programs" in getattr(item, "fixturenames", ())
+
+    items.sort(key=lambda item: (place(item), files[item.path], forgets(item)))
 
 
 @pytest.fixture(scope="session")

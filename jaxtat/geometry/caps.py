@@ -13,7 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..base.checks import (
+    Numbers,
+    by_library,
+    is_concrete,
+    real_array,
+    require_positive,
+    whole_number,
+)
 from .curves import CircularArc, DetectorCurve, SampledCurve, opening_angle
 from .elements import (
     checked_element_radius,
@@ -26,6 +33,10 @@ from .elements import (
 T = TypeVar("T")
 
 RULES = ("gauss", "equal")
+
+
+def _distance(xp: Any, points: Any, center: Any) -> Any:
+    return xp.linalg.norm(points - center, axis=-1)
 
 
 class RoundElements(eqx.Module):
@@ -44,7 +55,7 @@ class RoundElements(eqx.Module):
     @property
     def distance(self) -> Float[Array, "*one_or_detectors"]:
         """Of the detectors from their centre [length]."""
-        return jnp.linalg.norm(self.points - self.center, axis=-1)
+        return by_library(_distance, (self.points, self.center))
 
     def element_factor(
         self, n_degrees: int, n_nodes: int

@@ -247,14 +247,16 @@ def with_elements(curve: C, width: Numbers | None) -> C:
 
 def one_after_another(curves: Sequence[DetectorCurve]) -> SampledCurve:
     """Several curves as one, not checked, with normals away from the middle of all."""
-    points, weights, normals = (
-        [getattr(curve, name) for curve in curves] for name in ("points", "weights", "normals")
-    )
-    every = jnp.concatenate(points)
+    parts = [part for curve in curves for part in (curve.points, curve.weights, curve.normals)]
+    return SampledCurve(*by_library(_in_a_row, parts), False, _widths_of_all(curves))
+
+
+def _in_a_row(xp: Any, *parts: Any) -> tuple[Any, Any, Any]:
+    points, weights, normals = parts[::3], parts[1::3], parts[2::3]
+    every = xp.concatenate(points)
     middle = every.mean(axis=0)
-    turned = [outward(*part, middle) for part in zip(points, normals, strict=True)]
-    where = every, jnp.concatenate(weights), jnp.concatenate(turned)
-    return SampledCurve(*where, False, _widths_of_all(curves))
+    turned = [outward(*part, middle, xp) for part in zip(points, normals, strict=True)]
+    return every, xp.concatenate(weights), xp.concatenate(turned)
 
 
 def _widths_of_all(curves: Sequence[DetectorCurve]) -> Float[Array, " detectors"] | None:
@@ -271,15 +273,16 @@ def _widths_of_all(curves: Sequence[DetectorCurve]) -> Float[Array, " detectors"
     )
 
 
-@jax.jit
-def outward(
-    points: Float[Array, "detectors 2"],
-    normals: Float[Array, "detectors 2"],
-    middle: Float[Array, "2"],
-) -> Float[Array, "detectors 2"]:
-    """Normals of one side of a curve, turned away from the middle if they point there."""
-    away = jnp.sum(normals * (points - middle))
-    return jnp.where(away < 0, -1.0, 1.0) * normals  # of a straight array either is as good
+def outward(points: Any, normals: Any, middle: Any, xp: Any = jnp) -> Any:
+    """Normals of one side of a curve, turned away from the middle if they point there.
+
+    Args:
+        points, normals: (detectors, 2).
+        middle: (2,).
+        xp: numpy or jax.numpy.
+    """
+    away = (normals * (points - middle)).sum()
+    return xp.where(away < 0, -1.0, 1.0) * normals  # of a straight array either is as good
 
 
 def turned_views(curve: DetectorCurve, turns: Numbers) -> SampledCurve:

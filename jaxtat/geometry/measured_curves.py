@@ -2,12 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -129,7 +126,8 @@ def _smoothed_curve(points: Array, closed: bool, smooth: int) -> SampledCurve:
     if smooth:
         if n <= 2 * smooth:
             raise ValueError(f"smooth is {smooth}, expected less than half of {n} detectors.")
-        smoothed = jax.device_put(_local_parabolas(n, smooth, closed)) @ points
+        smoothing = _local_parabolas(n, smooth, closed)
+        smoothed = by_library(lambda xp, points: smoothing @ points, (points,))
     if is_concrete(smoothed):
         require_sorted(np.asarray(smoothed), closed)
         require_simple(np.asarray(smoothed), closed)
@@ -200,28 +198,33 @@ def keep_detectors(curve: DetectorCurve, keep: Numbers | np.ndarray) -> SampledC
         )
     require_detectors(int(mask.sum()), least=3)
     kept = np.flatnonzero(mask)
-    points, closed, width = curve.points[kept], curve.closed, curve.element_width
+    closed, width = curve.closed, curve.element_width
+    points = by_library(lambda xp, points: points[kept], (curve.points,))
     if width is not None and width.ndim:
-        width = width[kept]
+        width = by_library(lambda xp, width: width[kept], (width,))
     if closed and is_concrete(points):
-        steps = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+        where = np.asarray(points)
+        steps = np.linalg.norm(np.roll(where, -1, axis=0) - where, axis=1)
         closed = not behind_gap(steps, True)[-1]
     return replace(_sampled(points, closed), element_width=width)
 
 
-@partial(jax.jit, static_argnums=1)
 def _sampled(points: Array, closed: bool) -> SampledCurve:
     """Weights and normals from the circles through three neighbours."""
-    before, here, after = _neighbours(points, closed)
-    step = _arc_to_next(before, here, after)  # from each detector to the next one
-    wide = behind_gap(step, closed, jnp)
-    back, back_wide = jnp.roll(step, 1), jnp.roll(wide, 1)
+    return SampledCurve(points, *by_library(_weights_and_normals, (points,), closed), closed)
+
+
+def _weights_and_normals(xp: Any, points: Any, closed: bool) -> tuple[Any, Any]:
+    before, here, after = _neighbours(xp, points, closed)
+    step = _arc_to_next(xp, before, here, after)  # from each detector to the next one
+    wide = behind_gap(step, closed, xp)
+    back, back_wide = xp.roll(step, 1), xp.roll(wide, 1)
     # beside one gap the other step counts twice; alone between two, a detector owns one like others
-    own = jnp.where(wide & back_wide, jnp.median(step), jnp.where(wide, back, step))
-    weights = (own + jnp.where(back_wide, own, back)) / 2
-    tangents = _tangents(before, here, after)
-    normals = jnp.stack([tangents[:, 1], -tangents[:, 0]], axis=-1)
-    return SampledCurve(points, weights, outward(points, normals, points.mean(axis=0)), closed)
+    own = xp.where(wide & back_wide, xp.median(step), xp.where(wide, back, step))
+    weights = (own + xp.where(back_wide, own, back)) / 2
+    tangents = _tangents(xp, before, here, after)
+    normals = xp.stack([tangents[:, 1], -tangents[:, 0]], axis=-1)
+    return weights, outward(points, normals, points.mean(axis=0), xp)
 
 
 def behind_gap(steps: Any, closed: bool, xp: Any = np) -> Bool[Array | np.ndarray, " detectors"]:
@@ -339,15 +342,16 @@ def require_simple(points: np.ndarray, closed: bool) -> None:
         )
 
 
-def _neighbours(points: Array, closed: bool) -> tuple[Array, Array, Array]:
+def _neighbours(xp: Any, points: Any, closed: bool) -> tuple[Any, Any, Any]:
     """For each detector the three points of its circle; open ends take two from one side."""
-    before, after = jnp.roll(points, 1, axis=0), jnp.roll(points, -1, axis=0)
+    number = np.arange(len(points))
+    before, after = np.roll(number, 1), np.roll(number, -1)
     if not closed:
-        before, after = before.at[0].set(points[2]), after.at[-1].set(points[-3])
-    return before, points, after
+        before[0], after[-1] = number[2], number[-3]
+    return points[before], points, points[after]
 
 
-def _tangents(before: Array, here: Array, after: Array) -> Array:
+def _tangents(xp: Any, before: Any, here: Any, after: Any) -> Any:
     """Unit tangents at ``here`` of the circles through the three points.
 
     Inversion about ``here`` maps the circle to a straight line parallel to its tangent.
@@ -355,23 +359,24 @@ def _tangents(before: Array, here: Array, after: Array) -> Array:
     ahead, behind = after - here, before - here
     tangent = ahead / _square(ahead) - behind / _square(behind)
     # at the open ends both neighbours lie on one side; keep the direction of travel
-    tangent = tangent.at[0].multiply(jnp.sign(tangent[0] @ (here[1] - here[0])))
-    tangent = tangent.at[-1].multiply(jnp.sign(tangent[-1] @ (here[-1] - here[-2])))
-    return tangent / jnp.sqrt(_square(tangent))
+    ends = (tangent[0] @ (here[1] - here[0]), tangent[-1] @ (here[-1] - here[-2]))
+    signs = [xp.sign(end)[None] for end in ends]
+    tangent = tangent * xp.concatenate([signs[0], np.ones(len(here) - 2), signs[1]])[:, None]
+    return tangent / xp.sqrt(_square(tangent))
 
 
-def _arc_to_next(before: Array, here: Array, after: Array) -> Array:
+def _arc_to_next(xp: Any, before: Any, here: Any, after: Any) -> Any:
     """Arc length (2/κ) asin(κ c/2) over the chord c to the next point, κ of the three points."""
-    chord = jnp.sqrt(_square(jnp.roll(here, -1, axis=0) - here))
+    chord = xp.sqrt(_square(xp.roll(here, -1, axis=0) - here))
     a, b = after - here, before - here
     cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     curvature2 = 4 * cross**2 / (_square(a) * _square(b) * _square(a - b))[:, 0]
     # the chord that closes an open curve is no arc of it, and is replaced by the caller
-    x2 = jnp.minimum(curvature2 * chord[:, 0] ** 2 / 4, 0.999)
+    x2 = xp.minimum(curvature2 * chord[:, 0] ** 2 / 4, 0.999)
     small = x2 < 1e-8  # asin(x)/x, by its series where the quotient and its derivative are 0/0
-    x = jnp.sqrt(jnp.where(small, 0.5, x2))
-    return chord[:, 0] * jnp.where(small, 1 + x2 / 6, jnp.arcsin(x) / x)
+    x = xp.sqrt(xp.where(small, 0.5, x2))
+    return chord[:, 0] * xp.where(small, 1 + x2 / 6, xp.arcsin(x) / x)
 
 
-def _square(vectors: Array) -> Array:
-    return jnp.sum(vectors**2, axis=-1, keepdims=True)
+def _square(vectors: Any) -> Any:
+    return (vectors**2).sum(axis=-1, keepdims=True)

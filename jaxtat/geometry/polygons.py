@@ -1,7 +1,6 @@
 """Regions of interest with straight sides, and regions of several components."""
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -10,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, is_concrete, real_array, require_positive
+from ..base.checks import Numbers, by_library, is_concrete, real_array, require_positive
 from ..special import root
 from .crossing import first_crossing
 from .regions import DEFAULT_BOUNDARY, Counts, Region
@@ -145,15 +144,18 @@ def polygon(vertices: Numbers, *, n_boundary: int | Sequence[int] | None = None)
     return _polygon(vertices, counts, automatic)
 
 
-@partial(jax.jit, static_argnums=(1, 2))
-def _polygon(vertices: Array, counts: tuple[int, ...], automatic: bool) -> Polygon:
-    points, weights, normals = pieces_of_line(vertices, counts)
-    middle = _middle(vertices)
-    side = jnp.sign(_twice_the_area(vertices, jnp))
-    return Polygon(points, weights, side * normals, middle, counts, automatic, vertices)
+def _polygon(vertices: Array, counts: Counts, automatic: bool) -> Polygon:
+    return Polygon(*by_library(_boundary, (vertices,), counts), counts, automatic, vertices)
 
 
-def _middle(points: Float[Array, "n 2"]) -> Float[Array, "2"]:
+def _boundary(xp: Any, vertices: Any, counts: tuple[int, ...]) -> tuple[Any, Any, Any, Any]:
+    """Points, weights, outward normals and the middle."""
+    points, weights, normals = pieces_of_line(vertices, counts, xp)
+    side = xp.sign(_twice_the_area(vertices, xp))
+    return points, weights, side * normals, _middle(vertices)
+
+
+def _middle(points: Any) -> Any:
     """Of the box around points."""
     return (points.max(axis=0) + points.min(axis=0)) / 2
 

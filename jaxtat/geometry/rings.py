@@ -1,13 +1,12 @@
 """Rings of measured detectors: from positions in space to a cap."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..base.checks import Numbers, real_array
+from ..base.checks import Numbers, by_library, real_array
 from .caps import SphericalCap
 from .curves import SampledCurve
 
@@ -35,27 +34,35 @@ class DetectorRings(SphericalCap):
 
     @property
     def lowest_angle(self) -> Float[Array, ""]:
-        lowest, step = self.polar_angles[0], self.polar_angles[0] - self.polar_angles[1]
-        return jnp.where(lowest + step < jnp.pi, lowest + step / 2, jnp.pi)
+        return by_library(_bounds, (self.polar_angles, self.half_opening))[0]
 
     @property
     def meridian(self) -> SampledCurve:
         """All rings, on both sides of the axis: where they leave a hole nothing is seen."""
-        theta = jnp.concatenate([jnp.flip(self.polar_angles), -self.polar_angles])
-        normals = jnp.stack([jnp.cos(theta), jnp.sin(theta)], axis=1)
-        arcs = -self.radius * jnp.diff(self._bounds())
-        weights = jnp.concatenate([jnp.flip(arcs), arcs])
-        return SampledCurve(self.radius * normals, weights, normals, self.closed)
+        given = self.polar_angles, self.half_opening, self.radius
+        return SampledCurve(*by_library(_meridian, given), self.closed)
 
     def _rings(self) -> tuple[Array, Array]:
-        bounds = jnp.cos(self._bounds())
-        return jnp.cos(self.polar_angles), jnp.diff(bounds)
+        return by_library(_cosines_and_areas, (self.polar_angles, self.half_opening))
 
-    def _bounds(self) -> Float[Array, " one_more"]:
-        """theta between which the areas of the rings lie."""
-        theta = self.polar_angles
-        between = (theta[1:] + theta[:-1]) / 2
-        return jnp.concatenate([self.lowest_angle[None], between, self.half_opening[None]])
+
+def _bounds(xp: Any, theta: Any, half_opening: Any) -> Any:
+    """theta between which the areas of the rings lie, one more than rings."""
+    beyond = 2 * theta[0] - theta[min(1, len(theta) - 1)]
+    lowest = xp.where(beyond < np.pi, (theta[0] + beyond) / 2, np.pi)
+    between = (theta[1:] + theta[:-1]) / 2
+    return xp.concatenate([lowest[None], between, half_opening[None]])
+
+
+def _cosines_and_areas(xp: Any, theta: Any, half_opening: Any) -> tuple[Any, Any]:
+    return xp.cos(theta), xp.diff(xp.cos(_bounds(xp, theta, half_opening)))
+
+
+def _meridian(xp: Any, polar_angles: Any, half_opening: Any, radius: Any) -> tuple[Any, Any, Any]:
+    theta = xp.concatenate([xp.flip(polar_angles), -polar_angles])
+    normals = xp.stack([xp.cos(theta), xp.sin(theta)], axis=1)
+    arcs = -radius * xp.diff(_bounds(xp, polar_angles, half_opening))
+    return radius * normals, xp.concatenate([xp.flip(arcs), arcs]), normals
 
 
 class FoundRings(NamedTuple):

@@ -14,7 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..base.checks import (
+    Numbers,
+    by_library,
+    is_concrete,
+    real_array,
+    require_positive,
+    whole_number,
+)
 from .curves import DetectorCurve, SampledCurve, one_after_another, outward, with_elements
 from .measured_curves import require_simple
 
@@ -136,7 +143,8 @@ def polyline(
     counts = shared_out("n_detectors", n_detectors, vertices, closed, least=1)
     if sum(counts) < 2:
         raise ValueError("got 1 detector, expected at least 2 on a curve.")
-    return _checked(_polyline(vertices, counts, closed), element_width)
+    parts = by_library(_polyline, (vertices,), counts)
+    return _checked(SampledCurve(*parts, closed), element_width)
 
 
 def join_curves(*curves: DetectorCurve) -> SampledCurve:
@@ -202,25 +210,28 @@ def shared_out(name: str, n: Any, vertices: Array, closed: bool, least: int) -> 
     return counts
 
 
-def pieces_of_line(
-    vertices: Float[Array, "vertices 2"], counts: tuple[int, ...]
-) -> tuple[Float[Array, "n 2"], Float[Array, " n"], Float[Array, "n 2"]]:
-    """Midpoints of equal parts of every piece, their lengths, and the normals on the right."""
+def pieces_of_line(vertices: Any, counts: tuple[int, ...], xp: Any = jnp) -> tuple[Any, Any, Any]:
+    """Midpoints of equal parts of every piece, their lengths, and the normals on the right.
+
+    Args:
+        vertices: (vertices, 2).
+        counts: parts of every piece.
+        xp: numpy or jax.numpy.
+    """
     starts = vertices[: len(counts)]
-    ends = jnp.roll(vertices, -1, axis=0)[: len(counts)]
+    ends = xp.roll(vertices, -1, axis=0)[: len(counts)]
     which = np.repeat(np.arange(len(counts)), counts)
     share = np.concatenate([(np.arange(k) + 0.5) / k for k in counts])[:, None]
     along = ends - starts
-    length = jnp.sqrt(jnp.sum(along**2, axis=1))
-    normals = jnp.stack([along[:, 1], -along[:, 0]], axis=1) / length[:, None]
+    length = xp.sqrt((along**2).sum(axis=1))
+    normals = xp.stack([along[:, 1], -along[:, 0]], axis=1) / length[:, None]
     weights = length / np.array(counts)
     return starts[which] + share * along[which], weights[which], normals[which]
 
 
-@partial(jax.jit, static_argnums=(1, 2))
-def _polyline(vertices: Array, counts: tuple[int, ...], closed: bool) -> SampledCurve:
-    points, weights, normals = pieces_of_line(vertices, counts)
-    return SampledCurve(points, weights, outward(points, normals, points.mean(axis=0)), closed)
+def _polyline(xp: Any, vertices: Any, counts: tuple[int, ...]) -> tuple[Any, Any, Any]:
+    points, weights, normals = pieces_of_line(vertices, counts, xp)
+    return points, weights, outward(points, normals, points.mean(axis=0), xp)
 
 
 @partial(jax.jit, static_argnums=(5, 6))
@@ -290,7 +301,7 @@ def _inverse(
 
 def _checked(curve: SampledCurve, element_width: Numbers | None = None) -> SampledCurve:
     if is_concrete(curve):
-        length = float(curve.weights.sum())
+        length = float(np.asarray(curve.weights).sum())
         if not (np.isfinite(length) and length > 0):
             raise ValueError(f"the curve's length is {length:.6g}, expected a value above zero.")
         require_simple(np.asarray(curve.points), curve.closed)

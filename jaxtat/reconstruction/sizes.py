@@ -104,7 +104,7 @@ def plane_sizes(
         require_pixels(grid, float(region.reach))  # by which default radii are chosen
         require_radii(radii)  # before anything is made of their steps
         frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
-        highest = float(frequencies[-1])
+        highest = float(np.asarray(frequencies)[-1])
         if region.automatic:
             length = float(region.weights.sum())
             region = region.with_counts(region.shared_out(enough_boundary(length, highest)))

@@ -89,6 +89,7 @@ def kernel_noise_power(
     return jnp.mean(weights) * jnp.mean(jnp.sum(kernels**2, axis=-1), axis=-1)
 
 
+@jax.jit
 def total_integrals(
     g: Float[Array, "*batch detectors radii"], radii: Float[Array, " radii"]
 ) -> Float[Array, "*batch detectors"]:

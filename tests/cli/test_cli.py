@@ -394,7 +394,8 @@ def test_slices_choose_frames(jaxtat_command, capsys):
         assert np.array_equal(whole["frames"], [0, 1, 3])
         assert np.array_equal(some["frames"], [1, 3])
         assert agree(whole["image"][0], direct_image(INTEGRALS))
-        assert np.array_equal(whole["image"][1:], some["image"])
+        # equal but for rounding: a batch of another size is another program
+        assert agree(whole["image"][1:], some["image"][:])
         assert np.array_equal(np.load("again.npy"), some["image"])
     assert jaxtat_command(f"{line} --frames 0:5 --out b.npy") == 2
     assert "--frames 0:5: there are 4 frames, 0 to 3" in capsys.readouterr().err

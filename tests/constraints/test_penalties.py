@@ -25,7 +25,7 @@ NAMES = ["tv", "second order", "wavelets", "joint tv", "joint wavelets"]
 @pytest.mark.parametrize("penalty", PENALTIES, ids=NAMES)
 @pytest.mark.parametrize("shape", [(1, 12, 10), (1, 6, 5, 7)])
 def test_the_bound_is_one_and_not_far(penalty, shape):
-    matrix = jax.jacobian(lambda f: penalty.parts(f).ravel())(jnp.zeros(shape))
+    matrix = jax.jit(jax.jacobian(lambda f: penalty.parts(f).ravel()))(np.zeros(shape))
     square = np.linalg.norm(np.asarray(matrix).reshape(matrix.shape[0], -1), 2) ** 2
     assert (
         0.2 * penalty.bound(len(shape) - 1) < square <= penalty.bound(len(shape) - 1) * (1 + 1e-12)
@@ -80,6 +80,7 @@ def test_proximal_maps_minimise(penalty, nonnegative):
     found, _ = jax.jit(lambda v: prox(penalty, v, weight, delta, allowed, dual, 3000))(IMAGES)
 
     @jax.jit
+    @jax.value_and_grad
     def cost(u):
         u = u.reshape(IMAGES.shape)
         return jnp.sum((u - IMAGES) ** 2) / 2 + weight * penalty.value(u, delta)
@@ -88,14 +89,14 @@ def test_proximal_maps_minimise(penalty, nonnegative):
     options = {"maxiter": 5000, "maxfun": 10000, "ftol": 1e-15, "gtol": 1e-10}
     start = np.asarray(allowed(IMAGES)).ravel()
     best = minimize(
-        lambda u: tuple(map(np.asarray, jax.value_and_grad(cost)(u))),
+        lambda u: tuple(map(np.asarray, cost(u))),
         start,
         jac=True,
         method="L-BFGS-B",
         bounds=bounds,
         options=options,
     )
-    assert float(cost(found.ravel())) <= best.fun + 1e-9
+    assert float(cost(found.ravel())[0]) <= best.fun + 1e-9
     assert_allclose(found.ravel(), best.x, atol=2e-4)
 
 

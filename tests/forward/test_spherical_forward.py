@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 
 from jaxtat import VolumeGrid
 from jaxtat.base.interpolation import KEYS, LINEAR
@@ -96,7 +95,7 @@ def test_adjoint_passes_the_dot_test_for_batches_and_caps():
         assert abs(one - other) < 1e-12 * np.linalg.norm(g[k]) * np.linalg.norm(data[k])
 
 
-def test_derivatives_in_volume_positions_and_radii():
+def test_derivatives_in_volume_positions_and_radii(check_both_modes):
     volume = Bells([[0.1, 0.0, -0.1]], [0.9]).volume(GRID)
 
     def g(volume, points, radii):
@@ -104,9 +103,7 @@ def test_derivatives_in_volume_positions_and_radii():
             volume, GRID, DetectorPoints(points), radii, n_points=N_POINTS
         )
 
-    check_grads(
-        jax.jit(g), (volume, POINTS.points[:2], RADII), 1, modes=["fwd", "rev"], rtol=1e-4, eps=1e-5
-    )
+    check_both_modes(g, (volume, POINTS.points[:2], RADII), rtol=1e-4)
 
 
 def test_default_points_and_refusals():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from jax.test_util import check_grads
 
 from jaxtat import circular_arc, detector_curve
 from jaxtat.geometry import SampledCurve, fit_circle, keep_detectors, near_circle, turned_views
@@ -213,7 +212,7 @@ def test_fit_circle_finds_the_circle_of_an_arc(radius, c1, c2, span, start):
     assert np.allclose(circle.center, [c1, c2], atol=1e-7 * radius)
 
 
-def test_derivatives_of_curves():
+def test_derivatives_of_curves(check_both_modes):
     arc = circular_arc(1.3, 0.5, 12)
 
     def arc_fields(radius, cut, center, angle):
@@ -225,9 +224,8 @@ def test_derivatives_of_curves():
         return curve.weights, curve.normals, fit_circle(points).radius
 
     arguments = (jnp.array(1.3), jnp.array(0.4), jnp.array([0.2, 0.1]), jnp.array(0.3))
-    both = {"order": 1, "modes": ["fwd", "rev"], "rtol": 1e-6}
-    check_grads(jax.jit(arc_fields), arguments, **both)
-    check_grads(jax.jit(measured_fields), (arc.points,), **both)
+    check_both_modes(arc_fields, arguments, rtol=1e-6)
+    check_both_modes(measured_fields, (arc.points,), rtol=1e-6)
 
 
 def test_straight_arrays_have_finite_derivatives():
@@ -260,12 +258,12 @@ def test_turned_views_are_the_array_turned_about_the_origin():
         turned_views(arc, np.zeros(0))
 
 
-def test_derivatives_of_turned_views():
+def test_derivatives_of_turned_views(check_both_modes):
     def fields(center, turns):
         views = turned_views(circular_arc(1.3, 0.4, 5, center=center), turns)
         return views.points, views.normals, views.weights
 
-    check_grads(jax.jit(fields), (jnp.array([0.1, 0.2]), jnp.array([0.3, 1.0])), 2, ["fwd", "rev"])
+    check_both_modes(fields, (jnp.array([0.1, 0.2]), jnp.array([0.3, 1.0])), order=2)
 
 
 def test_detectors_left_out_share_their_arc_with_those_beside_them():

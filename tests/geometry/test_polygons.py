@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 from matplotlib.path import Path
 
 from jaxtat import circular_arc, disk, polygon
@@ -133,10 +132,10 @@ def test_impossible_regions_are_refused(make, message):
         make()
 
 
-def test_derivatives_of_polygons():
+def test_derivatives_of_polygons(check_both_modes):
     def parts(vertices):
         region = polygon(vertices, n_boundary=(4, 4, 4))
         return region.points, region.weights, region.normals, region.center, region.reach
 
     triangle = np.array([(-0.6, -0.5), (0.8, -0.6), (-0.5, 0.7)])
-    check_grads(jax.jit(parts), (triangle,), order=1)
+    check_both_modes(parts, (triangle,))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from jax.test_util import check_grads
 
 from jaxtat import ImageGrid, circular_arc, data_radii, detector_curve, disk
 from jaxtat.geometry import require_outside, require_radii, uncovered, visibility
@@ -43,13 +42,13 @@ def test_contains_turns_and_moves_with_the_region(c1, c2, angle):
     assert np.array_equal(plain, moved.contains(jnp.asarray(points @ turn.T + [c1, c2])))
 
 
-def test_derivatives_of_regions():
+def test_derivatives_of_regions(check_both_modes):
     def fields(radius, cut, center, angle):
         region = disk(radius, cut, n_boundary=30, center=center, angle=angle)
         return region.points, region.weights, region.normals
 
     arguments = (jnp.array(1.0), jnp.array(0.2), jnp.array([0.2, 0.1]), jnp.array(0.3))
-    check_grads(jax.jit(fields), arguments, order=1, modes=["fwd", "rev"])
+    check_both_modes(fields, arguments)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import jaxtyping
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 from scipy.special import ellipe, ellipeinc
 
 from jaxtat import circular_arc, detector_curve, disk, elliptic_arc, polygon, polyline
@@ -202,30 +201,30 @@ def test_a_number_of_detectors_may_be_an_array(monkeypatch):
     assert polyline([(0, 0), (1, 0)], jax.device_put(9)).n_detectors == 9
 
 
-def test_derivatives_of_curves_from_formulas():
+def test_derivatives_of_curves_from_formulas(check_both_modes):
     def ellipse(a, b, stop, angle):
         found = elliptic_arc(jnp.stack([a, b]), 5, stop=stop, angle=angle)
         return found.points, found.weights, found.normals
 
-    check_grads(jax.jit(ellipse), (1.6, 1.2, 2.5, 0.3), order=1, atol=1e-5, rtol=1e-5)
+    check_both_modes(ellipse, (1.6, 1.2, 2.5, 0.3))
 
     def half(start, stop):  # the middle detector lies on a node of the table
         return elliptic_arc((1.6, 1.2), 5, start=start, stop=stop).points
 
     ends = np.pi / 2, 3 * np.pi / 2
-    check_grads(jax.jit(half), ends, order=1, atol=1e-6, rtol=1e-6, eps=1e-4)
+    check_both_modes(half, ends, step=1e-4, rtol=1e-6, atol=1e-6)
 
     def line(vertices):
         found = polyline(vertices, (2, 3))
         return found.points, found.weights, found.normals
 
-    check_grads(jax.jit(line), (np.array([[0.0, 1.0], [0.2, 0.0], [1.0, 0.1]]),), order=1)
+    check_both_modes(line, (np.array([[0.0, 1.0], [0.2, 0.0], [1.0, 0.1]]),))
 
     def measured(points):
         found = detector_curve(points, closed=False, smooth=2)
         return found.weights, found.normals
 
     arc = np.asarray(circular_arc(1.3, 0.0, 8).points)
-    check_grads(jax.jit(measured), (arc,), order=1, atol=1e-5, rtol=1e-5)
+    check_both_modes(measured, (arc,))
     with pytest.raises(ValueError, match="one number for each piece"):
         jax.jit(lambda v: polyline(v, 9).points)(jnp.ones((3, 2)))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from jax.test_util import check_grads
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
@@ -96,7 +95,7 @@ def test_the_width_is_taken():
     assert_allclose(found, 2 * norm.pdf((s - 0.5) / 0.1) / 0.1, rtol=1e-12)
 
 
-def test_derivatives():
+def test_derivatives(check_both_modes):
     @jax.jit
     def weight(points, weights, angle, offset, width):
         points, weights = jnp.asarray(points), jnp.asarray(weights)
@@ -105,14 +104,14 @@ def test_derivatives():
 
     arc = circular_arc(1.0, 0.3, 9)
     numbers = (jnp.array(0.4), jnp.array([0.1, 0.8]), jnp.array(0.3))
-    check_grads(weight, (arc.points, arc.weights, *numbers), 1, ["fwd", "rev"])
+    check_both_modes(weight, (arc.points, arc.weights, *numbers))
 
     @jax.jit
     def by_itself(points):  # of a regular array, where all arc lengths are equal
         return transverse_weight(detector_curve(points, closed=False), 0.4, numbers[1])
 
     # the differences themselves are off by the square of eps: 2e-7 at 1e-4
-    check_grads(by_itself, (arc.points,), 1, ["fwd", "rev"], atol=1e-7, rtol=1e-7, eps=2e-5)
+    check_both_modes(by_itself, (arc.points,), step=2e-5, rtol=1e-7, atol=1e-7)
 
 
 def test_a_new_geometry_is_no_new_program():

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 from scipy.special import ellipe, ellipk
 
 from jaxtat import ImageGrid, detector_curve
@@ -110,7 +109,7 @@ def test_data_of_a_scan_are_those_of_its_projections():
     assert (np.abs(g) > 0).mean() > 0.8
 
 
-def test_derivatives_of_data():
+def test_derivatives_of_data(check_both_modes):
     @jax.jit
     def data(centers, sizes, amplitudes, axis, points):
         moved = detector_curve(points, closed=False)
@@ -118,7 +117,7 @@ def test_derivatives_of_data():
         return projected.circular_integrals(moved, np.array([0.7, 1.2]))
 
     arguments = tuple(map(jax.device_put, (CENTERS, RADII, AMPLITUDES, np.array(0.1), POINTS)))
-    check_grads(data, arguments, order=1, modes=["fwd", "rev"], rtol=1e-5)
+    check_both_modes(data, arguments)
 
 
 @pytest.mark.parametrize(

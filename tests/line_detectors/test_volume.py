@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 
 from jaxtat import ImageGrid, VisibilityWarning, cosine_filter, disk
 from jaxtat.line_detectors import (
@@ -142,7 +141,7 @@ def test_adjoint(shown):
     assert np.allclose(more, 2 * np.asarray(found) + ones, atol=1e-10)
 
 
-def test_derivatives_with_respect_to_projections_angles_and_axis():
+def test_derivatives_with_respect_to_projections_angles_and_axis(check_both_modes):
     grid, scan = ImageGrid((12, 4), (1.0, 0.4)), scan_of(12, whole=True)
 
     def volume(projections, angles, axis):
@@ -151,7 +150,7 @@ def test_derivatives_with_respect_to_projections_angles_and_axis():
 
     projections = jnp.asarray(projections_of(BELLS, scan, grid))
     arguments = projections, scan.angles, jnp.array(0.033)
-    check_grads(jax.jit(volume), arguments, 1, ["fwd", "rev"], rtol=1e-5, eps=1e-5)
+    check_both_modes(volume, arguments)
 
 
 def test_from_and_into_files(shown, tmp_path, capfd):

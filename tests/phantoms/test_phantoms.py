@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 from scipy.integrate import quad
 
 from jaxtat import ImageGrid, circular_arc, detector_curve, phantoms
@@ -137,7 +136,7 @@ def test_bell_transform_stays_exact_at_high_frequencies():
         assert abs(found - exact) < 1e-15
 
 
-def test_derivatives_of_phantoms():
+def test_derivatives_of_phantoms(check_both_modes):
     curve, radii = circular_arc(1.3, 0.5, 4), jnp.array([0.5, 1.1, 1.9])
 
     def quantities(centers, sizes, amplitudes, points):
@@ -146,7 +145,7 @@ def test_derivatives_of_phantoms():
         return phantom.circular_integrals(moved, radii), phantom(points / 2)
 
     arguments = (BELLS.centers, BELLS.radii, BELLS.amplitudes, curve.points)
-    check_grads(jax.jit(quantities), arguments, order=1, modes=["fwd", "rev"], rtol=1e-5)
+    check_both_modes(quantities, arguments)
 
 
 def test_derivatives_are_finite_where_circles_touch_or_miss():

@@ -1,10 +1,8 @@
 """The transducer's response: folded in with NumPy, divided out, and what noise makes of it."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 
 from jaxtat.records import remove_impulse_response
 
@@ -95,7 +93,7 @@ def test_no_frequency_of_the_noise_grows_by_more_than_the_bound(eps):
         assert abs(grown / np.sqrt(np.mean(gain**2)) - 1) < 0.2  # white noise: the mean gain
 
 
-def test_derivatives_in_record_response_origin_and_regularization():
+def test_derivatives_in_record_response_origin_and_regularization(check_both_modes):
     rng = np.random.default_rng(1)
     record = jnp.asarray(rng.standard_normal((1, 24)))
     response = jnp.asarray(rng.standard_normal(4))
@@ -106,7 +104,7 @@ def test_derivatives_in_record_response_origin_and_regularization():
         )
 
     arguments = (record, response, jnp.asarray(0.03), jnp.asarray(1.3))
-    check_grads(jax.jit(found), arguments, order=1, modes=["fwd", "rev"], rtol=1e-5)
+    check_both_modes(found, arguments)
 
 
 @pytest.mark.parametrize(

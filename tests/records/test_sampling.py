@@ -1,10 +1,8 @@
 """What record and detectors support, and an image that fails beyond it."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 
 from jaxtat import (
     ImageGrid,
@@ -103,7 +101,7 @@ def test_a_region_as_large_as_can_be_had_is_covered():
         assert (supported(ARC, region, TIMES, **options).shortfalls == ()) == ok
 
 
-def test_derivatives_in_geometry_and_sound_speed():
+def test_derivatives_in_geometry_and_sound_speed(check_both_modes):
     region = disk(0.9, n_boundary=41)
 
     def found(speed, radius, center):
@@ -112,7 +110,7 @@ def test_derivatives_in_geometry_and_sound_speed():
         return seen.largest_reach, seen.max_frequency, seen.covered
 
     arguments = (jnp.asarray(0.9), jnp.asarray(1.31), jnp.array([0.13, 0.07]))
-    check_grads(jax.jit(found), arguments, order=1, modes=["fwd", "rev"], rtol=1e-4)
+    check_both_modes(found, arguments, rtol=1e-4)
 
 
 def test_images_fail_beyond_the_supported_frequency_and_not_before():

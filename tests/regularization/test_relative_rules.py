@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from jax.test_util import check_grads
 
 from jaxtat import (
     ImageGrid,
@@ -62,14 +61,14 @@ def test_each_direction_has_a_bound_of_its_own():
 
 
 @pytest.mark.parametrize("residual", [0.1, 0.6])  # the norm stops some directions, or none
-def test_derivatives_of_the_double_rule(residual):
+def test_derivatives_of_the_double_rule(residual, check_both_modes):
     def norm(a, residual, K, unit):
         rule = ResidualTarget(residual, K)
         found = filtered_solve(a[None], jax.device_put(U)[None], rule, unit)
         return found.norm, found.residual
 
     given = A, residual, 2.0, np.array([1.0, 5.0, 25.0])
-    check_grads(jax.jit(norm), given, order=1, atol=1e-3, rtol=1e-3)
+    check_both_modes(norm, given)
 
 
 def test_cutoffs_count_in_waves_that_are_seen_once():

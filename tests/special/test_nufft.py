@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 
 from jaxtat.special import from_grid
 
@@ -17,6 +16,7 @@ def library(request, monkeypatch):
     """That of processors, and that of all else."""
     if request.param == "nufftax":
         monkeypatch.setattr("jaxtat.special.nufft.native", lambda: False)
+    return request.param
 
 
 def random(*shape):
@@ -62,14 +62,14 @@ def test_vmap_over_values_points_and_both():
                 assert jnp.abs(found[i] - alone).max() < 1e-13
 
 
-def test_derivatives_in_values_and_points():
-    points, values = jnp.asarray(RNG.uniform(-3, 3, (3, 2))), random(4, 3)
+def test_derivatives_in_values_and_points(check_both_modes):
+    points, values = RNG.uniform(-3, 3, (3, 2)), random(4, 3)
 
-    def power(values, points):
-        found = from_grid(jnp.asarray(values), jnp.asarray(points), TOLERANCE)
-        return jnp.abs(found) ** 2
+    def power(real, imaginary, points):
+        found = from_grid(jax.lax.complex(real, imaginary), points, TOLERANCE)
+        return found.real**2 + found.imag**2
 
-    check_grads(power, (values, points), order=2, rtol=1e-5, atol=1e-5)
+    check_both_modes(power, (values.real, values.imag, points), order=2)
 
 
 def test_single_precision():
@@ -80,9 +80,13 @@ def test_single_precision():
     assert jnp.abs(single - exact).max() < 1e-5 * jnp.abs(exact).max()
 
 
-def test_transposes_are_exact_for_many_points_in_a_volume_too():
-    """Here the library's own choice of the fine grid differs by type, if there are two threads."""
-    points = jnp.asarray(RNG.uniform(-np.pi, np.pi, (300_000, 3)))
+def test_transposes_are_exact_for_many_points_in_a_volume_too(library):
+    """For so many FINUFFT's own choice of the fine grid differs by type, if there are two threads.
+
+    nufftax, which has one choice for all numbers, would take 15 s for them.
+    """
+    n_points = 300_000 if library == "jax-finufft" else 3_000
+    points = jnp.asarray(RNG.uniform(-np.pi, np.pi, (n_points, 3)))
     values, data = random(33, 33, 33), random(len(points))
     found, back = from_grid(values, points, 1e-6), to_grid(data, points, values.shape, 1e-6)
     gap = jnp.abs(jnp.sum(found * data) - jnp.sum(back * values))

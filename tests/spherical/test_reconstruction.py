@@ -332,7 +332,7 @@ def test_derivatives_in_everything_but_sizes(check_both_modes):
         theta = jnp.arccos(changed.cosines) + moved
         return DetectorRings(center, radius, opening, 6, 12, "given", theta, turns)
 
-    rings = rings_of(cap.radius, cap.half_opening, cap.center, moved, turns)
+    rings = jax.jit(rings_of)(cap.radius, cap.half_opening, cap.center, moved, turns)
     setup = Setup(rings, region, grid, radii, max_frequency=4.0)
 
     def loss(g, radius, speed, top, opening, log_alpha, center, reach, half_width, moved, turns):

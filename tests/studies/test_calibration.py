@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 
 from jaxtat import (
     ImageGrid,
@@ -27,8 +26,7 @@ GRID = ImageGrid(33)
 STEP = float(GRID.spacing[0])
 CURVE, REGION = circular_arc(1.3, 1.0, DETECTORS), disk(0.95)
 RADII = 0.25 + STEP * jnp.arange(35)
-# that of the documentation, whose programs serve here too
-COARSE = Setup(circular_arc(1.3, 1.0, 64), disk(1.0), ImageGrid(21), 0.2 + 0.05 * jnp.arange(46))
+COARSE = Setup(circular_arc(1.3, 1.0, 40), disk(1.0), ImageGrid(13), 0.2 + 0.1 * jnp.arange(24))
 CENTERS = [[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1], [0.2, -0.4]]
 BELLS = phantoms.Bells(CENTERS, [0.7, 0.4, 0.3, 0.3], [1, 1.5, -1.5, 1])
 
@@ -112,8 +110,8 @@ def test_what_is_not_unknown_stays_as_it_is(exact):
     g = noisy(exact)
     found = calibrate(COARSE, g, sound_speed=1500.0)
     assert found.parameters.radius == 1.3
-    assert np.array_equal(found.parameters.gains, np.ones(64))
-    assert np.array_equal(found.parameters.delays, np.zeros(64))
+    assert np.array_equal(found.parameters.gains, np.ones(40))
+    assert np.array_equal(found.parameters.delays, np.zeros(40))
     assert found.standard_errors.sound_speed > 0
     for name in ("radius", "center", "gains", "delays"):
         assert np.all(getattr(found.standard_errors, name) == 0)
@@ -121,7 +119,7 @@ def test_what_is_not_unknown_stays_as_it_is(exact):
     assert np.all(np.diff(found.stages.max_frequency) > 0)
 
 
-def test_derivatives_of_the_sound_speed_with_respect_to_data(exact, caplog, forget_programs):
+def test_derivatives_of_the_sound_speed_with_respect_to_data(exact, caplog):
     """Implicit ones, of the optimum that the steps end at; all stages share their program."""
     g = noisy(exact)
     direction = jax.random.normal(jax.random.key(5), g.shape)
@@ -130,12 +128,12 @@ def test_derivatives_of_the_sound_speed_with_respect_to_data(exact, caplog, forg
         changed = g + jnp.asarray(size) * 0.01 * direction
         return calibrate(COARSE, changed).parameters.sound_speed
 
-    forget_programs()
     with jax.log_compiles():
-        jax.jvp(speed, (0.0,), (1.0,))
+        _, ahead = jax.jvp(speed, (0.0,), (1.0,))
     said = [record.getMessage() for record in caplog.records]
     assert sum(text.startswith("Compiling") and "_fit" in text for text in said) == 1
-    check_grads(speed, (0.0,), 1, ["fwd", "rev"], atol=1e-5, rtol=1e-3, eps=0.1)
+    np.testing.assert_allclose(ahead, (speed(0.1) - speed(-0.1)) / 0.2, atol=1e-5, rtol=1e-3)
+    np.testing.assert_allclose(jax.grad(speed)(0.0), ahead, rtol=1e-9)
 
 
 def test_it_can_be_traced_with_the_setup_closed_over(exact):

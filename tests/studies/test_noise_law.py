@@ -1,10 +1,8 @@
 """Predicted noise against exact standard deviations of actual reconstructions."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
 
 from jaxtat import (
     ImageGrid,
@@ -57,7 +55,7 @@ def test_on_a_detector_it_is_infinite(arc):
     assert np.isinf(found[2, 2]) and np.isfinite(found).sum() == 24
 
 
-def test_derivatives():
+def test_derivatives(check_both_modes):
     measured = detector_curve(circular_arc(1.3, 0.2, 12).points, closed=False)
     setup = Setup(measured, disk(1.0, 0.0), ImageGrid(4, 0.3), 0.3 + 0.1 * np.arange(22))
 
@@ -66,7 +64,7 @@ def test_derivatives():
         return predict_noise(moved, sigma, kappa=kappa, width=0.5)
 
     points = np.asarray(measured.points)
-    check_grads(jax.jit(deviation), (points, 1.0, 0.2), order=1, atol=1e-5, rtol=1e-5)
+    check_both_modes(deviation, (points, 1.0, 0.2))
 
 
 @pytest.mark.parametrize(

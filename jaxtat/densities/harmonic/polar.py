@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...base.checks import is_concrete
+from ...base.checks import by_library, is_concrete
 from ...geometry import CircularArc, DetectorCurve, Disk, Region, circle_through, near_circle
 from ...geometry.elements import NODES, gauss_rule, nodes_touching_circle, touch_circle
 from ..symmetry import elements_mirrored, mirrored_pairs
@@ -83,7 +83,7 @@ class PolarGeometry(eqx.Module):
         """Largest |x - c| in the region [length]."""
         if self.disk:
             return self.region.reach
-        return jnp.linalg.norm(self.region.points - self.center, axis=1).max()
+        return by_library(_farthest, (self.region.points, self.center))
 
     @property
     def nearest(self) -> float:
@@ -106,6 +106,10 @@ class PolarGeometry(eqx.Module):
             weights=weights,
             nodes=nodes,
         )
+
+
+def _farthest(xp: Any, points: Any, center: Any) -> Any:
+    return xp.linalg.norm(points - center, axis=1).max()
 
 
 def harmonic_orders(geometry: PolarGeometry, frequencies: np.ndarray) -> np.ndarray:
@@ -321,14 +325,13 @@ def _through_center(region: Region) -> bool:
 def _one_side(region: Region, center: Array, axis: float) -> Region | None:
     """One side of a mirrored boundary, counted twice; None if it is not mirrored."""
     direction = np.array([np.cos(axis), np.sin(axis)])
-    pairs = mirrored_pairs(
-        np.asarray(region.points - center), np.asarray(region.weights), direction
-    )
+    points, weights, normals = map(np.asarray, (region.points, region.weights, region.normals))
+    pairs = mirrored_pairs(points - np.asarray(center), weights, direction)
     if pairs is None:
         return None
     side = pairs[0]
     return eqx.tree_at(
         lambda tree: (tree.points, tree.weights, tree.normals),
         region,
-        (region.points[side], 2 * region.weights[side], region.normals[side]),
+        jax.device_put((points[side], 2 * weights[side], normals[side])),
     )
