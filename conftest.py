@@ -114,13 +114,13 @@ def unoptimised(monkeypatch, unoptimised_flags):
 
 @pytest.fixture(scope="module", autouse=True)
 def few_programs():
-    """Modules share programs, until these take about 1.5 GB: 8000 maps of memory.
+    """Modules share programs, until these take about 3 GB: 16000 maps of memory.
 
     Linux grants a process 65530 maps; a module's programs take 1000 to 4000.
     """
     yield
     maps = Path("/proc/self/maps")
-    if not maps.exists() or len(maps.read_bytes().splitlines()) > 8000:
+    if not maps.exists() or len(maps.read_bytes().splitlines()) > 16000:
         jax.clear_caches()
         gc.collect()
 
