@@ -1,0 +1,104 @@
+"""Live images of the public measured scan: raw frames of 256 x 2030 counts to 400 x 400 pixels.
+
+The error is that relative to `scans.reconstruct`, over its largest pixel. ``changed`` rows are what
+another value of a choice takes, ``part`` rows the parts of a batch, for each image.
+"""
+
+from itertools import cycle
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxtat
+from jaxtat.io import load_scan
+from jaxtat.steps.cartesian_fourier import fourier_inversion_of_harmonics
+
+PIXELS, BATCH = 400, 8
+OTHERS = {
+    "sound_speed": (1490.0, 1500.0, 1510.0),
+    "rule": (1e-2, 2e-2, 3e-2),
+    "low_pass": ("none", "cosine"),
+    "region_center": ([5e-4, 0.0], [0.0, 5e-4], [5e-4, 5e-4]),
+}
+
+
+@pytest.fixture(scope="module")
+def scan():
+    try:
+        return load_scan(jaxtat.io.datasets.fetch("msot_scan9"))
+    except OSError as error:
+        pytest.skip(f"the public scan is not here: {error}")
+
+
+@pytest.fixture(scope="module")
+def choices(scan):
+    return jaxtat.scans.choose(scan, pixels=PIXELS, inversion="fourier", sound_speed=1477.0)
+
+
+@pytest.fixture(scope="module")
+def images(scan, choices):
+    """By precision, made when they are first asked for."""
+    made = {}
+
+    def of(dtype):
+        if dtype not in made:
+            made[dtype] = jaxtat.live(scan, choices, dtype=dtype)
+        return made[dtype]
+
+    return of
+
+
+def bench_scan_without_live(measure, scan, choices):
+    """What `live` is for: the same image from the file."""
+    measure(lambda: jaxtat.scans.reconstruct(scan, choices).image, n=PIXELS, rounds=3)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64], ids=lambda dtype: dtype.__name__)
+@pytest.mark.parametrize("frames", [1, BATCH])
+def bench_live(measure, scan, choices, images, frames, dtype):
+    to_images, frame = images(dtype), scan.frame(0)
+    wanted = np.asarray(jaxtat.scans.reconstruct(scan, choices).image)
+    stack = np.stack([frame] * frames)
+    measure(
+        lambda: to_images(stack),
+        n=PIXELS,
+        images=frames,
+        error=lambda found: np.abs(found - wanted) / np.abs(wanted).max(),
+        rounds=9,
+    )
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def bench_live_changed(measure, images, name):
+    values, to_images = cycle(OTHERS[name]), images(np.float32)
+
+    def changed():
+        return jax.tree.leaves(to_images.replace(**{name: next(values)}))
+
+    measure(changed, n=PIXELS, rounds=1 if name == "region_center" else 3)
+
+
+@pytest.mark.parametrize("part", ["offset and drift", "samples", "densities", "inversion"])
+def bench_live_part(measure, scan, images, part):
+    """Each with data of the right size: ``samples`` go to (G_J, G_Y)."""
+    to_images = images(np.float32)
+    frames = np.stack([scan.frame(0)] * BATCH)
+    ready, setup, sizes = to_images._ready, to_images.setup, to_images.setup.sizes
+    shape = (BATCH, sizes.n_frequencies, 2, len(setup.curve.points))
+    transformed = jnp.asarray(np.random.default_rng(0).standard_normal(shape), "float32")
+    step = jnp.asarray(sizes.max_frequency / sizes.n_frequencies)
+    where = ready.axis, step, setup.grid, setup.region.center, ready.eta
+    origin, device = jnp.ones(BATCH, "float32"), jnp.asarray(frames)
+    densities = jax.jit(lambda x: ready.densities.harmonics(x, ready.weights))
+    samples = jax.jit(lambda x: jnp.einsum("ws,bns->bnw", ready.samples, x.astype("float32")))
+    inversion = jax.jit(lambda x: fourier_inversion_of_harmonics(x, origin, *where))
+    harmonics = densities(transformed) if part == "inversion" else None
+    work = {
+        "offset and drift": lambda: to_images._lines(frames),
+        "samples": lambda: samples(device),
+        "densities": lambda: densities(transformed),
+        "inversion": lambda: inversion(harmonics),
+    }[part]
+    measure(work, n=PIXELS, images=BATCH, rounds=9)
