@@ -12,11 +12,12 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import scipy.special
+from figure_measured_scan import back_projection
 
 import jaxtat
 from jaxtat.io import load_scan
 from jaxtat.plotting import show_image
-from jaxtat.steps import direct_fourier_inversion, universal_back_projection
+from jaxtat.steps import direct_fourier_inversion
 
 OUT = Path("docs/four_methods.png")
 MODEL_BASED = {"model_based": True, "nonnegative": True}
@@ -44,13 +45,13 @@ def full_circle(setup: jaxtat.Setup, g: np.ndarray) -> np.ndarray:
     argument = frequencies[:, None] * radii
     kernel = scipy.special.j0(argument) + 1j * scipy.special.y0(argument)
     step = np.gradient(radii)
-    u = turned @ (np.asarray(g) * step) @ kernel.T
+    u = turned @ (g * step) @ kernel.T
     hankel = scipy.special.hankel1(orders[:, None], frequencies * radius)
     hankel[~np.isfinite(hankel)] = np.inf  # high orders at low frequencies: nothing of them is left
     coefficients = u / hankel
     waves = (-1j) ** orders[:, None] * np.exp(1j * orders[:, None] * angles)
     fhat = coefficients.T @ waves / (2 * np.pi)
-    mass = np.mean(np.asarray(g) @ step) / (2 * np.pi)
+    mass = np.mean(g @ step) / (2 * np.pi)
     fhat = np.concatenate([np.full((1, len(angles)), mass, complex), fhat])
     image = direct_fourier_inversion(
         jnp.asarray(fhat),
@@ -66,14 +67,10 @@ def full_circle(setup: jaxtat.Setup, g: np.ndarray) -> np.ndarray:
 def images(scan, choices, constrained) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Those of the four methods, and the pixels within the region."""
     setup = jaxtat.scans.setup_of(scan, choices)
-    g = np.asarray(jaxtat.scans.integrals(scan, choices, setup, scan.frame(0)))
-    middle = jaxtat.geometry.fit_circle(setup.curve.points).center
-    projected = universal_back_projection(
-        jnp.asarray(g), setup.radii, setup.curve, setup.grid, middle
-    )
+    g = jaxtat.scans.integrals(scan, choices, setup, scan.frame(0))
     made = {
-        "back-projection": projected,
-        "formula for a full circle": full_circle(setup, g),
+        "back-projection": back_projection(setup, g),
+        "formula for a full circle": full_circle(setup, np.asarray(g)),
         "jaxtat, direct": jaxtat.scans.reconstruct(scan, choices).image,
         "jaxtat, model-based": jaxtat.scans.reconstruct(scan, constrained).image,
     }

@@ -19,6 +19,12 @@ OUT = Path("docs/measured_scan.png")
 LIMITS = (-2.0, 5.0)  # standard deviations of the image
 
 
+def back_projection(setup: jaxtat.Setup, g: jax.Array) -> jax.Array:
+    """Of detectors that look to the middle of their circle."""
+    middle = jaxtat.geometry.fit_circle(setup.curve.points).center
+    return universal_back_projection(g, setup.radii, setup.curve, setup.grid, middle)
+
+
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
     scan = load_scan(jaxtat.io.datasets.fetch("msot_scan9"))
@@ -27,8 +33,7 @@ def main() -> None:
     image = jaxtat.scans.reconstruct(scan, choices).image
     setup = jaxtat.scans.setup_of(scan, choices)
     g = jaxtat.scans.integrals(scan, choices, setup, scan.frame(0))
-    middle = jaxtat.geometry.fit_circle(setup.curve.points).center
-    projected = universal_back_projection(g, setup.radii, setup.curve, setup.grid, middle)
+    projected = back_projection(setup, g)
     images = {"back-projection": projected, "jaxtat": image}
     inside = np.asarray(setup.region.contains(setup.grid.points))
     figure, axes = plt.subplots(1, 2, figsize=(9, 4.5), layout="constrained")

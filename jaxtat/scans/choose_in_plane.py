@@ -61,7 +61,7 @@ from .found import (
     require_scale,
     slowest,
 )
-from .hearing import EXACT, heard_in_plane, muted_start, noise_floor
+from .hearing import heard_after, muted_start, noise_floor, sound_begins
 
 MARGIN = 1.25  # of the region beyond where sound comes from
 PIXELS = (65, 1025)
@@ -118,7 +118,6 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     )
     muted = muted_start(power, times)
     good, floor = _channels(frame, times, max(dead_time, muted), found)
-    muted = muted if floor > EXACT else 0.0  # what is silent without noise is no less exact
     good = _without_faded(whole, facts, dead_time, found, good)
     if facts.arc is not None and facts.arc.closed and not good.all():
         start = begin_behind_gap(facts.order, facts.points, good)
@@ -128,9 +127,9 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         found.values["order"] = tuple(int(k) for k in facts.order)
     if facts.arc is not None:
         facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
-    begin = max(2 * dead_time, muted)  # what is silenced is faded in over as long again
+    begin = sound_begins(dead_time, muted, floor)
     power = power.after(begin)
-    when = heard_in_plane(whole[good], times, begin, middle)
+    when = heard_after(begin, whole[good], times, middle, detrend=True)
     sound = _Sound(RecordPower(power.times, power.power[good]), speed, when)
     _region(scan, facts, found, sound, good)
     start = int(np.searchsorted(times, begin))

@@ -14,7 +14,7 @@ from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import DetectorPoints, ball, uncovered
 from ..io import Scan
 from ..records import supported
-from ..records.extent import heard, sounding_disk
+from ..records.extent import sounding_disk
 from ..records.power import highest_frequency, noise_before, record_power
 from ..spherical import cap_radii
 from ..spherical.sizes import resolved_frequency
@@ -34,7 +34,7 @@ from .found import (
     require_scale,
     slowest,
 )
-from .hearing import FINELY, PAUSE
+from .hearing import heard_after
 from .space import MOST_POINTS, FactsInSpace, facts_in_space
 
 MARGIN = 1.4  # of the region beyond where sound comes from: rims of balls are hardly heard
@@ -144,8 +144,8 @@ def _sounding(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) 
     """How far from the middle it sounds, by when detectors hear it; None if they do not tell."""
     assert facts.times is not None
     quieted = frame - np.median(frame, axis=1, keepdims=True)
-    power = record_power(quieted, facts.times, detrend=False, overlap=FINELY)
-    when = heard(power, PAUSE * facts.radius / found.values["sound_speed"])
+    arrival = facts.radius / found.values["sound_speed"]
+    when = heard_after(-np.inf, quieted, facts.times, arrival, detrend=False)
     if not when.tells:
         return None
     points = np.asarray(scan.known["detectors"], float)[facts.order]

@@ -31,18 +31,29 @@ def noise_floor(quality: ChannelQuality, good: Bool[np.ndarray, " detectors"]) -
     return float(np.median((noise / np.maximum(signal, 1e-300)) ** 2))
 
 
-def heard_in_plane(
+def sound_begins(dead_time: float, muted: float, floor: float) -> float:
+    """When sound may be heard: what is silenced is faded in over as long again.
+
+    What is silent without noise is no less exact, and not muted.
+    """
+    return max(2 * dead_time, muted if floor > EXACT else 0.0)
+
+
+def heard_after(
+    begin: float,
     record: Float[np.ndarray, "detectors times"],
     times: Float[np.ndarray, " times"],
-    begin: float,
     middle: float,
+    detrend: bool,
 ) -> Heard:
-    """First and last sound after a time, without offset, drift and slow tails.
+    """First and last sound after a time.
 
     Args:
+        begin: from `sound_begins`, or minus infinity.
         middle: when sound from the middle arrives [time].
+        detrend: without offset, drift and slow tails.
     """
-    power = record_power(record, times, detrend=True, overlap=FINELY)
+    power = record_power(record, times, detrend, FINELY)
     clear = begin + CLEAR * FINELY * (power.times[1] - power.times[0])
     return heard(power.after(clear), PAUSE * middle)
 
@@ -63,11 +74,11 @@ def speed_heard(scan: Scan, choices: Choices) -> float | None:
     power = record_power(np.asarray(record), facts.times, detrend=True)
     muted = muted_start(power, facts.times)
     quality = channel_quality(record, facts.times, dead_time=max(choices.dead_time, muted))
-    exact = noise_floor(quality, np.ones(len(record), bool)) <= EXACT
-    begin = max(2 * choices.dead_time, 0.0 if exact else muted)
+    floor = noise_floor(quality, np.ones(len(record), bool))
+    begin = sound_begins(choices.dead_time, muted, floor)
     points = facts.points[list(choices.channels)] - np.array(choices.region_center)
     middle = float(np.median(np.hypot(*points.T))) / choices.sound_speed
-    when = heard_in_plane(np.asarray(record), facts.times, begin, middle)
+    when = heard_after(begin, np.asarray(record), facts.times, middle, detrend=True)
     if not (when.begins.mean() > 0.5 and when.ceases.mean() > 0.5):
         return None
     speed = sounding_disk(points, when, choices.sound_speed, False).speed

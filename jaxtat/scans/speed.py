@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ..base.choice_table import GUESSED, LIKELY
+from ..base.choice_table import GUESSED
 from ..io import Scan
 from ..reconstruction.plane_basis import plane_basis
 from ..reconstruction.setup import plane_of
@@ -29,7 +29,7 @@ from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .found import TO_BE_ESTIMATED
 from .frames import integrals, setup_of
 from .hearing import speed_heard
-from .speed_found import UNSURE, SpeedFound, jackknife, summit
+from .speed_found import SpeedFound, believed, jackknife, summit, unknown
 from .speed_in_space import speed_in_space
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 21)
@@ -52,7 +52,7 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
     """
     if dict(choices.reasons).get("sound_speed") != TO_BE_ESTIMATED:
         return choices
-    found = speed_in_space(scan, choices) if choices.in_space else _speed_in_plane(scan, choices)
+    found = (_speed_in_space if choices.in_space else _speed_in_plane)(scan, choices)
     stretch = found.stretch
     stretched = replace(
         choices,
@@ -64,6 +64,11 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
     return stretched.with_reason("sound_speed", found.why, found.grade, error)
 
 
+def _speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
+    found = speed_in_space(scan, choices)
+    return unknown(f"water's: {found.why}") if found.standard_error is None else found
+
+
 def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
     """By the sharpness of the image, where edges are seen twice, or else by hearing."""
     points = facts_of(scan).points[list(choices.channels)]
@@ -71,7 +76,7 @@ def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
     if span < SEEN_TWICE:
         why = f"from {span:.0f} degrees edges are seen once"
         if span < TOLD_APART:
-            return SpeedFound(1.0, f"water's: {why}", GUESSED, None)
+            return unknown(f"water's: {why}")
         return _heard(scan, choices, why)
     sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
     if sharpness_at is None:
@@ -84,7 +89,7 @@ def _heard(scan: Scan, choices: Choices, why: str) -> SpeedFound:
     """A guess where no image shows the speed."""
     speed = speed_heard(scan, choices)
     if speed is None:
-        return SpeedFound(1.0, f"water's: {why}", GUESSED, None)
+        return unknown(f"water's: {why}")
     return SpeedFound(speed, f"by when detectors begin and cease to hear: {why}", GUESSED, None)
 
 
@@ -151,19 +156,14 @@ def sharpest(
     best, height = _peak(coarse.sum(axis=1))
     slope = np.polyfit(SPEEDS[beside := _beside(best)], coarse[beside], 1)[0]
     if height < STANDS_OUT:
-        why = "none within 10 % gives an image much sharper than those beside it"
-        return SpeedFound(1.0, why, GUESSED, None)
+        return unknown("none within 10 % gives an image much sharper than those beside it")
     near = np.linspace(SPEEDS[best - 1], SPEEDS[best + 1], len(SPEEDS))
     fine = sharpness_at(near) - (near[:, None] - near[0]) * slope
     total = fine.sum(axis=1)
     speed = summit(near, total)
     error = jackknife([summit(near, total - part) for part in fine.T])
-    if error > UNSURE * speed:
-        why = f"edges of different directions do not agree, to {error / speed:.1%}"
-        return SpeedFound(1.0, why, GUESSED, None)
-    return SpeedFound(
-        speed, f"the image is sharpest, by {height - 1:.0%}; none in the file", LIKELY, error
-    )
+    why = f"the image is sharpest, by {height - 1:.0%}; none in the file"
+    return believed(speed, error, why, "edges")
 
 
 def _peak(values: Float[np.ndarray, " speeds"]) -> tuple[int, float]:

@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..base.choice_table import GUESSED, LIKELY
+
 UNSURE = 0.005  # standard error over the speed, above which it is not believed
 
 
@@ -15,6 +17,18 @@ class SpeedFound(NamedTuple):
     why: str
     grade: str
     standard_error: float | None
+
+
+def believed(speed: float, error: float, why: str, who: str) -> SpeedFound:
+    """A speed with its standard error, if those who show it, in words, agree on it."""
+    if error > UNSURE * speed:
+        return unknown(f"{who} of different directions do not agree, to {error / speed:.1%}")
+    return SpeedFound(speed, why, LIKELY, error)
+
+
+def unknown(why: str) -> SpeedFound:
+    """No other speed than water's, and why."""
+    return SpeedFound(1.0, why, GUESSED, None)
 
 
 def summit(speeds: Float[np.ndarray, " speeds"], values: Float[np.ndarray, " speeds"]) -> float:

@@ -22,14 +22,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from ..base.choice_table import GUESSED, LIKELY
 from ..geometry import DetectorPoints
 from ..io import Scan
 from .choices import Choices
 from .facts import FASTEST, SLOWEST, times_of, typical_frame
 from .frames import conditioned
 from .space import facts_in_space
-from .speed_found import UNSURE, SpeedFound, jackknife, summit
+from .speed_found import SpeedFound, believed, jackknife, summit, unknown
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 15)
 AGREE = 0.3  # M at the peak, at least
@@ -56,17 +55,15 @@ def speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
     found = agreement_at(near)
     highest = float(found[:, 0].max())
     if highest < AGREE:
-        why = f"water's: opposite detectors agree at no other within 10 %, to {highest:.0%} at most"
-        return SpeedFound(1.0, why, GUESSED, None)
+        return unknown(
+            f"opposite detectors agree at no other within 10 %, to {highest:.0%} at most"
+        )
     displaced = record.displaced(choices.sound_speed)
     speed = summit(near, found[:, 0]) / (1 + displaced)
     error = jackknife([summit(near, without) for without in found[:, 1:].T])
     error = float(np.hypot(error, FITS * displaced * speed))
-    if error > UNSURE * speed:
-        why = f"water's: detectors of different directions do not agree, to {error / speed:.1%}"
-        return SpeedFound(1.0, why, GUESSED, None)
     why = f"opposite detectors agree best, to {highest:.0%}; none in the file"
-    return SpeedFound(speed, why, LIKELY, error)
+    return believed(speed, error, why, "detectors")
 
 
 class _Record(NamedTuple):
