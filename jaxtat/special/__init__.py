@@ -6,6 +6,7 @@ from .bessel import j1 as j1
 from .bessel import y0 as y0
 from .bessel import y1 as y1
 from .nufft import from_grid as from_grid
+from .nufft import to_grid as to_grid
 from .roots import root as root
 from .sequences import decay_steps as decay_steps
 from .sequences import enough_orders as enough_orders

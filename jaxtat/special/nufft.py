@@ -6,8 +6,9 @@ n_a = -⌊N_a/2⌋ .. ⌈N_a/2⌉ - 1 along each of one to three axes. The secon
 derivatives of the first take. Both are computed by jax-finufft
 (Barnett, Magland, af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479-C504) with one kernel, so that
 they are transposes of each other to rounding, whatever the tolerance. Its wheels are for processors
-under Linux and macOS; elsewhere nufftax does the same in JAX itself, on processors three times
-slower. Imported when first used.
+under Linux and macOS; elsewhere nufftax does the same in JAX itself, on processors two to eight
+times slower in the plane and seventeen in space (benchmarks/bench_nufft.py). Imported when first
+used.
 """
 
 from functools import cache
@@ -20,6 +21,8 @@ from jax.interpreters import batching
 from jaxtyping import Array, Complex, Float
 
 from ..base.optional_packages import optional
+
+FEW = 2**15  # points whose sums take a millisecond or two: threads that are busy cost more
 
 
 def from_grid(
@@ -41,9 +44,31 @@ def from_grid(
     if not native():
         found = _in_jax(values.reshape(-1, *grid), points, tolerance)
         return found.reshape(*batch, points.shape[0])
-    options = {"iflag": 1, "eps": tolerance, "opts": _options(axes)}
+    options = {"iflag": 1, "eps": tolerance, "opts": _options(axes, len(points) < FEW)}
     found = _library().nufft2(values.reshape(-1, *grid), *points.T, **options)
     return found.reshape(*batch, points.shape[0])
+
+
+def to_grid(
+    values: Complex[Array, "*batch n"],
+    points: Float[Array, "n axes"],
+    shape: tuple[int, ...],
+    tolerance: float,
+) -> Complex[Array, "*batch_and_grid"]:
+    """f_n = Σ_j F_j e^{i n·x_j}, type 1, the transpose of `from_grid`; differentiable likewise.
+
+    Args:
+        values: F at the points, (..., n).
+        points: x_j [rad].
+        shape: of the grid, static.
+        tolerance: relative error, static.
+
+    >>> wave = to_grid(jnp.ones((1, 1), complex), jnp.array([[jnp.pi / 2]]), (3,), 1e-9)
+    >>> wave[0].imag.round(8).tolist()
+    [-1.0, 0.0, 1.0]
+    """
+    like = jax.ShapeDtypeStruct((*values.shape[:-1], *shape), values.dtype)
+    return jax.linear_transpose(lambda grid: from_grid(grid, points, tolerance), like)(values)[0]
 
 
 def native() -> bool:
@@ -73,15 +98,15 @@ def _library() -> Any:
 
 
 @cache
-def _options(axes: int) -> Any:
-    """Sums along one axis are too short to be shared out among threads.
+def _options(axes: int, few: bool) -> Any:
+    """Few sums, and those along one axis, are too short to be shared out among threads.
 
     Both types on a grid twice as fine: left alone the library takes 2 or 5/4 by type, density and
     threads, with which the two would not be transposes, and volumes would take twice as long.
     """
     from jax_finufft.options import Opts
 
-    return Opts(nthreads=1 if axes == 1 else 0, upsampfac=2.0)
+    return Opts(nthreads=1 if few or axes == 1 else 0, upsampfac=2.0)
 
 
 def _batched(args: Any, axes: Any, *, output_shape: Any, nufft_type: int, **options: Any) -> Any:

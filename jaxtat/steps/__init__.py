@@ -1,8 +1,8 @@
 """Steps 2 to 5 of the paper: functions of arrays, one file each."""
 
-from .cartesian_fourier import direct_fourier_inversion
 from .classical import classical_fbp
 from .fbp import filtered_back_projection
+from .fourier_sum import fourier_inversion
 from .polar_fourier import polar_fourier
 from .quadrature import trapezoid_weights
 from .radial_transforms import delayed_transform, radial_transform, total_integrals
@@ -25,9 +25,9 @@ __all__ = [
     "classical_fbp",
     "cosine_filter",
     "delayed_transform",
-    "direct_fourier_inversion",
     "enough_boundary",
     "filtered_back_projection",
+    "fourier_inversion",
     "offset_step",
     "polar_fourier",
     "polar_fourier_of_projections",

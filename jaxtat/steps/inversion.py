@@ -5,8 +5,8 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.names import INVERSIONS
 from ..geometry import ImageGrid
-from .cartesian_fourier import direct_fourier_inversion
 from .fbp import filtered_back_projection
+from .fourier_sum import fourier_inversion
 from .radon import offset_step, radon_projections
 
 # images inverted together: enough for matrix products, few enough for the cache
@@ -31,11 +31,11 @@ def invert(
     outside the disk about the region; what lies outside it is faded out.
 
     Args:
-        fhat, frequency_step, angles, grid, center, eta: as in `direct_fourier_inversion`.
+        fhat, frequency_step, angles, grid, center, eta: as in `fourier_inversion`.
         inversion: one of `names.INVERSIONS`.
     """
     if inversion == "fourier":
-        return direct_fourier_inversion(fhat, frequency_step, angles, grid, center, eta)
+        return fourier_inversion(fhat, frequency_step, angles, grid, center, eta)
     projections = radon_projections(fhat, frequency_step, eta)
     step = offset_step(frequency_step, fhat.shape[-2] - 1)
     return filtered_back_projection(projections, step, angles, grid, center)

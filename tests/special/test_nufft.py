@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat.special import from_grid
+from jaxtat.special import from_grid, to_grid
 
 RNG = np.random.default_rng(0)
 TOLERANCE = 1e-12
@@ -21,12 +21,6 @@ def library(request, monkeypatch):
 
 def random(*shape):
     return jnp.asarray(RNG.standard_normal(shape) + 1j * RNG.standard_normal(shape))
-
-
-def to_grid(values, points, shape, tolerance):
-    """Type 1, as derivatives take it."""
-    zero = jnp.zeros((*values.shape[:-1], *shape), values.dtype)
-    return jax.vjp(lambda grid: from_grid(grid, points, tolerance), zero)[1](values)[0]
 
 
 @pytest.mark.parametrize("shape", [(5,), (6, 5), (4, 5, 6)])
