@@ -52,9 +52,7 @@ def bench_inversion_by_nufft(measure, n):
         spread = jax.linear_transpose(lambda f: from_grid(f, points, 1e-9), like)
         return spread((fhat * weights[:, None]).reshape(1, -1))[0][0].real
 
-    measure(
-        lambda: invert(fhat, frequencies), n=n, error=case.error, rounds=3 if n > 257 else 7
-    )
+    measure(lambda: invert(fhat, frequencies), n=n, error=case.error, rounds=3 if n > 257 else 7)
 
 
 def ramp(n):

@@ -221,7 +221,7 @@ CHOICES = (
         PLAIN,
         {
             "choices": INVERSIONS,
-            "help": "last step: filtered back-projection (default), or the faster Fourier sum",
+            "help": "last step: a Fourier sum (default), or the slower back-projection",
         },
     ),
     Choice(

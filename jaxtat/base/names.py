@@ -1,7 +1,7 @@
 """Names to choose by, in a module that imports nothing: the command's help is quick with them."""
 
 MODELS = ("2d", "in-plane")  # of sound, see `pressure`
-INVERSIONS = ("fbp", "fourier")  # see `reconstruction.inversion`
+INVERSIONS = ("fourier", "fbp")  # see `steps.inversion`; the first is the default
 PENALTIES = ("tv", "second-order", "wavelets", "ridge", "none")  # see `scans.constrained`
 LOW_PASSES = ("none", "cosine")  # see `reconstruction.radon`
 IMAGE_SUFFIXES: tuple[str, ...] = (

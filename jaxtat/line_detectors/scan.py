@@ -38,8 +38,7 @@ class LineDetectorScan(eqx.Module):
     Raises:
         ValueError: for other angles.
 
-    Angles and axis are differentiable (the axis with either inversion, single angles with "fbp"):
-    replace them in a scan by ``equinox.tree_at``.
+    Angles and axis are differentiable: replace them in a scan by ``equinox.tree_at``.
 
     >>> import jax.numpy as jnp
     >>> LineDetectorScan(jnp.arange(200) * jnp.pi / 200).whole_turn

@@ -33,7 +33,7 @@ def reconstruct(
     *,
     slices: ImageGrid | None = None,
     low_pass: LowPass | None = None,
-    inversion: str = "fbp",
+    inversion: str = "fourier",
 ) -> Float[Array, "x1 x2 x3"]:
     """The initial pressure f(x1, x2, x3) from what rotating line detectors measure.
 
@@ -55,8 +55,7 @@ def reconstruct(
             axis.
         low_pass: as in `reconstruct`. It acts on the projections, in u and v alike, and so on all
             directions of the volume alike.
-        inversion: of the 2-D problems and of the slices. "fbp", or "fourier", which is faster and
-            asks that the object reach no farther from the axis than half the grid's width.
+        inversion: of the 2-D problems and of the slices: "fourier" or "fbp", as in `reconstruct`.
 
     Returns:
         (x1, x2, x3), x3 at the nodes v of the plan's grid; the unit of g per length².
@@ -85,7 +84,7 @@ def invert_projections(
     region: Region,
     *,
     slices: ImageGrid | None = None,
-    inversion: str = "fbp",
+    inversion: str = "fourier",
 ) -> Float[Array, "x1 x2 x3"]:
     """The slices of a volume from its projections P_φ(u, v), for instance those of `reconstruct`.
 
@@ -126,7 +125,7 @@ def reconstruct_stack(
     projections: Any = None,
     batch_size: int = 32,
     low_pass: LowPass | None = None,
-    inversion: str = "fbp",
+    inversion: str = "fourier",
     progress: bool = False,
 ) -> Any:
     """As `line_detectors.reconstruct`, reading and writing a few rotations or slices at a time.

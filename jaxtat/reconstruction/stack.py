@@ -20,7 +20,7 @@ def reconstruct_stack(
     out: Any = None,
     batch_size: int = 32,
     low_pass: LowPass | None = None,
-    inversion: str = "fbp",
+    inversion: str = "fourier",
     progress: bool = False,
 ) -> Any:
     """Images of a stack of data, read, reconstructed and written a few at a time.

@@ -52,7 +52,7 @@ def reconstruct(
     rule: Any = None,
     *,
     low_pass: LowPass | None = None,
-    inversion: str = "fbp",
+    inversion: str = "fourier",
     mesh: Mesh | None = None,
 ) -> Float[Array, "..."]:
     """The image f from its integrals g(z, r) = ∫_{|x - z| = r} f over circles or spheres.
@@ -66,8 +66,8 @@ def reconstruct(
         g: float32 or float64, (..., detectors, radii), or (..., rings, azimuths, radii) of a cap.
         rule: as in `solve`; a plan has its own.
         low_pass: eta(lambda / lambda_max), such as `cosine_filter` or "cosine"; none by default.
-        inversion: "fbp", or "fourier": faster, for f that vanishes outside the disk or ball about
-            the region, see `steps.inversion.invert`.
+        inversion: "fourier", or "fbp", the paper's filtered back-projection, which is slower, see
+            `steps.inversion.invert`.
         mesh: devices among which the images of a batch (with a plan) or the frequencies are
             divided, see `jaxtat.base.parallel`.
 
@@ -103,7 +103,7 @@ def solve(
     rule: Any = None,
     *,
     low_pass: LowPass | None = None,
-    inversion: str = "fbp",
+    inversion: str = "fourier",
     solver: str = "auto",
     tolerance: Numbers = DEFAULT_TOLERANCE,
     mesh: Mesh | None = None,

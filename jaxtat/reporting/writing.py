@@ -24,7 +24,7 @@ def report(
     sigma: Numbers | None = None,
     noise: Numbers | None = None,
     low_pass: LowPass | None = None,
-    inversion: str = "fbp",
+    inversion: str = "fourier",
     uncertainty_pixels: int | None = None,
     constrained: Constrained | None = None,
     title: str = "Reconstruction",

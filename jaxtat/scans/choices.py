@@ -54,7 +54,7 @@ class Choices(eqx.Module):
         max_frequency: lambda_max [rad/length].
         alpha: a number as the rule of `solve`.
         low_pass: "none" or "cosine".
-        inversion: "fbp" or "fourier".
+        inversion: "fourier" or "fbp".
         reasons: pairs of a name above and why it is as it is.
         grades: pairs of a name above and how far the choice can be trusted: "sure" is given, in
             the file, or follows from it, "likely" what the data show by a rule, "guessed" what

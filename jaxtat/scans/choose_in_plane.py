@@ -92,7 +92,7 @@ def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
     else:
         _from_integrals(scan, facts, found)
     found.take_laser_energy(scan)
-    found.take("inversion", "fbp", "nothing is assumed beyond the region")
+    found.take("inversion", "fourier", "the faster way to the same image")
     found.take_constraints()
     return found.choices()
 

@@ -67,7 +67,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     _radii(scan, facts, found)
     _noise(facts, found, record)
     found.take_laser_energy(scan)
-    found.take("inversion", "fourier", "what sounds lies in the ball about the region")
+    found.take("inversion", "fourier", "the faster way to the same image")
     found.take_constraints()
     return found.choices()
 

@@ -2,16 +2,16 @@
 
     f(x) = (1/2π) ∫_0^π ∫ |lambda| fhat(lambda theta) e^{i lambda theta·(x - c)} dlambda dtheta
 
-Sampled at d lambda = π/(2R), as fhat is, the kink of |lambda| at 0 would cost all but two digits:
-its transform, the ramp of filtered back-projection, falls like -1/(2π² s²) only, and a sum over
-frequencies repeats it with the period 4R. So the ramp is split by a Gaussian in s. What is near is
-summed as fhat is sampled. What is far is smooth and holds low frequencies alone: it takes steps
-half as wide, of which a few dozen are enough, and is faded out between 3R and 5R, as far as points
-x and sources of the projections may be from each other, and farther.
+Sampled at d lambda = π/(2R), as fhat is, the kinks of |lambda| at 0 and ±lambda_N would cost all
+but two digits: its transform, the ramp of filtered back-projection, falls like 1/s² only, and a sum
+over frequencies repeats it with the period 4R. So the ramp is split by a Gaussian in s. What is
+near is summed as fhat is sampled. What is far is smooth, so that it holds frequencies beside the
+kinks alone: there steps half as wide are taken, some dozens. It is faded out between 3R and 5R,
+farther than points x and what the projections show are from each other.
 
-The image is that of filtered back-projection, to rounding, several times sooner: all directions
-are summed together, and no spline is evaluated. Only at lambda_N, where fhat should be nothing,
-the two have other weights.
+The image is that of filtered back-projection, to 1e-10 and several times sooner: all directions
+are summed together, and no spline is evaluated. What differs is noise at lambda_N: between offsets
+projections are continued by waves of the period 4R here, by sinc functions there.
 """
 
 import math
@@ -70,17 +70,18 @@ def fourier_inversion(
     *batch, n_samples, n_directions = fhat.shape
     digits, real = DIGITS[fhat.dtype], fhat.real.dtype
     near, far = _weights(n_samples - 1, digits)
-    multiples = np.concatenate([np.arange(n_samples), np.arange(len(far)) + 0.5])
+    halves = np.flatnonzero(far) + 0.5
+    multiples = np.concatenate([np.arange(n_samples), halves])
     directions = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
     xi = (frequency_step * multiples)[:, None, None] * directions
     middle = jnp.stack([x[len(x) // 2] for x in (grid.x1, grid.x2)]) - center
     factors = jnp.exp(1j * (xi @ middle)) * frequency_step**2 / n_directions
     points = (xi * grid.spacing).reshape(-1, 2).astype(real)
-    factors = (factors * np.concatenate([near, far])[:, None]).astype(fhat.dtype)
+    factors = (factors * np.concatenate([near, far[far != 0]])[:, None]).astype(fhat.dtype)
 
     def of_group(fhat: Array) -> Array:
         samples = fhat * eta[:, None].astype(real)
-        samples = jnp.concatenate([samples, _between(samples, len(far))], axis=1) * factors
+        samples = jnp.concatenate([samples, _between(samples, halves)], axis=1) * factors
         flat = jax.lax.collapse(samples, 1, 3)
         return to_grid(flat, points, grid.shape, 10.0**-digits).real
 
@@ -92,15 +93,15 @@ def fourier_inversion(
 
 
 def _between(
-    fhat: Complex[Array, "images frequencies directions"], count: int
+    fhat: Complex[Array, "images frequencies directions"], halves: np.ndarray
 ) -> Complex[Array, "images between directions"]:
     """fhat half-way between its samples: of projections that end at ±2R, all that there is.
 
-    Their band of 2n samples gives fhat(lambda) = Σ_k fhat_k D(lambda/d lambda - k), k = -n..n, with
+    Their 2n samples give fhat(lambda) = Σ_k fhat_k D(lambda/d lambda - k), k = -n..n, with
     D(t) = sin(π t) / (2n tan(π t / 2n)), half of it at both ends, and fhat_-k the conjugate.
     """
     n = fhat.shape[1] - 1
-    k, half = np.arange(n + 1), np.arange(count)[:, None] + 0.5
+    k, half = np.arange(n + 1), halves[:, None]
 
     def kernel(t: np.ndarray) -> np.ndarray:
         ends = np.where(k == n, 0.5, 1.0)
@@ -114,11 +115,11 @@ def _between(
 
 @cache
 def _weights(n: int, digits: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of the samples at lambda = 0..n, and of the few at 1/2, 3/2, ..., in steps d lambda.
+    """Of the samples at lambda = 0, 1, .., n and of those at 1/2, 3/2, .., n - 1/2, in d lambda.
 
-    The ramp at offsets j π/lambda_N is 1/4 at 0, -1/(π j)² at odd and 0 at even j, the mean of
-    which is -1/(2 π² j²) far away. The Gaussian ends, to so many digits, at R in s, within which
-    the period 4R is none, and at ``last`` steps in lambda.
+    The ramp at offsets j π/lambda_N is 1/4 at 0, -1/(π j)² at odd and 0 at even j: -1/(2π² j²),
+    times 1 - (-1)^j, which is the same seen from lambda_N. The Gaussian ends, to so many digits, at
+    R in s, before the period 4R matters, and what is far ``last`` steps from the kinks.
     """
     sharpness = np.sqrt(2 * np.log(10) * digits)
     width = n / 2 / sharpness  # standard deviation [offsets], R = n/2 of them
@@ -131,9 +132,10 @@ def _weights(n: int, digits: int) -> tuple[np.ndarray, np.ndarray]:
     faded = 0.5 * scipy.special.erfc(sharpness / np.sqrt(2) * (2 * np.abs(s) / n - 4))
     far = np.zeros(4 * n)
     np.add.at(far, s % (4 * n), beyond * faded)
-    last = min(n, int(np.ceil(sharpness * n / width / np.pi)))
-    coarse = 2 * n * np.fft.fft(np.fft.ifftshift(near)).real[: n + 1]
-    fine = n * np.fft.fft(far).real[: 2 * n]
-    coarse[:last] += fine[: 2 * last : 2]
+    last = int(np.ceil(sharpness * n / width / np.pi))
+    fine = n * np.fft.fft(far).real[: 2 * n + 1]
+    fine[2 * last :] = 0
+    fine -= fine[::-1]
+    coarse = 2 * n * np.fft.fft(np.fft.ifftshift(near)).real[: n + 1] + fine[::2]
     coarse[[0, n]] /= 2
-    return coarse, fine[1 : 2 * last : 2]
+    return coarse, fine[1::2]

@@ -93,7 +93,7 @@ def diagnose(
     sigma: Numbers | None = None,
     noise: Numbers | None = None,
     low_pass: LowPass | None = None,
-    inversion: str = "fbp",
+    inversion: str = "fourier",
     uncertainty_pixels: int | None = None,
     progress: bool = False,
 ) -> Diagnosis:

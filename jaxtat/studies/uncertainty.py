@@ -41,7 +41,7 @@ def pixel_standard_deviation(
     grid: ImageGrid | None = None,
     where: Any = None,
     low_pass: LowPass | None = None,
-    inversion: str = "fbp",
+    inversion: str = "fourier",
     progress: bool = False,
 ) -> Float[Array, "x1 x2"]:
     """√Var f_i = √(Σ_j L_ij² sigma_j²) of images of `reconstruct`.

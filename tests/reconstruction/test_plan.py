@@ -426,7 +426,7 @@ def test_bad_data_are_refused(arc_plan, data, change, message):
 
 
 def test_an_unknown_inversion_and_a_second_rule_are_refused(arc_plan, data):
-    with pytest.raises(ValueError, match="inversion is 'magic', expected one of fbp, fourier"):
+    with pytest.raises(ValueError, match="inversion is 'magic', expected one of fourier, fbp"):
         reconstruct(arc_plan, data, inversion="magic")
     with pytest.raises(ValueError, match="the plan has its own"):
         reconstruct(arc_plan, data, 1e-3)

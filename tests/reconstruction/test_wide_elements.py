@@ -63,7 +63,7 @@ ROUTES = [(name, by_solving) for name in CURVES]
 
 @pytest.mark.parametrize(("name", "make"), [*ROUTES, ("arc", by_plan), ("ellipse", by_plan)])
 def test_the_model_of_elements_recovers_what_points_blur(name, make):
-    setup = Setup(CURVES[name], disk(1.0), ImageGrid(21))
+    setup = Setup(CURVES[name], disk(1.0), ImageGrid(25))
     exact = by_solving(with_width(setup, None), data_of(BELL, with_width(setup, None)))
     errors = [float(jnp.abs(i - exact)[inside(setup)].max()) for i in images(setup, make)]
     assert errors[0] < 3e-3

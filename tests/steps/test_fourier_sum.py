@@ -45,14 +45,11 @@ def test_exact_transforms_give_exact_images(grid, center):
     assert np.abs(np.asarray(image - BELLS.image(grid))).max() < 3e-9
 
 
-@pytest.mark.parametrize(("n", "first"), [(96, 0.0), (129, -2.3)])
+@pytest.mark.parametrize(("n", "first"), [(64, 0.0), (97, -2.3)])
 def test_the_weights_are_those_of_the_ramp(n, first):
-    """Projections that end at ±2R, far beyond the reach, against the integral over |lambda|.
-
-    All directions have the same one; it holds nothing at lambda_N, where weights differ.
-    """
+    """Projections that end at ±2R, far beyond the reach, against the integral over |lambda|."""
     rng, step, center = np.random.default_rng(n), 1.3, np.array([0.2, -0.4])
-    j, places = np.arange(-n, n), rng.uniform(-0.7 * n, 0.7 * n, 6)
+    j, places = np.arange(-n, n), rng.uniform(-0.6 * n, 0.6 * n, 6)
     projection = np.exp(-((j[:, None] - places) ** 2) / 16) @ rng.standard_normal(6)
     fhat = np.fft.rfft(np.fft.ifftshift(projection))
     angles = first + np.arange(4) * np.pi / 4
@@ -77,7 +74,7 @@ def test_the_weights_are_those_of_the_ramp(n, first):
 
 
 def test_noise_comes_through_as_in_back_projection():
-    """Noise is not confined to the disk, and is treated alike wherever it is."""
+    """To the last frequencies, between whose samples projections are interpolated otherwise."""
     grid = ImageGrid(65)
     noise = jnp.asarray(np.random.default_rng(0).standard_normal((256, 2 * N)))
     fhat = polar_fourier_of_projections(noise, offset_step(STEP, N))
