@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # where it is set, as in many containers, every process would compile all that it imports
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help paper test test-lowest test-newest test-interop test-deepinv has-newest check bench docs pictures package clean
+.PHONY: help paper test test-lowest test-newest test-interop test-deepinv test-napari has-newest check bench docs pictures package clean
 
 help:
 	@echo "make paper   reproduce the paper: table, figures and metrics.json in out/paper"
@@ -16,6 +16,7 @@ help:
 	@echo "make test-newest   all tests with the newest Python that is found, and the newest packages"
 	@echo "make test-interop   the tests with PATATO, PACFISH, xarray and Zarr, in an environment of theirs"
 	@echo "make test-deepinv   those with DeepInverse and PyTorch, likewise"
+	@echo "make test-napari   those with napari, without a screen"
 	@echo "make bench   time, error and memory of everything, into benchmarks/results.json and .md"
 	@echo "make docs    the documentation, in out/site"
 	@echo "make pictures   the pictures in it, in docs/pictures"
@@ -110,6 +111,16 @@ test-deepinv: .venv-deepinv/ready
 		--constraint .venv-deepinv/constraints.txt --editable '.[deepinv]' beartype pytest
 	touch $@
 
+# napari brings plugins of pytest, which warn of themselves while pytest starts
+test-napari: .venv-napari/ready
+	QT_QPA_PLATFORM=offscreen .venv-napari/bin/python -m pytest -W ignore tests/interop/test_napari.py
+
+.venv-napari/ready: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv-napari
+	.venv-napari/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
+		--constraint constraints.txt --editable '.[napari]' beartype pyqt6 pytest
+	touch $@
+
 docs: .venv/docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
@@ -134,4 +145,4 @@ package: .venv/ready
 		'import jaxtat; print(jaxtat.__version__, jaxtat.__file__)'
 
 clean:
-	rm -rf .venv .venv-lowest .venv-newest .venv-interop .venv-deepinv out dist
+	rm -rf .venv .venv-lowest .venv-newest .venv-interop .venv-deepinv .venv-napari out dist
