@@ -83,7 +83,7 @@ def test_napari_s_plugin_engine_reads_through_it(tmp_path):
 
     npe2.PluginManager.instance().discover(include_npe1=False)  # by the entry point
     path = str(written(tmp_path / "a.h5"))
-    ((data, about, kind),) = read_by_plugin([path], stack=False)
+    ((data, about, kind),) = read_by_plugin([path], stack=False, plugin_name="jaxtat")
     assert (data.shape, about["name"], kind) == ((7, 9), "a", "image")
 
 
@@ -92,6 +92,7 @@ def test_napari_opens_it_where_it_lies(tmp_path):
     viewer = components.ViewerModel()
     (layer,) = viewer.open(str(written(tmp_path / "a.h5", several=True)), plugin="jaxtat")
     assert np.allclose(layer.extent.world[:, 1:], [[-3, -3], [3, 5]])
+    viewer.dims.set_current_step(0, 1)
     assert layer.get_value((1, -1.0, 2.0), world=True) == pytest.approx(1000 + 2 + 10)
 
 
