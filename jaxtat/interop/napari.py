@@ -65,7 +65,9 @@ def reconstruction_panel() -> Any:
     ) -> Any:
         given = {"sound_speed": sound_speed, "alpha": alpha, "model_based": model_based}
         with jax.enable_x64(True):
-            found = reconstruct_file(scan, **{name: value for name, value in given.items() if value})
+            found = reconstruct_file(
+                scan, **{name: value for name, value in given.items() if value}
+            )
         return [of_scan(found, scan.name)]
 
     # napari tells by its own type what to do with an answer
