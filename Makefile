@@ -14,7 +14,7 @@ help:
 	@echo "make test    style, types and all tests, the paper's run among them"
 	@echo "make test-lowest   a part of the tests with the oldest versions that are supported"
 	@echo "make test-newest   all tests with the newest Python that is found, and the newest packages"
-	@echo "make test-interop   the tests with PATATO, PACFISH, xarray and Zarr, in an environment of theirs"
+	@echo "make test-interop   the adapters, with the checks of PACFISH and OME-Zarr, in an environment of theirs"
 	@echo "make test-deepinv   those with DeepInverse and PyTorch, likewise"
 	@echo "make test-napari   those with napari, without a screen"
 	@echo "make bench   time, error and memory of everything, into benchmarks/results.json and .md"
@@ -40,7 +40,7 @@ check: .venv/ready
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "jaxtat needs Python 3.11")'
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
-		--constraint constraints.txt --editable '.[test]'
+		--constraint constraints.txt --editable '.[interop,test]'
 	touch $@
 
 bench: .venv/ready
@@ -95,7 +95,9 @@ test-interop: .venv-interop/ready
 .venv-interop/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-interop
 	.venv-interop/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
-		--constraint constraints.txt --editable '.[test,patato,xarray,zarr]' ome-zarr-models pacfish
+		--constraint constraints.txt --editable '.[interop,test]' ome-zarr-models pacfish
+	.venv-interop/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
+		--no-deps scico==0.0.7  # its own bound on JAX is older than what it runs with
 	touch $@
 
 # PyTorch for the processor alone, unless TORCH_INDEX is another list of wheels, or empty

@@ -49,9 +49,9 @@ def record(amplitudes, times):
     return (means[:, len(radii) :] - means[:, : len(radii)]) / h
 
 
-def light(finer=1, noise=1e-3):
+def light(noise=1e-3):
     """Records of two rounds (2, 4, detectors, samples), with the same noise whatever the energy."""
-    times = np.arange(finer * N_TIMES) / (finer * RATE)
+    times = np.arange(N_TIMES) / RATE
     parts = np.stack([record(SATURATIONS, times), record(1 - SATURATIONS, times)])
     pressure = np.tensordot(np.stack([HBO2, HB], axis=1), parts, 1)
     size = noise * np.abs(pressure).max()

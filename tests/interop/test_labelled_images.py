@@ -17,8 +17,8 @@ CHOICES = {
     "dead_time": 0.0, "band": None, "impulse_response": False, "laser_energy": True,
     "region_center": (1.0, -2.0), "region_radius": 4.0, "region_cut": 4.0, "region_angle": 0.0,
     "pixels": 9, "half_width": 4.0, "first_radius": 1.0, "radial_step": 0.5, "n_radii": 7,
-    "max_frequency": 2.0, "alpha": 1e-3, "low_pass": "none", "inversion": "fbp", "model_based": False,
-    "penalty": "tv", "nonnegative": False, "weight": None, "reasons": (),
+    "max_frequency": 2.0, "alpha": 1e-3, "low_pass": "none", "inversion": "fbp",
+    "model_based": False, "penalty": "tv", "nonnegative": False, "weight": None, "reasons": (),
     "units": Units("mm", "us"),
 }  # fmt: skip
 
