@@ -15,12 +15,12 @@ help:
 	@echo "make test-lowest   a part of the tests with the oldest versions that are supported"
 	@echo "make test-newest   all tests with the newest Python that is found, and the newest packages"
 	@echo "make test-interop   the adapters, with the checks of PACFISH and OME-Zarr, in an environment of theirs"
-	@echo "make test-deepinv   those with DeepInverse and PyTorch, likewise"
+	@echo "make test-deepinv   those with PyTorch, for DeepInverse and SIMPA, likewise"
 	@echo "make test-napari   those with napari, without a screen"
 	@echo "make bench   time, error and memory of everything, into benchmarks/results.json and .md"
 	@echo "make docs    the documentation, in out/site"
 	@echo "make pictures   the pictures in it, in docs/pictures"
-	@echo "make package wheel and source distribution in dist, installed and tried"
+	@echo "make package wheel and source distribution in dist, made twice alike, installed and tried"
 	@echo "make check   style and types alone"
 	@echo "make clean   remove the environment and all results"
 
@@ -103,14 +103,14 @@ test-interop: .venv-interop/ready
 # PyTorch for the processor alone, unless TORCH_INDEX is another list of wheels, or empty
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 test-deepinv: .venv-deepinv/ready
-	.venv-deepinv/bin/python -m pytest tests/interop/test_deepinv.py
+	.venv-deepinv/bin/python -m pytest tests/interop/test_deepinv.py tests/interop/test_simpa.py
 
 .venv-deepinv/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-deepinv
 	sed '/^mpmath/d' constraints.txt > .venv-deepinv/constraints.txt  # SymPy wants an older one
 	.venv-deepinv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
 		$(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) \
-		--constraint .venv-deepinv/constraints.txt --editable '.[deepinv]' beartype pytest
+		--constraint .venv-deepinv/constraints.txt --editable '.[deepinv,simpa]' beartype pytest
 	touch $@
 
 # napari brings plugins of pytest, which warn of themselves while pytest starts
@@ -135,12 +135,16 @@ pictures: .venv/ready
 	$(BIN)/python scripts/docs_pictures.py
 	$(BIN)/python scripts/picture_of_viewer.py
 
-# from the source distribution, as others will: what it lacks is missing in the wheel
+# from the source distribution, as others will: what it lacks is missing in the wheel. Twice, as of
+# the last commit: the same sources give the same bytes, so that anyone can tell what was released
+package: export SOURCE_DATE_EPOCH = $(shell git log -1 --format=%ct)
 package: .venv/ready
 	rm -rf dist out/package
 	$(PYTHON) -m venv out/package
 	out/package/bin/python -m pip install --quiet --disable-pip-version-check build
 	out/package/bin/python -m build --outdir dist .
+	out/package/bin/python -m build --outdir out/package/again .
+	diff --recursive dist out/package/again
 	out/package/bin/python -m pip install --quiet --disable-pip-version-check \
 		--constraint constraints.txt dist/*.whl
 	cd out/package && bin/jaxtat --help > help.txt && bin/python -c \
