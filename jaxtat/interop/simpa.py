@@ -84,7 +84,7 @@ class JaxtatAdapter(modules.ReconstructionAdapterBase):
 
 def _of(settings: Any, tag: Any) -> Any:
     """A setting, or None; SIMPA's own dictionaries take its tags, and their ``get`` does not."""
-    return settings[tag] if tag in settings else None
+    return settings[tag] if tag in settings else None  # noqa: SIM401
 
 
 def _nodes(start: float, end: float, step: float) -> np.ndarray:
