@@ -85,7 +85,7 @@ has-newest:
 	@test -n '$(NEWEST_PYTHON)' || { echo 'no Python 3.12 or later was found' >&2; exit 1; }
 	$(NEWEST_PYTHON) -m venv --clear .venv-newest
 	.venv-newest/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
-		--upgrade --editable '.[test]'
+		--upgrade --editable '.[interop,test]'
 	touch $@
 
 # packages of others that not everyone wants to install: what jaxtat gives them, judged by them
