@@ -77,14 +77,7 @@ def main() -> None:
         "loss": {"first": float(np.mean(history[:20])), "last": float(np.mean(history[-20:]))},
         "alpha": alpha,
         "tried": {
-            name: {
-                way: {
-                    "error": float(errors(found[way], tried[name]).mean()),
-                    "residual": float(residuals(of, found[way], tried[name]).mean()),
-                    "by_visibility": judged(found[way], tried[name], seen, of.inside),
-                }
-                for way in WAYS
-            }
+            name: {way: figures(of, each, tried[name], seen) for way, each in found.items()}
             for name, found in images.items()
         },
         "residual_of_truth": {
@@ -95,6 +88,15 @@ def main() -> None:
     (options.out / "results.json").write_text(text)
     print(text)
     draw(of, tried, images, seen)
+
+
+def figures(of: Problem, images: np.ndarray, some: Examples, seen: np.ndarray) -> dict:
+    """What is told of the images of one kind by one method."""
+    return {
+        "error": float(errors(images, some).mean()),
+        "residual": float(residuals(of, images, some).mean()),
+        "by_visibility": judged(images, some, seen, of.inside),
+    }
 
 
 def learned(of: Problem, known: Examples, alpha: float, steps: int) -> tuple[Unrolled, list[float]]:

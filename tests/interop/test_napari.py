@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import sys
 import tomllib
 from pathlib import Path
 
@@ -119,6 +120,6 @@ def test_the_panel_makes_a_layer_of_a_scan(tmp_path):
 
 
 def test_without_magicgui_the_panel_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "magicgui", None)
+    monkeypatch.setitem(sys.modules, "magicgui", None)
     with pytest.raises(ValueError, match=r"pip install 'jaxtat\[napari\]'"):
         reconstruction_panel()
