@@ -66,7 +66,9 @@ def best_alpha(of: Problem, known: Examples) -> float:
 
 
 def direct_images(of: Problem, g: np.ndarray, alpha: float) -> np.ndarray:
-    found = np.asarray(jaxtat.reconstruct(of.setup, np.asarray(g, float), alpha))
+    # named: with another inversion the network has another start, and other figures
+    data = np.asarray(g, float)
+    found = np.asarray(jaxtat.reconstruct(of.setup, data, alpha, inversion="fbp"))
     return np.where(of.inside, found, 0.0).astype(np.float32)
 
 
