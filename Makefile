@@ -7,19 +7,20 @@ export OPENBLAS_NUM_THREADS := 1
 # where it is set, as in many containers, every process would compile all that it imports
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help paper test test-lowest test-newest test-interop test-deepinv has-newest check bench docs pictures package clean
+.PHONY: help paper test test-lowest test-newest test-interop test-deepinv test-napari has-newest check bench docs pictures package clean
 
 help:
 	@echo "make paper   reproduce the paper: table, figures and metrics.json in out/paper"
 	@echo "make test    style, types and all tests, the paper's run among them"
 	@echo "make test-lowest   a part of the tests with the oldest versions that are supported"
 	@echo "make test-newest   all tests with the newest Python that is found, and the newest packages"
-	@echo "make test-interop   the tests with PATATO, PACFISH, xarray and Zarr, in an environment of theirs"
-	@echo "make test-deepinv   those with DeepInverse and PyTorch, likewise"
+	@echo "make test-interop   the adapters, with the checks of PACFISH and OME-Zarr, in an environment of theirs"
+	@echo "make test-deepinv   those with PyTorch, for DeepInverse and SIMPA, likewise"
+	@echo "make test-napari   those with napari, without a screen"
 	@echo "make bench   time, error and memory of everything, into benchmarks/results.json and .md"
 	@echo "make docs    the documentation, in out/site"
 	@echo "make pictures   the pictures in it, in docs/pictures"
-	@echo "make package wheel and source distribution in dist, installed and tried"
+	@echo "make package wheel and source distribution in dist, made twice alike, installed and tried"
 	@echo "make check   style and types alone"
 	@echo "make clean   remove the environment and all results"
 
@@ -39,7 +40,7 @@ check: .venv/ready
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "jaxtat needs Python 3.11")'
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
-		--constraint constraints.txt --editable '.[test]'
+		--constraint constraints.txt --editable '.[interop,test]'
 	touch $@
 
 bench: .venv/ready
@@ -84,7 +85,7 @@ has-newest:
 	@test -n '$(NEWEST_PYTHON)' || { echo 'no Python 3.12 or later was found' >&2; exit 1; }
 	$(NEWEST_PYTHON) -m venv --clear .venv-newest
 	.venv-newest/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
-		--upgrade --editable '.[test]'
+		--upgrade --editable '.[interop,test]'
 	touch $@
 
 # packages of others that not everyone wants to install: what jaxtat gives them, judged by them
@@ -94,20 +95,32 @@ test-interop: .venv-interop/ready
 .venv-interop/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-interop
 	.venv-interop/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
-		--constraint constraints.txt --editable '.[test,patato,xarray,zarr]' ome-zarr-models pacfish
+		--constraint constraints.txt --editable '.[interop,test]' ome-zarr-models pacfish
+	.venv-interop/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
+		--no-deps scico==0.0.7  # its own bound on JAX is older than what it runs with
 	touch $@
 
 # PyTorch for the processor alone, unless TORCH_INDEX is another list of wheels, or empty
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 test-deepinv: .venv-deepinv/ready
-	.venv-deepinv/bin/python -m pytest tests/interop/test_deepinv.py
+	.venv-deepinv/bin/python -m pytest tests/interop/test_deepinv.py tests/interop/test_simpa.py
 
 .venv-deepinv/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-deepinv
 	sed '/^mpmath/d' constraints.txt > .venv-deepinv/constraints.txt  # SymPy wants an older one
 	.venv-deepinv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
 		$(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) \
-		--constraint .venv-deepinv/constraints.txt --editable '.[deepinv]' beartype pytest
+		--constraint .venv-deepinv/constraints.txt --editable '.[deepinv,simpa]' beartype pytest
+	touch $@
+
+# napari brings plugins of pytest, which warn of themselves while pytest starts
+test-napari: .venv-napari/ready
+	QT_QPA_PLATFORM=offscreen .venv-napari/bin/python -m pytest -W ignore tests/interop/test_napari.py
+
+.venv-napari/ready: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv-napari
+	.venv-napari/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
+		--constraint constraints.txt --editable '.[napari]' beartype pyqt6 pytest
 	touch $@
 
 docs: .venv/docs
@@ -122,16 +135,20 @@ pictures: .venv/ready
 	$(BIN)/python scripts/docs_pictures.py
 	$(BIN)/python scripts/picture_of_viewer.py
 
-# from the source distribution, as others will: what it lacks is missing in the wheel
+# from the source distribution, as others will: what it lacks is missing in the wheel. Twice, as of
+# the last commit: the same sources give the same bytes, so that anyone can tell what was released
+package: export SOURCE_DATE_EPOCH = $(shell git log -1 --format=%ct)
 package: .venv/ready
 	rm -rf dist out/package
 	$(PYTHON) -m venv out/package
 	out/package/bin/python -m pip install --quiet --disable-pip-version-check build
 	out/package/bin/python -m build --outdir dist .
+	out/package/bin/python -m build --outdir out/package/again .
+	diff --recursive dist out/package/again
 	out/package/bin/python -m pip install --quiet --disable-pip-version-check \
 		--constraint constraints.txt dist/*.whl
 	cd out/package && bin/jaxtat --help > help.txt && bin/python -c \
 		'import jaxtat; print(jaxtat.__version__, jaxtat.__file__)'
 
 clean:
-	rm -rf .venv .venv-lowest .venv-newest .venv-interop .venv-deepinv out dist
+	rm -rf .venv .venv-lowest .venv-newest .venv-interop .venv-deepinv .venv-napari out dist

@@ -56,7 +56,9 @@ gc.set_threshold(200_000, 20, 100)
 
 # modules that are one with a package that not everyone has: nothing in them without it
 collect_ignore = [
-    f"jaxtat/interop/{name}.py" for name in ("deepinv", "patato") if find_spec(name) is None
+    f"jaxtat/interop/{name}.py"
+    for name in ("deepinv", "patato", "simpa")
+    if find_spec(name) is None
 ]
 
 

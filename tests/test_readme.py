@@ -65,7 +65,7 @@ def words(text):
     return re.sub(NUMBER, "0", text).split()
 
 
-@pytest.mark.parametrize("page", ["docs/accuracy.md", "docs/comparison.md"])
+@pytest.mark.parametrize("page", ["docs/accuracy.md", "docs/comparison.md", "paper/paper.md"])
 def test_measured_figures_are_those_of_the_benchmarks(page):
     """Rows that name a benchmark in their last cell: time and error as in results.json."""
     measured = benchmarks()

@@ -10,7 +10,7 @@ def optional(module: str, purpose: str, extra: str = "io") -> Any:
     Args:
         module: its name.
         purpose: what needs it, for the message.
-        extra: of jaxtat, which installs it.
+        extra: of jaxtat, which installs it, or the whole command where none can.
 
     >>> optional("json", "this example").loads("[1]")
     [1]
@@ -18,6 +18,5 @@ def optional(module: str, purpose: str, extra: str = "io") -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise ValueError(
-            f"{purpose} needs {module} ({error}): pip install 'jaxtat[{extra}]'."
-        ) from error
+        command = extra if extra.startswith("pip ") else f"pip install 'jaxtat[{extra}]'"
+        raise ValueError(f"{purpose} needs {module} ({error}): {command}.") from error

@@ -2,7 +2,7 @@
 
 from .ipasc import IpascAlgorithm
 from .labelled_images import save_ome_zarr, to_xarray
-from .linear_operators import direct_operator, pylops_operator, scipy_operator
+from .linear_operators import direct_operator, pylops_operator, scico_operator, scipy_operator
 from .patato_files import save_patato
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "pylops_operator",
     "save_ome_zarr",
     "save_patato",
+    "scico_operator",
     "scipy_operator",
     "to_xarray",
 ]

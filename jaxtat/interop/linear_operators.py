@@ -1,4 +1,4 @@
-"""The forward operator, and the direct inverse, in lineax, SciPy and PyLops."""
+"""The forward operator, and the direct inverse, in lineax, SciPy, PyLops and SCICO."""
 
 from typing import Any
 
@@ -107,6 +107,34 @@ def pylops_operator(A: ForwardOperator | lx.FunctionLinearOperator) -> Any:
             return _flat(back, x, out.shape)
 
     return PylopsOperator(dtype=np.dtype(into.dtype), dims=into.shape, dimsd=out.shape)
+
+
+def scico_operator(A: ForwardOperator | lx.FunctionLinearOperator) -> Any:
+    """A as a `scico.linop.LinearOperator`, for SCICO's solvers and functionals.
+
+    Needs SCICO, whose own bound on JAX (0.8.1 for version 0.0.7) is older than what jaxtat needs,
+    although it runs with 0.10: ``pip install --no-deps scico``.
+
+    Args:
+        A: made by `forward_operator` or `direct_operator`, or its transpose; in double precision
+            where SCICO's arrays are.
+
+    Returns:
+        From arrays of the image's shape to those of the data's.
+
+    Raises:
+        ValueError: for anything else, or without SCICO.
+    """
+    into, out = _structures(A)
+    linop = optional("scico.linop", "scico_operator", "pip install --no-deps scico")
+    return linop.LinearOperator(
+        input_shape=into.shape,
+        output_shape=out.shape,
+        eval_fn=A.mv,
+        adj_fn=A.T.mv,
+        input_dtype=into.dtype,
+        output_dtype=out.dtype,
+    )
 
 
 def _structures(A: Any) -> tuple[Any, Any]:

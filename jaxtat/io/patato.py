@@ -7,7 +7,7 @@ attribute ``fs``, and ``speedofsound`` [m/s] if it was set. ``/GEOMETRY`` are po
 divides. Frame number f W + w of a scan is frame f at the w-th of W wavelengths.
 
 Source: PATATO 0.7, patato.io.attribute_tags and patato.io.hdf; T. R. Else, J. Groehl, L. Hacker and
-S. E. Bohndiek, PATATO, J. Open Source Softw. 8 (2023) 5686.
+S. E. Bohndiek, PATATO, J. Open Source Softw. 9 (2024) 5686.
 """
 
 from functools import partial

@@ -39,19 +39,19 @@ def positions(plane=(0, 1)):
     return places
 
 
-def record(amplitudes, times):
+def record(amplitudes, times, places=None):
     """p with g = r ∫_0^r p dr': p = d(g/r)/dr, by differences of exact integrals."""
     bells = phantoms.Bells(BELLS["centers"], BELLS["radii"], amplitudes)
     radii, h = np.maximum(SPEED * times, 1e-3), 1e-6
     both = np.concatenate([radii - h / 2, radii + h / 2])
-    curve = detector_curve(positions()[:, :2])
+    curve = detector_curve(positions()[:, :2] if places is None else places)
     means = np.asarray(bells.circular_integrals(curve, both)) / both
     return (means[:, len(radii) :] - means[:, : len(radii)]) / h
 
 
-def light(finer=1, noise=1e-3):
+def light(noise=1e-3):
     """Records of two rounds (2, 4, detectors, samples), with the same noise whatever the energy."""
-    times = np.arange(finer * N_TIMES) / (finer * RATE)
+    times = np.arange(N_TIMES) / RATE
     parts = np.stack([record(SATURATIONS, times), record(1 - SATURATIONS, times)])
     pressure = np.tensordot(np.stack([HBO2, HB], axis=1), parts, 1)
     size = noise * np.abs(pressure).max()

@@ -13,12 +13,13 @@ from jaxtat.scans import Choices, ScanImages
 
 WAVELENGTHS = np.array([700.0, 850.0, 930.0])
 CHOICES = {
-    "order": range(4), "left_out": (), "model": "in-plane", "sound_speed": 1.5, "dead_time": 0.0,
-    "band": None, "impulse_response": False, "laser_energy": True, "region_center": (1.0, -2.0),
-    "region_radius": 4.0, "region_cut": 4.0, "region_angle": 0.0, "pixels": 9, "half_width": 4.0,
-    "first_radius": 1.0, "radial_step": 0.5, "n_radii": 7, "max_frequency": 2.0, "alpha": 1e-3,
-    "low_pass": "none", "inversion": "fbp", "model_based": False, "penalty": "tv",
-    "nonnegative": False, "weight": None, "reasons": (), "units": Units("mm", "us"),
+    "order": (0, 1, 2, 3), "left_out": (), "model": "in-plane", "sound_speed": 1.5,
+    "dead_time": 0.0, "band": None, "impulse_response": False, "laser_energy": True,
+    "region_center": (1.0, -2.0), "region_radius": 4.0, "region_cut": 4.0, "region_angle": 0.0,
+    "pixels": 9, "half_width": 4.0, "first_radius": 1.0, "radial_step": 0.5, "n_radii": 7,
+    "max_frequency": 2.0, "alpha": 1e-3, "low_pass": "none", "inversion": "fbp",
+    "model_based": False, "penalty": "tv", "nonnegative": False, "weight": None, "reasons": (),
+    "units": Units("mm", "us"),
 }  # fmt: skip
 
 
@@ -31,7 +32,7 @@ def images(several=True, volume=False):
     place = np.asarray(grid.points) @ np.array([1.0, 10.0, 100.0])[: len(grid.shape)]
     numbers = np.array([0, 2, 5]) if several else np.array([0])
     stack = 1000 * numbers.reshape(-1, *(1,) * place.ndim) + place
-    choices = Choices.from_settings(CHOICES)
+    choices = Choices(**CHOICES)
     frames = WAVELENGTHS if several else None
     image = stack if several else stack[0]
     return ScanImages(image, grid, region, choices, frames, numbers, "mm", "")

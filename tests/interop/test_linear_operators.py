@@ -1,4 +1,6 @@
-"""The forward operator in SciPy and PyLops: their own judge, and refusals."""
+"""The forward operator in SciPy, PyLops and SCICO: their own judges, and refusals."""
+
+import sys
 
 import numpy as np
 import pytest
@@ -6,7 +8,7 @@ from pylops.utils import dottest
 from scipy.sparse.linalg import lsqr
 
 from jaxtat import forward_operator, phantoms, reconstruct
-from jaxtat.interop import direct_operator, pylops_operator, scipy_operator
+from jaxtat.interop import direct_operator, pylops_operator, scico_operator, scipy_operator
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +54,26 @@ def test_the_direct_inverse_is_judged_too(operator, arc):
     assert np.linalg.norm(found - image) < 0.01 * np.linalg.norm(image)
     both = A @ np.stack([g, -g], axis=1)
     assert np.allclose(both[:, 0], np.ravel(found)) and np.allclose(both[:, 1], -np.ravel(found))
+
+
+@pytest.mark.filterwarnings("default")  # its own, of functions that newer JAX has not
+def test_scico_judges_the_adjoint_and_solves(operator, arc):
+    pytest.importorskip("scico", reason="SCICO is not installed: make test-interop")
+    from scico import linop, solver
+
+    for A in (operator, operator.T):
+        wrapped = scico_operator(A)
+        assert linop.valid_adjoint(wrapped, wrapped.T, eps=1e-10)
+    image = phantoms.Bells([[0.1, 0.2]], [0.6]).image(arc.grid)
+    A = scico_operator(operator)
+    found, _ = solver.cg(A.T @ A, A.T @ operator.mv(image), maxiter=30)
+    assert np.linalg.norm(found - image) < 0.1 * np.linalg.norm(image)
+
+
+def test_without_scico_it_says_how_to_install_it(operator, monkeypatch):
+    monkeypatch.setitem(sys.modules, "scico.linop", None)
+    with pytest.raises(ValueError, match=r"pip install --no-deps scico\.$"):
+        scico_operator(operator)
 
 
 def test_others_are_refused(operator):

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.signal import resample
 from spectral_scans import (
     BELLS,
     CENTER,
     ENERGIES,
     GIVEN,
+    N_TIMES,
     OPTIONS,
     SATURATIONS,
     light,
@@ -24,7 +26,8 @@ patato = pytest.importorskip("patato", reason="PATATO is not installed: pip inst
 
 @pytest.fixture(scope="module")
 def data():
-    return light(finer=5)  # 1150 samples: its filter takes 1024 at least
+    # 1150 samples: its filter takes 1024 at least
+    return resample(light(), 5 * N_TIMES, axis=-1)
 
 
 @pytest.fixture(scope="module")

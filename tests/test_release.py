@@ -1,0 +1,66 @@
+"""What is published: wheels, extras, the paper about the package and whom it cites."""
+
+import json
+import re
+import runpy
+import shutil
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAPER = ROOT / "paper"
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+
+
+def test_wheels_of_the_same_sources_are_the_same_bytes(tmp_path, monkeypatch):
+    """Whatever the folder and the dates of its files; with all that is no Python too."""
+    builder = pytest.importorskip("hatchling.builders.wheel").WheelBuilder
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    wheels = []
+    for name in ("one", "other"):
+        copy = tmp_path / name
+        skipped = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / "jaxtat", copy / "jaxtat", ignore=skipped, copy_function=shutil.copy)
+        for file in ("pyproject.toml", "README.md", "LICENSE"):
+            shutil.copy(ROOT / file, copy)
+        (wheel,) = builder(str(copy)).build(directory=str(tmp_path / f"of-{name}"))
+        wheels.append(Path(wheel))
+    assert wheels[0].read_bytes() == wheels[1].read_bytes()
+    inside = set(zipfile.ZipFile(wheels[0]).namelist())
+    sources = (path for path in (ROOT / "jaxtat").rglob("*") if path.is_file())
+    wanted = {str(path.relative_to(ROOT)) for path in sources if "__pycache__" not in path.parts}
+    assert wanted <= inside
+
+
+def held(extra):
+    """All extras that one installs."""
+    named = [re.match(r"jaxtat\[(.*?)\]", text) for text in EXTRAS[extra]]
+    found = {name for match in named if match for name in match[1].split(",")}
+    return found.union(*map(held, found))
+
+
+def test_the_extra_all_has_what_users_may_want():
+    """All but those for work on jaxtat itself."""
+    assert held("all") == set(EXTRAS) - {"all", "bench", "docs", "test"}
+
+
+def test_the_paper_cites_what_is_in_its_list_and_is_short():
+    text = (PAPER / "paper.md").read_text()
+    cited = set(re.findall(r"\[-?@(\w+)\]", text))
+    listed = re.findall(r"^@\w+\{(\w+),", (PAPER / "paper.bib").read_text(), re.M)
+    assert sorted(cited) == sorted(listed)
+    body = text.split("---", 2)[2]
+    assert 750 <= len(body.split()) <= 1100
+    assert (PAPER / "figure.png").stat().st_size > 20_000
+
+
+def test_the_paper_s_figure_is_drawn_from_the_rows_of_its_table():
+    script = runpy.run_path(str(ROOT / "scripts" / "paper_figure.py"))
+    drawn = {name for name, *_ in script["DRAWN"]}
+    runs = json.loads((ROOT / script["RESULTS"]).read_text())["benchmarks"]
+    assert drawn <= {run["name"].removeprefix("bench_") for run in runs}
+    table = set(re.findall(r"\| `(.*?)` \|", (PAPER / "paper.md").read_text()))
+    assert table and table <= drawn
