@@ -16,6 +16,7 @@ from jaxtat.io import load_scan
 from jaxtat.steps.cartesian_fourier import fourier_inversion_of_harmonics
 
 PIXELS, BATCH = 400, 8
+REACH = 1.1  # over the region's radius
 OTHERS = {
     "sound_speed": (1490.0, 1500.0, 1510.0),
     "rule": (1e-2, 2e-2, 3e-2),
@@ -34,20 +35,21 @@ def scan():
 
 @pytest.fixture(scope="module")
 def choices(scan):
-    """Energies of pulses are not in a stream."""
     given = {"pixels": PIXELS, "inversion": "fourier", "sound_speed": 1477.0}
-    return jaxtat.scans.choose(scan, **given, laser_energy=False)
+    return jaxtat.scans.choose(scan, **given)
 
 
 @pytest.fixture(scope="module")
 def images(scan, choices):
-    """By precision, made when they are first asked for."""
+    """By precision and reach over the radius, made when they are first asked for."""
     made = {}
 
-    def of(dtype):
-        if dtype not in made:
-            made[dtype] = jaxtat.live(scan, choices, dtype=dtype)
-        return made[dtype]
+    def of(dtype, reach=None):
+        key = dtype, reach
+        if key not in made:
+            wide = None if reach is None else reach * choices.region_radius
+            made[key] = jaxtat.live(scan, choices, dtype=dtype, reach=wide)
+        return made[key]
 
     return of
 
@@ -74,12 +76,19 @@ def bench_live(measure, scan, choices, images, frames, dtype):
 
 @pytest.mark.parametrize("name", OTHERS)
 def bench_live_changed(measure, images, name):
-    values, to_images = cycle(OTHERS[name]), images(np.float32)
+    reach = REACH if name == "region_center" else None
+    values, to_images = cycle(OTHERS[name]), images(np.float32, reach)
 
     def changed():
         return jax.tree.leaves(to_images.replace(**{name: next(values)}))
 
-    measure(changed, n=PIXELS, rounds=1 if name == "region_center" else 3)
+    measure(changed, n=PIXELS, rounds=3)
+
+
+def bench_live_within_reach(measure, images, scan):
+    """What a larger disk costs each image of a batch."""
+    to_images, stack = images(np.float32, REACH), np.stack([scan.frame(0)] * BATCH)
+    measure(lambda: to_images(stack), n=PIXELS, images=BATCH, rounds=9)
 
 
 @pytest.mark.parametrize("part", ["offset and drift", "samples", "densities", "inversion"])

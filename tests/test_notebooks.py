@@ -18,6 +18,7 @@ NAMES = (
     "10_images_with_constraints.ipynb",
     "11_learning_through_ten_steps.ipynb",
     "01_paper.ipynb",
+    "12_looking_at_a_scan.ipynb",
     "05_uncertainty.ipynb",
     "03_choosing_K_by_gradient.ipynb",
     "02_truncation_and_tikhonov.ipynb",

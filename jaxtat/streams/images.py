@@ -6,17 +6,21 @@
 
 Only the offset and drift of a detector are not linear in its record: medians, found by NumPy, which
 selects without sorting, while the rest is one compiled function.
+
+Everything is found in double precision, also where JAX is in single: only here, and only meanwhile.
 """
 
 import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Num
 
 from ..base.checks import Numbers, dtype_of, real_array, require_positive
+from ..base.double import in_double
 from ..densities import Densities, in_precision
 from ..densities.harmonic import (
     DecomposedWaves,
@@ -25,22 +29,21 @@ from ..densities.harmonic import (
     polar_geometry,
     tikhonov_densities,
 )
-from ..geometry.regions import Disk
+from ..geometry import Region
 from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..reconstruction.plane_basis import default_rule
-from ..reconstruction.setup import plane_of, require_complete
+from ..reconstruction.setup import plane_of
 from ..records.pressure import along_baseline
 from ..regularization import RelativeTikhonov, Tikhonov, tikhonov_rule
-from ..scans import Choices, choose, estimate_sound_speed, setup_of
-from ..scans.facts import times_of
-from ..scans.frames import conditioned, has_baseline
+from ..scans import Choices
 from ..steps.cartesian_fourier import direct_fourier_inversion, fourier_inversion_of_harmonics
 from ..steps.polar_fourier import value_at_origin, with_origin
 from ..steps.radon import low_pass_values
-from .samples import Pressure, pressure_of, samples_to_waves
+from .asked import of_scan, of_setup, speed_of
+from .places import another_disk, placed
+from .samples import Pressure, samples_to_waves
 
-N_GROUPS = 8  # of frequencies that have as many orders: the fewer, the more rows are zero
 PRECISIONS = (np.float32, np.float64)
 
 
@@ -59,20 +62,24 @@ class Live(eqx.Module):
     """Raw frames to images, see `live`; of other settings by `replace`.
 
     Attributes:
-        setup: detectors that are used, region, grid and radii.
+        setup: detectors that are used, disk or other region that is solved for, grid and radii.
+        region: that is shown, in it.
         frame_shape: (detectors, samples) of a frame.
         sound_speed: c [length/time]; of no meaning for circular integrals.
         rule: of the densities; None of a plan.
         low_pass: name or function, as in `reconstruct`.
         dtype: of the images.
+        energy: by which images are divided where a frame's own is not said; 1 for none.
     """
 
     setup: Setup
+    region: Region
     frame_shape: tuple[int, int] = eqx.field(static=True)
     sound_speed: float = eqx.field(static=True)
     rule: Tikhonov | RelativeTikhonov | None
     low_pass: Any = eqx.field(static=True)
     dtype: np.dtype = eqx.field(static=True)
+    energy: float = eqx.field(static=True)
     _rows: tuple[int, ...] | None = eqx.field(static=True)  # of the frame, None for all in order
     _in_factors: bool = eqx.field(static=True)  # densities, for few frames of each setting
     _leveled: bool = eqx.field(static=True)  # whether offset and drift are taken off
@@ -81,23 +88,33 @@ class Live(eqx.Module):
     _ready: _Ready
 
     @property
+    @in_double
     def radii(self) -> Float[Array, " radii"]:
         """Of the integrals: the setup's, or as many that the record reaches at this speed."""
         return _radii(self._pressure, self.setup, self.sound_speed)
 
-    def __call__(self, frames: Any) -> Num[Array, "*batch x1 x2"]:
+    @in_double
+    def __call__(self, frames: Any, energy: Numbers | None = None) -> Num[Array, "*batch x1 x2"]:
         """The images of frames (..., detectors, samples), of any real type.
 
         Outside of `jax.jit`, which it calls itself: medians are found by NumPy.
 
+        Args:
+            frames: raw, as they come.
+            energy: of the pulse of each frame, (...) or one for all, by which images are divided;
+                by default `energy`.
+
         Raises:
-            ValueError: for frames of another shape or type, or with NaN.
+            ValueError: for frames of another shape or type, or with NaN, and for energies that are
+                not positive.
         """
         frames, batch = self._checked(frames)
+        energies = self._energies(energy, batch)
         line = self._lines(frames) if self._leveled else None
-        images = _images(self._ready, self.setup, frames, line)
+        images = _images(self._ready, self.setup, frames, line, energies)
         return images.reshape(*batch, *self.setup.grid.shape)
 
+    @in_double
     def replace(
         self,
         *,
@@ -105,6 +122,7 @@ class Live(eqx.Module):
         rule: Any = None,
         low_pass: Any = None,
         region_center: Numbers | None = None,
+        region_radius: Numbers | None = None,
     ) -> "Live":
         """The same with other settings: what depends on them is found anew, nothing is compiled.
 
@@ -112,34 +130,39 @@ class Live(eqx.Module):
             sound_speed: c [length/time].
             rule: a number as `alpha`, or `Tikhonov` or `RelativeTikhonov`.
             low_pass: "none", "cosine" or a function.
-            region_center: of region and grid, (x1, x2) [length]. A region that leaves the middle of
-                the detectors' circle is solved for by another program, compiled at the first time.
+            region_center: of region and grid, (x1, x2) [length]. Within ``reach`` of `live` only
+                pixels change. Beyond it the disk that is solved for is moved, which takes longer
+                than `live`, by another program where it leaves the middle of the detectors'
+                circle, compiled at the first time.
+            region_radius: of the region, and the grid as many times larger, up to ``reach``.
 
         Raises:
             ValueError: for a speed that makes the record too short, a rule for the densities of a
                 plan, and a region that does not fit.
         """
         setup, waves, densities = self.setup, self._waves, self._ready.densities
-        samples, speed = self._ready.samples, self.sound_speed
-        rule = self.rule if rule is None else _rule_of(rule, setup)
-        if region_center is not None:
-            center = real_array("region_center", region_center, (2,))
-            setup = _moved(setup, center, free=self._pressure is not None)
-            waves = _waves_of(setup, self.dtype)
+        samples, speed, region = self._ready.samples, self.sound_speed, self.region
+        rule, solved_anew = self.rule if rule is None else _rule_of(rule, setup), False
+        if region_center is not None or region_radius is not None:
+            region = another_disk(region, region_center, region_radius)
+            free = self._pressure is not None
+            setup, solved_anew = placed(setup, self.region, region, free)
+        if rule is not self.rule or solved_anew:
+            if self.rule is None:
+                raise ValueError("densities of a plan: its rule and geometry cannot be changed.")
+            waves = _waves_of(setup, self.dtype) if solved_anew else waves
+            densities = _densities(setup, waves, rule, self.dtype, self._in_factors)
         if sound_speed is not None:
             if self._pressure is None:
                 raise ValueError("sound_speed: circular integrals are made at one; change radii.")
-            speed = _speed_of(sound_speed)
-        if sound_speed is not None or region_center is not None:
+            speed = speed_of(sound_speed)
+        if sound_speed is not None or solved_anew:
             samples = _samples(self._pressure, setup, speed, self.dtype)
-        if rule is not self.rule or region_center is not None:
-            if self.rule is None:
-                raise ValueError("densities of a plan: its rule and geometry cannot be changed.")
-            densities = _densities(setup, waves, rule, self.dtype, self._in_factors)
         low_pass = self.low_pass if low_pass is None else low_pass
         return dataclasses.replace(
             self,
             setup=setup,
+            region=region,
             sound_speed=speed,
             rule=rule,
             low_pass=low_pass,
@@ -166,6 +189,19 @@ class Live(eqx.Module):
             )
         return values.reshape(-1, *values.shape[-2:]), values.shape[:-2]
 
+    def _energies(self, energy: Numbers | None, batch: tuple[int, ...]) -> Array:
+        """One for each frame of the stack."""
+        asked = real_array("energy", self.energy if energy is None else energy, None)
+        require_positive("energy", asked)
+        energies = np.asarray(asked)
+        if energies.shape not in ((), batch):
+            raise ValueError(
+                f"energy has shape {energies.shape}, expected one number or {batch}, one for each "
+                "frame."
+            )
+        stack = np.broadcast_to(energies, batch).reshape(-1)
+        return jax.device_put(stack.astype(self.dtype))
+
     def _lines(self, frames: np.ndarray) -> np.ndarray:
         """Offset at the middle of the first third, and rise to that of the last."""
         third = frames.shape[-1] // 3
@@ -173,6 +209,7 @@ class Live(eqx.Module):
         return np.stack([first, last - first], axis=-1).astype(self.dtype)
 
 
+@in_double
 def live(
     scan: Scan | Setup,
     choices: Choices | None = None,
@@ -180,6 +217,7 @@ def live(
     rule: Any = None,
     low_pass: Any = None,
     plan: ReconstructionPlan | None = None,
+    reach: Numbers | None = None,
     few_frames: bool = False,
     dtype: Any = np.float32,
 ) -> Live:
@@ -187,8 +225,11 @@ def live(
 
     Its images are those of `scans.reconstruct` with ``inversion="fourier"``: the samples
     of all detectors go through one matrix (conditioning, pressure to integrals, step 2), through
-    the densities, and through a Fourier sum. To 1e-4 in single precision and 1e-9 in double. Only
-    the energy of a pulse is not divided out, since it is not in a stream: divide the image by it.
+    the densities, and through a Fourier sum. To 1e-4 in single precision and 1e-9 in double. Where
+    the choices divide by the energy of pulses, a frame's own is an argument of `Live`, and the mean
+    of the scan's stands in for it.
+
+    Also where JAX is in single precision: 64 bits are on while this runs, and in this thread alone.
 
     Args:
         scan: in the plane, any of its frames; or a `Setup`, for frames of circular integrals.
@@ -198,6 +239,9 @@ def live(
             scan's is in its choices.
         low_pass: for a setup, as in `reconstruct`.
         plan: for its densities in place of a rule.
+        reach: radius of the disk about the region's centre that is solved for, at least the
+            region's [length]: within it the region is moved at once. Images are those of this disk
+            as the region, and take longer, like its radius to the power of 2 to 3.
         few_frames: of each setting, as with sliders: another rule takes less time, an image more.
         dtype: float32, or float64 at half the speed.
 
@@ -218,45 +262,38 @@ def live(
     True
     """
     dtype = _precision(dtype)
-    pressure, rows, leveled, speed = None, None, False, 1.0
+    if plan is not None and reach is not None:
+        raise ValueError("reach is for densities that are made here: leave it out with a plan.")
     if isinstance(scan, Setup):
-        setup = scan
-        frame_shape = setup.data_shape
+        asked = of_setup(scan, rule, low_pass, reach)
     else:
-        choices = estimate_sound_speed(scan, choose(scan)) if choices is None else choices
-        _require_formula(choices)
-        alone = {"rule": rule, "low_pass": low_pass}
-        if any(value is not None for value in alone.values()):
+        if rule is not None or low_pass is not None:
             raise ValueError("rule and low_pass are for a Setup: a scan's are in its choices.")
-        setup = setup_of(scan, choices, n_groups=N_GROUPS) if plan is None else plan.setup
-        rule, low_pass, speed = choices.alpha, choices.low_pass, choices.sound_speed
-        frame_shape = (scan.n_detectors, scan.n_samples)
-        rows = _rows_of(choices, scan.n_detectors)
-        pressure, leveled = _pressure_of(scan, choices)
-    plane_of(setup)  # not in space
-    require_complete(setup)
-    speed = _speed_of(speed)
+        asked = of_scan(scan, choices, plan, reach)
+    setup = asked.setup
     waves, used = None, None
     if plan is None:
-        used = _rule_of(rule, setup)
+        used = _rule_of(asked.rule, setup)
         waves = _waves_of(setup, dtype)
         densities = _densities(setup, waves, used, dtype, few_frames)
     else:
         densities = in_precision(plan.densities, dtype)
-    samples = _samples(pressure, setup, speed, dtype)
+    samples = _samples(asked.pressure, setup, asked.sound_speed, dtype)
     return Live(
         setup=setup,
-        frame_shape=(int(frame_shape[0]), int(frame_shape[1])),
-        sound_speed=speed,
+        region=asked.region,
+        frame_shape=asked.frame_shape,
+        sound_speed=asked.sound_speed,
         rule=used,
-        low_pass=low_pass,
+        low_pass=asked.low_pass,
         dtype=dtype,
-        _rows=rows,
+        energy=asked.energy,
+        _rows=asked.rows,
         _in_factors=few_frames,
-        _leveled=leveled,
-        _pressure=pressure,
+        _leveled=asked.leveled,
+        _pressure=asked.pressure,
         _waves=waves,
-        _ready=_ready(setup, samples, densities, low_pass, dtype),
+        _ready=_ready(setup, samples, densities, asked.low_pass, dtype),
     )
 
 
@@ -266,12 +303,13 @@ def _images(
     setup: Setup,
     frames: Num[Array, "stack detectors samples"],
     line: Any,
+    energies: Float[Array, " stack"],
 ) -> Float[Array, "stack x1 x2"]:
     """One compiled function of frames, and of offset and rise of each row (stack, detectors, 2)."""
     records = frames.astype(ready.samples.dtype)
     if line is not None:
         records = records - (line[..., :1] + line[..., 1:] * ready.along)
-    waves = jnp.einsum("ws,bns->bnw", ready.samples, records)
+    waves = jnp.einsum("ws,bns->bnw", ready.samples, records) / energies[:, None, None]
     stack, n_detectors, _ = waves.shape
     transformed = jnp.moveaxis(waves[..., :-1].reshape(stack, n_detectors, -1, 2), 1, -1)
     _, region, _, sizes = plane_of(setup)
@@ -342,23 +380,6 @@ def _densities(
     return tikhonov_densities(waves, rule, in_factors=in_factors)
 
 
-def _pressure_of(scan: Scan, choices: Choices) -> tuple[Pressure | None, bool]:
-    """What a record goes through, and whether offset and drift come off before."""
-    times = times_of(scan)
-    if times is None:
-        return None, False
-
-    def conditioning(record: Array) -> Array:
-        return conditioned(scan, choices, record, times, baseline=False)
-
-    return pressure_of(jnp.asarray(times), choices.model, conditioning), has_baseline(choices)
-
-
-def _rows_of(choices: Choices, n_detectors: int) -> tuple[int, ...] | None:
-    rows = choices.channels
-    return None if rows == tuple(range(n_detectors)) else rows
-
-
 def _rule_of(rule: Any, setup: Setup) -> Tikhonov | RelativeTikhonov:
     used = default_rule(plane_of(setup)[-1]) if rule is None else rule
     used = tikhonov_rule(used, setup.sizes.n_frequencies)
@@ -370,44 +391,10 @@ def _rule_of(rule: Any, setup: Setup) -> Tikhonov | RelativeTikhonov:
     return used
 
 
-def _speed_of(speed: Numbers) -> float:
-    value = real_array("sound_speed", speed, ())
-    require_positive("sound_speed", value)
-    return float(value)
-
-
-def _moved(setup: Setup, center: Array, free: bool) -> Setup:
-    """Region and grid about another centre; radii that are free go along, as many as before."""
-    region, radii = setup.region, setup.radii
-    if not isinstance(region, Disk):
-        raise ValueError("region_center moves disks; make another function for other regions.")
-    by = center - region.center
-    moved = eqx.tree_at(lambda r: (r.points, r.center), region, (region.points + by, center))
-    grid = eqx.tree_at(lambda grid: grid.center, setup.grid, setup.grid.center + by)
-    if free:
-        before, after = (
-            jnp.linalg.norm(setup.curve.points - middle, axis=1)
-            for middle in (region.center, center)
-        )
-        first = radii[0] + after.min() - before.min()
-        radii = jnp.linspace(first, radii[-1] + after.max() - before.max(), len(radii))
-    return setup.replace(region=moved, grid=grid, radii=radii)
-
-
 def _precision(dtype: Any) -> np.dtype:
     if np.dtype(dtype) not in [np.dtype(p) for p in PRECISIONS]:
         raise ValueError(f"dtype is {dtype!r}, expected float32 or float64.")
     return np.dtype(dtype)
-
-
-def _require_formula(choices: Choices) -> None:
-    if choices.in_space:
-        raise ValueError("the scan is in space, and live images are in the plane.")
-    if choices.model_based:
-        raise ValueError(
-            "the choices ask for a fit under constraints, which takes its time: live images are by "
-            "the formula."
-        )
 
 
 def _median(values: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ def keep(session: Session, knobs: Knobs, folder: Path, suffix: str, source: Path
         settings: dict[str, Any] = {"method": BACK_PROJECTION}
     else:
         settings = session.choices_of(knobs).settings() | session.frame_facts(knobs.frame)
+    knobs = replace(knobs, disk=None)  # the region: what is said of the image is true of all of it
     image, frames = np.where(session.inside, session.image(knobs), 0.0), None
     if session.scan.data.ndim == 3:
         wavelengths = session.scan.known.get("wavelengths")

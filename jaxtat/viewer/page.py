@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,9 +34,10 @@ from bokeh.palettes import Greys256, Inferno256, Viridis256
 from bokeh.plotting import figure
 
 from ..base.names import LOW_PASSES
-from ..base.units import millimetres
+from ..geometry import ImageGrid
 from .keeping import command_line, keep
 from .latest import Latest
+from .looking import Looking, corner_and_size, lengths
 from .session import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED, Knobs, Session
 
 COLOURS = {"grey": Greys256, "viridis": Viridis256, "inferno": Inferno256}
@@ -75,8 +77,9 @@ class Page:
     def _make_picture(self) -> None:
         self.pixels = ColumnDataSource({"image": [np.zeros((1, 1), np.float32)]})
         self.colours = LinearColorMapper(COLOURS["grey"], low=0.0, high=1.0, nan_color="#00000000")
-        unit = " [mm]" if self._session.choices.units.length else ""
-        low, size = self._extent()
+        self._grid = self._session.grid(self._session.start)
+        scale, unit = lengths(self._session)
+        low, size = corner_and_size(self._grid, scale)
         self.picture = figure(
             frame_width=540,
             frame_height=540,
@@ -93,7 +96,7 @@ class Page:
             "image",
             source=self.pixels,
             color_mapper=self.colours,  # pyright: ignore[reportCallIssue]
-            **self._place_of_image(),
+            **_as_place(low, size),
         )
         values = [("x₁, x₂", "$x{0.00}, $y{0.00}" + unit), ("f", "@image{%.4g}")]
         hover = HoverTool(tooltips=values, formatters={"@image": "printf"}, point_policy="none")
@@ -129,7 +132,8 @@ class Page:
             labels=list(LOW_PASSES), active=LOW_PASSES.index(start.low_pass)
         )
         self._make_curve(low, high)
-        scale, unit = self._lengths
+        scale, unit = lengths(session)
+        self.looking = Looking(session, WIDTH, self._turned)
         radius, center = session.choices.region_radius, session.choices.region_center
         values = {"region's radius": radius, "its x₁": center[0], "its x₂": center[1]}
         self.region = [
@@ -186,6 +190,7 @@ class Page:
             self.speed,
             self.alpha,
             row(Div(text="low-pass", width=70), self.low_pass),
+            *self.looking.sliders,
             row(*self.region),
             self.move,
             self.levels,
@@ -197,24 +202,6 @@ class Page:
             knob.width = WIDTH
         below = Div(text="<b>The same by a command</b>"), self.command, self.table
         self._document.add_root(column(row(self.picture, knobs, spacing=20), *below, margin=10))
-
-    def _extent(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower left corner and size of the image, in the unit of the axes."""
-        grid, scale = self._session.choices.grid, self._lengths[0]
-        low, high, step = (
-            np.asarray(x) for x in (grid.points[0, 0], grid.points[-1, -1], grid.spacing)
-        )
-        return scale * (low - step / 2), scale * (high - low + step)
-
-    def _place_of_image(self) -> dict[str, float]:
-        low, size = self._extent()
-        return dict(zip(("x", "y", "dw", "dh"), map(float, (*low, *size)), strict=True))
-
-    @property
-    def _lengths(self) -> tuple[float, str]:
-        """Millimetres of a length of 1, and how the unit is shown."""
-        unit = self._session.choices.units.length
-        return millimetres(unit), " [mm]" if unit else ""
 
     # what turns what
 
@@ -249,6 +236,7 @@ class Page:
             LOW_PASSES[self.low_pass.active or 0],
             int(self.frame.value),
             METHODS[self.method.active or 0],
+            self.looking.disk,
         )
 
     def _turned(self) -> None:
@@ -274,13 +262,15 @@ class Page:
         """In the other thread."""
         start = time.perf_counter()
         image = session.image(knobs)
-        taken = time.perf_counter() - start
+        taken, grid = time.perf_counter() - start, session.grid(knobs)
         if knobs.method == BACK_PROJECTION:
-            return _Seen(session, image, "only the viewer shows it, to compare with", None, taken)
+            return _Seen(
+                session, image, grid, "only the viewer shows it, to compare with", None, taken
+            )
         choices = session.choices_of(knobs)
         facts = session.frame_facts(knobs.frame)
         command = command_line(choices, facts, str(self._source or "FILE"))
-        return _Seen(session, image, command, choices.rows(), taken)
+        return _Seen(session, image, grid, command, choices.rows(), taken)
 
     def _show(self, seen: Any, error: str) -> None:
         if error:
@@ -289,6 +279,7 @@ class Page:
         self._document.hold("combine")
         if seen.session is not self._session:
             self._take_session(seen.session)
+        self._place_image(seen.grid)
         self._show_image(seen.image)
         self.status.text = f"image in {1e3 * seen.seconds:.0f} ms"
         self.command.text = _as_code(seen.command)
@@ -301,14 +292,21 @@ class Page:
         self.pixels.data = {"image": [np.ascontiguousarray(image.T, np.float32)]}
         self._take_levels()
 
+    def _place_image(self, grid: ImageGrid) -> None:
+        """Its axes; those that were zoomed stay so while the pixels do."""
+        if all(map(np.array_equal, _numbers(grid), _numbers(self._grid))):
+            return
+        self._grid = grid
+        low, size = corner_and_size(grid, lengths(self._session)[0])
+        self.glyph.glyph.update(**_as_place(low, size))
+        self.picture.x_range.update(start=low[0], end=low[0] + size[0])
+        self.picture.y_range.update(start=low[1], end=low[1] + size[1])
+
     def _take_session(self, session: Session) -> None:
         """Of another region."""
         self._session = session
-        self.glyph.glyph.update(**self._place_of_image())
-        low, size = self._extent()
-        self.picture.x_range.update(start=low[0], end=low[0] + size[0])
-        self.picture.y_range.update(start=low[1], end=low[1] + size[1])
-        scale = self._lengths[0]
+        self.looking.take(session)
+        scale, _ = lengths(session)
         values = session.choices.region_radius, *session.choices.region_center
         for spinner, value in zip(self.region, values, strict=True):
             spinner.value = round(scale * value, 3)
@@ -334,7 +332,8 @@ class Page:
             self._ask_for_curve()
 
     def _take_region(self) -> None:
-        scale, knobs, session = self._lengths[0], self.knobs, self._session
+        session = self._session
+        scale, knobs = lengths(session)[0], replace(self.knobs, disk=None)
         radius, *center = (float(spinner.value or 0.0) / scale for spinner in self.region)
 
         def work() -> _Seen:
@@ -394,9 +393,18 @@ class _Seen(NamedTuple):
 
     session: Session
     image: np.ndarray
+    grid: ImageGrid
     command: str
     rows: list[tuple[str, str, str, str]] | None  # of choices
     seconds: float
+
+
+def _numbers(grid: ImageGrid) -> tuple[np.ndarray, np.ndarray]:
+    return np.asarray(grid.half_width), np.asarray(grid.center)
+
+
+def _as_place(low: np.ndarray, size: np.ndarray) -> dict[str, float]:
+    return dict(zip(("x", "y", "dw", "dh"), map(float, (*low, *size)), strict=True))
 
 
 def _on_change(widget: Any, its: str, do: Callable[[], Any]) -> None:

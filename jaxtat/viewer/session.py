@@ -1,6 +1,7 @@
 """What one person looks at: a scan, where the knobs stand, and what of it was computed last."""
 
 import copy
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,7 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..base.choice_table import METHOD, OPTIONS, PLAIN, RECORD, SURE
-from ..geometry import fit_circle
+from ..base.units import ROUNDING
+from ..geometry import ImageGrid, fit_circle
 from ..io import Scan
 from ..scans import Choices, choose, integrals
 from ..scans.constrained import fitted
@@ -21,6 +23,7 @@ from ..streams import live
 
 PIXELS = 257  # of images, where nothing else is said
 DIRECT, BACK_PROJECTION, MODEL_BASED = METHODS = "direct", "back-projection", "model-based"
+Shown = tuple[float, tuple[float, float]]  # radius and centre of a disk [length]
 _KEPT = (PLAIN, RECORD, METHOD)  # groups of choices that another region leaves as they are
 
 
@@ -34,6 +37,8 @@ class Knobs:
         low_pass: "none" or "cosine".
         frame: of the scan, from 0.
         method: "direct", "back-projection" or "model-based" (total variation, f >= 0).
+        disk: radius and centre of a part of the region that is looked at, with as many pixels
+            [length]; None for all of it, as always model-based.
     """
 
     sound_speed: float
@@ -41,6 +46,7 @@ class Knobs:
     low_pass: str
     frame: int = 0
     method: str = DIRECT
+    disk: Shown | None = None
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -90,7 +96,20 @@ class Session:
             BACK_PROJECTION: self._back_projected,
             MODEL_BASED: self._fitted,
         }[knobs.method](knobs)
-        return np.where(self.inside, np.asarray(made), np.nan)
+        inside = self.inside
+        if knobs.method != MODEL_BASED and knobs.disk is not None:
+            inside = np.asarray(self._live.region.contains(self._live.setup.grid.points))
+        return np.where(inside, np.asarray(made), np.nan)
+
+    def grid(self, knobs: Knobs) -> ImageGrid:
+        """The nodes of an image."""
+        self._turn(knobs)
+        return self._live.setup.grid
+
+    @property
+    def can_look(self) -> bool:
+        """Whether a part of the region can be looked at alone: in whole disks."""
+        return self.choices.region_cut >= self.choices.region_radius
 
     def choices_of(self, knobs: Knobs) -> Choices:
         """All choices of an image, with reasons: `scans.reconstruct` makes the same of them.
@@ -182,16 +201,31 @@ class Session:
 
     def _direct(self, knobs: Knobs) -> np.ndarray:
         self._turn(knobs)
-        return np.asarray(self._live(self._read(knobs.frame)))
+        return np.asarray(self._live(self._read(knobs.frame), energy=1.0))  # divided out before
 
     def _turn(self, knobs: Knobs) -> None:
         """What takes time is done only for knobs that were turned."""
         new = {"sound_speed": knobs.sound_speed, "rule": knobs.alpha, "low_pass": knobs.low_pass}
         made = {"sound_speed": self._made.sound_speed, "rule": self._made.alpha}
         made |= {"low_pass": self._made.low_pass}
-        turned = {name: value for name, value in new.items() if value != made[name]}
+        turned: dict[str, Any] = {name: value for name, value in new.items() if value != made[name]}
+        disk = None if knobs.method == MODEL_BASED else knobs.disk
+        knobs = replace(knobs, disk=disk)
+        if disk != self._made.disk:
+            turned |= self._looked_at(disk)
         if turned:
             self._live, self._made = self._live.replace(**turned), knobs
+
+    def _looked_at(self, disk: Shown | None) -> dict[str, Any]:
+        choices = self.choices
+        radius, center = disk or (choices.region_radius, choices.region_center)
+        off = math.dist(center, choices.region_center)
+        if off + radius > choices.region_radius * (1 + ROUNDING):
+            raise ValueError(
+                f"a disk of {radius:.6g} that is {off:.6g} off the middle leaves the region, whose "
+                f"radius is {choices.region_radius:.6g}: take it as the region."
+            )
+        return {"region_radius": radius, "region_center": center}
 
     def _turned(self, knobs: Knobs) -> Choices:
         """The choices, with radii as they are at this speed."""

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from made_scans import TIMES, N, raw_counts, record, scan
@@ -36,6 +38,40 @@ def test_raw_frames_come_out_as_from_the_scan(frames, known):
     single = live(made, choices)
     assert relative(single(frames), wanted) < 1e-4
     assert relative(single(frames[1].astype(float)), wanted[1]) < 1e-4
+
+
+def test_images_are_over_the_energies_of_pulses(frames):
+    """Of each frame where they are said, else the mean; and in single precision throughout."""
+    energies = np.array([40.0, 70.0, 35.0])
+    made = scan(frames, laser_energy=energies)
+    choices = choose(made, **GIVEN)
+    wanted = reconstruct(made, choices).image
+    with jax.enable_x64(False):
+        to_images = live(made, choices)
+        found = to_images(frames, energy=energies)
+        assert jnp.zeros(1).dtype == found.dtype == np.float32
+    assert relative(found, wanted) < 1e-4
+    by_mean = to_images(frames[1])
+    assert relative(by_mean * energies.mean() / 70.0, wanted[1]) < 1e-4
+    for energy, said in ((0.0, "energy is 0"), ([1.0, 2.0], r"shape \(2,\), expected one number")):
+        with pytest.raises(ValueError, match=said):
+            to_images(frames, energy=energy)
+
+
+@pytest.mark.parametrize("radius", [0.008, 0.011])
+def test_within_reach_the_region_moves(frames, radius):
+    """Against a grid of the wider region that has the moved pixels among its own."""
+    made, given = scan(frames[0]), GIVEN | {"region_radius": radius, "pixels": 23}
+    choices = choose(made, **given, half_width=0.0055)
+    moved = live(made, choices, dtype=np.float64, reach=0.011).replace(
+        region_center=(1e-3, -2e-3), region_radius=radius / 2
+    )
+    wide = replace(choices, region_radius=0.011, region_cut=0.011, half_width=0.011)
+    wide = replace(wide, pixels=89)
+    wanted = reconstruct(made, wide).image
+    rows = np.searchsorted(wide.grid.x1, np.asarray(moved.setup.grid.x1) - 1e-9)
+    columns = np.searchsorted(wide.grid.x2, np.asarray(moved.setup.grid.x2) - 1e-9)
+    assert relative(moved(frames[0]), wanted[np.ix_(rows, columns)]) < 1e-9
 
 
 def test_another_speed_is_that_of_other_choices(frames):

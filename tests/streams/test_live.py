@@ -63,10 +63,15 @@ def test_densities_in_factors_are_those_in_rows(arc):
     assert np.abs(one - other).max() < 1e-12 * np.abs(other).max()
 
 
-def test_another_center(arc):
-    """A smaller disk moved within the circle that the data cover."""
+@pytest.fixture(scope="module")
+def small(arc):
+    """A smaller disk in the circle that the data cover."""
     radii = jaxtat.data_radii(arc.curve, jaxtat.disk(0.9), 0.05)
-    small = jaxtat.Setup(arc.curve, jaxtat.disk(0.6), jaxtat.ImageGrid(21, 0.6), radii)
+    return jaxtat.Setup(arc.curve, jaxtat.disk(0.6), jaxtat.ImageGrid(21, 0.6), radii)
+
+
+def test_another_center(small):
+    """That leaves the disk which is solved for: the systems of the moved one."""
     g, center = data_of(small), np.array([0.1, -0.05])
     moved = live(small, rule=ALPHA, dtype=np.float64).replace(region_center=center)
     region, grid = jaxtat.disk(0.6, center=center), jaxtat.ImageGrid(21, 0.6, center=center)
@@ -74,6 +79,26 @@ def test_another_center(arc):
     assert relative(moved(g), wanted) < 1e-9
     with pytest.raises(ValueError, match="radii run from"):
         moved.replace(region_center=[0.9, 0.0])
+
+
+def test_another_center_within_reach_is_the_same_function_at_other_pixels(small):
+    g, center, radius = data_of(small), np.array([0.1, -0.2]), 0.5
+    first = live(small, rule=ALPHA, dtype=np.float64, reach=0.85)
+    moved = first.replace(region_center=center, region_radius=radius)
+    grid = jaxtat.ImageGrid(21, radius, center=center)
+    highest = small.sizes.max_frequency
+    wide = jaxtat.Setup(small.curve, jaxtat.disk(0.85), grid, small.radii, max_frequency=highest)
+    wanted = expected(wide, g)
+    assert relative(moved(g), wanted) < 1e-9
+    single = live(small, rule=ALPHA, reach=0.85)
+    assert relative(single.replace(region_center=center, region_radius=radius)(g), wanted) < 1e-4
+    # what lies in both disks comes out alike, whichever the systems are for
+    inside = np.asarray(moved.region.contains(grid.points))
+    truth = np.asarray(BELL.image(grid))
+    assert np.abs(moved(g) - truth)[inside].max() < 0.05 * np.abs(truth).max()
+    assert relative(moved.replace(region_center=[0, 0], region_radius=0.6)(g), first(g)) < 1e-12
+    with pytest.raises(ValueError, match=r"region_radius is 0\.9, and densities are for a disk"):
+        first.replace(region_radius=0.9)
 
 
 def test_the_densities_of_a_plan(arc, arc_plan):
@@ -87,10 +112,10 @@ def test_the_densities_of_a_plan(arc, arc_plan):
 
 
 def test_nothing_is_compiled_for_another_number(arc):
-    """Alpha, low-pass and frames of another value."""
+    """Alpha, low-pass, region and frames of another value."""
     g = data_of(arc)
     first = live(arc, rule=ALPHA)
-    first(g), first.replace(rule=1e-2, low_pass="cosine")(g)
+    first.replace(rule=1e-2, low_pass="cosine", region_center=[0.0, 0.0], region_radius=0.9)(g)
     compiled = []
 
     def listen(event, *_, **__):
@@ -99,6 +124,7 @@ def test_nothing_is_compiled_for_another_number(arc):
     jax.monitoring.register_event_duration_secs_listener(listen)
     try:
         first.replace(rule=3e-3, low_pass="none")(2 * g)
+        first.replace(region_center=[0.1, -0.2], region_radius=0.6)(g, energy=3.0)
     finally:
         jax.monitoring.unregister_event_duration_listener(listen)
     assert not [event for event in compiled if "backend_compile" in event]
@@ -120,16 +146,24 @@ def test_frames_that_cannot_be_are_refused(arc, frames, said):
         to_images(frames)
 
 
-def test_settings_that_cannot_be_are_refused(arc, cap):
+def test_settings_that_cannot_be_are_refused(arc, half_arc, arc_plan, cap):
     with pytest.raises(ValueError, match="expected float32 or float64"):
         live(arc, dtype=np.float16)
     with pytest.raises(ValueError, match="the setup is in space"):
         live(cap)
+    with pytest.raises(ValueError, match="leave it out with a plan"):
+        live(arc, plan=arc_plan, reach=1.1)
     with pytest.raises(ValueError, match="only a plan forms"):
         live(arc, rule=jaxtat.NormBound(4.0))
     with pytest.raises(ValueError, match="depends on the data"):
         live(arc, rule=jaxtat.NoiseLevel(0.1))
     with pytest.raises(ValueError, match="circular integrals are made at one"):
         live(arc, rule=ALPHA).replace(sound_speed=1.1)
+    with pytest.raises(ValueError, match="expected at least the region's radius 1"):
+        live(arc, reach=0.9)
+    with pytest.raises(ValueError, match="reach is for whole disks"):
+        live(half_arc, reach=1.0)
+    with pytest.raises(ValueError, match="region_radius is for whole disks"):
+        live(half_arc, rule=ALPHA).replace(region_radius=0.5)
     with pytest.raises(ValueError, match="expected 'none'"):
         live(arc, rule=ALPHA).replace(low_pass="hann")

@@ -46,6 +46,11 @@ const look = (root) => {
 look(document);
 return found;
 """
+LOOK = """
+const models = [...Bokeh.documents[0]._all_models.values()];
+const radius = (model) => model.type == "Slider" && model.title.startsWith("look at a radius");
+models.find(radius).value = arguments[0];
+"""
 
 
 @pytest.fixture(scope="module")
@@ -171,6 +176,15 @@ def test_a_slider_changes_the_picture_and_a_kept_file_gives_it_again(
     assert main(["reconstruct", str(path), "--repeat", str(kept), "--out", "a.h5", "--quiet"]) == 0
     with h5py.File("a.h5") as file:
         assert relative(third, file["image"][0]) < 1e-4
+
+
+def test_a_part_of_the_region_is_seen_at_once(browser, session, page):
+    """A smaller radius by a step of its slider, of the same systems."""
+    first, _ = page
+    browser.execute_script(LOOK, 8.0)
+    second = other_than(browser, first)
+    knobs = replace(session.start, disk=(0.008, session.choices.region_center))
+    assert relative(second, np.nan_to_num(session.copy().image(knobs))) < 1e-6
 
 
 def test_a_second_page_has_knobs_of_its_own(viewer, browser, page):

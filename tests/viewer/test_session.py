@@ -150,6 +150,29 @@ def test_another_region(session):
         mine.with_region(0.05, (0.0, 0.0), knobs)
 
 
+def test_a_part_of_the_region_is_looked_at_with_as_many_pixels(session):
+    """Every second pixel of the part is one of the whole; files keep the whole."""
+    mine, n = session.copy(), session.choices.pixels
+    whole, quarter = mine.image(mine.start), (n - 1) // 4
+    radius = mine.choices.region_radius / 2
+    part = replace(mine.start, disk=(radius, (radius / 2, 0.0)))
+    image, grid = mine.image(part), mine.grid(part)
+    assert image.shape == whole.shape
+    assert np.allclose(grid.center, [radius / 2, 0.0]) and np.allclose(grid.half_width, radius)
+    middle = (n - 1) // 2
+    first = np.searchsorted(session.choices.grid.x1, float(grid.x1[1]) - 1e-9)
+    rows = slice(first, first + quarter * 2)
+    columns = slice(middle - quarter, middle + quarter + 1)
+    one, other = image[1::2, ::2], whole[rows, columns]
+    assert np.isnan(image).any()
+    both = np.isfinite(one) & np.isfinite(other)
+    assert both.sum() > 200
+    assert np.abs((one - other)[both]).max() < 1e-5 * np.nanmax(np.abs(whole))
+    assert np.array_equal(mine.image(mine.start), whole, equal_nan=True)
+    with pytest.raises(ValueError, match="leaves the region"):
+        mine.image(replace(mine.start, disk=(radius, (1.5 * radius, 0.0))))
+
+
 def test_what_cannot_be_is_said_and_the_rest_goes_on(session):
     mine = session.copy()
     before = mine.image(mine.start)

@@ -1,0 +1,103 @@
+"""What is asked for: of a setup of circular integrals, or of a scan and its choices."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ..base.checks import Numbers, real_array, require_positive
+from ..geometry import Region
+from ..io import Scan
+from ..reconstruction import ReconstructionPlan, Setup
+from ..reconstruction.setup import plane_of, require_complete
+from ..scans import Choices, choose, estimate_sound_speed, setup_of
+from ..scans.facts import facts_of, times_of
+from ..scans.frames import conditioned, has_baseline
+from .places import wider_choices, wider_setup
+from .samples import Pressure, pressure_of
+
+N_GROUPS = 8  # of frequencies that have as many orders: the fewer, the more rows are zero
+
+
+class Asked(NamedTuple):
+    """What a scan and its choices, or a setup, say of a `Live`; the names are its own."""
+
+    setup: Setup
+    region: Region
+    rule: Any
+    low_pass: Any
+    frame_shape: tuple[int, int]
+    sound_speed: float = 1.0
+    energy: float = 1.0
+    rows: tuple[int, ...] | None = None
+    pressure: Pressure | None = None
+    leveled: bool = False
+
+
+def of_setup(setup: Setup, rule: Any, low_pass: Any, reach: Numbers | None) -> Asked:
+    _, region, _, _ = plane_of(setup)  # not in space
+    require_complete(setup)
+    n_detectors, n_radii = setup.data_shape
+    if reach is not None:
+        setup = wider_setup(setup, reach, N_GROUPS)
+    return Asked(setup, region, rule, low_pass, (int(n_detectors), int(n_radii)))
+
+
+def of_scan(
+    scan: Scan, choices: Choices | None, plan: ReconstructionPlan | None, reach: Numbers | None
+) -> Asked:
+    choices = estimate_sound_speed(scan, choose(scan)) if choices is None else choices
+    _require_formula(choices)
+    wider = choices
+    if reach is not None:
+        points = facts_of(scan).points[list(choices.channels)]
+        wider = wider_choices(choices, reach, points if scan.kind == "pressure" else None)
+    setup = setup_of(scan, wider, n_groups=N_GROUPS) if plan is None else plan.setup
+    require_complete(setup)
+    pressure, leveled = _pressure_of(scan, choices)
+    return Asked(
+        setup=setup,
+        region=setup.region if reach is None else choices.region,  # pyright: ignore[reportArgumentType]
+        rule=choices.alpha,
+        low_pass=choices.low_pass,
+        frame_shape=(scan.n_detectors, scan.n_samples),
+        sound_speed=speed_of(choices.sound_speed),
+        energy=float(np.mean(scan.known["laser_energy"])) if choices.laser_energy else 1.0,
+        rows=_rows_of(choices, scan.n_detectors),
+        pressure=pressure,
+        leveled=leveled,
+    )
+
+
+def speed_of(speed: Numbers) -> float:
+    value = real_array("sound_speed", speed, ())
+    require_positive("sound_speed", value)
+    return float(value)
+
+
+def _pressure_of(scan: Scan, choices: Choices) -> tuple[Pressure | None, bool]:
+    """What a record goes through, and whether offset and drift come off before."""
+    times = times_of(scan)
+    if times is None:
+        return None, False
+
+    def conditioning(record: Array) -> Array:
+        return conditioned(scan, choices, record, times, baseline=False)
+
+    return pressure_of(jnp.asarray(times), choices.model, conditioning), has_baseline(choices)
+
+
+def _rows_of(choices: Choices, n_detectors: int) -> tuple[int, ...] | None:
+    rows = choices.channels
+    return None if rows == tuple(range(n_detectors)) else rows
+
+
+def _require_formula(choices: Choices) -> None:
+    if choices.in_space:
+        raise ValueError("the scan is in space, and live images are in the plane.")
+    if choices.model_based:
+        raise ValueError(
+            "the choices ask for a fit under constraints, which takes its time: live images are by "
+            "the formula."
+        )
