@@ -13,7 +13,7 @@ import pytest
 
 import jaxtat
 from jaxtat.io import load_scan
-from jaxtat.steps.cartesian_fourier import fourier_inversion_of_harmonics
+from jaxtat.steps import fourier_inversion
 
 PIXELS, BATCH = 400, 8
 REACH = 1.1  # over the region's radius
@@ -100,16 +100,15 @@ def bench_live_part(measure, scan, images, part):
     shape = (BATCH, sizes.n_frequencies, 2, len(setup.curve.points))
     transformed = jnp.asarray(np.random.default_rng(0).standard_normal(shape), "float32")
     step = jnp.asarray(sizes.max_frequency / sizes.n_frequencies)
-    where = ready.axis, step, setup.grid, setup.region.center, ready.eta
-    origin, device = jnp.ones(BATCH, "float32"), jnp.asarray(frames)
-    densities = jax.jit(lambda x: ready.densities.harmonics(x, ready.weights))
+    where = step, sizes.angles, setup.grid, setup.region.center, ready.eta
+    device = jnp.asarray(frames)
+    densities = jax.jit(lambda x: ready.densities.polar_fourier(x, ready.weights))
     samples = jax.jit(lambda x: jnp.einsum("ws,bns->bnw", ready.samples, x.astype("float32")))
-    inversion = jax.jit(lambda x: fourier_inversion_of_harmonics(x, origin, *where))
-    harmonics = densities(transformed) if part == "inversion" else None
+    fhat = jnp.zeros((BATCH, sizes.n_frequencies + 1, len(sizes.angles)), "complex64")
     work = {
         "offset and drift": lambda: to_images._lines(frames),
         "samples": lambda: samples(device),
         "densities": lambda: densities(transformed),
-        "inversion": lambda: inversion(harmonics),
+        "inversion": lambda: fourier_inversion(fhat, *where),
     }[part]
     measure(work, n=PIXELS, images=BATCH, rounds=9)

@@ -17,7 +17,7 @@ from figure_measured_scan import back_projection
 import jaxtat
 from jaxtat.io import load_scan
 from jaxtat.plotting import show_image
-from jaxtat.steps import direct_fourier_inversion
+from jaxtat.steps import fourier_inversion
 
 OUT = Path("docs/four_methods.png")
 MODEL_BASED = {"model_based": True, "nonnegative": True}
@@ -53,7 +53,7 @@ def full_circle(setup: jaxtat.Setup, g: np.ndarray) -> np.ndarray:
     fhat = coefficients.T @ waves / (2 * np.pi)
     mass = np.mean(g @ step) / (2 * np.pi)
     fhat = np.concatenate([np.full((1, len(angles)), mass, complex), fhat])
-    image = direct_fourier_inversion(
+    image = fourier_inversion(
         jnp.asarray(fhat),
         jnp.asarray(frequencies[0]),
         jnp.asarray(angles),

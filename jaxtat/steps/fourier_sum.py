@@ -28,7 +28,7 @@ from ..base.parallel import in_groups
 from ..geometry import ImageGrid
 from ..special import to_grid
 
-DIGITS = {np.dtype(np.complex64): 6, np.dtype(np.complex128): 10}  # of all that is approximated
+DIGITS = {np.dtype(np.complex64): 7, np.dtype(np.complex128): 10}  # of all that is approximated
 GROUP = 2**21  # samples of images that are worked on together
 
 
@@ -117,25 +117,22 @@ def _between(
 def _weights(n: int, digits: int) -> tuple[np.ndarray, np.ndarray]:
     """Of the samples at lambda = 0, 1, .., n and of those at 1/2, 3/2, .., n - 1/2, in d lambda.
 
-    The ramp at offsets j π/lambda_N is 1/4 at 0, -1/(π j)² at odd and 0 at even j: -1/(2π² j²),
-    times 1 - (-1)^j, which is the same seen from lambda_N. The Gaussian ends, to so many digits, at
-    R in s, before the period 4R matters, and what is far ``last`` steps from the kinks.
+    The ramp at offsets j π/lambda_N is 1/4 at 0, -1/(π j)² at odd and 0 at even j. The Gaussian
+    ends, to so many digits, at R in s, before the period 4R matters, and what it leaves ``last``
+    steps from the kinks. Where there are no more steps than that, all are halved: nothing is near.
     """
     sharpness = np.sqrt(2 * np.log(10) * digits)
     width = n / 2 / sharpness  # standard deviation [offsets], R = n/2 of them
-    j = np.arange(-n, n)
-    ramp = np.where(j % 2 != 0, -1 / (np.pi * np.where(j == 0, 1, j)) ** 2, 0.25 * (j == 0))
-    near = ramp * np.exp(-0.5 * (j / width) ** 2)
-    s = np.arange(-3 * n, 3 * n)  # to 6R
-    beyond = np.where(s == 0, 0.5 / width**2, -np.expm1(-0.5 * (s / width) ** 2))
-    beyond = -beyond / (2 * np.pi**2 * np.where(s == 0, 1, s) ** 2)
-    faded = 0.5 * scipy.special.erfc(sharpness / np.sqrt(2) * (2 * np.abs(s) / n - 4))
-    far = np.zeros(4 * n)
-    np.add.at(far, s % (4 * n), beyond * faded)
     last = int(np.ceil(sharpness * n / width / np.pi))
+    j = np.arange(-3 * n, 3 * n)  # to 6R
+    ramp = np.where(j % 2 != 0, -1 / (np.pi * np.where(j == 0, 1, j)) ** 2, 0.25 * (j == 0))
+    near = ramp * np.exp(-0.5 * (j / width) ** 2) if 2 * last < n else 0 * ramp
+    faded = 0.5 * scipy.special.erfc(sharpness / np.sqrt(2) * (2 * np.abs(j) / n - 4))
+    far = np.zeros(4 * n)
+    np.add.at(far, j % (4 * n), (ramp - near) * faded)
     fine = n * np.fft.fft(far).real[: 2 * n + 1]
-    fine[2 * last :] = 0
-    fine -= fine[::-1]
-    coarse = 2 * n * np.fft.fft(np.fft.ifftshift(near)).real[: n + 1] + fine[::2]
+    if 2 * last < n:
+        fine[2 * last : 2 * (n - last) + 1] = 0
+    coarse = 2 * n * np.fft.fft(np.fft.ifftshift(near[2 * n : 4 * n])).real[: n + 1] + fine[::2]
     coarse[[0, n]] /= 2
     return coarse, fine[1::2]

@@ -2,7 +2,7 @@
 
     frame -> (G_J, G_Y): one matrix for all detectors (`samples`)
           -> fhat: the densities, a matrix for each frequency and parity
-          -> image: interpolation to a lattice and a Fourier sum (`steps.cartesian_fourier`)
+          -> image: a non-uniform FFT (`steps.fourier_sum`)
 
 Only the offset and drift of a detector are not linear in its record: medians, found by NumPy, which
 selects without sorting, while the rest is one compiled function.
@@ -24,7 +24,6 @@ from ..base.double import in_double
 from ..densities import Densities, in_precision
 from ..densities.harmonic import (
     DecomposedWaves,
-    HarmonicDensities,
     decomposed_waves,
     polar_geometry,
     tikhonov_densities,
@@ -37,8 +36,8 @@ from ..reconstruction.setup import plane_of
 from ..records.pressure import along_baseline
 from ..regularization import RelativeTikhonov, Tikhonov, tikhonov_rule
 from ..scans import Choices
-from ..steps.cartesian_fourier import direct_fourier_inversion, fourier_inversion_of_harmonics
-from ..steps.polar_fourier import value_at_origin, with_origin
+from ..steps.fourier_sum import fourier_inversion
+from ..steps.polar_fourier import with_origin
 from ..steps.radon import low_pass_values
 from .asked import of_scan, of_setup, speed_of
 from .places import another_disk, placed
@@ -55,7 +54,6 @@ class _Ready(NamedTuple):
     weights: Float[Array, " detectors"]
     eta: Float[Array, " frequencies"]
     along: Float[Array, " samples"]
-    axis: Float[Array, ""] | None  # of the harmonics, where they are about the region's centre
 
 
 class Live(eqx.Module):
@@ -314,15 +312,10 @@ def _images(
     transformed = jnp.moveaxis(waves[..., :-1].reshape(stack, n_detectors, -1, 2), 1, -1)
     _, region, _, sizes = plane_of(setup)
     step = jnp.asarray(sizes.max_frequency / sizes.n_frequencies)
-    where = setup.grid, region.center, ready.eta
     mass, densities = waves[..., -1], ready.densities
-    if ready.axis is not None and isinstance(densities, HarmonicDensities):
-        harmonics = densities.harmonics(transformed, ready.weights)
-        origin = value_at_origin(mass, ready.weights)
-        return fourier_inversion_of_harmonics(harmonics, origin, ready.axis, step, *where)
     fhat = densities.polar_fourier(transformed, ready.weights)
     fhat = with_origin(fhat, mass, ready.weights)
-    return direct_fourier_inversion(fhat, step, sizes.angles, *where)
+    return fourier_inversion(fhat, step, sizes.angles, setup.grid, region.center, ready.eta)
 
 
 def _ready(
@@ -332,17 +325,7 @@ def _ready(
     along = along_baseline(samples.shape[-1])
     weights = jnp.asarray(setup.curve.weights)
     weights, eta, along = (x.astype(dtype) for x in (weights, eta, along))
-    return _Ready(samples, densities, weights, eta, along, _axis(setup, densities))
-
-
-def _axis(setup: Setup, densities: Densities) -> Array | None:
-    """None where single directions have densities of their own, and for waves about elsewhere."""
-    if not isinstance(densities, HarmonicDensities):
-        return None
-    alike = all(group.extra.shape[-2] == 0 for group in densities.groups)
-    concentric = bool(np.all(np.abs(np.asarray(densities.phases) - 1) < 1e-7))
-    _, _, _, sizes = plane_of(setup)
-    return sizes.angles[0] - densities.angles[0] if alike and concentric else None
+    return _Ready(samples, densities, weights, eta, along)
 
 
 def _samples(

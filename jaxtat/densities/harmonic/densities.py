@@ -109,23 +109,6 @@ class HarmonicDensities(Densities):
         fhat = jnp.concatenate(found, axis=-2) * self.phases
         return fhat.reshape(*batch, n_frequencies, -1)
 
-    def harmonics(
-        self, transformed: Float[Array, "images frequencies 2 detectors"], weights: Array
-    ) -> Float[Array, "images frequencies 2 orders"]:
-        """Those of fhat, counted from the axis and the centre of the waves, as all rows give them.
-
-        What single directions keep besides is not in them.
-        """
-        orders = max(group.n_orders for group in self.groups)
-        found = [
-            jnp.pad(
-                pairs(jnp.moveaxis(group.rows @ part, -1, 0)),
-                [(0, 0)] * 3 + [(0, orders - group.n_orders)],
-            )
-            for group, part in self._parts(transformed, weights)
-        ]
-        return jnp.concatenate(found, axis=1)
-
     def _parts(self, transformed: Array, weights: Array) -> Iterator[tuple[DensityGroup, Array]]:
         """Each group, and the folded data of its frequencies, images last."""
         # images last: matrix products with many columns
