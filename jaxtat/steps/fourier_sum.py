@@ -28,7 +28,7 @@ from ..base.parallel import in_groups
 from ..geometry import ImageGrid
 from ..special import to_grid
 
-DIGITS = {np.dtype(np.complex64): 7, np.dtype(np.complex128): 10}  # of all that is approximated
+DIGITS = {np.dtype(np.complex64): 6, np.dtype(np.complex128): 10}  # of all that is approximated
 GROUP = 2**21  # samples of images that are worked on together
 
 

@@ -26,7 +26,7 @@ def invert(
     """The image from its polar Fourier transform.
 
     "fourier": both integrals as one sum, by a non-uniform FFT, O(n² log n). "fbp": the paper's
-    Radon projections and filtered back-projection, O(n³): the same to 1e-10, five to twelve times
+    Radon projections and filtered back-projection, O(n³): the same to 1e-10, two to twelve times
     slower (129 to 513 pixels). Nothing is assumed of the image beyond the region.
 
     Args:

@@ -221,7 +221,7 @@ def live(
 ) -> Live:
     """A fast function from raw frames to images: for streams and for sliders.
 
-    Its images are those of `scans.reconstruct` with ``inversion="fourier"``: the samples
+    Its images are those of `scans.reconstruct`: the samples
     of all detectors go through one matrix (conditioning, pressure to integrals, step 2), through
     the densities, and through a Fourier sum. To 1e-4 in single precision and 1e-9 in double. Where
     the choices divide by the energy of pulses, a frame's own is an argument of `Live`, and the mean
@@ -255,7 +255,7 @@ def live(
     >>> bell = phantoms.Bells([[0.1, 0.2]], [0.7])
     >>> g = bell.circular_integrals(setup.curve, setup.radii)
     >>> to_images = live(setup, rule=1e-6)
-    >>> image = solve(setup, g, 1e-6, inversion="fourier").image
+    >>> image = solve(setup, g, 1e-6).image
     >>> bool(jnp.abs(to_images(g) - image).max() < 1e-4)
     True
     """
