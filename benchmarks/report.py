@@ -1,6 +1,7 @@
 """The table and the growth plot of a benchmark run: python report.py results.json."""
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -38,7 +39,7 @@ def growth(runs: list[dict]) -> dict[str, tuple[np.ndarray, np.ndarray, float]]:
     for run in runs:
         info = run["extra_info"]
         if info["images"] == 1:
-            name = run["name"].replace(f"[{info['n']}", "[").replace(f"-{info['n']}]", "]")
+            name = re.sub(rf"(?<=[\[-]){info['n']}(?=[\]-])", "n", run["name"])
             series.setdefault(name, []).append((info["n"], info["median_s"]))
     found = {}
     for name, points in series.items():
