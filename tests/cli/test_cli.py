@@ -302,7 +302,7 @@ def test_options_that_ask_for_a_plan(jaxtat_command, option, rule, others):
     [
         ("--alpha 1e-2", {"alpha": 1e-2}),
         ("--low-pass cosine", {"low_pass": cosine_filter}),
-        ("--inversion fourier", {"inversion": "fourier"}),
+        ("--inversion fbp", {"inversion": "fbp"}),
     ],
 )
 def test_options_of_the_direct_reconstruction(jaxtat_command, option, others):

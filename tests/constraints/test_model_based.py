@@ -171,8 +171,9 @@ def test_short_records_are_fitted_and_refused_elsewhere():
     setup = jaxtat.Setup(curve, whole.region, whole.grid, radii)
     assert whole.complete and not setup.complete
     g = BELL.circular_integrals(curve, radii)
-    found = model_based(setup, g, penalty=NoPenalty(), tolerance=1e-4)
-    assert error(setup, found.image, BELL) < 0.02
+    # without a penalty the problem is ill-posed: where it stops would be a matter of rounding
+    found = model_based(setup, g, penalty=Ridge(), weight=1e-3, tolerance=1e-5)
+    assert found.converged and error(setup, found.image, BELL) < 0.015
     for refused in (jaxtat.solve, jaxtat.reconstruct):
         with pytest.raises(ValueError, match=r"radii run from .* model_based"):
             refused(setup, g)

@@ -92,7 +92,7 @@ def test_around_an_l_the_library_says_which_basis_it_took(l_shape, arc):
     mass = total_integrals(g[None], l_shape.radii)
     fhat = with_origin(exact[None], mass, l_shape.curve.weights)
     eta = jnp.ones(len(frequencies) + 1)
-    wanted = invert(fhat, frequencies[0], angles, l_shape.grid, region.center, eta, "fbp")[0]
+    wanted = invert(fhat, frequencies[0], angles, l_shape.grid, region.center, eta, "fourier")[0]
     inside = np.asarray(region.contains(l_shape.grid.points))
     assert np.abs(np.asarray(found.image - wanted)[inside]).max() < 5e-3
     with pytest.raises(ValueError, match="in cylindrical waves"):

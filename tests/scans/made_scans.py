@@ -42,7 +42,7 @@ def scan(pressure, turn=0.0, **known):
     return Scan("pressure", pressure, facts | known)
 
 
-def raw_counts(pressure, noise=0.01, seed=0):
+def raw_counts(pressure, noise=0.01, seed=0, drift=1.0):
     """As a scanner writes them: an artefact at the start, offsets, drift and noise, whole numbers.
 
     The artefact is alike in all detectors and 50 times as strong as the sound.
@@ -50,8 +50,7 @@ def raw_counts(pressure, noise=0.01, seed=0):
     rng = np.random.default_rng(seed)
     peak = np.abs(pressure).max()
     artefact = 50 * np.cos(2e6 * TIMES) * np.exp(-((TIMES / 0.8e-6) ** 2))
-    drift = rng.normal(0, 2, (len(pressure), 1)) + rng.normal(0, 1, (len(pressure), 1)) * (
-        TIMES / TIMES[-1]
-    )
-    counts = pressure / peak + artefact + drift + noise * rng.standard_normal(pressure.shape)
+    offset, slope = rng.normal(0, 2, (len(pressure), 1)), rng.normal(0, 1, (len(pressure), 1))
+    line = offset + drift * slope * TIMES / TIMES[-1]
+    counts = pressure / peak + artefact + line + noise * rng.standard_normal(pressure.shape)
     return (32768 + 500 * counts).clip(0, 65535).astype(np.uint16)

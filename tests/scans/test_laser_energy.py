@@ -52,20 +52,27 @@ def test_energies_that_are_not_there_cannot_be_divided_out(frames):
         scan(frames, laser_energy=[0.0, 1.0])
 
 
-def test_standard_deviations_are_those_of_repeated_scans(frames, lit):
-    """Many records of the same object with new noise: their images spread as was said."""
-    made, chosen = lit
+@pytest.mark.parametrize(("drift", "most"), [(0.0, 1.1), (1.0, 1.25)])
+def test_standard_deviations_are_those_of_repeated_scans(drift, most):
+    """Many records of the same object with new noise: their images spread as was said.
+
+    Where offsets drift, each record otherwise, by as much as the sound, slow noise is guessed from
+    what is faster, and a little too much is said.
+    """
+    pressure = record()
+    counts = np.stack([raw_counts(pressure, 0.02, seed, drift) for seed in range(34)])
+    made = scan(counts[:2], laser_energy=ENERGIES)
+    chosen = choose(made, **GIVEN)
     said = standard_deviations(made, chosen)
     np.testing.assert_allclose(said[0], 2 * said[1], rtol=0.2)  # half the light, twice the noise
-    pressure = record()
-    many = np.stack([raw_counts(pressure, 0.02, seed=seed) for seed in range(2, 34)])
-    repeated = scan(many)
-    images = reconstruct(repeated, replace(chosen, laser_energy=False)).image / ENERGIES[0]
+    repeated = replace(chosen, laser_energy=False)
+    images = reconstruct(scan(counts[2:]), repeated).image / ENERGIES[0]
     inside = np.asarray(chosen.region.contains(chosen.grid.points))
     ratio = (said[0] / images.std(axis=0, ddof=1))[inside]
     # both are known from 32 images: each pixel to a sixth, their mean much better
-    assert abs(np.sqrt(np.mean(ratio**2)) - 1) < 0.1
-    assert np.quantile(ratio, [0.02, 0.98]) == pytest.approx([1, 1], abs=0.6)
+    assert 0.9 < np.sqrt(np.mean(ratio**2)) < most
+    if drift == 0:
+        assert np.quantile(ratio, [0.02, 0.98]) == pytest.approx([1, 1], abs=0.6)
 
 
 def test_where_noise_cannot_be_told_nothing_is_said(frames, lit):

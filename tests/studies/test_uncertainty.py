@@ -133,7 +133,7 @@ def test_the_bar_counts_pixels_if_it_is_asked_for(tiny_plan, capsys):
         ({"sigma": np.ones(31)}, r"sigma has shape \(31,\), expected a number, \(32,\) or \(32, "),
         ({"sigma": np.nan}, "NaN"),
         ({"sigma": 1j}, "complex"),
-        ({"inversion": "other"}, "inversion is 'other', expected one of fbp, fourier"),
+        ({"inversion": "other"}, "inversion is 'other', expected one of fourier, fbp"),
         ({"where": np.ones((11, 9))}, "where has dtype float64"),
         ({"where": np.ones((9, 11), bool)}, r"shape \(9, 11\), expected booleans \(11, 9\)"),
     ],
