@@ -19,6 +19,7 @@ from jaxtyping import install_import_hook
 
 # in one piece: to split each program for threads to compile costs more time than they have to gain
 UNOPTIMISED = "--xla_backend_optimization_level=0 --xla_cpu_parallel_codegen_split_count=1"
+UNOPTIMISED += " --xla_llvm_disable_expensive_passes=true"
 if jaxlib.version.__version_info__ < (0, 11):  # a process with a flag that XLA lacks is ended by it
     UNOPTIMISED += " --xla_cpu_use_fusion_emitters=false"
 if "XLA_FLAGS" not in os.environ:
