@@ -105,7 +105,7 @@ def test_a_report_with_nothing_given(data_file, tmp_path, unoptimised):
 
 
 @pytest.mark.parametrize("data_file", [FULL_CIRCLE], indirect=True)
-def test_a_plan_for_a_full_circle_with_nothing_given(data_file, tmp_path):
+def test_a_plan_for_a_full_circle_with_nothing_given(data_file, tmp_path, unoptimised):
     """Relative L2 error by the paper's rule; the authors of the data state 14 % for their own."""
     out = tmp_path / "full.h5"
     run("reconstruct", data_file, *RING.split(), "--K", "4", "--out", out, "--quiet")
