@@ -28,7 +28,8 @@ from ..base.parallel import in_groups
 from ..geometry import ImageGrid
 from ..special import to_grid
 
-DIGITS = {np.dtype(np.complex64): 6, np.dtype(np.complex128): 10}  # of all that is approximated
+DIGITS = {np.dtype(np.complex64): 6, np.dtype(np.complex128): 10}  # of the non-uniform FFT
+SPLIT = 10  # digits to which the ramp is split: the same images in both precisions
 GROUP = 2**21  # samples of images that are worked on together
 
 
@@ -69,7 +70,7 @@ def fourier_inversion(
     """
     *batch, n_samples, n_directions = fhat.shape
     digits, real = DIGITS[fhat.dtype], fhat.real.dtype
-    near, far = _weights(n_samples - 1, digits)
+    near, far = _weights(n_samples - 1, SPLIT)
     halves = np.flatnonzero(far) + 0.5
     multiples = np.concatenate([np.arange(n_samples), halves])
     directions = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
