@@ -329,10 +329,11 @@ def _series(
     setup: Setup, norms: Array, regularization: None, single: bool, bar: tqdm
 ) -> tuple[Densities, DensityReport]:
     curve, region, _, sizes = plane_of(setup)
-    frequencies, angles = sizes.frequencies, sizes.angles
-    circle = _full_circle(curve)
-    # 40 + 12 % beyond lambda R_g the terms have fallen below rounding
-    n_orders = int(1.12 * float(frequencies[-1] * circle.radius)) + 40
+    with jax.ensure_compile_time_eval():  # inside jax.jit too
+        frequencies, angles = sizes.frequencies, sizes.angles
+        circle = _full_circle(curve)
+        # 40 + 12 % beyond lambda R_g the terms have fallen below rounding
+        n_orders = int(1.12 * float(frequencies[-1] * circle.radius)) + 40
     solve = partial(
         series_densities,
         angles=angles,
