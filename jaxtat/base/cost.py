@@ -1,4 +1,4 @@
-"""Memory and time of a reconstruction by its sizes, asked before work that cannot end well.
+"""Memory and time of a reconstruction, estimated from its sizes before it is started.
 
 Both grow with a power of the number of pixels, so that a slip of the keyboard is a day of work, or
 more memory than there is. The constants are measured by benchmarks/cost.py, to a factor of two.
@@ -25,7 +25,7 @@ SECONDS_PER_ENTRY = {"direct": 3e-11, "plan": 2e-9}
 
 
 class LongWorkWarning(UserWarning):
-    """What was asked for takes many minutes; nothing is wrong with it."""
+    """The computation will take many minutes; nothing is wrong with it."""
 
 
 class Cost(NamedTuple):

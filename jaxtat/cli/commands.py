@@ -83,7 +83,7 @@ def reconstruct(options: argparse.Namespace) -> None:
 
 
 def _inputs(options: argparse.Namespace) -> list[str]:
-    """Files of which an image is made."""
+    """The input files of an image."""
     return [path for path in (options.file, options.plan) if path]
 
 

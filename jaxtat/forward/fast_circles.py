@@ -120,7 +120,7 @@ class CircleIntegrals(eqx.Module):
 
     @property
     def kept(self) -> bool:
-        """Whether the waves at the detectors are, or are made anew in every product."""
+        """Whether the waves at the detectors are stored, or recomputed in every product."""
         return self.radial is not None or bool(self.tables)
 
     def _at_detectors(
@@ -159,7 +159,7 @@ def circle_integrals(
     eta: Float[Array, " frequencies"] | None,
     tolerance: float,
 ) -> CircleIntegrals:
-    """Everything that the operator needs to know of the geometry.
+    """The operator of a geometry, with all its tables.
 
     Args:
         curve, grid, radii: may be traced.
@@ -215,7 +215,7 @@ def _positions(curve: DetectorCurve, grid: ImageGrid, n_nodes: int) -> Positions
 
 
 def _common_circle(curve: DetectorCurve) -> Circle | None:
-    """On which detectors are, and about whose centre one element is turned to all others."""
+    """The circle of the detectors, if all elements are rotations of one about its centre."""
     if curve.element_width is not None and curve.element_width.ndim:
         return None
     if isinstance(curve, CircularArc):

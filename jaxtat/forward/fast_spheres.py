@@ -72,7 +72,7 @@ class SphereIntegrals(eqx.Module):
 
     @property
     def kept(self) -> bool:
-        """Whether the waves at the detectors are, or are made anew in every product."""
+        """Whether the waves at the detectors are stored, or recomputed in every product."""
         return isinstance(self.waves, RingWaves) or self.waves.tables is not None
 
     def _points(self) -> Float[Array, "samples 3"]:
@@ -99,7 +99,7 @@ def sphere_integrals(
     eta: Float[Array, " frequencies"] | None = None,
     tolerance: float = TOLERANCE,
 ) -> SphereIntegrals:
-    """Everything that the operator needs to know of the geometry.
+    """The operator of a geometry, with all its tables.
 
     Args:
         curve, grid, radii: may be traced.

@@ -1,4 +1,4 @@
-"""What circle and arc measured detectors lie on, in which order, and where they leave an opening.
+"""Circle, arc, order and opening of measured detectors.
 
 NumPy throughout: positions from a file decide sizes, and need no compiled program.
 """

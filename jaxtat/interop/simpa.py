@@ -83,7 +83,7 @@ class JaxtatAdapter(modules.ReconstructionAdapterBase):
 
 
 def _of(settings: Any, tag: Any) -> Any:
-    """A setting, or None; SIMPA's own dictionaries take its tags, and their ``get`` does not."""
+    """A setting, or None. SIMPA's dictionaries are indexed by its tags; their ``get`` is not."""
     return settings[tag] if tag in settings else None  # noqa: SIM401
 
 

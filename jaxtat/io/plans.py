@@ -316,7 +316,7 @@ def _require_plane(setup: Any) -> None:
 
 
 def _require_sizes(plan: ReconstructionPlan) -> None:
-    """Numbers of frequencies and directions that arrays bear out, before any is made of them."""
+    """Check that numbers of frequencies and directions agree with the arrays."""
     sizes = plan.setup.sizes
     assert isinstance(sizes, PlaneSizes)
     _require_fields(sizes)

@@ -1,4 +1,4 @@
-"""A small scan to try everything on, simulated but as a scanner writes it.
+"""A small simulated scan, written as a scanner would write it.
 
 The detectors are those of a ring of 40 mm that leaves a quarter open, focused into its plane; the
 record has a scanner's band, noise, offset and whole counts, and its file has no speed of sound.

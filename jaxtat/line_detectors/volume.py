@@ -246,7 +246,7 @@ def _checked_slices(
     slices: ImageGrid | None,
     inversion: str,
 ) -> ImageGrid:
-    """The grid of slices, after a look at what goes into them."""
+    """The grid of slices, after the arguments are checked."""
     require_inversion(inversion)
     if is_concrete(grid, scan.axis):
         with jax.ensure_compile_time_eval():  # known inside jax.jit too

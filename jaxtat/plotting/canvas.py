@@ -38,7 +38,7 @@ def gray_levels(image: np.ndarray) -> tuple[float, float]:
 
 
 def greatest(values: Numbers, otherwise: float = 1.0) -> float:
-    """The 99.8th percentile of |values|, a limit for colours about zero; another if it is 0."""
+    """The 99.8th percentile of |values|, a limit for colours; ``otherwise`` if that is 0."""
     return float(np.percentile(np.abs(np.asarray(values)), 99.8)) or otherwise
 
 

@@ -1,4 +1,4 @@
-"""What of a problem in the plane is a size: decided once, outside of `jax.jit`."""
+"""Sizes of a problem in the plane, chosen once, outside of `jax.jit`."""
 
 from typing import Any
 

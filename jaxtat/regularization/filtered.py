@@ -137,7 +137,7 @@ def singular_components(
 
 
 class Solution(eqx.Module):
-    """q and how it was come by, without anything that depends on the choice of singular vectors.
+    """q and its report, both independent of the choice of singular vectors.
 
     Attributes:
         q: (blocks, unknowns, rhs).

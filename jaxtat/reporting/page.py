@@ -38,7 +38,7 @@ th { white-space: nowrap; }
 
 
 class Page(NamedTuple):
-    """What a page holds besides the diagnosis.
+    """The parts of a page besides the diagnosis.
 
     Attributes:
         title: of the page, as a rule the name of the file.

@@ -231,7 +231,7 @@ def _solved(setup: Setup, choices: Choices, worst: float) -> str:
 
 
 def _fitted(found: ModelBased) -> str:
-    """Of several frames the worst."""
+    """Text about a fit; of several frames the worst values."""
     steps, residual = int(np.max(found.steps)), float(np.max(found.residual))
     ended = "" if np.all(found.converged) else ", not converged"
     return (

@@ -18,7 +18,7 @@ MOST_POINTS = 800  # detectors off rings: their systems are dense
 
 
 class FactsInSpace(NamedTuple):
-    """What a scan holds that is no choice.
+    """Facts of a scan in space, as opposed to choices.
 
     Attributes:
         detectors: the cap, or points.

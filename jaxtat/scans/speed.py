@@ -1,4 +1,4 @@
-"""The speed of sound of a scan that does not tell it: that of the sharpest image.
+"""The speed of sound of a scan whose file lacks it: that of the sharpest image.
 
 `sound_speed_by_sharpness` finds the same place by derivatives. Here a search by values does. The
 speed stretches the radii only, so that the systems of a frequency are solved for all speeds at
@@ -70,7 +70,7 @@ def _speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
 
 
 def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
-    """By the sharpness of the image, where edges are seen twice, or else by hearing."""
+    """By sharpness where edges are seen from two sides, else by first and last sound."""
     points = facts_of(scan).points[list(choices.channels)]
     span = _span(points, np.asarray(choices.region_center))
     if span < SEEN_TWICE:
@@ -86,7 +86,7 @@ def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
 
 
 def _heard(scan: Scan, choices: Choices, why: str) -> SpeedFound:
-    """A guess where no image shows the speed."""
+    """The speed by the times of first and last sound, where no image shows it: a guess."""
     speed = speed_heard(scan, choices)
     if speed is None:
         return unknown(f"water's: {why}")

@@ -1,4 +1,4 @@
-"""What is asked: the polar grid of frequencies and directions, and whether it can be answered."""
+"""The polar grid of frequencies and directions, and checks of detectors, radii and pixels."""
 
 import warnings
 
@@ -72,7 +72,7 @@ def polar_grid(
 
 
 def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid) -> None:
-    """Raise ValueError for a geometry that cannot work, warn of one that sees too little."""
+    """Raise ValueError for an impossible geometry; warn of lines that miss the curve."""
     require_outside(curve, region)
     if not is_concrete(curve, region, grid):
         return

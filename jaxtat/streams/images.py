@@ -1,4 +1,4 @@
-"""Images of raw frames, by a way that is linear and found beforehand.
+"""Images of raw frames by a linear map that is computed beforehand.
 
     frame -> (G_J, G_Y): one matrix for all detectors (`samples`)
           -> fhat: the densities, a matrix for each frequency and parity
@@ -47,7 +47,7 @@ PRECISIONS = (np.float32, np.float64)
 
 
 class _Ready(NamedTuple):
-    """All that a frame is multiplied with, in the precision of the images."""
+    """The matrices that a frame is multiplied with, in the precision of the images."""
 
     samples: Float[Array, "rows samples"]
     densities: Densities
@@ -57,7 +57,7 @@ class _Ready(NamedTuple):
 
 
 class Live(eqx.Module):
-    """Raw frames to images, see `live`; of other settings by `replace`.
+    """Map from raw frames to images, see `live`; `replace` changes settings.
 
     Attributes:
         setup: detectors that are used, disk or other region that is solved for, grid and radii.
@@ -122,7 +122,7 @@ class Live(eqx.Module):
         region_center: Numbers | None = None,
         region_radius: Numbers | None = None,
     ) -> "Live":
-        """The same with other settings: what depends on them is found anew, nothing is compiled.
+        """The same with other settings: what depends on them is recomputed, nothing is compiled.
 
         Args:
             sound_speed: c [length/time].

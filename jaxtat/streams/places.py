@@ -1,4 +1,4 @@
-"""The disk that live images are solved for, and the one in it that is shown.
+"""The disk for which densities are computed, and the disk within it that is shown.
 
 The densities hold for all sources in their disk. Another disk within it is the same function at
 other pixels, so that showing it takes no time; one that leaves it is another problem.

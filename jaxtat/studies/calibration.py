@@ -191,7 +191,7 @@ def calibrate(
 
 
 class _Problem(eqx.Module):
-    """What is given; the geometry is the nominal one, of all views."""
+    """The data and the nominal geometry of all views."""
 
     geometry: PolarGeometry
     curve: DetectorCurve
@@ -230,7 +230,7 @@ def _parameters(problem: _Problem, free: Free) -> Parameters:
 
 
 def _of_all(values: Float[Array, " some"], zeros: Float[Array, " n"]) -> Float[Array, " n"]:
-    """A last one that makes the sum zero, if that is missing."""
+    """Values completed by a last one that makes their sum zero, if it is missing."""
     return values if values.shape == zeros.shape else jnp.append(values, -jnp.sum(values))
 
 
@@ -274,7 +274,7 @@ def _transformed(
 def _residual(
     free: Free, given: tuple[_Problem, Float[Array, " frequencies"]]
 ) -> tuple[Array, Array]:
-    """What no image explains, weighted by frequency."""
+    """The residuals of the best image, weighted by frequency."""
     problem, weight = given
     frequencies = problem.sizes.frequencies
     found = _parameters(problem, free)

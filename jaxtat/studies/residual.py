@@ -1,4 +1,4 @@
-"""The residual sinogram: what of the data the image does not explain.
+"""The residual sinogram: the part of the data that the image does not explain.
 
 An image of the right object with the right geometry leaves noise. What else is left has a shape
 that tells its cause: whole rows are bad channels, curves that no circle through the region shares

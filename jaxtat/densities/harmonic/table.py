@@ -25,7 +25,7 @@ from .waves import angular, at_detectors, boundary_traces, disk_norms, scales, t
 
 
 class WaveTable(eqx.Module):
-    """What the waves of each frequency are made of; frequencies first.
+    """Tables from which the waves of each frequency are computed; frequencies first.
 
     Attributes:
         frequencies: lambda [rad/length].
@@ -236,7 +236,7 @@ def region_factor(geometry: PolarGeometry, wave: WaveTable) -> RegionFactor:
 def region_gram(
     geometry: PolarGeometry, wave: WaveTable, shared: CutDisk | None
 ) -> Float[Array, "blocks r r"]:
-    """G = R^T R of one frequency: in a cut disk from what is shared, else by boundary points."""
+    """G = R^T R of one frequency: from the shared tables of a cut disk, else by boundary points."""
     if shared is not None:
         return cut_disk_gram(wave.frequencies, wave.steps, shared, geometry.mirror)
     traces = boundary_traces(wave.frequencies, wave.steps, geometry)
