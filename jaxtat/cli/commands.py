@@ -35,7 +35,7 @@ def info(options: argparse.Namespace) -> None:
     """``jaxtat info``."""
     from ..scans import choose, describe
     from .inputs import given, scan_of
-    from .suggestions import suggestions
+    from .suggesting import suggestions
 
     scan, options = scan_of(options)
     choices = choose(scan, **given(options, scan))

@@ -37,7 +37,7 @@ from ..geometry.elements import (
     touch_circle,
 )
 from ..special import from_grid, hankel_sequence, j0, j1
-from .circle_sizes import CircleSizes
+from .circular_sizes import CircleSizes
 
 # bytes of cosines and sines up to which a product with them is faster than a non-uniform FFT
 DENSE = 2**24

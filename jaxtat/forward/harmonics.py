@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..special import legendre_functions
-from .sphere_sizes import Band
+from .spherical_sizes import Band
 
 
 class Harmonics(eqx.Module):

@@ -15,7 +15,7 @@ from jaxtyping import Array, Complex, Float
 from ..geometry.caps import DetectorPoints, SphericalCap
 from ..special import legendre_functions, spherical_sequence
 from .harmonics import Harmonics
-from .sphere_sizes import Band, SphereSizes
+from .spherical_sizes import Band, SphereSizes
 
 AT_CENTER = 1e-10  # over lambda_max: a detector nearer to the centre is moved off it by that
 KEPT = 1.5e9  # bytes of tables of detectors off rings, above which they are made anew each time

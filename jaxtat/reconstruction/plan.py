@@ -45,7 +45,7 @@ from ..regularization import (
     unit_norms,
 )
 from ..steps import AccuracyWarning, require_boundary
-from .plane_basis import StoredDensities
+from .plane_bases import StoredDensities
 from .setup import Setup, plane_of, require_complete
 from .sizes import PlaneSizes, systems_fit
 

@@ -59,7 +59,7 @@ def heard_after(
 
 
 def speed_heard(scan: Scan, choices: Choices) -> float | None:
-    """The speed of sound, over that of the choices, by when detectors begin and cease to hear.
+    """The speed of sound by the times of first and last sound, over the speed of the choices.
 
     Sound of a body about m comes after |y - m| ∓ a: both by the speed at which the middle of what
     is heard fits the detectors' distance. Simulated arcs of 125 degrees and more told it to 1 or

@@ -17,7 +17,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.choice_table import GUESSED
 from ..io import Scan
-from ..reconstruction.plane_basis import plane_basis
+from ..reconstruction.plane_bases import plane_basis
 from ..reconstruction.setup import plane_of
 from ..reconstruction.verbs import DEFAULT_TOLERANCE
 from ..regularization import tikhonov_rule
@@ -29,8 +29,8 @@ from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .found import TO_BE_ESTIMATED
 from .frames import integrals, setup_of
 from .hearing import speed_heard
+from .opposite_detectors import speed_in_space
 from .speed_found import SpeedFound, believed, jackknife, summit, unknown
-from .speed_in_space import speed_in_space
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 21)
 STANDS_OUT = 1.05  # sharpness at a peak over its surroundings, at least
@@ -90,7 +90,7 @@ def _heard(scan: Scan, choices: Choices, why: str) -> SpeedFound:
     speed = speed_heard(scan, choices)
     if speed is None:
         return unknown(f"water's: {why}")
-    return SpeedFound(speed, f"by when detectors begin and cease to hear: {why}", GUESSED, None)
+    return SpeedFound(speed, f"by the times of first and last sound: {why}", GUESSED, None)
 
 
 def _span(points: Float[np.ndarray, "detectors 2"], center: np.ndarray) -> float:

@@ -31,13 +31,13 @@ from ..densities.harmonic import (
 from ..geometry import Region
 from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
-from ..reconstruction.plane_basis import default_rule
+from ..reconstruction.plane_bases import default_rule
 from ..reconstruction.setup import plane_of
 from ..records.pressure import along_baseline
 from ..regularization import RelativeTikhonov, Tikhonov, tikhonov_rule
 from ..scans import Choices
 from ..steps.fourier_sum import fourier_inversion
-from ..steps.polar_fourier import with_origin
+from ..steps.polar_transform import with_origin
 from ..steps.radon import low_pass_values
 from .asked import of_scan, of_setup, speed_of
 from .places import another_disk, placed

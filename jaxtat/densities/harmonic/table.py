@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Inexact
 
 from ...geometry.elements import element_factor, mean_over_nodes
-from .cut_disk import CutDisk, cut_disk_gram
+from .cut_disks import CutDisk, cut_disk_gram
 from .polar import PolarGeometry
 from .waves import angular, at_detectors, boundary_traces, disk_norms, scales, twice, wave_steps
 

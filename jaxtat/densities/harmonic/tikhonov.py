@@ -31,7 +31,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...base.parallel import map_shards
 from ...regularization import seen_once
 from ...regularization.alpha import Problem, TikhonovRule
-from .cut_disk import CutDisk, cut_disk
+from .cut_disks import CutDisk, cut_disk
 from .polar import PolarGeometry
 from .table import (
     RegionFactor,

@@ -27,7 +27,7 @@ from ..regularization import (
     unit_norms,
 )
 from ..steps.inversion import invert
-from ..steps.polar_fourier import with_origin
+from ..steps.polar_transform import with_origin
 from ..steps.radial_transforms import noise_power, radial_transform, total_integrals
 from .sizes import PlaneSizes
 
