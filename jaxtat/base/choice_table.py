@@ -259,7 +259,7 @@ CHOICES = (
         NOT_NEGATIVE,
     ),
 )
-"""In the order of the table that is shown."""
+"""All choices, in the order of the printed table."""
 
 OPTIONS = tuple(choice for choice in CHOICES if choice.group is not None)
 NUMBERS = tuple(choice.name for choice in OPTIONS if choice.is_number)

@@ -41,7 +41,7 @@ class Cost(NamedTuple):
 
 
 def image_cost(shape: tuple[int | float, ...], n_frequencies: int, n_directions: int) -> Cost:
-    """Of steps 4 and 5 for one image or volume, without what depends on the detectors.
+    """Cost of steps 4 and 5 for one image or volume, without what depends on the detectors.
 
     The polar Fourier transform has 16 bytes at each frequency and direction, its projections 16
     more, and the matrix of the ramp 6 n x 2 n entries. In space both kinds of angles count.
@@ -78,7 +78,7 @@ class Systems(NamedTuple):
 
 
 def systems_cost(sizes: Systems, plan: str | None = None) -> Cost:
-    """Of steps 1 to 3 for one image, or of a plan.
+    """Cost of steps 1 to 3 for one image, or of a plan.
 
     Step 2 has the matrix of the radial quadrature, and kernels at all frequencies and radii; step 3
     a few matrices of one frequency. Densities are rows of all frequencies, and those of one group

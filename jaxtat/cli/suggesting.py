@@ -19,7 +19,7 @@ _OTHER = {"2d": "in-plane", "in-plane": "2d", "none": "cosine", "cosine": "none"
 
 
 def suggestions(options: argparse.Namespace, choices: Choices) -> str:
-    """Up to three choices, least sure first, and how to see or make each otherwise."""
+    """Up to three choices, least certain first, and commands that try or set other values."""
     names, reasons = to_look_at(choices), dict(choices.reasons)
     if not names:
         return "Nothing is left to look at: everything is given."

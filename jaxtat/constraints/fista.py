@@ -29,7 +29,7 @@ _MARGIN = 1.05  # of L over what so many steps found; it grows where a step show
 
 
 class State(NamedTuple):
-    """Where the iteration is.
+    """The state of the iteration.
 
     Attributes:
         image, ahead: x and y, (stack, *space).

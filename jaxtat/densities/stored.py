@@ -30,7 +30,7 @@ class Densities(eqx.Module):
 
     @abstractmethod
     def in_single_precision(self) -> "Densities":
-        """The same in half the memory."""
+        """The densities in single precision, in half the memory."""
 
 
 class SampledDensities(Densities):

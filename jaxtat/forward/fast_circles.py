@@ -46,7 +46,7 @@ TOGETHER = 8  # frequencies whose waves are made at once
 
 
 class PolarSamples(eqx.Module):
-    """Where F is wanted: at lambda_k (cos, sin) of half a turn of directions, group after group.
+    """Frequencies of F: lambda_k (cos, sin) for half a turn of directions, group after group.
 
     Attributes:
         points: xi times the pixel sides, (samples, 2) [rad].
@@ -195,7 +195,7 @@ def _integrals(
 
 
 def _positions(curve: DetectorCurve, grid: ImageGrid, n_nodes: int) -> Positions:
-    """About the centre of the detectors' circle, if they stay on it or are known to be on it."""
+    """Positions about the centre of the detectors' circle, or of the grid if they lie on none."""
     points, weights = curve.element_nodes(n_nodes)
     circle = _common_circle(curve)
     if circle is None:

@@ -33,7 +33,7 @@ class Harmonics(eqx.Module):
 
 
 class Directions(eqx.Module):
-    """Where F is needed for one band of frequencies, and the Legendre functions there.
+    """Directions of F for one band of frequencies, and the Legendre functions there.
 
     Attributes:
         frequencies: lambda_k [rad/length].

@@ -192,7 +192,7 @@ def _shifted(values: Float[Array, "orders degrees *n"]) -> Float[Array, "orders 
 
 
 def _point_tables(chunk: tuple[Array, Array | None], frequencies: Array, last: Band) -> PointTables:
-    """Of some of `PointWaves.local` and `factor`, up to the degrees and orders of the last band.
+    """Tables of some of `PointWaves.local` and `factor`, up to the last band.
 
     Y_lm = (P_lm / sin^m theta) ((x_1 + i x_2)/|x|)^m is smooth on the axis; at the centre, where no
     direction is, a little beside it.

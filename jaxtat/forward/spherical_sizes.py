@@ -65,7 +65,7 @@ class SphereSizes(eqx.Module):
 
     @property
     def n_frequencies(self) -> int:
-        """Of the k with lambda_k <= π/h."""
+        """Number of k with lambda_k <= π/h."""
         return self.bands[-1].last
 
     @property

@@ -98,5 +98,5 @@ def order_along_curve(points: Float[np.ndarray, "detectors 2"]) -> Int[np.ndarra
 
 
 def _principal(angle: float) -> float:
-    """The same direction between -π and π."""
+    """The angle modulo 2π, between -π and π."""
     return float(np.arctan2(np.sin(angle), np.cos(angle)))

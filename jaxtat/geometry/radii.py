@@ -71,7 +71,7 @@ def require_radii(radii: Float[Array, " radii"]) -> None:
 
 
 def uncovered(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"]) -> str:
-    """In words, which circles that meet the region have no data; "" for none, or traced ones.
+    """Text about circles that meet the region but have no data; "" for none, or traced ones.
 
     One step may be missing at either end, where the integrals of a function that vanishes at the
     boundary are nearly zero. Whether they also cover sources outside the region only the user can

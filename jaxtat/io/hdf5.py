@@ -64,7 +64,7 @@ class Hdf5File:
         return dataset is not None and dataset.dtype.kind in "fiu"
 
     def shape(self, name: str) -> tuple[int, ...]:
-        """Of a dataset of numbers that can be read, else ValueError."""
+        """Shape of a dataset of numbers that can be read, else ValueError."""
         return self._checked(name).shape
 
     def read(self, name: str, kinds: str = REAL) -> np.ndarray:

@@ -147,7 +147,7 @@ def load_plan(path: str | Path) -> ReconstructionPlan:
 
 
 def _with_own_sizes(plan: ReconstructionPlan) -> ReconstructionPlan:
-    """With the operator's sizes of its own positions, which may have been replaced in a setup."""
+    """The plan with the operator's sizes of its own positions, which may have been replaced."""
     setup = plan.setup
     sizes = replace(setup.sizes, operator=circle_sizes(setup.curve, setup.grid))
     return eqx.tree_at(

@@ -166,7 +166,7 @@ def systems_fit(
         mirror, disk, on_circle = geometry.mirror, geometry.disk, geometry.on_circle
 
     def sizes(n: int) -> Systems:
-        """Up to the n-th frequency."""
+        """Sizes of the systems up to the n-th frequency."""
         rows = region.points.shape[0]
         if geometry is not None:
             rows = 2 * int(harmonic_orders(geometry, np.array([highest * n / n_all]))[0])

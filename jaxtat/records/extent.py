@@ -25,7 +25,7 @@ STEPS = 60
 
 
 class Heard(NamedTuple):
-    """When each detector hears sound.
+    """First and last times at which detectors record sound.
 
     Attributes:
         first, last: (detectors,) [time].

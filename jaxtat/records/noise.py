@@ -43,7 +43,7 @@ class RecordNoise(eqx.Module):
     spectrum: Float[Array, " frequencies"]
 
     def variance(self, rows: Float[Array, "*rows times"]) -> Float[Array, "*rows"]:
-        """Of Σ_t b_t p_t for noise of sigma = 1: ∫ |B|² S dv, for each row b."""
+        """Variance of Σ_t b_t p_t for noise of sigma = 1: ∫ |B|² S dv, for each row b."""
         padded = 2 * rows.shape[-1]
         power = jnp.abs(jnp.fft.rfft(rows, padded)) ** 2
         cycles = jnp.linspace(0.0, 1.0, power.shape[-1])

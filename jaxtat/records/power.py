@@ -192,7 +192,7 @@ def highest_frequency(
     times: Float[np.ndarray, " times"],
     quiet: slice,
 ) -> float:
-    """Up to where the record's spectrum stands out of that of its quiet part [cycles/time].
+    """Frequency up to which the record's spectrum exceeds that of its quiet part [cycles/time].
 
     Args:
         record: all of it but the artefact.

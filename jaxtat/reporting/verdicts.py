@@ -72,7 +72,7 @@ def _percent(share: float) -> str:
 
 
 def _length(length: float, unit: str | None) -> str:
-    """In millimetres, if the unit is known."""
+    """A length in millimetres, if the unit is known."""
     return Units(unit).of_length(length, 3)
 
 

@@ -412,7 +412,7 @@ def _band(found: Found, times: np.ndarray, speed: float, highest: float) -> None
 
 
 def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:
-    """All that the record covers: sources outside the region are heard too.
+    """All radii that the record covers: sources outside the region are recorded too.
 
     Their circles must not be cut, which would falsify the image inside.
     """

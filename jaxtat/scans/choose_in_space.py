@@ -188,7 +188,7 @@ def _resolution(scan: Scan, facts: FactsInSpace, found: Found, record: np.ndarra
 
 
 def _radii(scan: Scan, facts: FactsInSpace, found: Found) -> None:
-    """Of the file, or all that the record covers, half a voxel apart."""
+    """Radii of the file, or all that the record covers, half a voxel apart."""
     own, radius, cut = (
         radii_of(scan, found),
         found.values["region_radius"],

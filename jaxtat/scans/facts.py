@@ -113,7 +113,7 @@ def blank_frames(scan: Scan, rows: Sequence[int]) -> Bool[np.ndarray, " frames"]
 
 
 def frame_numbers(scan: Scan) -> Int[np.ndarray, " frames"]:
-    """Of the frames in the file, from 0."""
+    """Numbers of the frames in the file, from 0."""
     return np.asarray(scan.known.get("frame_numbers", np.arange(scan.n_frames)), int)
 
 
@@ -200,7 +200,7 @@ def begin_behind_gap(
 
 
 def units_of(radius: float | None, times: np.ndarray | None) -> Units:
-    """By the radius on which detectors lie, and the sampling rate if there is one.
+    """Units, guessed by the radius of the detectors and the sampling rate if there is one.
 
     >>> units_of(0.04, np.arange(9) / 4e7), units_of(0.04, None), units_of(1.3, None)
     (Units(length='m', time='s'), Units(length='m', time=None), Units(length=None, time=None))

@@ -73,7 +73,7 @@ class Found(NamedTuple):
             self.explain("model_based", f"there is no formula: {missing}")
 
     def take_constraints(self) -> None:
-        """How images are fitted, if they are; a penalty that is given says that they are."""
+        """Take the choices of fitted images; a given penalty implies that they are fitted."""
         asked = [name for name in OF_CONSTRAINTS if self.given.get(name)]
         if self.given.get("weight") == 0:
             asked.append("weight")

@@ -38,7 +38,7 @@ class FactsInSpace(NamedTuple):
 
     @property
     def arrangement(self) -> str:
-        """In words."""
+        """The arrangement of the detectors in words."""
         if isinstance(self.detectors, SphericalCap):
             rings, azimuths = self.detectors.shape
             way = "downwards" if self.upside_down else "upwards"

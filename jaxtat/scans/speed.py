@@ -41,7 +41,7 @@ TOLD_APART = 110.0  # degrees, from which on a slower speed and a body farther o
 
 
 def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
-    """With the speed of sound for which the image of a typical frame is sharpest, if none is known.
+    """Choices with the speed of sound at which a typical frame is sharpest, if none is known.
 
     Images are of half the resolution: that is quicker, and sharpness falls off less steeply beside
     its peak, which is easier to find. Radii keep their ratio to the speed. What counts is a peak

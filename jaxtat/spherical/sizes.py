@@ -202,7 +202,7 @@ def _require_nodes(region: Ball, grid: VolumeGrid) -> None:
 
 
 def resolved_frequency(cap: SphericalCap, reach: float) -> tuple[float, float]:
-    """Up to which lambda the detectors sample waves from within ``reach`` [rad/length].
+    """The lambda up to which the detectors sample waves from within ``reach`` [rad/length].
 
     And the widest gap between rings, or from the lowest one to the end of its area [rad].
     """

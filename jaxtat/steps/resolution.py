@@ -49,7 +49,7 @@ def polar_grid(
         n_directions = whole_number("n_directions", n_directions, 1)
 
     def sizes(coarser: float) -> tuple[float, int, int]:
-        """Of the polar grid for pixels that are so many times larger."""
+        """Sizes of the polar grid for pixels that are this many times larger."""
         highest = np.pi / max(pixel * coarser, step)
         highest = highest if max_frequency is None else float(max_frequency)
         waves = highest * float(reach)  # radians across the radius
@@ -58,7 +58,7 @@ def polar_grid(
         return highest, max(1, int(np.ceil(2 * waves / np.pi - 1e-6))), n_directions or turned
 
     def cost(n: int) -> Cost:
-        """With n pixels along the longest side."""
+        """Cost with n pixels along the longest side."""
         coarser = max(grid.shape) / n
         return image_cost(tuple(size / coarser for size in grid.shape), *sizes(coarser)[1:])
 

@@ -88,7 +88,7 @@ class Live(eqx.Module):
     @property
     @in_double
     def radii(self) -> Float[Array, " radii"]:
-        """Of the integrals: the setup's, or as many that the record reaches at this speed."""
+        """Radii of the integrals: the setup's, or as many that the record covers at this speed."""
         return _radii(self._pressure, self.setup, self.sound_speed)
 
     @in_double
@@ -381,7 +381,7 @@ def _precision(dtype: Any) -> np.dtype:
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Over the last axis."""
+    """Median over the last axis."""
     half = values.shape[-1] // 2
     parted = np.partition(values, half, axis=-1)
     upper = parted[..., half].astype(float)

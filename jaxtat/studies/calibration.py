@@ -66,7 +66,7 @@ class Parameters(eqx.Module):
 
 
 class Stage(eqx.Module):
-    """How one stage went, stages first.
+    """Results of the stages, stages first.
 
     Attributes:
         max_frequency: the highest one used [rad/length].
@@ -241,7 +241,7 @@ def _moved(curve: DetectorCurve, found: Parameters) -> DetectorCurve:
 
 
 def _geometry(problem: _Problem, free: Free, found: Parameters) -> PolarGeometry:
-    """Only what is unknown is traced, so that the symmetry of the rest is kept."""
+    """The geometry; only unknowns are traced, so that the symmetry of the rest is kept."""
     if not free.keys() & {"center", "radius"}:
         return problem.geometry
     # elements that keep their width are seen under other angles from other radii
@@ -325,7 +325,7 @@ def _finish(problem: _Problem, free: Free) -> tuple[Parameters, Float[Array, "de
 
 @eqx.filter_jit
 def _standard_errors(problem: _Problem, free: Free) -> Parameters:
-    """To first order, by the change of the optimum with the data.
+    """Standard errors to first order, by the change of the optimum with the data.
 
     Where the slope s(p, g) of half the sum of squares is zero, dp = -(ds/dp)^-1 (ds/dg) dg. The
     variance of dg is that of white noise of which as much is left as of the data. Second

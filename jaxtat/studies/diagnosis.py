@@ -185,7 +185,7 @@ def affordable_pixels(plan: ReconstructionPlan) -> int:
 
 
 def _affordable(n_detectors: int, n_radii: int, n: int, n_directions: int) -> int:
-    """With n frequencies."""
+    """`affordable_pixels` of a plan with n frequencies."""
     ramp = 12 * n * n_directions  # from 2 n offsets to three times as many nodes, over n
     work = n * (2 * n_detectors * (n_radii + n_directions) + ramp)
     blocks = int(np.sqrt(MOST_WORK / work)) // BLOCK

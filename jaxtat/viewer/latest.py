@@ -54,7 +54,7 @@ class Latest:
         future.add_done_callback(lambda done: self._done(done, show))
 
     def _done(self, future: Future, show: Show) -> None:
-        """In the other thread."""
+        """Compute, in the other thread."""
         if not self._closed and not future.cancelled():
             self._later(lambda: self._take(future, show))
 
@@ -68,7 +68,7 @@ class Latest:
 
 
 def _in_double(work: Callable[[], Any]) -> Any:
-    """With 64 bits in this thread, whatever the program has chosen for its own."""
+    """Run with 64 bits in this thread, whatever the program uses."""
     with jax.enable_x64(True):
         return work()
 

@@ -259,7 +259,7 @@ class Page:
         self._images.want(lambda: self._seen(session, knobs), self._show)
 
     def _seen(self, session: Session, knobs: Knobs) -> "_Seen":
-        """In the other thread."""
+        """Compute an image, in the other thread."""
         start = time.perf_counter()
         image = session.image(knobs)
         taken, grid = time.perf_counter() - start, session.grid(knobs)
@@ -303,7 +303,7 @@ class Page:
         self.picture.y_range.update(start=low[1], end=low[1] + size[1])
 
     def _take_session(self, session: Session) -> None:
-        """Of another region."""
+        """Show another region."""
         self._session = session
         self.looking.take(session)
         scale, _ = lengths(session)

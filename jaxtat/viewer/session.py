@@ -81,7 +81,7 @@ class Session:
         self.inside = np.asarray(self._live.setup.region.contains(grid.points))
 
     def copy(self) -> "Session":
-        """The same for another person: nothing that one does changes what the other sees."""
+        """A session for another page: changes in one are not seen in the other."""
         return copy.copy(self)
 
     def image(self, knobs: Knobs) -> Float[np.ndarray, "x1 x2"]:
@@ -181,7 +181,7 @@ class Session:
         return Session(self.scan, moved, self.facts)
 
     def frame_number(self, frame: int) -> int:
-        """Of a frame in its file."""
+        """Number of a frame in its file."""
         return int(frame_numbers(self.scan)[frame])
 
     def frame_facts(self, frame: int) -> dict[str, Any]:

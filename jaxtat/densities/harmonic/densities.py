@@ -251,7 +251,7 @@ def group_of(steps: Sequence[Step]) -> DensityGroup:
 
 
 def _rounded(size: int) -> int:
-    """Up to the next of few sizes, so that plans for other numbers of a rule share programs."""
+    """A size rounded up to one of a few: plans for other numbers of a rule share programs."""
     return -(-size // _SIZES) * _SIZES
 
 

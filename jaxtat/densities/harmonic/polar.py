@@ -136,7 +136,7 @@ def waves_reach(curve: DetectorCurve, region: Region) -> bool:
 
 
 def half_weights(weights: Float[Array, " detectors"]) -> Float[Array, " half"]:
-    """Of the first half: twice w for a detector that stands for two, w for one on the axis.
+    """Weights of the first half: twice w for a detector that stands for two, w for one on the axis.
 
     Detectors are in order along the curve, so that the mirror image of number k is the k-th last.
     """
@@ -256,7 +256,7 @@ def _elements_alike(curve: DetectorCurve, outward: np.ndarray) -> bool:
 
 
 def _with_nodes(geometry: PolarGeometry, curve: DetectorCurve, n: int) -> PolarGeometry:
-    """With the nodes of its elements, if these have a width."""
+    """The geometry with the nodes of its elements, if these have a width."""
     if curve.element_width is None:
         return geometry
     nodes, weights = map(jnp.asarray, gauss_rule(n))
