@@ -116,7 +116,7 @@ def _between(
 
 @cache
 def _weights(n: int, digits: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of the samples at lambda = 0, 1, .., n and of those at 1/2, 3/2, .., n - 1/2, in d lambda.
+    """Weights of the samples at lambda = 0, 1, .., n and at 1/2, 3/2, .., n - 1/2, in d lambda.
 
     The ramp at offsets j π/lambda_N is 1/4 at 0, -1/(π j)² at odd and 0 at even j. Kaiser's window
     ends at R in s, before the period 4R matters, and its spectrum, to so many digits, ``last``

@@ -1,4 +1,4 @@
-"""Steps 4 and 5 together, by either of the two ways that the paper mentions."""
+"""Steps 4 and 5 together: by a non-uniform FFT or by filtered back-projection."""
 
 import equinox as eqx
 from jaxtyping import Array, Complex, Float
