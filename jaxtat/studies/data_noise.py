@@ -1,10 +1,9 @@
 """The noise of the data, separated from errors of the model.
 
-Waves of wave number lambda pass along a curve of detectors with at most lambda radians per length,
-wherever they come from and however fast they are: what data hold outside the cone
-|kappa| <= lambda, kappa along the curve and lambda along the radius, is noise that differs from
-detector to detector. Sources outside the region, a wrong speed of sound and details finer than the
-pixels all stay inside the cone.
+Along a curve of detectors a wave of wave number lambda turns by at most lambda radians per length,
+wherever it comes from. So the part of the data outside the cone |kappa| <= lambda (kappa along the
+curve, lambda along the radius) is noise that differs from detector to detector. Sources outside the
+region, a wrong speed of sound and details finer than the pixels all stay inside the cone.
 """
 
 from enum import Enum
