@@ -10,9 +10,10 @@ from ..special import root
 
 
 class RelativeCG(lx.AbstractLinearSolver):
-    """Relative tolerances of `lineax.CG` are elementwise, met last by pixels that hold nothing.
+    """Conjugate gradients that stop when the norm of the residual is small relative to b.
 
-    And its absolute one would call derivatives of small size solved before the first step.
+    The relative tolerance of `lineax.CG` is elementwise, and pixels that are zero meet it last. Its
+    absolute one would accept small derivatives before the first step.
 
     Source: Hestenes and Stiefel, J. Res. Nat. Bur. Standards 49 (1952) 409-436.
     """

@@ -2,19 +2,20 @@
 
 Images with the probability density exp(-lambda P(f)), P homogeneous of degree p in n pixels, have
 E[P] = n / (p lambda). With noise of variance s² the most probable image minimises
-||B f - b||² / 2 + w P(f), w = s² lambda, and lambda follows from it by P, which is that of the
-image plus what its pixels are uncertain by, tau = s / sqrt(L), L = ||B||²:
+||B f - b||² / 2 + w P(f), w = s² lambda. lambda follows from P of the image plus the uncertainty
+of its pixels, tau = s / sqrt(L), L = ||B||²:
 
     w = s² n / (p P(f) + n SPREAD tau).
 
-s is the root mean square of the misfit, or the noise that is known if that is larger. Solved as a
-fixed point, along with the image.
+s is the root mean square of the misfit, or the known noise if that is larger. The equation is
+solved as a fixed point, along with the image.
 
-Where there is little noise that is too small: images are sparser than the density says, and edges
-finer than pixels are no white noise. So with noise that is known w >= L min(FLOOR tau,
-max|f| / FINEST): below the one the penalty does not hold noise down, above the other thin things
-go. Not for unknown noise, since a misfit that the weight itself makes would keep it large where
-data are exact; and not for second differences, which hold noise down at far smaller weights.
+With little noise this weight is too small: images are sparser than the density says, and edges
+finer than pixels are no white noise. So for known noise w >= L min(FLOOR tau, max|f| / FINEST):
+below the first bound the penalty does not suppress noise, above the second thin structures vanish.
+The bound is not used for unknown noise, since the misfit, which the weight itself causes, would
+keep the weight large for exact data; nor for second differences, which suppress noise at far
+smaller weights.
 
 Source: Pereyra, Bioucas-Dias and Figueiredo, EUSIPCO 2015, 230-234.
 """

@@ -1,7 +1,7 @@
 """Bad channels of a record, and the noise of the others.
 
-What stays when a detector is left out is a curve with fewer detectors, whose weights are again the
-arcs that belong to each (`keep_detectors`); zeros in its place would be data, and wrong ones.
+If a detector is left out, the curve has fewer detectors, with weights that are again the arcs
+around each (`keep_detectors`). Zeros in place of its record would be wrong data.
 """
 
 from functools import partial
@@ -74,16 +74,17 @@ def channel_quality(
 ) -> ChannelQuality:
     """Dead, saturated and noisy channels of a raw record, and every channel's noise.
 
-    *Noise* is that of fourth differences d, sigma² = mean d²/70, in the quietest of 16 pieces of
-    the record, less what the least of 16 estimates is too low: waves of n samples' length are
-    weakened (n/2π)⁴ times there, and most of a record is quieter than its peaks. *Noisy* is more
-    than 5 times the median noise, and than that of rounding to counts, if it also exceeds a
+    *Noise*: by fourth differences d, sigma² = mean d²/70, in the quietest of 16 pieces of the
+    record, corrected for the bias of the least of 16 estimates. Fourth differences weaken waves of
+    n samples' length (n/2π)⁴ times, so that little of the signal is left in them.
+    *Noisy*: more than 5 times the median noise, more than rounding to counts makes, and more than a
     thousandth of the typical signal, so that exact data raise no alarm. Such a detector adds as
-    much noise as 25 others. *Dead* is a signal below a twentieth of the upper quartile of all
-    detectors: distances within a scanner explain a factor of some 4, no more. *Saturated* is being
-    held at a level, the highest, the lowest or any other, for three in a thousand samples and 5
-    times as often as the median; where all channels begin, exact data rest. Signals of less than
-    64 counts of the converter are not judged by that.
+    much noise as 25 others.
+    *Dead*: a signal below a twentieth of the upper quartile of all detectors. Different distances
+    within a scanner explain a factor of about 4, no more.
+    *Saturated*: held at one level, the highest, the lowest or any other, for three in a thousand
+    samples and 5 times as often as the median. The level at which all channels begin is excluded,
+    since exact data stay there; signals of less than 64 counts are not judged.
 
     Args:
         pressure: as recorded, before any filter, (..., detectors, times); frames are judged
@@ -158,7 +159,7 @@ def _noise(record: Float[Array, "frames detectors times"]) -> Float[Array, " det
 
 
 def _least_of(blocks: int, size: int) -> float:
-    """The least of some estimates of 1: expected, by Blom's order statistics of normal numbers.
+    """Expected least of several estimates of 1, by Blom's order statistics of normal numbers.
 
     Fourth differences have the correlations C(8, 4 + k)/70, so that n of them are worth 0.38 n.
     """
@@ -180,10 +181,10 @@ def _held(
 ) -> Float[Array, " detectors"]:
     """Share of samples that repeat one value.
 
-    At the channel's own highest and lowest level that is to equal the sample before, elsewhere all
-    of the eight before, and not where the channel begins: noise of few counts repeats itself by
-    chance, and quiet parts rest. Levels that channels share do not count, such as the zeros of
-    exact data.
+    At the channel's own highest and lowest level a sample counts if it equals the one before. At
+    other levels it must equal all of the eight before, and not be the level at which the channel
+    begins: noise of few counts repeats itself by chance, and quiet parts are constant. Levels that
+    channels share, such as the zeros of exact data, do not count.
     """
     least, most = jnp.min(record, axis=-1, keepdims=True), jnp.max(record, axis=-1, keepdims=True)
     same = record[..., 1:] == record[..., :-1]

@@ -1,8 +1,8 @@
 """Where the sound of a record comes from, by the first and last times at which it is recorded.
 
-A body of radius a about m is heard from (|y_k - m| - a)/c to (|y_k - m| + a)/c. Half the time
-between tells a, whatever the speed of sound hardly matters to it; onsets alone would tell a wrong
-size where the speed is wrong, and nothing across of detectors on a short arc.
+Detector k records a body of radius a about m from (|y_k - m| - a)/c to (|y_k - m| + a)/c. Half the
+time between is a/c, which depends little on an error of c. The first times alone would give a wrong
+size if c is wrong, and on a short arc they do not determine the position across.
 """
 
 from typing import NamedTuple
@@ -47,9 +47,9 @@ class Heard(NamedTuple):
 def heard(power: RecordPower, pause: float) -> Heard:
     """First and last time of a share of each detector's highest power, above its noise.
 
-    Holders, membranes and walls sound too, more faintly. In a record without noise everything that
-    sounds belongs to the image. What comes after a pause is an echo: the last time is that of the
-    sounds without one that are loudest together.
+    Fainter sound from holders, membranes and walls is ignored; in a record without noise all sound
+    counts. Pauses divide the sound into parts, and parts after a pause are echoes: the last time is
+    the end of the part with the largest total power.
 
     Args:
         power: in order along the curve, since neighbours are averaged.
@@ -82,7 +82,7 @@ def heard(power: RecordPower, pause: float) -> Heard:
 
 
 def _end_of_loudest(values: Float[np.ndarray, " pieces"], least: float, pause: int) -> int:
-    """Number of the last piece of those without a pause between them that are loudest together."""
+    """Number of the last piece of the part, between pauses, with the largest total power."""
     sounds = np.flatnonzero(values > least)
     if not len(sounds):
         return len(values) - 1
@@ -99,7 +99,7 @@ def _with_neighbours(
 
 
 class SoundingDisk(NamedTuple):
-    """A disk, or ball, that sounds; `speed` is that of sound over the one by which it was found."""
+    """A disk, or ball, from which sound comes; `speed` is the fitted speed over the assumed one."""
 
     middle: Float[np.ndarray, " space"]
     radius: float
@@ -112,12 +112,12 @@ def sounding_disk(
     speed: float,
     speed_known: bool,
 ) -> SoundingDisk:
-    """The disk of which |y_k - m| ∓ a = s c t, with the first and last time that each hears.
+    """The disk |x - m| < a that fits |y_k - m| ∓ a = s c t to the first and last times t.
 
-    The sum of absolute differences is minimised, so that up to half of the detectors may hear
-    something else, a holder or an echo. The middle is supposed to be within a fifth of the
-    detectors' radius of the origin, and s within 3 % of 1: on short arcs these and the differences
-    hardly tell each other apart.
+    The sum of absolute differences is minimised, so that up to half of the detectors may record
+    something else, such as a holder or an echo. Priors keep the middle within about a fifth of the
+    detectors' radius of the origin, and s within about 3 % of 1: on short arcs a nearer body and a
+    faster sound have almost the same times.
 
     Args:
         points: y_k, from the middle of the array [length].

@@ -89,13 +89,13 @@ def artefact_end(power: RecordPower, before: float) -> float:
 def totals(
     record: Float[np.ndarray, "detectors times"], times: Float[np.ndarray, " times"], model: str
 ) -> Float[np.ndarray, " detectors"]:
-    """The integral of f, as every detector tells it, but for a factor: all tell the same.
+    """The integral of f, up to a factor, from the record of each detector: all should be equal.
 
-    Circles about a detector cover the plane once: ∫ g dr = ∫ f dx, whatever f and wherever the
-    detector. By the pressure up to a time T when all sound has passed, with c = 1, that is
-    4 ∫ p √(T² - t²) dt of two-dimensional waves, for which
-    ∫_0^t p = (1/2π) ∫_0^t g (t² - r²)^(-1/2) dr, an integral of Abel's; and ∫ p (T² - t²)/2 dt
-    in-plane, where g = r ∫_0^r p.
+    Circles about a detector cover the plane once, so that ∫ g dr = ∫ f dx for every detector. From
+    the pressure up to a time T when all sound has passed, with c = 1, that is
+    4 ∫ p √(T² - t²) dt for two-dimensional waves, since
+    ∫_0^t p = (1/2π) ∫_0^t g (t² - r²)^(-1/2) dr, an Abel integral; and ∫ p (T² - t²)/2 dt for the
+    in-plane model, where g = r ∫_0^r p.
 
     Args:
         record: from time 0, or from a silent time on.
@@ -111,9 +111,9 @@ def faded(
 ) -> Bool[np.ndarray, " detectors"]:
     """Channels of too small a gain, by `totals` in order along the curve.
 
-    Those that fall short by a tenth, and by more than the others scatter; then those beside them,
-    while totals still rise. None where totals scatter, as in a record without its
-    slowest part or with sound from outside.
+    A channel has faded if its total is a tenth too small, and by more than the others scatter; then
+    also its neighbours, as long as totals rise from one to the next. None are found if totals
+    scatter, as in a record without its slowest part or with sound from outside.
 
     Args:
         totals: of all channels.
@@ -144,8 +144,8 @@ def faded(
 def muted_until(power: RecordPower) -> float:
     """End of the muted part at the start of a record; 0 if there is none.
 
-    That is the end of the first piece that holds anything: the step there, from a mute to the
-    offset of each detector, is no sound.
+    That is the end of the first piece that is not silent: the step in it, from zero to the offset
+    of each detector, is no sound.
 
     >>> record = np.random.default_rng(0).standard_normal((2, 400))
     >>> record[:, :100] = 7.0

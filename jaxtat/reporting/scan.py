@@ -110,10 +110,10 @@ def report_scan(
         constrained = _constrained(scan, choices, setup, recorded, image, progress)
     several = f", frame {frame} of {scan.n_frames}" if scan.n_frames > 1 else ""
     return report(
-        path,
         setup,
         g,
         image,
+        path,
         plan=plan,
         constrained=constrained,
         sigma=sigma,

@@ -15,10 +15,10 @@ from .constrained import Constrained
 
 
 def report(
-    path: str | Path,
     setup: Setup,
     g: Numbers,
     image: Numbers,
+    path: str | Path,
     *,
     plan: ReconstructionPlan | None = None,
     sigma: Numbers | None = None,
@@ -37,8 +37,8 @@ def report(
     """Write a page about one image: one HTML file with all figures in it, no scripts, no links.
 
     Args:
-        path: the file to write.
         setup, g, image: the problem, in the plane, the data of one image, and the image.
+        path: the file to write.
         plan, sigma, noise, low_pass, inversion, uncertainty_pixels, progress: as in `diagnose`.
         constrained: the image under constraints, to be shown beside it.
         title: of the page.

@@ -61,9 +61,10 @@ def heard_after(
 def speed_heard(scan: Scan, choices: Choices) -> float | None:
     """The speed of sound by the times of first and last sound, over the speed of the choices.
 
-    Sound of a body about m comes after |y - m| ∓ a: both by the speed at which the middle of what
-    is heard fits the detectors' distance. Simulated arcs of 125 degrees and more told it to 1 or
-    2 %, those of 90 hardly. None where the record does not tell both.
+    Sound of a body of radius a about m arrives at distances |y - m| ∓ a. The speed is the one at
+    which the middle of these times fits the distances |y - m|. On simulated arcs of 125 degrees and
+    more it was 1 to 2 % off; on those of 90 degrees it was hardly better than water's. None if the
+    record does not show both times.
 
     Args:
         scan, choices: in the plane, of pressure.

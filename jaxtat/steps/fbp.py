@@ -186,13 +186,13 @@ def _add_up(
 def _cells(
     n_nodes: int, spacing: Float[Array, ""], grid: ImageGrid, center: Float[Array, "2"]
 ) -> Callable[[Array], tuple[Array, Array]]:
-    """Function of the angle: the first of the six nodes that a pixel meets, and where it lies.
+    """Function of the angle: first of the six nodes of a pixel, and its fraction of a cell.
 
-    Positions count nodes from the third of the margin on. The loops find them one direction ahead
-    and carry them along, which puts them in memory. Left to itself, the compiler finds them anew
-    for each of the six nodes (slowly, in a scatter) and perhaps rounds differently each time, with
-    a fraction that belongs to another cell. Of a cell in memory, any rounding of the position is
-    harmless: splines are continuous from cell to cell.
+    Positions count nodes from the third of the margin on. The loops compute them one direction
+    ahead and carry them along, so that they are stored. Otherwise the compiler would recompute them
+    for each of the six nodes, which is slow in a scatter and may round differently each time, so
+    that cell and fraction do not match. With stored cells any rounding of the position is harmless,
+    since splines are continuous from cell to cell.
     """
     x1, x2 = (grid.x1 - center[0]) / spacing, (grid.x2 - center[1]) / spacing
 

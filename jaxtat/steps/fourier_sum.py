@@ -119,8 +119,9 @@ def _weights(n: int, digits: int) -> tuple[np.ndarray, np.ndarray]:
     """Weights of the samples at lambda = 0, 1, .., n and at 1/2, 3/2, .., n - 1/2, in d lambda.
 
     The ramp at offsets j π/lambda_N is 1/4 at 0, -1/(π j)² at odd and 0 at even j. Kaiser's window
-    ends at R in s, before the period 4R matters, and its spectrum, to so many digits, ``last``
-    steps from 0. Where there are no more steps than that, all are halved: nothing is near.
+    ends at s = R, so that the period 4R does not matter. To the given digits, its spectrum ends
+    ``last`` steps from 0. If there are no more steps than that, all of them are halved: all of
+    the ramp counts as far.
     """
     bandwidth = np.log(10) * digits  # times half the window's length, R = n/2 offsets
     last = int(np.ceil(bandwidth * 2 / np.pi))

@@ -327,10 +327,10 @@ def _finish(problem: _Problem, free: Free) -> tuple[Parameters, Float[Array, "de
 def _standard_errors(problem: _Problem, free: Free) -> Parameters:
     """Standard errors to first order, by the change of the optimum with the data.
 
-    Where the slope s(p, g) of half the sum of squares is zero, dp = -(ds/dp)^-1 (ds/dg) dg. The
-    variance of dg is that of white noise of which as much is left as of the data. Second
-    derivatives of the residuals belong to ds/dp: along changes that the data hardly tell, they are
-    not small beside J^T J.
+    Where the slope s(p, g) of half the sum of squares is zero, dp = -(ds/dp)^-1 (ds/dg) dg. dg is
+    white noise, with the variance that leaves the same residual as the data. ds/dp includes second
+    derivatives of the residuals: for parameters that the data hardly determine, these are not small
+    compared with J^T J.
     """
     weights = _weights(problem, jnp.asarray(problem.sizes.max_frequency))
     flat, unravel = ravel_pytree(free)

@@ -1,10 +1,9 @@
 """The noise of the data, separated from errors of the model.
 
-Waves of wave number lambda pass along a curve of detectors with at most lambda radians per length,
-wherever they come from and however fast they are: what data hold outside the cone
-|kappa| <= lambda, kappa along the curve and lambda along the radius, is noise that differs from
-detector to detector. Sources outside the region, a wrong speed of sound and details finer than the
-pixels all stay inside the cone.
+Along a curve of detectors a wave of wave number lambda turns by at most lambda radians per length,
+wherever it comes from. So the part of the data outside the cone |kappa| <= lambda (kappa along the
+curve, lambda along the radius) is noise that differs from detector to detector. Sources outside the
+region, a wrong speed of sound and details finer than the pixels all stay inside the cone.
 """
 
 from enum import Enum
@@ -14,8 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, is_concrete, real_array
-from ..geometry import DetectorCurve
+from ..base.checks import is_concrete
+from ..reconstruction import Setup
+from ..reconstruction.setup import plane_of
 from .residual import DataResidual
 
 _BINS = 2  # of the window's spectrum, by which the cone is widened
@@ -44,21 +44,21 @@ class DataNoise(eqx.Module):
     source: NoiseSource = eqx.field(static=True)
 
 
-def noise_of_residual(residual: DataResidual, curve: DetectorCurve, radii: Numbers) -> DataNoise:
+def noise_of_residual(setup: Setup, residual: DataResidual) -> DataNoise:
     """White noise by the part of g - A f outside the cone |kappa| <= lambda, else by all of it.
 
     Detectors that stand out are replaced by their neighbours. The median of the periodogram counts,
     ln 2 times the mean for normal noise, so that single strong coefficients do not.
 
     Args:
+        setup: in the plane, concrete, with equispaced radii.
         residual: of `data_residual`.
-        curve, radii: of the data, concrete; radii are equispaced.
 
     Returns:
         DataNoise.
 
     Raises:
-        ValueError: inside of `jax.jit`, unless the residual is known there.
+        ValueError: in space, and inside of `jax.jit`, unless the residual is known there.
 
     >>> from jaxtat import ImageGrid, Setup, circular_arc, disk, phantoms
     >>> from jaxtat.studies import data_residual
@@ -67,16 +67,16 @@ def noise_of_residual(residual: DataResidual, curve: DetectorCurve, radii: Numbe
     >>> noise = 0.1 * np.random.default_rng(0).standard_normal((90, len(radii)))
     >>> far = phantoms.Bells([[0.5, 0.4]], [0.4]).circular_integrals(curve, radii)  # unexplained
     >>> residual = data_residual(setup, far + noise, np.zeros((33, 33)))
-    >>> found = noise_of_residual(residual, curve, radii)
+    >>> found = noise_of_residual(setup, residual)
     >>> found.source.name, abs(float(found.sigma) - 0.1) < 0.01, bool(residual.typical > 0.12)
     ('INCOHERENT', True, True)
     """
-    if not is_concrete(residual, curve):
+    curve, _, radii, _ = plane_of(setup)
+    if not is_concrete(residual, curve, radii):
         raise ValueError(
             "noise_of_residual is for known data, not inside jax.jit: how many detectors it leaves "
             "out depends on them."
         )
-    radii = np.asarray(real_array("radii", radii, ("radii",)))
     values = _without(np.asarray(residual.values), residual.unusual)
     n, m = values.shape
     window = np.hanning(n + 2)[1:-1, None] * np.hanning(m + 2)[1:-1]

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, real_array, require_positive, require_x64
-from ..geometry import DetectorCurve, ImageGrid, Visibility, visibility
+from ..geometry import ImageGrid, Visibility, visibility
 from ..reconstruction import Reconstruction, ReconstructionPlan, Setup, build_plan, reconstruct
 from ..reconstruction.setup import plane_of
 from ..regularization import RelativeTikhonov, Tikhonov
@@ -130,7 +130,7 @@ def diagnose(
     (True, True)
     """
     require_x64()
-    curve, region, radii, _ = plane_of(setup)
+    curve, region, _, _ = plane_of(setup)
     if sigma is not None and noise is not None:
         raise ValueError("sigma and noise are both given, expected one of them at most.")
     if sigma is not None:
@@ -139,7 +139,7 @@ def diagnose(
     residual = data_residual(setup, g, image)
     if noise is not None:
         noise = real_array("noise", noise, residual.values.shape)
-    found = _noise(residual, curve, radii, sigma, noise)
+    found = _noise(setup, residual, sigma, noise)
     inside = region.contains(setup.grid.points)
     uncertainty = None
     if uncertainty_pixels is None:
@@ -211,16 +211,12 @@ def plan_of(setup: Setup, found: Reconstruction, *, progress: bool = False) -> R
 
 
 def _noise(
-    residual: DataResidual,
-    curve: DetectorCurve,
-    radii: Array,
-    sigma: Array | None,
-    sample: Array | None,
+    setup: Setup, residual: DataResidual, sigma: Array | None, sample: Array | None
 ) -> DataNoise:
     if sigma is not None:
         return DataNoise(sigma, NoiseSource.GIVEN)
     if sample is None:
-        return noise_of_residual(residual, curve, radii)
+        return noise_of_residual(setup, residual)
     square = jnp.sum(residual.meets * sample**2) / jnp.sum(residual.meets)
     return DataNoise(jnp.sqrt(square), NoiseSource.RECORD)
 

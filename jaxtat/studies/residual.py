@@ -1,8 +1,8 @@
 """The residual sinogram: the part of the data that the image does not explain.
 
-An image of the right object with the right geometry leaves noise. What else is left has a shape
-that tells its cause: whole rows are bad channels, curves that no circle through the region shares
-are sources outside it, edges drawn double are a wrong speed of sound or wrong positions.
+If object and geometry are right, the residual is noise. Otherwise its shape indicates the cause:
+whole rows are bad channels, curves outside the circles that meet the region are sources outside it,
+double edges are a wrong speed of sound or wrong positions.
 """
 
 import equinox as eqx

@@ -178,7 +178,7 @@ def test_report_from_arrays_without_a_plan(tmp_path, monkeypatch):
     source = tmp_path / "a<b>.npz"
     source.write_bytes(b"data")
     d = diagnosed()
-    found = report(tmp_path / "r.html", d.setup, d.g, d.image, inputs=[source], title="a<b>.npz")
+    found = report(d.setup, d.g, d.image, tmp_path / "r.html", inputs=[source], title="a<b>.npz")
     assert np.array_equal(found.residual.values, d.residual.values)
     page = Reader((tmp_path / "r.html").read_text())
     text = " ".join(page.text)
@@ -196,9 +196,9 @@ def test_a_place_that_cannot_be_written_is_refused_before_any_work(tmp_path, com
     d = complete
     problem = d.setup, d.g, np.full(GRID.shape, np.nan)  # refused too
     with pytest.raises(ValueError, match="there is no folder"):
-        report(tmp_path / "no" / "r.html", *problem)
+        report(*problem, tmp_path / "no" / "r.html")
     with pytest.raises(FileNotFoundError):
-        report(tmp_path / "r.html", *problem, inputs=[tmp_path / "none.npz"])
+        report(*problem, tmp_path / "r.html", inputs=[tmp_path / "none.npz"])
     assert not list(tmp_path.iterdir())
 
 

@@ -225,8 +225,8 @@ def harmonic_densities(
 def group_of(steps: Sequence[Step]) -> DensityGroup:
     """Steps of neighbouring frequencies as one group, without components below rounding.
 
-    High orders are needed to resolve the potentials, but hardly occur in plane waves; of the
-    components that directions keep differently, as many stay as the neediest frequency has.
+    High orders are needed to resolve the potentials, but hardly occur in plane waves. A group keeps
+    as many direction-dependent components as the frequency that has most of them.
     """
     if not is_concrete(steps):
         step = jax.tree.map(lambda *parts: jnp.concatenate(parts), *steps)

@@ -42,9 +42,9 @@ def highest_orders(frequencies: np.ndarray, reach: float, distance: float) -> np
 def frequency_groups(orders: np.ndarray, most: int) -> list[tuple[slice, int]]:
     """Neighbouring frequencies in at most ``most`` groups, each with its largest order.
 
-    The work is like the cube of N, and every group is compiled by itself, which small problems do
-    not repay. The bounds are those of least work Σ (b - a) N³, found group by group: the least for
-    all frequencies below b is one for those below some a < b, and a group more.
+    The work grows with N³, and every group is compiled by itself, which is not worth while for
+    small problems. The bounds minimise the work Σ (b - a) N³ by dynamic programming: the least for
+    all frequencies below b is that for those below some a < b, and one group more.
     """
     n = len(orders)
     n_groups = min(most, n, 1 + int(np.sum(orders**3.0) / WORTH_A_GROUP))

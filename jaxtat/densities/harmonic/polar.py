@@ -148,11 +148,11 @@ def half_weights(weights: Float[Array, " detectors"]) -> Float[Array, " half"]:
 def polar_geometry(curve: DetectorCurve, region: Region, n_nodes: int = NODES) -> PolarGeometry:
     """The best centre and axis that curve and region allow.
 
-    Detectors on a circle are expanded about its centre, which makes the waves at all of them alike.
-    Others are about the centre of the region, or, if a detector is hardly farther from it than the
-    region reaches, about the point for which that ratio is best. Traced positions are taken one by
-    one, and without symmetry, since a derivative may move any of them; a `CircularArc` remains an
-    arc when its radius or opening is traced.
+    For detectors on a circle the centre is that of the circle, so that radial factors are the same
+    for all of them. For others it is the centre of the region, or, if a detector is hardly farther
+    from it than the region reaches, the point for which the ratio of these distances is best.
+    Traced positions have no symmetry, since a derivative may move any of them; a `CircularArc`
+    remains an arc when its radius or opening is traced.
 
     Args:
         curve, region: the geometry.
@@ -279,10 +279,10 @@ def _circle(curve: DetectorCurve, region: Region) -> tuple[Array, Array | None]:
 
 
 def _best_center(curve: DetectorCurve, region: Region, xp: Any) -> Any:
-    """c with the largest min |z_k - c| / max |x - c|, or the region's centre if that does.
+    """c with the largest min |z_k - c| / max |x - c|, or the region's centre if that is enough.
 
-    No image depends on c but by rounding and by the unit of alpha. Of a disk the best
-    centre is its own: whoever moves by d has detectors at most d farther off, and the rim just d.
+    Images depend on c only by rounding and by the unit of alpha. The best centre of a disk is its
+    own: if c moves by d, detectors are at most d farther off, and the rim is d farther off.
 
     Args:
         xp: numpy, or jax.numpy for what is traced.

@@ -266,11 +266,11 @@ def alpha_unit(
 ) -> Float[Array, ""]:
     """The largest (R^T R)_nn (M M^T)_nn of all waves n, the unit of numbers given as alpha.
 
-    On a disk, where R is diagonal, it is the largest diagonal entry of A A^T. Of other regions that
+    On a disk, where R is diagonal, it is the largest diagonal entry of A A^T. Elsewhere that
     entry would depend on the order in which waves are made orthogonal, and at high frequencies on
-    rounding, and so have no derivative; this one has. Where two waves share the largest entry it
-    has a kink, and the derivative is the mean of both sides: in the opening of a closed ring, where
-    cosines and sines are alike as long as there is none.
+    rounding; it would have no derivative. Where two waves share the largest product there is a
+    kink, and the derivative is the mean of both sides. That is so where a closed ring begins to
+    open: on the ring cosines and sines have equal products.
 
     Args:
         traces: the diagonal of R^T R.
