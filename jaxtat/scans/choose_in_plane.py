@@ -204,7 +204,7 @@ def _without_faded(
     found: Found,
     good: np.ndarray,
 ) -> np.ndarray:
-    """Channels of too small a gain are left out too, where the record tells gains."""
+    """Channels of too small a gain are left out too, where the record shows gains."""
     assert facts.times is not None
     if facts.arc is None or found.given.get("use") is not None:
         return good
@@ -440,7 +440,7 @@ def _noise(found: Found, power: RecordPower, arrival: float, floor: float) -> No
     Args:
         power: of the good detectors, without what is silenced.
         arrival: of the first sound from the region; before it there is noise alone [time].
-        floor: noise over signal power by the differences of samples, which tell fast noise.
+        floor: noise over signal power by the differences of samples, which measure fast noise.
     """
     ratio, how, grade = noise_before(power, arrival), "before sound from the region arrives", LIKELY
     if ratio is None:
