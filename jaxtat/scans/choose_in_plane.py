@@ -64,6 +64,7 @@ from .found import (
 from .hearing import heard_after, muted_start, noise_floor, sound_begins
 
 MARGIN = 1.25  # of the region beyond where sound comes from
+LATE = 1.4  # the same if a record ends early and the speed is unknown: last times are too early
 PIXELS = (65, 1025)
 SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
 PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
@@ -257,8 +258,10 @@ def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndar
     least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
     sounding = wanted / MARGIN
     late = path - arc.radius < sounding < SHARES[1] * arc.radius
-    if late and sound.when.tells:  # fitted to what was recorded of it
-        wanted, most, why = sounding, sounding, f"sound comes from within {length(sounding)}"
+    if late and sound.when.tells:  # fitted to what was recorded
+        spare, why = 1.0 if known else LATE, f"sound comes from within {length(sounding)}"
+        why += "" if known else f", and {LATE - 1:.0%} to spare"
+        wanted = most = min(spare * sounding, SHARES[1] * arc.radius)
     if wanted < least:
         why = "a tenth of the arc: where sound comes from cannot be told"
         wanted, grade = least, GUESSED
