@@ -42,14 +42,13 @@ def main() -> None:
     pictures = {"object": disks.image(grid), "direct": direct, "with constraints": fitted}
     for axis, (name, image) in zip(axes, pictures.items(), strict=False):
         drawn = show_image(axis, np.where(inside, image, np.nan), grid, limits=(0, 2), title=name)
-        axis.plot(*np.asarray(curve.points).T, color="tab:red", lw=2)
-    figure.colorbar(drawn, ax=axes[2])
-    shown = np.where(inside, seen, np.nan)
-    drawn = show_image(
-        axes[3], shown, grid, limits=(0.5, 1), cmap="viridis", title="share of edges that are seen"
-    )
-    axes[3].plot(*np.asarray(curve.points).T, color="tab:red", lw=2)
+        if axis is axes[2]:
+            figure.colorbar(drawn, ax=axis)
+    shown, title = np.where(inside, seen, np.nan), "share of edges that are seen"
+    drawn = show_image(axes[3], shown, grid, limits=(0.5, 1), cmap="viridis", title=title)
     figure.colorbar(drawn, ax=axes[3])
+    for axis in axes:
+        axis.plot(*np.asarray(curve.points).T, color="tab:red", lw=2)
     figure.savefig(PICTURE, dpi=150)
 
 
