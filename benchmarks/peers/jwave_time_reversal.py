@@ -25,10 +25,14 @@ def reconstruct(problem):
     step = float(times[1])
     axis = TimeAxis(step, step * (len(times) - 1) + step / 2)
     signals = jnp.asarray(record[:, ::-1].copy(), jnp.float32)
-    sources = Sources(positions, signals, step, domain)
-    solve = jax.jit(lambda given: simulate_wave_propagation(medium, axis, sources=given))
-    field = solve(sources).params[-1, PML:-PML, PML:-PML, 0]
-    return on_image(problem, x, np.asarray(field, float))
+
+    @jax.jit
+    def solve(signals):
+        sources = Sources(positions, signals, step, domain)
+        return simulate_wave_propagation(medium, axis, sources=sources).params[-1]
+
+    field = np.asarray(solve(signals), float)[PML:-PML, PML:-PML, 0]
+    return on_image(problem, x, field)
 
 
 if __name__ == "__main__":

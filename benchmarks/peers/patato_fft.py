@@ -1,8 +1,13 @@
-"""PATATO: the Fourier-Hankel method for circles, absent detectors being zero."""
+"""PATATO: the Fourier-Hankel method for circles, absent detectors being zero.
+
+Its images are turned as its scanner's are, whose middle is at the top: so the array is turned
+there, and the image back. A ring has no middle: it is moved by 1e-9 of its radius, which gives it one.
+"""
 
 import numpy as np
 from patato_scan import image_of, preprocessed
 from peer import NotForThis, run
+from scipy.ndimage import rotate
 
 
 def reconstruct(problem):
@@ -12,7 +17,17 @@ def reconstruct(problem):
     if np.ptp(distances) > 1e-3 * distances.mean():
         raise NotForThis("for circles only")
     record, rate, geometry = preprocessed(problem, hilbert=False)
-    return image_of(problem, FFTReconstruction, record, rate, geometry)
+    middle = problem.detectors.mean(axis=0)
+    turn = np.pi / 2 - np.arctan2(middle[1], middle[0])
+    if np.linalg.norm(middle) < 1e-3 * distances.mean():
+        turn = 0.0
+    c, s = np.cos(turn), np.sin(turn)
+    geometry[:, :2] = problem.detectors @ np.array([[c, s], [-s, c]])
+    geometry[:, 1] += 1e-9 * distances.mean()
+    below = (np.arctan2(geometry[:, 1], geometry[:, 0]) - np.pi / 2 + np.pi) % (2 * np.pi)
+    order = np.argsort(below)
+    found = image_of(problem, FFTReconstruction, record[:, :, order], rate, geometry[order])
+    return found if turn == 0 else rotate(found, np.degrees(turn), reshape=False, order=3)
 
 
 if __name__ == "__main__":

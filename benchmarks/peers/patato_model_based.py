@@ -13,15 +13,12 @@ def reconstruct(problem):
         "fs": rate,
         "nt": record.shape[-1],
         "c": problem.sound_speed,
-        "gpu": False,
     }
     pixels, field = sizes(problem)
-    method = ModelBasedReconstruction(
-        pixels, field, kwargs_model=known, regulariser="laplacian", gpu=False
-    )
+    method = ModelBasedReconstruction(pixels, field, known, regulariser="laplacian")
     found = method.reconstruct(record, rate, geometry, pixels, field, problem.sound_speed)
     return found.reshape(problem.pixels, problem.pixels).T
 
 
 if __name__ == "__main__":
-    run("patato", reconstruct)
+    run("patato", reconstruct, compiles=False)

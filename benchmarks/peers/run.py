@@ -14,6 +14,7 @@ import os
 import platform
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,9 @@ def main() -> None:
     given = dict(pair.split("=", 1) for pair in options.clone)
     for peer in PEERS:
         if not options.only or peer.script in options.only:
-            _store(_rows(peer, files, folder, options.venvs, given))
+            for row in _rows(peer, files, folder, options.venvs, given):
+                print(json.dumps(row), flush=True)
+                _store(row)
 
 
 def _options() -> argparse.Namespace:
@@ -71,22 +74,22 @@ def _environment() -> dict[str, str]:
     }
 
 
-def _rows(peer: Peer, files: list[Path], folder: Path, venvs: Path, given: dict) -> list[dict]:
+def _rows(
+    peer: Peer, files: list[Path], folder: Path, venvs: Path, given: dict[str, str]
+) -> Iterator[dict]:
     """One row for each problem; one alone, with the reason, for a peer that cannot be run."""
     try:
         clone = clone_of(peer, given)
         python = python_of(peer.environment, venvs)
     except Absent as reason:
-        return [{"peer": peer.title, "reason": str(reason)}]
+        yield {"peer": peer.title, "reason": str(reason)}
+        return
     environment = _environment() | ({peer.clone: clone} if clone else {})
-    rows = []
     for path in files:
         name = path.stem.removeprefix("problem-")
         out = folder / f"image-{name}-{peer.script}.npz"
-        row = {"peer": peer.title, "problem": name} | _row(peer, python, path, out, environment)
-        print(json.dumps(row), flush=True)
-        rows.append(row)
-    return rows
+        row = _row(peer, python, path, out, environment)
+        yield {"peer": peer.title, "problem": name} | row
 
 
 def _row(peer: Peer, python: Path, path: Path, out: Path, environment: dict) -> dict:
@@ -126,24 +129,24 @@ def _short(value):
     return float(f"{value:.4g}") if isinstance(value, float) else value
 
 
-def _store(rows: list[dict]) -> None:
-    """Into the results, in place of earlier rows of the same peer and problem."""
+def _store(row: dict) -> None:
+    """Into the results, in place of an earlier row of the same peer and problem.
+
+    A row without a problem stands for all of its peer's, and they for it.
+    """
     earlier = json.loads(RESULTS.read_text())["rows"] if RESULTS.is_file() else []
-    new = {(row["peer"], row.get("problem")) for row in rows}
-    whole = {row["peer"] for row in rows if "problem" not in row}
-    titles = [peer.title for peer in PEERS]
     kept = [
-        row
-        for row in earlier
-        if (row["peer"], row.get("problem")) not in new
-        and row["peer"] not in whole
-        and ("problem" in row or row["peer"] not in {peer for peer, _ in new})
+        old
+        for old in earlier
+        if old["peer"] != row["peer"]
+        or ("problem" in old and "problem" in row and old["problem"] != row["problem"])
     ]
+    titles = [peer.title for peer in PEERS]
     contents = {
         "date": datetime.date.today().isoformat(),
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}, "
         f"Python {platform.python_version()}",
-        "rows": sorted(kept + rows, key=lambda row: titles.index(row["peer"])),
+        "rows": sorted([*kept, row], key=lambda row: titles.index(row["peer"])),
     }
     RESULTS.write_text(json.dumps(contents, indent=1) + "\n")
 

@@ -16,7 +16,7 @@ from phantoms import PHANTOMS, image
 
 SPACING, HALF_WIDTH, SOUND_SPEED = 0.15e-3, 24.9e-3, 1500.0
 STEP = 0.05e-3  # of the path of sound, from sample to sample [m]
-LONGEST = 32.5e-3  # path from the farthest point of a phantom to the farthest detector [m]
+LONGEST = 36.5e-3  # path from an image's corner to the farthest detector, and more [m]
 
 
 def main(folder: Path) -> None:
