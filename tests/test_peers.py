@@ -162,7 +162,9 @@ def test_time_reversal_plays_a_record_along_the_curve():
     rows, columns = np.nonzero(mask)
     assert np.all(np.abs(np.hypot(x[rows], x[columns]) - RADIUS) < x[1] - x[0])
     assert record.shape == (len(rows), len(times))
-    np.testing.assert_allclose(record, np.tile(x[rows, None], len(times)), atol=1.01 * (x[1] - x[0]))
+    np.testing.assert_allclose(
+        record, np.tile(x[rows, None], len(times)), atol=1.01 * (x[1] - x[0])
+    )
     assert np.all(x[columns] > -(x[1] - x[0]))
 
 

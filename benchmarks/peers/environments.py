@@ -58,7 +58,9 @@ def python_of(environment: str, folder: Path) -> Path:
     if not python.is_file():
         venv.create(place, with_pip=True)
     options = ["--quiet", "--disable-pip-version-check", *REQUIREMENTS[environment]]
-    done = subprocess.run([python, "-m", "pip", "install", *options], capture_output=True, text=True)
+    done = subprocess.run(
+        [python, "-m", "pip", "install", *options], capture_output=True, text=True
+    )
     if done.returncode:
         raise Absent(f"pip: {last_line(done.stderr)}")
     return python

@@ -1,4 +1,4 @@
-"""jaxtat with nothing told but the speed of sound: its own choices, on the pixels that are asked."""
+"""jaxtat told the speed of sound and the body's disk: else its own choices, on the pixels asked."""
 
 from collections.abc import Callable
 from typing import Any
@@ -22,6 +22,8 @@ def image_of(problem: Problem, make: Callable[..., Any], **given: Any) -> np.nda
         "sound_speed": problem.sound_speed,
     }
     scan = Scan("pressure", problem.record, known)
+    if problem.body is not None:
+        given |= {"region_radius": problem.body, "region_center": (0.0, 0.0)}
     choices = choose(scan, **given)
     of_choices = setup_of(scan, choices)
     grid = ImageGrid((problem.pixels,) * 2, (problem.half_width,) * 2, (0.0, 0.0))

@@ -5,7 +5,8 @@
 A problem is a pressure record of two-dimensional waves, from time 0:
     record (detectors, samples), detectors (detectors, 2) [m], sampling_rate [Hz],
     sound_speed [m/s], half_width [m] and pixels: the image is wanted at the nodes of
-    linspace(-half_width, half_width, pixels) along x and y, as image[x, y].
+    linspace(-half_width, half_width, pixels) along x and y, as image[x, y],
+    and where it is known body [m], the radius of a disk about the origin that holds all sources.
 NumPy is all that this file needs: it runs in the environment of every peer.
 """
 
@@ -31,6 +32,7 @@ class Problem:
     sound_speed: float
     half_width: float
     pixels: int
+    body: float | None = None
 
     @property
     def axis(self) -> np.ndarray:
@@ -55,6 +57,7 @@ def load(path: str) -> Problem:
             file["detectors"],
             *(float(file[name]) for name in ("sampling_rate", "sound_speed", "half_width")),
             int(file["pixels"]),
+            float(file["body"]) if "body" in file else None,
         )
 
 

@@ -52,6 +52,7 @@ def _cut(simulated, array, rng):
         "pixels": PIXELS,
         "truth": image(simulated.stem, x, x),
         "inside": _disk(x, BODY),
+        "body": BODY,
     }
 
 
@@ -72,6 +73,7 @@ def _of_unit_circle(file, rows, n, inside):
         "pixels": len(x),
         "truth": file["truth"].T[::2, ::2],
         "inside": _disk(x, 0.97) & inside(x),
+        "body": 0.97,
     }
 
 

@@ -1,8 +1,8 @@
 """scikit-image: filtered back-projection of straight lines, where circles are taken for lines.
 
 It has no method for circular means. What it has, `iradon`, serves detectors all around and far
-away: g(z, r), the integral of p over time times r, is then about the integral over the line at
-R - r across the direction of z. So a user without any other code may do it, and no better.
+away: the integral of p over time is then about the integral over the line at R - r across the
+direction of z. So a user without any other code may do it, and no better.
 """
 
 import numpy as np
@@ -19,7 +19,6 @@ def reconstruct(problem):
         raise NotForThis("iradon would need detectors all around")
     path = problem.sound_speed * problem.times
     means = cumulative_trapezoid(problem.record, path, axis=1, initial=0)
-    # two-dimensional waves: p = d/dt of the Abel-like mean; half a derivative undoes its tail
     offsets = distances.mean() - problem.axis
     lines = np.stack([np.interp(offsets, path, row) for row in means])
     found = iradon(lines.T, angles, problem.pixels, circle=True)

@@ -1,0 +1,177 @@
+"""The tables of docs/comparison.md and its picture, from results.json and the images.
+
+    python benchmarks/peers/report.py [--out out/peers]
+
+The picture is drawn where the images are; the page's tables stand between two marks.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).parent
+PAGE = HERE.parents[1] / "docs" / "comparison.md"
+PICTURE = HERE.parents[1] / "docs" / "pictures" / "peers.png"
+MARKS = "<!-- tables of benchmarks/peers/report.py -->", "<!-- end of these tables -->"
+SHOWN = "vessels-arc270"
+PROBLEMS = {
+    "vessels-ring": "ring",
+    "vessels-arc270": "270°",
+    "vessels-ellipse": "ellipse, 300°",
+    "vessels-half": "180°",
+    "vessels-arc125": "125°",
+    "full_circle_64_detectors": "64 on a ring*",
+    "half_disk_three_quarter_arc": "270°, half disk*",
+}
+BETTER = {  # measure: its name, and 1 where larger is better
+    "relative_l2": ("relative L2", -1),
+    "ssim": ("SSIM", 1),
+    "haar_psi": ("HaarPSI", 1),
+    "jensen_shannon": ("Jensen-Shannon", -1),
+    "median_absolute_error": ("median absolute", -1),
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Tables and picture of the comparison.")
+    parser.add_argument("--out", type=Path, default=Path("out/peers"), help="where images are")
+    folder = parser.parse_args().out
+    results = json.loads((HERE / "results.json").read_text())
+    text = PAGE.read_text()
+    before, rest = text.split(MARKS[0])
+    after = rest.split(MARKS[1])[1]
+    PAGE.write_text(f"{before}{MARKS[0]}\n{tables(results)}\n{MARKS[1]}{after}")
+    if any(folder.glob("image-*.npz")):
+        draw(folder, [row["peer"] for row in of_problem(results["rows"], SHOWN)])
+    else:
+        print(f"no images in {folder}: the picture is left as it is", file=sys.stderr)
+
+
+def of_problem(rows: list[dict], problem: str) -> list[dict]:
+    """Those that made an image of it."""
+    return [row for row in rows if row.get("problem") == problem and "cold_s" in row]
+
+
+def best(rows: list[dict], measure: str) -> str:
+    """The peer of the best value, of rows of one problem."""
+    sign = BETTER[measure][1]
+    return max((row for row in rows if measure in row), key=lambda row: sign * row[measure])["peer"]
+
+
+def tables(results: dict) -> str:
+    """Errors by array; measures and costs on one problem; how often each is best; who is absent."""
+    rows = results["rows"]
+    peers = list(dict.fromkeys(row["peer"] for row in rows if "cold_s" in row))
+    parts = [_by_array(rows, peers), _on_one(rows), _firsts(rows, peers), _absent(rows, results)]
+    return "\n\n".join(parts)
+
+
+def _table(head: list[str], lines: list[list[str]]) -> str:
+    every = [head, ["---"] * len(head), *lines]
+    return "\n".join(f"| {' | '.join(line)} |" for line in every)
+
+
+def _by_array(rows: list[dict], peers: list[str]) -> str:
+    lines = [[peer] for peer in peers]
+    for problem in PROBLEMS:
+        found = {row["peer"]: row for row in of_problem(rows, problem)}
+        first = best(list(found.values()), "relative_l2") if found else ""
+        for line in lines:
+            value = f"{found[line[0]]['relative_l2']:.3f}" if line[0] in found else ""
+            line.append(f"**{value}**" if line[0] == first else value)
+    return "Relative L2 error:\n\n" + _table(["", *PROBLEMS.values()], lines)
+
+
+def _on_one(rows: list[dict]) -> str:
+    found = of_problem(rows, SHOWN)
+    firsts = {measure: best(found, measure) for measure in BETTER}
+    lines = []
+    for row in found:
+        values = [
+            f"**{row[name]:.3f}**" if row["peer"] == firsts[name] else f"{row[name]:.3f}"
+            for name in BETTER
+        ]
+        warm = f"{row['warm_s']:.2g}" if row["runs"] > 1 else ""
+        cost = [f"{row['cold_s']:.2g}", warm, f"{row['memory_mib']:.0f}"]
+        lines.append([row["peer"], row["version"], *values, *cost])
+    head = ["", "version", *(name for name, _ in BETTER.values())]
+    head += ["first run [s]", "again [s]", "memory [MiB]"]
+    return "All measures, and cost, for the vessels in the arc of 270°:\n\n" + _table(head, lines)
+
+
+def _firsts(rows: list[dict], peers: list[str]) -> str:
+    judged = [row for row in rows if "relative_l2" in row]
+    problems = list(dict.fromkeys(row["problem"] for row in judged))
+    counts = {peer: dict.fromkeys(BETTER, 0) for peer in peers}
+    for problem in problems:
+        for measure in BETTER:
+            counts[best(of_problem(judged, problem), measure)][measure] += 1
+    tried = {peer: sum(row["peer"] == peer for row in judged) for peer in peers}
+    lines = [
+        [peer, str(tried[peer]), *(str(counts[peer][name]) for name in BETTER)] for peer in peers
+    ]
+    head = ["", "problems", *(name for name, _ in BETTER.values())]
+    return f"Of {len(problems)} problems it is the best of all in:\n\n" + _table(head, lines)
+
+
+def _absent(rows: list[dict], results: dict) -> str:
+    lines = [f"- {row['peer']}: {row['reason']}" for row in rows if "problem" not in row]
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for row in rows:
+        if "reason" in row and "problem" in row:
+            reasons.setdefault((row["peer"], row["reason"]), []).append(row["problem"])
+    lines += [
+        f"- {peer}, {len(problems)} problems ({', '.join(problems)}): {reason}"
+        for (peer, reason), problems in reasons.items()
+    ]
+    made = f"Made on {results['date']}, {results['machine']}."
+    return f"{made} Not run, or without an image:\n\n" + "\n".join(lines)
+
+
+def draw(folder: Path, peers: list[str]) -> None:
+    """Truth and images of one problem, and the measured scan, each after its calibration."""
+    import matplotlib.pyplot as plt
+    from environments import PEERS
+
+    scripts = [peer for peer in PEERS if peer.title in peers]
+    wide = len(scripts) + 1
+    plt.rcParams.update({"font.size": 7})
+    figure, axes = plt.subplots(2, wide, figsize=(1.55 * wide, 3.5), dpi=130, layout="constrained")
+    for row, name in enumerate((SHOWN, "msot_scan9")):
+        with np.load(folder / f"problem-{name}.npz") as problem:
+            known = {key: problem[key] for key in problem.files if key != "record"}
+        half = 1e3 * float(known["half_width"])
+        extent = (-half, half, -half, half)
+        cells = [("truth", known.get("truth"))]
+        cells += [(peer.title, _image(folder, name, peer.script, known)) for peer in scripts]
+        for axis, (title, image) in zip(axes[row], cells, strict=True):
+            axis.axis("off" if image is None else "on")
+            if image is not None:
+                limits = (0, 1) if "truth" in known else np.percentile(image, (2, 99.7))
+                axis.imshow(image.T, "gray", origin="lower", extent=extent, clim=limits)
+                axis.set_title(title.replace(", ", ",\n"))
+        axes[row, 0 if "truth" in known else 1].set(xlabel="x [mm]", ylabel="y [mm]")
+    figure.savefig(PICTURE, metadata={"Software": None})
+
+
+def _image(folder: Path, problem: str, script: str, known: dict) -> np.ndarray | None:
+    """Calibrated where there is a truth, else with the sign of a positive middle."""
+    from measures import calibrated
+
+    path = folder / f"image-{problem}-{script}.npz"
+    if not path.is_file():
+        return None
+    with np.load(path) as found:
+        if "image" not in found:
+            return None
+        image = found["image"].astype(float)
+    if "truth" in known:
+        return calibrated(image, known["truth"].astype(float), known["inside"])
+    return image
+
+
+if __name__ == "__main__":
+    main()
