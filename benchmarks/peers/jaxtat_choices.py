@@ -5,11 +5,11 @@ from typing import Any
 
 import jax
 import numpy as np
+from peer import NotForThis, Problem
 
 from jaxtat import ImageGrid, Setup
 from jaxtat.io import Scan
 from jaxtat.scans import Choices, choose, setup_of
-from peer import NotForThis, Problem
 
 jax.config.update("jax_enable_x64", True)
 

@@ -1,7 +1,7 @@
 """PATATO: the Fourier-Hankel method for circles, absent detectors being zero.
 
 Its images are turned as its scanner's are, whose middle is at the top: so the array is turned
-there, and the image back. A ring has no middle: it is moved by 1e-9 of its radius, which gives it one.
+there, and the image back. A ring has no middle: it is moved by 1e-9 of its radius.
 """
 
 import numpy as np

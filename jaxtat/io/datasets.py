@@ -162,9 +162,9 @@ DATA_SETS = {
         ),
         DataSet(
             name="digital_twins_2025",
-            what="phantoms measured in an MSOT inVision and simulated alike, with the truth: folders "
-            "calibration, testing and full_view of .npy files: p0 and images (300, 300) of 32 mm, "
-            "records (256, 2030), reconstructions by six methods.",
+            what="phantoms measured in an MSOT inVision and simulated alike, with the truth: "
+            "folders calibration, testing and full_view of .npy files: p0 and images (300, 300) of "
+            "32 mm, records (256, 2030), reconstructions by six methods.",
             licence="CC BY 4.0",
             citation="J. Gröhl et al., Digital twins enable full-reference quality assessment of "
             "photoacoustic image reconstructions, J. Acoust. Soc. Am. 158 (2025) 590-601",
