@@ -19,6 +19,7 @@ from jaxtyping import install_import_hook
 
 # in one piece: to split each program for threads to compile costs more time than they have to gain
 UNOPTIMISED = "--xla_backend_optimization_level=0 --xla_cpu_parallel_codegen_split_count=1"
+UNOPTIMISED += " --xla_llvm_disable_expensive_passes=true"
 if jaxlib.version.__version_info__ < (0, 11):  # a process with a flag that XLA lacks is ended by it
     UNOPTIMISED += " --xla_cpu_use_fusion_emitters=false"
 if "XLA_FLAGS" not in os.environ:
@@ -147,21 +148,28 @@ def back(function, at, weights):
     return jax.vjp(lambda *at: ravel_pytree(function(*at))[0], *at)[1](weights)
 
 
+@partial(jax.jit, static_argnums=0)
+def there_and_back(function, at, along, h):
+    """What ``ahead`` gives, random weights, and ``back`` with them, in one program."""
+    value, forward = ahead(function, at, along, h)
+    weights = jnp.asarray(np.random.default_rng(8).standard_normal(value.shape))
+    moved = tuple(x + h * d for x, d in zip(at, along, strict=True))
+    return value, forward, weights, back(function, moved, weights)
+
+
 def both_modes(function, at, step=1e-5, rtol=1e-5, atol=1e-5, order=1):
     """Forward mode against central differences along a random direction, reverse against forward.
 
-    In two programs for all arguments ``at`` together, and for all calls with this function;
+    In one program for all arguments ``at`` together, and for all calls with this function;
     `jax.test_util.check_grads` makes about six. With order 2 both derivatives are derived again.
     Returns the derivatives in reverse mode, of all entries with random weights.
     """
     rng = np.random.default_rng(7)
     at = tuple(map(jnp.asarray, at))
     along = tuple(jnp.asarray(np.asarray(rng.standard_normal(x.shape))) for x in at)
-    value, forward = ahead(function, at, along, 0.0)
-    far, near = (ahead(function, at, along, h)[0] for h in (step, -step))
+    _, forward, weights, slopes = there_and_back(function, at, along, 0.0)
+    far, near = (there_and_back(function, at, along, h)[0] for h in (step, -step))
     np.testing.assert_allclose(forward, (far - near) / (2 * step), rtol=rtol, atol=atol)
-    weights = jnp.asarray(rng.standard_normal(value.shape))
-    slopes = back(function, at, weights)
     backward = sum(map(jnp.vdot, slopes, along))
     np.testing.assert_allclose(backward, jnp.vdot(weights, forward), rtol=rtol, atol=atol)
     if order > 1:

@@ -4,7 +4,7 @@
 
 Sampled at d lambda = π/(2R), as fhat is, the kinks of |lambda| at 0 and ±lambda_N would cost all
 but two digits: its transform, the ramp of filtered back-projection, falls like 1/s² only, and a sum
-over frequencies repeats it with the period 4R. So the ramp is split by a Gaussian in s. What is
+over frequencies repeats it with the period 4R. So the ramp is split by a window in s. What is
 near is summed as fhat is sampled. What is far is smooth, so that it holds frequencies beside the
 kinks alone: there steps half as wide are taken, some dozens. It is faded out between 3R and 5R,
 farther than points x and what the projections show are from each other.
@@ -28,7 +28,8 @@ from ..base.parallel import in_groups
 from ..geometry import ImageGrid
 from ..special import to_grid
 
-DIGITS = {np.dtype(np.complex64): 6, np.dtype(np.complex128): 10}  # of all that is approximated
+DIGITS = {np.dtype(np.complex64): 6, np.dtype(np.complex128): 10}  # of the non-uniform FFT
+SPLIT = 10  # digits to which the ramp is split: the same images in both precisions
 GROUP = 2**21  # samples of images that are worked on together
 
 
@@ -69,7 +70,7 @@ def fourier_inversion(
     """
     *batch, n_samples, n_directions = fhat.shape
     digits, real = DIGITS[fhat.dtype], fhat.real.dtype
-    near, far = _weights(n_samples - 1, digits)
+    near, far = _weights(n_samples - 1, SPLIT)
     halves = np.flatnonzero(far) + 0.5
     multiples = np.concatenate([np.arange(n_samples), halves])
     directions = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
@@ -117,17 +118,19 @@ def _between(
 def _weights(n: int, digits: int) -> tuple[np.ndarray, np.ndarray]:
     """Of the samples at lambda = 0, 1, .., n and of those at 1/2, 3/2, .., n - 1/2, in d lambda.
 
-    The ramp at offsets j π/lambda_N is 1/4 at 0, -1/(π j)² at odd and 0 at even j. The Gaussian
-    ends, to so many digits, at R in s, before the period 4R matters, and what it leaves ``last``
-    steps from the kinks. Where there are no more steps than that, all are halved: nothing is near.
+    The ramp at offsets j π/lambda_N is 1/4 at 0, -1/(π j)² at odd and 0 at even j. Kaiser's window
+    ends at R in s, before the period 4R matters, and its spectrum, to so many digits, ``last``
+    steps from 0. Where there are no more steps than that, all are halved: nothing is near.
     """
-    sharpness = np.sqrt(2 * np.log(10) * digits)
-    width = n / 2 / sharpness  # standard deviation [offsets], R = n/2 of them
-    last = int(np.ceil(sharpness * n / width / np.pi))
+    bandwidth = np.log(10) * digits  # times half the window's length, R = n/2 offsets
+    last = int(np.ceil(bandwidth * 2 / np.pi))
     j = np.arange(-3 * n, 3 * n)  # to 6R
     ramp = np.where(j % 2 != 0, -1 / (np.pi * np.where(j == 0, 1, j)) ** 2, 0.25 * (j == 0))
-    near = ramp * np.exp(-0.5 * (j / width) ** 2) if 2 * last < n else 0 * ramp
-    faded = 0.5 * scipy.special.erfc(sharpness / np.sqrt(2) * (2 * np.abs(j) / n - 4))
+    semicircle = np.sqrt(np.maximum(1 - (2 * j / n) ** 2, 0))
+    window = scipy.special.i0(bandwidth * semicircle) / scipy.special.i0(bandwidth)
+    near = ramp * np.where(2 * np.abs(j) <= n, window, 0) * (2 * last < n)
+    # out there the ramp is so small that half of the digits are enough
+    faded = 0.5 * scipy.special.erfc(np.sqrt(bandwidth / 2) * (2 * np.abs(j) / n - 4))
     far = np.zeros(4 * n)
     np.add.at(far, j % (4 * n), (ramp - near) * faded)
     fine = n * np.fft.fft(far).real[: 2 * n + 1]

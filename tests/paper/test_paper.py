@@ -1,6 +1,7 @@
 """``jaxtat paper`` at the paper's size: the table's figures, and every file it promises."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -19,11 +20,12 @@ FIGURES = (
 
 
 @pytest.fixture(scope="session")
-def paper(tmp_path_factory):
+def paper(tmp_path_factory, unoptimised_flags):
     """The command, run once for all tests in a process of its own: (folder, metrics, output)."""
     folder = tmp_path_factory.mktemp("paper")
     command = [sys.executable, "-m", "jaxtat", "paper", "--out", str(folder), "--quiet"]
-    run = subprocess.run(command, capture_output=True, text=True)
+    environment = os.environ | {"XLA_FLAGS": unoptimised_flags}
+    run = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert run.returncode == 0, run.stderr
     return folder, json.loads((folder / "metrics.json").read_text()), run.stdout
 

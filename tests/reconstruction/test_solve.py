@@ -256,16 +256,20 @@ def step_along(name, value):
 def test_derivatives_of_the_image(kind, solver):
     """Reverse mode equals forward mode, and finite differences in every parameter."""
     energy, parameters = energy_of(kind, solver), PARAMETERS[kind]
-    value_and_slopes = jax.jit(jax.value_and_grad(energy))
-    _, slopes = value_and_slopes(parameters)
     steps = {name: step_along(name, value) for name, value in parameters.items()}
+
+    @jax.jit  # one program for all
+    def derived(parameters):
+        value, forward = jax.jvp(energy, (parameters,), (steps,))
+        return value, forward, jax.grad(energy)(parameters)
+
+    _, forward, slopes = derived(parameters)
     along = {name: float(jnp.vdot(slopes[name], steps[name])) for name in parameters}
-    forward = jax.jit(lambda p, s: jax.jvp(energy, (p,), (s,))[1])(parameters, steps)
     size = max(abs(value) for value in along.values())
     np.testing.assert_allclose(forward, sum(along.values()), rtol=0, atol=1e-9 * size)
     for name, step in steps.items():
         change = {sign: parameters[name] + sign * 1e-5 * step for sign in (1, -1)}
-        ahead, behind = (value_and_slopes(parameters | {name: change[s]})[0] for s in (1, -1))
+        ahead, behind = (derived(parameters | {name: change[s]})[0] for s in (1, -1))
         np.testing.assert_allclose((ahead - behind) / 2e-5, along[name], rtol=1e-5, err_msg=name)
 
 

@@ -8,10 +8,10 @@ import pytest
 from jaxtat import ImageGrid, Setup, circular_arc, cosine_filter, disk, phantoms, reconstruct
 from jaxtat.studies import sharpness, sound_speed_by_sharpness
 
-GRID = ImageGrid(65)
+GRID = ImageGrid(49)
 STEP = float(GRID.spacing[0])
-CURVE, REGION = circular_arc(1.3, 1.0, 130), disk(0.95)
-RADII = 0.25 + STEP * jnp.arange(69)
+CURVE, REGION = circular_arc(1.3, 1.0, 98), disk(0.95)
+RADII = 0.25 + STEP * jnp.arange(52)
 SETUP = Setup(CURVE, REGION, GRID, 0.98 * RADII)  # as if the speed were 2 % less
 DISKS = phantoms.Disks([[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1]], [0.7, 0.2, 0.15], [1, 0.5, -0.5])
 

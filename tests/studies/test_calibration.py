@@ -21,7 +21,7 @@ from jaxtat.densities.harmonic import polar_geometry
 from jaxtat.studies import calibrate
 from jaxtat.studies.calibration import Parameters, _corrected, _fit, _Problem
 
-DETECTORS = 50
+DETECTORS = 42
 GRID = ImageGrid(33)
 STEP = float(GRID.spacing[0])
 CURVE, REGION = circular_arc(1.3, 1.0, DETECTORS), disk(0.95)
