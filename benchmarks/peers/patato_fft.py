@@ -24,10 +24,16 @@ def reconstruct(problem):
     c, s = np.cos(turn), np.sin(turn)
     geometry[:, :2] = problem.detectors @ np.array([[c, s], [-s, c]])
     geometry[:, 1] += 1e-9 * distances.mean()
-    below = (np.arctan2(geometry[:, 1], geometry[:, 0]) - np.pi / 2 + np.pi) % (2 * np.pi)
-    order = np.argsort(below)
+    order = np.argsort(_from_the_middle(geometry))
     found = image_of(problem, FFTReconstruction, record[:, :, order], rate, geometry[order])
     return found if turn == 0 else rotate(found, np.degrees(turn), reshape=False, order=3)
+
+
+def _from_the_middle(geometry):
+    """Angles by which it interpolates, from -pi to pi: they have to increase."""
+    middle = np.arctan2(np.mean(geometry[:, 1]), np.mean(geometry[:, 0]))
+    angles = (np.arctan2(geometry[:, 1], geometry[:, 0]) - middle) % (2 * np.pi)
+    return np.where(angles > np.pi, angles - 2 * np.pi, angles)
 
 
 if __name__ == "__main__":
