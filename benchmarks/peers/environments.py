@@ -29,6 +29,7 @@ REQUIREMENTS = {
 }
 PEERS = [
     Peer("jaxtat, direct", "jaxtat_direct"),
+    Peer("jaxtat, direct, all frequencies", "jaxtat_all_frequencies"),
     Peer("jaxtat, model-based", "jaxtat_model_based"),
     Peer("PATATO, back-projection", "patato_backprojection", "patato"),
     Peer("PATATO, FFT", "patato_fft", "patato"),

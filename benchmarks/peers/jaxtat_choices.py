@@ -5,7 +5,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from peer import NotForThis, Problem
+from peer import Problem
 
 from jaxtat import ImageGrid, Setup
 from jaxtat.io import Scan
@@ -31,9 +31,3 @@ def image_of(problem: Problem, make: Callable[..., Any], **given: Any) -> np.nda
     setup = Setup(*where, max_frequency=choices.max_frequency)
     image = np.asarray(make(scan, choices, setup))
     return np.where(np.asarray(setup.region.contains(grid.points)), image, 0.0)
-
-
-def refuse_constrained(choices: Choices) -> None:
-    """For the direct method: where jaxtat itself would fit an image."""
-    if choices.model_based:
-        raise NotForThis("jaxtat itself takes the model-based fit here")

@@ -1,17 +1,17 @@
 """PATATO: its back-projection of the record's Hilbert transform, the filtered one of its authors.
 
-Filters are left at none, time and detectors are not interpolated: the record has no noise outside
-the band of the image, and as many detectors as the array has.
+Time and detectors are not interpolated, as its presets do for scanners: there are enough of both.
 """
 
 from patato_scan import image_of, preprocessed
 from peer import run
+from sound_in_space import in_space
 
 
 def reconstruct(problem):
     from patato import ReferenceBackprojection
 
-    record, rate, geometry = preprocessed(problem, hilbert=True)
+    record, rate, geometry = preprocessed(in_space(problem), hilbert=True)
     return image_of(problem, ReferenceBackprojection, record, rate, geometry)
 
 

@@ -1,13 +1,22 @@
-"""PATATO: least squares with its Laplacian penalty, as its authors used it; its matrix included."""
+"""PATATO: least squares with its Laplacian penalty, as its authors used it; its matrix included.
 
+Of its defaults one is changed: 50 iterations instead of 10, after which images are far from done.
+"""
+
+import numpy as np
 from patato_scan import preprocessed, sizes
-from peer import run
+from peer import NotForThis, run
+from sound_in_space import in_space
+
+ITERATIONS = 50
 
 
 def reconstruct(problem):
     from patato.recon.model_based.model_based import ModelBasedReconstruction
 
-    record, rate, geometry = preprocessed(problem, hilbert=False)
+    if np.linalg.norm(problem.detectors, axis=1).min() < np.sqrt(2) * problem.half_width:
+        raise NotForThis("its matrix wants all detectors outside of the square of the image")
+    record, rate, geometry = preprocessed(in_space(problem), hilbert=False)
     known = {
         "geometry": geometry,
         "fs": rate,
@@ -15,7 +24,9 @@ def reconstruct(problem):
         "c": problem.sound_speed,
     }
     pixels, field = sizes(problem)
-    method = ModelBasedReconstruction(pixels, field, known, regulariser="laplacian")
+    method = ModelBasedReconstruction(
+        pixels, field, known, regulariser="laplacian", iter_lim=ITERATIONS
+    )
     found = method.reconstruct(record, rate, geometry, pixels, field, problem.sound_speed)
     return found.reshape(problem.pixels, problem.pixels).T
 

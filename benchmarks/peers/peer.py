@@ -2,11 +2,12 @@
 
     python PEER.py PROBLEM.npz OUT.npz
 
-A problem is a pressure record of two-dimensional waves, from time 0:
+A problem is a pressure record, from time 0:
     record (detectors, samples), detectors (detectors, 2) [m], sampling_rate [Hz],
     sound_speed [m/s], half_width [m] and pixels: the image is wanted at the nodes of
     linspace(-half_width, half_width, pixels) along x and y, as image[x, y],
-    and where it is known body [m], the radius of a disk about the origin that holds all sources.
+    and where it is known body [m], the radius of a disk about the origin that holds all sources,
+    and dimension, 3 for sound measured in space, of sources in a plane.
 NumPy is all that this file needs: it runs in the environment of every peer.
 """
 
@@ -20,6 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 
 AGAIN = 60.0  # what took longer once is not run again [s]
+# of the peak of memory that the system tells: bytes in macOS, else 1024 bytes
+UNITS_PER_MIB = 2**20 if sys.platform == "darwin" else 2**10
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,7 @@ class Problem:
     half_width: float
     pixels: int
     body: float | None = None
+    dimension: int = 2
 
     @property
     def axis(self) -> np.ndarray:
@@ -58,6 +62,7 @@ def load(path: str) -> Problem:
             *(float(file[name]) for name in ("sampling_rate", "sound_speed", "half_width")),
             int(file["pixels"]),
             float(file["body"]) if "body" in file else None,
+            int(file["dimension"]) if "dimension" in file else 2,
         )
 
 
@@ -86,6 +91,6 @@ def run(
         sys.argv[2],
         image=image,
         seconds=seconds,
-        memory=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,  # [MiB]
+        memory=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / UNITS_PER_MIB,
         version=version or importlib.metadata.version(package),
     )

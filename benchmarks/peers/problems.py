@@ -98,6 +98,7 @@ def _msot(file):
         "sound_speed": 1480.0,
         "half_width": 12.5e-3,
         "pixels": PIXELS,
+        "dimension": 3,
     }
 
 
