@@ -10,7 +10,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = ROOT / "benchmarks" / "peers"
-MODULES = ("arrays", "environments", "full_circle", "measures", "peer", "phantoms", "reversal")
+MODULES = ("arrays", "environments", "full_circle", "measures", "peer", "phantoms", "report")
+MODULES += ("reversal", "sound_in_space")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -166,6 +167,52 @@ def test_time_reversal_plays_a_record_along_the_curve():
         record, np.tile(x[rows, None], len(times)), atol=1.01 * (x[1] - x[0])
     )
     assert np.all(x[columns] > -(x[1] - x[0]))
+
+
+def test_a_wave_in_the_plane_becomes_one_in_space():
+    """The half derivative of a half integral that is computed as its definition has it."""
+    from peer import Problem
+    from sound_in_space import in_space
+
+    def pulse(t):
+        s = ((t - 1) / 0.1) ** 2
+        return (1 - 2 * s) * np.exp(-s)  # a second derivative: its half integral soon fades
+
+    rate, n = 500.0, 2000
+    t = np.arange(n) / rate
+    # the half integral, of pulse(s) / sqrt(pi (t - s)), by the substitution t - s = u²
+    u = (np.arange(2000) + 0.5) / 1000
+    plane = pulse(t[:, None] - u**2).sum(axis=1) * 2 / np.sqrt(np.pi) / 1000
+    fine = {"detectors": np.zeros((1, 2)), "sampling_rate": rate, "sound_speed": 1.0}
+    fine |= {"half_width": 0.01, "pixels": 41}  # up to 1000 Hz: the low-pass does nothing
+    found = in_space(Problem(plane[None], **fine)).record[0]
+    np.testing.assert_allclose(found[t < 3], pulse(t[t < 3]), atol=1e-3)
+    measured_in_space = Problem(pulse(t)[None], **fine, dimension=3)
+    np.testing.assert_allclose(in_space(measured_in_space).record[0], pulse(t), atol=1e-6)
+    coarse = fine | {"pixels": 2}  # 25 Hz
+    wave = np.cos(2 * np.pi * 25 * t)
+    weakened = in_space(Problem(wave[None], **coarse, dimension=3)).record[0]
+    assert np.abs(weakened[500:1500]).max() == pytest.approx(np.sqrt(0.5), abs=0.01)
+
+
+def test_the_page_has_the_tables_of_the_results():
+    report = importlib.import_module("report")
+    page = (ROOT / "docs" / "comparison.md").read_text()
+    between = page.split(report.MARKS[0])[1].split(report.MARKS[1])[0]
+    assert between.strip() == report.tables(json.loads((SCRIPTS / "results.json").read_text()))
+
+
+def test_who_is_better_is_named():
+    report = importlib.import_module("report")
+    rows = [
+        {"peer": "jaxtat, direct", "problem": "a", "relative_l2": 0.2},
+        {"peer": "jaxtat, direct", "problem": "b", "relative_l2": 0.1},
+        {"peer": "X", "problem": "a", "relative_l2": 0.1},
+        {"peer": "X", "problem": "b", "relative_l2": 0.3},
+        {"peer": "X", "problem": "c", "reason": "for circles only"},
+        {"peer": "Y", "reason": "not cloned"},
+    ]
+    assert report._better(rows).endswith("- than jaxtat, direct, of 2 problems: X (a).")
 
 
 def test_the_results_hold_every_peer_or_its_reason():

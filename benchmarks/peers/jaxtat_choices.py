@@ -9,7 +9,7 @@ from peer import Problem
 
 from jaxtat import ImageGrid, Setup
 from jaxtat.io import Scan
-from jaxtat.scans import Choices, choose, setup_of
+from jaxtat.scans import choose, setup_of
 
 jax.config.update("jax_enable_x64", True)
 

@@ -17,6 +17,7 @@ PAGE = HERE.parents[1] / "docs" / "comparison.md"
 PICTURE = HERE.parents[1] / "docs" / "pictures" / "peers.png"
 MARKS = "<!-- tables of benchmarks/peers/report.py -->", "<!-- end of these tables -->"
 SHOWN = "vessels-arc270"
+COLUMNS = 5  # of the picture
 PROBLEMS = {
     "vessels-ring": "ring",
     "vessels-arc270": "270°",
@@ -26,6 +27,7 @@ PROBLEMS = {
     "full_circle_64_detectors": "64 on a ring*",
     "half_disk_three_quarter_arc": "270°, half disk*",
 }
+MEASURED = "relative_l2"  # rows of images whose truth is known have it
 BETTER = {  # measure: its name, and 1 where larger is better
     "relative_l2": ("relative L2", -1),
     "ssim": ("SSIM", 1),
@@ -62,11 +64,11 @@ def best(rows: list[dict], measure: str) -> str:
 
 
 def tables(results: dict) -> str:
-    """Errors by array; measures and costs on one problem; how often each is best; who is absent."""
+    """Errors by array; where others are better; all measures of one problem; firsts; absent."""
     rows = results["rows"]
     peers = list(dict.fromkeys(row["peer"] for row in rows if "cold_s" in row))
-    parts = [_by_array(rows, peers), _on_one(rows), _firsts(rows, peers), _absent(rows, results)]
-    return "\n\n".join(parts)
+    parts = [_by_array(rows, peers), _better(rows), _on_one(rows), _firsts(rows, peers)]
+    return "\n\n".join([*parts, _absent(rows, results)])
 
 
 def _table(head: list[str], lines: list[list[str]]) -> str:
@@ -80,9 +82,32 @@ def _by_array(rows: list[dict], peers: list[str]) -> str:
         found = {row["peer"]: row for row in of_problem(rows, problem)}
         first = best(list(found.values()), "relative_l2") if found else ""
         for line in lines:
-            value = f"{found[line[0]]['relative_l2']:.3f}" if line[0] in found else ""
+            value = _digits(found[line[0]]["relative_l2"]) if line[0] in found else ""
             line.append(f"**{value}**" if line[0] == first else value)
     return "Relative L2 error:\n\n" + _table(["", *PROBLEMS.values()], lines)
+
+
+def _digits(value: float) -> str:
+    return f"{value:.3f}" if value > 0.01 else f"{value:.5f}"
+
+
+def _better(rows: list[dict]) -> str:
+    """Who has a smaller error than each of jaxtat's methods, and in which problems."""
+    lines = []
+    ours = [peer for peer in dict.fromkeys(row["peer"] for row in rows) if "jaxtat" in peer]
+    for own in ours:
+        errors = {
+            r["problem"]: r["relative_l2"] for r in rows if r["peer"] == own and MEASURED in r
+        }
+        found: dict[str, list[str]] = {}
+        for row in rows:
+            if "jaxtat" not in row["peer"] and row.get(MEASURED, np.inf) < errors.get(
+                row.get("problem"), 0.0
+            ):
+                found.setdefault(row["peer"], []).append(row["problem"])
+        said = [f"{peer} ({', '.join(problems)})" for peer, problems in found.items()]
+        lines.append(f"- than {own}, of {len(errors)} problems: {'; '.join(said) or 'nobody'}.")
+    return "**Others have a smaller relative L2 error:**\n\n" + "\n".join(lines)
 
 
 def _on_one(rows: list[dict]) -> str:
@@ -132,33 +157,39 @@ def _absent(rows: list[dict], results: dict) -> str:
 
 
 def draw(folder: Path, peers: list[str]) -> None:
-    """Truth and images of one problem, and the measured scan, each after its calibration."""
+    """Truth and images of one problem, and those of the measured scan."""
     import matplotlib.pyplot as plt
     from environments import PEERS
 
     scripts = [peer for peer in PEERS if peer.title in peers]
-    wide = len(scripts) + 1
+    deep = -(-(len(scripts) + 1) // COLUMNS)  # rows of pictures for each problem
     plt.rcParams.update({"font.size": 7})
-    figure, axes = plt.subplots(2, wide, figsize=(1.55 * wide, 3.5), dpi=130, layout="constrained")
-    for row, name in enumerate((SHOWN, "msot_scan9")):
+    size = (1.6 * COLUMNS, 3.7 * deep)
+    figure, axes = plt.subplots(2 * deep, COLUMNS, figsize=size, dpi=130, layout="constrained")
+    for axis in axes.flat:
+        axis.axis("off")
+    for block, name in zip((axes[:deep], axes[deep:]), (SHOWN, "msot_scan9"), strict=True):
         with np.load(folder / f"problem-{name}.npz") as problem:
             known = {key: problem[key] for key in problem.files if key != "record"}
-        half = 1e3 * float(known["half_width"])
-        extent = (-half, half, -half, half)
         cells = [("truth", known.get("truth"))]
         cells += [(peer.title, _image(folder, name, peer.script, known)) for peer in scripts]
-        for axis, (title, image) in zip(axes[row], cells, strict=True):
-            axis.axis("off" if image is None else "on")
-            if image is not None:
-                limits = (0, 1) if "truth" in known else np.percentile(image, (2, 99.7))
-                axis.imshow(image.T, "gray", origin="lower", extent=extent, clim=limits)
-                axis.set_title(title.replace(", ", ",\n"))
-        axes[row, 0 if "truth" in known else 1].set(xlabel="x [mm]", ylabel="y [mm]")
+        cells = [cell for cell in cells if cell[1] is not None]
+        for axis, cell in zip(block.flat, cells, strict=False):
+            _show(axis, *cell, known)
+        block[0, 0].set(xlabel="x [mm]", ylabel="y [mm]")
     figure.savefig(PICTURE, metadata={"Software": None})
 
 
+def _show(axis, title: str, image: np.ndarray, known: dict) -> None:
+    half = 1e3 * float(known["half_width"])
+    limits = (0, 1) if "truth" in known else np.percentile(image, (2, 99.7))
+    axis.axis("on")
+    axis.imshow(image.T, "gray", origin="lower", extent=(-half, half, -half, half), clim=limits)
+    axis.set_title(title.replace(", ", ",\n", 1))
+
+
 def _image(folder: Path, problem: str, script: str, known: dict) -> np.ndarray | None:
-    """Calibrated where there is a truth, else with the sign of a positive middle."""
+    """Calibrated where there is a truth; nothing if the peer made no image."""
     from measures import calibrated
 
     path = folder / f"image-{problem}-{script}.npz"
