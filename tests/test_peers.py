@@ -10,8 +10,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = ROOT / "benchmarks" / "peers"
-MODULES = ("arrays", "environments", "full_circle", "measures", "peer", "phantoms", "report")
-MODULES += ("reversal", "sound_in_space")
+MODULES = ("arrays", "environments", "full_circle", "jasa2025", "measures", "peer", "phantoms")
+MODULES += ("report", "reversal", "sound_in_space")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -193,6 +193,31 @@ def test_a_wave_in_the_plane_becomes_one_in_space():
     wave = np.cos(2 * np.pi * 25 * t)
     weakened = in_space(Problem(wave[None], **coarse, dimension=3)).record[0]
     assert np.abs(weakened[500:1500]).max() == pytest.approx(np.sqrt(0.5), abs=0.01)
+
+
+def test_the_table_of_digital_twins_is_calibrated_on_its_own_set(tmp_path):
+    """One method off by slope and intercept is perfect; the other has them in one set alone."""
+    jasa2025 = importlib.import_module("jasa2025")
+    rng = np.random.default_rng(0)
+    for part in ("calibration", "testing"):
+        truth = rng.random((280, 280))
+        other = truth if part == "testing" else 2 * truth
+        made = {"p0": truth, "recons/FFT/sim_raw": 5 - 3 * truth, "recons/bp/sim_raw": other}
+        for folder, image in made.items():
+            (tmp_path / part / folder).mkdir(parents=True)
+            np.save(tmp_path / part / folder / "0.npy", image)
+    found = jasa2025.table(tmp_path, "sim_raw")
+    assert found["FFT"] == pytest.approx([-1, 0, 1, 1, 0, 0], abs=1e-9)
+    assert found["BP"][:2] == pytest.approx([1, 0.5], abs=1e-9)  # halved, as the first set wants
+
+
+def test_without_the_files_of_the_digital_twins_it_says_where_they_are(
+    tmp_path, capsys, monkeypatch
+):
+    jasa2025 = importlib.import_module("jasa2025")
+    monkeypatch.setattr(sys, "argv", ["jasa2025.py", str(tmp_path)])
+    assert jasa2025.main() == 2
+    assert "unpack record 15388429 of Zenodo" in capsys.readouterr().err
 
 
 def test_the_page_has_the_tables_of_the_results():

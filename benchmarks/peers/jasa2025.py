@@ -60,7 +60,7 @@ def table(folder: Path, source: str) -> dict[str, list[float]]:
     rows = {}
     for name, spellings in METHODS.items():
         found = {part: _method(folder / part / "recons", spellings, source) for part in truths}
-        if None not in found.values():
+        if all(images is not None for images in found.values()):
             rows[name] = _measured(found, truths)
     if not rows:
         raise FileNotFoundError(f"{folder}/*/recons has no images of METHOD/{source}/*.npy.")
