@@ -16,10 +16,12 @@ from jaxtat import NoiseLevel, build_plan, cosine_filter, model_based, phantoms,
 from jaxtat.constraints import NoPenalty
 
 DISKS = phantoms.Disks(
-    [[0, 0], [0.2, 0.35], [-0.35, -0.1], [0.3, -0.4]], [0.8, 0.25, 0.15, 0.2], [1, 0.5, -0.5, 1]
+    [[0.3, 0.25], [-0.4, 0.1], [-0.1, -0.45], [0.35, -0.4], [0.05, 0.1], [-0.35, 0.55]],
+    [0.28, 0.2, 0.25, 0.12, 0.08, 0.1],
+    [1.0, 0.7, 1.3, 0.9, 1.5, 1.0],
 )
 # noise, and steps of conjugate gradients
-KINDS = {"bells": (0.0, 20), "bells-5": (0.05, 4), "disks-5": (0.05, 6), "disks-15": (0.15, 4)}
+KINDS = {"bells": (0.0, 20), "bells-5": (0.05, 4), "disks-5": (0.05, 10), "disks-15": (0.15, 6)}
 
 
 @pytest.fixture(scope="module", params=KINDS)

@@ -21,7 +21,7 @@ from jaxtat.reconstruction.setup import plane_of
 from jaxtat.regularization import singular_components, unit_norms
 from jaxtat.steps import radial_transform, total_integrals
 from jaxtat.steps.inversion import invert
-from jaxtat.steps.polar_fourier import with_origin
+from jaxtat.steps.polar_transform import with_origin
 
 OUT = Path("notebooks/soft_truncation.png")
 PIXELS, N_DETECTORS, NOISE = 129, 500, 0.15

@@ -1,14 +1,18 @@
 """What `import jaxtat` gives: everything, but only when it is asked for."""
 
 import pkgutil
+import re
 import subprocess
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 import jaxtat
 from jaxtat import everything
+
+PACKAGE = Path(jaxtat.__file__).parent
 
 
 def test_public_names_are_those_of_the_package():
@@ -22,6 +26,15 @@ def test_public_names_are_those_of_the_package():
         assert isinstance(found, ModuleType) or name not in modules
     given = {name for name in vars(everything) if not name.startswith("_")}
     assert given - {"jaxtyping"} == set(jaxtat.__all__) - {"__version__"}
+
+
+def test_no_module_has_the_name_of_a_function_of_its_package():
+    """Whichever is imported last would hide the other."""
+    for package in PACKAGE.glob("**/__init__.py"):
+        public = set(re.findall(r'^    "(\w+)",$', package.read_text(), re.MULTILINE))
+        for path in package.parent.glob("*.py"):
+            made = re.findall(r"^(?:def|class) (\w+)", path.read_text(), re.MULTILINE)
+            assert path.stem not in public.union(made), path
 
 
 def test_unknown_names_are_refused():

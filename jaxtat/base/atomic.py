@@ -52,13 +52,13 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 def _mark(target: Path) -> str:
-    """How temporary names for a file begin, on this computer; the writer's process id follows."""
+    """Prefix of temporary names for a file on this computer; the process id follows."""
     host = blake2b(platform.node().encode(), digest_size=4).hexdigest()
     return f".{target.name[:40]}.{host}-"
 
 
 def _sweep(target: Path) -> None:
-    """Remove what writers of this file left that were killed: their processes are no more."""
+    """Remove temporary files whose writers were killed: no process has their id."""
     if os.name != "posix":  # elsewhere to ask for a process may end it
         return
     mark = _mark(target)
@@ -79,7 +79,7 @@ def _is_running(process: int) -> bool:
 
 
 def require_place(path: str | Path) -> None:
-    """Raise ValueError if ``path`` cannot be a file to write: asked before hours of work too.
+    """Raise ValueError if ``path`` cannot be written. Checked before long computations too.
 
     A small file is made there and removed again, since permissions do not tell of a file system
     that is read-only or full. Of a process killed meanwhile the next writer removes it.

@@ -1,4 +1,4 @@
-"""The choices of a reconstruction, a line for each: from it come options, settings, checks, tables.
+"""Table of the choices of a reconstruction: options, settings, checks and tables follow from it.
 
 A module that imports nothing heavy: the command's help is quick with it. A new choice is a line
 here, a field of `scans.Choices`, and what decides it in `scans`.
@@ -259,7 +259,7 @@ CHOICES = (
         NOT_NEGATIVE,
     ),
 )
-"""In the order of the table that is shown."""
+"""All choices, in the order of the printed table."""
 
 OPTIONS = tuple(choice for choice in CHOICES if choice.group is not None)
 NUMBERS = tuple(choice.name for choice in OPTIONS if choice.is_number)
@@ -278,7 +278,7 @@ def option_of(name: str) -> str:
 
 
 def words_of(name: str, value: Any) -> list[str]:
-    """An option and its values, as words of a command line; none for what is not given.
+    """An option and its values, as words of a command line; an empty list if it has no value.
 
     Numbers have ten digits and no exponent: argparse takes -1e-05 for an option.
 

@@ -1,4 +1,4 @@
-"""Memory and time of a reconstruction by its sizes, asked before work that cannot end well.
+"""Memory and time of a reconstruction, estimated from its sizes before it is started.
 
 Both grow with a power of the number of pixels, so that a slip of the keyboard is a day of work, or
 more memory than there is. The constants are measured by benchmarks/cost.py, to a factor of two.
@@ -25,7 +25,7 @@ SECONDS_PER_ENTRY = {"direct": 3e-11, "plan": 2e-9}
 
 
 class LongWorkWarning(UserWarning):
-    """What was asked for takes many minutes; nothing is wrong with it."""
+    """The computation will take many minutes; nothing is wrong with it."""
 
 
 class Cost(NamedTuple):
@@ -41,7 +41,7 @@ class Cost(NamedTuple):
 
 
 def image_cost(shape: tuple[int | float, ...], n_frequencies: int, n_directions: int) -> Cost:
-    """Of steps 4 and 5 for one image or volume, without what depends on the detectors.
+    """Cost of steps 4 and 5 for one image or volume, without what depends on the detectors.
 
     The polar Fourier transform has 16 bytes at each frequency and direction, its projections 16
     more, and the matrix of the ramp 6 n x 2 n entries. In space both kinds of angles count.
@@ -78,7 +78,7 @@ class Systems(NamedTuple):
 
 
 def systems_cost(sizes: Systems, plan: str | None = None) -> Cost:
-    """Of steps 1 to 3 for one image, or of a plan.
+    """Cost of steps 1 to 3 for one image, or of a plan.
 
     Step 2 has the matrix of the radial quadrature, and kernels at all frequencies and radii; step 3
     a few matrices of one frequency. Densities are rows of all frequencies, and those of one group

@@ -1,4 +1,4 @@
-"""Double precision for a while, where JAX is in single."""
+"""Double precision within a function, in programs where JAX computes in single precision."""
 
 from collections.abc import Callable
 from functools import wraps

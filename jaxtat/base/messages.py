@@ -1,4 +1,4 @@
-"""What is said of files: one short line, whatever a library said of them."""
+"""Messages about files: one short line, however long the message of the library was."""
 
 from pathlib import Path
 
@@ -23,11 +23,11 @@ def require_file(path: str | Path) -> None:
 
 
 def one_line(before: str, reason: str, after: str = "") -> str:
-    """A message of at most `LONGEST_MESSAGE` signs, of whose reason as much is kept as has room."""
+    """A message of at most `LONGEST_MESSAGE` characters; the reason is shortened if necessary."""
     reason, room = _in_one_line(reason), LONGEST_MESSAGE - len(before) - len(after)
     return before + (reason if len(reason) <= room else f"{reason[: room - 3]}...") + after
 
 
 def _in_one_line(text: str) -> str:
-    """Without what would begin a line or command a terminal."""
+    """Text without line breaks and control characters of terminals."""
     return " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())

@@ -70,7 +70,7 @@ def map_shards(work: Callable[[Any, Any], Any], common: Any, stack: Any, mesh: M
 
 
 def in_groups(work: Callable[[Array], Array], stack: Array, size: int) -> Array:
-    """``work`` on a stack of data, some at a time, so that what it needs besides stays bounded.
+    """``work`` on a stack of data, a few at a time, so that its temporary memory stays bounded.
 
     Args:
         work: (n, detectors, radii) -> (n, x1, x2), image by image.

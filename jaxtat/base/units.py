@@ -1,4 +1,4 @@
-"""Units: jaxtat computes in those of positions and record; pictures, files and words name them."""
+"""Units: computations use those of positions and record; pictures, files and messages name them."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -26,7 +26,7 @@ def millimetres(unit: str | None) -> float:
 
 
 class Units(NamedTuple):
-    """What lengths and times are in; quantities in words, with their unit where it is known.
+    """Units of lengths and times, and quantities as text with their unit where it is known.
 
     Attributes:
         length: one of `MILLIMETRES`, or None if it is not known.
@@ -69,7 +69,7 @@ class Units(NamedTuple):
 
     @property
     def metres_per_second(self) -> float:
-        """What a speed of 1 is; 1 where the units are not known."""
+        """Factor from the unit of speed to m/s; 1 where the units are not known."""
         both = self.length and self.time
         return 1e3 * millimetres(self.length) / self._microseconds if both else 1.0
 
@@ -83,7 +83,7 @@ class Units(NamedTuple):
         return _with(f"{wave_number / millimetres(self.length):.5g}", self.length, "rad/mm")
 
     def in_si(self, quantity: str) -> tuple[float, str | None]:
-        """By what a number is multiplied to be in SI units, and that unit; None if it is unknown.
+        """Factor to SI units, and the SI unit; None if the unit is unknown.
 
         Args:
             quantity: "length", "time", "speed", "frequency", "wave number", "angle", in degrees,

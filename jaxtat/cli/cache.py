@@ -11,7 +11,7 @@ MOST_BYTES = 500e6  # of programs in the user's own folder; the oldest go
 
 
 def keep_programs(folder: str | None, *, off: bool = False) -> None:
-    """Let JAX keep programs in ``folder``; by default where it does already, or `user_folder`.
+    """Let JAX keep programs in ``folder``; by default the one it already uses, or `user_folder`.
 
     A default folder that cannot be made or written is done without: no one has asked for it.
     """

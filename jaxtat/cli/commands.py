@@ -35,7 +35,7 @@ def info(options: argparse.Namespace) -> None:
     """``jaxtat info``."""
     from ..scans import choose, describe
     from .inputs import given, scan_of
-    from .suggestions import suggestions
+    from .suggesting import suggestions
 
     scan, options = scan_of(options)
     choices = choose(scan, **given(options, scan))
@@ -83,7 +83,7 @@ def reconstruct(options: argparse.Namespace) -> None:
 
 
 def _inputs(options: argparse.Namespace) -> list[str]:
-    """Files of which an image is made."""
+    """The input files of an image."""
     return [path for path in (options.file, options.plan) if path]
 
 

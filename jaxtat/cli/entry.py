@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _is_of_memory(error: Exception) -> bool:
-    """Where the libraries under JAX get none they end with errors of many names."""
+    """Whether an error is a lack of memory, which libraries under JAX report by many names."""
     said = type(error).__name__ == "JaxRuntimeError" and str(error)
     return isinstance(error, MemoryError) or any(
         sign in (said or "") for sign in ("RESOURCE_EXHAUSTED", "YNNPACK", "memory")

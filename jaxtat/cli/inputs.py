@@ -1,4 +1,4 @@
-"""From command-line options to a scan, to what is given of its choices, and to plans."""
+"""From command-line options to a scan, given choices, and plans."""
 
 import argparse
 from dataclasses import replace
@@ -38,7 +38,7 @@ _OPTIONS = (
 def scan_of(
     options: argparse.Namespace, plan: ReconstructionPlan | None = None
 ) -> tuple[Scan, argparse.Namespace]:
-    """The file's scan, with what the options add, positions and times; and the options left."""
+    """The file's scan with positions and times from the options; and the remaining options."""
     scan, positions = load_scan(options.file), _positions(options)
     unknown = positions is None and options.scanner is None and "detectors" not in scan.known
     if unknown and plan is not None:
@@ -56,14 +56,14 @@ def scan_of(
 
 
 def changed(options: argparse.Namespace, **new: Any) -> argparse.Namespace:
-    """The options with some others in their place."""
+    """A copy of the options with some of them replaced."""
     return argparse.Namespace(**vars(options) | new)
 
 
 def given(
     options: argparse.Namespace, scan: Scan, plan: ReconstructionPlan | None = None
 ) -> dict[str, Any]:
-    """Choices that the options, or a plan, have made."""
+    """Choices that are fixed by the options or by a plan."""
     made = {choice.name: getattr(options, choice.name, None) for choice in OPTIONS}
     made["use"] = None if options.use is None else chosen(options.use, scan.n_detectors)
     if made["band"] is not None:
@@ -85,7 +85,7 @@ def given(
 
 
 def repeated(options: argparse.Namespace) -> tuple[Choices, argparse.Namespace]:
-    """The choices of an earlier image; its facts, too, count where no option gives others."""
+    """The choices of an earlier image; its facts are used too, unless options replace them."""
     settings = load_settings(options.repeat)
     facts = {
         name: settings.get(name)
@@ -148,7 +148,7 @@ def require_size(scan: Scan, choices: Choices) -> None:
 
 
 def require_same(scan: Scan, choices: Choices, plan: ReconstructionPlan) -> None:
-    """A plan made for other detectors or radii would give a wrong image without a sign."""
+    """A plan made for other detectors or radii would give a wrong image without any warning."""
     points, planned = facts_of(scan).points[list(choices.channels)], np.asarray(plan.curve.points)
     if points.shape != planned.shape:
         raise ValueError(
@@ -185,7 +185,7 @@ def _rows_of(plan: ReconstructionPlan, scan: Scan) -> np.ndarray:
 
 
 def with_unit(choices: Choices, unit: str | None) -> Choices:
-    """With lengths in words as the option says, and a line that tells it."""
+    """Choices with lengths in the given unit, and a row that says so."""
     if unit is None:
         return choices
     units = choices.units._replace(length=unit)

@@ -1,4 +1,4 @@
-"""What is wrong with the options alone, said before JAX is imported and the file is opened."""
+"""Errors in the options alone, reported before JAX is imported and the file is opened."""
 
 import argparse
 import math
@@ -34,7 +34,7 @@ _SUFFIXES = {"reconstruct": IMAGE_SUFFIXES, "report": (".html",)}
 
 
 def require_options(options: argparse.Namespace) -> None:
-    """Raise ValueError for options that cannot be, or not together, whatever the data are."""
+    """Raise ValueError for options that are impossible, alone or together, for any data."""
     _require_numbers(options)
     _require_detectors(options)
     _require_together(options)

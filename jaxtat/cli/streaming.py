@@ -1,4 +1,4 @@
-"""Where `jaxtat stream` has its frames from, and where its images go."""
+"""Sources of frames and destinations of images for `jaxtat stream`."""
 
 import sys
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ from ..streams import Folder, GrowingFile, Sink, frames_of_bytes, frames_of_fold
 
 
 def type_of(name: str | None, scan: Scan) -> np.dtype:
-    """Of the numbers in frames."""
+    """The NumPy type of the numbers in frames."""
     try:
         dtype = np.dtype(scan.data.dtype if name is None else name)
     except TypeError:

@@ -1,4 +1,4 @@
-"""The arguments of `model_based`, checked, and what is fitted, made of them."""
+"""Checks of the arguments of `model_based`, and the operators made from them."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ def data_fit(
     everywhere: bool,
     dtype: Any,
 ) -> DataFit:
-    """What is fitted: the operator, what the record went through, W and C."""
+    """The operators of the fit: forward operator, conditioning of the record, W and C."""
     operator = forward_operator(setup, dtype=dtype)
     record, shape = None, setup.data_shape
     whitening = jnp.broadcast_to(1 / jnp.sqrt(setup.radii), shape)
@@ -55,7 +55,7 @@ def data_fit(
 def _record(
     setup: Setup, times: Any, sound_speed: Any, model: str, conditioning: Any
 ) -> Float[Array, "times radii"]:
-    """From integrals to pressure, and through what every record went."""
+    """From integrals to pressure, then the conditioning that was applied to the record."""
     if setup.grid.dimension == 3:
         raise ValueError("times is given, and in space model_based takes spherical integrals only.")
     matrix = pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
@@ -100,7 +100,7 @@ def checked_penalty(penalty: Any) -> Any:
 
 
 def checked_weight(weight: Numbers | None, penalty: Any, dtype: Any) -> Float[Array, ""] | None:
-    """The weight as an array; None where it is to be found, and 0 where there is no penalty."""
+    """The weight as an array; None if it is to be computed, and 0 if there is no penalty."""
     if isinstance(penalty, NoPenalty):
         return jnp.zeros((), dtype)
     if weight is None:
@@ -128,7 +128,7 @@ def require_prox(penalty: Any, images: Array, step: Array) -> None:
 
 
 def _spread(name: str, values: Array, shape: tuple[int, ...]) -> Array:
-    """Over the data of one image, or ValueError."""
+    """Values broadcast to the data of one image, or ValueError."""
     try:
         return jnp.broadcast_to(values, shape)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Two images of the same data: what the data say of their difference."""
+"""Two images of the same data: whether the data distinguish them."""
 
 from collections.abc import Callable
 from typing import NamedTuple

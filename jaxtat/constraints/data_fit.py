@@ -1,4 +1,4 @@
-"""What is fitted to what: data = W · record · A f, for images f in C."""
+"""The model of the data: W · record · A f, for images f in C."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -48,7 +48,7 @@ class DataFit(eqx.Module):
 
     @property
     def n_data(self) -> Int[Array, ""]:
-        """Numbers that are fitted, of one image."""
+        """Number of data of one image."""
         return jnp.sum(self.whitening > 0)
 
     @property

@@ -29,7 +29,7 @@ _MARGIN = 1.05  # of L over what so many steps found; it grows where a step show
 
 
 class State(NamedTuple):
-    """Where the iteration is.
+    """The state of the iteration.
 
     Attributes:
         image, ahead: x and y, (stack, *space).
@@ -69,7 +69,7 @@ class Scale(NamedTuple):
 
 
 def scale_of(fit: DataFit, data: Float[Array, "stack *data"]) -> Scale:
-    """L by the power method, from what the data look like when they are brought back."""
+    """L by the power method, started from the back-projected data."""
     back = fit.transposed(data)
     norm = jnp.linalg.norm(back)
     start = jnp.where(norm > 0, back, fit.allowed(jnp.ones_like(back)))
@@ -91,7 +91,7 @@ def first(
     weight: Array,
     max_steps: int,
 ) -> State:
-    """Before the first step."""
+    """The state before the first step."""
     image, dual = fit.allowed(initial), jnp.zeros(())
     if isinstance(penalty, Penalty):
         dual = jnp.zeros(jax.eval_shape(penalty.parts, initial).shape, initial.dtype)
@@ -156,7 +156,7 @@ def nearest(
     scale: Scale,
     dual: Any,
 ) -> tuple[Float[Array, "stack *space"], Any]:
-    """The proximal map of any penalty, and where its dual is."""
+    """The proximal map of any penalty, and its dual variable."""
     if isinstance(penalty, Penalty):
         delta = penalty.smoothing * scale.image
         return prox(penalty, images, weight, delta, fit.allowed, dual, DUAL_STEPS)

@@ -223,7 +223,7 @@ def _advance(
     tolerance: Array,
     until: Array,
 ) -> State:
-    """Steps until the change is small, or there were that many.
+    """Steps until the change is small or their number is reached.
 
     Without derivatives: loops with an unknown number of steps have none in reverse mode.
     """
@@ -293,7 +293,7 @@ def _report(
     state: State,
     tolerance: Array,
 ) -> ModelBased:
-    """The image with derivatives; a weight that was found is held."""
+    """The image with derivatives, at a fixed weight."""
     used = jax.lax.stop_gradient(state.weight) if weight is None else weight
     image = with_derivatives(Problem(fit, data, penalty, used, scale), state.image)
     return _answer(fit, data, image, state._replace(weight=used), state.change <= tolerance)

@@ -1,4 +1,4 @@
-"""Derivatives of an image that minimises something, without going back through the steps.
+"""Derivatives of a minimiser by the implicit function theorem, without its iterations.
 
 Where ||B f - b||² / 2 + w P(f) is smallest, its slope vanishes on the pixels that are free: inside
 the support, and not held at zero by f >= 0. That slope F(f, parameters) = 0 has
@@ -26,7 +26,7 @@ _TOLERANCE, _STEPS = 1e-8, 2000
 
 
 class Problem(NamedTuple):
-    """All that the minimum depends on."""
+    """Everything that the minimum depends on."""
 
     fit: DataFit
     data: Float[Array, "stack *data"]
@@ -36,14 +36,14 @@ class Problem(NamedTuple):
 
 
 def smooth(penalty: Any) -> bool:
-    """Whether P is one of ours, with a second derivative."""
+    """Whether P is one of jaxtat's penalties that have a second derivative."""
     return isinstance(penalty, Penalty | Ridge | NoPenalty)
 
 
 def with_derivatives(
     problem: Problem, image: Float[Array, "stack *space"]
 ) -> Float[Array, "stack *space"]:
-    """``image``, which minimises, with derivatives in all of the problem, in both modes."""
+    """The minimiser ``image`` with derivatives in all parts of the problem, in both modes."""
     image = jax.lax.stop_gradient(image)
     if smooth(problem.penalty):
         slope, tags = _slope, frozenset({lx.positive_semidefinite_tag})

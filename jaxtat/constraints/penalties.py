@@ -1,4 +1,4 @@
-"""Penalties: what an image is charged for, P(f), beside the misfit of its data.
+"""Penalties P(f), which are added to the misfit of the data.
 
 All but `Ridge` are P(f) = Σ_i h(|(D f)_i|), with D a linear map to differences or wavelet
 coefficients, (D f)_i all of them at pixel i, and h(t) = t beyond a small delta and

@@ -1,4 +1,4 @@
-"""Proximal maps: the image nearest to another one once its penalty is charged.
+"""Proximal maps: they minimise half the squared distance to an image plus the penalty.
 
     prox(v) = argmin over u in C of ||u - v||² / 2 + w P(u),   C: f = 0 outside the support, f >= 0.
 

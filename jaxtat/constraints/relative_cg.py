@@ -1,4 +1,4 @@
-"""Conjugate gradients that stop where residual and last step are small beside the right side."""
+"""Conjugate gradients whose stopping rule is relative to the norm of the right-hand side."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""How step 1 is answered, and with it steps 2 to 5: one class for every kind of waves."""
+"""The bases in which step 1 is solved: what each of them must provide for steps 1 to 5."""
 
 from abc import abstractmethod
 from typing import Any, ClassVar
@@ -11,7 +11,7 @@ from .harmonic import SolveReport
 
 
 class Basis(eqx.Module):
-    """From data to image, in three lines for whoever calls:
+    """From data to image, in three lines:
 
     transformed, mass = basis.transform(g)                  # step 2
     fhat, report = basis.fhat(transformed, rule)            # steps 1 and 3
@@ -24,7 +24,7 @@ class Basis(eqx.Module):
 
     @abstractmethod
     def transform(self, g: Float[Array, "images ..."]) -> tuple[Any, Array]:
-        """Transformed data of a stack of images, and the total integrals of them."""
+        """Transformed data of a stack of images, and their total integrals."""
 
     @abstractmethod
     def fhat(

@@ -1,4 +1,4 @@
-"""What step 1 leaves: the densities of all plane waves, in whatever form, and their report."""
+"""The result of step 1: the densities of all plane waves, in several forms, and a report."""
 
 from abc import abstractmethod
 from typing import Any, TypeVar
@@ -30,7 +30,7 @@ class Densities(eqx.Module):
 
     @abstractmethod
     def in_single_precision(self) -> "Densities":
-        """The same in half the memory."""
+        """The densities in single precision, in half the memory."""
 
 
 class SampledDensities(Densities):
@@ -58,7 +58,7 @@ def in_precision(tree: T, dtype: Any) -> T:
 
 
 class DensityReport(eqx.Module):
-    """How well and at what price plane waves were approximated, per frequency lambda.
+    """Error and norm of the approximations of plane waves, for each frequency lambda.
 
     Attributes:
         singular_values: of the scaled potential matrix, descending, (frequencies, rank) [length].

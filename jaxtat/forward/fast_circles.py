@@ -37,7 +37,7 @@ from ..geometry.elements import (
     touch_circle,
 )
 from ..special import from_grid, hankel_sequence, j0, j1
-from .circle_sizes import CircleSizes
+from .circular_sizes import CircleSizes
 
 # bytes of cosines and sines up to which a product with them is faster than a non-uniform FFT
 DENSE = 2**24
@@ -46,7 +46,7 @@ TOGETHER = 8  # frequencies whose waves are made at once
 
 
 class PolarSamples(eqx.Module):
-    """Where F is wanted: at lambda_k (cos, sin) of half a turn of directions, group after group.
+    """Frequencies of F: lambda_k (cos, sin) for half a turn of directions, group after group.
 
     Attributes:
         points: xi times the pixel sides, (samples, 2) [rad].
@@ -120,7 +120,7 @@ class CircleIntegrals(eqx.Module):
 
     @property
     def kept(self) -> bool:
-        """Whether the waves at the detectors are, or are made anew in every product."""
+        """Whether the waves at the detectors are stored, or recomputed in every product."""
         return self.radial is not None or bool(self.tables)
 
     def _at_detectors(
@@ -159,7 +159,7 @@ def circle_integrals(
     eta: Float[Array, " frequencies"] | None,
     tolerance: float,
 ) -> CircleIntegrals:
-    """Everything that the operator needs to know of the geometry.
+    """The operator of a geometry, with all its tables.
 
     Args:
         curve, grid, radii: may be traced.
@@ -195,7 +195,7 @@ def _integrals(
 
 
 def _positions(curve: DetectorCurve, grid: ImageGrid, n_nodes: int) -> Positions:
-    """About the centre of the detectors' circle, if they stay on it or are known to be on it."""
+    """Positions about the centre of the detectors' circle, or of the grid if they lie on none."""
     points, weights = curve.element_nodes(n_nodes)
     circle = _common_circle(curve)
     if circle is None:
@@ -215,7 +215,7 @@ def _positions(curve: DetectorCurve, grid: ImageGrid, n_nodes: int) -> Positions
 
 
 def _common_circle(curve: DetectorCurve) -> Circle | None:
-    """On which detectors are, and about whose centre one element is turned to all others."""
+    """The circle of the detectors, if all elements are rotations of one about its centre."""
     if curve.element_width is not None and curve.element_width.ndim:
         return None
     if isinstance(curve, CircularArc):

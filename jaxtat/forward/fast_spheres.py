@@ -28,8 +28,8 @@ from ..geometry import VolumeGrid
 from ..geometry.caps import Detectors, SphericalCap
 from ..special import from_grid
 from .harmonics import Directions, directions_of, half_gauss_rule
-from .sphere_sizes import TOLERANCE, SphereSizes
 from .sphere_waves import PointWaves, RingWaves, point_waves, ring_waves
+from .spherical_sizes import TOLERANCE, SphereSizes
 
 
 class SphereIntegrals(eqx.Module):
@@ -72,7 +72,7 @@ class SphereIntegrals(eqx.Module):
 
     @property
     def kept(self) -> bool:
-        """Whether the waves at the detectors are, or are made anew in every product."""
+        """Whether the waves at the detectors are stored, or recomputed in every product."""
         return isinstance(self.waves, RingWaves) or self.waves.tables is not None
 
     def _points(self) -> Float[Array, "samples 3"]:
@@ -99,7 +99,7 @@ def sphere_integrals(
     eta: Float[Array, " frequencies"] | None = None,
     tolerance: float = TOLERANCE,
 ) -> SphereIntegrals:
-    """Everything that the operator needs to know of the geometry.
+    """The operator of a geometry, with all its tables.
 
     Args:
         curve, grid, radii: may be traced.
@@ -108,7 +108,7 @@ def sphere_integrals(
         tolerance: relative error of the non-uniform FFT.
 
     >>> from jaxtat.geometry import spherical_cap
-    >>> from jaxtat.forward.sphere_sizes import sphere_sizes
+    >>> from jaxtat.forward.spherical_sizes import sphere_sizes
     >>> from jaxtat.phantoms.space import Bells
     >>> grid, cap, radii = VolumeGrid(17), spherical_cap(1.3, 0.5, 4, 6), jnp.linspace(0.3, 2.3, 9)
     >>> operator = sphere_integrals(cap, grid, radii, sphere_sizes(cap, grid))

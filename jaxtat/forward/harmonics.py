@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..special import legendre_functions
-from .sphere_sizes import Band
+from .spherical_sizes import Band
 
 
 class Harmonics(eqx.Module):
@@ -33,7 +33,7 @@ class Harmonics(eqx.Module):
 
 
 class Directions(eqx.Module):
-    """Where F is needed for one band of frequencies, and the Legendre functions there.
+    """Directions of F for one band of frequencies, and the Legendre functions there.
 
     Attributes:
         frequencies: lambda_k [rad/length].

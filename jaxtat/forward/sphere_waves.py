@@ -15,7 +15,7 @@ from jaxtyping import Array, Complex, Float
 from ..geometry.caps import DetectorPoints, SphericalCap
 from ..special import legendre_functions, spherical_sequence
 from .harmonics import Harmonics
-from .sphere_sizes import Band, SphereSizes
+from .spherical_sizes import Band, SphereSizes
 
 AT_CENTER = 1e-10  # over lambda_max: a detector nearer to the centre is moved off it by that
 KEPT = 1.5e9  # bytes of tables of detectors off rings, above which they are made anew each time
@@ -192,7 +192,7 @@ def _shifted(values: Float[Array, "orders degrees *n"]) -> Float[Array, "orders 
 
 
 def _point_tables(chunk: tuple[Array, Array | None], frequencies: Array, last: Band) -> PointTables:
-    """Of some of `PointWaves.local` and `factor`, up to the degrees and orders of the last band.
+    """Tables of some of `PointWaves.local` and `factor`, up to the last band.
 
     Y_lm = (P_lm / sin^m theta) ((x_1 + i x_2)/|x|)^m is smooth on the axis; at the centre, where no
     direction is, a little beside it.

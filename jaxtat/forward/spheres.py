@@ -200,7 +200,7 @@ def _sphere_nodes(
 def _taps(
     grid: VolumeGrid, points: Float[Array, "nodes 3"], kernel: str
 ) -> tuple[Array, Float[Array, "nodes taps"]]:
-    """Where in the padded volume the nodes around each point are, and their weights."""
+    """Indices in the padded volume of the nodes around each point, and their weights."""
     table = KERNELS[kernel]
     taps, shape = table.shape[0], np.asarray(grid.shape)
     position = (points - grid.center + grid.half_width) / grid.spacing

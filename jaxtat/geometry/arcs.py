@@ -1,4 +1,4 @@
-"""What circle and arc measured detectors lie on, in which order, and where they leave an opening.
+"""Circle, arc, order and opening of measured detectors.
 
 NumPy throughout: positions from a file decide sizes, and need no compiled program.
 """
@@ -98,5 +98,5 @@ def order_along_curve(points: Float[np.ndarray, "detectors 2"]) -> Int[np.ndarra
 
 
 def _principal(angle: float) -> float:
-    """The same direction between -π and π."""
+    """The angle modulo 2π, between -π and π."""
     return float(np.arctan2(np.sin(angle), np.cos(angle)))

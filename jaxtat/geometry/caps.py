@@ -54,7 +54,7 @@ class RoundElements(eqx.Module):
 
     @property
     def distance(self) -> Float[Array, "*one_or_detectors"]:
-        """Of the detectors from their centre [length]."""
+        """Distances of the detectors from their centre [length]."""
         return by_library(_distance, (self.points, self.center))
 
     def element_factor(
@@ -69,7 +69,7 @@ class RoundElements(eqx.Module):
         return round_factor(n_degrees, self.element_radius / self.distance, n_nodes)
 
     def enough_nodes(self, highest_frequency: float) -> int:
-        """As `elements.enough_nodes`, of concrete detectors."""
+        """Number of nodes, as `elements.enough_nodes`, of concrete detectors."""
         radius = self.element_radius
         return enough_nodes(None if radius is None else 2 * radius, highest_frequency)
 
@@ -113,7 +113,7 @@ class SphericalCap(RoundElements):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of the detectors: (rings, azimuths)."""
+        """Shape of the detectors: (rings, azimuths)."""
         return self.n_rings, self.n_azimuths
 
     @property
@@ -275,7 +275,7 @@ class DetectorPoints(RoundElements):
 
     @property
     def shape(self) -> tuple[int]:
-        """Of the detectors: (detectors,)."""
+        """Shape of the detectors: (detectors,)."""
         return (self.points.shape[0],)
 
     @property

@@ -48,7 +48,7 @@ def first_crossing(
 def _along_lines(
     starts: Float[np.ndarray, "lines 2"], ends: Float[np.ndarray, "lines 2"], *points: np.ndarray
 ) -> tuple[Float[np.ndarray, "points lines n"], Float[np.ndarray, "points lines n"]]:
-    """Of arrays of points: how far to the left of each segment's line, and how far along it."""
+    """Distances of points to the left of each segment's line, and along it."""
     along = ends - starts
     unit = along / np.hypot(*along.T)[:, None]
     local = np.stack(points)[:, None] - starts[:, None]

@@ -53,7 +53,7 @@ class DetectorCurve(eqx.Module):
 
     @property
     def shape(self) -> tuple[int]:
-        """Of the detectors: (detectors,)."""
+        """Shape of the detectors: (detectors,)."""
         return (self.n_detectors,)
 
     @property
@@ -138,7 +138,7 @@ class CircularArc(DetectorCurve):
 
     @property
     def angles(self) -> Float[Array, " detectors"]:
-        """Of the detectors, counted from the middle of the arc, opposite the opening [rad]."""
+        """Angles of the detectors, from the middle of the arc, opposite the opening [rad]."""
         return by_library(_arc_angles, (self.half_opening,), self.n)
 
     @property

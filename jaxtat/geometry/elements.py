@@ -69,7 +69,7 @@ def round_factor(
 
 
 def enough_nodes(width: Numbers | None, highest_frequency: float) -> int:
-    """Nodes on an element, by which cos(lambda s) has its mean over |s| < width/2 to 5e-6.
+    """Number of nodes that give the mean of cos(lambda s) over |s| < width/2 to 5e-6.
 
     The error of the Gauss rule falls like (e lambda width / 8 n)^(2n) once n exceeds that.
 

@@ -228,7 +228,7 @@ def _weights_and_normals(xp: Any, points: Any, closed: bool) -> tuple[Any, Any]:
 
 
 def behind_gap(steps: Any, closed: bool, xp: Any = np) -> Bool[Array | np.ndarray, " detectors"]:
-    """Behind which detectors the curve breaks off, by numpy or jax.numpy.
+    """After which detectors the curve has a gap, by numpy or jax.numpy.
 
     Every step is compared with the largest of three medians: of the three steps before it, of the
     three after it, and of all. So nothing breaks off where the density of detectors changes.

@@ -156,7 +156,7 @@ def _boundary(xp: Any, vertices: Any, counts: tuple[int, ...]) -> tuple[Any, Any
 
 
 def _middle(points: Any) -> Any:
-    """Of the box around points."""
+    """Centre of the box around points."""
     return (points.max(axis=0) + points.min(axis=0)) / 2
 
 

@@ -26,6 +26,9 @@ def data_radii(
     Returns:
         (radii,) [length].
 
+    Raises:
+        ValueError: for a step that is not above zero, or a traced geometry.
+
     >>> from jaxtat import circular_arc, disk
     >>> radii = data_radii(circular_arc(1.3, 1.0, 500), disk(1.0, n_boundary=1000), 1 / 64)
     >>> radii.shape, round(float(radii[0]), 3), round(float(radii[-1]), 3)
@@ -34,6 +37,11 @@ def data_radii(
     require_objects(curve=curve, region=region)
     step = real_array("step", step, ())
     require_positive("step", step)
+    if not is_concrete(curve, region, step, sources):
+        raise ValueError(
+            "curve, region, step or sources are traced, and decide how many radii there are: "
+            "compute radii outside of jax.jit, and pass them in."
+        )
     spans = [_distances(curve, where) for where in (region, sources) if where is not None]
     least, most = min(span[0] for span in spans), max(span[1] for span in spans)
     # a span that is a whole number of steps but for rounding and sampling needs no further radius
@@ -63,7 +71,7 @@ def require_radii(radii: Float[Array, " radii"]) -> None:
 
 
 def uncovered(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"]) -> str:
-    """In words, which circles that meet the region have no data; "" for none, or traced ones.
+    """Text about circles that meet the region but have no data; "" for none, or traced ones.
 
     One step may be missing at either end, where the integrals of a function that vanishes at the
     boundary are nearly zero. Whether they also cover sources outside the region only the user can

@@ -169,7 +169,7 @@ def join_curves(*curves: DetectorCurve) -> SampledCurve:
 
 
 def require_several(name: str, kind: type, given: Sequence[Any]) -> None:
-    """Raise ValueError for nothing, and for a list of what are arguments of their own."""
+    """Raise ValueError for no arguments, and for a list in place of separate arguments."""
     if not given:
         raise ValueError(f"got no {name}s, expected at least one.")
     for one in given:

@@ -110,6 +110,9 @@ def visible_disk(
         center: of the disk, if only its radius is wanted, (2,) [length].
         n: pixels on each side of the box.
 
+    Raises:
+        ValueError: for traced detectors.
+
     >>> from jaxtat import polyline
     >>> middle, radius = visible_disk(polyline([(-1, 1), (-1, -1), (1, -1)], 90))
     >>> bool(np.abs(middle + 1 - radius).max() < 0.2)  # it keeps clear of both sides alike
@@ -117,6 +120,18 @@ def visible_disk(
     >>> 0.4 < radius < 0.59  # 2 - √2 is that of the whole triangle
     True
     """
+    if not is_concrete(curve, center):
+        raise ValueError(
+            "curve or center are traced, expected known ones: compute the disk outside of jax.jit. "
+            "seen_share can be traced."
+        )
+    with jax.ensure_compile_time_eval():  # inside jax.jit too
+        return _visible_disk(curve, center, n)
+
+
+def _visible_disk(
+    curve: DetectorCurve, center: Numbers | None, n: int
+) -> tuple[np.ndarray, float] | None:
     from scipy.ndimage import distance_transform_edt  # slow to import
     from scipy.spatial import KDTree
 

@@ -29,7 +29,7 @@ class IpascAlgorithm:
     _chosen: tuple[np.ndarray, Choices] | None = None
 
     def get_name(self) -> str:
-        """Under which it is listed."""
+        """The name under which it is listed."""
         return "jaxtat"
 
     def implementation(

@@ -49,7 +49,7 @@ class JaxtatReconstruction(recon.ReconstructionAlgorithm):
         return NAME
 
     def run(self, time_series: Any, pa_data: Any, *args: Any, **kwargs: Any) -> Any:
-        """As PATATO calls it; refuses a record that is no pressure any more."""
+        """The reconstruction that PATATO calls; records that are no longer pressure are refused."""
         if time_series.attributes.get(_HILBERT):
             raise ValueError(
                 "the record is a Hilbert transform, jaxtat needs the pressure itself: set "

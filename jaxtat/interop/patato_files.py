@@ -222,7 +222,7 @@ def _speed(found: ScanImages, units: Units) -> float:
 def _write_scan(
     path: Path, scan: Scan, found: ScanImages, wavelengths: np.ndarray, units: Units
 ) -> None:
-    """All that PATATO reads of a scan."""
+    """Write everything that PATATO reads of a scan."""
     colours = len(wavelengths)
     shape = scan.n_frames // colours, colours
     rounds = np.repeat(np.arange(shape[0])[:, None], colours, axis=1)
@@ -258,7 +258,7 @@ def _write_scan(
 
 
 def _rate(scan: Scan) -> float:
-    """Of a record that begins at time 0, as PATATO's do, in the scan's unit."""
+    """Sampling rate of a record that begins at time 0, as PATATO's do, in the scan's unit."""
     rate = rate_of(scan, "PATATO")
     first = float(np.ravel(scan.known.get("times", 0.0))[0])
     if "sampling_rate" not in scan.known and abs(first) * rate > 0.5:
@@ -267,7 +267,7 @@ def _rate(scan: Scan) -> float:
 
 
 def _response(scan: Scan) -> np.ndarray:
-    """As long as the record, its time 0 in the middle; of one that is not known an impulse."""
+    """Impulse response as long as the record, time 0 in the middle; an impulse if it is unknown."""
     n = scan.n_samples
     own = scan.known.get("impulse_response", np.ones(1))
     response, first = np.zeros(n), n // 2 - len(own) // 2

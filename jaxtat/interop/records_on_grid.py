@@ -1,4 +1,4 @@
-"""Records to images on a grid that others have chosen: what their interfaces have in common."""
+"""From records to images on a given grid: the common part of the interfaces of other packages."""
 
 from collections.abc import Mapping
 from typing import Any

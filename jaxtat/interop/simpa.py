@@ -60,7 +60,7 @@ class JaxtatAdapter(modules.ReconstructionAdapterBase):
         return image[0].squeeze()
 
     def _spacing(self) -> float:
-        """Of the pixels [mm]."""
+        """Spacing of the pixels [mm]."""
         for settings in (self.component_settings, self.global_settings):
             if _of(settings, Tags.SPACING_MM):
                 return float(settings[Tags.SPACING_MM])
@@ -83,11 +83,11 @@ class JaxtatAdapter(modules.ReconstructionAdapterBase):
 
 
 def _of(settings: Any, tag: Any) -> Any:
-    """A setting, or None; SIMPA's own dictionaries take its tags, and their ``get`` does not."""
+    """A setting, or None. SIMPA's dictionaries are indexed by its tags; their ``get`` is not."""
     return settings[tag] if tag in settings else None  # noqa: SIM401
 
 
 def _nodes(start: float, end: float, step: float) -> np.ndarray:
-    """As many pixels as SIMPA has, symmetric about the middle."""
+    """Nodes symmetric about the middle, as many as SIMPA's pixels."""
     n = max(round(abs(end - start) / step), 1)
     return (start + end) / 2 + step * (np.arange(n) - (n - 1) / 2)

@@ -1,4 +1,4 @@
-"""Public data of others, to try things on: fetched when wanted, checked, never part of jaxtat.
+"""Public data of others: downloaded when asked for, checked, never part of jaxtat.
 
 Each set is known by the SHA-256 of its files. Copies in the folder that the environment variable
 JAXTAT_DATA names are used where they are; the rest is downloaded into the user's cache (this needs
@@ -177,7 +177,7 @@ DATA_SETS = {
 
 
 def fetch(name: str, *, quiet: bool = False) -> Path:
-    """The path of a data set's first file, all its files being there and checked.
+    """The path of a data set's first file, after all its files have been found and checked.
 
     Files are looked for in the folder JAXTAT_DATA, then in the user's cache, then downloaded. Of a
     record of Zenodo it is the folder; archives in it are for you to unpack, and what is in

@@ -1,4 +1,4 @@
-"""Reading numbers from HDF5 files of others with a claim checked before each.
+"""Reading numbers from untrusted HDF5 files: every stated size is checked first.
 
 HDF5 trusts what it reads. So a dataset is read only if it is one of plain numbers, in this very
 file, whole, compressed (if at all) by gzip, and of a size that its bytes in the file can give.
@@ -47,7 +47,7 @@ class Hdf5File:
         self._found: dict[str, h5py.Group | h5py.Dataset | None] = {}
 
     def names(self, group: str = "/") -> list[str]:
-        """What a group holds, if there is one: not what links lead to elsewhere."""
+        """Names in a group, if it exists, without links to elsewhere."""
         if group != "/" and not isinstance(self._own(group), h5py.Group):
             return []
         found = cast(h5py.Group, self._file[group])
@@ -64,7 +64,7 @@ class Hdf5File:
         return dataset is not None and dataset.dtype.kind in "fiu"
 
     def shape(self, name: str) -> tuple[int, ...]:
-        """Of a dataset of numbers that can be read, else ValueError."""
+        """Shape of a dataset of numbers that can be read, else ValueError."""
         return self._checked(name).shape
 
     def read(self, name: str, kinds: str = REAL) -> np.ndarray:
@@ -150,7 +150,7 @@ class Hdf5File:
         return isinstance(self._own(name), h5py.Group)
 
     def _own(self, name: str) -> h5py.Group | h5py.Dataset | None:
-        """What is under that path if every step of it leads to something in this file."""
+        """The object under a path, if all of the path lies in this file."""
         if name == "/":
             return self._file
         if name not in self._found:
@@ -169,7 +169,7 @@ class Hdf5File:
         return item if isinstance(item, h5py.Dataset) else None
 
     def _checked(self, name: str, kinds: str = REAL) -> h5py.Dataset:
-        """A dataset whose claims the file can meet, or ValueError."""
+        """A dataset whose stated size the file can hold, or ValueError."""
         dataset = self._dataset(name)
         if dataset is None:
             raise ValueError(f"it has no dataset {name}.")

@@ -199,7 +199,7 @@ def _wavelengths(file: Hdf5File) -> tuple[int, np.ndarray | None]:
 
 
 def _energies(file: Hdf5File, colours: int, measurements: int) -> dict[str, np.ndarray]:
-    """Of the pulses [mJ]: one for each frame, or for each wavelength; none if any is not known."""
+    """Pulse energies [mJ], one for each frame or wavelength; empty if any is unknown."""
     found = _optional("laser_energy", file, f"{_META}/pulse_energy").get(
         "laser_energy", np.empty(0)
     )

@@ -1,4 +1,4 @@
-"""What a file may claim: compared with what it holds before memory is given to it."""
+"""Limits of memory: sizes that a file states are compared with its length before allocation."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -51,7 +51,7 @@ def require_held(name: str, claimed: int, held: int, ratio: int = 1) -> None:
 
 @contextmanager
 def refusing(before: str, damaged: str = "it is damaged", after: str = ".") -> Iterator[None]:
-    """Whatever goes wrong in the block is a ValueError of one line, `LONGEST_MESSAGE` at most.
+    """Turn any error in the block into a ValueError of one line, `LONGEST_MESSAGE` at most.
 
     Libraries have errors of their own for damaged files, some of many lines, and with content of
     the file in them. Only what the system refuses (`PermissionError`) stays as it is.

@@ -131,7 +131,7 @@ def _positions(root: Element) -> np.ndarray:
 
 
 def _places(frames: list[Element]) -> list[int]:
-    """Where each frame is in the file of samples, counted in frames."""
+    """Position of each frame in the file of samples, counted in frames."""
     offsets = [_first(frame, "IDOffset") for frame in frames]
     places = [number if at is None else _number(at) for number, at in enumerate(offsets)]
     if len(set(places)) < len(places) or any(place < 0 or place % 1 for place in places):
@@ -161,7 +161,7 @@ def _samples(path: Path, places: list[int], rows: int, columns: int) -> np.ndarr
 
 
 def _laser_energy(frames: list[Element]) -> dict[str, np.ndarray]:
-    """Of each frame [mJ], under the first name that all of them have it by; none is left out."""
+    """Pulse energy of each frame [mJ], by the first name that all frames have; empty if none."""
     for name in _ENERGIES:
         elements = [_first(frame, f"Frame/{name}") for frame in frames]
         found = [np.nan if element is None else _energy(element) for element in elements]

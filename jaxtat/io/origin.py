@@ -1,4 +1,4 @@
-"""Where a result comes from: its settings, the files it was made of, the versions at work."""
+"""Provenance of a result: its settings, input files and versions."""
 
 import hashlib
 import json

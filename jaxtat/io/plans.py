@@ -147,7 +147,7 @@ def load_plan(path: str | Path) -> ReconstructionPlan:
 
 
 def _with_own_sizes(plan: ReconstructionPlan) -> ReconstructionPlan:
-    """With the operator's sizes of its own positions, which may have been replaced in a setup."""
+    """The plan with the operator's sizes of its own positions, which may have been replaced."""
     setup = plan.setup
     sizes = replace(setup.sizes, operator=circle_sizes(setup.curve, setup.grid))
     return eqx.tree_at(
@@ -316,7 +316,7 @@ def _require_plane(setup: Any) -> None:
 
 
 def _require_sizes(plan: ReconstructionPlan) -> None:
-    """Numbers of frequencies and directions that arrays bear out, before any is made of them."""
+    """Check that numbers of frequencies and directions agree with the arrays."""
     sizes = plan.setup.sizes
     assert isinstance(sizes, PlaneSizes)
     _require_fields(sizes)

@@ -1,4 +1,4 @@
-"""A small scan to try everything on, simulated but as a scanner writes it.
+"""A small simulated scan, written as a scanner would write it.
 
 The detectors are those of a ring of 40 mm that leaves a quarter open, focused into its plane; the
 record has a scanner's band, noise, offset and whole counts, and its file has no speed of sound.
@@ -16,7 +16,7 @@ from ..phantoms import Disks
 from ..records import circular_integrals_to_pressure, condition_record
 
 SOUND_SPEED = 1510.0
-"""With which the sample was simulated [m/s]; the file does not tell."""
+"""Speed of sound of the simulation [m/s], which is not in the file."""
 
 _RADIUS, _SPAN, _N_DETECTORS = 40e-3, np.radians(270.0), 256
 _RATE, _N_SAMPLES = 40e6, 1600

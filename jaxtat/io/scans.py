@@ -19,7 +19,7 @@ _START = 512  # [byte] from the beginning of a file, by which its format is told
 
 
 class Format(NamedTuple):
-    """A format of scans: how it is told, from path and first bytes, and read."""
+    """A format of scans: how it is recognised, by path and first bytes, and read."""
 
     name: str
     suffixes: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""What the times and the wavelengths of a scan have in common with a clock: steps and rounds."""
+"""Regular series: the rate of equispaced times, and the period of wavelengths."""
 
 import numpy as np
 

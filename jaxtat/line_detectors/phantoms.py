@@ -146,7 +146,7 @@ class ProjectedBalls(Phantom):
     def circular_integrals(
         self, curve: DetectorCurve, radii: Numbers, *, n_nodes: int = 16
     ) -> Float[Array, "detectors radii"]:
-        """As for every phantom, for detectors outside all parts (ValueError)."""
+        """As for every phantom; detectors must lie outside all parts (ValueError)."""
         if is_concrete(self, curve):
             _require_outside(curve, np.asarray(self.centers), self.radii)
         return super().circular_integrals(curve, radii, n_nodes=n_nodes)

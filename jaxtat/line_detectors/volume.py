@@ -128,7 +128,7 @@ def reconstruct_stack(
     inversion: str = "fourier",
     progress: bool = False,
 ) -> Any:
-    """As `line_detectors.reconstruct`, reading and writing a few rotations or slices at a time.
+    """`line_detectors.reconstruct` that reads and writes a few rotations or slices at a time.
 
     Args:
         plan, scan, slices, low_pass, inversion: as in `line_detectors.reconstruct`.
@@ -232,7 +232,7 @@ def _weights(grid: ImageGrid, region: Region, scan: LineDetectorScan) -> Float[A
 
 
 def _depths(grid: ImageGrid, region: Region, scan: LineDetectorScan) -> tuple[Array, Array]:
-    """How deep in the region each node (u, v), and its mirror image about the axis, lie."""
+    """Depths in the region of each node (u, v), and of its mirror image about the axis."""
     points, edge = grid.points, 1e-9 * region.reach
     mirrored = jnp.stack([2 * scan.axis - points[..., 0], points[..., 1]], axis=-1)
     depths = 2 * edge - region.level(points), 2 * edge - region.level(mirrored)
@@ -246,7 +246,7 @@ def _checked_slices(
     slices: ImageGrid | None,
     inversion: str,
 ) -> ImageGrid:
-    """The grid of slices, after a look at what goes into them."""
+    """The grid of slices, after the arguments are checked."""
     require_inversion(inversion)
     if is_concrete(grid, scan.axis):
         with jax.ensure_compile_time_eval():  # known inside jax.jit too

@@ -1,4 +1,4 @@
-"""What is radial about a centre: sums of parts, and their profiles integrated."""
+"""Sums of radially symmetric parts, and integrals of their profiles."""
 
 from abc import abstractmethod
 from typing import ClassVar

@@ -27,7 +27,7 @@ def label_axes(axes: Axes, title: str, horizontal: str, vertical: str) -> None:
 
 
 def text_size(points: float) -> float:
-    """Of a text that has so many points where matplotlib's own font size is 10."""
+    """Size of a text that has this many points where matplotlib's font size is 10."""
     return points / 10 * float(rcParams["font.size"])
 
 
@@ -38,12 +38,12 @@ def gray_levels(image: np.ndarray) -> tuple[float, float]:
 
 
 def greatest(values: Numbers, otherwise: float = 1.0) -> float:
-    """The 99.8th percentile of |values|, a limit for colours about zero; another if it is 0."""
+    """The 99.8th percentile of |values|, a limit for colours; ``otherwise`` if that is 0."""
     return float(np.percentile(np.abs(np.asarray(values)), 99.8)) or otherwise
 
 
 def length_label(symbol: str, unit: str | None) -> str:
-    """Of an axis of lengths: in millimetres if the unit of the coordinates is known.
+    """Label of an axis of lengths: in millimetres if the unit of the coordinates is known.
 
     >>> length_label("$r$", "m"), length_label("$r$", None)
     ('$r$ [mm]', '$r$')
@@ -52,5 +52,5 @@ def length_label(symbol: str, unit: str | None) -> str:
 
 
 def frequency_label(symbol: str, unit: str | None) -> str:
-    """Of an axis of frequencies, in radians per length."""
+    """Label of an axis of frequencies, in radians per length."""
     return symbol if unit is None else f"{symbol} [rad/mm]"

@@ -56,7 +56,7 @@ def show_opening(axes: Axes, curve: DetectorCurve, *, unit: str | None = None) -
 
 
 def _bridge(points: np.ndarray, gap: int) -> np.ndarray:
-    """From detector ``gap`` to the next, in the sense in which the detectors go round."""
+    """Points from detector ``gap`` to the next, in the order of the detectors."""
     ends = points[[gap, (gap + 1) % len(points)]]
     try:
         circle = fit_circle(points)

@@ -30,7 +30,7 @@ from ..geometry.regions import DEFAULT_BOUNDARY
 from ..regularization import Tikhonov, TikhonovRule
 from ..spherical.basis import SphericalBasis
 from ..spherical.sizes import cap_radii, require_fitting, space_sizes
-from .plane_basis import default_rule, plane_basis
+from .plane_bases import default_rule, plane_basis
 from .sizes import plane_sizes
 
 DEFAULT_ALPHA_IN_SPACE = 1e-6

@@ -52,7 +52,7 @@ class ForwardOperator(lx.AbstractLinearOperator):
     transposed: bool = eqx.field(static=True, default=False)
 
     def __call__(self, values: Numbers) -> Array:
-        """Of a stack: (..., *in_shape) -> (..., *out_shape).
+        """A applied to a stack: (..., *in_shape) -> (..., *out_shape).
 
         Raises:
             ValueError: for another shape, complex numbers, NaN.

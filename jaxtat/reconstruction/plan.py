@@ -45,7 +45,7 @@ from ..regularization import (
     unit_norms,
 )
 from ..steps import AccuracyWarning, require_boundary
-from .plane_basis import StoredDensities
+from .plane_bases import StoredDensities
 from .setup import Setup, plane_of, require_complete
 from .sizes import PlaneSizes, systems_fit
 
@@ -209,7 +209,7 @@ def _rule(
 
 
 def _warn_of_residuals(report: DensityReport) -> None:
-    """Say so if many plane waves were not reached: the image will be wrong there."""
+    """Warn if many plane waves are approximated badly: the image will be wrong there."""
     if not is_concrete(report):
         return
     failed = float((report.residual > 0.3).mean())
@@ -225,7 +225,7 @@ def _warn_of_residuals(report: DensityReport) -> None:
 def _traced(
     setup: Setup, method: str, rule: Regularization | None
 ) -> tuple[SampledDensities, DensityReport]:
-    """Everything but sizes may be traced: no progress, and no choice of what is worth keeping."""
+    """Densities where arrays are traced: no progress bar, and all components are kept."""
     curve, region, _, sizes = plane_of(setup)
     if rule is None:
         raise ValueError("method 'series' needs a geometry that is not traced.")
@@ -276,7 +276,7 @@ def _traced_harmonic(
 def _harmonic(
     setup: Setup, norms: Array, regularization: Regularization, single: bool, bar: tqdm
 ) -> tuple[Densities, DensityReport]:
-    """Groups of frequencies with alike orders; within a group a few at a time."""
+    """Groups of frequencies with the same number of orders; within a group a few at a time."""
     curve, region, _, sizes = plane_of(setup)
     frequencies, angles = sizes.frequencies, sizes.angles
     with jax.ensure_compile_time_eval():
@@ -329,10 +329,11 @@ def _series(
     setup: Setup, norms: Array, regularization: None, single: bool, bar: tqdm
 ) -> tuple[Densities, DensityReport]:
     curve, region, _, sizes = plane_of(setup)
-    frequencies, angles = sizes.frequencies, sizes.angles
-    circle = _full_circle(curve)
-    # 40 + 12 % beyond lambda R_g the terms have fallen below rounding
-    n_orders = int(1.12 * float(frequencies[-1] * circle.radius)) + 40
+    with jax.ensure_compile_time_eval():  # inside jax.jit too
+        frequencies, angles = sizes.frequencies, sizes.angles
+        circle = _full_circle(curve)
+        # 40 + 12 % beyond lambda R_g the terms have fallen below rounding
+        n_orders = int(1.12 * float(frequencies[-1] * circle.radius)) + 40
     solve = partial(
         series_densities,
         angles=angles,

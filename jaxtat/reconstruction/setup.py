@@ -60,7 +60,7 @@ class Setup(eqx.Module):
         n_directions: int | None = None,
         n_groups: int = GROUPS,
     ):
-        """In the plane and in space alike; lengths in any one unit.
+        """Make and check a setup, in the plane or in space; lengths in any one unit.
 
         Args:
             curve: the detectors, all outside the region: a `circular_arc`, `detector_curve`, ...,
@@ -125,7 +125,7 @@ class Setup(eqx.Module):
 
     @property
     def data_shape(self) -> tuple[int, ...]:
-        """Of the data of one image, (detectors, radii) or (rings, azimuths, radii)."""
+        """Shape of the data of one image, (detectors, radii) or (rings, azimuths, radii)."""
         return (*self.detectors_shape, self.radii.shape[0])
 
     def replace(

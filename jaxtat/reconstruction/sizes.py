@@ -1,4 +1,4 @@
-"""What of a problem in the plane is a size: decided once, outside of `jax.jit`."""
+"""Sizes of a problem in the plane, chosen once, outside of `jax.jit`."""
 
 from typing import Any
 
@@ -166,7 +166,7 @@ def systems_fit(
         mirror, disk, on_circle = geometry.mirror, geometry.disk, geometry.on_circle
 
     def sizes(n: int) -> Systems:
-        """Up to the n-th frequency."""
+        """Sizes of the systems up to the n-th frequency."""
         rows = region.points.shape[0]
         if geometry is not None:
             rows = 2 * int(harmonic_orders(geometry, np.array([highest * n / n_all]))[0])

@@ -196,7 +196,7 @@ def _warn_of_solution(found: Reconstruction) -> None:
 
 
 def _warn_of_detail(sizes: PlaneSizes, energies: np.ndarray) -> None:
-    """Say so if detectors are too few for the data, or for so small an alpha.
+    """Warn if detectors are too few for the data, or alpha is too small for so few.
 
     Waves that they sample in less than the inner half of the region come out wrong, those between
     do if nothing holds their densities down.

@@ -1,4 +1,4 @@
-"""Channels of a record that tell nothing or mislead: which they are, and how noisy the others.
+"""Bad channels of a record, and the noise of the others.
 
 What stays when a detector is left out is a curve with fewer detectors, whose weights are again the
 arcs that belong to each (`keep_detectors`); zeros in its place would be data, and wrong ones.
@@ -178,7 +178,7 @@ def _signal(record: Float[Array, "frames detectors times"]) -> Float[Array, " de
 def _held(
     record: Float[Array, "frames detectors times"], count: Float[Array, ""]
 ) -> Float[Array, " detectors"]:
-    """Share of samples that are held at a level.
+    """Share of samples that repeat one value.
 
     At the channel's own highest and lowest level that is to equal the sample before, elsewhere all
     of the eight before, and not where the channel begins: noise of few counts repeats itself by

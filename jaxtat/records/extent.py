@@ -1,4 +1,4 @@
-"""Where the sound of a record comes from: by when each detector begins and ceases to hear it.
+"""Where the sound of a record comes from, by the first and last times at which it is recorded.
 
 A body of radius a about m is heard from (|y_k - m| - a)/c to (|y_k - m| + a)/c. Half the time
 between tells a, whatever the speed of sound hardly matters to it; onsets alone would tell a wrong
@@ -25,7 +25,7 @@ STEPS = 60
 
 
 class Heard(NamedTuple):
-    """When each detector hears sound.
+    """First and last times at which detectors record sound.
 
     Attributes:
         first, last: (detectors,) [time].

@@ -100,7 +100,7 @@ def apply_impulse_response(
 
 
 def _transfer(n: int, response: Array, origin: Array) -> tuple[int, Array]:
-    """Samples with room for the folded record, and H there."""
+    """Number of samples, padded so that the convolution does not wrap, and H."""
     padded = 2 * max(n, response.shape[-1])
     cycles = jnp.fft.rfftfreq(padded)
     return padded, jnp.fft.rfft(response, padded) * jnp.exp(2j * jnp.pi * cycles * origin)

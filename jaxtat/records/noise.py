@@ -1,4 +1,4 @@
-"""The noise of a record, from its quiet part, and what becomes of it in the data.
+"""The noise of a record, from its quiet part, and how it propagates to the data.
 
 Before the first wave arrives a record holds noise alone: its standard deviation in every detector,
 and its spectrum S. Any linear data Σ_t b_t p_t of one detector then have the variance
@@ -43,7 +43,7 @@ class RecordNoise(eqx.Module):
     spectrum: Float[Array, " frequencies"]
 
     def variance(self, rows: Float[Array, "*rows times"]) -> Float[Array, "*rows"]:
-        """Of Σ_t b_t p_t for noise of sigma = 1: ∫ |B|² S dv, for each row b."""
+        """Variance of Σ_t b_t p_t for noise of sigma = 1: ∫ |B|² S dv, for each row b."""
         padded = 2 * rows.shape[-1]
         power = jnp.abs(jnp.fft.rfft(rows, padded)) ** 2
         cycles = jnp.linspace(0.0, 1.0, power.shape[-1])
@@ -215,6 +215,6 @@ def _of_quiet(record: Float[Array, "frames detectors quiet"]) -> RecordNoise:
 
 
 def _inner(power: Float[Array, "*n frequencies"]) -> Float[Array, "*n frequencies"]:
-    """Without what the subtracted mean and the ends of the spectrum distort."""
+    """A spectrum whose ends, which are distorted, are replaced by the values beside them."""
     n = power.shape[-1]
     return power[..., np.clip(np.arange(n), 2, n - 2)]

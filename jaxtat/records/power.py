@@ -1,4 +1,4 @@
-"""What a record shows before anything is reconstructed: artefact, silence, sound, and its band.
+"""Properties of a record before reconstruction: artefact, silence, sound, and its band.
 
 Powers are variances about a straight line in short pieces of the record, which offset and drift do
 not enter. NumPy throughout: these are a few sums over one frame.
@@ -142,7 +142,7 @@ def faded(
 
 
 def muted_until(power: RecordPower) -> float:
-    """When a record begins that holds nothing at all before, as if it were muted; 0 of others.
+    """End of the muted part at the start of a record; 0 if there is none.
 
     That is the end of the first piece that holds anything: the step there, from a mute to the
     offset of each detector, is no sound.
@@ -160,7 +160,7 @@ def muted_until(power: RecordPower) -> float:
 
 
 def tail_share(record: Float[np.ndarray, "detectors times"]) -> float:
-    """What the integral of the pressure over all times is, over the largest on the way there.
+    """The integral of the pressure over all times, relative to its largest partial integral.
 
     Waves in the plane have a tail: ∫_0^T p dt = (1/2π) ∫ g (T² - r²)^(-1/2) dr, c = 1, falls off as
     1/T. Elements focused into the plane hear d(g/r)/dr, whose integral is nothing once all sound
@@ -192,7 +192,7 @@ def highest_frequency(
     times: Float[np.ndarray, " times"],
     quiet: slice,
 ) -> float:
-    """Up to where the record's spectrum stands out of that of its quiet part [cycles/time].
+    """Frequency up to which the record's spectrum exceeds that of its quiet part [cycles/time].
 
     Args:
         record: all of it but the artefact.

@@ -243,7 +243,7 @@ def along_baseline(n: int) -> Float[Array, " n"]:
 
 
 def _median(values: Float[Array, "*batch n"]) -> Float[Array, "*batch 1"]:
-    """Over the last axis, as a mean of the samples that equal it: their derivative is shared."""
+    """Median over the last axis, as a mean of the samples equal to it: they share the slope."""
     ranked, n = jnp.sort(jax.lax.stop_gradient(values), axis=-1), values.shape[-1]
 
     def of_rank(k: int) -> Array:

@@ -19,7 +19,7 @@ from .rules import Regularization, Truncation, not_negative, per_frequency, seen
 
 
 class Problem(eqx.Module):
-    """What rules may look at, at one frequency.
+    """The data of one frequency that rules may use.
 
     Attributes:
         matrix: A A^T, (blocks, r, r); None where it is not formed.

@@ -137,7 +137,7 @@ def singular_components(
 
 
 class Solution(eqx.Module):
-    """q and how it was come by, without anything that depends on the choice of singular vectors.
+    """q and its report, both independent of the choice of singular vectors.
 
     Attributes:
         q: (blocks, unknowns, rhs).
@@ -255,7 +255,7 @@ class _Change:
         return jnp.where(weight * (_FAINT * self.sigma.max()) ** 2 > 1, 0.0, weight)
 
     def d_amplitudes(self) -> Array:
-        """Of β / sigma, for one choice of singular vectors."""
+        """Change of β / sigma, for one choice of singular vectors."""
         sigma, inverse = self.sigma, self.found.inverse[..., None]
         turn = self.gamma * (
             self.transposed(self.inner) * sigma[..., :, None] + self.inner * sigma[..., None, :]
@@ -321,7 +321,7 @@ def _factors_change(
 def _choice_change(
     found: Components, given: tuple, d_given: tuple, d_square: Array
 ) -> Regularization:
-    """Of the rule chosen: the norm's mean square changes by d_square as long as that stays."""
+    """Change of the chosen rule's factors, where the norm's mean square changes by d_square."""
     sigma, size = found.ordered(found.sigma), found.ordered(jnp.abs(found.amplitudes))
     _, change = jax.jvp(
         lambda rule, unit_norm, excess: rule.chosen(sigma, size, unit_norm, excess),

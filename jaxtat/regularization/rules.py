@@ -226,7 +226,7 @@ class SingularValueCutoff(Truncation):
 
 
 DEFAULT_KAPPA = 0.1
-"""Of `RelativeCutoff`, the default where the paper's assumptions do not hold, see `build_plan`."""
+"""The default kappa of `RelativeCutoff` where the paper's assumptions fail, see `build_plan`."""
 
 
 def seen_once(frequency: Array) -> Array:
@@ -300,7 +300,7 @@ _Rule = TypeVar("_Rule", bound=eqx.Module | None)
 
 
 def per_frequency(rule: _Rule, n_frequencies: int) -> _Rule:
-    """The same rule with one entry per frequency in every array, as `jax.lax.map` takes it.
+    """The rule with one entry per frequency in every array, as `jax.lax.map` takes it.
 
     Raises:
         ValueError: for arrays that are neither numbers nor of this length.

@@ -26,7 +26,7 @@ class Constrained(NamedTuple):
 
 
 def in_words(constrained: Constrained) -> str:
-    """What the penalty decided, and what the data did."""
+    """The text about what the penalty and what the data decided."""
     both = constrained.comparison
     direct, fitted = (float(misfit) for misfit in both.misfits)
     differ, told = float(both.differ), float(both.told)
@@ -53,7 +53,7 @@ def in_words(constrained: Constrained) -> str:
 
 
 def limits_of(*images: Numbers) -> tuple[float, float]:
-    """Grey levels for all of them alike."""
+    """Common grey levels of all images."""
     values = np.concatenate([np.ravel(np.asarray(image)) for image in images])
     low, high = np.nanpercentile(values, [0.2, 99.8])
     return float(low), float(high)

@@ -38,7 +38,7 @@ th { white-space: nowrap; }
 
 
 class Page(NamedTuple):
-    """What a page holds besides the diagnosis.
+    """The parts of a page besides the diagnosis.
 
     Attributes:
         title: of the page, as a rule the name of the file.
@@ -227,7 +227,7 @@ def _uncertainty(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
 
 
 def _duration(seconds: float) -> str:
-    """In seconds, minutes or hours.
+    """A duration in seconds, minutes or hours.
 
     >>> _duration(4.26), _duration(200.0), _duration(40000.0)
     ('4.3 s', '3.3 min', '11 h')

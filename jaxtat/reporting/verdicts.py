@@ -33,7 +33,7 @@ class Finding(NamedTuple):
 def findings(
     diagnosis: Diagnosis, unit: str | None, channels: Sequence[int] | None = None
 ) -> list[Finding]:
-    """What there is to say, in the order of the page.
+    """All findings, in the order of the page.
 
     Args:
         diagnosis: from `diagnose`.
@@ -52,14 +52,14 @@ def findings(
 
 
 def _level(value: float, caution: float, bad: float) -> Level:
-    """Of a number that had better be small."""
+    """Level of a number that should be small."""
     if value >= bad:
         return Level.BAD
     return Level.CAUTION if value >= caution else Level.GOOD
 
 
 def _percent(share: float) -> str:
-    """A share in words that do not round something to nothing, or nearly all to all.
+    """A percentage that rounds neither small shares to 0 % nor large ones to 100 %.
 
     >>> [_percent(share) for share in (0.0, 0.0004, 0.123, 0.9999, 1.0)]
     ['0 %', 'less than 0.1 %', '12 %', 'more than 99.9 %', '100 %']
@@ -72,7 +72,7 @@ def _percent(share: float) -> str:
 
 
 def _length(length: float, unit: str | None) -> str:
-    """In millimetres, if the unit is known."""
+    """A length in millimetres, if the unit is known."""
     return Units(unit).of_length(length, 3)
 
 
@@ -122,7 +122,7 @@ def _held(diagnosis: Diagnosis) -> np.ndarray:
 
 
 def _reached(waves: WaveAccuracy, held: np.ndarray, unit: str | None) -> Finding:
-    """Graded by what the image is made of: noise rightly takes the finest waves first."""
+    """Grade by the energy of the image: noise rightly removes the finest waves first."""
     error, frequencies = np.asarray(waves.residual), np.asarray(waves.frequencies)
     area = np.broadcast_to(frequencies[:, None], error.shape)  # of the plane that a node stands for
     good = float(np.sum(area * (error < _REACHED)) / area.sum())

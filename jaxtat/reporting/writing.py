@@ -125,7 +125,7 @@ def _of_problem(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 def _origin(origin: dict[str, Any]) -> list[tuple[str, str]]:
-    """Rows of what `provenance` says."""
+    """Table rows of `provenance`."""
     inputs = [(f"file {i['name']}", f"SHA-256 {i['sha256']}") for i in origin["inputs"]]
     versions = ", ".join(f"{name} {number}" for name, number in origin["versions"].items())
     made = [("made", origin["date"]), ("computed on", origin["platform"])]

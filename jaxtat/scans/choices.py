@@ -125,7 +125,7 @@ class Choices(eqx.Module):
 
     @property
     def region(self) -> Disk | Ball:
-        """Where the image is wanted."""
+        """The region of interest."""
         cut = self.region_cut if self.region_cut < self.region_radius else None
         center = jax.device_put(np.array(self.region_center))
         if self.in_space:
@@ -150,7 +150,7 @@ class Choices(eqx.Module):
         return keep_detectors(whole, ~np.isin(self.order, self.left_out))
 
     def grade(self, name: str) -> str:
-        """How far a choice can be trusted; "guessed" where nothing is said of it."""
+        """The grade of a choice; "guessed" if it has none."""
         return dict(self.grades).get(name, GUESSED)
 
     def with_reason(
@@ -187,7 +187,7 @@ class Choices(eqx.Module):
         )
 
     def settings(self) -> dict[str, Any]:
-        """As plain numbers and text, for a file; `from_settings` gives them back."""
+        """The choices as plain numbers and text, for a file; `from_settings` reads them."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
     @classmethod

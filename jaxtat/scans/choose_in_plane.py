@@ -1,4 +1,4 @@
-"""What to do with a scan in the plane, decided by what it shows.
+"""The automatic choices for a scan in the plane.
 
 A function of the scan alone: nothing is remembered, nothing drawn by chance.
 """
@@ -144,7 +144,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
 
 
 def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[str, str, str]:
-    """By sizes, sampling rate, counts and a tail of the record; why, and how sure."""
+    """The acoustic model by size, sampling rate, counts and tail; with reason and grade."""
     if water_speed(facts.units) is None:
         return "2d", "sizes are not a scanner's: two-dimensional waves", LIKELY
     if facts.in_space:
@@ -330,7 +330,7 @@ def _field_of_view(scan: Scan, center: Any) -> float | None:
 
 
 def _around(facts: Facts, center: Any) -> ArcFit:
-    """Of a curve that is no arc: the largest circle about the region's centre without detectors."""
+    """For other curves than arcs: the largest circle about the centre without detectors."""
     middle = (float(center[0]), float(center[1]))
     radius = float(np.hypot(*(facts.points[facts.order] - np.array(middle)).T).min())
     return ArcFit(middle, radius, 0.0, 2 * np.pi, 0.0, 0.0, np.inf)
@@ -412,7 +412,7 @@ def _band(found: Found, times: np.ndarray, speed: float, highest: float) -> None
 
 
 def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:
-    """All that the record covers: sources outside the region are heard too.
+    """All radii that the record covers: sources outside the region are recorded too.
 
     Their circles must not be cut, which would falsify the image inside.
     """
@@ -470,7 +470,7 @@ def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
 
 
 def _distances(facts: Facts, found: Found) -> Float[np.ndarray, " detectors"]:
-    """Of the detectors from the region's centre."""
+    """Distances of the detectors from the region's centre."""
     offset = facts.points[facts.order] - np.array(found.values["region_center"])
     return np.hypot(*offset.T)
 

@@ -1,4 +1,4 @@
-"""What to do with a scan in space: as `choose`, with fewer things to decide.
+"""The automatic choices for a scan in space, fewer than in the plane.
 
 The region is a ball about the sphere's centre, or its part that the cap sees; no channel is left
 out, since rings must be whole.
@@ -141,7 +141,7 @@ def _region(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) ->
 
 
 def _sounding(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) -> float | None:
-    """How far from the middle it sounds, by when detectors hear it; None if they do not tell."""
+    """Radius about the middle from which sound comes, by its times; None if it cannot be told."""
     assert facts.times is not None
     quieted = frame - np.median(frame, axis=1, keepdims=True)
     arrival = facts.radius / found.values["sound_speed"]
@@ -188,7 +188,7 @@ def _resolution(scan: Scan, facts: FactsInSpace, found: Found, record: np.ndarra
 
 
 def _radii(scan: Scan, facts: FactsInSpace, found: Found) -> None:
-    """Of the file, or all that the record covers, half a voxel apart."""
+    """Radii of the file, or all that the record covers, half a voxel apart."""
     own, radius, cut = (
         radii_of(scan, found),
         found.values["region_radius"],

@@ -1,4 +1,4 @@
-"""What to do with a scan, decided by what it shows; every decision can be given instead."""
+"""The automatic choices for a scan; each can be given instead."""
 
 from collections.abc import Mapping
 from typing import Any

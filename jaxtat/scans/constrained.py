@@ -74,7 +74,7 @@ def compared(
 
 
 class _Recorded(NamedTuple):
-    """What is fitted, and what `model_based` must know of it."""
+    """The data of a fit, and the other arguments of `model_based`."""
 
     setup: Setup
     data: Array

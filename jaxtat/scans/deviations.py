@@ -1,4 +1,4 @@
-"""How far noise moves the pixels of a scan's images: by drawing records of its own noise.
+"""Standard deviations of the pixels of a scan's images, from random records of its noise.
 
 A direct reconstruction is linear, so that records of nothing but noise give images of nothing but
 noise. Their root mean square is the standard deviation, whatever colour the noise has and whatever

@@ -1,4 +1,4 @@
-"""What a scan holds that is no choice: positions in the plane, their order, times, units."""
+"""Facts of a scan, as opposed to choices: positions in the plane, their order, times, units."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -113,7 +113,7 @@ def blank_frames(scan: Scan, rows: Sequence[int]) -> Bool[np.ndarray, " frames"]
 
 
 def frame_numbers(scan: Scan) -> Int[np.ndarray, " frames"]:
-    """Of the frames in the file, from 0."""
+    """Numbers of the frames in the file, from 0."""
     return np.asarray(scan.known.get("frame_numbers", np.arange(scan.n_frames)), int)
 
 
@@ -190,7 +190,7 @@ def facts_of(scan: Scan, use: Any = None) -> Facts:
 def begin_behind_gap(
     order: Int[np.ndarray, " used"], points: Float[np.ndarray, "detectors 2"], good: np.ndarray
 ) -> int:
-    """Where in the order a ring without its bad detectors begins: behind the gap they leave."""
+    """Index at which a ring without its bad detectors begins: behind the gap they leave."""
     kept = np.flatnonzero(good)
     steps = np.linalg.norm(
         np.diff(points[order[kept]], axis=0, append=points[order[kept[:1]]]), axis=1
@@ -200,7 +200,7 @@ def begin_behind_gap(
 
 
 def units_of(radius: float | None, times: np.ndarray | None) -> Units:
-    """By the radius on which detectors lie, and the sampling rate if there is one.
+    """Units, guessed by the radius of the detectors and the sampling rate if there is one.
 
     >>> units_of(0.04, np.arange(9) / 4e7), units_of(0.04, None), units_of(1.3, None)
     (Units(length='m', time='s'), Units(length='m', time=None), Units(length=None, time=None))
@@ -248,7 +248,7 @@ def times_of(scan: Scan) -> Float[np.ndarray, " times"] | None:
 
 
 def typical_frame(scan: Scan) -> Float[np.ndarray, "detectors samples"]:
-    """Of up to five frames, evenly chosen, the one of median power.
+    """The frame of median power, out of up to five that are evenly chosen.
 
     Those count that have the fewest detectors with NaN.
     """

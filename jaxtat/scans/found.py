@@ -1,4 +1,4 @@
-"""Choices in the making, and what those in the plane and in space have in common."""
+"""Choices while they are made: the common part for the plane and space."""
 
 import math
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ OF_FORMULA = ("alpha", "low_pass", "inversion")  # choices that mean nothing to 
 
 
 class Found(NamedTuple):
-    """Choices as they are made: what was given counts."""
+    """Choices while they are made; given ones are kept."""
 
     given: Mapping[str, Any]
     values: dict[str, Any]
@@ -73,7 +73,7 @@ class Found(NamedTuple):
             self.explain("model_based", f"there is no formula: {missing}")
 
     def take_constraints(self) -> None:
-        """How images are fitted, if they are; a penalty that is given says that they are."""
+        """Take the choices of fitted images; a given penalty implies that they are fitted."""
         asked = [name for name in OF_CONSTRAINTS if self.given.get(name)]
         if self.given.get("weight") == 0:
             asked.append("weight")
@@ -113,14 +113,14 @@ def radii_of(scan: Scan, found: Found) -> np.ndarray | None:
 
 
 def slowest(found: Found) -> float:
-    """The least speed that may be looked for, over the nominal one: the record has to do for it."""
+    """The least speed to search, over the nominal one, for which the record is long enough."""
     return SLOWEST if found.reasons["sound_speed"] == TO_BE_ESTIMATED else 1.0
 
 
 def covered(
     found: Found, wanted: float, reason: str, radii: np.ndarray | None, distances: np.ndarray
 ) -> tuple[float, str]:
-    """A region's radius, and why: as wanted, or as much as the circles about all detectors cover.
+    """A region's radius and the reason: as asked for, or as far as the radii of the data reach.
 
     Args:
         wanted, reason: the radius without regard to the data, and why [length].

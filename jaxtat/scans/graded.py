@@ -1,4 +1,4 @@
-"""How far each choice can be trusted: for programs, and which ones a person should look at."""
+"""Grades of the choices as JSON, and the choices to check first."""
 
 from typing import Any
 
@@ -47,7 +47,7 @@ def as_json(choices: Choices) -> dict[str, Any]:
 
 
 def _value(choices: Choices, name: str) -> Any:
-    """None for a cut that cuts nothing."""
+    """Value in SI units; None for a cut that cuts nothing."""
     whole = name == "region_cut" and choices.region_cut >= choices.region_radius
     return None if whole else getattr(choices, name)
 

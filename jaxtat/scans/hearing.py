@@ -1,4 +1,4 @@
-"""When the detectors of a scan in the plane begin and cease to hear, and the speed that tells."""
+"""First and last sound at the detectors of a scan in the plane, and the speed that follows."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +20,7 @@ CLEAR = 0.6  # of a piece: later ones hold nothing of what is before them
 
 
 def muted_start(power: RecordPower, times: Float[np.ndarray, " times"]) -> float:
-    """When the record begins, if it is muted before; 0 where too little is left to judge by."""
+    """End of a muted start; 0 where too little of the record would be left to judge by."""
     muted = muted_until(power)
     return muted if np.count_nonzero(times >= muted) >= LEFT_TO_JUDGE else 0.0
 
@@ -32,9 +32,9 @@ def noise_floor(quality: ChannelQuality, good: Bool[np.ndarray, " detectors"]) -
 
 
 def sound_begins(dead_time: float, muted: float, floor: float) -> float:
-    """When sound may be heard: what is silenced is faded in over as long again.
+    """Earliest time of sound: the record is faded in over as long again as the dead time.
 
-    What is silent without noise is no less exact, and not muted.
+    In a record without noise a silent start is no mute.
     """
     return max(2 * dead_time, muted if floor > EXACT else 0.0)
 
@@ -59,7 +59,7 @@ def heard_after(
 
 
 def speed_heard(scan: Scan, choices: Choices) -> float | None:
-    """The speed of sound, over that of the choices, by when detectors begin and cease to hear.
+    """The speed of sound by the times of first and last sound, over the speed of the choices.
 
     Sound of a body about m comes after |y - m| ∓ a: both by the speed at which the middle of what
     is heard fits the detectors' distance. Simulated arcs of 125 degrees and more told it to 1 or

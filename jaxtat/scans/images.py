@@ -180,7 +180,7 @@ def reconstruct(
 
 
 def without_blank_frames(scan: Scan, choices: Choices) -> Scan:
-    """Without frames that hold NaN where a detector is used; all of them if none is good."""
+    """The scan without frames that have NaN in detectors in use; unchanged if all have."""
     good = ~blank_frames(scan, choices.channels)
     if good.all() or not good.any():
         return scan
@@ -231,7 +231,7 @@ def _solved(setup: Setup, choices: Choices, worst: float) -> str:
 
 
 def _fitted(found: ModelBased) -> str:
-    """Of several frames the worst."""
+    """Text about a fit; of several frames the worst values."""
     steps, residual = int(np.max(found.steps)), float(np.max(found.residual))
     ended = "" if np.all(found.converged) else ", not converged"
     return (

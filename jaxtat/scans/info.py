@@ -1,4 +1,4 @@
-"""What is in a scan file, in words."""
+"""Description of a scan file as text."""
 
 import numpy as np
 

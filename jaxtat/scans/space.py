@@ -18,7 +18,7 @@ MOST_POINTS = 800  # detectors off rings: their systems are dense
 
 
 class FactsInSpace(NamedTuple):
-    """What a scan holds that is no choice.
+    """Facts of a scan in space, as opposed to choices.
 
     Attributes:
         detectors: the cap, or points.
@@ -38,7 +38,7 @@ class FactsInSpace(NamedTuple):
 
     @property
     def arrangement(self) -> str:
-        """In words."""
+        """The arrangement of the detectors in words."""
         if isinstance(self.detectors, SphericalCap):
             rings, azimuths = self.detectors.shape
             way = "downwards" if self.upside_down else "upwards"

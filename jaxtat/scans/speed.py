@@ -1,4 +1,4 @@
-"""The speed of sound of a scan that does not tell it: that of the sharpest image.
+"""The speed of sound of a scan whose file lacks it: that of the sharpest image.
 
 `sound_speed_by_sharpness` finds the same place by derivatives. Here a search by values does. The
 speed stretches the radii only, so that the systems of a frequency are solved for all speeds at
@@ -17,7 +17,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.choice_table import GUESSED
 from ..io import Scan
-from ..reconstruction.plane_basis import plane_basis
+from ..reconstruction.plane_bases import plane_basis
 from ..reconstruction.setup import plane_of
 from ..reconstruction.verbs import DEFAULT_TOLERANCE
 from ..regularization import tikhonov_rule
@@ -29,8 +29,8 @@ from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .found import TO_BE_ESTIMATED
 from .frames import integrals, setup_of
 from .hearing import speed_heard
+from .opposite_detectors import speed_in_space
 from .speed_found import SpeedFound, believed, jackknife, summit, unknown
-from .speed_in_space import speed_in_space
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 21)
 STANDS_OUT = 1.05  # sharpness at a peak over its surroundings, at least
@@ -41,7 +41,7 @@ TOLD_APART = 110.0  # degrees, from which on a slower speed and a body farther o
 
 
 def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
-    """With the speed of sound for which the image of a typical frame is sharpest, if none is known.
+    """Choices with the speed of sound at which a typical frame is sharpest, if none is known.
 
     Images are of half the resolution: that is quicker, and sharpness falls off less steeply beside
     its peak, which is easier to find. Radii keep their ratio to the speed. What counts is a peak
@@ -70,7 +70,7 @@ def _speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
 
 
 def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
-    """By the sharpness of the image, where edges are seen twice, or else by hearing."""
+    """By sharpness where edges are seen from two sides, else by first and last sound."""
     points = facts_of(scan).points[list(choices.channels)]
     span = _span(points, np.asarray(choices.region_center))
     if span < SEEN_TWICE:
@@ -86,11 +86,11 @@ def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
 
 
 def _heard(scan: Scan, choices: Choices, why: str) -> SpeedFound:
-    """A guess where no image shows the speed."""
+    """The speed by the times of first and last sound, where no image shows it: a guess."""
     speed = speed_heard(scan, choices)
     if speed is None:
         return unknown(f"water's: {why}")
-    return SpeedFound(speed, f"by when detectors begin and cease to hear: {why}", GUESSED, None)
+    return SpeedFound(speed, f"by the times of first and last sound: {why}", GUESSED, None)
 
 
 def _span(points: Float[np.ndarray, "detectors 2"], center: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""A speed of sound that was looked for, and what both ways to find it share."""
+"""An estimated speed of sound, and what its estimators share."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ UNSURE = 0.005  # standard error over the speed, above which it is not believed
 
 
 class SpeedFound(NamedTuple):
-    """A speed over that of water, why, and how sure; its standard error if it was found."""
+    """A speed over that of water, with reason, grade and standard error (None if not estimated)."""
 
     stretch: float
     why: str
@@ -27,7 +27,7 @@ def believed(speed: float, error: float, why: str, who: str) -> SpeedFound:
 
 
 def unknown(why: str) -> SpeedFound:
-    """No other speed than water's, and why."""
+    """Water's speed, with the reason why no other is known."""
     return SpeedFound(1.0, why, GUESSED, None)
 
 
@@ -46,7 +46,7 @@ def summit(speeds: Float[np.ndarray, " speeds"], values: Float[np.ndarray, " spe
 
 
 def jackknife(without: list[float]) -> float:
-    """Standard error of what was found without each of n parts in turn.
+    """Standard error from estimates that each leave out one of n parts.
 
     >>> round(jackknife([1.0, 1.0, 1.0]), 12), round(jackknife([0.9, 1.1]), 12)
     (0.0, 0.1)

@@ -1,4 +1,4 @@
-"""One choice at several values, all others the same: images to compare by eye."""
+"""Images for several values of one choice, to compare by eye."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

@@ -77,7 +77,7 @@ def native() -> bool:
 
 
 def _in_jax(values: Array, points: Array, tolerance: float) -> Array:
-    """By nufftax, which counts axes from the last one, one transform after the other.
+    """The sum by nufftax, which counts axes from the last one, one transform after the other.
 
     Stacks of its own and `jax.vmap` (0.6.1) do not go together.
     """

@@ -37,7 +37,7 @@ def solve_points(
     rule: TikhonovRule,
     sizes: SpaceSizes,
 ) -> tuple[Complex[Array, "images frequencies 2 polar orders"], SolveReport]:
-    """As `tikhonov.solve_rings`; the region must be a whole ball."""
+    """Solve as `tikhonov.solve_rings` does, for points; the region must be a whole ball."""
     local = detectors.points - detectors.center
     distance = detectors.distance
     units = local / distance[:, None]

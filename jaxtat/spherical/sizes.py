@@ -160,15 +160,16 @@ def cap_radii(
         sources: where f may differ from zero, if that is not inside the region of interest.
 
     Raises:
-        ValueError: for a step that is not above zero.
+        ValueError: for a step that is not above zero, or a traced geometry.
 
     >>> from jaxtat.geometry import ball, spherical_cap
     >>> radii = cap_radii(spherical_cap(1.3, 1.0, 48, 64), ball(1.0), 1 / 64)
     >>> radii.shape, round(float(radii[0]), 3), round(float(radii[-1]), 3)
     ((129,), 0.3, 2.3)
     """
-    more = None if sources is None else sources.meridian
-    return data_radii(detectors.meridian, region.meridian, step, sources=more)
+    with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
+        more = None if sources is None else sources.meridian
+        return data_radii(detectors.meridian, region.meridian, step, sources=more)
 
 
 def require_fitting(detectors: Detectors, region: Ball) -> None:
@@ -201,7 +202,7 @@ def _require_nodes(region: Ball, grid: VolumeGrid) -> None:
 
 
 def resolved_frequency(cap: SphericalCap, reach: float) -> tuple[float, float]:
-    """Up to which lambda the detectors sample waves from within ``reach`` [rad/length].
+    """The lambda up to which the detectors sample waves from within ``reach`` [rad/length].
 
     And the widest gap between rings, or from the lowest one to the end of its area [rad].
     """

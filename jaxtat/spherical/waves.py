@@ -18,7 +18,7 @@ from ..special import decay_steps, scaled_spherical_sequence
 
 
 class CapWaves(eqx.Module):
-    """What the waves of each frequency are made of; frequencies first, l = 0 .. l_max last.
+    """Tables from which waves are computed; frequencies first, l = 0 .. l_max last.
 
     Attributes:
         frequencies: lambda [rad/length].

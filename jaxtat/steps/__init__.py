@@ -3,7 +3,7 @@
 from .classical import classical_fbp
 from .fbp import filtered_back_projection
 from .fourier_sum import fourier_inversion
-from .polar_fourier import polar_fourier
+from .polar_transform import polar_fourier
 from .quadrature import trapezoid_weights
 from .radial_transforms import delayed_transform, radial_transform, total_integrals
 from .radon import cosine_filter, offset_step, polar_fourier_of_projections, radon_projections

@@ -6,8 +6,8 @@ Sampled at d lambda = π/(2R), as fhat is, the kinks of |lambda| at 0 and ±lamb
 but two digits: its transform, the ramp of filtered back-projection, falls like 1/s² only, and a sum
 over frequencies repeats it with the period 4R. So the ramp is split by a window in s. What is
 near is summed as fhat is sampled. What is far is smooth, so that it holds frequencies beside the
-kinks alone: there steps half as wide are taken, some dozens. It is faded out between 3R and 5R,
-farther than points x and what the projections show are from each other.
+kinks alone: there steps half as wide are taken, fifteen at each kink. It is faded out between 3R
+and 5R, farther than points x and what the projections show are from each other.
 
 The image is that of filtered back-projection, to 1e-10 and several times sooner: all directions
 are summed together, and no spline is evaluated. What differs is noise at lambda_N: between offsets
@@ -116,7 +116,7 @@ def _between(
 
 @cache
 def _weights(n: int, digits: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of the samples at lambda = 0, 1, .., n and of those at 1/2, 3/2, .., n - 1/2, in d lambda.
+    """Weights of the samples at lambda = 0, 1, .., n and at 1/2, 3/2, .., n - 1/2, in d lambda.
 
     The ramp at offsets j π/lambda_N is 1/4 at 0, -1/(π j)² at odd and 0 at even j. Kaiser's window
     ends at R in s, before the period 4R matters, and its spectrum, to so many digits, ``last``

@@ -43,7 +43,7 @@ def delayed_transform(
     frequencies: Float[Array, " frequencies"],
     delays: Float[Array, " detectors"],
 ) -> Float[Array, "frequencies 2 detectors"]:
-    """∫ g(z_k, r) (J_0|Y_0)(lambda (r - d_k)) dr: each detector's data read d_k nearer.
+    """∫ g(z_k, r) (J_0|Y_0)(lambda (r - d_k)) dr: data of detector k shifted by d_k to smaller r.
 
     Args:
         g, radii, frequencies: as in `radial_transform`.

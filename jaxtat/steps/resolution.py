@@ -1,4 +1,4 @@
-"""What is asked: the polar grid of frequencies and directions, and whether it can be answered."""
+"""The polar grid of frequencies and directions, and checks of detectors, radii and pixels."""
 
 import warnings
 
@@ -49,7 +49,7 @@ def polar_grid(
         n_directions = whole_number("n_directions", n_directions, 1)
 
     def sizes(coarser: float) -> tuple[float, int, int]:
-        """Of the polar grid for pixels that are so many times larger."""
+        """Sizes of the polar grid for pixels that are this many times larger."""
         highest = np.pi / max(pixel * coarser, step)
         highest = highest if max_frequency is None else float(max_frequency)
         waves = highest * float(reach)  # radians across the radius
@@ -58,7 +58,7 @@ def polar_grid(
         return highest, max(1, int(np.ceil(2 * waves / np.pi - 1e-6))), n_directions or turned
 
     def cost(n: int) -> Cost:
-        """With n pixels along the longest side."""
+        """Cost with n pixels along the longest side."""
         coarser = max(grid.shape) / n
         return image_cost(tuple(size / coarser for size in grid.shape), *sizes(coarser)[1:])
 
@@ -72,7 +72,7 @@ def polar_grid(
 
 
 def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid) -> None:
-    """Raise ValueError for a geometry that cannot work, warn of one that sees too little."""
+    """Raise ValueError for an impossible geometry; warn of lines that miss the curve."""
     require_outside(curve, region)
     if not is_concrete(curve, region, grid):
         return

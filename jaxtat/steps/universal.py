@@ -1,4 +1,4 @@
-"""Universal back-projection: the formula that most scanners show, to be compared with.
+"""Universal back-projection: the formula that most scanners use, for comparison.
 
 Exact for detectors on a whole sphere. In the plane it is an approximation, and of a gap it knows
 nothing.

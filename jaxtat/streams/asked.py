@@ -1,4 +1,4 @@
-"""What is asked for: of a setup of circular integrals, or of a scan and its choices."""
+"""The settings of live images, from a setup of circular integrals or a scan and its choices."""
 
 from typing import Any, NamedTuple
 
@@ -77,7 +77,7 @@ def speed_of(speed: Numbers) -> float:
 
 
 def _pressure_of(scan: Scan, choices: Choices) -> tuple[Pressure | None, bool]:
-    """What a record goes through, and whether offset and drift come off before."""
+    """The conditioning of a record, and whether offset and drift are subtracted before."""
     times = times_of(scan)
     if times is None:
         return None, False

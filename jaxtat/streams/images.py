@@ -1,4 +1,4 @@
-"""Images of raw frames, by a way that is linear and found beforehand.
+"""Images of raw frames by a linear map that is computed beforehand.
 
     frame -> (G_J, G_Y): one matrix for all detectors (`samples`)
           -> fhat: the densities, a matrix for each frequency and parity
@@ -31,13 +31,13 @@ from ..densities.harmonic import (
 from ..geometry import Region
 from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
-from ..reconstruction.plane_basis import default_rule
+from ..reconstruction.plane_bases import default_rule
 from ..reconstruction.setup import plane_of
 from ..records.pressure import along_baseline
 from ..regularization import RelativeTikhonov, Tikhonov, tikhonov_rule
 from ..scans import Choices
 from ..steps.fourier_sum import fourier_inversion
-from ..steps.polar_fourier import with_origin
+from ..steps.polar_transform import with_origin
 from ..steps.radon import low_pass_values
 from .asked import of_scan, of_setup, speed_of
 from .places import another_disk, placed
@@ -47,7 +47,7 @@ PRECISIONS = (np.float32, np.float64)
 
 
 class _Ready(NamedTuple):
-    """All that a frame is multiplied with, in the precision of the images."""
+    """The matrices that a frame is multiplied with, in the precision of the images."""
 
     samples: Float[Array, "rows samples"]
     densities: Densities
@@ -57,7 +57,7 @@ class _Ready(NamedTuple):
 
 
 class Live(eqx.Module):
-    """Raw frames to images, see `live`; of other settings by `replace`.
+    """Map from raw frames to images, see `live`; `replace` changes settings.
 
     Attributes:
         setup: detectors that are used, disk or other region that is solved for, grid and radii.
@@ -88,7 +88,7 @@ class Live(eqx.Module):
     @property
     @in_double
     def radii(self) -> Float[Array, " radii"]:
-        """Of the integrals: the setup's, or as many that the record reaches at this speed."""
+        """Radii of the integrals: the setup's, or as many that the record covers at this speed."""
         return _radii(self._pressure, self.setup, self.sound_speed)
 
     @in_double
@@ -122,7 +122,7 @@ class Live(eqx.Module):
         region_center: Numbers | None = None,
         region_radius: Numbers | None = None,
     ) -> "Live":
-        """The same with other settings: what depends on them is found anew, nothing is compiled.
+        """The same with other settings: what depends on them is recomputed, nothing is compiled.
 
         Args:
             sound_speed: c [length/time].
@@ -381,7 +381,7 @@ def _precision(dtype: Any) -> np.dtype:
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Over the last axis."""
+    """Median over the last axis."""
     half = values.shape[-1] // 2
     parted = np.partition(values, half, axis=-1)
     upper = parted[..., half].astype(float)

@@ -1,4 +1,4 @@
-"""The disk that live images are solved for, and the one in it that is shown.
+"""The disk for which densities are computed, and the disk within it that is shown.
 
 The densities hold for all sources in their disk. Another disk within it is the same function at
 other pixels, so that showing it takes no time; one that leaves it is another problem.
@@ -23,7 +23,7 @@ ROUNDING = 1e-9  # relative, by which a disk may stand out
 
 
 def wider_setup(setup: Setup, reach: Numbers, n_groups: int) -> Setup:
-    """The same for all sources within ``reach`` of the region's centre, which the radii cover."""
+    """The setup for all sources within ``reach`` of the region's centre, which the radii cover."""
     curve, region, radii, sizes = plane_of(setup)
     around = disk(_reach_of(reach, region), center=region.center)
     highest = sizes.max_frequency
@@ -31,7 +31,7 @@ def wider_setup(setup: Setup, reach: Numbers, n_groups: int) -> Setup:
 
 
 def wider_choices(choices: Choices, reach: Numbers, points: np.ndarray | None) -> Choices:
-    """The same of a scan.
+    """The choices for a wider region, as `wider_setup`.
 
     Args:
         choices: with radii that cover its region.
@@ -90,7 +90,7 @@ def lies_in(region: Region, around: Region) -> bool:
 
 
 def grid_of(grid: ImageGrid, before: Disk, after: Disk) -> ImageGrid:
-    """As many pixels about another disk."""
+    """A grid about another disk, with as many pixels."""
     scale = after.radius / before.radius
     center = after.center + scale * (grid.center - before.center)
     return eqx.tree_at(lambda g: (g.half_width, g.center), grid, (scale * grid.half_width, center))

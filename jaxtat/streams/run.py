@@ -1,4 +1,4 @@
-"""From frames as they come to images as they are done."""
+"""From arriving frames to images, one after the other."""
 
 import signal
 import threading
@@ -109,7 +109,7 @@ def _interrupting(stop: Callable[[], None]) -> Iterator[list[int]]:
 
 
 def _images(to_images: Live, taken: list[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
-    """Together, or one by one where a frame cannot be."""
+    """Images of several frames at once, or one by one if a frame is invalid."""
     try:
         images = np.asarray(to_images(np.stack([frame for _, frame in taken])))
         yield from zip((number for number, _ in taken), images, strict=True)

@@ -1,4 +1,4 @@
-"""Where images of a stream go: an HDF5 file that can be read meanwhile, or a folder of files."""
+"""Destinations of images: an HDF5 file that can be read meanwhile, or a folder of files."""
 
 from collections.abc import Callable
 from pathlib import Path

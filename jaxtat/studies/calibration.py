@@ -66,7 +66,7 @@ class Parameters(eqx.Module):
 
 
 class Stage(eqx.Module):
-    """How one stage went, stages first.
+    """Results of the stages, stages first.
 
     Attributes:
         max_frequency: the highest one used [rad/length].
@@ -191,7 +191,7 @@ def calibrate(
 
 
 class _Problem(eqx.Module):
-    """What is given; the geometry is the nominal one, of all views."""
+    """The data and the nominal geometry of all views."""
 
     geometry: PolarGeometry
     curve: DetectorCurve
@@ -230,7 +230,7 @@ def _parameters(problem: _Problem, free: Free) -> Parameters:
 
 
 def _of_all(values: Float[Array, " some"], zeros: Float[Array, " n"]) -> Float[Array, " n"]:
-    """A last one that makes the sum zero, if that is missing."""
+    """Values completed by a last one that makes their sum zero, if it is missing."""
     return values if values.shape == zeros.shape else jnp.append(values, -jnp.sum(values))
 
 
@@ -241,7 +241,7 @@ def _moved(curve: DetectorCurve, found: Parameters) -> DetectorCurve:
 
 
 def _geometry(problem: _Problem, free: Free, found: Parameters) -> PolarGeometry:
-    """Only what is unknown is traced, so that the symmetry of the rest is kept."""
+    """The geometry; only unknowns are traced, so that the symmetry of the rest is kept."""
     if not free.keys() & {"center", "radius"}:
         return problem.geometry
     # elements that keep their width are seen under other angles from other radii
@@ -274,7 +274,7 @@ def _transformed(
 def _residual(
     free: Free, given: tuple[_Problem, Float[Array, " frequencies"]]
 ) -> tuple[Array, Array]:
-    """What no image explains, weighted by frequency."""
+    """The residuals of the best image, weighted by frequency."""
     problem, weight = given
     frequencies = problem.sizes.frequencies
     found = _parameters(problem, free)
@@ -325,7 +325,7 @@ def _finish(problem: _Problem, free: Free) -> tuple[Parameters, Float[Array, "de
 
 @eqx.filter_jit
 def _standard_errors(problem: _Problem, free: Free) -> Parameters:
-    """To first order, by the change of the optimum with the data.
+    """Standard errors to first order, by the change of the optimum with the data.
 
     Where the slope s(p, g) of half the sum of squares is zero, dp = -(ds/dp)^-1 (ds/dg) dg. The
     variance of dg is that of white noise of which as much is left as of the data. Second

@@ -154,7 +154,7 @@ def compare_regularizations(
 
 
 class _Judge(eqx.Module):
-    """All that is needed to tell how good densities of one frequency are."""
+    """Tables for the error and norm of densities of one frequency."""
 
     geometry: PolarGeometry
     matrix: Float[Array, "blocks m columns"]
@@ -171,7 +171,7 @@ class _Judge(eqx.Module):
         solve: Callable[["_Judge", Array], tuple[Array, Array, Array]],
         parameters: Float[Array, " values"],
     ) -> TradeOff:
-        """Of densities, iterations and a flag that a solver gives for each parameter."""
+        """The curve of one method: densities solved and judged for each parameter."""
         jax.block_until_ready(solve(self, parameters[0]))  # compile
         rows = []
         for parameter in parameters:

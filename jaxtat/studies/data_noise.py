@@ -1,4 +1,4 @@
-"""The noise of the data, told from what the model gets wrong.
+"""The noise of the data, separated from errors of the model.
 
 Waves of wave number lambda pass along a curve of detectors with at most lambda radians per length,
 wherever they come from and however fast they are: what data hold outside the cone

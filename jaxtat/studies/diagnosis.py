@@ -1,4 +1,4 @@
-"""Everything that can be told of one reconstruction: what is seen, how well, and how surely."""
+"""Diagnosis of one reconstruction: visibility, residual, accuracy and uncertainty."""
 
 import time
 
@@ -161,7 +161,7 @@ def diagnose(
 
 
 def wave_accuracy(plan: ReconstructionPlan, low_pass: LowPass | None = None) -> WaveAccuracy:
-    """What a plan's report says of every plane wave.
+    """Accuracy of every plane wave, from a plan's report.
 
     The least norm of densities is known for short waves: a line along the wave that crosses the
     curve with the transverse weight W takes lambda²/(2 W) per unit of offset, and W is 2 for a line
@@ -185,7 +185,7 @@ def affordable_pixels(plan: ReconstructionPlan) -> int:
 
 
 def _affordable(n_detectors: int, n_radii: int, n: int, n_directions: int) -> int:
-    """With n frequencies."""
+    """`affordable_pixels` of a plan with n frequencies."""
     ramp = 12 * n * n_directions  # from 2 n offsets to three times as many nodes, over n
     work = n * (2 * n_detectors * (n_radii + n_directions) + ramp)
     blocks = int(np.sqrt(MOST_WORK / work)) // BLOCK
@@ -228,7 +228,7 @@ def _noise(
 def _uncertainty(
     plan: ReconstructionPlan, noise: DataNoise, sample: Array | None, n: int, options: dict
 ) -> Uncertainty:
-    """Of white noise, or of as much as makes the sample's image: slow noise does less to it."""
+    """Standard deviations for white noise, as strong as the noise in the sample's image."""
     grid = ImageGrid(n, plan.grid.half_width, plan.grid.center)
     start = time.perf_counter()
     unit = pixel_standard_deviation(plan, 1.0, grid=grid, **options).block_until_ready()

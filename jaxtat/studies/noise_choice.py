@@ -74,7 +74,7 @@ class NoiseChoice(eqx.Module):
 
     @property
     def relative_error(self) -> Float[Array, ""]:
-        """The same over ||f||."""
+        """`image_error` over ||f||."""
         return self.image_error / self._norm(self.power)
 
     def _norm(self, power: Array) -> Array:
@@ -214,7 +214,7 @@ def _spectra(geometry: PolarGeometry, norms: Array, sizes: PlaneSizes) -> _Spect
 
 
 def _padded(spectra: _Spectra, rank: int) -> _Spectra:
-    """With zeros up to a common rank."""
+    """Arrays padded with zeros to a common rank."""
     short = rank - spectra.sigma.shape[1]
     sigma = jnp.pad(spectra.sigma, ((0, 0), (0, short)))
     parts = jnp.pad(spectra.parts, ((0, 0), (0, short), (0, 0)))

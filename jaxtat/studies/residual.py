@@ -1,4 +1,4 @@
-"""The residual sinogram: what of the data the image does not explain.
+"""The residual sinogram: the part of the data that the image does not explain.
 
 An image of the right object with the right geometry leaves noise. What else is left has a shape
 that tells its cause: whole rows are bad channels, curves that no circle through the region shares
@@ -129,7 +129,7 @@ def _meeting(curve: DetectorCurve, region: Region, radii: Array) -> Bool[Array, 
 
 
 def _distance(values: np.ndarray) -> np.ndarray:
-    """From the median, in units of what makes a detector unusual."""
+    """Distances from the median, in units of the threshold of unusual detectors."""
     off = values - np.median(values)
     deviation = 1.4826 * np.median(np.abs(off))  # that of normally distributed values
     return off / max(_SPREAD * float(deviation), _LEAST)

@@ -1,4 +1,4 @@
-"""How far noise moves every pixel: standard deviations of an image for data of known noise.
+"""Standard deviations of the pixels of an image for data with known noise.
 
 A reconstruction is linear, f = L g. If the noise of the data is independent from sample to sample,
 with standard deviations sigma_j, then exactly
@@ -128,7 +128,7 @@ def _map(
     wanted: Bool[Array | np.ndarray, "x1 x2"],
     progress: bool,
 ) -> Float[Array, "x1 x2"]:
-    """Block by block; those without a wanted pixel are left out."""
+    """Standard deviations block by block; blocks without a wanted pixel are skipped."""
     blocks = [-(-n // BLOCK) for n in grid.shape]
     if is_concrete(wanted, grid):
         found = _some_blocks(of_block, grid, np.asarray(wanted), blocks, progress)

@@ -1,4 +1,4 @@
-"""What is kept of an image: a picture, a file for ``--repeat``, and a command that makes it."""
+"""Files of an image: a picture, a file for ``--repeat``, and a command that makes it."""
 
 import shlex
 from collections.abc import Mapping
@@ -78,7 +78,7 @@ def command_line(choices: Choices, facts: Mapping[str, Any], file: str = "FILE")
 
 
 def _value(name: str, choices: Choices) -> Any:
-    """As an option has it."""
+    """The value as a word of the command line."""
     value = getattr(choices, name)
     if name == "region_center":  # what rounding left of zero is zero
         least = ROUNDING * choices.region_radius

@@ -1,4 +1,4 @@
-"""Work for a page in a thread of its own: of much that is wanted, the latest is done."""
+"""Computations of a page in a thread of their own: only the latest request is computed."""
 
 import sys
 from collections import deque
@@ -13,7 +13,7 @@ Show = Callable[[Any, str], Any]  # of a result, or of an error in words
 
 
 class Latest:
-    """Does what was asked for last, and leaves out what came before while it was at work.
+    """Computes the latest request, and skips those that came before it in the meantime.
 
     Args:
         later: runs a function in the page's own thread, soon; may be called from any thread.
@@ -26,12 +26,12 @@ class Latest:
         self._busy = self._closed = False
 
     def want(self, work: Work, show: Show) -> None:
-        """Do this as soon as what is being done is done, if nothing else is wanted by then."""
+        """Compute this next, unless a later request comes first."""
         self._wanted = work, show
         self._begin()
 
     def must(self, work: Work, show: Show) -> None:
-        """Do this in any case."""
+        """Compute this in any case."""
         self._must.append((work, show))
         self._begin()
 
@@ -54,7 +54,7 @@ class Latest:
         future.add_done_callback(lambda done: self._done(done, show))
 
     def _done(self, future: Future, show: Show) -> None:
-        """In the other thread."""
+        """Compute, in the other thread."""
         if not self._closed and not future.cancelled():
             self._later(lambda: self._take(future, show))
 
@@ -68,7 +68,7 @@ class Latest:
 
 
 def _in_double(work: Callable[[], Any]) -> Any:
-    """With 64 bits in this thread, whatever the program has chosen for its own."""
+    """Run with 64 bits in this thread, whatever the program uses."""
     with jax.enable_x64(True):
         return work()
 

@@ -227,7 +227,7 @@ class Page:
 
     @property
     def knobs(self) -> Knobs:
-        """Where they stand; a knob that was not turned has the value of the choices, to the bit."""
+        """Values of the controls; one that was not moved has exactly the value of the choices."""
         start = self._session.start
         speed, alpha = self.speed.value / self.scale, 10**self.alpha.value
         return Knobs(
@@ -259,7 +259,7 @@ class Page:
         self._images.want(lambda: self._seen(session, knobs), self._show)
 
     def _seen(self, session: Session, knobs: Knobs) -> "_Seen":
-        """In the other thread."""
+        """Compute an image, in the other thread."""
         start = time.perf_counter()
         image = session.image(knobs)
         taken, grid = time.perf_counter() - start, session.grid(knobs)
@@ -303,7 +303,7 @@ class Page:
         self.picture.y_range.update(start=low[1], end=low[1] + size[1])
 
     def _take_session(self, session: Session) -> None:
-        """Of another region."""
+        """Show another region."""
         self._session = session
         self.looking.take(session)
         scale, _ = lengths(session)
@@ -370,7 +370,7 @@ class Page:
     # in words
 
     def _name_knobs(self) -> None:
-        """What their sliders do not tell by themselves."""
+        """Labels of the sliders, with values where these are not shown."""
         knobs = self.knobs
         self.alpha.title = f"alpha {knobs.alpha:.2g}, its power of ten"
         number = self._session.frame_number(knobs.frame)
@@ -389,7 +389,7 @@ class Page:
 
 
 class _Seen(NamedTuple):
-    """An image and what is said of it."""
+    """An image and the texts about it."""
 
     session: Session
     image: np.ndarray

@@ -1,4 +1,4 @@
-"""What one person looks at: a scan, where the knobs stand, and what of it was computed last."""
+"""The state of one page: a scan, the values of its controls, and the last results."""
 
 import copy
 import math
@@ -81,7 +81,7 @@ class Session:
         self.inside = np.asarray(self._live.setup.region.contains(grid.points))
 
     def copy(self) -> "Session":
-        """The same for another person: nothing that one does changes what the other sees."""
+        """A session for another page: changes in one are not seen in the other."""
         return copy.copy(self)
 
     def image(self, knobs: Knobs) -> Float[np.ndarray, "x1 x2"]:
@@ -181,7 +181,7 @@ class Session:
         return Session(self.scan, moved, self.facts)
 
     def frame_number(self, frame: int) -> int:
-        """Of a frame in its file."""
+        """Number of a frame in its file."""
         return int(frame_numbers(self.scan)[frame])
 
     def frame_facts(self, frame: int) -> dict[str, Any]:
@@ -204,7 +204,7 @@ class Session:
         return np.asarray(self._live(self._read(knobs.frame), energy=1.0))  # divided out before
 
     def _turn(self, knobs: Knobs) -> None:
-        """What takes time is done only for knobs that were turned."""
+        """Recompute only what depends on controls that were changed."""
         new = {"sound_speed": knobs.sound_speed, "rule": knobs.alpha, "low_pass": knobs.low_pass}
         made = {"sound_speed": self._made.sound_speed, "rule": self._made.alpha}
         made |= {"low_pass": self._made.low_pass}
@@ -260,7 +260,7 @@ class Session:
 
 
 def _given(choices: Choices, reasons: Mapping[str, str]) -> Choices:
-    """With other reasons, by name: of what the person at the knobs has decided."""
+    """Choices with these reasons, graded sure: those that the controls decide."""
     for name, reason in reasons.items():
         choices = choices.with_reason(name, reason, SURE)
     return choices

@@ -22,11 +22,11 @@ from jaxtat import (
 )
 from jaxtat.densities import solve_on_boundary
 from jaxtat.densities.harmonic import Asked
-from jaxtat.reconstruction.plane_basis import BoundaryTraces, plane_basis
+from jaxtat.reconstruction.plane_bases import BoundaryTraces, plane_basis
 from jaxtat.reconstruction.setup import plane_of
 from jaxtat.regularization import tikhonov_rule
 from jaxtat.steps.inversion import invert
-from jaxtat.steps.polar_fourier import with_origin
+from jaxtat.steps.polar_transform import with_origin
 from jaxtat.steps.radial_transforms import total_integrals
 
 CORNERS = np.array([(-0.65, -0.65), (0.75, -0.65), (-0.65, 0.75)])

@@ -28,7 +28,7 @@ from jaxtat import (
 )
 from jaxtat.densities import SampledDensities
 from jaxtat.densities.harmonic import HarmonicDensities
-from jaxtat.reconstruction import plane_basis
+from jaxtat.reconstruction import plane_bases
 
 BELL = phantoms.Bells([[0.08, 0.03], [-0.05, -0.06]], [0.9, 0.9], [1.0, 0.7])
 HALF_BELL = phantoms.Bells([[-0.5, 0.1]], [0.45])
@@ -358,13 +358,13 @@ def test_derivatives_of_the_image_in_K_and_j_max_by_collocation():
 
 def test_new_numbers_do_not_retrace(arc_plan, data, monkeypatch, forget_programs):
     traced = []
-    original = plane_basis.radial_transform
+    original = plane_bases.radial_transform
 
     def counted(*arguments):
         traced.append(1)
         return original(*arguments)
 
-    monkeypatch.setattr(plane_basis, "radial_transform", counted)
+    monkeypatch.setattr(plane_bases, "radial_transform", counted)
     forget_programs()
     for scale in (1.0, 2.0, 3.5):
         reconstruct(arc_plan, scale * data)

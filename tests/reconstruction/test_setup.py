@@ -29,13 +29,15 @@ from jaxtat import (
     circular_arc,
     circular_integrals,
     circular_integrals_adjoint,
+    data_radii,
     disk,
     phantoms,
     polygon,
     reconstruct,
     solve,
 )
-from jaxtat.spherical import DetectorPoints, ball, spherical_cap
+from jaxtat.geometry import visible_disk
+from jaxtat.spherical import DetectorPoints, ball, cap_radii, spherical_cap
 from jaxtat.studies import data_residual, pixel_standard_deviation, predict_noise, visibility_map
 
 ARC, DISK, GRID = circular_arc(1.3, 1.0, 24), disk(1.0), ImageGrid(9)
@@ -323,6 +325,29 @@ def test_every_function_works_inside_jit(request, name, where):
         for one, other in zip(found, plain, strict=True):
             scale = np.nanmax(np.abs(other), initial=1e-300)
             assert_allclose(one, other, atol=1e-9 * scale, equal_nan=True)
+
+
+def series_norms(curve):
+    setup = Setup(curve, DISK, GRID, max_frequency=4.0, n_directions=8)
+    return build_plan(setup, method="series").report.norm
+
+
+# of a known geometry they work inside jax.jit; of a traced one the size of the answer is unknown
+OF_KNOWN_GEOMETRY = {
+    "data_radii": (lambda curve: data_radii(curve, DISK, 0.1), ARC),
+    "cap_radii": (lambda curve: cap_radii(curve, BALL, 0.1), CAP),
+    "visible_disk": (lambda curve: jnp.asarray(visible_disk(curve, n=9)[1]), ARC),
+    "series": (series_norms, circular_arc(1.3, 1.3, 24)),
+}
+
+
+@pytest.mark.parametrize("name", OF_KNOWN_GEOMETRY)
+def test_known_geometries_stay_known_inside_jit(name):
+    work, curve = OF_KNOWN_GEOMETRY[name]
+    inside = traced(lambda factor: factor * work(curve), jnp.asarray(2.0))
+    assert_allclose(inside[0], 2 * work(curve), rtol=1e-12)
+    with pytest.raises(ValueError, match="traced"):
+        eqx.filter_make_jaxpr(work)(curve)
 
 
 # ---- one family of rules

@@ -20,7 +20,7 @@ from jaxtat import (
     solve,
 )
 from jaxtat.densities.harmonic import tikhonov
-from jaxtat.reconstruction import plane_basis as bases
+from jaxtat.reconstruction import plane_bases as bases
 from jaxtat.reconstruction.setup import plane_of, require_setup
 
 BELL = phantoms.Bells([[0.08, 0.03], [-0.05, -0.06]], [0.9, 0.9], [1.0, 0.7])
@@ -189,7 +189,7 @@ def basis_of(setup):
 def test_solver_follows_from_the_size(arc, half_arc, monkeypatch):
     """Conjugate gradients for very many orders, where they are cheap: disks and circles."""
     assert basis_of(arc).solver == "cholesky"
-    monkeypatch.setattr("jaxtat.reconstruction.plane_basis.MOST_ORDERS", 10)
+    monkeypatch.setattr("jaxtat.reconstruction.plane_bases.MOST_ORDERS", 10)
     assert basis_of(arc).solver == "cg"
     assert basis_of(half_arc).solver == "cholesky"
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jaxtat import ImageGrid, Setup, circular_arc, disk, phantoms
-from jaxtat.reconstruction.plane_basis import plane_basis
+from jaxtat.reconstruction.plane_bases import plane_basis
 from jaxtat.reconstruction.setup import plane_of
 from jaxtat.regularization import tikhonov_rule
 from jaxtat.scans.speed import _sharpness, _stretched, sharpest

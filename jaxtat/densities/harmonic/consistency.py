@@ -1,4 +1,4 @@
-"""How well data agree with themselves: what no image in the region can explain.
+"""Consistency of data: the part that no image in the region can explain.
 
 At each frequency an image enters the data only by its coefficients y in cylindrical waves, and
 √w (G_J, G_Y) = A^T y without any error of discretisation, since Graf's expansion is exact (see
@@ -35,7 +35,7 @@ def unexplained(
     transformed: Float[Array, "frequencies 2 detectors"],
     alpha: Float[Array, ""],
 ) -> tuple[Float[Array, "frequencies 2 detectors"], Float[Array, "frequencies blocks r"]]:
-    """(√w G - A^T y, √alpha y), whose squares add up to what the best image leaves.
+    """(√w G - A^T y, √alpha y): the sum of squares is the least misfit of any image.
 
     Args:
         geometry: curve and region.

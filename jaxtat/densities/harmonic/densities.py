@@ -169,7 +169,7 @@ def unfold(
 
 
 class Step(eqx.Module):
-    """One frequency's contribution to a group, and what single directions need besides."""
+    """One frequency's contribution to a group, and the corrections of single directions."""
 
     rows: Float[Array, "*f blocks r columns"]
     right: Float[Array, "*f blocks k columns"]
@@ -223,7 +223,7 @@ def harmonic_densities(
 
 
 def group_of(steps: Sequence[Step]) -> DensityGroup:
-    """Steps of neighbouring frequencies, without what is below rounding.
+    """Steps of neighbouring frequencies as one group, without components below rounding.
 
     High orders are needed to resolve the potentials, but hardly occur in plane waves; of the
     components that directions keep differently, as many stay as the neediest frequency has.
@@ -251,7 +251,7 @@ def group_of(steps: Sequence[Step]) -> DensityGroup:
 
 
 def _rounded(size: int) -> int:
-    """Up to the next of few sizes, so that plans for other numbers of a rule share programs."""
+    """A size rounded up to one of a few: plans for other numbers of a rule share programs."""
     return -(-size // _SIZES) * _SIZES
 
 

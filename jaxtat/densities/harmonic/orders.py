@@ -1,4 +1,4 @@
-"""How many cylindrical waves a frequency needs, and frequencies in groups of alike need.
+"""The number of cylindrical waves that each frequency needs, and groups of frequencies.
 
 Order n enters the potentials through J_n(lambda |x|) H_n(lambda |z|), which falls like
 (|x|/|z|)^n / (π n) once n exceeds lambda |x|. Orders are kept until that is below `TOLERANCE`.
@@ -40,7 +40,7 @@ def highest_orders(frequencies: np.ndarray, reach: float, distance: float) -> np
 
 
 def frequency_groups(orders: np.ndarray, most: int) -> list[tuple[slice, int]]:
-    """Neighbouring frequencies in at most ``most`` groups, each with the most orders of its own.
+    """Neighbouring frequencies in at most ``most`` groups, each with its largest order.
 
     The work is like the cube of N, and every group is compiled by itself, which small problems do
     not repay. The bounds are those of least work Σ (b - a) N³, found group by group: the least for

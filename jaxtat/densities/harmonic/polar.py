@@ -1,4 +1,4 @@
-"""Curve and region in polar coordinates: about which point and axis cylindrical waves are taken.
+"""Curve and region in polar coordinates, and the centre and axis of the cylindrical waves.
 
 The waves J_n(lambda |x - c|) e^{in theta} write the potentials of all detectors that are farther
 from c than every point of the region. The axis is the line in which the geometry is mirrored, if it
@@ -136,7 +136,7 @@ def waves_reach(curve: DetectorCurve, region: Region) -> bool:
 
 
 def half_weights(weights: Float[Array, " detectors"]) -> Float[Array, " half"]:
-    """Of the first half: twice w for a detector that stands for two, w for one on the axis.
+    """Weights of the first half: twice w for a detector that stands for two, w for one on the axis.
 
     Detectors are in order along the curve, so that the mirror image of number k is the k-th last.
     """
@@ -185,7 +185,7 @@ def polar_geometry(curve: DetectorCurve, region: Region, n_nodes: int = NODES) -
 
 
 def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
-    """The arc's own symmetry holds for all its parameters; whether the region shares it is seen."""
+    """An arc is symmetric for all its parameters; whether the region is too is checked."""
     offset = np.abs(np.asarray(region.center) - np.asarray(arc.center)).max()
     near = _ROUNDING * float(arc.radius) if is_concrete(arc.radius) else 0.0
     concentric = isinstance(region, Disk) and bool(offset <= near)
@@ -256,7 +256,7 @@ def _elements_alike(curve: DetectorCurve, outward: np.ndarray) -> bool:
 
 
 def _with_nodes(geometry: PolarGeometry, curve: DetectorCurve, n: int) -> PolarGeometry:
-    """With the nodes of its elements, if these have a width."""
+    """The geometry with the nodes of its elements, if these have a width."""
     if curve.element_width is None:
         return geometry
     nodes, weights = map(jnp.asarray, gauss_rule(n))

@@ -19,13 +19,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Inexact
 
 from ...geometry.elements import element_factor, mean_over_nodes
-from .cut_disk import CutDisk, cut_disk_gram
+from .cut_disks import CutDisk, cut_disk_gram
 from .polar import PolarGeometry
 from .waves import angular, at_detectors, boundary_traces, disk_norms, scales, twice, wave_steps
 
 
 class WaveTable(eqx.Module):
-    """What the waves of each frequency are made of; frequencies first.
+    """Tables from which the waves of each frequency are computed; frequencies first.
 
     Attributes:
         frequencies: lambda [rad/length].
@@ -236,7 +236,7 @@ def region_factor(geometry: PolarGeometry, wave: WaveTable) -> RegionFactor:
 def region_gram(
     geometry: PolarGeometry, wave: WaveTable, shared: CutDisk | None
 ) -> Float[Array, "blocks r r"]:
-    """G = R^T R of one frequency: in a cut disk from what is shared, else by boundary points."""
+    """G = R^T R of one frequency: from the shared tables of a cut disk, else by boundary points."""
     if shared is not None:
         return cut_disk_gram(wave.frequencies, wave.steps, shared, geometry.mirror)
     traces = boundary_traces(wave.frequencies, wave.steps, geometry)

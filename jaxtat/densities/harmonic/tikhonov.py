@@ -31,7 +31,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...base.parallel import map_shards
 from ...regularization import seen_once
 from ...regularization.alpha import Problem, TikhonovRule
-from .cut_disk import CutDisk, cut_disk
+from .cut_disks import CutDisk, cut_disk
 from .polar import PolarGeometry
 from .table import (
     RegionFactor,
@@ -73,7 +73,7 @@ class SolveReport(eqx.Module):
 
 
 class Asked(eqx.Module):
-    """What the rules need to know of every frequency, and the rule; frequencies first.
+    """Norms and noise at every frequency, which rules depend on, and the rule; frequencies first.
 
     Attributes:
         noise_power: mean square of √w (G_J, G_Y) for white noise of variance 1 in g.
@@ -87,7 +87,7 @@ class Asked(eqx.Module):
 
 
 class _System(eqx.Module):
-    """What a frequency's system is solved for.
+    """The system of one frequency.
 
     Attributes:
         values: Σ_k w_k (cos|sin)(n theta_k) G_k, (..., images, 2, 2, orders), or w G, (..., images,
@@ -103,7 +103,7 @@ class _System(eqx.Module):
 
 
 class _Tables(eqx.Module):
-    """What does not depend on the frequency.
+    """Tables that do not depend on the frequency.
 
     Attributes:
         detectors: T of detectors on a circle.
@@ -519,7 +519,7 @@ def _diagonal_matrix(values: Float[Array, "blocks r"]) -> Float[Array, "blocks r
 
 
 def _relative(residual: Array, rhs: Array, axes: tuple[int, int]) -> Array:
-    """The largest ratio of norms over the images; 0 where there is nothing to solve for."""
+    """The largest ratio of norms over the images; 0 for a right-hand side that is zero."""
     size = jnp.sum(rhs**2, axis=axes)
     ratio = jnp.sum(residual**2, axis=axes) / jnp.where(size > 0, size, 1.0)
     return jnp.sqrt(jax.lax.stop_gradient(ratio).max())

@@ -65,7 +65,7 @@ def decomposed_waves(
     groups: tuple[tuple[int, int, int], ...],
     dtype: np.dtype,
 ) -> DecomposedWaves:
-    """All that does not depend on alpha.
+    """The decompositions, which do not depend on alpha.
 
     Args:
         geometry: curve and region.

@@ -8,7 +8,7 @@ import pytest
 
 from jaxtat import circular_arc, detector_curve, disk
 from jaxtat.densities.harmonic import harmonic_orders, polar_geometry, wave_table
-from jaxtat.densities.harmonic.cut_disk import cut_disk
+from jaxtat.densities.harmonic.cut_disks import cut_disk
 from jaxtat.densities.harmonic.table import (
     RegionFactor,
     alpha_unit,

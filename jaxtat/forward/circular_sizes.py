@@ -1,4 +1,4 @@
-"""What of the fast integrals over circles is a size: decided once, of concrete positions."""
+"""Sizes of the fast integrals over circles, chosen once from concrete positions."""
 
 from itertools import pairwise
 from typing import Any
@@ -45,7 +45,7 @@ class CircleSizes(eqx.Module):
 
 
 def circle_sizes(curve: DetectorCurve, grid: ImageGrid) -> CircleSizes:
-    """Of a concrete geometry: T for its farthest pixel, orders for the image's reach.
+    """The sizes of a concrete geometry: T by its farthest pixel, orders by the image's reach.
 
     The circular harmonics of the transform of an image that reaches to |x - c| <= a are those of
     J_m(lambda a), which fall faster than exponentially from m = lambda a on.
@@ -78,7 +78,7 @@ def circle_sizes(curve: DetectorCurve, grid: ImageGrid) -> CircleSizes:
 
 
 def highest_order(x: float) -> int:
-    """From which on J_m(x) is below 1e-12: DLMF 10.19.8, with the small arguments' faster decay."""
+    """The order from which on J_m(x) is below 1e-12: DLMF 10.19.8; faster decay for small x."""
     return int(np.ceil(x + 6 * np.cbrt(x) + 10))
 
 
@@ -92,7 +92,7 @@ def zeros_of_j0(n: int) -> Float[np.ndarray, " n"]:
 
 
 def _circle_center(curve: DetectorCurve) -> Any:
-    """Of the circle on which the detectors lie, if they do."""
+    """Centre of the circle on which the detectors lie; None if they lie on none."""
     if isinstance(curve, CircularArc):
         return np.asarray(curve.center)
     circle = circle_through(curve)

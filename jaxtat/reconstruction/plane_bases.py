@@ -27,7 +27,7 @@ from ..regularization import (
     unit_norms,
 )
 from ..steps.inversion import invert
-from ..steps.polar_fourier import with_origin
+from ..steps.polar_transform import with_origin
 from ..steps.radial_transforms import noise_power, radial_transform, total_integrals
 from .sizes import PlaneSizes
 
@@ -137,7 +137,7 @@ def plane_basis(
 
 
 def default_rule(sizes: PlaneSizes) -> TikhonovRule:
-    """What `solve` takes where no rule is named."""
+    """The default rule of `solve`."""
     if not sizes.as_in_the_paper:
         return RelativeTikhonov(DEFAULT_KAPPA)
     sampled = sizes.frequencies <= sizes.sampled * sizes.max_frequency * (1 + 1e-9)
@@ -157,7 +157,7 @@ def _energies(
     fhat: Complex[Array, "images frequencies directions"],
     sizes: PlaneSizes,
 ) -> Float[Array, "2 frequencies"]:
-    """A wave's (G_J, G_Y) have the mean square |fhat|²/lambda, times what of it is seen."""
+    """By data and image: (G_J, G_Y)² has the mean |fhat|²/lambda, times the share that is seen."""
     frequencies = sizes.frequencies
     of_data = frequencies**2 * jnp.mean(transformed**2, axis=(0, 2, 3))
     return jnp.stack([of_data, frequencies * jnp.mean(jnp.abs(fhat) ** 2, axis=(0, 2))])

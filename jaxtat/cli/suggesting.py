@@ -1,4 +1,4 @@
-"""What a person should look at first, with the command line that changes it."""
+"""The choices to check first, each with a command line that changes it."""
 
 import argparse
 import shlex
@@ -19,7 +19,7 @@ _OTHER = {"2d": "in-plane", "in-plane": "2d", "none": "cosine", "cosine": "none"
 
 
 def suggestions(options: argparse.Namespace, choices: Choices) -> str:
-    """Up to three choices, least sure first, and how to see or make each otherwise."""
+    """Up to three choices, least certain first, and commands that try or set other values."""
     names, reasons = to_look_at(choices), dict(choices.reasons)
     if not names:
         return "Nothing is left to look at: everything is given."
@@ -31,7 +31,7 @@ def suggestions(options: argparse.Namespace, choices: Choices) -> str:
 
 
 def _command(options: argparse.Namespace, choices: Choices, name: str) -> list[str]:
-    """As the options were given, and one choice otherwise."""
+    """The command as it was given, with one choice changed."""
     asked = ["jaxtat", "reconstruct", options.file, *_given(options)]
     value = getattr(choices, name, None)
     if name in NUMBERS and value and not wants_plan(options):
@@ -49,5 +49,5 @@ def _otherwise(choices: Choices, name: str, value: Any) -> list[str]:
 
 
 def _given(options: argparse.Namespace) -> list[str]:
-    """What `jaxtat info` was told, as it is told to `jaxtat reconstruct`."""
+    """The options of `jaxtat info` as options of `jaxtat reconstruct`."""
     return [word for name in _OPTIONS for word in words_of(name, getattr(options, name, None))]

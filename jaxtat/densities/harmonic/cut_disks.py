@@ -31,7 +31,7 @@ from .waves import angular
 
 
 class CutDisk(eqx.Module):
-    """What is alike at all frequencies.
+    """Tables that are the same for all frequencies.
 
     Attributes:
         distances: of the chord's points from the centre, and R [length].
@@ -59,7 +59,7 @@ class CutDisk(eqx.Module):
 
 
 def cut_disk(geometry: PolarGeometry, n_max: int) -> CutDisk | None:
-    """Of waves up to the order N; None for other regions."""
+    """The tables for waves up to the order N; None for other regions."""
     region = geometry.region
     if not geometry.rim or not isinstance(region, Disk):
         return None

@@ -1,4 +1,4 @@
-"""What of the fast integrals over spheres is a size: decided once, of concrete positions."""
+"""Sizes of the fast integrals over spheres, chosen once from concrete positions."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -65,7 +65,7 @@ class SphereSizes(eqx.Module):
 
     @property
     def n_frequencies(self) -> int:
-        """Of the k with lambda_k <= π/h."""
+        """Number of k with lambda_k <= π/h."""
         return self.bands[-1].last
 
     @property
@@ -77,7 +77,7 @@ class SphereSizes(eqx.Module):
 def sphere_sizes(
     curve: Detectors, grid: VolumeGrid, *, tolerance: float = TOLERANCE, n_groups: int = GROUPS
 ) -> SphereSizes:
-    """Of a concrete geometry: T for its farthest voxel, degrees for its reach.
+    """The sizes of a concrete geometry: T by its farthest voxel, degrees by its reach.
 
     About the detectors' centre c let the volume reach a, and b across the axis x_3. On a sphere of
     directions exp(i lambda w·(x - c)) is of degree lambda a, and of order lambda b, up to a margin

@@ -1,4 +1,4 @@
-"""The speed of sound of a scan in space that does not tell it: where opposite detectors agree.
+"""The speed of sound of a scan in space: that at which opposite detectors agree.
 
 A wave front that runs towards one detector runs away from the one opposite. Back-projected at the
 true speed, they lie on each other with the same sign where the record is filtered evenly in time,
@@ -124,7 +124,7 @@ def _agreement(z: np.ndarray) -> float:
 
 
 def _weights(detectors: object) -> Float[np.ndarray, " detectors"]:
-    """Parts of the sphere that rings stand for; of points all alike."""
+    """Areas of the detectors of rings; equal ones for points."""
     if isinstance(detectors, DetectorPoints):
         return np.ones(len(detectors.points))
     weights = np.asarray(detectors.weights)  # type: ignore[attr-defined]
