@@ -70,7 +70,8 @@ def python_of(environment: str, folder: Path) -> Path:
 def last_line(text: str) -> str:
     """Of what a program said, the reason why it ended."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return lines[-1] if lines else "no message"
+    errors = [line for line in lines if "Error" in line.split(":")[0]]  # JAX adds a note to them
+    return [*lines, *errors][-1] if lines else "no message"
 
 
 def clone_of(peer: Peer, given: dict[str, str]) -> str | None:

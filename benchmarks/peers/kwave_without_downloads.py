@@ -57,11 +57,14 @@ def _lagrange(place):
 
 
 def reverse(x, times, sound_speed, mask, record):
-    """The field at time 0 where a record (points of the mask, samples) is played backwards."""
+    """The field at time 0 where a record (points of the mask, samples) is played backwards.
+
+    Negative values become 0, as in the package's own TimeReversal, which needs the compiled ones.
+    """
     source = kSource()
     source.p_mask, source.p_mode = mask, "dirichlet"
     source.p = record[:, ::-1].copy()
     sensor = kSensor(mask=np.ones(mask.shape, bool))
     sensor.record = ["p_final"]
     found = _run(x, times, sound_speed, source, sensor, np.float32)
-    return np.asarray(found["p_final"])
+    return np.maximum(found["p_final"], 0)
