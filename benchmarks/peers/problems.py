@@ -1,6 +1,7 @@
 """What is reconstructed: three phantoms in five arrays, two records of others, a measured scan."""
 
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -23,11 +24,13 @@ def write(folder: Path) -> list[Path]:
             simulated = folder / f"{phantom}.npz"
             if simulated.is_file():
                 found.append(_save(folder, f"{phantom}-{array}", _cut(simulated, array, rng)))
-    data = os.environ.get("JAXTAT_DATA")
+    data = Path(os.environ.get("JAXTAT_DATA", ""))
     for name, make in OTHERS.items():
-        if data and (path := Path(data) / f"{name}.npz").is_file():
+        if (path := data / f"{name}.npz").is_file():
             with np.load(path) as file:
                 found.append(_save(folder, name, make(file)))
+        else:
+            print(f"without {name}: JAXTAT_DATA has no {path.name}", file=sys.stderr)
     return found
 
 
