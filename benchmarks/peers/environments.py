@@ -33,6 +33,7 @@ PEERS = [
     Peer("jaxtat, model-based", "jaxtat_model_based"),
     Peer("PATATO, back-projection", "patato_backprojection", "patato"),
     Peer("PATATO, FFT", "patato_fft", "patato"),
+    Peer("PATATO, FFT, fading mended", "patato_fft_mended", "patato"),
     Peer("PATATO, model-based", "patato_model_based", "patato"),
     Peer("k-Wave, time reversal", "kwave_time_reversal", "kwave"),
     Peer("jwave, time reversal", "jwave_time_reversal", "jwave"),

@@ -10,7 +10,7 @@ from peer import NotForThis, run
 from scipy.ndimage import rotate
 
 
-def reconstruct(problem):
+def reconstruct(problem, mend=lambda image: image):
     from patato.recon.fourier_transform_rec import FFTReconstruction
 
     distances = np.linalg.norm(problem.detectors, axis=1)
@@ -25,7 +25,7 @@ def reconstruct(problem):
     geometry[:, :2] = problem.detectors @ np.array([[c, s], [-s, c]])
     geometry[:, 1] += 1e-9 * distances.mean()
     order = np.argsort(_from_the_middle(geometry))
-    found = image_of(problem, FFTReconstruction, record[:, :, order], rate, geometry[order])
+    found = mend(image_of(problem, FFTReconstruction, record[:, :, order], rate, geometry[order]))
     return found if turn == 0 else rotate(found, np.degrees(turn), reshape=False, order=3)
 
 
