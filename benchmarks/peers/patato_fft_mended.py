@@ -1,7 +1,7 @@
 """PATATO: the Fourier-Hankel method, without the fading of its images towards two corners.
 
-Its Fourier transform of an odd number of pixels, 3 n, is shifted by one: a factor cos(2 pi (i - j) /
-3 n) at the pixel (i, j) from the middle. It is divided by.
+Its Fourier transform of an odd number of pixels, 3 n, is shifted by one, which multiplies the pixel
+(i, j) from the middle by cos(2 pi (i - j) / (3 n)). Here it is divided by that.
 """
 
 import numpy as np
