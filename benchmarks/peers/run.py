@@ -106,6 +106,8 @@ def _row(peer: Peer, python: Path, path: Path, out: Path, environment: dict) -> 
     with np.load(path) as problem, np.load(out) as found:
         if "reason" in found:
             return {"reason": str(found["reason"])}
+        if not np.isfinite(found["image"]).all():
+            return {"reason": "its image has values that are no numbers"}
         row = _cost(found)
         if "truth" in problem:
             image = found["image"].astype(float)
