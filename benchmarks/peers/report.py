@@ -17,7 +17,7 @@ PAGE = HERE.parents[1] / "docs" / "comparison.md"
 PICTURE = HERE.parents[1] / "docs" / "pictures" / "peers.png"
 MARKS = "<!-- tables of benchmarks/peers/report.py -->", "<!-- end of these tables -->"
 SHOWN = "vessels-arc270"
-COLUMNS = 5  # of the picture
+COLUMNS = 6  # of the picture
 PROBLEMS = {
     "vessels-ring": "ring",
     "vessels-arc270": "270°",
@@ -164,8 +164,8 @@ def draw(folder: Path, peers: list[str]) -> None:
     scripts = [peer for peer in PEERS if peer.title in peers]
     deep = -(-(len(scripts) + 1) // COLUMNS)  # rows of pictures for each problem
     plt.rcParams.update({"font.size": 7})
-    size = (1.6 * COLUMNS, 3.7 * deep)
-    figure, axes = plt.subplots(2 * deep, COLUMNS, figsize=size, dpi=130, layout="constrained")
+    size = (1.5 * COLUMNS, 3.7 * deep)
+    figure, axes = plt.subplots(2 * deep, COLUMNS, figsize=size, dpi=110, layout="constrained")
     for axis in axes.flat:
         axis.axis("off")
     for block, name in zip((axes[:deep], axes[deep:]), (SHOWN, "msot_scan9"), strict=True):
