@@ -237,7 +237,7 @@ def test_who_is_better_is_named():
         {"peer": "X", "problem": "c", "reason": "for circles only"},
         {"peer": "Y", "reason": "not cloned"},
     ]
-    assert report._better(rows).endswith("- than jaxtat, direct, of 2 problems: X (a).")
+    assert report._better(rows).endswith("- than jaxtat, direct, of 2 problems: X in 1 (a).")
 
 
 def test_the_results_hold_every_peer_or_its_reason():

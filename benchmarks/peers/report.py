@@ -84,7 +84,8 @@ def _by_array(rows: list[dict], peers: list[str]) -> str:
         for line in lines:
             value = _digits(found[line[0]]["relative_l2"]) if line[0] in found else ""
             line.append(f"**{value}**" if line[0] == first else value)
-    return "Relative L2 error:\n\n" + _table(["", *PROBLEMS.values()], lines)
+    head = "Relative L2 errors, for the vessels in five arrays and two records of others (*):"
+    return f"{head}\n\n" + _table(["", *PROBLEMS.values()], lines)
 
 
 def _digits(value: float) -> str:
@@ -105,7 +106,7 @@ def _better(rows: list[dict]) -> str:
                 row.get("problem"), 0.0
             ):
                 found.setdefault(row["peer"], []).append(row["problem"])
-        said = [f"{peer} ({', '.join(problems)})" for peer, problems in found.items()]
+        said = [f"{peer} in {len(where)} ({', '.join(where)})" for peer, where in found.items()]
         lines.append(f"- than {own}, of {len(errors)} problems: {'; '.join(said) or 'nobody'}.")
     return "**Others have a smaller relative L2 error:**\n\n" + "\n".join(lines)
 
@@ -148,10 +149,9 @@ def _absent(rows: list[dict], results: dict) -> str:
     for row in rows:
         if "reason" in row and "problem" in row:
             reasons.setdefault((row["peer"], row["reason"]), []).append(row["problem"])
-    lines += [
-        f"- {peer}, {len(problems)} problems ({', '.join(problems)}): {reason}"
-        for (peer, reason), problems in reasons.items()
-    ]
+    for (peer, reason), where in reasons.items():
+        named = f" ({', '.join(where)})" if len(where) < 5 else ""
+        lines.append(f"- {peer}, {len(where)} problems{named}: {reason}")
     made = f"Made on {results['date']}, {results['machine']}."
     return f"{made} Not run, or without an image:\n\n" + "\n".join(lines)
 

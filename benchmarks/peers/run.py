@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import problems
+from arrays import ARRAYS
 from environments import PEERS, Absent, Peer, clone_of, last_line, python_of
 from measures import measured
 
@@ -144,11 +145,16 @@ def _store(row: dict) -> None:
         or ("problem" in old and "problem" in row and old["problem"] != row["problem"])
     ]
     titles = [peer.title for peer in PEERS]
+    names = ["", *(f"{phantom}-{array}" for phantom in problems.PHANTOMS for array in ARRAYS)]
+    names += problems.OTHERS
     contents = {
         "date": datetime.date.today().isoformat(),
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}, "
         f"Python {platform.python_version()}",
-        "rows": sorted([*kept, row], key=lambda row: titles.index(row["peer"])),
+        "rows": sorted(
+            [*kept, row],
+            key=lambda row: (titles.index(row["peer"]), names.index(row.get("problem", ""))),
+        ),
     }
     RESULTS.write_text(json.dumps(contents, indent=1) + "\n")
 
