@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # where it is set, as in many containers, every process would compile all that it imports
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help paper test test-lowest test-newest test-interop test-deepinv test-napari has-newest check bench docs pictures package clean
+.PHONY: help paper test test-lowest test-newest test-interop test-deepinv test-napari has-newest check bench peers docs pictures package clean
 
 help:
 	@echo "make paper   reproduce the paper: table, figures and metrics.json in out/paper"
@@ -18,6 +18,7 @@ help:
 	@echo "make test-deepinv   those with PyTorch, for DeepInverse and SIMPA, likewise"
 	@echo "make test-napari   those with napari, without a screen"
 	@echo "make bench   time, error and memory of everything, into benchmarks/results.json and .md"
+	@echo "make peers   other packages on the same problems, each in an environment of its own"
 	@echo "make docs    the documentation, in out/site"
 	@echo "make pictures   the pictures in it, in docs/pictures"
 	@echo "make package wheel and source distribution in dist, made twice alike, installed and tried"
@@ -49,6 +50,11 @@ bench: .venv/ready
 	$(BIN)/python -m pytest benchmarks -c benchmarks/pytest.ini \
 		--benchmark-json=benchmarks/results.json
 	$(BIN)/python benchmarks/report.py benchmarks/results.json
+
+# needs a network for pip. Clones of what is no package: TORCH_TAT=FOLDER FAST_HANKEL=FOLDER
+peers: .venv/ready
+	$(BIN)/python -W ignore benchmarks/peers/run.py
+	$(BIN)/python benchmarks/peers/report.py
 
 # code of every kind that depends on JAX: kernels, solvers, loops, custom derivatives, files
 LOWEST := tests/regularization/test_filtered_solve.py tests/constraints/test_penalties.py \
@@ -151,4 +157,4 @@ package: .venv/ready
 		'import jaxtat; print(jaxtat.__version__, jaxtat.__file__)'
 
 clean:
-	rm -rf .venv .venv-lowest .venv-newest .venv-interop .venv-deepinv .venv-napari out dist
+	rm -rf .venv .venv-lowest .venv-newest .venv-interop .venv-deepinv .venv-napari .venv-peers out dist

@@ -18,6 +18,7 @@ import numpy as np
 from ..base.optional_packages import optional
 from .origin import sha256
 from .samples import sample_scan as sample_scan
+from .zenodo import download_record
 
 FOLDER = "JAXTAT_DATA"
 _PATATO = "https://github.com/BohndiekLab/patato"
@@ -53,6 +54,8 @@ class DataSet:
         licence, citation, page: whose it is.
         files: all of them.
         recipe: for a set that cannot be downloaded as it is: how its files were made.
+        record: of Zenodo, for a set that is all of a record: a folder, whose files are not listed
+            here. Zenodo gives their checksums, by which a download is checked.
     """
 
     name: str
@@ -62,6 +65,7 @@ class DataSet:
     page: str
     files: tuple[DataFile, ...]
     recipe: str = ""
+    record: int | None = None
 
     def __str__(self) -> str:
         return f"{self.name}: {self.what}\nLicence: {self.licence}. {self.citation}. {self.page}"
@@ -156,6 +160,18 @@ DATA_SETS = {
             recipe="It is data/ipasc_compatible_V1.hdf5 in an early state of that repository "
             "(commit ac76e3375d071a34cb4c2f449d1d131159093a6b).",
         ),
+        DataSet(
+            name="digital_twins_2025",
+            what="phantoms measured in an MSOT inVision and simulated alike, with the truth: "
+            "folders calibration, testing and full_view of .npy files: p0 and images (300, 300) of "
+            "32 mm, records (256, 2030), reconstructions by six methods.",
+            licence="CC BY 4.0",
+            citation="J. Gröhl et al., Digital twins enable full-reference quality assessment of "
+            "photoacoustic image reconstructions, J. Acoust. Soc. Am. 158 (2025) 590-601",
+            page="https://doi.org/10.5281/zenodo.15388429",
+            files=(),
+            record=15388429,
+        ),
     )
 }
 
@@ -163,7 +179,9 @@ DATA_SETS = {
 def fetch(name: str, *, quiet: bool = False) -> Path:
     """The path of a data set's first file, after all its files have been found and checked.
 
-    Files are looked for in the folder JAXTAT_DATA, then in the user's cache, then downloaded.
+    Files are looked for in the folder JAXTAT_DATA, then in the user's cache, then downloaded. Of a
+    record of Zenodo it is the folder; archives in it are for you to unpack, and what is in
+    JAXTAT_DATA under the set's name is taken as it is.
 
     Args:
         name: one of `DATA_SETS`.
@@ -182,11 +200,13 @@ def fetch(name: str, *, quiet: bool = False) -> Path:
     if name not in DATA_SETS:
         raise ValueError(f"there is no data set {name!r}, expected one of {', '.join(DATA_SETS)}.")
     found = DATA_SETS[name]
+    if not quiet:
+        print(found, file=sys.stderr)
+    if found.record is not None:
+        return _record(found, found.record)
     paths = [_local(file) for file in found.files]
     if None in paths:  # readers expect the files of a set in one folder
         paths = [_downloaded(found, file) for file in found.files]
-    if not quiet:
-        print(found, file=sys.stderr)
     return Path(paths[0] or "")
 
 
@@ -208,6 +228,16 @@ def checksum(path: str | Path) -> str:
     except Exception as error:  # zipfile, zlib and numpy each raise their own for damage
         raise ValueError(f"cannot read {path}: damaged, or no .npz file ({error}).") from error
     return digest.hexdigest()
+
+
+def _record(found: DataSet, number: int) -> Path:
+    """Its folder in JAXTAT_DATA, or in the cache."""
+    folder = os.environ.get(FOLDER)
+    if folder and (path := Path(folder) / found.name).is_dir():
+        return path
+    path = Path(optional("pooch", "downloading data").os_cache("jaxtat")) / found.name
+    download_record(number, path)
+    return path
 
 
 def _local(file: DataFile) -> Path | None:

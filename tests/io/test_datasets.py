@@ -2,11 +2,13 @@
 
 import hashlib
 import importlib
+import json
 import socket
 import threading
 from dataclasses import replace
 from functools import partial
 from http.server import HTTPServer, SimpleHTTPRequestHandler
+from pathlib import Path
 
 import numpy as np
 import pooch
@@ -14,6 +16,7 @@ import pytest
 
 from jaxtat.io import datasets, load_scan
 from jaxtat.io.datasets import DATA_SETS, DataFile, DataSet, checksum, fetch
+from jaxtat.io.zenodo import download_record
 
 CONTENT = {"scan/a.msot": b"geometry", "scan/a.bin": b"samples"}
 
@@ -110,6 +113,39 @@ def test_the_folder_comes_first_and_is_checked(server, cache, monkeypatch):
     assert asked[0] == "/scan/a.msot"
 
 
+def test_a_record_is_checked_by_the_checksums_of_its_own_listing(server, cache, monkeypatch):
+    folder, _, address = server
+    listing = folder / "api" / "records" / "7"
+    listing.parent.mkdir(parents=True)
+    entries = [
+        {
+            "key": Path(path).name,
+            "checksum": "md5:" + hashlib.md5(content).hexdigest(),
+            "links": {"self": f"{address}/{path}"},
+        }
+        for path, content in CONTENT.items()
+    ]
+    listing.write_text(json.dumps({"files": entries}))
+    monkeypatch.setattr(datasets, "download_record", partial(download_record, site=address))
+    toy = DataSet("toy", "a toy.", "CC BY 4.0", "A. Maker, Toys", "https://doi.org/7", (), record=7)
+    monkeypatch.setitem(DATA_SETS, "toy", toy)
+    assert fetch("toy", quiet=True) == cache
+    assert {path.name: path.read_bytes() for path in cache.iterdir()} == {
+        "a.msot": b"geometry",
+        "a.bin": b"samples",
+    }
+    entries[0]["checksum"] = "md5:" + 32 * "0"
+    listing.write_text(json.dumps({"files": entries}))
+    with pytest.raises(ValueError, match="MD5 hash of downloaded file"):
+        fetch("toy", quiet=True)
+    listing.write_text("{}")
+    with pytest.raises(ConnectionError, match=r"get its files from .*/records/7"):
+        fetch("toy", quiet=True)
+    (folder / "toy").mkdir()
+    monkeypatch.setenv("JAXTAT_DATA", str(folder))
+    assert fetch("toy", quiet=True) == folder / "toy"
+
+
 def test_what_cannot_be_downloaded_is_described(cache, monkeypatch, tmp_path):
     publish(monkeypatch, None)
     wanted = "not published as such, and JAXTAT_DATA is not set. .*example.org .MIT.. Make it. Then"
@@ -152,8 +188,9 @@ def test_the_checksum_of_arrays_is_that_of_what_they_hold(tmp_path):
 def test_every_set_says_whose_it_is_and_where_it_is(name):
     found = DATA_SETS[name]
     assert found.name == name
-    assert found.licence in ("MIT", "BSD-3-Clause")
-    assert found.page.startswith("https://github.com/")
+    assert found.licence in ("MIT", "BSD-3-Clause", "CC BY 4.0")
+    assert found.page.startswith("https://github.com/" if found.files else "https://doi.org/")
+    assert bool(found.files) != bool(found.record)
     for file in found.files:
         assert len(file.sha256) == 64
         # at a fixed commit, so that the file cannot change; or with a recipe
@@ -164,6 +201,8 @@ def test_every_set_says_whose_it_is_and_where_it_is(name):
 @pytest.mark.parametrize("name", DATA_SETS)
 def test_the_copies_at_hand_are_the_published_ones(name, data_folder, monkeypatch, cache):
     monkeypatch.setenv("JAXTAT_DATA", str(data_folder))
+    if DATA_SETS[name].record:
+        pytest.skip(f"the checksums of {name} are Zenodo's, read when it is downloaded")
     if not all((data_folder / file.path).is_file() for file in DATA_SETS[name].files):
         pytest.skip(f"{name} is not in {data_folder} (set JAXTAT_DATA)")
     path = fetch(name, quiet=True)
