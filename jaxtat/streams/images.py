@@ -62,6 +62,7 @@ class Live(eqx.Module):
     Attributes:
         setup: detectors that are used, disk or other region that is solved for, grid and radii.
         region: that is shown, in it.
+        radii: of the integrals: the setup's, or as many that the record covers at this speed.
         frame_shape: (detectors, samples) of a frame.
         sound_speed: c [length/time]; of no meaning for circular integrals.
         rule: of the densities; None of a plan.
@@ -72,6 +73,7 @@ class Live(eqx.Module):
 
     setup: Setup
     region: Region
+    radii: Float[Array, " radii"]
     frame_shape: tuple[int, int] = eqx.field(static=True)
     sound_speed: float = eqx.field(static=True)
     rule: Tikhonov | RelativeTikhonov | None
@@ -84,12 +86,6 @@ class Live(eqx.Module):
     _pressure: Pressure | None
     _waves: DecomposedWaves | None
     _ready: _Ready
-
-    @property
-    @in_double
-    def radii(self) -> Float[Array, " radii"]:
-        """Radii of the integrals: the setup's, or as many that the record covers at this speed."""
-        return _radii(self._pressure, self.setup, self.sound_speed)
 
     @in_double
     def __call__(self, frames: Any, energy: Numbers | None = None) -> Num[Array, "*batch x1 x2"]:
@@ -140,6 +136,7 @@ class Live(eqx.Module):
         """
         setup, waves, densities = self.setup, self._waves, self._ready.densities
         samples, speed, region = self._ready.samples, self.sound_speed, self.region
+        radii = self.radii
         rule, solved_anew = self.rule if rule is None else _rule_of(rule, setup), False
         if region_center is not None or region_radius is not None:
             region = another_disk(region, region_center, region_radius)
@@ -155,12 +152,14 @@ class Live(eqx.Module):
                 raise ValueError("sound_speed: circular integrals are made at one; change radii.")
             speed = speed_of(sound_speed)
         if sound_speed is not None or solved_anew:
-            samples = _samples(self._pressure, setup, speed, self.dtype)
+            radii = _radii(self._pressure, setup, speed)
+            samples = _samples(self._pressure, setup, radii, speed, self.dtype)
         low_pass = self.low_pass if low_pass is None else low_pass
         return dataclasses.replace(
             self,
             setup=setup,
             region=region,
+            radii=radii,
             sound_speed=speed,
             rule=rule,
             low_pass=low_pass,
@@ -276,10 +275,12 @@ def live(
         densities = _densities(setup, waves, used, dtype, few_frames)
     else:
         densities = in_precision(plan.densities, dtype)
-    samples = _samples(asked.pressure, setup, asked.sound_speed, dtype)
+    radii = _radii(asked.pressure, setup, asked.sound_speed)
+    samples = _samples(asked.pressure, setup, radii, asked.sound_speed, dtype)
     return Live(
         setup=setup,
         region=asked.region,
+        radii=radii,
         frame_shape=asked.frame_shape,
         sound_speed=asked.sound_speed,
         rule=used,
@@ -329,9 +330,8 @@ def _ready(
 
 
 def _samples(
-    pressure: Pressure | None, setup: Setup, speed: float, dtype: np.dtype
+    pressure: Pressure | None, setup: Setup, radii: Array, speed: float, dtype: np.dtype
 ) -> Float[Array, "rows samples"]:
-    radii = _radii(pressure, setup, speed)
     return samples_to_waves(pressure, radii, setup.frequencies, jnp.asarray(speed), dtype)
 
 

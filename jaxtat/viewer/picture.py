@@ -109,9 +109,8 @@ class Picture:
 
 def _corner_and_size(grid: ImageGrid, scale: float) -> tuple[np.ndarray, np.ndarray]:
     """Lower left corner and size of an image, in the unit of the axes."""
-    low, high, step = (
-        np.asarray(x) for x in (grid.points[0, 0], grid.points[-1, -1], grid.spacing)
-    )
+    axes, step = (np.asarray(grid.x1), np.asarray(grid.x2)), np.asarray(grid.spacing)
+    low, high = (np.array([axis[k] for axis in axes]) for k in (0, -1))
     return scale * (low - step / 2), scale * (high - low + step)
 
 
