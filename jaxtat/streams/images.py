@@ -41,7 +41,7 @@ from ..steps.polar_transform import with_origin
 from ..steps.radon import low_pass_values
 from .asked import of_scan, of_setup, speed_of
 from .places import another_disk, placed
-from .samples import Pressure, samples_to_waves
+from .samples import Pressure, integrals_to_waves, samples_to_waves
 
 PRECISIONS = (np.float32, np.float64)
 
@@ -84,6 +84,7 @@ class Live(eqx.Module):
     _in_factors: bool = eqx.field(static=True)  # densities, for few frames of each setting
     _leveled: bool = eqx.field(static=True)  # whether offset and drift are taken off
     _pressure: Pressure | None
+    _kernels: Float[Array, "rows radii"]  # of the radii
     _waves: DecomposedWaves | None
     _ready: _Ready
 
@@ -136,7 +137,7 @@ class Live(eqx.Module):
         """
         setup, waves, densities = self.setup, self._waves, self._ready.densities
         samples, speed, region = self._ready.samples, self.sound_speed, self.region
-        radii = self.radii
+        radii, kernels = self.radii, self._kernels
         rule, solved_anew = self.rule if rule is None else _rule_of(rule, setup), False
         if region_center is not None or region_radius is not None:
             region = another_disk(region, region_center, region_radius)
@@ -153,7 +154,9 @@ class Live(eqx.Module):
             speed = speed_of(sound_speed)
         if sound_speed is not None or solved_anew:
             radii = _radii(self._pressure, setup, speed)
-            samples = _samples(self._pressure, setup, radii, speed, self.dtype)
+            if not np.array_equal(radii, self.radii):
+                kernels = integrals_to_waves(radii, setup.frequencies, self.dtype)
+            samples = _samples(kernels, self._pressure, radii, speed)
         low_pass = self.low_pass if low_pass is None else low_pass
         return dataclasses.replace(
             self,
@@ -163,6 +166,7 @@ class Live(eqx.Module):
             sound_speed=speed,
             rule=rule,
             low_pass=low_pass,
+            _kernels=kernels,
             _waves=waves,
             _ready=_ready(setup, samples, densities, low_pass, self.dtype),
         )
@@ -276,7 +280,8 @@ def live(
     else:
         densities = in_precision(plan.densities, dtype)
     radii = _radii(asked.pressure, setup, asked.sound_speed)
-    samples = _samples(asked.pressure, setup, radii, asked.sound_speed, dtype)
+    kernels = integrals_to_waves(radii, setup.frequencies, dtype)
+    samples = _samples(kernels, asked.pressure, radii, asked.sound_speed)
     return Live(
         setup=setup,
         region=asked.region,
@@ -291,6 +296,7 @@ def live(
         _in_factors=few_frames,
         _leveled=asked.leveled,
         _pressure=asked.pressure,
+        _kernels=kernels,
         _waves=waves,
         _ready=_ready(setup, samples, densities, asked.low_pass, dtype),
     )
@@ -330,9 +336,12 @@ def _ready(
 
 
 def _samples(
-    pressure: Pressure | None, setup: Setup, radii: Array, speed: float, dtype: np.dtype
+    kernels: Array, pressure: Pressure | None, radii: Array, speed: float
 ) -> Float[Array, "rows samples"]:
-    return samples_to_waves(pressure, radii, setup.frequencies, jnp.asarray(speed), dtype)
+    """Of circular integrals the kernels alone."""
+    if pressure is None:
+        return kernels
+    return samples_to_waves(kernels, pressure, radii, jnp.asarray(speed))
 
 
 def _radii(pressure: Pressure | None, setup: Setup, speed: float) -> Float[Array, " radii"]:

@@ -34,6 +34,7 @@ from .picture import Picture
 from .session import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED, Knobs, Session
 
 WIDTH, WHOLE = 400, 1080  # of the column of knobs, and of the page [pixel]
+CHOICES_LATER = 100  # [ms] than the picture, which a browser would otherwise draw after them
 
 
 class Page:
@@ -52,6 +53,7 @@ class Page:
     ):
         self._document, self._session = document, session
         self._source, self._folder = source, folder
+        self._shown: _Seen | None = None
         self._images, self._curves = Latest(self._later), Latest(self._later)
         self.picture = Picture(session)
         self._make_knobs()
@@ -231,6 +233,15 @@ class Page:
             self._take_session(seen.session)
         self.picture.show(seen.image, seen.grid)
         self.status.text = f"image in {1e3 * seen.seconds:.0f} ms"
+        self._document.unhold()
+        self._shown = seen
+        self._document.add_timeout_callback(lambda: self._tell(seen), CHOICES_LATER)
+
+    def _tell(self, seen: "_Seen") -> None:
+        """The choices of an image, unless there is another by now."""
+        if seen is not self._shown:
+            return
+        self._document.hold("combine")
         self.command.text = _as_code(seen.command)
         if seen.rows is not None:
             self.table.text = _as_table(seen.rows)
