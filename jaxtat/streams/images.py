@@ -226,7 +226,7 @@ def live(
 
     Its images are those of `scans.reconstruct`: the samples
     of all detectors go through one matrix (conditioning, pressure to integrals, step 2), through
-    the densities, and through a Fourier sum. To 1e-4 in single precision and 1e-9 in double. Where
+    the densities, and through a Fourier sum. To 1e-4 in single precision and 1e-10 in double. Where
     the choices divide by the energy of pulses, a frame's own is an argument of `Live`, and the mean
     of the scan's stands in for it.
 
