@@ -81,7 +81,7 @@ def _is_running(process: int) -> bool:
 def require_place(path: str | Path) -> None:
     """Raise ValueError if ``path`` cannot be written. Checked before long computations too.
 
-    A small file is made there and removed again, since permissions do not tell of a file system
+    A small file is made there and removed again, since permissions do not show a file system
     that is read-only or full. Of a process killed meanwhile the next writer removes it.
     """
     target = Path(path)

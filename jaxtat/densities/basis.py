@@ -39,6 +39,6 @@ class Basis(eqx.Module):
         """The images at the nodes of a grid; eta is the low-pass at all frequencies and at 0."""
 
     def energies(self, transformed: Any, fhat: Array) -> Float[Array, "2 frequencies"] | None:
-        """∫ |fhat|² lambda dtheta at every frequency, up to a factor: as the data tell, and as it
+        """∫ |fhat|² lambda dtheta at every frequency, up to a factor: from the data, and as it
         came out; None where detectors sample all frequencies, or where it is not known."""
         return None

@@ -89,7 +89,7 @@ def load_ipasc(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
         known |= _energies(file, colours, measurements)
         read = partial(_read_frames, (rows, columns, colours, measurements))
         data = file.frames(_DATA, (colours * measurements, rows, columns), read)
-    # a single frame is an image's data, which the format cannot tell from a series of one
+    # a single frame is an image's data, which the format does not distinguish from a series of one
     return Scan("pressure", data[0] if len(data) == 1 else data, known, about)
 
 

@@ -1,7 +1,7 @@
 """MATLAB's files: version 5 to 7 (a format of its own), and 7.3 (HDF5).
 
 Matrices have MATLAB's axes: data are (detectors, samples) or (detectors, samples, frames), or with
-the first two exchanged where positions, times or radii tell so. Only matrices of real numbers are
+the first two exchanged where positions, times or radii show it. Only matrices of real numbers are
 read.
 """
 
@@ -54,7 +54,7 @@ def is_matlab73(path: Path, start: bytes) -> bool:
 def load_matlab73(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
     """Matrices by the names of `named_arrays.NAMES`, in HDF5 with their axes reversed.
 
-    Of many frames those asked for are read. MATLAB packs by gzip, whose checksum tells damage.
+    Of many frames those asked for are read. MATLAB packs by gzip, whose checksum detects damage.
     """
     arrays = {}
     with open_hdf5(path, allowance) as file:

@@ -60,7 +60,7 @@ def chosen_names(names: Iterable[str], kind: Kind | None) -> dict[str, str]:
 def scan_of(arrays: Mapping[str, Any], about: Mapping[str, str]) -> Scan:
     """A scan of arrays by the names of `Scan`, in whatever order the writer kept their axes.
 
-    Data may be (samples, detectors) where positions, times or radii tell so; positions may be
+    Data may be (samples, detectors) where positions, times or radii show it; positions may be
     (2 or 3, detectors); lists may be rows or columns of a matrix, and numbers matrices of one.
 
     >>> scan = scan_of({"pressure": np.zeros((20, 8)), "times": np.arange(20.0)[:, None]}, {})
@@ -88,7 +88,7 @@ def _plain(name: str, array: np.ndarray) -> np.ndarray:
 def _detectors_first(
     data: np.ndarray | LazyFrames, kind: Kind, known: Mapping[str, np.ndarray]
 ) -> np.ndarray | LazyFrames:
-    """Data with detectors before samples, if what is known tells which axis is which."""
+    """Data with detectors before samples, if the known facts show which axis is which."""
     if data.ndim < 2:
         return data
     rows, columns = data.shape[-2:]

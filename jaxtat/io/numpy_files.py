@@ -47,7 +47,7 @@ def load_npz(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
 def load_npy(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
     """One array as a memory map: data of the given kind (pressure), of which nothing is known.
 
-    The format has no checksum: a wrong number in the data cannot be told.
+    The format has no checksum: wrong numbers in the data are not detected.
     """
     with path.open("rb") as file:
         shape, fortran, dtype = _header(file, "the array")
@@ -68,7 +68,7 @@ def load_npy(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
 def _members(handle: io.BufferedIOBase, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
     """Members of an archive by name; what its directory says is compared with what follows it.
 
-    Damage in the directory can hide a member, whose own checksum then tells nothing.
+    Damage in the directory can hide a member, whose own checksum then does not help.
     """
     size = os.fstat(handle.fileno()).st_size
     members = archive.infolist()

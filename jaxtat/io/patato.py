@@ -39,7 +39,7 @@ def load_patato(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
     """Pressure with positions, rate, wavelengths, energies and response; frames when asked for.
 
     Energies that are not all above zero count as unknown, as does a speed of sound that is no
-    number. PATATO writes no checksums: a wrong number cannot be told.
+    number. PATATO writes no checksums: wrong numbers are not detected.
     """
     if kind == "circular_integrals":
         raise ValueError("PATATO files hold pressure, expected circular integrals.")

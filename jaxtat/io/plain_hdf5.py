@@ -20,7 +20,7 @@ def load_plain_hdf5(path: Path, kind: Kind | None, allowance: Allowance) -> Scan
     """Datasets by the names of `named_arrays.NAMES`; data of many frames are read when asked for.
 
     Of the data, HDF5 checks what was written with its Fletcher checksum, and gzip what it packed;
-    otherwise a wrong number cannot be told.
+    otherwise wrong numbers are not detected.
     """
     with open_hdf5(path, allowance) as file:
         names = chosen_names(file.datasets(), kind)

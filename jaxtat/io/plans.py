@@ -5,7 +5,7 @@ datasets, sizes and flags attributes, tuples of sizes as JSON. A new curve, regi
 regularisation only has to be named in `_KINDS`.
 
 The file begins with a user block, which HDF5 leaves to its writer: a line with format, version and
-a digest over all bytes behind the block. A damaged file is told by it before HDF5 sees the rest,
+a digest over all bytes behind the block. Damage is detected by it before HDF5 sees the rest,
 since HDF5 trusts what it reads, and may fill the whole memory for one wrong bit.
 """
 

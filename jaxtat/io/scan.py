@@ -23,7 +23,7 @@ class Scan:
             Many frames may be `LazyFrames` or a memory map, which read only the frames that are
             asked for. Numbers are those of the file, NaN too: whoever uses them refuses those, for
             a dead detector may be left out.
-        known: what the file tells, by name, as arrays of finite numbers. Of
+        known: the facts in the file, by name, as arrays of finite numbers. Of
 
             - detectors: positions (detectors, 2 or 3) [m, or any length], in the order of the data;
             - times: (samples,) [s]; they count where the sampling rate is known too;

@@ -15,7 +15,7 @@ from .patato import is_patato, load_patato
 from .plain_hdf5 import is_plain_hdf5, load_plain_hdf5
 from .scan import Kind, Scan, require_kind
 
-_START = 512  # [byte] from the beginning of a file, by which its format is told
+_START = 512  # [byte] from the beginning of a file, by which its format is recognised
 
 
 class Format(NamedTuple):

@@ -121,7 +121,7 @@ def classical_yardstick(results: Results) -> None:
 
     Its projections lie on the plan's own polar grid (as many directions, offsets a pixel apart,
     zero beyond the shadow of the region) and pass the same steps 4 and 5. The noise of a second
-    run with as many views as there are detectors is told beside it: the same number of data.
+    run with as many views as there are detectors is reported too: the same number of data.
     """
     case, plan = results.case, results.plan
     n = plan.frequencies.shape[0]

@@ -18,7 +18,7 @@ from ..base.checks import Numbers, by_library, is_concrete, real_array, require_
 from ..special import root
 from .pressure import require_equispaced
 
-BLOCKS = 16  # pieces of the record, of which the quietest tells the noise
+BLOCKS = 16  # pieces of the record, of which the quietest gives the noise
 SHORTEST_BLOCK = 64  # samples: the noise of a block is then known to a seventh
 SATURATED = 0.003  # share of samples held at a level; of good ones hardly any are
 FEWEST_HELD = 4  # samples: a record may meet its peak twice in a row

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from .power import RecordPower
 
 BEGINS, CEASES = 0.02, 0.05  # share of a detector's highest power that counts as sound
-QUIETEST, QUIET = 0.05, 0.25  # shares of a record, by which noise and its scatter are told
+QUIETEST, QUIET = 0.05, 0.25  # shares of a record, from which noise and its scatter are taken
 ABOVE_NOISE, ABOVE_SCATTER = 2.0, 4.0  # times the quiet power, and times its scatter over that
 CLEARLY = 0.5  # of the highest power, below which the least that counts has to be
 SILENCE, FAINTEST = 1e-10, 1e-4  # where quiet is less than that, the faintest share counts
@@ -29,9 +29,9 @@ class Heard(NamedTuple):
 
     Attributes:
         first, last: (detectors,) [time].
-        begins, ceases: whether the record tells: it was silent before, and after.
+        begins, ceases: whether these are known: the record is silent before, and after.
 
-    `tells` is whether most of them tell one or the other.
+    `tells` is whether one or the other is known for most detectors.
     """
 
     first: Float[np.ndarray, " detectors"]

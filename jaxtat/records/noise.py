@@ -73,9 +73,9 @@ def noise_of_record(
     """Standard deviations and spectrum of the noise, from samples dead_time <= t < until.
 
     Periodograms with Hann's window: those of one detector give its standard deviation, their
-    median over detectors the spectrum, so that single bad detectors do not colour it. What is
-    slower than two periods in the quiet part cannot be told from an offset, and counts as being as
-    strong as what is just faster.
+    median over detectors the spectrum, so that single bad detectors do not colour it. Waves
+    with less than two periods in the quiet part cannot be distinguished from an offset: they are
+    taken to be as strong as the next faster ones.
 
     Args:
         pressure: (..., detectors, times); frames are averaged. As recorded is best, since a

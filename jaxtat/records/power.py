@@ -13,7 +13,7 @@ PIECES = 100  # of a record, in each of which its power is measured
 LOUD = 4.0  # times the power of the quietest piece, in which the artefact of the laser ends
 STANDS_OUT = 4.0  # times the noise spectrum, up to which a record holds sound
 FADED = 0.1  # of the typical total, by which a channel's is too small
-SPREAD = 0.02  # median deviation of totals over the median, up to which they tell anything
+SPREAD = 0.02  # median deviation of totals over the median, up to which they are used
 SURELY = 8.0  # times that, at least
 LEVEL = 4.0  # times the typical step of totals, up to which they are level
 MUTED = 1e-18  # share of the highest power that counts as none: what rounding leaves of it
@@ -163,7 +163,7 @@ def tail_share(record: Float[np.ndarray, "detectors times"]) -> float:
     """The integral of the pressure over all times, relative to its largest partial integral.
 
     Waves in the plane have a tail: ∫_0^T p dt = (1/2π) ∫ g (T² - r²)^(-1/2) dr, c = 1, falls off as
-    1/T. Elements focused into the plane hear d(g/r)/dr, whose integral is nothing once all sound
+    1/T. Elements focused into the plane record d(g/r)/dr, whose integral is 0 once all sound
     has passed; so is that of any record whose slowest part is missing. Means over the detectors,
     since noise has no sign in common.
     """

@@ -20,7 +20,7 @@ from ..special import root
 from .rules import Regularization
 
 SINGULAR = "singular value decomposition"  # its name, for `jax.checkpoint`
-# relative distance of squared singular values that count as one: no derivative can tell them apart
+# relative distance of squared singular values that count as one: derivatives cannot separate them
 _ALIKE = 1e-7
 # relative singular values of which what lies outside of the spans of P and Q is left out: over
 # sigma², rounding would hide it

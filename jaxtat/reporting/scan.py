@@ -40,7 +40,7 @@ def report_file(
     Args:
         path: a file that `load_scan` reads.
         out: the page to write.
-        scanner, detectors, sampling_rate, times: what the file does not tell, see `with_facts`.
+        scanner, detectors, sampling_rate, times: what the file lacks, see `with_facts`.
         progress: show progress bars.
         given: choices by name, see `choose`.
 
@@ -72,7 +72,7 @@ def report_scan(
 ) -> Diagnosis:
     """A page about one image of a scan.
 
-    The image is made with a plan, which tells accuracy and noise of every plane wave; without one
+    The image is made with a plan, which has accuracy and noise of every plane wave; without one
     given it is that of the Tikhonov regularisation that `solve` uses, so that the
     image is the same.
 

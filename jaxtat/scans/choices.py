@@ -34,7 +34,7 @@ class Choices(eqx.Module):
     """Parameters of the reconstruction of a scan, chosen or given.
 
     Lengths are in the unit of the detectors' positions, times in that of the record; `rows` and
-    `table` tell them in millimetres and microseconds where those units are known.
+    `table` have them in millimetres and microseconds where those units are known.
 
     Attributes:
         order: rows of the data, in order along the curve.

@@ -5,7 +5,7 @@ A function of the scan alone: nothing is remembered, nothing drawn by chance.
 
 import warnings
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -13,7 +13,6 @@ from jaxtyping import Float
 
 from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import (
-    ArcFit,
     DetectorCurve,
     Disk,
     data_radii,
@@ -22,11 +21,9 @@ from ..geometry import (
     keep_detectors,
     require_outside,
     uncovered,
-    visible_disk,
 )
 from ..io import Scan
 from ..records import MODELS, channel_quality, ranges, supported
-from ..records.extent import Heard, sounding_disk
 from ..records.power import (
     RecordPower,
     artefact_end,
@@ -51,19 +48,24 @@ from .found import (
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
     RIM,
-    SHARES,
     TO_BE_ESTIMATED,
     Found,
     covered,
     radii_of,
     require_detail,
     require_middle,
-    require_scale,
     slowest,
 )
 from .hearing import heard_after, muted_start, noise_floor, sound_begins
+from .region_in_plane import (
+    Sound,
+    circle_without_detectors,
+    cut_at_opening,
+    distances_of,
+    region_of_sound,
+    seen_region,
+)
 
-MARGIN = 1.25  # of the region beyond where sound comes from
 PIXELS = (65, 1025)
 SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
 PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
@@ -130,8 +132,8 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     begin = sound_begins(dead_time, muted, floor)
     power = power.after(begin)
     when = heard_after(begin, whole[good], times, middle, detrend=True)
-    sound = _Sound(RecordPower(power.times, power.power[good]), speed, when)
-    _region(scan, facts, found, sound, good)
+    sound = Sound(RecordPower(power.times, power.power[good]), speed, when)
+    region_of_sound(scan, facts, found, sound, good)
     start = int(np.searchsorted(times, begin))
     arrival = _first_arrival(facts, found, speed)
     quiet = slice(0, max(int(np.searchsorted(times, arrival)) - start, 0))
@@ -157,12 +159,6 @@ def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[s
     if tail_share(known) < TAIL:
         return "in-plane", "a scanner's size and rate, and no tail of two-dimensional waves", LIKELY
     return "2d", WAVES, LIKELY
-
-
-class _Sound(NamedTuple):
-    power: RecordPower
-    speed: float
-    when: Heard
 
 
 def _nominal_speed(scan: Scan, facts: Facts, found: Found) -> float:
@@ -204,7 +200,7 @@ def _without_faded(
     found: Found,
     good: np.ndarray,
 ) -> np.ndarray:
-    """Channels of too small a gain are left out too, where the record tells gains."""
+    """Channels of too small a gain are left out too, where the record shows gains."""
     assert facts.times is not None
     if facts.arc is None or found.given.get("use") is not None:
         return good
@@ -232,108 +228,6 @@ def _left_out(quality: Any, order: np.ndarray) -> str:
         if (mask := np.asarray(getattr(quality, name))).any()
     ]
     return "left out: " + "; ".join(named)
-
-
-def _region(scan: Scan, facts: Facts, found: Found, sound: _Sound, good: np.ndarray) -> None:
-    arc = facts.arc
-    if arc is None:
-        _seen_region(facts, found)
-        return
-    assert facts.times is not None
-    center = found.take("region_center", arc.center, "the middle of the detectors' circle")
-    points = facts.points[facts.order][good] - np.array(arc.center)
-    known = found.reasons["sound_speed"] != TO_BE_ESTIMATED
-    body = sounding_disk(points, sound.when, sound.speed, known)
-    wanted = MARGIN * (body.radius + float(np.linalg.norm(body.middle)))
-    length, grade = facts.units.of_length, LIKELY
-    why = f"sound comes from within {length(wanted / MARGIN)}, and {MARGIN - 1:.0%} to spare"
-    view = _field_of_view(scan, center)
-    if view is not None and view < wanted:
-        wanted, why, grade = view, "the field of view in the file", SURE
-    path = float(facts.times[-1]) * sound.speed
-    if found.given.get("region_radius") is None:
-        require_scale(path, arc.radius, sound.speed)
-    path *= slowest(found)
-    least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
-    sounding = wanted / MARGIN
-    late = path - arc.radius < sounding < SHARES[1] * arc.radius
-    if late and sound.when.tells:  # fitted to what was recorded of it
-        wanted, most, why = sounding, sounding, f"sound comes from within {length(sounding)}"
-    if wanted < least:
-        why = "a tenth of the arc: where sound comes from cannot be told"
-        wanted, grade = least, GUESSED
-    if not sound.when.tells and grade != SURE:
-        much = f"as much as detectors and record (path {length(path)}) cover"
-        why = f"where sound comes from cannot be told: {much}"
-        wanted, grade = max(least, most), GUESSED
-    elif wanted > most:
-        why = f"of {length(wanted)}, as much as detectors and record (path {length(path)}) cover"
-        wanted, grade = max(least, most), GUESSED
-    radius = float(found.take("region_radius", wanted, why, grade))
-    toward = np.array([np.cos(arc.opening), np.sin(arc.opening)])
-    told = grade != GUESSED  # the region is not the most that the detectors cover
-    _cut(arc, found, radius, float(body.middle @ toward) + body.radius if told else -np.inf)
-    found.take("half_width", radius, "the region", grade)
-
-
-def _seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) -> None:
-    """Around detectors on no circle: the largest disk that they see from all sides.
-
-    Args:
-        radii: of the data, if they are known; the disk is no larger than they cover.
-    """
-    center, radius = (found.given.get(name) for name in ("region_center", "region_radius"))
-    if center is None or radius is None:
-        seen = visible_disk(detector_curve(facts.points[facts.order]), center=center)
-        if seen is None:
-            raise ValueError(
-                "the detectors lie on no circle, and see no point from all sides: give "
-                "--region-radius and --region-center; jaxtat warns of what is not seen."
-            )
-        center, radius = tuple(float(x) for x in seen[0]), seen[1]
-    center = found.take("region_center", center, "the middle of the largest disk that is seen")
-    radius, why = covered(found, radius, "that disk", radii, _distances(facts, found))
-    radius = float(found.take("region_radius", radius, why, LIKELY))
-    _cut(_around(facts, center), found, radius)
-    found.take("half_width", radius, "the region", LIKELY)
-
-
-def _cut(arc: ArcFit, found: Found, radius: float, beyond: float = -np.inf) -> None:
-    """The region ends at the chord of the opening, unless what sounds reaches beyond it.
-
-    Of that the detectors see some edges, and the disk's image is better with than without them.
-
-    Args:
-        beyond: how far from the middle it sounds, towards the opening, if that is known [length].
-    """
-    whole = found.given.get("region_radius") is not None or beyond > arc.chord
-    ends = arc.chord < radius and not whole
-    cut = arc.chord if ends else radius
-    why = "what lies beyond the arc's ends is not seen" if ends else "all of the disk"
-    if arc.chord < radius and beyond > arc.chord:
-        why = "all of the disk: what sounds reaches beyond the arc's ends"
-    found.take("region_cut", float(cut), why)
-    angle = float(np.degrees(arc.opening))
-    found.take("region_angle", angle, "closed ring" if arc.closed else "the arc opens there")
-
-
-def _field_of_view(scan: Scan, center: Any) -> float | None:
-    """Radius of the disk about the region's centre that holds the file's field of view."""
-    if "field_of_view" not in scan.known:
-        return None
-    low, high = np.asarray(scan.known["field_of_view"], float).reshape(3, 2).T
-    spread = np.ptp(np.asarray(scan.known["detectors"]), axis=0)
-    axes = [0, 1] if len(spread) == 2 else [k for k in range(3) if k != int(np.argmin(spread))]
-    half = np.maximum(high[axes] - np.array(center), np.array(center) - low[axes])
-    there = (half > 0).all() and (high > low)[axes].all()
-    return float(np.hypot(*half)) if there else None
-
-
-def _around(facts: Facts, center: Any) -> ArcFit:
-    """For other curves than arcs: the largest circle about the centre without detectors."""
-    middle = (float(center[0]), float(center[1]))
-    radius = float(np.hypot(*(facts.points[facts.order] - np.array(middle)).T).min())
-    return ArcFit(middle, radius, 0.0, 2 * np.pi, 0.0, 0.0, np.inf)
 
 
 def _first_arrival(facts: Facts, found: Found, speed: float) -> float:
@@ -420,7 +314,7 @@ def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:
         _keep_radii(found, np.asarray(found.given["radii"]))
         return
     step = 2 * float(found.values["half_width"]) / (int(found.values["pixels"]) - 1)
-    arc = facts.arc or _around(facts, found.values["region_center"])
+    arc = facts.arc or circle_without_detectors(facts, found.values["region_center"])
     # the last radius may lie a step beyond the farthest source
     reach = min(RIM * arc.radius, end - step - arc.radius)
     sources = disk(reach, center=np.array(arc.center)) if reach > 0 else None
@@ -440,7 +334,7 @@ def _noise(found: Found, power: RecordPower, arrival: float, floor: float) -> No
     Args:
         power: of the good detectors, without what is silenced.
         arrival: of the first sound from the region; before it there is noise alone [time].
-        floor: noise over signal power by the differences of samples, which tell fast noise.
+        floor: noise over signal power by the differences of samples, which measure fast noise.
     """
     ratio, how, grade = noise_before(power, arrival), "before sound from the region arrives", LIKELY
     if ratio is None:
@@ -456,23 +350,17 @@ def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
     found.explain("channels", "all", LIKELY)
     arc = facts.arc
     if arc is None:
-        _seen_region(facts, found, radii_of(scan, found))
+        seen_region(facts, found, radii_of(scan, found))
     else:
         found.take("region_center", arc.center, "the middle of the detectors' circle")
         share, why = DEFAULT_SHARE * arc.radius, "three quarters of the detectors' circle"
-        share, why = covered(found, share, why, radii_of(scan, found), _distances(facts, found))
+        share, why = covered(found, share, why, radii_of(scan, found), distances_of(facts, found))
         radius = float(found.take("region_radius", share, why, GUESSED))
-        _cut(arc, found, radius)
+        cut_at_opening(arc, found, radius)
         found.take("half_width", radius, "the region", GUESSED)
     _own_radii(scan, facts, found)
     found.take("alpha", INTEGRALS_ALPHA, "circular integrals are taken to be exact", GUESSED)
     found.take("low_pass", "none", "circular integrals are taken to be exact", GUESSED)
-
-
-def _distances(facts: Facts, found: Found) -> Float[np.ndarray, " detectors"]:
-    """Distances of the detectors from the region's centre."""
-    offset = facts.points[facts.order] - np.array(found.values["region_center"])
-    return np.hypot(*offset.T)
 
 
 def _own_radii(scan: Scan, facts: Facts, found: Found) -> None:

@@ -37,7 +37,7 @@ from .found import (
 from .hearing import heard_after
 from .space import MOST_POINTS, FactsInSpace, facts_in_space
 
-MARGIN = 1.4  # of the region beyond where sound comes from: rims of balls are hardly heard
+MARGIN = 1.4  # of the region beyond where sound comes from: sound from the rims of balls is weak
 VOXELS = (17, 129)  # along an axis, if none are given
 SHOWN = 8  # rows, at most, that a message names
 LISTENED = 512  # detectors, at most, by which noise is judged
@@ -141,7 +141,7 @@ def _region(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) ->
 
 
 def _sounding(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) -> float | None:
-    """Radius about the middle from which sound comes, by its times; None if it cannot be told."""
+    """Radius about the middle from which sound comes, by its times; None if unknown."""
     assert facts.times is not None
     quieted = frame - np.median(frame, axis=1, keepdims=True)
     arrival = facts.radius / found.values["sound_speed"]

@@ -43,7 +43,7 @@ def standard_deviations(
     if choices.in_space or choices.model_based:
         return None
     setup = setup_of(scan, choices) if plan is None else plan.setup
-    with warnings.catch_warnings():  # the images have told which are left out
+    with warnings.catch_warnings():  # warned of where images are made
         warnings.simplefilter("ignore", AccuracyWarning)
         scan = without_blank_frames(scan, choices)
     found: list[RecordNoise] = []

@@ -13,7 +13,7 @@ from .choices import Choices
 from .facts import SLOWEST
 
 TO_BE_ESTIMATED = "none in the file: about that of water, to be estimated"
-DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not tell
+DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not show it
 SHARES = (0.1, 0.9)  # least and largest region radius over the arc's
 LONGEST = 100.0  # radii of the arc: no record of a scanner is that long
 RIM = 0.95  # of the detectors' radius, up to which sources are reckoned with
@@ -162,7 +162,7 @@ def require_scale(path: float, radius: float, speed: float) -> None:
 
 
 def require_end(support: Supported, speed: float) -> None:
-    """Raise ValueError for a record that ends before the far side of the region is heard."""
+    """Raise ValueError for a record that ends before sound from the region's far side arrives."""
     if support.ends_early:
         raise ValueError(_too_short(support, speed))
 

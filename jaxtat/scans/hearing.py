@@ -13,7 +13,7 @@ from .choices import Choices
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 
 EXACT = 1e-8  # noise over signal power, below which a record is simulated, not muted
-LEFT_TO_JUDGE = 128  # samples after a muted start, by which channels and noise are told
+LEFT_TO_JUDGE = 128  # samples after a muted start, by which channels and noise are judged
 PAUSE = 0.3  # of the way from the middle to the detectors: what sounds after it is an echo
 FINELY = 4  # times as many pieces of the record as its power is measured in otherwise
 CLEAR = 0.6  # of a piece: later ones hold nothing of what is before them

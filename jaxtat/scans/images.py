@@ -71,7 +71,7 @@ def reconstruct_file(
 
     Args:
         path: a file that `load_scan` reads.
-        scanner, detectors, sampling_rate, times, frames: what the file does not tell, and which
+        scanner, detectors, sampling_rate, times, frames: what the file lacks, and which
             frames are wanted, see `with_facts`.
         out: as in `scans.reconstruct`.
         progress: whether to show a bar, if there is more than one frame.

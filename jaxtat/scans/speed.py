@@ -35,8 +35,8 @@ from .speed_found import SpeedFound, believed, jackknife, summit, unknown
 SPEEDS = np.linspace(SLOWEST, FASTEST, 21)
 STANDS_OUT = 1.05  # sharpness at a peak over its surroundings, at least
 BESIDE = 2  # speeds to each side that belong to a peak, not to its surroundings
-SECTORS = 8  # of directions of edges, each of which tells a speed
-SEEN_TWICE = 200.0  # degrees, from which on detectors opposite each other tell a speed
+SECTORS = 8  # of directions of edges, each with its own estimate
+SEEN_TWICE = 200.0  # degrees, from which on opposite detectors determine the speed
 TOLD_APART = 110.0  # degrees, from which on a slower speed and a body farther off sound different
 
 

@@ -21,8 +21,8 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float, Int
 
 from ..base.parallel import map_shards
+from ..densities.harmonic import SolveReport, cholesky_solve
 from ..densities.harmonic.table import RegionFactor, gram_matrix, triangle
-from ..densities.harmonic.tikhonov import SolveReport, cholesky_solve
 from ..geometry.balls import Ball, Boundary
 from ..geometry.caps import SphericalCap
 from ..regularization.alpha import TikhonovRule

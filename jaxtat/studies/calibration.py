@@ -1,17 +1,17 @@
 """Calibration: speed of sound, geometry, gains and delays from the data of an unknown image.
 
-Whatever the image, data must agree with themselves (see `harmonic.consistency`). The parameters p
-for which they do so best,
+For the true parameters the data of all detectors are consistent with one image, whatever it is (see
+`harmonic.consistency`). The parameters p of least inconsistency,
 
     min_p Σ_lambda 1/noise(lambda) [ ||√w G(p) - A(p)^T y||² + alpha ||y||² ],  y = y(p) the image,
 
-are found by Levenberg and Marquardt's method. Low frequencies come first: their phases tell the
-way from far off, high ones then tell the place. The speed of sound enters by the radii r = c t
+are found by Levenberg and Marquardt's method. Low frequencies come first: their phases lead to the
+minimum from far off, and high ones then locate it. The speed of sound enters by the radii r = c t
 alone, since a factor common to all data is part of the image.
 
-Some changes of p are changes of the image and nothing else, so that no data can tell: all lengths
-times a factor (speed of sound and radius together), all detectors moved (the centre, unless the
-array is turned about a fixed axis), a gain common to all detectors. They are refused or fixed.
+Some changes of p only change the image, so that no data determine them: all lengths times a factor
+(speed of sound and radius together), all detectors moved (the centre, unless the array is turned
+about a fixed axis), a gain common to all detectors. They are refused or fixed.
 """
 
 import equinox as eqx
@@ -136,7 +136,7 @@ def calibrate(
         Calibration.
 
     Raises:
-        ValueError: for unknowns that no data can tell apart, names that are none, a radius or
+        ValueError: for unknowns that no data determine, names that are none, a radius or
             centre of a curve that is no arc, and detectors that cylindrical waves do not reach.
 
     Source: variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432.

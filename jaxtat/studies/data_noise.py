@@ -19,7 +19,7 @@ from ..reconstruction.setup import plane_of
 from .residual import DataResidual
 
 _BINS = 2  # of the window's spectrum, by which the cone is widened
-_LEAST = 24  # coefficients outside the cone by which noise can be told
+_LEAST = 24  # coefficients outside the cone that are needed to estimate noise
 _WIDE = 0.9  # of the steps between detectors are no wider than the one that is reckoned with
 
 

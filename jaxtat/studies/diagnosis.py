@@ -105,7 +105,7 @@ def diagnose(
         image: what was reconstructed, (x1, x2).
         plan: the plan of the reconstruction, or `plan_of`. Without one there is nothing on
             plane waves and uncertainty.
-        sigma: standard deviation of the noise in every sample of g; by default it is told by
+        sigma: standard deviation of the noise in every sample of g; by default that of
             `noise_of_residual`.
         noise: in place of sigma, a sample of the data's noise, (detectors, radii), which need not
             be white: what the record holds without sound, made into circular integrals.

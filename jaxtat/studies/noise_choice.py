@@ -2,7 +2,7 @@
 
 For noise of standard deviation sigma in every sample of g, and images of which only the power
 P(lambda) = mean |fhat(xi)|² over directions is known, densities with the residual e on the boundary
-give, to the accuracy with which e tells the error inside the region,
+give, as accurately as e represents the error inside the region,
 
     E |fhat_found - fhat|² = P(lambda) e² + sigma² p(lambda) ||rho||² / 4π²,
 

@@ -123,5 +123,8 @@ def test_a_record_that_ends_before_all_sound_is_heard_is_fitted():
     assert relative_error(found) < 0.1
     bare = {name: short.known[name] for name in ("detectors", "sampling_rate")}
     unknown = Scan("pressure", short.data, bare)
-    estimated = estimate_sound_speed(unknown, choose(unknown))
+    wider = choose(unknown)
+    assert wider.region_radius == pytest.approx(1.4 * chosen.region_radius, rel=0.1)
+    assert dict(wider.reasons)["region_radius"].endswith("40% to spare")
+    estimated = estimate_sound_speed(unknown, wider)
     assert "ends too early" in dict(estimated.reasons)["sound_speed"]

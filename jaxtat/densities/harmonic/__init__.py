@@ -11,10 +11,11 @@ from .densities import (
     unfold,
     wave_system,
 )
+from .linear_systems import cholesky_solve, conjugate_gradients
 from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
 from .table import WaveTable, wave_table
-from .tikhonov import Asked, SolveReport, cholesky_solve, conjugate_gradients, solve_harmonics
+from .tikhonov import Asked, SolveReport, solve_harmonics
 from .tikhonov_rows import DecomposedWaves, decomposed_waves, tikhonov_densities
 from .waves import circular_harmonics_at
 

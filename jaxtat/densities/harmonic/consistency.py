@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .linear_systems import cholesky_solve
 from .polar import PolarGeometry
 from .table import (
     WaveTable,
@@ -25,7 +26,7 @@ from .table import (
     region_factor,
     wave_table,
 )
-from .tikhonov import cholesky_solve, moments, normal_matrix, summed_over_detectors
+from .tikhonov import moments, normal_matrix, summed_over_detectors
 
 
 def unexplained(

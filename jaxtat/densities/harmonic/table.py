@@ -20,6 +20,7 @@ from jaxtyping import Array, Float, Inexact
 
 from ...geometry.elements import element_factor, mean_over_nodes
 from .cut_disks import CutDisk, cut_disk_gram
+from .linear_systems import product_of_blocks
 from .polar import PolarGeometry
 from .waves import angular, at_detectors, boundary_traces, disk_norms, scales, twice, wave_steps
 
@@ -242,6 +243,25 @@ def region_gram(
     traces = boundary_traces(wave.frequencies, wave.steps, geometry)
     parts = jnp.swapaxes(blocks(geometry, traces), 0, 1)
     return jnp.stack([part.T @ part for part in parts])
+
+
+def product_of_grams(
+    geometry: PolarGeometry, inner: Float[Array, "blocks r r"], outer: Float[Array, "blocks r r"]
+) -> Float[Array, "blocks r r"]:
+    """K G of one frequency.
+
+    On half a circle the cosines of even orders are orthogonal, being even about its quarters, and
+    so are those of odd ones, and sines: of K only the diagonal and every second one beside it are
+    not zero, which halves the product. (Sums over n detectors do as integrals up to the order n.)
+    """
+    r = inner.shape[-1]
+    if not (geometry.half_turn and geometry.mirror and r <= geometry.detector_angles.shape[0]):
+        return product_of_blocks(inner, outer)
+    even = product_of_blocks(inner[:, 0::2, 1::2], outer[:, 1::2])
+    odd = product_of_blocks(inner[:, 1::2, 0::2], outer[:, 0::2])
+    odd = jnp.pad(odd, [(0, 0), (0, r % 2), (0, 0)])
+    mixed = jnp.stack([even, odd], axis=2).reshape(inner.shape[0], -1, r)[:, :r]
+    return mixed + jnp.diagonal(inner, axis1=-2, axis2=-1)[..., None] * outer
 
 
 @jax.custom_jvp

@@ -32,6 +32,7 @@ from ...base.parallel import map_shards
 from ...regularization import seen_once
 from ...regularization.alpha import Problem, TikhonovRule
 from .cut_disks import CutDisk, cut_disk
+from .linear_systems import cholesky_solve, conjugate_gradients, lu_solve, product_of_blocks
 from .polar import PolarGeometry
 from .table import (
     RegionFactor,
@@ -44,6 +45,7 @@ from .table import (
     detector_powers,
     gram_matrix,
     pairs,
+    product_of_grams,
     region_factor,
     region_gram,
     scaled_gram,
@@ -289,69 +291,9 @@ def _without_factor(
     return found, _solved_directly(alpha, unit, residual)
 
 
-def product_of_grams(
-    geometry: PolarGeometry, inner: Float[Array, "blocks r r"], outer: Float[Array, "blocks r r"]
-) -> Float[Array, "blocks r r"]:
-    """K G of one frequency.
-
-    On half a circle the cosines of even orders are orthogonal, being even about its quarters, and
-    so are those of odd ones, and sines: of K only the diagonal and every second one beside it are
-    not zero, which halves the product. (Sums over n detectors do as integrals up to the order n.)
-    """
-    r = inner.shape[-1]
-    if not (geometry.half_turn and geometry.mirror and r <= geometry.detector_angles.shape[0]):
-        return product_of_blocks(inner, outer)
-    even = product_of_blocks(inner[:, 0::2, 1::2], outer[:, 1::2])
-    odd = product_of_blocks(inner[:, 1::2, 0::2], outer[:, 0::2])
-    odd = jnp.pad(odd, [(0, 0), (0, r % 2), (0, 0)])
-    mixed = jnp.stack([even, odd], axis=2).reshape(inner.shape[0], -1, r)[:, :r]
-    return mixed + jnp.diagonal(inner, axis1=-2, axis2=-1)[..., None] * outer
-
-
 def _solved_directly(alpha: Array, unit: Array, residual: Array) -> SolveReport:
     finite = jnp.isfinite(residual)
     return SolveReport(alpha, alpha / unit, residual, jnp.zeros((), int), finite)
-
-
-def lu_solve(
-    matrix: Float[Array, "blocks r r"], rhs: Float[Array, "blocks r columns"]
-) -> Float[Array, "blocks r columns"]:
-    """matrix^-1 rhs, with implicit derivatives: one more solve each.
-
-    LAPACK wants columns in order, XLA has rows: the transposed needs no copy.
-    """
-    turned = jnp.swapaxes(jax.lax.stop_gradient(matrix), -1, -2)
-    factors = jax.vmap(jax.scipy.linalg.lu_factor)(turned)
-
-    def solve(trans: int, _: Callable, right: Array) -> Array:
-        return jax.vmap(partial(jax.scipy.linalg.lu_solve, trans=trans))(factors, right)
-
-    return jax.lax.custom_linear_solve(
-        partial(product_of_blocks, matrix), rhs, partial(solve, 1), partial(solve, 0)
-    )
-
-
-def cholesky_solve(
-    matrix: Float[Array, "blocks r r"], rhs: Float[Array, "blocks r columns"]
-) -> Float[Array, "blocks r columns"]:
-    """matrix^-1 rhs of symmetric blocks, with implicit derivatives: one more solve each."""
-    # LAPACK wants columns in order, XLA has rows: turned, a symmetric matrix needs no copy
-    turned = jnp.swapaxes(jax.lax.stop_gradient(matrix), -1, -2)
-    triangle = jnp.linalg.cholesky(turned, symmetrize_input=False)
-
-    def solve(_, right: Array) -> Array:
-        return jax.scipy.linalg.cho_solve((triangle, True), right)
-
-    return jax.lax.custom_linear_solve(
-        partial(product_of_blocks, matrix), rhs, solve, symmetric=True
-    )
-
-
-def product_of_blocks(
-    matrix: Float[Array, "blocks m r"], columns: Float[Array, "blocks r c"]
-) -> Array:
-    """Block by block: products of batches do not reach the fast library routine."""
-    return jnp.stack([block @ part for block, part in zip(matrix, columns, strict=True)])
 
 
 def _iterated(
@@ -383,46 +325,6 @@ def _iterated(
     converged = residual <= 10 * tolerance
     report = SolveReport(alpha, alpha / unit, residual, steps, converged)
     return factor.transposed_times(y), report
-
-
-def conjugate_gradients(
-    product: Callable[[Array], Array],
-    precondition: Callable[[Array], Array],
-    rhs: Float[Array, "images blocks r"],
-    tolerance: Array | float,
-    max_steps: int,
-) -> tuple[Float[Array, "images blocks r"], Int[Array, ""]]:
-    """Solve product(y) = rhs for all images, until each has ||residual|| <= tolerance ||rhs||.
-
-    Libraries measure the error entry by entry, relative to each; here entries differ by twelve
-    powers of ten, and only their common norm matters.
-
-    Source: Hestenes and Stiefel, J. Res. Nat. Bur. Stand. 49 (1952) 409-436.
-    """
-
-    def dot(u: Array, v: Array) -> Array:
-        return jnp.sum(u * v, axis=(1, 2), keepdims=True)
-
-    def unfinished(state: tuple[Array, ...]) -> Array:
-        _, r, _, _, step = state
-        return (step < max_steps) & jnp.any(dot(r, r) > goal)
-
-    def advance(state: tuple[Array, ...]) -> tuple[Array, ...]:
-        y, r, p, rz, step = state
-        running = dot(r, r) > goal
-        image = product(p)
-        length = jnp.where(running, rz / jnp.where(running, dot(p, image), 1.0), 0.0)
-        y, r = y + length * p, r - length * image
-        z = precondition(r)
-        rz_next = dot(r, z)
-        p = z + jnp.where(running, rz_next / jnp.where(running, rz, 1.0), 0.0) * p
-        return y, r, p, rz_next, step + 1
-
-    goal = tolerance**2 * dot(rhs, rhs)
-    z = precondition(rhs)
-    start = jnp.zeros_like(rhs), rhs, z, dot(rhs, z), jnp.zeros((), int)
-    y, *_, step = jax.lax.while_loop(unfinished, advance, start)
-    return y, step
 
 
 def _products(

@@ -19,9 +19,9 @@ from jaxtyping import Array, Complex, Float
 from ...regularization import RelativeTikhonov, Tikhonov, per_frequency
 from ..single_layer import phases_from
 from .densities import DensityGroup, Factors, HarmonicDensities, detector_columns, plane_scales
+from .linear_systems import product_of_blocks
 from .polar import PolarGeometry
 from .table import WaveTable, alpha_unit, region_factor, wave_table
-from .tikhonov import product_of_blocks
 
 
 class Decomposed(eqx.Module):

@@ -16,7 +16,7 @@ from jaxtat.densities.harmonic import (
     tikhonov,
     wave_table,
 )
-from jaxtat.densities.harmonic.table import circle_gram, detector_matrix
+from jaxtat.densities.harmonic.table import circle_gram, detector_matrix, product_of_grams
 from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
 from jaxtat.geometry.curves import SampledCurve
 from jaxtat.regularization import tikhonov_rule
@@ -139,7 +139,7 @@ def test_product_of_gram_matrices_on_half_a_circle(n_detectors):
     waves = detector_matrix(polar, wave) * jnp.sqrt(curve.weights)
     outer = jnp.asarray(np.random.default_rng(0).standard_normal((2, 25, 25)))
     inner = tikhonov.detector_gram(polar, wave, circle_gram(polar, 24))
-    found = tikhonov.product_of_grams(polar, inner, outer)
+    found = product_of_grams(polar, inner, outer)
     expected = jnp.einsum("jbrk,jbsk,bst->brt", waves, waves, outer)
     np.testing.assert_allclose(found, expected, atol=1e-13 * float(jnp.abs(expected).max()))
 

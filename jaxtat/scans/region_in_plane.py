@@ -1,0 +1,143 @@
+"""The region of interest of a scan in the plane: where sound comes from, or what all sides see."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..base.choice_table import GUESSED, LIKELY, SURE
+from ..geometry import ArcFit, detector_curve, visible_disk
+from ..io import Scan
+from ..records.extent import Heard, sounding_disk
+from ..records.power import RecordPower
+from .facts import Facts
+from .found import SHARES, TO_BE_ESTIMATED, Found, covered, require_scale, slowest
+
+MARGIN = 1.25  # of the region beyond where sound comes from
+LATE = 1.4  # the same if a record ends early and the speed is unknown: last times are too early
+
+
+class Sound(NamedTuple):
+    """Sound of the detectors that are used, in order along the curve, and the assumed speed."""
+
+    power: RecordPower
+    speed: float
+    when: Heard
+
+
+def region_of_sound(scan: Scan, facts: Facts, found: Found, sound: Sound, good: np.ndarray) -> None:
+    """Take the region from which sound comes; for detectors on no circle, the one that they see.
+
+    Args:
+        sound: of the good detectors.
+        good: which of the ordered detectors are used.
+    """
+    arc = facts.arc
+    if arc is None:
+        seen_region(facts, found)
+        return
+    assert facts.times is not None
+    center = found.take("region_center", arc.center, "the middle of the detectors' circle")
+    points = facts.points[facts.order][good] - np.array(arc.center)
+    known = found.reasons["sound_speed"] != TO_BE_ESTIMATED
+    body = sounding_disk(points, sound.when, sound.speed, known)
+    wanted = MARGIN * (body.radius + float(np.linalg.norm(body.middle)))
+    length, grade = facts.units.of_length, LIKELY
+    why = f"sound comes from within {length(wanted / MARGIN)}, and {MARGIN - 1:.0%} to spare"
+    view = _field_of_view(scan, center)
+    if view is not None and view < wanted:
+        wanted, why, grade = view, "the field of view in the file", SURE
+    path = float(facts.times[-1]) * sound.speed
+    if found.given.get("region_radius") is None:
+        require_scale(path, arc.radius, sound.speed)
+    path *= slowest(found)
+    least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
+    sounding = wanted / MARGIN
+    late = path - arc.radius < sounding < SHARES[1] * arc.radius
+    if late and sound.when.tells:  # fitted to what was recorded
+        spare, why = 1.0 if known else LATE, f"sound comes from within {length(sounding)}"
+        why += "" if known else f", and {LATE - 1:.0%} to spare"
+        wanted = most = min(spare * sounding, SHARES[1] * arc.radius)
+    if wanted < least:
+        why = "a tenth of the arc: where sound comes from cannot be told"
+        wanted, grade = least, GUESSED
+    if not sound.when.tells and grade != SURE:
+        much = f"as much as detectors and record (path {length(path)}) cover"
+        why = f"where sound comes from cannot be told: {much}"
+        wanted, grade = max(least, most), GUESSED
+    elif wanted > most:
+        why = f"of {length(wanted)}, as much as detectors and record (path {length(path)}) cover"
+        wanted, grade = max(least, most), GUESSED
+    radius = float(found.take("region_radius", wanted, why, grade))
+    toward = np.array([np.cos(arc.opening), np.sin(arc.opening)])
+    told = grade != GUESSED  # the region is not the most that the detectors cover
+    cut_at_opening(
+        arc, found, radius, float(body.middle @ toward) + body.radius if told else -np.inf
+    )
+    found.take("half_width", radius, "the region", grade)
+
+
+def seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) -> None:
+    """Around detectors on no circle: the largest disk that they see from all sides.
+
+    Args:
+        radii: of the data, if they are known; the disk is no larger than they cover.
+    """
+    center, radius = (found.given.get(name) for name in ("region_center", "region_radius"))
+    if center is None or radius is None:
+        seen = visible_disk(detector_curve(facts.points[facts.order]), center=center)
+        if seen is None:
+            raise ValueError(
+                "the detectors lie on no circle, and see no point from all sides: give "
+                "--region-radius and --region-center; jaxtat warns of what is not seen."
+            )
+        center, radius = tuple(float(x) for x in seen[0]), seen[1]
+    center = found.take("region_center", center, "the middle of the largest disk that is seen")
+    radius, why = covered(found, radius, "that disk", radii, distances_of(facts, found))
+    radius = float(found.take("region_radius", radius, why, LIKELY))
+    cut_at_opening(circle_without_detectors(facts, center), found, radius)
+    found.take("half_width", radius, "the region", LIKELY)
+
+
+def cut_at_opening(arc: ArcFit, found: Found, radius: float, beyond: float = -np.inf) -> None:
+    """The region ends at the chord of the opening, unless what sounds reaches beyond it.
+
+    Of that the detectors see some edges, and the disk's image is better with than without them.
+
+    Args:
+        beyond: how far from the middle it sounds, towards the opening, if that is known [length].
+    """
+    whole = found.given.get("region_radius") is not None or beyond > arc.chord
+    ends = arc.chord < radius and not whole
+    cut = arc.chord if ends else radius
+    why = "what lies beyond the arc's ends is not seen" if ends else "all of the disk"
+    if arc.chord < radius and beyond > arc.chord:
+        why = "all of the disk: what sounds reaches beyond the arc's ends"
+    found.take("region_cut", float(cut), why)
+    angle = float(np.degrees(arc.opening))
+    found.take("region_angle", angle, "closed ring" if arc.closed else "the arc opens there")
+
+
+def _field_of_view(scan: Scan, center: Any) -> float | None:
+    """Radius of the disk about the region's centre that holds the file's field of view."""
+    if "field_of_view" not in scan.known:
+        return None
+    low, high = np.asarray(scan.known["field_of_view"], float).reshape(3, 2).T
+    spread = np.ptp(np.asarray(scan.known["detectors"]), axis=0)
+    axes = [0, 1] if len(spread) == 2 else [k for k in range(3) if k != int(np.argmin(spread))]
+    half = np.maximum(high[axes] - np.array(center), np.array(center) - low[axes])
+    there = (half > 0).all() and (high > low)[axes].all()
+    return float(np.hypot(*half)) if there else None
+
+
+def circle_without_detectors(facts: Facts, center: Any) -> ArcFit:
+    """For other curves than arcs: the largest circle about the centre without detectors."""
+    middle = (float(center[0]), float(center[1]))
+    radius = float(np.hypot(*(facts.points[facts.order] - np.array(middle)).T).min())
+    return ArcFit(middle, radius, 0.0, 2 * np.pi, 0.0, 0.0, np.inf)
+
+
+def distances_of(facts: Facts, found: Found) -> Float[np.ndarray, " detectors"]:
+    """Distances of the detectors from the region's centre."""
+    offset = facts.points[facts.order] - np.array(found.values["region_center"])
+    return np.hypot(*offset.T)
