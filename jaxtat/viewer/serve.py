@@ -96,8 +96,6 @@ class Viewer:
             self._error = error
             return
         listening.setblocking(False)
-        # accepted ones inherit it: else each part of an image waits until the last is acknowledged
-        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         origin = f"{HOST}:{listening.getsockname()[1]}"
         path = f"/{secrets.token_urlsafe(24)}"
         application = BokehTornado(
