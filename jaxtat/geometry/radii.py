@@ -98,7 +98,9 @@ def uncovered(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"
 
 def _distances(curve: DetectorCurve, region: Region) -> tuple[float, float]:
     """Least and largest distance from a detector to the boundary of the region."""
-    detectors, boundary = np.asarray(curve.points), np.asarray(region.points)
-    difference = detectors[:, None, :] - boundary[None, :, :]
-    distance = np.hypot(difference[..., 0], difference[..., 1])
-    return float(distance.min()), float(distance.max())
+    along1, along2 = (
+        np.subtract.outer(one, other)
+        for one, other in zip(np.asarray(curve.points).T, np.asarray(region.points).T, strict=True)
+    )
+    square = along1**2 + along2**2
+    return float(np.sqrt(square.min())), float(np.sqrt(square.max()))

@@ -41,7 +41,7 @@ from ..steps.polar_transform import with_origin
 from ..steps.radon import low_pass_values
 from .asked import of_scan, of_setup, speed_of
 from .places import another_disk, placed
-from .samples import Pressure, samples_to_waves
+from .samples import Pressure, integrals_to_waves, samples_to_waves
 
 PRECISIONS = (np.float32, np.float64)
 
@@ -62,6 +62,7 @@ class Live(eqx.Module):
     Attributes:
         setup: detectors that are used, disk or other region that is solved for, grid and radii.
         region: that is shown, in it.
+        radii: of the integrals: the setup's, or as many that the record covers at this speed.
         frame_shape: (detectors, samples) of a frame.
         sound_speed: c [length/time]; of no meaning for circular integrals.
         rule: of the densities; None of a plan.
@@ -72,6 +73,7 @@ class Live(eqx.Module):
 
     setup: Setup
     region: Region
+    radii: Float[Array, " radii"]
     frame_shape: tuple[int, int] = eqx.field(static=True)
     sound_speed: float = eqx.field(static=True)
     rule: Tikhonov | RelativeTikhonov | None
@@ -82,14 +84,9 @@ class Live(eqx.Module):
     _in_factors: bool = eqx.field(static=True)  # densities, for few frames of each setting
     _leveled: bool = eqx.field(static=True)  # whether offset and drift are taken off
     _pressure: Pressure | None
+    _kernels: Float[Array, "rows radii"]  # of the radii
     _waves: DecomposedWaves | None
     _ready: _Ready
-
-    @property
-    @in_double
-    def radii(self) -> Float[Array, " radii"]:
-        """Radii of the integrals: the setup's, or as many that the record covers at this speed."""
-        return _radii(self._pressure, self.setup, self.sound_speed)
 
     @in_double
     def __call__(self, frames: Any, energy: Numbers | None = None) -> Num[Array, "*batch x1 x2"]:
@@ -140,6 +137,7 @@ class Live(eqx.Module):
         """
         setup, waves, densities = self.setup, self._waves, self._ready.densities
         samples, speed, region = self._ready.samples, self.sound_speed, self.region
+        radii, kernels = self.radii, self._kernels
         rule, solved_anew = self.rule if rule is None else _rule_of(rule, setup), False
         if region_center is not None or region_radius is not None:
             region = another_disk(region, region_center, region_radius)
@@ -155,15 +153,20 @@ class Live(eqx.Module):
                 raise ValueError("sound_speed: circular integrals are made at one; change radii.")
             speed = speed_of(sound_speed)
         if sound_speed is not None or solved_anew:
-            samples = _samples(self._pressure, setup, speed, self.dtype)
+            radii = _radii(self._pressure, setup, speed)
+            if not np.array_equal(radii, self.radii):
+                kernels = integrals_to_waves(radii, setup.frequencies, self.dtype)
+            samples = _samples(kernels, self._pressure, radii, speed)
         low_pass = self.low_pass if low_pass is None else low_pass
         return dataclasses.replace(
             self,
             setup=setup,
             region=region,
+            radii=radii,
             sound_speed=speed,
             rule=rule,
             low_pass=low_pass,
+            _kernels=kernels,
             _waves=waves,
             _ready=_ready(setup, samples, densities, low_pass, self.dtype),
         )
@@ -223,7 +226,7 @@ def live(
 
     Its images are those of `scans.reconstruct`: the samples
     of all detectors go through one matrix (conditioning, pressure to integrals, step 2), through
-    the densities, and through a Fourier sum. To 1e-4 in single precision and 1e-9 in double. Where
+    the densities, and through a Fourier sum. To 1e-4 in single precision and 1e-10 in double. Where
     the choices divide by the energy of pulses, a frame's own is an argument of `Live`, and the mean
     of the scan's stands in for it.
 
@@ -276,10 +279,13 @@ def live(
         densities = _densities(setup, waves, used, dtype, few_frames)
     else:
         densities = in_precision(plan.densities, dtype)
-    samples = _samples(asked.pressure, setup, asked.sound_speed, dtype)
+    radii = _radii(asked.pressure, setup, asked.sound_speed)
+    kernels = integrals_to_waves(radii, setup.frequencies, dtype)
+    samples = _samples(kernels, asked.pressure, radii, asked.sound_speed)
     return Live(
         setup=setup,
         region=asked.region,
+        radii=radii,
         frame_shape=asked.frame_shape,
         sound_speed=asked.sound_speed,
         rule=used,
@@ -290,6 +296,7 @@ def live(
         _in_factors=few_frames,
         _leveled=asked.leveled,
         _pressure=asked.pressure,
+        _kernels=kernels,
         _waves=waves,
         _ready=_ready(setup, samples, densities, asked.low_pass, dtype),
     )
@@ -329,10 +336,12 @@ def _ready(
 
 
 def _samples(
-    pressure: Pressure | None, setup: Setup, speed: float, dtype: np.dtype
+    kernels: Array, pressure: Pressure | None, radii: Array, speed: float
 ) -> Float[Array, "rows samples"]:
-    radii = _radii(pressure, setup, speed)
-    return samples_to_waves(pressure, radii, setup.frequencies, jnp.asarray(speed), dtype)
+    """Of circular integrals the kernels alone."""
+    if pressure is None:
+        return kernels
+    return samples_to_waves(kernels, pressure, radii, jnp.asarray(speed))
 
 
 def _radii(pressure: Pressure | None, setup: Setup, speed: float) -> Float[Array, " radii"]:

@@ -46,27 +46,36 @@ def pressure_of(
 
 
 @eqx.filter_jit
-def samples_to_waves(
-    pressure: Pressure | None,
-    radii: Float[Array, " radii"],
-    frequencies: Float[Array, " frequencies"],
-    sound_speed: Float[Array, ""],
-    dtype: np.dtype,
-) -> Float[Array, "rows samples"]:
-    """K I C of the formula above, (G_J, G_Y) at each frequency in turn, and ∫ g dr.
+def integrals_to_waves(
+    radii: Float[Array, " radii"], frequencies: Float[Array, " frequencies"], dtype: np.dtype
+) -> Float[Array, "rows radii"]:
+    """K of the formula above, (G_J, G_Y) at each frequency in turn, and ∫ g dr.
 
     Args:
-        pressure: None for circular integrals, of which I and C are 1.
         radii: r [length].
         frequencies: lambda [rad/length].
-        sound_speed: c [length/time].
         dtype: of the result.
     """
     kernels = radial_kernels(radii, frequencies).reshape(-1, radii.shape[0])
     _, weights = radial_quadrature(radii)
-    rows = jnp.concatenate([kernels, jnp.sum(weights, axis=0)[None]])
-    if pressure is None:
-        return rows.astype(dtype)
-    m = jnp.arange(pressure.coefficients.shape[0])
+    return jnp.concatenate([kernels, jnp.sum(weights, axis=0)[None]]).astype(dtype)
+
+
+@eqx.filter_jit
+def samples_to_waves(
+    kernels: Float[Array, "rows radii"],
+    pressure: Pressure,
+    radii: Float[Array, " radii"],
+    sound_speed: Float[Array, ""],
+) -> Float[Array, "rows samples"]:
+    """K I C of the formula above, in the precision of K.
+
+    Args:
+        kernels: K of `integrals_to_waves`.
+        pressure: of the record.
+        radii: r [length].
+        sound_speed: c [length/time].
+    """
+    m, dtype = jnp.arange(pressure.coefficients.shape[0]), kernels.dtype
     integrals = integrals_of_cosines(m, pressure.times, radii, sound_speed, pressure.model)
-    return rows.astype(dtype) @ integrals.astype(dtype) @ pressure.coefficients.astype(dtype)
+    return kernels @ integrals.astype(dtype) @ pressure.coefficients.astype(dtype)

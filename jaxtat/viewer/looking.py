@@ -1,14 +1,12 @@
-"""Which disk within the region is looked at: three sliders, and the place of its image."""
+"""Which disk within the region is looked at: three sliders."""
 
 import math
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from bokeh.models import Slider
 
 from ..base.units import millimetres
-from ..geometry import ImageGrid
 from .session import Session, Shown
 
 LEAST = 0.1  # of the region's radius, that a disk has
@@ -67,11 +65,3 @@ def lengths(session: Session) -> tuple[float, str]:
     """Millimetres of a length of 1, and how the unit is shown."""
     unit = session.choices.units.length
     return millimetres(unit), " [mm]" if unit else ""
-
-
-def corner_and_size(grid: ImageGrid, scale: float) -> tuple[np.ndarray, np.ndarray]:
-    """Lower left corner and size of an image, in the unit of the axes."""
-    low, high, step = (
-        np.asarray(x) for x in (grid.points[0, 0], grid.points[-1, -1], grid.spacing)
-    )
-    return scale * (low - step / 2), scale * (high - low + step)

@@ -1,4 +1,4 @@
-"""The page: picture, knobs and choices. What it shows is computed by `Session`."""
+"""The page: knobs and choices beside the picture. What it shows is computed by `Session`."""
 
 import math
 import time
@@ -12,36 +12,29 @@ import numpy as np
 from bokeh.document import Document
 from bokeh.layouts import column, row
 from bokeh.models import (
-    BoxZoomTool,
     Button,
-    ColorBar,
     ColumnDataSource,
-    CrosshairTool,
     Div,
-    HoverTool,
-    LinearColorMapper,
     RadioButtonGroup,
     Range1d,
-    RangeSlider,
     Select,
     Slider,
     Span,
     Spinner,
     Title,
-    Toggle,
 )
-from bokeh.palettes import Greys256, Inferno256, Viridis256
 from bokeh.plotting import figure
 
 from ..base.names import LOW_PASSES
 from ..geometry import ImageGrid
 from .keeping import command_line, keep
 from .latest import Latest
-from .looking import Looking, corner_and_size, lengths
+from .looking import Looking, lengths
+from .picture import Picture
 from .session import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED, Knobs, Session
 
-COLOURS = {"grey": Greys256, "viridis": Viridis256, "inferno": Inferno256}
 WIDTH, WHOLE = 400, 1080  # of the column of knobs, and of the page [pixel]
+CHOICES_LATER = 100  # [ms] than the picture, which a browser would otherwise draw after them
 
 
 class Page:
@@ -60,9 +53,9 @@ class Page:
     ):
         self._document, self._session = document, session
         self._source, self._folder = source, folder
-        self._image: np.ndarray | None = None
+        self._shown: _Seen | None = None
         self._images, self._curves = Latest(self._later), Latest(self._later)
-        self._make_picture()
+        self.picture = Picture(session)
         self._make_knobs()
         self._make_rest(name)
         self._follow()
@@ -73,36 +66,6 @@ class Page:
         self._ask_for_curve()
 
     # what is on the page
-
-    def _make_picture(self) -> None:
-        self.pixels = ColumnDataSource({"image": [np.zeros((1, 1), np.float32)]})
-        self.colours = LinearColorMapper(COLOURS["grey"], low=0.0, high=1.0, nan_color="#00000000")
-        self._grid = self._session.grid(self._session.start)
-        scale, unit = lengths(self._session)
-        low, size = corner_and_size(self._grid, scale)
-        self.picture = figure(
-            frame_width=540,
-            frame_height=540,
-            x_range=Range1d(start=low[0], end=low[0] + size[0]),
-            y_range=Range1d(start=low[1], end=low[1] + size[1]),
-            tools="pan,wheel_zoom,reset",
-            active_scroll="wheel_zoom",
-            x_axis_label=f"x₁{unit}",
-            y_axis_label=f"x₂{unit}",
-        )
-        self.picture.toolbar.logo = None
-        self.picture.grid.visible = False
-        self.glyph = self.picture.image(
-            "image",
-            source=self.pixels,
-            color_mapper=self.colours,  # pyright: ignore[reportCallIssue]
-            **_as_place(low, size),
-        )
-        values = [("x₁, x₂", "$x{0.00}, $y{0.00}" + unit), ("f", "@image{%.4g}")]
-        hover = HoverTool(tooltips=values, formatters={"@image": "printf"}, point_policy="none")
-        zoom = BoxZoomTool(match_aspect=True)
-        self.picture.add_tools(zoom, hover, CrosshairTool(line_alpha=0.3))
-        self.picture.add_layout(ColorBar(color_mapper=self.colours, width=14), "right")
 
     def _make_knobs(self) -> None:
         session, start = self._session, self._session.start
@@ -166,15 +129,6 @@ class Page:
         frames = f"{scan.n_frames} frames of " if scan.n_frames > 1 else ""
         about = f"{frames}{scan.n_detectors} detectors, {scan.n_samples} samples"
         self.title = Div(text=f"<b style='font-size:1.3em'>{escape(name)}</b><br>{about}")
-        self.levels = RangeSlider(
-            title="darkest and brightest [percentile]",
-            start=0,
-            end=100,
-            value=(0.2, 99.8),
-            step=0.1,
-        )
-        self.hold = Toggle(label="hold levels")
-        self.palette = Select(options=list(COLOURS), value="grey", width=110)
         self.keep_picture = Button(label="Keep picture (.png)")
         self.keep_choices = Button(label="Keep all choices (.h5)")
         self.status = Div(text="computing ...", width=WIDTH, height=50)
@@ -193,15 +147,16 @@ class Page:
             *self.looking.sliders,
             row(*self.region),
             self.move,
-            self.levels,
-            row(self.hold, self.palette),
+            *self.picture.knobs,
             row(self.keep_picture, self.keep_choices),
             self.status,
         )
-        for knob in (self.frame, self.speed, self.alpha, self.levels):
+        for knob in (self.frame, self.speed, self.alpha, self.picture.levels):
             knob.width = WIDTH
         below = Div(text="<b>The same by a command</b>"), self.command, self.table
-        self._document.add_root(column(row(self.picture, knobs, spacing=20), *below, margin=10))
+        self._document.add_root(
+            column(row(self.picture.figure, knobs, spacing=20), *below, margin=10)
+        )
 
     # what turns what
 
@@ -217,9 +172,6 @@ class Page:
         for slider in (self.frame, self.alpha):  # when it is let go
             _on_change(slider, "value_throttled", self._ask_for_curve)
         _on_change(self.wavelength, "value", self._take_wavelength)
-        _on_change(self.levels, "value", self._take_levels)
-        _on_change(self.hold, "active", self._take_levels)
-        _on_change(self.palette, "value", self._take_palette)
         self.fit.on_click(self._look)
         self.move.on_click(self._take_region)
         self.keep_picture.on_click(lambda: self._keep(".png"))
@@ -279,28 +231,21 @@ class Page:
         self._document.hold("combine")
         if seen.session is not self._session:
             self._take_session(seen.session)
-        self._place_image(seen.grid)
-        self._show_image(seen.image)
+        self.picture.show(seen.image, seen.grid)
         self.status.text = f"image in {1e3 * seen.seconds:.0f} ms"
+        self._document.unhold()
+        self._shown = seen
+        self._document.add_timeout_callback(lambda: self._tell(seen), CHOICES_LATER)
+
+    def _tell(self, seen: "_Seen") -> None:
+        """The choices of an image, unless there is another by now."""
+        if seen is not self._shown:
+            return
+        self._document.hold("combine")
         self.command.text = _as_code(seen.command)
         if seen.rows is not None:
             self.table.text = _as_table(seen.rows)
         self._document.unhold()
-
-    def _show_image(self, image: np.ndarray) -> None:
-        self._image = image
-        self.pixels.data = {"image": [np.ascontiguousarray(image.T, np.float32)]}
-        self._take_levels()
-
-    def _place_image(self, grid: ImageGrid) -> None:
-        """Its axes; those that were zoomed stay so while the pixels do."""
-        if all(map(np.array_equal, _numbers(grid), _numbers(self._grid))):
-            return
-        self._grid = grid
-        low, size = corner_and_size(grid, lengths(self._session)[0])
-        self.glyph.glyph.update(**_as_place(low, size))
-        self.picture.x_range.update(start=low[0], end=low[0] + size[0])
-        self.picture.y_range.update(start=low[1], end=low[1] + size[1])
 
     def _take_session(self, session: Session) -> None:
         """Show another region."""
@@ -311,15 +256,6 @@ class Page:
         for spinner, value in zip(self.region, values, strict=True):
             spinner.value = round(scale * value, 3)
         self._ask_for_curve()
-
-    def _take_levels(self) -> None:
-        if self._image is None or self.hold.active:
-            return
-        low, high = np.nanpercentile(self._image, self.levels.value)
-        self.colours.update(low=float(low), high=float(high) if high > low else float(low) + 1.0)
-
-    def _take_palette(self) -> None:
-        self.colours.palette = COLOURS[self.palette.value]
 
     def _take_wavelength(self) -> None:
         """The nearest frame of that wavelength."""
@@ -397,14 +333,6 @@ class _Seen(NamedTuple):
     command: str
     rows: list[tuple[str, str, str, str]] | None  # of choices
     seconds: float
-
-
-def _numbers(grid: ImageGrid) -> tuple[np.ndarray, np.ndarray]:
-    return np.asarray(grid.half_width), np.asarray(grid.center)
-
-
-def _as_place(low: np.ndarray, size: np.ndarray) -> dict[str, float]:
-    return dict(zip(("x", "y", "dw", "dh"), map(float, (*low, *size)), strict=True))
 
 
 def _on_change(widget: Any, its: str, do: Callable[[], Any]) -> None:

@@ -34,7 +34,7 @@ def test_raw_frames_come_out_as_from_the_scan(frames, known):
     choices = choose(made, **GIVEN)
     wanted = reconstruct(made, choices).image
     assert N // 3 in choices.left_out
-    assert relative(live(made, choices, dtype=np.float64)(frames), wanted) < 1e-9
+    assert relative(live(made, choices, dtype=np.float64)(frames), wanted) < 1e-10
     single = live(made, choices)
     assert relative(single(frames), wanted) < 1e-4
     assert relative(single(frames[1].astype(float)), wanted[1]) < 1e-4
@@ -71,7 +71,7 @@ def test_within_reach_the_region_moves(frames, radius):
     wanted = reconstruct(made, wide).image
     rows = np.searchsorted(wide.grid.x1, np.asarray(moved.setup.grid.x1) - 1e-9)
     columns = np.searchsorted(wide.grid.x2, np.asarray(moved.setup.grid.x2) - 1e-9)
-    assert relative(moved(frames[0]), wanted[np.ix_(rows, columns)]) < 1e-9
+    assert relative(moved(frames[0]), wanted[np.ix_(rows, columns)]) < 1e-10
 
 
 def test_another_speed_is_that_of_other_choices(frames):
@@ -81,7 +81,7 @@ def test_another_speed_is_that_of_other_choices(frames):
     first = live(made, choices, dtype=np.float64)
     for speed in (1430.0, 1560.0):
         other = reconstruct(made, replace(choices, sound_speed=speed, **_radii(choices, speed)))
-        assert relative(first.replace(sound_speed=speed)(frames[0]), other.image) < 1e-9
+        assert relative(first.replace(sound_speed=speed)(frames[0]), other.image) < 1e-10
     with pytest.raises(ValueError, match="with sound_speed 500 radii run"):
         first.replace(sound_speed=500.0)
     with pytest.raises(ValueError, match="sound_speed is -1"):
@@ -98,7 +98,7 @@ def test_two_dimensional_waves_keep_their_tail():
     made = scan(record() + 0.1)
     choices = choose(made, **GIVEN | {"model": "2d"})
     wanted = reconstruct(made, choices).image
-    assert relative(live(made, choices, dtype=np.float64)(made.frame(0)), wanted) < 1e-9
+    assert relative(live(made, choices, dtype=np.float64)(made.frame(0)), wanted) < 1e-10
 
 
 def test_choices_that_are_no_formula_are_refused():

@@ -106,7 +106,9 @@ def seen(browser):
         if not browser.execute_script("return !!(window.Bokeh && Bokeh.documents.length)"):
             return None
         found = browser.execute_script(SEEN)
-        return found if any(text.startswith("image in") for text in found["texts"]) else None
+        words = "image in", "<code>"  # the command, which comes last
+        there = [any(text.startswith(word) for text in found["texts"]) for word in words]
+        return found if all(there) else None
 
     found = until(asked)
     return np.reshape(found["image"], found["shape"]).T, found["texts"]
