@@ -91,17 +91,17 @@ def test_figures_of_the_readme_are_those_of_the_pages():
     assert '| "several hours" |' in accuracy
     assert "relative L2 error of 0.035 %" in comparison
     assert "about 5 %" in comparison
+    measured = benchmarks()
+    seconds = measured["direct[129-cholesky]"]["median_s"]
     table = README.partition("## Accuracy and speed")[2].partition("\n## ")[0]
     figures = re.findall(r"^\| .*\| (.*?) \| (.*?) \| .*? \|$", table, re.M)[2:]
     assert figures == [
         ("7.3e-5 (the paper)", "1.6e-9"),
         ('"quite close" (the paper)', "0.89"),
-        ('"several hours" (the paper)', "0.09 s"),
+        ('"several hours" (the paper)', f"{seconds:.1g} s"),
         ("about 5 % (its authors)", "0.035 %"),
         ("0.25 (time reversal)", "2e-3"),
     ]
-    measured = benchmarks()
-    assert abs(measured["direct[129-cholesky]"]["median_s"] / 0.09 - 1) < 0.06
     assert abs(measured["k_wave_time_reversal"]["max_error"] / 0.25 - 1) < 0.06
     assert abs(measured["jaxtat_from_the_record_of_k_wave"]["max_error"] / 2e-3 - 1) < 0.06
 
