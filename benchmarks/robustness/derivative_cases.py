@@ -344,6 +344,7 @@ def of_direct(rng: Rng) -> Cases:
     alphas = {
         "1e-3": 1e-3, "1e-6": 1e-6, "RelativeTikhonov": jt.RelativeTikhonov(0.1),
         "NoiseLevel": jt.NoiseLevel(0.01), "TikhonovNormBound": jt.TikhonovNormBound(3.0),
+        "ResidualTarget": jt.ResidualTarget(0.01, 30.0),
     }  # fmt: skip
     for cut in (None, 0.5, 0.0):
         problem = _Problem(1.0 if cut is None else cut, cut, grid, bell)

@@ -127,9 +127,9 @@ def build_plan(
 
     Args:
         setup: detectors, region, grid and radii, in the plane.
-        rule: which singular components are kept: `NormBound`, `FixedRank`, `SingularValueCutoff`,
-            `RelativeCutoff` or `ResidualTarget`, or one of Tikhonov's, `Tikhonov`,
-            `RelativeTikhonov` or `TikhonovNormBound`, with a number or one for each frequency. By
+        rule: which singular components are kept: `NormBound`, `FixedRank`, `SingularValueCutoff` or
+            `RelativeCutoff`, or one of Tikhonov's, `Tikhonov`, `RelativeTikhonov`,
+            `TikhonovNormBound` or `ResidualTarget`, with a number or one for each frequency. By
             default the paper's bound, ``NormBound(PAPER_K)``, where its assumptions hold: detectors
             on a circle (within 5 % of its radius) that see all of the region. Else
             ``RelativeCutoff(0.1)``: it asks for no norm, and leaves out what no detector records

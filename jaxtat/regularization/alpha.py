@@ -7,7 +7,9 @@ One family for plans and for `solve`. A plan takes alpha as filter factors of si
 """
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from collections.abc import Callable
+from functools import partial
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, real_array, require_positive
-from .rules import Regularization, Truncation, not_negative, per_frequency, seen_once
+from .rules import Excess, Regularization, Truncation, not_negative, per_frequency, seen_once
 
 
 class Problem(eqx.Module):
@@ -156,21 +158,63 @@ class TikhonovNormBound(TikhonovRule):
         return self.chosen(sigma, size, unit_norm).factors(sigma, size, unit_norm)
 
     def chosen(
-        self, sigma: Array, size: Array, unit_norm: Array, excess: Array | float = 0.0
+        self,
+        sigma: Array,
+        size: Array,
+        unit_norm: Array,
+        excess: Excess = Excess(),  # noqa: B008
     ) -> Tikhonov:
         weights = sigma**2 * jnp.mean(size**2, axis=-1)
-        square = jnp.mean((self.K * unit_norm) ** 2) - excess
-        return Tikhonov(alpha_of_norm(sigma**2, weights, square))
+        square = jnp.mean((self.K * unit_norm) ** 2) - excess.norm
+        return Tikhonov(alpha_where(NORM, sigma**2, weights, square))
 
     def absolute(self, problem: Problem) -> Array:
-        if problem.matrix is None or problem.plane is None:
-            raise ValueError(
-                "TikhonovNormBound needs the matrix of every frequency in cylindrical waves: use "
-                "solver='cholesky' and a region that they reach, or build_plan, or take a number, "
-                "NoiseLevel(sigma) or RelativeTikhonov(kappa)."
-            )
+        matrix, plane = _matrices(self, problem)
         square = (self.K * problem.unit_norm) ** 2
-        return _alpha_of_matrix(problem.matrix, problem.plane, square)
+        return _alphas_of_matrix((NORM,), matrix, plane, square[None])[0]
+
+
+class ResidualTarget(TikhonovRule):
+    """`Tikhonov` with the largest alpha whose residual is small enough, but no norm above K N.
+
+    The residual is ||A rho - u|| / ||u|| of the traces u of plane waves. Its and the norm's squares
+    are means over all directions: alpha is one number for each frequency. With a target for the
+    residual alone, the discrepancy principle, the norm diverges where directions are not seen. With
+    a bound on the norm alone, more noise than necessary passes where all are seen.
+
+    Source: the discrepancy principle, Morozov, Soviet Math. Dokl. 7 (1966) 414-417, with a bound.
+    """
+
+    needs_matrix = True
+    residual: Float[Array, "*each"]
+    K: Float[Array, "*each"]
+
+    def __init__(self, residual: Numbers = 1e-3, K: Numbers = 2.0):
+        """residual: root mean square of ||A rho - u|| / ||u||; K: bound, in units of N(lambda)."""
+        self.residual, self.K = not_negative("residual", residual), not_negative("K", K)
+
+    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
+        return self.chosen(sigma, size, unit_norm).factors(sigma, size, unit_norm)
+
+    def chosen(
+        self,
+        sigma: Array,
+        size: Array,
+        unit_norm: Array,
+        excess: Excess = Excess(),  # noqa: B008
+    ) -> Tikhonov:
+        weights = sigma**2 * jnp.mean(size**2, axis=-1)
+        total = jnp.sum(weights) + excess.rhs
+        of_residual = self.residual**2 * total - excess.residual
+        of_norm = jnp.mean((self.K * unit_norm) ** 2) - excess.norm
+        wanted = alpha_where(RESIDUAL, sigma**2, weights, of_residual)
+        return Tikhonov(jnp.maximum(wanted, alpha_where(NORM, sigma**2, weights, of_norm)))
+
+    def absolute(self, problem: Problem) -> Array:
+        matrix, plane = _matrices(self, problem)
+        total = jnp.sum(jnp.trace(plane, axis1=-2, axis2=-1))
+        squares = self.residual**2 * total, (self.K * problem.unit_norm) ** 2
+        return _alphas_of_matrix((RESIDUAL, NORM), matrix, plane, jnp.stack(squares)).max()
 
 
 def tikhonov_rule(rule: Any, n_frequencies: int) -> TikhonovRule:
@@ -190,27 +234,73 @@ def tikhonov_rule(rule: Any, n_frequencies: int) -> TikhonovRule:
     return per_frequency(rule, n_frequencies)
 
 
-@jax.custom_jvp
-def alpha_of_norm(
-    eigenvalues: Float[Array, "*k"], weights: Float[Array, "*k"], square: Float[Array, ""]
+class Measure(NamedTuple):
+    """Σ_j f(s_j, alpha) w_j, by which alpha is chosen; s_j of A A^T, w_j mean squares of p_j·u.
+
+    Attributes:
+        f: of s and alpha.
+        divided: (f(s, alpha) - f(t, alpha)) / (s - t) of s, t and alpha; df / ds where s = t.
+        sign: 1 if f falls with alpha, -1 if it rises.
+    """
+
+    f: Callable[[Array, Array], Array]
+    divided: Callable[[Array, Array, Array], Array]
+    sign: int
+
+
+NORM = Measure(
+    f=lambda s, alpha: s / (s + alpha) ** 2,
+    divided=lambda s, t, alpha: (alpha**2 - s * t) / ((s + alpha) * (t + alpha)) ** 2,
+    sign=1,
+)
+"""||A^T (A A^T + alpha)^-1 u||²."""
+
+RESIDUAL = Measure(
+    f=lambda s, alpha: (alpha / (s + alpha)) ** 2,
+    divided=lambda s, t, alpha: (
+        -(alpha**2) * (s + t + 2 * alpha) / ((s + alpha) * (t + alpha)) ** 2
+    ),
+    sign=-1,
+)
+"""||A A^T (A A^T + alpha)^-1 u - u||²."""
+
+
+def _matrices(rule: TikhonovRule, problem: Problem) -> tuple[Array, Array]:
+    """A A^T and the mean of u u^H."""
+    if problem.matrix is None or problem.plane is None:
+        raise ValueError(
+            f"{type(rule).__name__} needs the matrix of every frequency in cylindrical waves: use "
+            "solver='cholesky' and a region that they reach, or build_plan, or take a number, "
+            "NoiseLevel(sigma) or RelativeTikhonov(kappa)."
+        )
+    return problem.matrix, problem.plane
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def alpha_where(
+    measure: Measure,
+    eigenvalues: Float[Array, "*k"],
+    weights: Float[Array, "*k"],
+    square: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """alpha with Σ_j l_j w_j / (l_j + alpha)² = square, between 1e-15 and 1e6 times the largest l.
+    """alpha with Σ_j f(s_j, alpha) w_j = square, between 1e-15 and 1e6 times the largest s.
 
     Args:
-        eigenvalues: l_j of A A^T.
+        measure: f.
+        eigenvalues: s_j of A A^T.
         weights: w_j, mean squares of p_j·u.
-        square: of the norm. Where it is not reached alpha is one of the two bounds.
+        square: of norm or residual. Where it is not reached alpha is one of the two bounds.
     """
     largest = eigenvalues.max()
     largest = jnp.where(largest > 0, largest, 1.0)
     lower, upper = jnp.log(1e-15 * largest), jnp.log(1e6 * largest)
+    aim = jnp.maximum(square, jnp.finfo(square.dtype).tiny)
 
     def excess(log_alpha: Array, _: None) -> Array:
-        alpha = jnp.exp(log_alpha)
-        norm = jnp.sum(eigenvalues * weights / (eigenvalues + alpha) ** 2)
-        # at the bounds the sign is given, so that a bound is found where the norm is never reached
+        reached = jnp.sum(measure.f(eigenvalues, jnp.exp(log_alpha)) * weights)
+        # at the bounds the sign is given, so that a bound is found where the aim is never reached
         edge = jnp.where(log_alpha <= lower, 1.0, 0.0) - jnp.where(log_alpha >= upper, 1.0, 0.0)
-        return jnp.where(edge == 0, jnp.log(norm / square), edge)
+        return jnp.where(edge == 0, measure.sign * jnp.log(reached / aim), edge)
 
     import optimistix as optx  # slow to import
 
@@ -222,56 +312,71 @@ def alpha_of_norm(
     return jnp.exp(found.value)
 
 
-@alpha_of_norm.defjvp
-def _(primals: tuple[Array, Array, Array], tangents: tuple[Array, Array, Array]):
-    # implicit differentiation of F(alpha, l, w) = square, but none at the bounds
+@alpha_where.defjvp
+def _(measure: Measure, primals: tuple[Array, ...], tangents: tuple[Array, ...]):
+    # implicit differentiation of F(alpha, s, w) = square, but none at the bounds
     eigenvalues, weights, square = primals
     d_eigenvalues, d_weights, d_square = tangents
-    alpha = alpha_of_norm(*primals)
-    inverse = 1 / (eigenvalues + alpha)
-    terms = eigenvalues * weights * inverse**2
-    slope = -2 * jnp.sum(terms * inverse)
-    change = jnp.sum((alpha - eigenvalues) * inverse**3 * weights * d_eigenvalues)
-    change += jnp.sum(eigenvalues * inverse**2 * d_weights)
-    reached = jnp.abs(jnp.sum(terms) - square) < 1e-6 * square
-    slope = jnp.where(reached, slope, 1.0)
-    return alpha, jnp.where(reached, (d_square - change) / slope, 0.0)
+    alpha = alpha_where(measure, *primals)
+    values, slopes = _with_slopes(measure, eigenvalues, alpha)
+    change = jnp.sum(values * d_weights)
+    change += jnp.sum(measure.divided(eigenvalues, eigenvalues, alpha) * weights * d_eigenvalues)
+    total, slope = jnp.sum(values * weights), jnp.sum(slopes * weights)
+    return alpha, _implicit(total, slope, square, d_square - change)
 
 
-@jax.custom_jvp
-def _alpha_of_matrix(matrix: Array, plane: Array, square: Array) -> Array:
-    """alpha with tr(plane H^-1 matrix H^-1) = square, H = matrix + alpha.
+def _with_slopes(measure: Measure, eigenvalues: Array, alpha: Array) -> tuple[Array, Array]:
+    """f and df / dalpha."""
+    return jax.jvp(lambda alpha: measure.f(eigenvalues, alpha), (alpha,), (jnp.ones_like(alpha),))
 
-    With matrix = V diag(l) V^T the trace is Σ_j l_j (V^T plane V)_jj / (l_j + alpha)².
+
+def _implicit(total: Array, slope: Array, square: Array, change: Array) -> Array:
+    """dalpha = change / slope, and 0 where alpha is a bound."""
+    reached = jnp.abs(total - square) < 1e-6 * square
+    return jnp.where(reached, change / jnp.where(reached, slope, 1.0), 0.0)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _alphas_of_matrix(
+    measures: tuple[Measure, ...], matrix: Array, plane: Array, squares: Array
+) -> Array:
+    """alpha for each measure, with tr(plane f(matrix, alpha)) the given square.
+
+    With matrix = V diag(s) V^T the trace is Σ_j f(s_j, alpha) (V^T plane V)_jj.
     """
     eigenvalues, vectors = jnp.linalg.eigh(matrix)
     weights = jnp.einsum("bij,bik,bkj->bj", vectors, plane, vectors)
-    return alpha_of_norm(jnp.maximum(eigenvalues, 0.0), weights, square)
+    known = jnp.maximum(eigenvalues, 0.0), weights
+    found = (alpha_where(of, *known, square) for of, square in zip(measures, squares, strict=True))
+    return jnp.stack(list(found))
 
 
-@_alpha_of_matrix.defjvp
-def _(primals: tuple[Array, Array, Array], tangents: tuple[Array, Array, Array]):
-    # Implicit differentiation of F(alpha, matrix, plane) = square. With f(l) = l / (l + alpha)² the
-    # derivative of f(matrix) is made of (f(l_i) - f(l_j)) / (l_i - l_j), which exists where
-    # eigenvalues coincide (Daleckii and Krein; Bhatia, Matrix Analysis (1997), theorem V.3.3).
-    matrix, plane, square = primals
-    matrix_dot, plane_dot, square_dot = tangents
-    alpha = _alpha_of_matrix(matrix, plane, square)
+@_alphas_of_matrix.defjvp
+def _(measures: tuple[Measure, ...], primals: tuple[Array, ...], tangents: tuple[Array, ...]):
+    # Implicit differentiation of F(alpha, matrix, plane) = square. The derivative of f(matrix) is
+    # made of (f(s_i) - f(s_j)) / (s_i - s_j), which exists where eigenvalues coincide (Daleckii and
+    # Krein; Bhatia, Matrix Analysis (1997), theorem V.3.3).
+    matrix, plane, squares = primals
+    matrix_dot, plane_dot, squares_dot = tangents
+    alphas = _alphas_of_matrix(measures, *primals)
     eigenvalues, vectors = jnp.linalg.eigh(matrix)
 
     def turned(matrix: Array) -> Array:
         return jnp.swapaxes(vectors, -1, -2) @ matrix @ vectors
 
+    def diagonal(matrix: Array) -> Array:
+        return jnp.diagonal(matrix, axis1=-2, axis2=-1)
+
     eigenvalues = jnp.maximum(eigenvalues, 0.0)
-    inverse = 1 / (eigenvalues + alpha)
-    turned_plane = turned(plane)
-    terms = eigenvalues * inverse**2 * jnp.diagonal(turned_plane, axis1=-2, axis2=-1)
-    slope = -2 * jnp.sum(terms * inverse)
-    product = eigenvalues[:, :, None] * eigenvalues[:, None, :]
-    divided = (alpha**2 - product) * (inverse[:, :, None] * inverse[:, None, :]) ** 2
-    change = jnp.sum(divided * turned_plane * turned(matrix_dot))
-    change += jnp.sum(
-        eigenvalues * inverse**2 * jnp.diagonal(turned(plane_dot), axis1=-2, axis2=-1)
-    )
-    reached = jnp.abs(jnp.sum(terms) / square - 1) < 1e-6
-    return alpha, jnp.where(reached, (square_dot - change) / slope, 0.0)
+    rows, columns = eigenvalues[:, :, None], eigenvalues[:, None, :]
+    here, matrix_dot, plane_dot = turned(plane), turned(matrix_dot), diagonal(turned(plane_dot))
+
+    def changed(measure: Measure, alpha: Array, square: Array, square_dot: Array) -> Array:
+        values, slopes = _with_slopes(measure, eigenvalues, alpha)
+        change = jnp.sum(measure.divided(rows, columns, alpha) * here * matrix_dot)
+        change += jnp.sum(values * plane_dot)
+        total, slope = jnp.sum(values * diagonal(here)), jnp.sum(slopes * diagonal(here))
+        return _implicit(total, slope, square, square_dot - change)
+
+    each = zip(measures, alphas, squares, squares_dot, strict=True)
+    return alphas, jnp.stack([changed(*one) for one in each])

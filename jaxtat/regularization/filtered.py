@@ -17,7 +17,7 @@ from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Complex, Float, Int
 
 from ..special import root
-from .rules import Regularization
+from .rules import Excess, Regularization
 
 SINGULAR = "singular value decomposition"  # its name, for `jax.checkpoint`
 # relative distance of squared singular values that count as one: derivatives cannot separate them
@@ -115,7 +115,8 @@ def singular_components(
     )
     order = jnp.argsort(-sigma, axis=None)
     size = _modulus(amplitudes).reshape(-1, n_rhs)[order]
-    rule = regularization.chosen(sigma.ravel()[order], size, unit_norm)
+    outside = _outside(sigma.ravel()[order], size, rhs)
+    rule = regularization.chosen(sigma.ravel()[order], size, unit_norm, outside)
     factors = rule.factors(sigma.ravel()[order], size, unit_norm)
     factors *= (inverse > 0).ravel()[order][:, None]
     unordered = factors[jnp.argsort(order)].reshape(n_blocks, -1, n_rhs)
@@ -192,7 +193,7 @@ def _(primals: tuple, tangents: tuple) -> tuple[Solution, Solution]:
     # phi, (phi_i - phi_j) gamma_ij tends to dphi / d(sigma²). The factors themselves change with
     # sigma and with the sizes |β / sigma|. The parts of dA that lead out of the spans of P and Q
     # follow from P^T dp = 0 likewise. A rule that chooses another by the norm of q changes its
-    # choice as much as is needed for the norm that dq, with the choice kept, leads to. See
+    # choice as is needed for the norm and residual that dq, with the choice kept, leads to. See
     # Noferini, SIAM J. Matrix Anal. Appl. 38 (2017) 436-457.
     blocks, rhs, rule, unit_norm = primals
     d_blocks, d_rhs, d_rule, d_unit_norm = tangents
@@ -202,13 +203,15 @@ def _(primals: tuple, tangents: tuple) -> tuple[Solution, Solution]:
     d_used = jax.tree.map(jnp.zeros_like, found.rule) if chooses else d_rule
     d_factors = _factors_change(found, change, unit_norm, d_used, d_unit_norm)
     d_q = change.at_fixed_factors() + found.combined(d_factors)
-    if chooses:  # by the norm that the change above, with the choice kept, would lead to
-        d_square = jnp.mean(jax.jvp(_square_norm, (q,), (d_q,))[1])
-        d_used = _choice_change(found, (rule, unit_norm), (d_rule, d_unit_norm), d_square)
+    misfit = _real_times(blocks, q) - rhs
+    d_misfit = _real_times(d_blocks, q) - d_rhs  # beside A dq
+    if chooses:  # by the norm and residual that dq above, with the choice kept, would lead to
+        kept = (q, d_q), (misfit, d_misfit + _real_times(blocks, d_q)), (rhs, d_rhs)
+        d_excess = Excess(*(jnp.mean(jax.jvp(_square_norm, (x,), (dx,))[1]) for x, dx in kept))
+        d_used = _choice_change(found, rhs, (rule, unit_norm), (d_rule, d_unit_norm), d_excess)
         more = _factors_change(found, None, unit_norm, d_used, jnp.zeros_like(d_unit_norm))
         d_factors, d_q = d_factors + more, d_q + found.combined(more)
-    misfit = _real_times(blocks, q) - rhs
-    d_misfit = _real_times(d_blocks, q) + _real_times(blocks, d_q) - d_rhs
+    d_misfit += _real_times(blocks, d_q)
     size, d_size = jax.jvp(_column_norm, (rhs,), (d_rhs,))
     tangent = Solution(
         q=d_q,
@@ -319,16 +322,23 @@ def _factors_change(
 
 
 def _choice_change(
-    found: Components, given: tuple, d_given: tuple, d_square: Array
+    found: Components, rhs: Array, given: tuple, d_given: tuple, d_excess: Excess
 ) -> Regularization:
-    """Change of the chosen rule's factors, where the norm's mean square changes by d_square."""
+    """Change of the chosen rule's numbers, where the mean squares change by d_excess."""
     sigma, size = found.ordered(found.sigma), found.ordered(jnp.abs(found.amplitudes))
     _, change = jax.jvp(
         lambda rule, unit_norm, excess: rule.chosen(sigma, size, unit_norm, excess),
-        (*given, jnp.zeros(())),
-        (*d_given, d_square),
+        (*given, _outside(sigma, size, rhs)),
+        (*d_given, d_excess),
     )
     return change
+
+
+def _outside(sigma: Array, size: Array, rhs: Array) -> Excess:
+    """What no component of A has of u: all of it is residual."""
+    within = jnp.sum((sigma[:, None] * size) ** 2, axis=0)
+    outside = jnp.mean(jnp.maximum(_square_norm(rhs) - within, 0.0))
+    return Excess(jnp.zeros(()), outside, outside)
 
 
 def _real_times(matrix: Float[Array, "*b m n"], columns: Complex[Array, "*b n c"]) -> Array:

@@ -10,7 +10,7 @@ parameters are numbers, or arrays with one entry for each frequency of a plan.
 """
 
 from abc import abstractmethod
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -19,6 +19,20 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, by_library, is_concrete, real_array
+
+
+class Excess(NamedTuple):
+    """Mean squares over all right-hand sides, beyond those of the singular components.
+
+    Attributes:
+        norm: of ||q||.
+        residual: of ||A q - u||.
+        rhs: of ||u||.
+    """
+
+    norm: Array | float = 0.0
+    residual: Array | float = 0.0
+    rhs: Array | float = 0.0
 
 
 class Regularization(eqx.Module):
@@ -52,13 +66,13 @@ class Regularization(eqx.Module):
         sigma: Float[Array, " rank"],
         size: Float[Array, "rank rhs"],
         unit_norm: Float[Array, "*one_or_rhs"],
-        excess: Array | float = 0.0,
+        excess: Excess = Excess(),  # noqa: B008
     ) -> "Regularization":
-        """The rule that is used, for one that chooses among others by the norm of the solution.
+        """The rule that is used, for one that chooses among others by norm or residual.
 
         Args:
             sigma, size, unit_norm: as in `factors`.
-            excess: to be added to the mean square of the norms.
+            excess: to be added to what follows from sigma and size.
         """
         return self
 
@@ -260,40 +274,6 @@ class RelativeCutoff(Truncation):
 
     def in_units_of(self, square: Array, frequency: Array) -> "SingularValueCutoff":
         return SingularValueCutoff(self.kappa * seen_once(frequency))
-
-
-class ResidualTarget(Truncation):
-    """The fewest terms whose residual is small enough, but no norm above K N(lambda).
-
-    For each direction separately. With a target for the residual alone, the discrepancy principle,
-    the norm diverges where a direction is not seen. With a bound on the norm alone, more terms than
-    necessary are kept where all is seen, and with them noise. Of the last term the fraction that
-    reaches target or bound is kept.
-
-    Tikhonov's rules have one alpha for all directions of a frequency, which cannot meet a target in
-    each of them. So this rule is for plans only; `TikhonovNormBound` has its bound on the norm.
-
-    Source: the discrepancy principle, Morozov, Soviet Math. Dokl. 7 (1966) 414-417, with a bound.
-    """
-
-    counterpart = "TikhonovNormBound(K)"
-    by_direction = True
-    residual: Float[Array, "*each"]
-    K: Float[Array, "*each"]
-
-    def __init__(self, residual: Numbers = 1e-3, K: Numbers = 2.0):
-        """residual: ||A q - u|| / ||u||, of what singular vectors can write of u."""
-        self.residual, self.K = not_negative("residual", residual), not_negative("K", K)
-
-    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
-        part = (sigma[:, None] * size) ** 2
-        behind = jnp.cumsum(part[::-1], axis=0)[::-1] - part  # what is left if it is kept whole
-        spare = self.residual**2 * jnp.sum(part, axis=0) - behind
-        # (1 - phi)² part = spare; beyond the target nothing more is asked for
-        short = (spare > 0) & (spare < part)
-        left = jnp.sqrt(jnp.where(short, spare / jnp.where(short, part, 1.0), 0.0))
-        wanted = jnp.where(spare >= part, 0.0, jnp.where(short, 1 - left, 1.0))
-        return jnp.minimum(wanted, NormBound(self.K).factors(sigma, size, unit_norm))
 
 
 _Rule = TypeVar("_Rule", bound=eqx.Module | None)

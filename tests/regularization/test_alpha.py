@@ -8,6 +8,7 @@ import pytest
 from jaxtat import (
     NoiseLevel,
     NormBound,
+    ResidualTarget,
     Tikhonov,
     TikhonovNormBound,
     circular_arc,
@@ -24,7 +25,7 @@ from jaxtat.densities.harmonic import (
 )
 from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
 from jaxtat.regularization import seen_once, tikhonov_rule
-from jaxtat.regularization.alpha import Problem, _alpha_of_matrix
+from jaxtat.regularization.alpha import NORM, RESIDUAL, Problem, _alphas_of_matrix
 from jaxtat.special import full_circle_norm
 from jaxtat.steps import radial_transform
 
@@ -137,27 +138,49 @@ def test_noise_level_is_nearly_the_best_alpha(noisy):
     assert error(NoiseLevel(sigma)) < 1.2 * best
 
 
-def norm_of_densities(lam, curve, region, alpha):
-    """Root mean square of ||rho|| over all directions, rho = A^T (A A^T + alpha)^-1 u."""
+def norm_and_residual(lam, curve, region, alpha):
+    """Root mean squares of ||rho|| and ||A rho - u|| / ||u|| over all directions.
+
+    With rho = A^T (A A^T + alpha)^-1 u, A and u at points of the boundary.
+    """
     angles = jnp.arange(90) * 2 * jnp.pi / 90
     a = np.asarray(matrix_of(lam, curve, region))
     u = np.asarray(traces_of(lam, angles, region))
     rho = a.T @ np.linalg.solve(a @ a.T + float(alpha) * np.eye(len(a)), u)
-    return np.sqrt(np.mean(np.sum(np.abs(rho) ** 2, axis=0)))
+    residual = np.linalg.norm(a @ rho - u) / np.linalg.norm(u)
+    return np.sqrt(np.mean(np.sum(np.abs(rho) ** 2, axis=0))), residual
 
 
-@pytest.mark.parametrize("K", [1.0, 1.2])
-@pytest.mark.parametrize(
+PLACES = pytest.mark.parametrize(
     ("curve", "region"),
     [(ARC, DISK), (HALF_ARC, HALF), (ARC, ASKEW)],
     ids=["disk", "half", "askew"],
 )
+
+
+@pytest.mark.parametrize("K", [1.0, 1.2])
+@PLACES
 def test_norm_bound_is_the_mean_norm_of_the_densities(curve, region, K):
     """Densities by brute force have the norm K N(lambda) on average."""
     report = alphas(curve, region, TikhonovNormBound(K))
     for lam, alpha, norm in zip(FREQUENCIES, report.alpha, NORMS, strict=True):
-        found = norm_of_densities(lam, curve, region, alpha)
+        found, _ = norm_and_residual(lam, curve, region, alpha)
         np.testing.assert_allclose(found, K * norm, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("target", "K"), [(0.05, 30.0), (1e-5, 1.1)], ids=["residual", "norm"])
+@PLACES
+def test_residual_target_is_the_mean_residual_of_the_traces(curve, region, target, K):
+    """Of densities by brute force, unless their norm would be more than K N(lambda)."""
+    report = alphas(curve, region, ResidualTarget(target, K))
+    for lam, alpha, norm in zip(FREQUENCIES, report.alpha, NORMS, strict=True):
+        found, residual = norm_and_residual(lam, curve, region, alpha)
+        if K > 2:
+            np.testing.assert_allclose(residual, target, rtol=1e-6)
+            assert found < K * norm
+        else:
+            np.testing.assert_allclose(found, K * norm, rtol=1e-6)
+            assert residual > target
 
 
 def test_norm_bound_out_of_reach():
@@ -196,7 +219,8 @@ def test_derivatives_where_eigenvalues_coincide(check_both_modes):
 
     def found(change, root, square):
         symmetric = matrix + change + jnp.swapaxes(change, -1, -2)
-        return jnp.log(_alpha_of_matrix(symmetric, root @ jnp.swapaxes(root, -1, -2), square))
+        plane, squares = root @ jnp.swapaxes(root, -1, -2), jnp.stack([square, 1 + square])
+        return jnp.log(_alphas_of_matrix((NORM, RESIDUAL), symmetric, plane, squares))
 
     for square in (0.5, 3.0):
         check_both_modes(found, (jnp.zeros((1, 4, 4)), root, square), rtol=1e-6, atol=1e-6)
@@ -225,7 +249,8 @@ def test_refusals(noisy):
     for sigma in (0.0, -1.0, np.nan):
         with pytest.raises(ValueError, match="sigma"):
             NoiseLevel(sigma)
-    with pytest.raises(ValueError, match="solver='cholesky'"):
-        solve(noisy[0], noisy[1], TikhonovNormBound(3.0), solver="cg")
+    for rule in (TikhonovNormBound(3.0), ResidualTarget()):
+        with pytest.raises(ValueError, match=f"{type(rule).__name__} needs.*solver='cholesky'"):
+            solve(noisy[0], noisy[1], rule, solver="cg")
     with pytest.raises(ValueError, match=r"or TikhonovNormBound\(K\) here"):
         tikhonov_rule(NormBound(3.0), 2)

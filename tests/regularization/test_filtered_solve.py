@@ -8,7 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat import FixedRank, NormBound, SingularValueCutoff, Tikhonov, TikhonovNormBound
+from jaxtat import (
+    FixedRank,
+    NormBound,
+    ResidualTarget,
+    SingularValueCutoff,
+    Tikhonov,
+    TikhonovNormBound,
+)
 from jaxtat.regularization.filtered import filtered_solve, singular_components
 
 ONE = jnp.array(1.0)
@@ -27,6 +34,7 @@ RULES = {
     "cutoff": SingularValueCutoff(0.3, fractional=False),
     "Tikhonov": Tikhonov(0.05),
     "Tikhonov by its norm": TikhonovNormBound(1.5),
+    "Tikhonov by its residual": ResidualTarget(0.6, 1e3),
 }
 
 
@@ -92,6 +100,7 @@ def test_derivatives_in_the_numbers_of_the_rules(check_both_modes):
         (SingularValueCutoff, 0.25),
         (Tikhonov, 0.1),
         (TikhonovNormBound, 1.5),
+        (ResidualTarget, 0.6),
     )
     for rule, at in at_values:
         of = lambda value, a, rule=rule: parts(a, u.real, u.imag, rule(value))  # noqa: E731
