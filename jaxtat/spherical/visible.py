@@ -14,7 +14,7 @@ _RINGS = ((0.0, 1), (0.5, 6), (0.9, 12))  # lines of one direction: distance ove
 
 
 def warn_of_visibility(detectors: Detectors, region: Ball) -> None:
-    """Warn if lines through the region miss the detectors; called by what the user calls calls."""
+    """Warn if lines through the region miss the detectors, at the line that makes the setup."""
     if isinstance(detectors, DetectorPoints):
         missed = missed_share(detectors, region)
         if not missed:
