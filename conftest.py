@@ -17,6 +17,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from jaxtyping import install_import_hook
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # more only get in the way of XLA's own
 # in one piece: to split each program for threads to compile costs more time than they have to gain
 UNOPTIMISED = "--xla_backend_optimization_level=0 --xla_cpu_parallel_codegen_split_count=1"
 UNOPTIMISED += " --xla_llvm_disable_expensive_passes=true"

@@ -9,11 +9,11 @@ its values at any points.
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..base.checks import by_library
+from ..base.rows import map_rows
 from ..geometry import DetectorCurve, Region
 from ..geometry.elements import NODES
 from ..special import both_kinds
@@ -153,7 +153,7 @@ def potential(
         kernel = curve.mean_over_elements(of_points, n_nodes)
         return jnp.einsum("djk,jk->d", weighted, kernel)
 
-    values = jax.lax.map(at, points.reshape(-1, 2), batch_size=batch_size)
+    values = map_rows(at, points.reshape(-1, 2), batch_size)
     return values.reshape(points.shape[:-1] + values.shape[1:])
 
 

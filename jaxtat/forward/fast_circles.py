@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..base.checks import is_concrete
+from ..base.rows import map_rows
 from ..geometry import Circle, CircularArc, DetectorCurve, ImageGrid, circle_through
 from ..geometry.circles import ROUNDING
 from ..geometry.elements import (
@@ -143,10 +144,10 @@ class CircleIntegrals(eqx.Module):
             table = _products(positions, frequency, orders)
             return jnp.einsum("bm,md->bd", _real_pairs(one), table)
 
-        found = jax.lax.map(
+        found = map_rows(
             lambda item: at(self.positions, *item),
             (frequencies, jnp.moveaxis(harmonics, 1, 0)),
-            batch_size=TOGETHER,
+            TOGETHER,
         )
         return jnp.moveaxis(found, 0, 1)
 
@@ -266,10 +267,10 @@ def _tables(positions: Positions, sizes: CircleSizes) -> tuple[Float[Array, "...
     if 8 * entries * positions.angles.shape[-1] > KEPT:
         return ()
     return tuple(
-        jax.lax.map(
+        map_rows(
             lambda frequency, orders=orders: _products(positions, frequency, orders),
             jnp.asarray(sizes.frequencies[first:last]),
-            batch_size=TOGETHER,
+            TOGETHER,
         )
         for first, last, orders, _ in sizes.groups
     )

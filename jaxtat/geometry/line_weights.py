@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, real_array, require_positive
+from ..base.rows import map_rows
 from .curves import DetectorCurve
 
 WIDTH = 3.0  # of the Gaussian, in detector spacings: wide enough to see no single detectors
@@ -95,7 +96,7 @@ def _weights(curve: DetectorCurve, angles: Array, offsets: Array, width: Array) 
         return weight_of_line(curve, *line, width)
 
     flat = angles.ravel(), offsets.ravel()
-    return jax.lax.map(of_line, flat, batch_size=_LINES_AT_ONCE).reshape(angles.shape)
+    return map_rows(of_line, flat, _LINES_AT_ONCE).reshape(angles.shape)
 
 
 def weight_of_line(

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..base.checks import Numbers, real_array, require_objects, require_positive
+from ..base.rows import map_rows
 from ..geometry import DetectorCurve, ImageGrid
 from ..special import j0, j1, root
 from .radial import RadialParts, gauss_legendre, length_of, sin8_integral
@@ -71,9 +72,7 @@ class Phantom(RadialParts):
 
             return self._sum_over_parts(one)
 
-        return curve.mean_over_elements(
-            lambda points: jax.lax.map(of_detector, points, batch_size=64), n_nodes
-        )
+        return curve.mean_over_elements(lambda points: map_rows(of_detector, points, 64), n_nodes)
 
     @eqx.filter_jit
     def radon(self, angles: Numbers, offsets: Numbers) -> Float[Array, "directions offsets"]:

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..base.checks import Numbers, real_array, require_positive
+from ..base.rows import map_rows
 from ..geometry import VolumeGrid
 from ..geometry.caps import Detectors
 from ..special import spherical_sequence
@@ -84,7 +85,7 @@ class SolidPhantom(RadialParts):
             return self._sum_over_parts(one)
 
         def of_points(points: Array) -> Array:
-            found = jax.lax.map(of_detector, points.reshape(-1, 3), batch_size=256)
+            found = map_rows(of_detector, points.reshape(-1, 3), 256)
             return found.reshape(*points.shape[:-1], -1)
 
         return detectors.mean_over_elements(of_points, n_nodes)

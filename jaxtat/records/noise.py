@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive
+from ..base.rows import map_rows
 from ..geometry import DetectorCurve
 from ..regularization import NoiseLevel
 from ..special import root
@@ -189,7 +190,7 @@ def record_noise_level(
 
 @jax.jit
 def _equivalent(noise: RecordNoise, weights: Array, rows: Array, of_white: Array) -> Array:
-    variance = jax.lax.map(noise.variance, rows, batch_size=_AT_A_TIME)
+    variance = map_rows(noise.variance, rows, _AT_A_TIME)
     of_noise = jnp.mean(weights * noise.sigma**2) * jnp.mean(variance.reshape(-1, 2), axis=1)
     return jnp.sqrt(of_noise / of_white)
 

@@ -31,6 +31,7 @@ from ..base.checks import (
     require_positive,
     require_x64,
 )
+from ..base.rows import map_rows
 from ..densities.harmonic import PolarGeometry, polar_geometry, unexplained
 from ..geometry import CircularArc, DetectorCurve, Region, turned_views
 from ..reconstruction import Setup
@@ -350,7 +351,7 @@ def _standard_errors(problem: _Problem, free: Free) -> Parameters:
 
     noise = jax.random.normal(jax.random.key(0), problem.g.shape)
     deviation = jnp.linalg.norm(residual(flat, problem.g)) / jnp.linalg.norm(residual(flat, noise))
-    curvature, mixed = jax.lax.map(along, jnp.eye(flat.size), batch_size=AT_ONCE)
+    curvature, mixed = map_rows(along, jnp.eye(flat.size), AT_ONCE)
     change = jnp.linalg.solve(curvature, mixed.reshape(flat.size, -1))
     errors = deviation * jnp.linalg.norm(jax.jacfwd(physical)(flat) @ change, axis=1)
     return ravel_pytree(_parameters(problem, free))[1](errors)

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array
+from ..base.rows import map_rows
 from ..geometry import DetectorCurve, ImageGrid
 from ..geometry.line_weights import kernel_width, weight_at
 from ..reconstruction import Setup
@@ -113,4 +114,4 @@ def _deviation(
         deviation = jnp.sqrt(jnp.sum((curve.weights * sigma * share / distance) ** 2))
         return jnp.where(away.all(), deviation, jnp.inf)
 
-    return jax.lax.map(at, points, batch_size=16)
+    return map_rows(at, points, 16)

@@ -84,7 +84,8 @@ def test_figures_are_written_and_not_blank(paper):
     for name in FIGURES:
         pixels = imread(folder / name)
         assert min(pixels.shape[:2]) > 300
-        assert np.unique(pixels[..., :3].reshape(-1, 3), axis=0).shape[0] > 20
+        colours = np.round(255 * pixels[..., :3]).astype(int) @ [1 << 16, 1 << 8, 1]
+        assert np.unique(colours).size > 20
 
 
 def test_the_table_sets_paper_beside_here(paper):
