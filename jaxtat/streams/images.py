@@ -24,11 +24,14 @@ from ..base.double import in_double
 from ..densities import Densities, in_precision
 from ..densities.harmonic import (
     DecomposedWaves,
+    FreeWaves,
     decomposed_waves,
+    free_waves,
+    inverse_densities,
     polar_geometry,
     tikhonov_densities,
 )
-from ..geometry import Region
+from ..geometry import Disk, Region
 from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..reconstruction.plane_bases import default_rule
@@ -43,6 +46,7 @@ from .asked import of_scan, of_setup, speed_of
 from .places import another_disk, placed
 from .samples import Pressure, integrals_to_waves, samples_to_waves
 
+Waves = DecomposedWaves | FreeWaves
 PRECISIONS = (np.float32, np.float64)
 
 
@@ -85,7 +89,7 @@ class Live(eqx.Module):
     _leveled: bool = eqx.field(static=True)  # whether offset and drift are taken off
     _pressure: Pressure | None
     _kernels: Float[Array, "rows radii"]  # of the radii
-    _waves: DecomposedWaves | None
+    _waves: Waves | None
     _ready: _Ready
 
     @in_double
@@ -146,7 +150,7 @@ class Live(eqx.Module):
         if rule is not self.rule or solved_anew:
             if self.rule is None:
                 raise ValueError("densities of a plan: its rule and geometry cannot be changed.")
-            waves = _waves_of(setup, self.dtype) if solved_anew else waves
+            waves = _waves_of_moved(setup, self.dtype) if solved_anew else waves
             densities = _densities(setup, waves, rule, self.dtype, self._in_factors)
         if sound_speed is not None:
             if self._pressure is None:
@@ -355,7 +359,7 @@ def _radii(pressure: Pressure | None, setup: Setup, speed: float) -> Float[Array
         raise ValueError(f"with sound_speed {speed:.6g} {error}") from error
 
 
-def _waves_of(setup: Setup, dtype: np.dtype) -> DecomposedWaves | None:
+def _waves_of(setup: Setup, dtype: np.dtype) -> Waves | None:
     """None where no cylindrical waves reach."""
     curve, region, _, sizes = plane_of(setup)
     if not sizes.reached:
@@ -364,11 +368,22 @@ def _waves_of(setup: Setup, dtype: np.dtype) -> DecomposedWaves | None:
     return decomposed_waves(geometry, sizes.frequencies, sizes.angles, sizes.groups, dtype)
 
 
+def _waves_of_moved(setup: Setup, dtype: np.dtype) -> Waves | None:
+    """Of a whole disk whose detectors have lost their symmetry."""
+    curve, region, _, sizes = plane_of(setup)
+    if not (sizes.reached and isinstance(region, Disk) and region.whole):
+        return _waves_of(setup, dtype)
+    where = sizes.frequencies, sizes.angles, sizes.groups, sizes.n_nodes
+    return free_waves(curve, region, *where, dtype)
+
+
 def _densities(
-    setup: Setup, waves: DecomposedWaves | None, rule: Any, dtype: np.dtype, in_factors: bool
+    setup: Setup, waves: Waves | None, rule: Any, dtype: np.dtype, in_factors: bool
 ) -> Densities:
     if waves is None:
         return in_precision(build_plan(setup, rule, method="collocation").densities, dtype)
+    if isinstance(waves, FreeWaves):
+        return inverse_densities(waves, rule)
     return tikhonov_densities(waves, rule, in_factors=in_factors)
 
 

@@ -1,0 +1,226 @@
+"""Densities for a whole disk anywhere among the detectors: without symmetry, and soon.
+
+Cylindrical waves about the disk's own centre keep R diagonal; the detectors have distances r_k of
+their own, and A = R M needs (J_n|Y_n)(lambda r_k). For one alpha no decomposition is needed but an
+inverse, of the smaller of two matrices,
+
+    (A A^T + alpha)^-1 A = A (A^T A + alpha)^-1,
+
+and the densities stay a product of two matrices.
+
+By numpy, whose products of a matrix with its own transpose take half the time of XLA's. Nothing is
+compiled but the Bessel functions, by one program for all frequencies and all places of the disk.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...geometry import DetectorCurve, Disk
+from ...regularization import RelativeTikhonov, Tikhonov, per_frequency
+from ...special import decay_steps
+from .densities import DensityGroup, HarmonicDensities, Solved
+from .moved_units import circle_places, moved_unit
+from .polar import PolarGeometry, polar_geometry
+from .waves import at_detectors, disk_norms, scales, twice
+
+AT_ONCE = 16  # frequencies of one call, whose tables stay in a cache
+EXACT_BELOW = 1e-3  # alpha over its unit, below which matrices are inverted in double precision
+_LEAF = 32  # rows of a matrix that is inverted without being parted
+_ALIGNED = 64  # bytes: such arrays JAX takes without a copy
+
+
+class Potentials(eqx.Module):
+    """A of frequencies that have as many orders.
+
+    Attributes:
+        matrix: A, columns as in `fold`.
+        scale: eps Delta R.
+    """
+
+    matrix: Float[Array, "*f 1 r columns"]
+    scale: Float[Array, "*f 1 r"]
+
+
+class FreeWaves(eqx.Module):
+    """A of all frequencies of a whole disk.
+
+    Attributes:
+        groups: in the order of the frequencies.
+        unit: of alpha [length²].
+        frequencies: lambda [rad/length].
+        angles: of the directions, counted from the axis [rad].
+    """
+
+    groups: tuple[Potentials, ...]
+    unit: Float[Array, " frequencies"]
+    frequencies: Float[Array, " frequencies"]
+    angles: Float[Array, " directions"]
+
+
+def free_waves(
+    curve: DetectorCurve,
+    region: Disk,
+    frequencies: Float[Array, " frequencies"],
+    angles: Float[Array, " directions"],
+    groups: Sequence[tuple[int, int, int]],
+    n_nodes: int,
+    dtype: Any,
+) -> FreeWaves:
+    """The potentials, which do not depend on alpha.
+
+    Args:
+        curve, region: a concrete geometry.
+        frequencies: lambda [rad/length].
+        angles: theta [rad].
+        groups: (first, last + 1, orders) of frequencies that are solved alike.
+        n_nodes: on elements of finite width.
+        dtype: of the matrices.
+    """
+    usual = polar_geometry(curve, region, n_nodes)  # for axis and unit, as `solve` has them
+    n_max = max(orders for *_, orders in groups)
+    distances, angular = _detectors(curve, region, usual, n_max, n_nodes)
+    angular = angular.astype(dtype)
+    around = circle_places(usual) if usual.on_circle else np.ones(0)
+    known, found, units = np.asarray(frequencies), [], []
+    for start, stop, orders in groups:
+        matrix = _empty((stop - start, 2, orders + 1, 2, distances.shape[1]), dtype)
+        scale = np.empty((stop - start, 2, orders + 1), dtype)
+        for first in range(start, stop, AT_ONCE):
+            few = known[first : min(first + AT_ONCE, stop)]
+            padded = np.append(few, [few[-1]] * (AT_ONCE - len(few)))
+            tables = _bessel_functions(padded, distances, around, region.radius, n_max, dtype)
+            norms, waves, circle = (np.asarray(t)[: orders + 1, : len(few)] for t in tables)
+            for number in range(len(few)):
+                _combined(waves[:, number], angular, matrix[first - start + number])
+            scale[first - start :][: len(few)] = (norms * twice(orders)[:, None]).T[:, None]
+            if usual.on_circle:
+                units.append(moved_unit(usual, np.asarray(region.center), few, norms, circle))
+        rows = matrix.reshape(len(matrix), 1, 2 * orders + 2, -1)
+        if not usual.on_circle:
+            units.append(np.einsum("fbrc,fbrc->fbr", rows, rows).max(axis=(1, 2)))
+        scale = scale.reshape(rows.shape[:-1])
+        found.append(Potentials(*jax.device_put((rows, scale))))
+    unit = jax.device_put(np.concatenate(units))
+    return FreeWaves(tuple(found), unit, frequencies, angles - usual.axis)
+
+
+def inverse_densities(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> HarmonicDensities:
+    """The densities of all plane waves by a rule, a number or one for each frequency."""
+    alphas = np.asarray(_alphas(rule, waves.unit, waves.frequencies))
+    exact = bool((alphas < EXACT_BELOW * np.asarray(waves.unit)).any())
+    start, groups = 0, []
+    for group in waves.groups:
+        stop = start + len(group.scale)
+        groups.append(_group(group, alphas[start:stop], len(waves.angles), exact))
+        start = stop
+    phases = jnp.ones((start, len(waves.angles)), groups[0].extra.dtype)
+    return HarmonicDensities(tuple(groups), waves.angles, phases, mirror=False)
+
+
+@eqx.filter_jit
+def _alphas(
+    rule: Tikhonov | RelativeTikhonov, unit: Float[Array, " f"], frequencies: Float[Array, " f"]
+) -> Float[Array, " f"]:
+    rules = per_frequency(rule, unit.shape[0])
+    return jax.vmap(lambda each, *here: each.in_units_of(*here).alpha)(rules, unit, frequencies)
+
+
+def _group(
+    group: Potentials, alphas: Float[np.ndarray, " f"], n_directions: int, exact: bool
+) -> DensityGroup:
+    matrices = np.asarray(group.matrix)[:, 0]
+    size = min(matrices.shape[1:])
+    inverses = _empty((len(matrices), 1, size, size), matrices.dtype)
+
+    def invert(number: int) -> None:
+        matrix = matrices[number].astype(float) if exact else matrices[number]
+        wide = matrix.shape[0] <= matrix.shape[1]
+        gram = matrix @ matrix.T if wide else matrix.T @ matrix
+        gram[np.diag_indices(size)] += alphas[number]
+        inverses[number] = _inverse(gram)
+
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(invert, range(len(matrices))))
+    none = np.empty((len(matrices), 1, 0, matrices.shape[2]), matrices.dtype)
+    extra = np.empty((len(matrices), 1, 0, n_directions), np.result_type(none, np.complex64))
+    rows = Solved(group.scale, group.matrix, jax.device_put(inverses))
+    return DensityGroup(rows, *jax.device_put((none, extra)))
+
+
+def _inverse(matrix: Float[np.ndarray, "r r"]) -> Float[np.ndarray, "r r"]:
+    """Of a symmetric positive definite matrix, by its halves: nearly all of it is products."""
+    if len(matrix) <= _LEAF:
+        return np.linalg.inv(matrix)
+    h = len(matrix) // 2
+    first, across = _inverse(matrix[:h, :h]), matrix[h:, :h]
+    right = across @ first
+    last = _inverse(matrix[h:, h:] - right @ across.T)
+    corner = last @ right
+    found = np.empty_like(matrix)
+    found[:h, :h], found[h:, h:] = first + right.T @ corner, last
+    found[h:, :h], found[:h, h:] = -corner, -corner.T
+    return found
+
+
+def _detectors(
+    curve: DetectorCurve, region: Disk, usual: PolarGeometry, n_max: int, n_nodes: int
+) -> tuple[Float[np.ndarray, "nodes detectors"], Float[np.ndarray, "2 orders nodes detectors"]]:
+    """Distances r from the disk's centre, and √w (cos|sin) n theta times the node's weight."""
+    points, shares = curve.element_nodes(n_nodes)
+    local = np.moveaxis(np.asarray(points) - np.asarray(region.center), 1, 0)
+    theta = np.arctan2(local[..., 1], local[..., 0]) - float(usual.axis)
+    phase = np.arange(n_max + 1)[:, None, None] * theta
+    weights = np.asarray(shares)[:, None] * np.sqrt(np.asarray(curve.weights))
+    waves = np.stack([np.cos(phase), np.sin(phase)]) * weights
+    return np.hypot(local[..., 0], local[..., 1]), waves
+
+
+@eqx.filter_jit
+def _bessel_functions(
+    frequencies: Float[Array, " f"],
+    distances: Float[Array, "nodes detectors"],
+    around: Float[Array, " places"],
+    radius: Float[Array, ""],
+    n_max: int,
+    dtype: Any,
+) -> tuple[
+    Float[Array, "orders f"],
+    Float[Array, "orders f 2 nodes detectors"],
+    Float[Array, "orders f 2 places"],
+]:
+    """s_n of the traces of J_n cos n t, and eps_n s_n (J_n|Y_n)(lambda r) at all distances r."""
+    steps = decay_steps(n_max + 1, frequencies * radius)
+    norms, _ = disk_norms(frequencies, radius, steps)  # over Delta_n
+    places = jnp.concatenate([distances.ravel(), around])
+    waves = at_detectors(frequencies[:, None] * places, steps[..., None]) * norms[..., None]
+    waves = jnp.moveaxis(waves, 0, 2)
+    at_elements = waves[..., : distances.size].astype(dtype)
+    at_elements = at_elements.reshape(*waves.shape[:3], *distances.shape)
+    return norms * scales(steps), at_elements, waves[..., distances.size :]
+
+
+def _combined(
+    radial: Float[np.ndarray, "orders 2 nodes detectors"],
+    angular: Float[np.ndarray, "2 more nodes detectors"],
+    out: Float[np.ndarray, "2 orders 2 detectors"],
+) -> None:
+    """Means over elements of products with cosines and sines."""
+    angular = angular[:, : radial.shape[0], None]
+    np.multiply(radial[:, :, 0], angular[:, :, :, 0], out=out)
+    for node in range(1, radial.shape[2]):
+        out += radial[:, :, node] * angular[:, :, :, node]
+
+
+def _empty(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
+    """Memory that JAX takes as an array without a copy: aligned."""
+    size, itemsize = int(np.prod(shape)), np.dtype(dtype).itemsize
+    memory = np.empty(size + _ALIGNED // itemsize, dtype)
+    skipped = -memory.ctypes.data % _ALIGNED // itemsize
+    return memory[skipped : skipped + size].reshape(shape)
