@@ -8,8 +8,8 @@ inverse, of the smaller of two matrices,
 
 and the densities stay a product of two matrices.
 
-By numpy, whose products of a matrix with its own transpose take half the time of XLA's. Nothing is
-compiled but the Bessel functions, by one program for all frequencies and all places of the disk.
+By numpy, whose products of a matrix with its own transpose take half the time of XLA's, and with
+which nothing is compiled.
 """
 
 from collections.abc import Sequence
@@ -24,13 +24,12 @@ from jaxtyping import Array, Float
 
 from ...geometry import DetectorCurve, Disk
 from ...regularization import RelativeTikhonov, Tikhonov, per_frequency
-from ...special import decay_steps
+from ...special import hankel_rows, known_decay_steps
 from .densities import DensityGroup, HarmonicDensities, Solved
 from .moved_units import circle_places, moved_unit
 from .polar import PolarGeometry, polar_geometry
-from .waves import at_detectors, disk_norms, scales, twice
 
-AT_ONCE = 16  # frequencies of one call, whose tables stay in a cache
+AT_ONCE = 32  # frequencies of one call, whose tables stay in a cache
 EXACT_BELOW = 1e-3  # alpha over its unit, below which matrices are inverted in double precision
 _LEAF = 32  # rows of a matrix that is inverted without being parted
 _ALIGNED = 64  # bytes: such arrays JAX takes without a copy
@@ -84,29 +83,23 @@ def free_waves(
         dtype: of the matrices.
     """
     usual = polar_geometry(curve, region, n_nodes)  # for axis and unit, as `solve` has them
-    n_max = max(orders for *_, orders in groups)
-    distances, angular = _detectors(curve, region, usual, n_max, n_nodes)
-    angular = angular.astype(dtype)
-    around = circle_places(usual) if usual.on_circle else np.ones(0)
-    known, found, units = np.asarray(frequencies), [], []
+    known, radius, center = np.asarray(frequencies), float(region.radius), np.asarray(region.center)
+    distances, angular = _detectors(curve, center, usual, max(n for *_, n in groups), n_nodes)
+    around = circle_places(usual)
+    found, units = [], []
     for start, stop, orders in groups:
         matrix = _empty((stop - start, 2, orders + 1, 2, distances.shape[1]), dtype)
         scale = np.empty((stop - start, 2, orders + 1), dtype)
         for first in range(start, stop, AT_ONCE):
-            few = known[first : min(first + AT_ONCE, stop)]
-            padded = np.append(few, [few[-1]] * (AT_ONCE - len(few)))
-            tables = _bessel_functions(padded, distances, around, region.radius, n_max, dtype)
-            norms, waves, circle = (np.asarray(t)[: orders + 1, : len(few)] for t in tables)
-            for number in range(len(few)):
-                _combined(waves[:, number], angular, matrix[first - start + number])
-            scale[first - start :][: len(few)] = (norms * twice(orders)[:, None]).T[:, None]
+            few, here = known[first:stop][:AT_ONCE], slice(first - start, first - start + AT_ONCE)
+            norms, circle = _filled(matrix[here], few, radius, distances, angular, around)
+            scale[here] = (norms * _twice(orders)).T[:, None]
             if usual.on_circle:
-                units.append(moved_unit(usual, np.asarray(region.center), few, norms, circle))
+                units.append(moved_unit(usual, center, few, norms, circle))
         rows = matrix.reshape(len(matrix), 1, 2 * orders + 2, -1)
         if not usual.on_circle:
             units.append(np.einsum("fbrc,fbrc->fbr", rows, rows).max(axis=(1, 2)))
-        scale = scale.reshape(rows.shape[:-1])
-        found.append(Potentials(*jax.device_put((rows, scale))))
+        found.append(Potentials(*jax.device_put((rows, scale.reshape(rows.shape[:-1])))))
     unit = jax.device_put(np.concatenate(units))
     return FreeWaves(tuple(found), unit, frequencies, angles - usual.axis)
 
@@ -170,52 +163,64 @@ def _inverse(matrix: Float[np.ndarray, "r r"]) -> Float[np.ndarray, "r r"]:
 
 
 def _detectors(
-    curve: DetectorCurve, region: Disk, usual: PolarGeometry, n_max: int, n_nodes: int
+    curve: DetectorCurve,
+    center: Float[np.ndarray, "2"],
+    usual: PolarGeometry,
+    n_max: int,
+    n_nodes: int,
 ) -> tuple[Float[np.ndarray, "nodes detectors"], Float[np.ndarray, "2 orders nodes detectors"]]:
-    """Distances r from the disk's centre, and √w (cos|sin) n theta times the node's weight."""
-    points, shares = curve.element_nodes(n_nodes)
-    local = np.moveaxis(np.asarray(points) - np.asarray(region.center), 1, 0)
+    """Distances r from the centre, and √w (cos|sin) n theta times the node's share."""
+    points, shares = map(np.asarray, curve.element_nodes(n_nodes))
+    local = np.moveaxis(points - center, 1, 0)
     theta = np.arctan2(local[..., 1], local[..., 0]) - float(usual.axis)
     phase = np.arange(n_max + 1)[:, None, None] * theta
-    weights = np.asarray(shares)[:, None] * np.sqrt(np.asarray(curve.weights))
+    weights = shares[:, None] * np.sqrt(np.asarray(curve.weights))
     waves = np.stack([np.cos(phase), np.sin(phase)]) * weights
     return np.hypot(local[..., 0], local[..., 1]), waves
 
 
-@eqx.filter_jit
-def _bessel_functions(
-    frequencies: Float[Array, " f"],
-    distances: Float[Array, "nodes detectors"],
-    around: Float[Array, " places"],
-    radius: Float[Array, ""],
-    n_max: int,
-    dtype: Any,
-) -> tuple[
-    Float[Array, "orders f"],
-    Float[Array, "orders f 2 nodes detectors"],
-    Float[Array, "orders f 2 places"],
-]:
-    """s_n of the traces of J_n cos n t, and eps_n s_n (J_n|Y_n)(lambda r) at all distances r."""
-    steps = decay_steps(n_max + 1, frequencies * radius)
-    norms, _ = disk_norms(frequencies, radius, steps)  # over Delta_n
-    places = jnp.concatenate([distances.ravel(), around])
-    waves = at_detectors(frequencies[:, None] * places, steps[..., None]) * norms[..., None]
-    waves = jnp.moveaxis(waves, 0, 2)
-    at_elements = waves[..., : distances.size].astype(dtype)
-    at_elements = at_elements.reshape(*waves.shape[:3], *distances.shape)
-    return norms * scales(steps), at_elements, waves[..., distances.size :]
-
-
-def _combined(
-    radial: Float[np.ndarray, "orders 2 nodes detectors"],
+def _filled(
+    matrix: Float[np.ndarray, "f 2 orders 2 detectors"],
+    frequencies: Float[np.ndarray, " f"],
+    radius: float,
+    distances: Float[np.ndarray, "nodes detectors"],
     angular: Float[np.ndarray, "2 more nodes detectors"],
-    out: Float[np.ndarray, "2 orders 2 detectors"],
-) -> None:
-    """Means over elements of products with cosines and sines."""
-    angular = angular[:, : radial.shape[0], None]
-    np.multiply(radial[:, :, 0], angular[:, :, :, 0], out=out)
-    for node in range(1, radial.shape[2]):
-        out += radial[:, :, node] * angular[:, :, :, node]
+    around: Float[np.ndarray, " places"],
+) -> tuple[Float[np.ndarray, "orders f"], Float[np.ndarray, "orders 2 f places"]]:
+    """Write A; s_n of the traces of J_n cos n t, and eps_n s_n (J_n|Y_n)(lambda r) at places."""
+    orders = matrix.shape[2] - 1
+    steps = known_decay_steps(orders + 1, frequencies * radius)
+    scale = np.cumprod(steps[:-1], axis=0)
+    norms = _disk_norms(frequencies * radius, radius, steps)  # over scale
+    # what multiplies J_n / scale and Y_n scale
+    factors = np.stack([norms * scale**2, norms], axis=1)[..., None] * _twice(orders)[..., None, None]
+    circle = np.empty((*factors.shape[:-1], len(around)))
+    places = np.append(distances, around)
+    rows = hankel_rows(frequencies[:, None] * places, steps[:-1])
+    for n, bessel in enumerate(rows):
+        for kind, factor in enumerate(factors[n]):
+            values = bessel[kind] * factor
+            at_elements = values[:, : distances.size].reshape(-1, *distances.shape)
+            circle[n, kind] = values[:, distances.size :]
+            matrix[:, :, n, kind] = np.einsum("fqk,pqk->fpk", at_elements, angular[:, n])
+    return norms * scale, circle
+
+
+def _disk_norms(
+    x: Float[np.ndarray, " f"], radius: float, steps: Float[np.ndarray, "more f"]
+) -> Float[np.ndarray, "orders f"]:
+    """`waves.disk_norms` of the cosines, x = lambda R."""
+    j = np.stack([value[:, 0] for value, _ in hankel_rows(x[:, None], steps)])
+    before = np.concatenate([-j[1:2] * steps[1], j[:-2] / steps[1:-1]])  # J_{-1} = -J_1
+    slope = (before - j[1:] * steps[1:]) / 2
+    norm = np.sqrt(np.pi * radius * (j[:-1] ** 2 + slope**2))
+    norm[0] *= np.sqrt(2)
+    return norm
+
+
+def _twice(n_max: int) -> Float[np.ndarray, "orders 1"]:
+    """eps_n: 1 for n = 0, else 2."""
+    return np.where(np.arange(n_max + 1) == 0, 1.0, 2.0)[:, None]
 
 
 def _empty(shape: tuple[int, ...], dtype: Any) -> np.ndarray:

@@ -19,7 +19,9 @@ from .polar import PolarGeometry
 
 
 def circle_places(usual: PolarGeometry) -> Float[np.ndarray, " places"]:
-    """Distances from the centre of the circle for which `moved_unit` asks for Bessel functions."""
+    """Distances from the circle's centre that `moved_unit` asks for; none off a circle."""
+    if not usual.on_circle:
+        return np.ones(0)
     return np.atleast_1d(usual.detector_radius if usual.nodes is None else usual.nodes.radius)
 
 
@@ -28,7 +30,7 @@ def moved_unit(
     center: Float[np.ndarray, "2"],
     frequencies: Float[np.ndarray, " f"],
     norms: Float[np.ndarray, "orders f"],
-    waves: Float[np.ndarray, "orders f 2 places"],
+    waves: Float[np.ndarray, "orders 2 f places"],
 ) -> Float[np.ndarray, " f"]:
     """The unit at each frequency [length²].
 
@@ -40,7 +42,7 @@ def moved_unit(
         waves: eps_n s_n (J_n|Y_n)(lambda r) at `circle_places`.
     """
     order, norms = np.arange(len(norms)), norms.T
-    means = np.einsum("nfjq,nq->fnj", waves, _element_factors(usual, order))
+    means = np.einsum("njfq,nq->fnj", waves, _element_factors(usual, order))
     power = np.sum(means**2, axis=-1)
     x, y = center - np.asarray(usual.center)
     phi = np.arctan2(y, x) - float(usual.axis)
