@@ -110,6 +110,13 @@ class DensityGroup(eqx.Module):
         return self.rows.shape[-3] * self.rows.shape[-2] // 2
 
 
+def rows_alone(rows: Array | Factors | Solved, n_directions: int) -> DensityGroup:
+    """A group without components of single directions."""
+    none = np.empty((*rows.shape[:2], 0, rows.shape[-1]), rows.dtype)
+    extra = np.empty((*rows.shape[:2], 0, n_directions), np.result_type(none, np.complex64))
+    return DensityGroup(rows, *jax.device_put((none, extra)))
+
+
 class HarmonicDensities(Densities):
     """The densities of all plane waves, 2 N + 1 rows and a few per frequency.
 

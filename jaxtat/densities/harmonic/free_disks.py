@@ -12,22 +12,23 @@ By numpy, whose products of a matrix with its own transpose take half the time o
 which nothing is compiled.
 """
 
+import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ...geometry import DetectorCurve, Disk
-from ...regularization import RelativeTikhonov, Tikhonov, per_frequency
+from ...regularization import RelativeTikhonov, Tikhonov
 from ...special import hankel_rows, known_decay_steps
-from .densities import DensityGroup, HarmonicDensities, Solved
+from .densities import HarmonicDensities, Solved, rows_alone
 from .moved_units import circle_places, moved_unit
 from .polar import PolarGeometry, polar_geometry
+from .tikhonov_rows import alphas_of
 
 AT_ONCE = 32  # frequencies of one call, whose tables stay in a cache
 EXACT_BELOW = 1e-3  # alpha over its unit, below which matrices are inverted in double precision
@@ -58,7 +59,7 @@ class FreeWaves(eqx.Module):
     """
 
     groups: tuple[Potentials, ...]
-    unit: Float[Array, " frequencies"]
+    unit: Float[np.ndarray, " frequencies"]
     frequencies: Float[Array, " frequencies"]
     angles: Float[Array, " directions"]
 
@@ -100,51 +101,41 @@ def free_waves(
         if not usual.on_circle:
             units.append(np.einsum("fbrc,fbrc->fbr", rows, rows).max(axis=(1, 2)))
         found.append(Potentials(*jax.device_put((rows, scale.reshape(rows.shape[:-1])))))
-    unit = jax.device_put(np.concatenate(units))
-    return FreeWaves(tuple(found), unit, frequencies, angles - usual.axis)
+    return FreeWaves(tuple(found), np.concatenate(units), frequencies, angles - usual.axis)
 
 
 def inverse_densities(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> HarmonicDensities:
     """The densities of all plane waves by a rule, a number or one for each frequency."""
-    alphas = np.asarray(_alphas(rule, waves.unit, waves.frequencies))
-    exact = bool((alphas < EXACT_BELOW * np.asarray(waves.unit)).any())
+    alphas = alphas_of(rule, waves.unit, waves.frequencies)
+    exact = bool((alphas < EXACT_BELOW * waves.unit).any())
     start, groups = 0, []
     for group in waves.groups:
         stop = start + len(group.scale)
-        groups.append(_group(group, alphas[start:stop], len(waves.angles), exact))
+        inverse = _inverses(np.asarray(group.matrix), alphas[start:stop], exact)
+        rows = Solved(group.scale, group.matrix, jax.device_put(inverse))
+        groups.append(rows_alone(rows, len(waves.angles)))
         start = stop
-    phases = jnp.ones((start, len(waves.angles)), groups[0].extra.dtype)
-    return HarmonicDensities(tuple(groups), waves.angles, phases, mirror=False)
+    phases = np.ones((start, len(waves.angles)), groups[0].extra.dtype)
+    return HarmonicDensities(tuple(groups), waves.angles, jax.device_put(phases), mirror=False)
 
 
-@eqx.filter_jit
-def _alphas(
-    rule: Tikhonov | RelativeTikhonov, unit: Float[Array, " f"], frequencies: Float[Array, " f"]
-) -> Float[Array, " f"]:
-    rules = per_frequency(rule, unit.shape[0])
-    return jax.vmap(lambda each, *here: each.in_units_of(*here).alpha)(rules, unit, frequencies)
+def _inverses(
+    matrices: Float[np.ndarray, "f 1 r columns"], alphas: Float[np.ndarray, " f"], exact: bool
+) -> Float[np.ndarray, "f 1 k k"]:
+    """Of A A^T + alpha, or of A^T A + alpha where that is smaller."""
+    size = min(matrices.shape[-2:])
+    found = _empty((len(matrices), 1, size, size), matrices.dtype)
 
-
-def _group(
-    group: Potentials, alphas: Float[np.ndarray, " f"], n_directions: int, exact: bool
-) -> DensityGroup:
-    matrices = np.asarray(group.matrix)[:, 0]
-    size = min(matrices.shape[1:])
-    inverses = _empty((len(matrices), 1, size, size), matrices.dtype)
-
-    def invert(number: int) -> None:
-        matrix = matrices[number].astype(float) if exact else matrices[number]
-        wide = matrix.shape[0] <= matrix.shape[1]
-        gram = matrix @ matrix.T if wide else matrix.T @ matrix
+    def find(number: int) -> None:
+        matrix = matrices[number, 0].astype(float if exact else matrices.dtype, copy=False)
+        wide = matrix if size == len(matrix) else matrix.T
+        gram = wide @ wide.T
         gram[np.diag_indices(size)] += alphas[number]
-        inverses[number] = _inverse(gram)
+        found[number] = _inverse(gram)
 
-    with ThreadPoolExecutor() as pool:
-        list(pool.map(invert, range(len(matrices))))
-    none = np.empty((len(matrices), 1, 0, matrices.shape[2]), matrices.dtype)
-    extra = np.empty((len(matrices), 1, 0, n_directions), np.result_type(none, np.complex64))
-    rows = Solved(group.scale, group.matrix, jax.device_put(inverses))
-    return DensityGroup(rows, *jax.device_put((none, extra)))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(find, range(len(matrices))))
+    return found
 
 
 def _inverse(matrix: Float[np.ndarray, "r r"]) -> Float[np.ndarray, "r r"]:
