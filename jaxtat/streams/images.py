@@ -30,6 +30,7 @@ from ..densities.harmonic import (
     inverse_densities,
     polar_geometry,
     tikhonov_densities,
+    wants_double,
 )
 from ..geometry import Disk, Region
 from ..io import Scan
@@ -329,7 +330,8 @@ def _images(
     mass, densities = waves[..., -1], ready.densities
     fhat = densities.polar_fourier(transformed, ready.weights)
     fhat = with_origin(fhat, mass, ready.weights)
-    return fourier_inversion(fhat, step, sizes.angles, setup.grid, region.center, ready.eta)
+    images = fourier_inversion(fhat, step, sizes.angles, setup.grid, region.center, ready.eta)
+    return images.astype(ready.samples.dtype)  # densities of a small alpha are in double precision
 
 
 def _ready(
@@ -380,6 +382,8 @@ def _densities(
     if waves is None:
         return in_precision(build_plan(setup, rule, method="collocation").densities, dtype)
     if isinstance(waves, FreeWaves):
+        if wants_double(waves, rule) and dtype == np.float32:
+            waves = _waves_of(setup, np.dtype(float), free=True)
         return inverse_densities(waves, rule)
     return tikhonov_densities(waves, rule, in_factors=in_factors)
 

@@ -89,8 +89,9 @@ def lies_in(region: Region, around: Region) -> bool:
     """Whether a disk lies in a whole one."""
     if not (isinstance(region, Disk) and isinstance(around, Disk) and around.whole):
         return False
-    farthest = math.dist(region.center, around.center) + float(region.radius)
-    return farthest <= float(around.radius) * (1 + ROUNDING)
+    apart = np.linalg.norm(np.asarray(region.center) - np.asarray(around.center))
+    farthest = apart + float(region.radius)
+    return bool(farthest <= float(around.radius) * (1 + ROUNDING))
 
 
 def grid_of(grid: ImageGrid, before: Disk, after: Disk) -> ImageGrid:

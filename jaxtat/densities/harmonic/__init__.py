@@ -11,7 +11,7 @@ from .densities import (
     unfold,
     wave_system,
 )
-from .free_disks import FreeWaves, free_waves, inverse_densities
+from .free_disks import FreeWaves, free_waves, inverse_densities, wants_double
 from .linear_systems import cholesky_solve, conjugate_gradients
 from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
@@ -46,6 +46,7 @@ __all__ = [
     "tikhonov_densities",
     "unexplained",
     "unfold",
+    "wants_double",
     "wave_system",
     "wave_table",
     "waves_reach",

@@ -20,6 +20,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
+import scipy.linalg
 from jaxtyping import Array, Float
 
 from ...geometry import DetectorCurve, Disk
@@ -31,7 +32,8 @@ from .polar import PolarGeometry, polar_geometry
 from .tikhonov_rows import alphas_of
 
 AT_ONCE = 32  # frequencies of one call, whose tables stay in a cache
-EXACT_BELOW = 1e-3  # alpha over its unit, below which matrices are inverted in double precision
+EXACT_BELOW = 3e-3  # alpha over its unit, below which inverses are found in double precision,
+DOUBLE_BELOW = 3e-4  # and below which matrices are to be kept so
 _LEAF = 32  # rows of a matrix that is inverted without being parted
 _ALIGNED = 64  # bytes: such arrays JAX takes without a copy
 
@@ -104,11 +106,18 @@ def free_waves(
     return FreeWaves(tuple(found), np.concatenate(units), frequencies, angles - usual.axis)
 
 
+def wants_double(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> bool:
+    """Whether alpha is so small that matrices in single precision give less than four digits.
+
+    Rounding grows like the unit of alpha over alpha.
+    """
+    return _least(waves, rule) < DOUBLE_BELOW
+
+
 def inverse_densities(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> HarmonicDensities:
     """The densities of all plane waves by a rule, a number or one for each frequency."""
     alphas = alphas_of(rule, waves.unit, waves.frequencies)
-    exact = bool((alphas < EXACT_BELOW * waves.unit).any())
-    start, groups = 0, []
+    exact, start, groups = _least(waves, rule) < EXACT_BELOW, 0, []
     for group in waves.groups:
         stop = start + len(group.scale)
         inverse = _inverses(np.asarray(group.matrix), alphas[start:stop], exact)
@@ -117,6 +126,11 @@ def inverse_densities(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> Ha
         start = stop
     phases = np.ones((start, len(waves.angles)), groups[0].extra.dtype)
     return HarmonicDensities(tuple(groups), waves.angles, jax.device_put(phases), mirror=False)
+
+
+def _least(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> float:
+    """alpha over its unit."""
+    return float((alphas_of(rule, waves.unit, waves.frequencies) / waves.unit).min())
 
 
 def _inverses(
@@ -131,25 +145,25 @@ def _inverses(
         wide = matrix if size == len(matrix) else matrix.T
         gram = wide @ wide.T
         gram[np.diag_indices(size)] += alphas[number]
-        found[number] = _inverse(gram)
+        # LAPACK has columns in order: what is an upper triangle to it is a lower one here
+        upper = scipy.linalg.cholesky(gram.T, overwrite_a=True, check_finite=False)
+        half = _triangle_inverse(upper.T)
+        found[number] = half.T @ half
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(find, range(len(matrices))))
     return found
 
 
-def _inverse(matrix: Float[np.ndarray, "r r"]) -> Float[np.ndarray, "r r"]:
-    """Of a symmetric positive definite matrix, by its halves: nearly all of it is products."""
-    if len(matrix) <= _LEAF:
-        return np.linalg.inv(matrix)
-    h = len(matrix) // 2
-    first, across = _inverse(matrix[:h, :h]), matrix[h:, :h]
-    right = across @ first
-    last = _inverse(matrix[h:, h:] - right @ across.T)
-    corner = last @ right
-    found = np.empty_like(matrix)
-    found[:h, :h], found[h:, h:] = first + right.T @ corner, last
-    found[h:, :h], found[:h, h:] = -corner, -corner.T
+def _triangle_inverse(triangle: Float[np.ndarray, "r r"]) -> Float[np.ndarray, "r r"]:
+    """Of a lower triangle, by its halves: nearly all of it is products, unlike in LAPACK."""
+    if len(triangle) <= _LEAF:
+        return np.linalg.inv(triangle)
+    h = len(triangle) // 2
+    found = np.zeros_like(triangle)
+    found[:h, :h] = first = _triangle_inverse(triangle[:h, :h])
+    found[h:, h:] = last = _triangle_inverse(triangle[h:, h:])
+    found[h:, :h] = -last @ (triangle[h:, :h] @ first)
     return found
 
 
