@@ -14,7 +14,6 @@ import numpy as np
 import scipy.special
 from jaxtyping import Float, Int
 
-from ...geometry.elements import element_factor
 from .polar import PolarGeometry
 
 
@@ -65,7 +64,7 @@ def _element_factors(
     if nodes is not None:
         return np.cos(order[:, None] * np.asarray(nodes.angles)) * np.asarray(nodes.weights)
     if angle is not None:
-        return np.asarray(element_factor(order, angle))[:, None]
+        return np.sinc(order * float(angle) / (2 * np.pi))[:, None]  # `elements.element_factor`
     return np.ones((len(order), 1))
 
 
