@@ -177,10 +177,10 @@ def _orders_for(argument: Array) -> int:
 
 def enough_orders(largest: float) -> int:
     """Highest order for which 1 / |H_n|² still counts, at arguments up to ``largest``."""
-    return math.ceil(largest) + _evanescent_orders(largest)
+    return math.ceil(largest) + evanescent_orders(largest)
 
 
-def _evanescent_orders(x: int | float) -> int:
+def evanescent_orders(x: int | float) -> int:
     """Orders beyond n = x after which (J_n / J_x)^2 and 1 / Y_n^2 are below 1e-17.
 
     Around the turning point J_{x + s x^(1/3)}(x) ~ (2/x)^(1/3) Ai(2^(1/3) s), and Y_n with -Bi
@@ -203,7 +203,7 @@ def ratios(n_max: int, x: Array, half: float = 0.0) -> Array:
     ratios are not used; for x <= n_max the decay is slowest at x = n_max.
     """
     last = n_max + 2
-    start = last + _evanescent_orders(last)
+    start = last + evanescent_orders(last)
 
     def downward(following: Array, n: Array | np.ndarray) -> tuple[Array, Array]:
         ratio = x / (2 * n - x * following)

@@ -24,11 +24,15 @@ from ..base.double import in_double
 from ..densities import Densities, in_precision
 from ..densities.harmonic import (
     DecomposedWaves,
+    FreeWaves,
     decomposed_waves,
+    free_waves,
+    inverse_densities,
     polar_geometry,
     tikhonov_densities,
+    wants_double,
 )
-from ..geometry import Region
+from ..geometry import Disk, Region
 from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..reconstruction.plane_bases import default_rule
@@ -43,6 +47,7 @@ from .asked import of_scan, of_setup, speed_of
 from .places import another_disk, placed
 from .samples import Pressure, integrals_to_waves, samples_to_waves
 
+Waves = DecomposedWaves | FreeWaves
 PRECISIONS = (np.float32, np.float64)
 
 
@@ -85,7 +90,7 @@ class Live(eqx.Module):
     _leveled: bool = eqx.field(static=True)  # whether offset and drift are taken off
     _pressure: Pressure | None
     _kernels: Float[Array, "rows radii"]  # of the radii
-    _waves: DecomposedWaves | None
+    _waves: Waves | None
     _ready: _Ready
 
     @in_double
@@ -126,9 +131,8 @@ class Live(eqx.Module):
             rule: a number as `alpha`, or `Tikhonov` or `RelativeTikhonov`.
             low_pass: "none", "cosine" or a function.
             region_center: of region and grid, (x1, x2) [length]. Within ``reach`` of `live` only
-                pixels change. Beyond it the disk that is solved for is moved, which takes longer
-                than `live`, by another program where it leaves the middle of the detectors'
-                circle, compiled at the first time.
+                pixels change. Beyond it the disk that is solved for is moved: its systems are
+                solved anew, and the first images compile a program unless ``movable``.
             region_radius: of the region, and the grid as many times larger, up to ``reach``.
 
         Raises:
@@ -146,7 +150,7 @@ class Live(eqx.Module):
         if rule is not self.rule or solved_anew:
             if self.rule is None:
                 raise ValueError("densities of a plan: its rule and geometry cannot be changed.")
-            waves = _waves_of(setup, self.dtype) if solved_anew else waves
+            waves = _waves_of(setup, self.dtype, free=True) if solved_anew else waves
             densities = _densities(setup, waves, rule, self.dtype, self._in_factors)
         if sound_speed is not None:
             if self._pressure is None:
@@ -219,6 +223,7 @@ def live(
     low_pass: Any = None,
     plan: ReconstructionPlan | None = None,
     reach: Numbers | None = None,
+    movable: bool = False,
     few_frames: bool = False,
     dtype: Any = np.float32,
 ) -> Live:
@@ -243,6 +248,9 @@ def live(
         reach: radius of the disk about the region's centre that is solved for, at least the
             region's [length]: within it the region is moved at once. Images are those of this disk
             as the region, and take longer, like its radius to the power of 2 to 3.
+        movable: whether the first other centre too shall compile nothing. A whole disk is then
+            solved without its symmetry from the start: made in a second instead of many, images
+            take somewhat longer, and another rule a few times as long.
         few_frames: of each setting, as with sliders: another rule takes less time, an image more.
         dtype: float32, or float64 at half the speed.
 
@@ -275,7 +283,7 @@ def live(
     waves, used = None, None
     if plan is None:
         used = _rule_of(asked.rule, setup)
-        waves = _waves_of(setup, dtype)
+        waves = _waves_of(setup, dtype, movable)
         densities = _densities(setup, waves, used, dtype, few_frames)
     else:
         densities = in_precision(plan.densities, dtype)
@@ -322,7 +330,8 @@ def _images(
     mass, densities = waves[..., -1], ready.densities
     fhat = densities.polar_fourier(transformed, ready.weights)
     fhat = with_origin(fhat, mass, ready.weights)
-    return fourier_inversion(fhat, step, sizes.angles, setup.grid, region.center, ready.eta)
+    images = fourier_inversion(fhat, step, sizes.angles, setup.grid, region.center, ready.eta)
+    return images.astype(ready.samples.dtype)  # densities of a small alpha are in double precision
 
 
 def _ready(
@@ -345,30 +354,37 @@ def _samples(
 
 
 def _radii(pressure: Pressure | None, setup: Setup, speed: float) -> Float[Array, " radii"]:
-    radii = setup.radii
+    radii = np.asarray(setup.radii)
     if pressure is None:
-        return radii
-    end = jnp.minimum(radii[-1], speed * pressure.times[-1])
+        return setup.radii
+    end = min(radii[-1], speed * float(pressure.times[-1]))
     try:
-        return setup.replace(radii=jnp.linspace(radii[0], end, len(radii))).radii
+        return setup.replace(radii=np.linspace(radii[0], end, len(radii))).radii
     except ValueError as error:
         raise ValueError(f"with sound_speed {speed:.6g} {error}") from error
 
 
-def _waves_of(setup: Setup, dtype: np.dtype) -> DecomposedWaves | None:
-    """None where no cylindrical waves reach."""
+def _waves_of(setup: Setup, dtype: np.dtype, free: bool) -> Waves | None:
+    """None where no cylindrical waves reach; of a disk that moves without its symmetry."""
     curve, region, _, sizes = plane_of(setup)
     if not sizes.reached:
         return None
+    if free and isinstance(region, Disk) and region.whole:
+        where = sizes.frequencies, sizes.angles, sizes.groups, sizes.n_nodes
+        return free_waves(curve, region, *where, dtype)
     geometry = polar_geometry(curve, region, sizes.n_nodes)
     return decomposed_waves(geometry, sizes.frequencies, sizes.angles, sizes.groups, dtype)
 
 
 def _densities(
-    setup: Setup, waves: DecomposedWaves | None, rule: Any, dtype: np.dtype, in_factors: bool
+    setup: Setup, waves: Waves | None, rule: Any, dtype: np.dtype, in_factors: bool
 ) -> Densities:
     if waves is None:
         return in_precision(build_plan(setup, rule, method="collocation").densities, dtype)
+    if isinstance(waves, FreeWaves):
+        if wants_double(waves, rule) and dtype == np.float32:
+            waves = _waves_of(setup, np.dtype(float), free=True)
+        return inverse_densities(waves, rule)
     return tikhonov_densities(waves, rule, in_factors=in_factors)
 
 

@@ -2,6 +2,8 @@
 
 The densities hold for all sources in their disk. Another disk within it is the same function at
 other pixels, so that showing it takes no time; one that leaves it is another problem.
+
+By numpy: positions are known, and nothing is compiled for them.
 """
 
 import dataclasses
@@ -9,7 +11,7 @@ import math
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array
 
@@ -75,38 +77,42 @@ def another_disk(region: Region, center: Numbers | None, radius: Numbers | None)
     require_positive("region_radius", size)
     if radius is not None and not region.whole:
         raise ValueError("region_radius is for whole disks; make another function for a cut one.")
-    scale = size / region.radius
-    points = middle + scale * (region.points - region.center)
-    parts = points, scale * region.weights, middle, size
-    return eqx.tree_at(lambda r: (r.points, r.weights, r.center, r.radius), region, parts)
+    middle, scale = np.asarray(middle), float(size) / float(region.radius)
+    points = middle + scale * (np.asarray(region.points) - np.asarray(region.center))
+    parts = points, scale * np.asarray(region.weights), middle, np.asarray(size)
+    return eqx.tree_at(
+        lambda r: (r.points, r.weights, r.center, r.radius), region, jax.device_put(parts)
+    )
 
 
 def lies_in(region: Region, around: Region) -> bool:
     """Whether a disk lies in a whole one."""
     if not (isinstance(region, Disk) and isinstance(around, Disk) and around.whole):
         return False
-    farthest = jnp.linalg.norm(region.center - around.center) + region.radius
-    return bool(farthest <= around.radius * (1 + ROUNDING))
+    apart = np.linalg.norm(np.asarray(region.center) - np.asarray(around.center))
+    farthest = apart + float(region.radius)
+    return bool(farthest <= float(around.radius) * (1 + ROUNDING))
 
 
 def grid_of(grid: ImageGrid, before: Disk, after: Disk) -> ImageGrid:
     """A grid about another disk, with as many pixels."""
-    scale = after.radius / before.radius
-    center = after.center + scale * (grid.center - before.center)
-    return eqx.tree_at(lambda g: (g.half_width, g.center), grid, (scale * grid.half_width, center))
+    scale = float(after.radius) / float(before.radius)
+    middle = np.asarray(after.center) + scale * (np.asarray(grid.center) - np.asarray(before.center))
+    parts = jax.device_put((scale * np.asarray(grid.half_width), middle))
+    return eqx.tree_at(lambda g: (g.half_width, g.center), grid, parts)
 
 
 def moved(setup: Setup, center: Array, free: bool) -> Setup:
     """The disk about another centre; radii that are free go along, as many as before."""
-    region, radii = setup.region, setup.radii
+    region, radii = setup.region, np.asarray(setup.radii)
     if free:
         before, after = (
-            jnp.linalg.norm(setup.curve.points - middle, axis=1)
+            np.linalg.norm(np.asarray(setup.curve.points) - np.asarray(middle), axis=1)
             for middle in (region.center, center)
         )
         first = radii[0] + after.min() - before.min()
-        radii = jnp.linspace(first, radii[-1] + after.max() - before.max(), len(radii))
-    return setup.replace(region=another_disk(region, center, None), radii=radii)
+        radii = np.linspace(first, radii[-1] + after.max() - before.max(), len(radii))
+    return setup.replace(region=another_disk(region, center, None), radii=jax.device_put(radii))
 
 
 def placed(setup: Setup, before: Region, after: Disk, free: bool) -> tuple[Setup, bool]:
@@ -114,7 +120,7 @@ def placed(setup: Setup, before: Region, after: Disk, free: bool) -> tuple[Setup
     assert isinstance(before, Disk)
     around, solved_anew = setup.region, not lies_in(after, setup.region)
     if solved_anew:
-        if after.radius > around.radius * (1 + ROUNDING):
+        if float(after.radius) > float(around.radius) * (1 + ROUNDING):
             raise ValueError(
                 f"region_radius is {float(after.radius):.6g}, and densities are for a disk of "
                 f"{float(around.radius):.6g}: make another function, with a larger reach."

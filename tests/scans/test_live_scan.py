@@ -74,6 +74,29 @@ def test_within_reach_the_region_moves(frames, radius):
     assert relative(moved(frames[0]), wanted[np.ix_(rows, columns)]) < 1e-10
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_another_center_is_that_of_other_choices(frames, dtype):
+    """And so are speed, alpha and low-pass after it."""
+    made, center = scan(frames), (4e-4, -7e-4)
+    choices = choose(made, **GIVEN | {"region_radius": 0.009})
+    moved = live(made, choices, dtype=dtype, movable=dtype == np.float32).replace(
+        region_center=center
+    )
+    limit = 1e-10 if dtype == np.float64 else 1e-4
+    there = replace(choices, region_center=center, **_like(moved.radii))
+    assert relative(moved(frames), reconstruct(made, there).image) < limit
+    turned = moved.replace(sound_speed=1520.0, rule=0.1, low_pass="none")
+    asked = {"sound_speed": 1520.0, "alpha": 0.1, "low_pass": "none"}
+    other = reconstruct(made, replace(there, **asked, **_like(turned.radii))).image
+    assert relative(turned(frames), other) < limit
+    assert relative(other, reconstruct(made, there).image) > 0.01
+
+
+def _like(radii):
+    first, last = float(radii[0]), float(radii[-1])
+    return {"first_radius": first, "radial_step": (last - first) / (len(radii) - 1)}
+
+
 def test_another_speed_is_that_of_other_choices(frames):
     """Of a lower one too, at which the record ends nearer."""
     made = scan(frames[0])

@@ -1,5 +1,7 @@
 """Live images of circular integrals against `solve`, which takes another way to the densities."""
 
+from contextlib import contextmanager
+
 import jax
 import numpy as np
 import pytest
@@ -70,15 +72,67 @@ def small(arc):
     return jaxtat.Setup(arc.curve, jaxtat.disk(0.6), jaxtat.ImageGrid(21, 0.6), radii)
 
 
-def test_another_center(small):
-    """That leaves the disk which is solved for: the systems of the moved one."""
-    g, center = data_of(small), np.array([0.1, -0.05])
-    moved = live(small, rule=ALPHA, dtype=np.float64).replace(region_center=center)
+def moved_setup(setup, center):
     region, grid = jaxtat.disk(0.6, center=center), jaxtat.ImageGrid(21, 0.6, center=center)
-    wanted = expected(small.replace(region=region, grid=grid), g)
-    assert relative(moved(g), wanted) < 1e-10
+    return setup.replace(region=region, grid=grid)
+
+
+def curves():
+    """A circle whose detectors all sides lack, one with elements, and an ellipse."""
+    arc = jaxtat.circular_arc(1.3, 0.1, 60)
+    wide = jaxtat.circular_arc(1.3, 0.1, 60, element_width=0.15)
+    touching = jaxtat.detector_curve(wide.points, element_width=0.15)
+    angles = np.linspace(0.4, 5.5, 70)
+    ellipse = np.stack([1.4 * np.cos(angles), 1.25 * np.sin(angles)], axis=1)
+    return {"arc": arc, "elements": wide, "touching": touching, "ellipse": ellipse}
+
+
+@pytest.mark.filterwarnings("ignore::jaxtat.VisibilityWarning")
+@pytest.mark.parametrize("name", ["arc", "elements", "touching", "ellipse"])
+def test_another_center(name):
+    """That leaves the disk which is solved for: the systems of the moved one, as `solve` has them.
+
+    Alpha counts in the unit of `solve`, which is another for detectors on a circle and off it.
+    """
+    curve, center = curves()[name], np.array([0.1, -0.05])
+    if name == "ellipse":
+        curve = jaxtat.detector_curve(curve)
+    radii = jaxtat.data_radii(curve, jaxtat.disk(0.8), 0.06)
+    setup = jaxtat.Setup(curve, jaxtat.disk(0.6), jaxtat.ImageGrid(21, 0.6), radii)
+    g, there = data_of(setup), moved_setup(setup, center)
+    moved = live(setup, rule=ALPHA, dtype=np.float64).replace(region_center=center)
+    assert relative(moved(g), expected(there, g)) < 1e-10
+    other = moved.replace(rule=1e-2, low_pass="cosine")
+    assert relative(other(g), expected(there, g, 1e-2, low_pass="cosine")) < 1e-10
+    back = other.replace(region_center=[0.0, 0.0], rule=jaxtat.RelativeTikhonov(0.1))
+    assert relative(back(g), expected(setup, g, jaxtat.RelativeTikhonov(0.1), low_pass="cosine")) < 1e-10
+
+
+@pytest.mark.filterwarnings("ignore::jaxtat.VisibilityWarning")
+@pytest.mark.parametrize("alpha", [1e-1, 5e-3, 4e-4, 1e-5])
+@pytest.mark.parametrize("edge", [0.8, -0.8])
+def test_another_center_in_single_precision(edge, alpha):
+    """Also where many lines are not seen, and alpha decides what becomes of them."""
+    curve, center = jaxtat.circular_arc(1.3, edge, 60), np.array([0.1, -0.05])
+    radii = jaxtat.data_radii(curve, jaxtat.disk(0.8), 0.06)
+    setup = jaxtat.Setup(curve, jaxtat.disk(0.6), jaxtat.ImageGrid(21, 0.6), radii)
+    g = data_of(setup)
+    g += 0.01 * np.abs(g).max() * np.random.default_rng(0).standard_normal(g.shape)
+    moved = live(setup, rule=alpha, movable=True).replace(region_center=center)
+    found = moved(g)
+    assert found.dtype == np.float32
+    assert relative(found, expected(moved_setup(setup, center), g, alpha)) < 1e-4
+
+
+def test_a_movable_region_is_the_same_image(small):
+    g = data_of(small)
+    first = live(small, rule=ALPHA, dtype=np.float64, movable=True)
+    assert relative(first(g), expected(small, g)) < 1e-10
+    density = first._ready.densities.of_frequency(4, small.curve.weights)
+    usual = live(small, rule=ALPHA, dtype=np.float64)._ready.densities
+    assert relative(density, usual.of_frequency(4, small.curve.weights)) < 1e-8
     with pytest.raises(ValueError, match="radii run from"):
-        moved.replace(region_center=[0.9, 0.0])
+        first.replace(region_center=[0.9, 0.0])
 
 
 def test_another_center_within_reach_is_the_same_function_at_other_pixels(small):
@@ -111,23 +165,45 @@ def test_the_densities_of_a_plan(arc, arc_plan):
         planned.replace(rule=1e-3)
 
 
+@contextmanager
+def compiled():
+    """How many programs are compiled meanwhile."""
+    events = []
+
+    def listen(event, *_, **__):
+        if "backend_compile" in event:
+            events.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        yield events
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+
+
 def test_nothing_is_compiled_for_another_number(arc):
     """Alpha, low-pass, region and frames of another value."""
     g = data_of(arc)
     first = live(arc, rule=ALPHA)
     first.replace(rule=1e-2, low_pass="cosine", region_center=[0.0, 0.0], region_radius=0.9)(g)
-    compiled = []
-
-    def listen(event, *_, **__):
-        compiled.append(event)
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    try:
+    with compiled() as programs:
         first.replace(rule=3e-3, low_pass="none")(2 * g)
         first.replace(region_center=[0.1, -0.2], region_radius=0.6)(g, energy=3.0)
-    finally:
-        jax.monitoring.unregister_event_duration_listener(listen)
-    assert not [event for event in compiled if "backend_compile" in event]
+    assert not programs
+
+
+def test_nothing_is_compiled_for_another_center(small):
+    """Not for the first one if that was asked for, else for the second one."""
+    g = data_of(small)
+    movable = live(small, rule=1e-2, movable=True)
+    movable(g)
+    usual = live(small, rule=1e-2).replace(region_center=[0.02, 0.03])
+    usual(g)
+    with compiled() as programs:
+        movable.replace(region_center=[0.1, -0.05])(g)
+        usual.replace(region_center=[-0.1, 0.1])(g)
+        usual.replace(region_center=[0.0, 0.05], rule=2e-2)(g)
+    assert not programs
 
 
 @pytest.mark.parametrize(

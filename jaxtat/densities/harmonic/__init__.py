@@ -11,6 +11,7 @@ from .densities import (
     unfold,
     wave_system,
 )
+from .free_disks import FreeWaves, free_waves, inverse_densities, wants_double
 from .linear_systems import cholesky_solve, conjugate_gradients
 from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
@@ -23,6 +24,7 @@ __all__ = [
     "Asked",
     "DecomposedWaves",
     "DensityGroup",
+    "FreeWaves",
     "HarmonicDensities",
     "PolarGeometry",
     "SolveReport",
@@ -32,16 +34,19 @@ __all__ = [
     "circular_harmonics_at",
     "conjugate_gradients",
     "decomposed_waves",
+    "free_waves",
     "frequency_groups",
     "group_of",
     "harmonic_densities",
     "harmonic_orders",
+    "inverse_densities",
     "polar_geometry",
     "sampled_harmonic_densities",
     "solve_harmonics",
     "tikhonov_densities",
     "unexplained",
     "unfold",
+    "wants_double",
     "wave_system",
     "wave_table",
     "waves_reach",

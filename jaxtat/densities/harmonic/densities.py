@@ -63,6 +63,35 @@ class Factors(eqx.Module):
         return self.left.dtype
 
 
+class Solved(eqx.Module):
+    """scale (A A^T + alpha)^-1 A, not formed, with the inverse of this or of A^T A + alpha.
+
+    The smaller of the two is there.
+    """
+
+    scale: Float[Array, "*f blocks r"]
+    matrix: Float[Array, "*f blocks r columns"]
+    inverse: Float[Array, "*f blocks k k"]
+
+    def __matmul__(self, columns: Array) -> Array:
+        if self.inverse.shape[-1] == self.matrix.shape[-2]:
+            found = self.inverse @ (self.matrix @ columns)
+        else:
+            found = self.matrix @ (self.inverse @ columns)
+        return self.scale[..., None] * found
+
+    def formed(self) -> Float[Array, "*f blocks r columns"]:
+        return self @ jnp.eye(self.shape[-1], dtype=self.dtype)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.matrix.shape
+
+    @property
+    def dtype(self) -> np.dtype:
+        return self.matrix.dtype
+
+
 class DensityGroup(eqx.Module):
     """Rows of frequencies that have the same number of orders; one precision for all.
 
@@ -72,13 +101,20 @@ class DensityGroup(eqx.Module):
         extra: their factors (phi_j - min phi_j) p_j·u_xi / sigma_j.
     """
 
-    rows: Float[Array, "*f blocks r columns"] | Factors
+    rows: Float[Array, "*f blocks r columns"] | Factors | Solved
     extra_rows: Float[Array, "*f blocks extra columns"]
     extra: Complex[Array, "*f blocks extra directions"]
 
     @property
     def n_orders(self) -> int:
         return self.rows.shape[-3] * self.rows.shape[-2] // 2
+
+
+def rows_alone(rows: Array | Factors | Solved, n_directions: int) -> DensityGroup:
+    """A group without components of single directions."""
+    none = np.empty((*rows.shape[:2], 0, rows.shape[-1]), rows.dtype)
+    extra = np.empty((*rows.shape[:2], 0, n_directions), np.result_type(none, np.complex64))
+    return DensityGroup(rows, *jax.device_put((none, extra)))
 
 
 class HarmonicDensities(Densities):
@@ -106,7 +142,7 @@ class HarmonicDensities(Densities):
                 extra = group.extra_rows @ part
                 fhat += jnp.einsum("fbed,fbei->ifd", group.extra, extra) / (2 * jnp.pi)
             found.append(fhat)
-        fhat = jnp.concatenate(found, axis=-2) * self.phases
+        fhat = jnp.concatenate(found, axis=-2)* self.phases
         return fhat.reshape(*batch, n_frequencies, -1)
 
     def _parts(self, transformed: Array, weights: Array) -> Iterator[tuple[DensityGroup, Array]]:
@@ -123,7 +159,7 @@ class HarmonicDensities(Densities):
         bounds = np.cumsum([0, *(group.rows.shape[0] for group in self.groups)])
         which = int(np.searchsorted(bounds, number, side="right")) - 1
         group = jax.tree.map(lambda leaf: leaf[number - bounds[which]], self.groups[which])
-        rows = group.rows.formed() if isinstance(group.rows, Factors) else group.rows
+        rows = group.rows.formed() if isinstance(group.rows, Factors | Solved) else group.rows
         n_max = pairs(rows[..., 0]).shape[-1] - 1
         waves = angular(n_max, self.angles) * minus_i_powers(n_max)[:, None]
         waves = waves.reshape(*rows.shape[:2], -1)

@@ -18,7 +18,14 @@ from jaxtyping import Array, Complex, Float
 
 from ...regularization import RelativeTikhonov, Tikhonov, per_frequency
 from ..single_layer import phases_from
-from .densities import DensityGroup, Factors, HarmonicDensities, detector_columns, plane_scales
+from .densities import (
+    DensityGroup,
+    Factors,
+    HarmonicDensities,
+    detector_columns,
+    plane_scales,
+    rows_alone,
+)
 from .linear_systems import product_of_blocks
 from .polar import PolarGeometry
 from .table import WaveTable, alpha_unit, region_factor, wave_table
@@ -32,14 +39,12 @@ class Decomposed(eqx.Module):
         right: U^T A, or V^T, for data as `fold` has them.
         eigenvalues: l [length²].
         unit: of alpha [length²].
-        frequencies: lambda [rad/length].
     """
 
     left: Float[Array, "*f blocks r k"]
     right: Float[Array, "*f blocks k columns"]
     eigenvalues: Float[Array, "*f blocks k"]
     unit: Float[Array, "*f"]
-    frequencies: Float[Array, "*f"]
 
 
 class DecomposedWaves(eqx.Module):
@@ -47,12 +52,14 @@ class DecomposedWaves(eqx.Module):
 
     Attributes:
         groups: in the order of the frequencies.
+        frequencies: lambda [rad/length].
         angles: of the directions, counted from the axis [rad].
         phases: exp(i xi·(centre of the region - centre of the waves)).
         mirror: whether rows act on even and odd parts.
     """
 
     groups: tuple[Decomposed, ...]
+    frequencies: Float[Array, " frequencies"]
     angles: Float[Array, " directions"]
     phases: Complex[Array, "frequencies directions"]
     mirror: bool = eqx.field(static=True)
@@ -79,7 +86,7 @@ def decomposed_waves(
     phases = phases_from(frequencies, angles, offset)
     found = tuple(_decomposed(geometry, table, *group, dtype) for group in groups)
     phases = phases.astype(jnp.result_type(dtype, jnp.complex64))
-    return DecomposedWaves(found, angles - geometry.axis, phases, geometry.mirror)
+    return DecomposedWaves(found, frequencies, angles - geometry.axis, phases, geometry.mirror)
 
 
 def tikhonov_densities(
@@ -92,11 +99,11 @@ def tikhonov_densities(
         rule: gives alpha.
         in_factors: leave out the product of matrices, for images so few that it takes longer.
     """
-    rules, start, groups = per_frequency(rule, waves.phases.shape[0]), 0, []
+    unit = np.concatenate([np.asarray(group.unit) for group in waves.groups])
+    alphas, start, groups = alphas_of(rule, unit, waves.frequencies), 0, []
     for group in waves.groups:
-        stop = start + len(group.unit)
-        few = jax.tree.map(lambda leaf: leaf[start:stop], rules)  # noqa: B023
-        groups.append(_group(group, few, waves.angles.shape[0], in_factors))
+        stop = start + len(group.left)
+        groups.append(_group(group, alphas[start:stop], waves.angles.shape[0], in_factors))
         start = stop
     return HarmonicDensities(tuple(groups), waves.angles, waves.phases, waves.mirror)
 
@@ -126,38 +133,34 @@ def _decomposed(
             right.astype(dtype),
             jnp.maximum(eigenvalues, 0.0),
             alpha_unit(factor.powers, jnp.sum(columns**2, axis=-1)),
-            wave.frequencies,
         )
 
     return jax.lax.map(at, jax.tree.map(lambda leaf: leaf[start:stop], table))
 
 
-def _group(
-    group: Decomposed,
-    rules: Tikhonov | RelativeTikhonov,
-    n_directions: int,
-    in_factors: bool,
-) -> DensityGroup:
-    kept = _kept(group, rules)
-    # factors as they are: what goes through a compiled function is copied
-    rows = Factors(group.left, kept, group.right) if in_factors else _product(group, kept)
-    none = (*rows.shape[:2], 0)
-    return DensityGroup(
-        rows,
-        jnp.zeros((*none, rows.shape[-1]), rows.dtype),
-        jnp.zeros((*none, n_directions), jnp.result_type(rows.dtype, jnp.complex64)),
-    )
+def alphas_of(
+    rule: Tikhonov | RelativeTikhonov,
+    unit: Float[np.ndarray, " f"],
+    frequencies: Float[Array, " f"],
+) -> Float[np.ndarray, " f"]:
+    """alpha of a rule at each frequency, by one program for all numbers [length²]."""
+    return np.asarray(_alphas_of(rule, unit, frequencies))
 
 
 @eqx.filter_jit
-def _kept(
-    group: Decomposed, rules: Tikhonov | RelativeTikhonov
-) -> Float[Array, "frequencies blocks k"]:
-    def at(unit: Array, frequency: Array, eigenvalues: Array, rule: Any) -> Array:
-        return 1 / (eigenvalues + rule.in_units_of(unit, frequency).alpha)
+def _alphas_of(rule: Any, unit: Array, frequencies: Array) -> Array:
+    rules = per_frequency(rule, unit.shape[0])
+    return jax.vmap(lambda each, *here: each.in_units_of(*here).alpha)(rules, unit, frequencies)
 
-    kept = jax.vmap(at)(group.unit, group.frequencies, group.eigenvalues, rules)
-    return kept.astype(group.right.dtype)
+
+def _group(
+    group: Decomposed, alphas: Float[np.ndarray, " f"], n_directions: int, in_factors: bool
+) -> DensityGroup:
+    kept = 1 / (np.asarray(group.eigenvalues) + alphas[:, None, None])
+    kept = jax.device_put(kept.astype(group.right.dtype))
+    # factors as they are: what goes through a compiled function is copied
+    rows = Factors(group.left, kept, group.right) if in_factors else _product(group, kept)
+    return rows_alone(rows, n_directions)
 
 
 @eqx.filter_jit

@@ -1,0 +1,42 @@
+"""J_n and Y_n order by order against scipy, and in the scaled range against mpmath."""
+
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import pytest
+import scipy.special
+
+from jaxtat.special import decay_steps, hankel_rows, known_decay_steps
+
+mp.mp.dps = 30
+
+
+def test_steps_are_those_of_the_compiled_sequence():
+    x = np.array([0.5, 3.0, 41.7, 300.0])
+    steps = known_decay_steps(250, x)
+    assert np.allclose(steps, decay_steps(250, jnp.asarray(x)), rtol=1e-13, atol=0)
+    assert (steps[:3, 1] == 1).all() and (steps[4:, 1] < 1).all() and (steps[:, 3] == 1).all()
+
+
+@pytest.mark.parametrize("reach", [0.3, 30.0, 300.0])
+def test_all_orders_of_scipy(reach):
+    """Orders below, between and above the arguments of one row."""
+    x = reach * np.array([[1.0, 1.2, 3.0], [1.1, 2.0, 5.0]])
+    steps = known_decay_steps(120, 0.9 * x[:, 0])
+    scale, order = np.cumprod(steps, axis=0)[..., None], np.arange(121)[:, None, None]
+    j, y = map(np.stack, zip(*hankel_rows(x, steps), strict=True))
+    wanted_j, wanted_y = scipy.special.jv(order, x), scipy.special.yv(order, x)
+    size = np.hypot(wanted_j, wanted_y)
+    above = order > x  # where J decays
+    assert np.abs(np.where(above, 1, wanted_j) - np.where(above, 1, j * scale)).max() < 1e-12
+    known = above & (np.abs(wanted_j) > 1e-280)
+    assert np.abs(j * scale / np.where(known, wanted_j, 1) - 1)[known].max(initial=0) < 1e-11
+    known = np.isfinite(wanted_y)
+    assert (np.abs(y / scale - wanted_y)[known] < 1e-11 * size[known]).all()
+
+
+def test_products_of_orders_that_under_and_overflow():
+    x = np.array([[2.0, 2.6]])
+    *_, (j, y) = hankel_rows(x, known_decay_steps(500, x[:, 0]))
+    wanted = mp.besselj(500, 2.0) * mp.bessely(500, 2.6)
+    assert abs(j[0, 0] * y[0, 1] / float(wanted) - 1) < 1e-12
