@@ -36,6 +36,11 @@ def test_python_runs_from_top_to_bottom(page, tmp_path, monkeypatch):
     assert jax.config.jax_enable_x64
 
 
+def test_the_first_page_shows_the_lines_that_others_include():
+    (first, *_) = shown(DOCS / "start.md", "python")
+    assert first.startswith((DOCS / "snippets" / "example.py").read_text())
+
+
 @pytest.mark.parametrize("page", sorted((DOCS / "how-to").glob("*.md")), ids=str)
 def test_every_how_to_has_code_that_is_run(page):
     assert shown(page, "python")
