@@ -119,8 +119,12 @@ def test_names_of_the_package_in_texts_exist(page):
 
 
 def test_versions_are_said_alike():
-    """In the package, the citation, and the bounds that `make test-lowest` tests."""
-    assert f"version: {jaxtat.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+    """In the package, citation and changes, and in the bounds that `make test-lowest` tests."""
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert f"version: {jaxtat.__version__}\n" in citation
+    date = re.search(r"^date-released: (.*)$", citation, re.M)
+    assert date
+    assert f"\n## {jaxtat.__version__} ({date[1]})\n" in (ROOT / "CHANGELOG.md").read_text()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
     stated = [*project["dependencies"], *extras["io"]]
