@@ -16,7 +16,7 @@ from figure_measured_scan import back_projection
 
 import jaxtat
 from jaxtat.io import load_scan
-from jaxtat.plotting import show_image
+from jaxtat.plotting import add_scale_bar, show_image
 from jaxtat.steps import fourier_inversion
 
 OUT = Path("docs/four_methods.png")
@@ -51,7 +51,7 @@ def full_circle(setup: jaxtat.Setup, g: np.ndarray) -> np.ndarray:
     coefficients = u / hankel
     waves = (-1j) ** orders[:, None] * np.exp(1j * orders[:, None] * angles)
     fhat = coefficients.T @ waves / (2 * np.pi)
-    mass = np.mean(g @ step) / (2 * np.pi)
+    mass = weights @ (g @ step) / (2 * np.pi)  # silent detectors count here too
     fhat = np.concatenate([np.full((1, len(angles)), mass, complex), fhat])
     image = fourier_inversion(
         jnp.asarray(fhat),
@@ -64,8 +64,8 @@ def full_circle(setup: jaxtat.Setup, g: np.ndarray) -> np.ndarray:
     return np.asarray(image)
 
 
-def images(scan, choices, constrained) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Those of the four methods, and the pixels within the region."""
+def images(scan, choices, constrained) -> tuple[dict[str, np.ndarray], jaxtat.Setup]:
+    """Those of the four methods, and their setup."""
     setup = jaxtat.scans.setup_of(scan, choices)
     g = jaxtat.scans.integrals(scan, choices, setup, scan.frame(0))
     made = {
@@ -74,8 +74,7 @@ def images(scan, choices, constrained) -> tuple[dict[str, np.ndarray], np.ndarra
         "jaxtat, direct": jaxtat.scans.reconstruct(scan, choices).image,
         "jaxtat, model-based": jaxtat.scans.reconstruct(scan, constrained).image,
     }
-    inside = np.asarray(setup.region.contains(setup.grid.points))
-    return {name: np.asarray(image) for name, image in made.items()}, inside
+    return {name: np.asarray(image) for name, image in made.items()}, setup
 
 
 def measured():
@@ -84,8 +83,8 @@ def measured():
     choices = jaxtat.scans.estimate_sound_speed(scan, jaxtat.scans.choose(scan))
     given = {"sound_speed": choices.sound_speed, "pixels": choices.pixels}
     constrained = jaxtat.scans.choose(scan, **given, **MODEL_BASED)
-    made, inside = images(scan, choices, constrained)
-    return "measured", made, inside, made["jaxtat, direct"]
+    made, setup = images(scan, choices, constrained)
+    return "measured", made, setup, made["jaxtat, direct"]
 
 
 def simulated():
@@ -104,19 +103,20 @@ def simulated():
         "region_cut": 0.0,
         "region_angle": -90.0,
     }
-    made, inside = images(
+    made, setup = images(
         scan,
         jaxtat.scans.choose(scan, **given),
         jaxtat.scans.choose(scan, **given, **MODEL_BASED),
     )
     truth = np.load(path)["truth"].T.astype(float)  # stored as (x2, x1)
-    return "simulated", made, inside, truth
+    return "simulated", made, setup, truth
 
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
     figure, axes = plt.subplots(2, 4, figsize=(13, 5.6), height_ratios=(2, 1), layout="constrained")
-    for row, (kind, made, inside, reference) in zip(axes, (measured(), simulated()), strict=True):
+    for row, (kind, made, setup, reference) in zip(axes, (measured(), simulated()), strict=True):
+        inside = np.asarray(setup.region.contains(setup.grid.points))
         low, high = np.percentile(reference[inside], [1, 99.7])
         for axis, (name, image) in zip(row, made.items(), strict=True):
             factor = np.vdot(image[inside], reference[inside]) / np.vdot(
@@ -126,10 +126,12 @@ def main() -> None:
             error = np.linalg.norm((shown - reference)[inside]) / np.linalg.norm(reference[inside])
             label = f"{name}\nrelative error {100 * error:.2g} %" if kind == "simulated" else name
             print(f"{kind:10} {name:28} {100 * error:.3g} %")
-            grid = jaxtat.ImageGrid(len(image))
-            show_image(axis, shown, grid, limits=(low, high), title=label)
+            unit = "m" if kind == "measured" else None
+            show_image(axis, shown, setup.grid, limits=(low, high), title=label, unit=unit)
             axis.set_axis_off()
-            if kind == "simulated":
+            if unit:
+                add_scale_bar(axis)
+            else:
                 axis.set_ylim(0.0, 1.0)  # the region
     figure.savefig(OUT, dpi=90)
     print(f"{OUT}: {OUT.stat().st_size / 1e3:.0f} kB")

@@ -12,13 +12,14 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 import jaxtat
+from jaxtat.plotting import add_scale_bar
 
 DATA = Path(os.environ.get("JAXTAT_DATA", "../shared/data"))
 OUT = Path("docs/impulse_response.png")
 SOUND_SPEED, RADIUS, MAX_FREQUENCY = 1477.0, 0.0146, 12346.0  # m/s, m, rad/m
 DEAD_TIME, BAND = 5e-6, (1e5, 7e6)  # s, Hz
 EPS = 1e-2
-DETAIL = (slice(50, 185), slice(75, 210))  # pixels
+PIXELS, DETAIL = 301, (slice(50, 185), slice(75, 210))
 
 
 def main() -> None:
@@ -34,7 +35,7 @@ def main() -> None:
     curve = jaxtat.detector_curve(scan["geometry"])
     center = jaxtat.geometry.fit_circle(curve.points).center
     region = jaxtat.disk(RADIUS, center=center)
-    grid = jaxtat.ImageGrid(301, RADIUS, center)
+    grid = jaxtat.ImageGrid(PIXELS, RADIUS, center)
     sources = jaxtat.disk(0.033, center=center)
     radii = jaxtat.data_radii(curve, region, grid.spacing[0], sources=sources)
     setup = jaxtat.Setup(curve, region, grid, radii, max_frequency=MAX_FREQUENCY)
@@ -50,7 +51,7 @@ def main() -> None:
         images[name] = image / image[inside].std()  # the response changes the scale
         sharpness = RADIUS**2 * float(jaxtat.studies.sharpness(images[name], grid, region))
         sharpness /= np.pi * RADIUS**2
-        width = 1e3 * edge_width(images[name], 2 * RADIUS / 300)
+        width = 1e3 * edge_width(images[name], 2 * RADIUS / (PIXELS - 1))
         print(f"{name}: sharpness {sharpness:.1f}, skin falls from 90 to 10 % in {width:.2f} mm")
     draw(images)
 
@@ -80,7 +81,10 @@ def draw(images: dict[str, np.ndarray]) -> None:
         low, high = np.percentile(image, [1, 99.7])
         column[0].set_title(name)
         for axis, part in zip(column, (image, image[DETAIL]), strict=True):
-            axis.imshow(part.T, origin="lower", cmap="gray", vmin=low, vmax=high)
+            sides = 1e3 * 2 * RADIUS / (PIXELS - 1) * np.array(part.shape)  # [mm]
+            extent = (0.0, sides[0], 0.0, sides[1])
+            axis.imshow(part.T, origin="lower", cmap="gray", vmin=low, vmax=high, extent=extent)
+            add_scale_bar(axis)
             axis.set_axis_off()
     figure.savefig(OUT, dpi=80)
     print(f"{OUT}: {OUT.stat().st_size / 1e3:.0f} kB")

@@ -12,7 +12,7 @@ import numpy as np
 
 import jaxtat
 from jaxtat.io import load_scan
-from jaxtat.plotting import show_image
+from jaxtat.plotting import add_scale_bar, show_image
 from jaxtat.steps import universal_back_projection
 
 OUT = Path("docs/measured_scan.png")
@@ -40,7 +40,8 @@ def main() -> None:
     for axis, (title, values) in zip(axes, images.items(), strict=True):
         shown = np.where(inside, np.asarray(values), np.nan)
         shown /= np.nanstd(shown)  # the two have different units
-        show_image(axis, shown, setup.grid, limits=LIMITS, title=title)
+        show_image(axis, shown, setup.grid, limits=LIMITS, title=title, unit="m")
+        add_scale_bar(axis)
         axis.set_axis_off()
     figure.savefig(OUT, dpi=100)
     print(f"{OUT}: {OUT.stat().st_size / 1e3:.0f} kB")

@@ -1,7 +1,7 @@
-"""paper/figure.png: time and largest error of jaxtat and of others, on one problem.
+"""paper/figure.png: errors of jaxtat and of others in five arrays, and times in one of them.
 
-Run from the root of a checkout; the numbers are those of benchmarks/results.json (`make bench`).
-The problem is geometry 1 of Kunyansky's paper: 500 detectors on three quarters of a circle.
+Run from the root of a checkout; the numbers are those of benchmarks/peers/results.json
+(`make peers`). They stand in the picture's file too, so that a test finds a picture that is old.
 """
 
 import json
@@ -9,33 +9,65 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-RESULTS = Path("benchmarks/results.json")
+RESULTS = Path("benchmarks/peers/results.json")
 OUT = Path("paper/figure.png")
-# what is drawn: benchmark, words beside the point, colour, and where the words stand
-OURS, OTHERS = "tab:blue", "tab:red"
-DRAWN = (
-    ("direct[129-cholesky]", "direct", OURS, (8, -3)),
-    ("direct[129-cg]", "direct, conjugate gradients", OURS, (8, -3)),
-    ("with_plan[1-fbp-double]", "with a plan", OURS, (8, -3)),
-    ("jaxtat_from_the_record_of_k_wave", "direct, from k-Wave's record", OURS, (8, -3)),
-    ("k_wave_time_reversal", "k-Wave: time reversal\nof its own record", OTHERS, (-30, -28)),
-    ("circular_back_projection", "back-projection for a full circle", OTHERS, (8, 5)),
-)
+ARRAYS = {  # problem: under which name
+    "vessels-ring": "ring",
+    "vessels-arc270": "270°",
+    "vessels-ellipse": "ellipse,\n300°",
+    "vessels-half": "180°",
+    "vessels-arc125": "125°",
+}
+TIMED = "vessels-arc270"
+MARKS = {  # peer: marker and colour
+    "jaxtat, direct": ("o", "lightskyblue"),
+    "jaxtat, direct, all frequencies": ("o", "tab:blue"),
+    "jaxtat, model-based": ("o", "navy"),
+    "PATATO, back-projection": ("s", "lightcoral"),
+    "PATATO, FFT": ("s", "tab:red"),
+    "PATATO, FFT, fading mended": ("s", "maroon"),
+    "PATATO, model-based": ("s", "black"),
+    "k-Wave, time reversal": ("^", "tab:green"),
+    "jwave, time reversal": ("v", "tab:olive"),
+    "scikit-image, iradon": ("D", "tab:gray"),
+    "Fast-Hankel solver": ("*", "tab:orange"),
+}
+
+
+def points(results: dict) -> dict[str, dict[str, list[float]]]:
+    """Of every peer and array: relative L2 error, first and, if it was run, second time [s]."""
+    found: dict[str, dict[str, list[float]]] = {peer: {} for peer in MARKS}
+    for row in results["rows"]:
+        if row.get("problem") in ARRAYS and "relative_l2" in row:
+            times = [row["cold_s"], row["warm_s"]][: row["runs"]]
+            found[row["peer"]][row["problem"]] = [row["relative_l2"], *times]
+    return found
 
 
 def main() -> None:
-    runs = json.loads(RESULTS.read_text())["benchmarks"]
-    measured = {run["name"].removeprefix("bench_"): run["extra_info"] for run in runs}
-    plt.rcParams.update({"font.size": 8})
-    figure, axes = plt.subplots(figsize=(5.5, 3.2), dpi=200, layout="constrained")
-    for name, words, colour, offset in DRAWN:
-        point = measured[name]["median_s"], measured[name]["max_error"]
-        axes.loglog(*point, "o", color=colour)
-        axes.annotate(words, point, offset, textcoords="offset points", color=colour)
-    axes.set(xlabel="time on two cores [s]", ylabel="largest error", xlim=(0.02, 20))
-    axes.set_ylim(1e-11, 10)
-    axes.grid(alpha=0.3)
-    figure.savefig(OUT, metadata={"Software": None})
+    found = points(json.loads(RESULTS.read_text()))
+    plt.rcParams.update({"font.size": 7})
+    figure, (errors, times) = plt.subplots(
+        1, 2, figsize=(7.0, 2.7), dpi=200, layout="constrained", sharey=True
+    )
+    for peer, (marker, colour) in MARKS.items():
+        of_peer, look = found[peer], {"marker": marker, "color": colour, "ms": 4}
+        places = [list(ARRAYS).index(problem) for problem in of_peer]
+        values = [error for error, *_ in of_peer.values()]
+        errors.plot(places, values, ls="none", label=peer, **look)
+        if TIMED in of_peer:
+            error, *seconds = of_peer[TIMED]  # open: the first image; filled: the next
+            times.plot(seconds, [error] * len(seconds), lw=0.7, mfc="w", **look)
+            times.plot(seconds[1:], [error] * len(seconds[1:]), ls="none", **look)
+    errors.set_xticks(range(len(ARRAYS)), ARRAYS.values())
+    errors.set(xlabel="array of detectors", ylabel="relative L2 error", yscale="log")
+    times.set(xlabel="time for an image, 270° [s]", xscale="log")
+    ticks = (0.03, 0.1, 0.3, 1)
+    errors.set_yticks(ticks, map(str, ticks), minor=False)
+    for axes in (errors, times):
+        axes.grid(alpha=0.3)
+    figure.legend(*errors.get_legend_handles_labels(), loc="outside right upper", frameon=False)
+    figure.savefig(OUT, metadata={"Software": None, "Description": json.dumps(found)})
 
 
 if __name__ == "__main__":

@@ -36,6 +36,11 @@ def test_python_runs_from_top_to_bottom(page, tmp_path, monkeypatch):
     assert jax.config.jax_enable_x64
 
 
+def test_the_first_page_shows_the_lines_that_others_include():
+    (first, *_) = shown(DOCS / "start.md", "python")
+    assert first.startswith((DOCS / "snippets" / "example.py").read_text())
+
+
 @pytest.mark.parametrize("page", sorted((DOCS / "how-to").glob("*.md")), ids=str)
 def test_every_how_to_has_code_that_is_run(page):
     assert shown(page, "python")
@@ -114,8 +119,12 @@ def test_names_of_the_package_in_texts_exist(page):
 
 
 def test_versions_are_said_alike():
-    """In the package, the citation, and the bounds that `make test-lowest` tests."""
-    assert f"version: {jaxtat.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+    """In the package, citation and changes, and in the bounds that `make test-lowest` tests."""
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert f"version: {jaxtat.__version__}\n" in citation
+    date = re.search(r"^date-released: (.*)$", citation, re.M)
+    assert date
+    assert f"\n## {jaxtat.__version__} ({date[1]})\n" in (ROOT / "CHANGELOG.md").read_text()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
     stated = [*project["dependencies"], *extras["io"]]

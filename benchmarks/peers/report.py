@@ -68,7 +68,7 @@ def tables(results: dict) -> str:
     rows = results["rows"]
     peers = list(dict.fromkeys(row["peer"] for row in rows if "cold_s" in row))
     parts = [_by_array(rows, peers), _better(rows), _on_one(rows), _firsts(rows, peers)]
-    return "\n\n".join([*parts, _absent(rows, results)])
+    return "\n\n".join([*parts, _absent(rows)])
 
 
 def _table(head: list[str], lines: list[list[str]]) -> str:
@@ -143,7 +143,7 @@ def _firsts(rows: list[dict], peers: list[str]) -> str:
     return f"Of {len(problems)} problems it is the best of all in:\n\n" + _table(head, lines)
 
 
-def _absent(rows: list[dict], results: dict) -> str:
+def _absent(rows: list[dict]) -> str:
     lines = [f"- {row['peer']}: {row['reason']}" for row in rows if "problem" not in row]
     reasons: dict[tuple[str, str], list[str]] = {}
     for row in rows:
@@ -152,8 +152,8 @@ def _absent(rows: list[dict], results: dict) -> str:
     for (peer, reason), where in reasons.items():
         named = f" ({', '.join(where)})" if len(where) < 5 else ""
         lines.append(f"- {peer}, {len(where)} problems{named}: {reason}")
-    made = f"Made on {results['date']}, {results['machine']}."
-    return f"{made} Not run, or without an image:\n\n" + "\n".join(lines)
+    made = sorted({row["made"] for row in rows})
+    return f"Made on {'; '.join(made)}. Not run, or without an image:\n\n" + "\n".join(lines)
 
 
 def draw(folder: Path, peers: list[str]) -> None:

@@ -44,7 +44,7 @@ def main() -> None:
         if not options.only or peer.script in options.only:
             for row in _rows(peer, files, folder, options.venvs, given):
                 print(json.dumps(row), flush=True)
-                _store(row)
+                _store(row | {"made": _made()})
 
 
 def _options() -> argparse.Namespace:
@@ -147,16 +147,17 @@ def _store(row: dict) -> None:
     titles = [peer.title for peer in PEERS]
     names = ["", *(f"{phantom}-{array}" for phantom in problems.PHANTOMS for array in ARRAYS)]
     names += problems.OTHERS
-    contents = {
-        "date": datetime.date.today().isoformat(),
-        "machine": f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}, "
-        f"Python {platform.python_version()}",
-        "rows": sorted(
-            [*kept, row],
-            key=lambda row: (titles.index(row["peer"]), names.index(row.get("problem", ""))),
-        ),
-    }
-    RESULTS.write_text(json.dumps(contents, indent=1) + "\n")
+    rows = sorted(
+        [*kept, row],
+        key=lambda row: (titles.index(row["peer"]), names.index(row.get("problem", ""))),
+    )
+    RESULTS.write_text(json.dumps({"rows": rows}, indent=1) + "\n")
+
+
+def _made() -> str:
+    """When and where: of each row, for a later run may make others again, elsewhere."""
+    machine = f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}"
+    return f"{datetime.date.today().isoformat()}, {machine}, Python {platform.python_version()}"
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import hashlib
 import importlib
 import json
+import re
 import socket
 import threading
 from dataclasses import replace
@@ -196,6 +197,12 @@ def test_every_set_says_whose_it_is_and_where_it_is(name):
         # at a fixed commit, so that the file cannot change; or with a recipe
         commit = (file.url or "").removeprefix("https://raw.githubusercontent.com/").split("/")
         assert len(commit) > 3 and len(commit[2]) == 40 if file.url else found.recipe
+
+
+def test_the_page_has_every_set_with_its_licence():
+    page = (Path(__file__).resolve().parents[2] / "docs" / "data.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| .* \| ([^|]*) \|$", page, re.M)
+    assert dict(rows) == {name: found.licence for name, found in DATA_SETS.items()}
 
 
 @pytest.mark.parametrize("name", DATA_SETS)
