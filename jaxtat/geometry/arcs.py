@@ -11,6 +11,8 @@ from jaxtyping import Float, Int
 from .circles import ROUND, fit_circle
 from .measured_curves import is_closed, require_sorted
 
+SMOOTH = 0.8  # cosine of the sharpest turn of a smooth curve
+
 
 class ArcFit(NamedTuple):
     """The arc of a circle along which detectors lie.
@@ -71,8 +73,8 @@ def order_along_curve(points: Float[np.ndarray, "detectors 2"]) -> Int[np.ndarra
     angle about the circle through them, anticlockwise, beginning behind the widest gap.
 
     Raises:
-        ValueError: for two detectors at one place, and detectors out of order that do not lie on a
-            circle.
+        ValueError: for two detectors at one place, and detectors out of order that lie neither on a
+            circle nor, sorted in this way, on a smooth curve such as an ellipse.
 
     >>> theta = np.array([3.0, 1.0, 2.0, 5.0, 4.0])
     >>> order_along_curve(np.stack([np.cos(theta), np.sin(theta)], axis=1)).tolist()
@@ -86,15 +88,27 @@ def order_along_curve(points: Float[np.ndarray, "detectors 2"]) -> Int[np.ndarra
             circle = fit_circle(points)
         except ValueError:
             raise error from None
-        offset = points - np.asarray(circle.center)
-        if np.abs(np.hypot(*offset.T) / float(circle.radius) - 1).max() > ROUND:
-            raise error from None
+        out_of_order = error
+    offset = points - np.asarray(circle.center)
     angles = np.arctan2(offset[:, 1], offset[:, 0])
     order = np.argsort(angles, kind="stable")
     gaps = np.diff(angles[order], append=angles[order[0]] + 2 * np.pi)
     order = np.roll(order, -(int(np.argmax(gaps)) + 1))
+    round_enough = np.abs(np.hypot(*offset.T) / float(circle.radius) - 1).max() <= ROUND
+    if not (round_enough or _smooth(points[order])):
+        raise out_of_order from None
     require_sorted(points[order], is_closed(points[order]))
     return order
+
+
+def _smooth(points: Float[np.ndarray, "detectors 2"]) -> bool:
+    """Whether a curve through points in order nowhere turns sharply: it has no corners."""
+    steps = np.diff(points, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    if lengths.min() == 0.0:
+        return False
+    cosines = np.sum(steps[1:] * steps[:-1], axis=1) / (lengths[1:] * lengths[:-1])
+    return bool(cosines.min() > SMOOTH)
 
 
 def _principal(angle: float) -> float:

@@ -22,6 +22,11 @@ NEIGHBOURS, AT_MOST = 60, 8  # detectors over those to each side, with which one
 OFF_MIDDLE, DEVIATION, SPEEDS = 0.2, 0.02, 0.03
 INDEPENDENT = 10  # detectors that err by themselves; others err as those beside them
 STEPS = 60
+# of places, see `sounding_place`: of the detectors' radius; points across; shares of detectors
+RIM, ACROSS = 0.95, 51
+FEWEST, MOST = 0.2, 0.7  # that can hear a point at all, and that do, of those
+STANDS_OUT = 0.6  # share of all points from which sound comes, that the largest place has
+BESIDE = 0.12  # over the detectors' radius: as near to a place is near it
 
 
 class Heard(NamedTuple):
@@ -44,7 +49,10 @@ class Heard(NamedTuple):
         return bool(max(self.begins.mean(), self.ceases.mean()) > 0.5)
 
 
-def heard(power: RecordPower, pause: float) -> Heard:
+Within = Bool[np.ndarray, "detectors pieces"]
+
+
+def heard(power: RecordPower, pause: float, within: Within | None = None) -> Heard:
     """First and last time of a share of each detector's highest power, above its noise.
 
     Fainter sound from holders, membranes and walls is ignored; in a record without noise all sound
@@ -54,6 +62,7 @@ def heard(power: RecordPower, pause: float) -> Heard:
     Args:
         power: in order along the curve, since neighbours are averaged.
         pause: the shortest that separates an echo [time].
+        within: pieces whose sound counts; all by default.
 
     >>> times = np.arange(100.0)
     >>> power = np.where(abs(times - 40) < 10, 1.0, 1e-3) * np.ones((5, 1))
@@ -62,16 +71,11 @@ def heard(power: RecordPower, pause: float) -> Heard:
     (31.0, 49.0, True)
     """
     values = _with_neighbours(power.power)
-    highest = values.max(axis=1)
-    quietest, quiet = np.quantile(values, [QUIETEST, QUIET], axis=1)
-    if np.median(quiet) < SILENCE * np.median(highest):
-        least = [FAINTEST * highest] * 2
-    else:
-        noise = np.maximum(ABOVE_NOISE * quiet, quiet + ABOVE_SCATTER * (quiet - quietest))
-        least = [np.maximum(noise, quiet + share * highest) for share in (BEGINS, CEASES)]
-    first = np.argmax(values > least[0][:, None], axis=1)
+    counted = values if within is None else np.where(within, values, 0.0)
+    highest, least = counted.max(axis=1), _least(values, counted)
+    first = np.argmax(counted > least[0][:, None], axis=1)
     pieces = int(np.ceil(pause / (power.times[1] - power.times[0])))
-    last = np.array([_end_of_loudest(*of, pieces) for of in zip(values, least[1], strict=True)])
+    last = np.array([_end_of_loudest(*of, pieces) for of in zip(counted, least[1], strict=True)])
     sounds = least[1] < CLEARLY * highest  # not the highest of the noise alone
     return Heard(
         power.times[first],
@@ -79,6 +83,21 @@ def heard(power: RecordPower, pause: float) -> Heard:
         sounds & (first > 0),
         sounds & (last < len(power.times) - 1),
     )
+
+
+def _least(values: np.ndarray, counted: np.ndarray) -> list[Float[np.ndarray, " detectors"]]:
+    """The least power that counts as sound where it begins, and where it ceases.
+
+    Args:
+        values: of all pieces, among them quiet ones.
+        counted: of the pieces whose sound counts, zero in others.
+    """
+    highest = counted.max(axis=1)
+    quietest, quiet = np.quantile(values, [QUIETEST, QUIET], axis=1)
+    if np.median(quiet) < SILENCE * np.median(highest):
+        return [FAINTEST * highest] * 2
+    noise = np.maximum(ABOVE_NOISE * quiet, quiet + ABOVE_SCATTER * (quiet - quietest))
+    return [np.maximum(noise, quiet + share * highest) for share in (BEGINS, CEASES)]
 
 
 def _end_of_loudest(values: Float[np.ndarray, " pieces"], least: float, pause: int) -> int:
@@ -98,12 +117,90 @@ def _with_neighbours(
     return (sums[2 * each + 1 :] - sums[: -2 * each - 1]) / (2 * each + 1)
 
 
+def sounding_place(
+    points: Float[np.ndarray, "detectors 2"], power: RecordPower, speed: float
+) -> Float[np.ndarray, "places 2"] | None:
+    """The largest place from which most detectors hear sound; None if it does not stand out.
+
+    A point x counts if 70 % of the detectors that can hear it do hear sound at |y_k - x|/c: from a
+    body, from a wall, but hardly from anywhere else. Of several places a loud one may be a wall;
+    the largest is taken for the body.
+
+    Args:
+        points: y_k, from the middle of the array [length].
+        power: in order along the curve.
+        speed: c [length/time].
+
+    Returns:
+        Its points, on a grid [length].
+
+    >>> theta = np.linspace(0.0, 2 * np.pi, 60, endpoint=False)
+    >>> y = 40 * np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    >>> times, d = np.arange(0.0, 80.0), np.linalg.norm(y - [5.0, 2.0], axis=1)
+    >>> found = sounding_place(y, RecordPower(times, 1.0 * (abs(times - d[:, None]) < 9)), 1.0)
+    >>> found.mean(axis=0).round().tolist()
+    [5.0, 2.0]
+    """
+    from scipy.ndimage import label  # slow to import
+
+    values = _with_neighbours(power.power)
+    sounds = values > _least(values, values)[0][:, None]
+    size = float(np.median(np.linalg.norm(points, axis=1)))
+    line = np.linspace(-RIM * size, RIM * size, ACROSS)
+    where = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1)
+    step, n = power.times[1] - power.times[0], len(power.times)
+    hear, can = np.zeros(where.shape[:2]), np.zeros(where.shape[:2])
+    for point, own in zip(points, sounds, strict=True):
+        arrival = np.linalg.norm(where - point, axis=-1) / speed
+        piece = np.rint((arrival - power.times[0]) / step).astype(int)
+        recorded = (piece >= 0) & (piece < n)
+        can += recorded
+        hear += recorded & own[np.clip(piece, 0, n - 1)]
+    judged = (np.linalg.norm(where, axis=-1) < RIM * size) & (can > FEWEST * len(points))
+    places, several = label(judged & (hear > MOST * can), np.ones((3, 3)))
+    sizes = np.bincount(places.ravel(), minlength=2)[1:]
+    if not several or sizes.max() < STANDS_OUT * sizes.sum():
+        return None
+    return where[places == 1 + np.argmax(sizes)]
+
+
+def arriving_from(
+    place: Float[np.ndarray, "places 2"],
+    points: Float[np.ndarray, "detectors 2"],
+    times: Float[np.ndarray, " pieces"],
+    speed: float,
+) -> Within:
+    """Which pieces of a record sound from a place, or from near it, reaches.
+
+    Args:
+        place: from `sounding_place`.
+        points, speed: as there.
+        times: of the pieces.
+    """
+    distances = np.linalg.norm(points[:, None] - place, axis=-1)
+    beside = BESIDE * float(np.median(np.linalg.norm(points, axis=1)))
+    nearest, farthest = distances.min(axis=1) - beside, distances.max(axis=1) + beside
+    return (speed * times >= nearest[:, None]) & (speed * times <= farthest[:, None])
+
+
 class SoundingDisk(NamedTuple):
-    """A disk, or ball, from which sound comes; `speed` is the fitted speed over the assumed one."""
+    """A disk, or ball, from which sound comes.
+
+    Attributes:
+        middle, radius: [length].
+        speed: fitted, over the assumed one.
+        deviation: median distance by which first and last times deviate from it [length].
+    """
 
     middle: Float[np.ndarray, " space"]
     radius: float
     speed: float
+    deviation: float
+
+    @property
+    def reach(self) -> float:
+        """The distance from the array's middle within which it lies."""
+        return self.radius + float(np.linalg.norm(self.middle))
 
 
 def sounding_disk(
@@ -143,11 +240,7 @@ def sounding_disk(
     found[-2] = max(float(np.median(last - first)) / 2, DEVIATION)
     one, stretched = np.ones(n), 0.0 if speed_known else 1.0
     for _ in range(STEPS):  # weighted least squares with weights 1/|difference|, linearised
-        offset = points - found[:-2]
-        distance = np.linalg.norm(offset, axis=1)
-        away = -offset / distance[:, None]
-        near, far = distance - found[-2], distance + found[-2]
-        difference = np.concatenate([near, far]) - (1 + found[-1]) * np.concatenate([first, last])
+        away, difference = _differences(points, first, last, found)
         slopes = np.concatenate(
             [
                 np.column_stack([away, -one, -stretched * first]),
@@ -157,5 +250,20 @@ def sounding_disk(
         weights = told / (DEVIATION * (np.abs(difference) + DEVIATION / 4))
         system = slopes.T @ (weights[:, None] * slopes) + np.diag(supposed)
         found -= np.linalg.lstsq(system, slopes.T @ (weights * difference) + supposed * found)[0]
+    left = np.abs(_differences(points, first, last, found)[1])[told > 0]
+    deviation = float(np.median(left)) if len(left) else 0.0
     found[:-1] *= size
-    return SoundingDisk(found[:-2], max(float(found[-2]), 0.0), float(1 + found[-1]))
+    return SoundingDisk(
+        found[:-2], max(float(found[-2]), 0.0), float(1 + found[-1]), size * deviation
+    )
+
+
+def _differences(
+    points: np.ndarray, first: np.ndarray, last: np.ndarray, found: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Directions from the detectors to a middle, and |y - m| ∓ a - s c t of both times."""
+    offset = points - found[:-2]
+    distance = np.linalg.norm(offset, axis=1)
+    near, far = distance - found[-2], distance + found[-2]
+    difference = np.concatenate([near, far]) - (1 + found[-1]) * np.concatenate([first, last])
+    return -offset / distance[:, None], difference

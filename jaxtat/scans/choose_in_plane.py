@@ -56,9 +56,8 @@ from .found import (
     require_middle,
     slowest,
 )
-from .hearing import heard_after, muted_start, noise_floor, sound_begins
+from .hearing import muted_start, noise_floor, sound_after, sound_begins
 from .region_in_plane import (
-    Sound,
     circle_without_detectors,
     cut_at_opening,
     distances_of,
@@ -131,9 +130,8 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
     begin = sound_begins(dead_time, muted, floor)
     power = power.after(begin)
-    when = heard_after(begin, whole[good], times, middle, detrend=True)
-    sound = Sound(RecordPower(power.times, power.power[good]), speed, when)
-    region_of_sound(scan, facts, found, sound, good)
+    sound = sound_after(begin, whole[good], times, middle)
+    region_of_sound(scan, facts, found, sound, speed, good)
     start = int(np.searchsorted(times, begin))
     arrival = _first_arrival(facts, found, speed)
     quiet = slice(0, max(int(np.searchsorted(times, arrival)) - start, 0))
@@ -142,7 +140,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     _resolution(where, times, found, speed, highest)
     _band(found, times, speed, highest)
     _radii(where, facts, found, float(times[-1]) * speed)
-    _noise(found, sound.power, arrival, floor)
+    _noise(found, RecordPower(power.times, power.power[good]), arrival, floor)
 
 
 def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[str, str, str]:

@@ -152,7 +152,7 @@ def _sounding(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) 
     center = np.asarray(facts.detectors.center)
     known = found.reasons["sound_speed"] != TO_BE_ESTIMATED
     body = sounding_disk(points - center, when, found.values["sound_speed"], known)
-    return body.radius + float(np.linalg.norm(body.middle))
+    return body.reach
 
 
 def _arrival(facts: FactsInSpace, found: Found) -> float:

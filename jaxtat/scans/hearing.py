@@ -1,5 +1,7 @@
 """First and last sound at the detectors of a scan in the plane, and the speed that follows."""
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
@@ -7,7 +9,14 @@ from jaxtyping import Bool, Float
 from ..io import Scan
 from ..records import channel_quality
 from ..records.channels import ChannelQuality
-from ..records.extent import Heard, heard, sounding_disk
+from ..records.extent import (
+    Heard,
+    SoundingDisk,
+    arriving_from,
+    heard,
+    sounding_disk,
+    sounding_place,
+)
 from ..records.power import RecordPower, muted_until, record_power
 from .choices import Choices
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
@@ -16,6 +25,8 @@ EXACT = 1e-8  # noise over signal power, below which a record is simulated, not 
 LEFT_TO_JUDGE = 128  # samples after a muted start, by which channels and noise are judged
 PAUSE = 0.3  # of the way from the middle to the detectors: what sounds after it is an echo
 FINELY = 4  # times as many pieces of the record as its power is measured in otherwise
+BADLY = 0.015  # over the detectors' radius: deviation of times that a disk does not explain
+SMALLER = 0.75  # times as large as with all sound: then that of other things is left out
 CLEAR = 0.6  # of a piece: later ones hold nothing of what is before them
 
 
@@ -53,9 +64,88 @@ def heard_after(
         middle: when sound from the middle arrives [time].
         detrend: without offset, drift and slow tails.
     """
+    return heard(_power_after(begin, record, times, detrend), PAUSE * middle)
+
+
+def _power_after(
+    begin: float,
+    record: Float[np.ndarray, "detectors times"],
+    times: Float[np.ndarray, " times"],
+    detrend: bool,
+) -> RecordPower:
     power = record_power(record, times, detrend, FINELY)
-    clear = begin + CLEAR * FINELY * (power.times[1] - power.times[0])
-    return heard(power.after(clear), PAUSE * middle)
+    return power.after(begin + CLEAR * FINELY * (power.times[1] - power.times[0]))
+
+
+class Sound(NamedTuple):
+    """What detectors in the plane hear, in order along the curve.
+
+    Attributes:
+        when: first and last sound.
+        slow: power of the record's integral over time, in which slow sound is louder. Means of
+            bodies over circles are slow, thin walls are heard in fast waves.
+        pause: the shortest that separates an echo [time].
+    """
+
+    when: Heard
+    slow: RecordPower
+    pause: float
+
+
+def sound_after(
+    begin: float,
+    record: Float[np.ndarray, "detectors times"],
+    times: Float[np.ndarray, " times"],
+    middle: float,
+) -> Sound:
+    """Sound after a time; arguments as of `heard_after`."""
+    when = heard_after(begin, record, times, middle, detrend=True)
+    integral = np.cumsum(record - np.median(record, axis=1, keepdims=True), axis=1)
+    return Sound(when, _power_after(begin, integral, times, detrend=True), PAUSE * middle)
+
+
+class Body(NamedTuple):
+    """A disk from which sound comes, and by which times that is known."""
+
+    disk: SoundingDisk
+    when: Heard
+
+
+def body_heard(
+    sound: Sound, points: Float[np.ndarray, "detectors 2"], speed: float, speed_known: bool
+) -> Body:
+    """The body from which sound comes: the disk that explains when detectors hear it.
+
+    If that explains the times badly, something else sounds, such as a wall, which may be louder
+    than a smooth body. Then only sound counts that may come from the largest place from which most
+    detectors hear any, if that gives a much smaller disk.
+
+    Args:
+        sound: of the detectors.
+        points: of the detectors, from the middle of the array [length].
+        speed: assumed [length/time].
+        speed_known: whether it is exact.
+    """
+    body = Body(sounding_disk(points, sound.when, speed, speed_known), sound.when)
+    size = float(np.median(np.linalg.norm(points, axis=1)))
+    if sound.when.tells and body.disk.deviation < BADLY * size:
+        return body
+    place = sounding_place(points, sound.slow, speed)
+    if place is None:
+        return body
+    within = arriving_from(place, points, sound.slow.times, speed)
+    when = heard(sound.slow, sound.pause, within)
+    smaller = sounding_disk(points, when, speed, speed_known)
+    much = smaller.reach < SMALLER * body.disk.reach or not sound.when.tells
+    return Body(smaller, when) if when.tells and much else body
+
+
+def near_side_heard(
+    body: Body, points: Float[np.ndarray, "detectors 2"], speed: float
+) -> SoundingDisk:
+    """The disk by first times alone, for a record that ends before sound from the far side."""
+    begins = body.when._replace(ceases=np.zeros_like(body.when.ceases))
+    return sounding_disk(points, begins, speed, True)
 
 
 def speed_heard(scan: Scan, choices: Choices) -> float | None:
@@ -79,8 +169,9 @@ def speed_heard(scan: Scan, choices: Choices) -> float | None:
     begin = sound_begins(choices.dead_time, muted, floor)
     points = facts.points[list(choices.channels)] - np.array(choices.region_center)
     middle = float(np.median(np.hypot(*points.T))) / choices.sound_speed
-    when = heard_after(begin, np.asarray(record), facts.times, middle, detrend=True)
-    if not (when.begins.mean() > 0.5 and when.ceases.mean() > 0.5):
+    sound = sound_after(begin, np.asarray(record), facts.times, middle)
+    body = body_heard(sound, points, choices.sound_speed, False)
+    if not (body.when.begins.mean() > 0.5 and body.when.ceases.mean() > 0.5):
         return None
-    speed = sounding_disk(points, when, choices.sound_speed, False).speed
+    speed = body.disk.speed
     return float(np.clip(speed, SLOWEST, FASTEST))

@@ -1,6 +1,6 @@
 """The region of interest of a scan in the plane: where sound comes from, or what all sides see."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -8,28 +8,21 @@ from jaxtyping import Float
 from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import ArcFit, detector_curve, visible_disk
 from ..io import Scan
-from ..records.extent import Heard, sounding_disk
-from ..records.power import RecordPower
 from .facts import Facts
 from .found import SHARES, TO_BE_ESTIMATED, Found, covered, require_scale, slowest
+from .hearing import Sound, body_heard, near_side_heard
 
-MARGIN = 1.25  # of the region beyond where sound comes from
-LATE = 1.4  # the same if a record ends early and the speed is unknown: last times are too early
-
-
-class Sound(NamedTuple):
-    """Sound of the detectors that are used, in order along the curve, and the assumed speed."""
-
-    power: RecordPower
-    speed: float
-    when: Heard
+MARGIN, SPREAD = 1.18, 1.2  # of the region: times as far as sound comes from, and deviations
 
 
-def region_of_sound(scan: Scan, facts: Facts, found: Found, sound: Sound, good: np.ndarray) -> None:
+def region_of_sound(
+    scan: Scan, facts: Facts, found: Found, sound: Sound, speed: float, good: np.ndarray
+) -> None:
     """Take the region from which sound comes; for detectors on no circle, the one that they see.
 
     Args:
         sound: of the good detectors.
+        speed: assumed [length/time].
         good: which of the ordered detectors are used.
     """
     arc = facts.arc
@@ -40,28 +33,29 @@ def region_of_sound(scan: Scan, facts: Facts, found: Found, sound: Sound, good: 
     center = found.take("region_center", arc.center, "the middle of the detectors' circle")
     points = facts.points[facts.order][good] - np.array(arc.center)
     known = found.reasons["sound_speed"] != TO_BE_ESTIMATED
-    body = sounding_disk(points, sound.when, sound.speed, known)
-    wanted = MARGIN * (body.radius + float(np.linalg.norm(body.middle)))
+    heard = body_heard(sound, points, speed, known)
+    body, tells = heard.disk, heard.when.tells
+    path = float(facts.times[-1]) * speed
+    if found.given.get("region_radius") is None:
+        require_scale(path, arc.radius, speed)
+    path *= slowest(found)
+    near = near_side_heard(heard, points, speed)
+    late = tells and path - arc.radius < near.reach < SHARES[1] * arc.radius
+    body = near if late else body
+    wanted = MARGIN * body.reach + SPREAD * body.deviation
     length, grade = facts.units.of_length, LIKELY
-    why = f"sound comes from within {length(wanted / MARGIN)}, and {MARGIN - 1:.0%} to spare"
+    spare = wanted / max(body.reach, 1e-3 * wanted) - 1
+    why = f"sound comes from within {length(body.reach)}, and {spare:.0%} to spare"
     view = _field_of_view(scan, center)
     if view is not None and view < wanted:
         wanted, why, grade = view, "the field of view in the file", SURE
-    path = float(facts.times[-1]) * sound.speed
-    if found.given.get("region_radius") is None:
-        require_scale(path, arc.radius, sound.speed)
-    path *= slowest(found)
     least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
-    sounding = wanted / MARGIN
-    late = path - arc.radius < sounding < SHARES[1] * arc.radius
-    if late and sound.when.tells:  # fitted to what was recorded
-        spare, why = 1.0 if known else LATE, f"sound comes from within {length(sounding)}"
-        why += "" if known else f", and {LATE - 1:.0%} to spare"
-        wanted = most = min(spare * sounding, SHARES[1] * arc.radius)
+    if late:  # fitted to what was recorded
+        most = SHARES[1] * arc.radius
     if wanted < least:
         why = "a tenth of the arc: where sound comes from cannot be told"
         wanted, grade = least, GUESSED
-    if not sound.when.tells and grade != SURE:
+    if not tells and grade != SURE:
         much = f"as much as detectors and record (path {length(path)}) cover"
         why = f"where sound comes from cannot be told: {much}"
         wanted, grade = max(least, most), GUESSED

@@ -29,7 +29,7 @@ from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .found import TO_BE_ESTIMATED
 from .frames import integrals, setup_of
 from .hearing import speed_heard
-from .opposite_detectors import speed_in_space
+from .opposite_detectors import speed_beyond_the_middle, speed_in_space
 from .speed_found import SpeedFound, believed, jackknife, summit, unknown
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 21)
@@ -70,7 +70,10 @@ def _speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
 
 
 def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
-    """By sharpness where edges are seen from two sides, else by first and last sound."""
+    """By sharpness where edges are seen from two sides, else by first and last sound.
+
+    By what opposite detectors agree on, if the record ends too early for a sharp image.
+    """
     points = facts_of(scan).points[list(choices.channels)]
     span = _span(points, np.asarray(choices.region_center))
     if span < SEEN_TWICE:
@@ -80,7 +83,7 @@ def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
         return _heard(scan, choices, why)
     sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
     if sharpness_at is None:
-        return _heard(scan, choices, "the record ends too early for sharp images")
+        return speed_beyond_the_middle(scan, choices)
     found = sharpest(sharpness_at)
     return _heard(scan, choices, found.why) if found.standard_error is None else found
 

@@ -75,6 +75,13 @@ def test_a_shuffled_ring_is_sorted_all_the_way_round():
     assert (steps == 1).all()
 
 
+def test_a_shuffled_part_of_an_ellipse_is_sorted():
+    theta = np.radians(np.linspace(-60.0, 240.0, 76))
+    mixed = np.random.default_rng(5).permutation(76)
+    points = np.stack([45 * np.cos(theta), 38 * np.sin(theta)], axis=1)[mixed]
+    assert np.array_equal(mixed[order_along_curve(points)], np.arange(76))
+
+
 def test_what_cannot_be_sorted_is_refused():
     side = np.linspace(0.1, 1.0, 10)
     corner = np.r_[np.stack([side[::-1], 0 * side], 1), np.stack([0 * side, side], 1)]
