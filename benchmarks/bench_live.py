@@ -42,7 +42,7 @@ def choices(scan):
 
 @pytest.fixture(scope="module")
 def images(scan, choices):
-    """By precision and other arguments of `live`, made when they are asked for; the last is kept."""
+    """By precision and other arguments of `live`, made when asked for; the last is kept."""
     made = {}
 
     def of(dtype, **options):

@@ -58,7 +58,7 @@ def hankel_rows(
 
 
 def _ratios(n_max: int, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "orders *shape"]:
-    """R_n = J_n / J_{n-1} for n = 1..n_max, of use for n > x, by 1 / (2 n / x - R_{n+1}); R_0 = 1."""
+    """R_n = J_n / J_{n-1} = 1 / (2 n / x - R_{n+1}), n = 1..n_max, of use for n > x; R_0 = 1."""
     found = np.ones((n_max + 1, *x.shape))
     ratio, twice_over = np.zeros_like(x), 2 / x
     for n in range(n_max + evanescent_orders(n_max), 0, -1):

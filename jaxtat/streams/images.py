@@ -383,7 +383,9 @@ def _densities(
         return in_precision(build_plan(setup, rule, method="collocation").densities, dtype)
     if isinstance(waves, FreeWaves):
         if wants_double(waves, rule) and dtype == np.float32:
-            waves = _waves_of(setup, np.dtype(float), free=True)
+            return _densities(
+                setup, _waves_of(setup, np.dtype(float), True), rule, np.dtype(float), in_factors
+            )
         return inverse_densities(waves, rule)
     return tikhonov_densities(waves, rule, in_factors=in_factors)
 

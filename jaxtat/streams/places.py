@@ -97,7 +97,9 @@ def lies_in(region: Region, around: Region) -> bool:
 def grid_of(grid: ImageGrid, before: Disk, after: Disk) -> ImageGrid:
     """A grid about another disk, with as many pixels."""
     scale = float(after.radius) / float(before.radius)
-    middle = np.asarray(after.center) + scale * (np.asarray(grid.center) - np.asarray(before.center))
+    middle = np.asarray(after.center) + scale * (
+        np.asarray(grid.center) - np.asarray(before.center)
+    )
     parts = jax.device_put((scale * np.asarray(grid.half_width), middle))
     return eqx.tree_at(lambda g: (g.half_width, g.center), grid, parts)
 

@@ -142,7 +142,7 @@ class HarmonicDensities(Densities):
                 extra = group.extra_rows @ part
                 fhat += jnp.einsum("fbed,fbei->ifd", group.extra, extra) / (2 * jnp.pi)
             found.append(fhat)
-        fhat = jnp.concatenate(found, axis=-2)* self.phases
+        fhat = jnp.concatenate(found, axis=-2) * self.phases
         return fhat.reshape(*batch, n_frequencies, -1)
 
     def _parts(self, transformed: Array, weights: Array) -> Iterator[tuple[DensityGroup, Array]]:

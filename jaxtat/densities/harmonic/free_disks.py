@@ -28,7 +28,8 @@ from ...regularization import RelativeTikhonov, Tikhonov
 from ...special import hankel_rows, known_decay_steps
 from .densities import HarmonicDensities, Solved, rows_alone
 from .moved_units import circle_places, moved_unit
-from .polar import PolarGeometry, polar_geometry
+from .orders import highest_orders
+from .polar import REACHED, PolarGeometry, polar_geometry
 from .tikhonov_rows import alphas_of
 
 AT_ONCE = 32  # frequencies of one call, whose tables stay in a cache
@@ -81,13 +82,20 @@ def free_waves(
         curve, region: a concrete geometry.
         frequencies: lambda [rad/length].
         angles: theta [rad].
-        groups: (first, last + 1, orders) of frequencies that are solved alike.
+        groups: (first, last + 1, orders) of frequencies that are solved alike; more orders are
+            taken where the detectors are so near that they need more.
         n_nodes: on elements of finite width.
         dtype: of the matrices.
+
+    Raises:
+        ValueError: for a detector that is hardly farther away than the rim.
     """
     usual = polar_geometry(curve, region, n_nodes)  # for axis and unit, as `solve` has them
     known, radius, center = np.asarray(frequencies), float(region.radius), np.asarray(region.center)
-    distances, angular = _detectors(curve, center, usual, max(n for *_, n in groups), n_nodes)
+    local, shares = _nodes(curve, center, n_nodes)
+    distances = np.hypot(local[..., 0], local[..., 1])
+    groups = _enough(groups, known, radius, float(distances.min()))
+    angular = _angular(local, shares, usual, max(orders for *_, orders in groups))
     around = circle_places(usual)
     found, units = [], []
     for start, stop, orders in groups:
@@ -167,21 +175,40 @@ def _triangle_inverse(triangle: Float[np.ndarray, "r r"]) -> Float[np.ndarray, "
     return found
 
 
-def _detectors(
-    curve: DetectorCurve,
-    center: Float[np.ndarray, "2"],
+def _nodes(
+    curve: DetectorCurve, center: Float[np.ndarray, "2"], n_nodes: int
+) -> tuple[Float[np.ndarray, "nodes detectors 2"], Float[np.ndarray, "nodes detectors"]]:
+    """Points of the detectors from the centre, and √w times the share of each."""
+    points, shares = map(np.asarray, curve.element_nodes(n_nodes))
+    return np.moveaxis(points - center, 1, 0), shares[:, None] * np.sqrt(np.asarray(curve.weights))
+
+
+def _enough(
+    groups: Sequence[tuple[int, int, int]],
+    frequencies: Float[np.ndarray, " f"],
+    radius: float,
+    nearest: float,
+) -> list[tuple[int, int, int]]:
+    """The groups with orders that reach the nearest detector too."""
+    if radius >= REACHED * nearest:
+        raise ValueError(
+            f"the region has radius {radius:.6g}, and a detector is only {nearest:.6g} from its "
+            "centre: move it by less, or make another function for a smaller region."
+        )
+    needed = highest_orders(frequencies, radius, nearest)
+    return [(a, b, max(orders, int(needed[a:b].max()))) for a, b, orders in groups]
+
+
+def _angular(
+    local: Float[np.ndarray, "nodes detectors 2"],
+    shares: Float[np.ndarray, "nodes detectors"],
     usual: PolarGeometry,
     n_max: int,
-    n_nodes: int,
-) -> tuple[Float[np.ndarray, "nodes detectors"], Float[np.ndarray, "2 orders nodes detectors"]]:
-    """Distances r from the centre, and √w (cos|sin) n theta times the node's share."""
-    points, shares = map(np.asarray, curve.element_nodes(n_nodes))
-    local = np.moveaxis(points - center, 1, 0)
+) -> Float[np.ndarray, "2 orders nodes detectors"]:
+    """(cos|sin) n theta, theta counted from the axis, times the share of each point."""
     theta = np.arctan2(local[..., 1], local[..., 0]) - float(usual.axis)
     phase = np.arange(n_max + 1)[:, None, None] * theta
-    weights = shares[:, None] * np.sqrt(np.asarray(curve.weights))
-    waves = np.stack([np.cos(phase), np.sin(phase)]) * weights
-    return np.hypot(local[..., 0], local[..., 1]), waves
+    return np.stack([np.cos(phase), np.sin(phase)]) * shares
 
 
 def _filled(
@@ -198,7 +225,9 @@ def _filled(
     scale = np.cumprod(steps[:-1], axis=0)
     norms = _disk_norms(frequencies * radius, radius, steps)  # over scale
     # what multiplies J_n / scale and Y_n scale
-    factors = np.stack([norms * scale**2, norms], axis=1)[..., None] * _twice(orders)[..., None, None]
+    factors = (
+        np.stack([norms * scale**2, norms], axis=1)[..., None] * _twice(orders)[..., None, None]
+    )
     circle = np.empty((*factors.shape[:-1], len(around)))
     places = np.append(distances, around)
     rows = hankel_rows(frequencies[:, None] * places, steps[:-1])

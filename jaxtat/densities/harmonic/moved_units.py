@@ -85,7 +85,9 @@ def _graf_sums(
         m = np.arange(n - last, last - n + 1)
         below, above = n - m, n + m
         sign = np.where((m % 2 == 0), 1.0, -1.0)
-        sign *= np.where(below < 0, (-1.0) ** below, 1.0) * np.where(above < 0, (-1.0) ** above, 1.0)
+        sign *= np.where(below < 0, (-1.0) ** below, 1.0) * np.where(
+            above < 0, (-1.0) ** above, 1.0
+        )
         products = sign * j[:, np.abs(below)] * j[:, np.abs(above)] * tau[:, np.abs(m)]
         turned[:, n] = products.sum(axis=1)
     return straight, turned

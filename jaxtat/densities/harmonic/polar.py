@@ -23,7 +23,7 @@ from .orders import highest_orders
 _ROUNDING = 1e-9  # relative, for positions that are called equal
 _ROUNDED = 1e-15  # relative, for what is left out because it is zero
 FARTHER = 1.2  # nearest detector over farthest point of the region, from which waves are worth it
-_REACHED = 0.99  # the same, inverted, up to which they can be used at all
+REACHED = 0.99  # the same, inverted, up to which they can be used at all
 _CANDIDATES = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 17)] * 2), axis=-1).reshape(-1, 2)
 
 
@@ -115,7 +115,7 @@ def _farthest(xp: Any, points: Any, center: Any) -> Any:
 def harmonic_orders(geometry: PolarGeometry, frequencies: np.ndarray) -> np.ndarray:
     """N(lambda) of a concrete geometry; ValueError if waves about the centre do not reach."""
     reach, distance = float(geometry.reach), geometry.nearest
-    if reach >= _REACHED * distance:
+    if reach >= REACHED * distance:
         raise ValueError(
             f"the region reaches {reach:.6g} from {np.asarray(geometry.center)}, a detector is "
             f"only {distance:.6g} away: cylindrical waves need every detector farther off than "
@@ -131,7 +131,7 @@ def waves_reach(curve: DetectorCurve, region: Region) -> bool:
     products over detectors, grow until direct kernels are cheaper.
     """
     geometry = polar_geometry(curve, region)
-    least = 1 / _REACHED if near_circle(curve) else FARTHER * (1 - _ROUNDING)
+    least = 1 / REACHED if near_circle(curve) else FARTHER * (1 - _ROUNDING)
     return geometry.nearest > least * float(geometry.reach)
 
 

@@ -148,7 +148,7 @@ def alphas_of(
 
 
 @eqx.filter_jit
-def _alphas_of(rule: Any, unit: Array, frequencies: Array) -> Array:
+def _alphas_of(rule: Any, unit: Any, frequencies: Array) -> Array:
     rules = per_frequency(rule, unit.shape[0])
     return jax.vmap(lambda each, *here: each.in_units_of(*here).alpha)(rules, unit, frequencies)
 
