@@ -22,6 +22,7 @@ import jax
 import numpy as np
 import scipy.linalg
 from jaxtyping import Array, Float
+from threadpoolctl import threadpool_limits
 
 from ...geometry import DetectorCurve, Disk
 from ...regularization import RelativeTikhonov, Tikhonov
@@ -158,7 +159,8 @@ def _inverses(
         half = _triangle_inverse(upper.T)
         found[number] = half.T @ half
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    # a thread for each matrix: more, within one, would wait for each other
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(find, range(len(matrices))))
     return found
 
