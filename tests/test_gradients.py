@@ -59,7 +59,8 @@ def gradient(setup):
         return jax.value_and_grad(loss, range(5))(*numbers)
 
     def at(kind, number, radius=1.3, cut=0.0, speed=1.0, eta=0.7):
-        return of(kind, *map(jnp.asarray, (number, radius, cut, speed, eta)))
+        # of one type: a number of Python's own has a weaker one, and would make another program
+        return of(kind, *(jnp.asarray(x, float) for x in (number, radius, cut, speed, eta)))
 
     at.traced = traced
     return at

@@ -13,8 +13,9 @@ from ..geometry import CircularArc, DetectorCurve, ImageGrid, circle_through
 from ..geometry.elements import enough_nodes
 
 MARGIN = 1.04  # of the period over the farthest pixel from a detector: positions may change by that
-# groups of frequencies with as many orders: more are faster; off a circle each is compiled
+# at most so many groups of frequencies with as many orders; off a circle each has its own table
 GROUPS, GROUPS_OFF_CIRCLE = 8, 4
+WORTH_A_GROUP = 60  # frequencies: each group is compiled by itself
 
 
 class CircleSizes(eqx.Module):
@@ -65,7 +66,8 @@ def circle_sizes(curve: DetectorCurve, grid: ImageGrid) -> CircleSizes:
     highest = np.pi / float(spacing.max())
     n = max(1, int(np.sum(zeros_of_j0(int(highest * period / np.pi) + 2) <= highest * period)))
     frequencies = zeros_of_j0(n) / period
-    n_groups = min(GROUPS if circle is not None else GROUPS_OFF_CIRCLE, n)
+    most = GROUPS if circle is not None else GROUPS_OFF_CIRCLE
+    n_groups = min(most, 1 + n // WORTH_A_GROUP)
     bounds = np.unique(np.linspace(0, n, n_groups + 1).round().astype(int))
     groups = []
     for first, last in pairwise(bounds):

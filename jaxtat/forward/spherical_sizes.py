@@ -14,7 +14,7 @@ from ..geometry.caps import DetectorPoints, Detectors
 
 MARGIN = 1.02  # of the period over the farthest voxel from a detector: positions may change by that
 GROUPS = 6  # of frequencies with as many directions: more compile longer
-WORTH_A_GROUP = 8  # frequencies
+WORTH_A_GROUP = 14  # frequencies
 ZONES = 4  # of directions between equator and pole, each with its own number of azimuths
 WORTH_A_ZONE = 8  # circles of latitude
 TOLERANCE = 1e-8  # of what is left out, and of the non-uniform FFT

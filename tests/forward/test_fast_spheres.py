@@ -58,12 +58,19 @@ def both_ways(curve, sizes, volumes, data):
     return operator(volumes), jax.linear_transpose(operator, like)(data)[0]
 
 
+@pytest.fixture
+def several_groups(monkeypatch):
+    """Of frequencies, few as they are."""
+    monkeypatch.setattr("jaxtat.forward.spherical_sizes.WORTH_A_GROUP", 5)
+
+
 @pytest.mark.parametrize("name", CURVES)
-def test_is_the_sum_over_voxels_to_the_tolerance_and_its_transpose_exact(name):
+def test_is_the_sum_over_voxels_to_the_tolerance_and_its_transpose_exact(name, several_groups):
     """Of noise, so that the corners count too; and of a stack."""
     curve, volumes = CURVES[name], RNG.standard_normal((2, *GRID.shape))
     data = RNG.standard_normal((2, *curve.shape, len(RADII)))
     sizes = sphere_sizes(curve, GRID)
+    assert len(sizes.bands) > 1
     g, back = both_ways(curve, sizes, jnp.asarray(volumes), jnp.asarray(data))
     for found, volume in zip(g, volumes, strict=True):
         exact = brute_force(curve, GRID, RADII, sizes, volume)
@@ -170,7 +177,9 @@ def test_single_precision_vmap_and_a_low_pass(name):
         assert jnp.abs(single(volumes.astype(np.float32)) - rough).max() < 1e-6 * rough.max()
 
 
-def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(monkeypatch, forget_programs):
+def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(
+    monkeypatch, forget_programs, several_groups
+):
     curve, volume = CURVES["anywhere"], jnp.asarray(RNG.standard_normal((1, *GRID.shape)))
     sizes = sphere_sizes(curve, GRID)
     kept = sphere_integrals(curve, GRID, RADII, sizes)

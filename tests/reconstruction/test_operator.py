@@ -129,8 +129,14 @@ def differences(function, x, step=1e-3):
     return (8 * near - far) / (12 * step)
 
 
+@pytest.fixture
+def several_groups(monkeypatch):
+    """Of frequencies, few as they are."""
+    monkeypatch.setattr("jaxtat.forward.circular_sizes.WORTH_A_GROUP", 10)
+
+
 @pytest.mark.parametrize("name", ["arc", "ellipse"])
-def test_slopes_in_positions_radii_and_widths_are_those_of_differences(name):
+def test_slopes_in_positions_radii_and_widths_are_those_of_differences(name, several_groups):
     """Of the whole chain, in both modes: images are linear."""
     curve, region = CURVES[name]
     if name == "arc":
@@ -172,7 +178,9 @@ def test_many_detectors_on_a_circle_take_another_way_to_the_same_data(
     assert dot_test(by_fft, 0) < 1e-12
 
 
-def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(monkeypatch, forget_programs):
+def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(
+    monkeypatch, forget_programs, several_groups
+):
     curve, region = CURVES["ellipse"]
     setup = coarse(curve, region, ImageGrid(17), np.linspace(0.3, 2.3, 9))
     kept = forward_operator(setup)
