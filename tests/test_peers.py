@@ -246,3 +246,39 @@ def test_the_results_hold_every_peer_or_its_reason():
     assert {row["peer"] for row in rows} == {peer.title for peer in environments.PEERS}
     for row in rows:
         assert ("reason" in row) != ("cold_s" in row), row
+
+
+def test_what_the_page_says_of_the_tables_is_in_them():
+    rows = json.loads((SCRIPTS / "results.json").read_text())["rows"]
+    errors, first = {}, {}
+    for row in rows:
+        if "relative_l2" in row:
+            errors.setdefault(row["problem"], {})[row["peer"]] = row["relative_l2"]
+            first.setdefault(row["problem"], {})[row["peer"]] = row["cold_s"]
+
+    def ratios(array, others):
+        """Of the least error of some others to jaxtat's least, for the three phantoms."""
+        for phantom in ("disks", "vessels", "letters"):
+            found = errors[f"{phantom}-{array}"]
+            own = min(found[peer] for peer in found if "jaxtat" in peer)
+            yield [found[peer] / own for peer in found if others(peer)]
+
+    def not_ours(peer):
+        return "jaxtat" not in peer
+
+    def for_all_sides(peer):
+        return "reversal" in peer or "back-projection" in peer
+
+    around = [min(each) for each in ratios("arc270", not_ours)]
+    assert [round(min(around), 1), round(max(around))] == [1.4, 2]
+    fewer = [min(each) for array in ("half", "ellipse") for each in ratios(array, not_ours)]
+    assert [round(min(fewer)), round(max(fewer))] == [2, 5]
+    wrong = [ratio for each in ratios("arc270", for_all_sides) for ratio in each]
+    assert [round(min(wrong)), round(max(wrong))] == [8, 23]
+    few = errors["full_circle_64_detectors"]
+    least = min(value for peer, value in few.items() if not_ours(peer))
+    assert round(least / few["jaxtat, model-based"]) == 13
+    times = first["vessels-arc270"]
+    ours = [seconds for peer, seconds in times.items() if not not_ours(peer)]
+    assert min(ours) >= 9 and max(ours) < 10.5
+    assert all(seconds < min(ours) for peer, seconds in times.items() if not_ours(peer))
