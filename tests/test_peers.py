@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = ROOT / "benchmarks" / "peers"
 MODULES = ("arrays", "environments", "full_circle", "jasa2025", "measures", "peer", "phantoms")
-MODULES += ("report", "reversal", "sound_in_space")
+MODULES += ("problems", "report", "reversal", "run", "sound_in_space")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -225,6 +225,26 @@ def test_the_page_has_the_tables_of_the_results():
     page = (ROOT / "docs" / "comparison.md").read_text()
     between = page.split(report.MARKS[0])[1].split(report.MARKS[1])[0]
     assert between.strip() == report.tables(json.loads((SCRIPTS / "results.json").read_text()))
+
+
+def test_rows_of_earlier_runs_stay_until_they_are_made_again(tmp_path, monkeypatch):
+    run = importlib.import_module("run")
+    monkeypatch.setattr(run, "RESULTS", tmp_path / "results.json")
+    solver = {"peer": "Fast-Hankel solver"}
+    absent = solver | {"reason": "not cloned"}
+    ring, half = (solver | {"problem": f"disks-{name}", "cold_s": 1.0} for name in ("ring", "half"))
+
+    def rows():
+        return json.loads(run.RESULTS.read_text())["rows"]
+
+    run._store(absent)
+    assert rows() == [absent]
+    run._store(half)
+    run._store(ring)
+    assert rows() == [ring, half]  # in the order of the problems
+    run._store(ring | {"cold_s": 2.0})
+    run._store(absent)  # elsewhere, without the clone
+    assert rows() == [ring | {"cold_s": 2.0}, half]
 
 
 def test_who_is_better_is_named():
