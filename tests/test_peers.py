@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = ROOT / "benchmarks" / "peers"
 MODULES = ("arrays", "environments", "full_circle", "jasa2025", "measures", "peer", "phantoms")
-MODULES += ("report", "reversal", "sound_in_space")
+MODULES += ("problems", "report", "reversal", "run", "sound_in_space")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -227,6 +227,26 @@ def test_the_page_has_the_tables_of_the_results():
     assert between.strip() == report.tables(json.loads((SCRIPTS / "results.json").read_text()))
 
 
+def test_rows_of_earlier_runs_stay_until_they_are_made_again(tmp_path, monkeypatch):
+    run = importlib.import_module("run")
+    monkeypatch.setattr(run, "RESULTS", tmp_path / "results.json")
+    solver = {"peer": "Fast-Hankel solver"}
+    absent = solver | {"reason": "not cloned"}
+    ring, half = (solver | {"problem": f"disks-{name}", "cold_s": 1.0} for name in ("ring", "half"))
+
+    def rows():
+        return json.loads(run.RESULTS.read_text())["rows"]
+
+    run._store(absent)
+    assert rows() == [absent]
+    run._store(half)
+    run._store(ring)
+    assert rows() == [ring, half]  # in the order of the problems
+    run._store(ring | {"cold_s": 2.0})
+    run._store(absent)  # elsewhere, without the clone
+    assert rows() == [ring | {"cold_s": 2.0}, half]
+
+
 def test_who_is_better_is_named():
     report = importlib.import_module("report")
     rows = [
@@ -246,3 +266,39 @@ def test_the_results_hold_every_peer_or_its_reason():
     assert {row["peer"] for row in rows} == {peer.title for peer in environments.PEERS}
     for row in rows:
         assert ("reason" in row) != ("cold_s" in row), row
+
+
+def test_what_the_page_says_of_the_tables_is_in_them():
+    rows = json.loads((SCRIPTS / "results.json").read_text())["rows"]
+    errors, first = {}, {}
+    for row in rows:
+        if "relative_l2" in row:
+            errors.setdefault(row["problem"], {})[row["peer"]] = row["relative_l2"]
+            first.setdefault(row["problem"], {})[row["peer"]] = row["cold_s"]
+
+    def ratios(array, others):
+        """Of the least error of some others to jaxtat's least, for the three phantoms."""
+        for phantom in ("disks", "vessels", "letters"):
+            found = errors[f"{phantom}-{array}"]
+            own = min(found[peer] for peer in found if "jaxtat" in peer)
+            yield [found[peer] / own for peer in found if others(peer)]
+
+    def not_ours(peer):
+        return "jaxtat" not in peer
+
+    def for_all_sides(peer):
+        return "reversal" in peer or "back-projection" in peer
+
+    around = [min(each) for each in ratios("arc270", not_ours)]
+    assert [round(min(around), 1), round(max(around))] == [1.4, 2]
+    fewer = [min(each) for array in ("half", "ellipse") for each in ratios(array, not_ours)]
+    assert [round(min(fewer)), round(max(fewer))] == [2, 5]
+    wrong = [ratio for each in ratios("arc270", for_all_sides) for ratio in each]
+    assert [round(min(wrong)), round(max(wrong))] == [8, 23]
+    few = errors["full_circle_64_detectors"]
+    least = min(value for peer, value in few.items() if not_ours(peer))
+    assert round(least / few["jaxtat, model-based"]) == 13
+    times = first["vessels-arc270"]
+    ours = [seconds for peer, seconds in times.items() if not not_ours(peer)]
+    assert min(ours) >= 9 and max(ours) < 10.5
+    assert all(seconds < min(ours) for peer, seconds in times.items() if not_ours(peer))

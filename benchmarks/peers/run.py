@@ -135,14 +135,18 @@ def _short(value):
 def _store(row: dict) -> None:
     """Into the results, in place of an earlier row of the same peer and problem.
 
-    A row without a problem stands for all of its peer's, and they for it.
+    A row without a problem says why its peer cannot be run here; rows of an earlier run are worth
+    more, and stay.
     """
     earlier = json.loads(RESULTS.read_text())["rows"] if RESULTS.is_file() else []
+    if "problem" not in row and any(
+        "problem" in old for old in earlier if old["peer"] == row["peer"]
+    ):
+        return
     kept = [
         old
         for old in earlier
-        if old["peer"] != row["peer"]
-        or ("problem" in old and "problem" in row and old["problem"] != row["problem"])
+        if old["peer"] != row["peer"] or ("problem" in old and old["problem"] != row["problem"])
     ]
     titles = [peer.title for peer in PEERS]
     names = ["", *(f"{phantom}-{array}" for phantom in problems.PHANTOMS for array in ARRAYS)]

@@ -252,7 +252,7 @@ def _add_view(subparsers) -> None:
         subparsers,
         "view",
         commands.view,
-        "A scan in the browser, with knobs to turn, until Ctrl-C.",
+        "A scan in the browser, with sliders for its parameters, until Ctrl-C.",
     )
     parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
     parser.add_argument(

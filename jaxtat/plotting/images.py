@@ -130,11 +130,11 @@ def contact_sheet(
     across = columns or int(np.ceil(np.sqrt(len(panels))))
     rows = -(-len(panels) // across)
     figure = new_figure(2.2 * across, 2.35 * rows)
-    axes = figure.subplots(rows, across, squeeze=False).flat
+    axes = list(figure.subplots(rows, across, squeeze=False).flat)
     for ax, (image, grid, title) in zip(axes, panels, strict=False):
         values = np.asarray(image)
         show_image(ax, values, grid, limits=gray_levels(values), title=title, unit=unit)
-    for ax in list(axes)[len(panels) :]:
+    for ax in axes[len(panels) :]:
         ax.remove()
     return figure
 

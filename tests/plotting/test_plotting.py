@@ -9,6 +9,7 @@ from jaxtat import ImageGrid, VolumeGrid, circular_arc, disk
 from jaxtat.geometry import SampledCurve
 from jaxtat.geometry.visible_edges import seen_share
 from jaxtat.plotting import (
+    contact_sheet,
     new_figure,
     show_detectors,
     show_edges,
@@ -190,3 +191,10 @@ def test_slices_of_a_volume_lie_where_its_grid_says():
     show_space(space, volume, grid, spherical_cap(3.0, 1.0, 4, 8), most=4)
     (axes,) = space.axes
     assert len(axes.collections) == 3 and len(axes.lines[0].get_data_3d()[0]) == 32
+
+
+def test_a_sheet_has_no_empty_frames():
+    grid = ImageGrid(9)
+    panels = [(np.eye(9), grid, str(k)) for k in range(3)]
+    sheet = contact_sheet(panels)
+    assert [axes.get_title() for axes in sheet.axes] == ["0", "1", "2"]
