@@ -4,9 +4,13 @@ Relative L2 differences, on 64^3 voxels with 5^3 samples in each: no linear reco
 of that band can have a smaller error, however exact they are.
 """
 
+import jax
 import numpy as np
 import scipy.fft
-from bench_limited_data import BALLS
+
+jax.config.update("jax_enable_x64", True)
+
+from bench_limited_data import BALLS  # noqa: E402
 
 N, PARTS = 64, 5
 
