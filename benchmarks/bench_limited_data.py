@@ -5,8 +5,9 @@ total variation and the automatic weight. The relative error is over the region;
 of which no truth is known, it is what the image leaves unexplained of the record.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -32,6 +33,9 @@ from jaxtat.io.datasets import fetch
 from jaxtat.records import pressure_to_circular_integrals
 from jaxtat.scans.constrained import fitted
 from jaxtat.spherical import Balls, ball, cap_radii, spherical_cap
+
+HEIGHTS = [[0.1], [-0.3], [0.2], [-0.2], [0.35], [-0.1]]
+BALLS = Balls(np.hstack([DISKS.centers, HEIGHTS]), DISKS.radii, DISKS.amplitudes)
 
 
 @dataclass(frozen=True)
@@ -94,14 +98,12 @@ def ends_early(last: float, kind: str) -> Problem:
 def cap() -> Problem:
     """Balls from a cap, 5 % of noise."""
     curve, grid, region = spherical_cap(1.3, 1.0, 96, 256), VolumeGrid(65), ball(1.0)
-    heights = np.array([[0.1], [-0.3], [0.2], [-0.2], [0.35], [-0.1]])
-    balls = Balls(np.hstack([DISKS.centers, heights]), DISKS.radii, DISKS.amplitudes)
     setup = Setup(curve, region, grid, cap_radii(curve, region, grid.spacing[0] / 2))
-    g = balls.spherical_integrals(curve, setup.radii)
+    g = BALLS.spherical_integrals(curve, setup.radii)
     noise = phantoms.noise_like(jax.random.key(0), g, 0.05)
     steps = ((np.arange(4) + 0.5) / 4 - 0.5) * float(grid.spacing[0])
     shifts = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
-    truth = np.mean([np.asarray(balls(grid.points + shift)) for shift in shifts], axis=0)
+    truth = np.mean([np.asarray(BALLS(grid.points + shift)) for shift in shifts], axis=0)
     return Problem(setup, g + noise, truth, float(noise.std()))
 
 
@@ -121,6 +123,11 @@ def _measured(measure, benchmark, given: Problem, work):
     benchmark.extra_info.update(relative_error=given.relative(_image(found)), iterations=steps)
 
 
+def _of_means(grid: ImageGrid, fine: Problem):
+    found = fine.constrained()
+    return eqx.tree_at(lambda found: found.image, found, grid.means(found.image))
+
+
 def _image(found) -> Array:
     return getattr(found, "image", found)
 
@@ -137,6 +144,14 @@ def bench_limited_model_based_from_direct(measure, benchmark, problem):
     """Begun at the direct image, which is part of the time."""
     work = lambda: problem.constrained(initial=problem.direct())  # noqa: E731
     _measured(measure, benchmark, problem, work)
+
+
+def bench_half_circle_on_finer_pixels(measure, benchmark):
+    """Pixels half as wide; the image is their means."""
+    given = half_circle()
+    coarse = given.setup
+    fine = Setup(coarse.curve, coarse.region, coarse.grid.finer(2), coarse.radii)
+    _measured(measure, benchmark, given, lambda: _of_means(coarse.grid, replace(given, setup=fine)))
 
 
 @pytest.mark.parametrize(("last", "kind"), SHORT)

@@ -12,7 +12,15 @@ import numpy as np
 import pytest
 from problems import problem
 
-from jaxtat import NoiseLevel, build_plan, cosine_filter, model_based, phantoms, reconstruct
+from jaxtat import (
+    NoiseLevel,
+    Setup,
+    build_plan,
+    cosine_filter,
+    model_based,
+    phantoms,
+    reconstruct,
+)
 from jaxtat.constraints import NoPenalty
 
 DISKS = phantoms.Disks(
@@ -93,5 +101,20 @@ def bench_total_variation(compare, case, dtype):
     def work():
         found = model_based(given.setup, g, noise=sigma or None, nonnegative=True, dtype=dtype)
         return found.image, found.steps
+
+    compare(work, rounds=3)
+
+
+def bench_total_variation_on_finer_pixels(compare, case):
+    """Half as wide, in float32; the image is their means."""
+    name, given, _, g, sigma = case
+    if name != "disks-5":
+        pytest.skip("smooth, or so noisy that edges are not seen that finely")
+    setup, grid = given.setup, given.setup.grid
+    fine = Setup(setup.curve, setup.region, grid.finer(2), setup.radii)
+
+    def work():
+        found = model_based(fine, g, noise=sigma, nonnegative=True, dtype="float32")
+        return grid.means(found.image), found.steps
 
     compare(work, rounds=3)

@@ -117,14 +117,40 @@ def require_prox(penalty: Any, images: Array, step: Array) -> None:
     """Raise ValueError for a proximal map of the user's that changes the shape or gives NaN."""
     if isinstance(penalty, Penalty | Ridge | NoPenalty):
         return
-    found = jax.eval_shape(penalty, images, step)
-    if getattr(found, "shape", None) != images.shape:
+    try:
+        found = jax.eval_shape(penalty, images, step)
+    except jax.errors.JAXTypeError as error:
         raise ValueError(
-            f"the proximal map makes {getattr(found, 'shape', found)} of {images.shape}, expected "
-            "images of the same shape."
+            "the proximal map cannot be traced: write it in jax.numpy, or call what needs NumPy "
+            "by jax.pure_callback."
+        ) from error
+    shape = getattr(found, "shape", f"a {type(found).__name__}")
+    if shape != images.shape:
+        raise ValueError(
+            f"the proximal map makes {shape} of {images.shape}, expected images of the same shape."
         )
     if is_concrete(penalty, images, step):
         require_finite("what the proximal map makes of the first image", penalty(images, step))
+
+
+def require_numbers(penalty: Any, change: Array, step: Array) -> None:
+    """Raise ValueError for a proximal map of the user's that gave NaN during the iteration."""
+    if isinstance(penalty, Penalty | Ridge | NoPenalty) or not is_concrete(change):
+        return
+    if not np.isfinite(change) and int(step):
+        raise ValueError(
+            f"the proximal map gave NaN or infinite values in step {int(step)}, expected an image."
+        )
+
+
+def require_pressure(sound_speed: Any, model: str, conditioning: Any) -> None:
+    """Raise ValueError for what belongs to a record of pressure, of which the times are missing."""
+    same = not is_concrete(sound_speed) or np.all(np.asarray(sound_speed) == 1.0)
+    if not same or model != "2d" or conditioning is not None:
+        raise ValueError(
+            "sound_speed, model or conditioning is given without times: they belong to pressure, "
+            "and data without times are integrals."
+        )
 
 
 def _spread(name: str, values: Array, shape: tuple[int, ...]) -> Array:

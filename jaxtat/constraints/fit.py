@@ -20,7 +20,15 @@ from ..base.checks import (
 )
 from ..reconstruction import Setup
 from ..special import root
-from .arguments import checked_data, checked_penalty, checked_weight, data_fit, require_prox
+from .arguments import (
+    checked_data,
+    checked_penalty,
+    checked_weight,
+    data_fit,
+    require_numbers,
+    require_pressure,
+    require_prox,
+)
 from .data_fit import DataFit
 from .fista import Scale, State, first, scale_of, step
 from .implicit import Problem, with_derivatives
@@ -119,7 +127,8 @@ def model_based(
 
     Raises:
         ValueError: for data that do not fit, NaN, a negative weight, an unknown penalty, a proximal
-            map that changes the shape or gives NaN, or a mask that leaves nothing.
+            map that changes the shape or gives NaN, a mask that leaves nothing, or what pressure
+            needs without ``times``.
 
     Source: `jaxtat.constraints.fista`; conjugate gradients for `Ridge` and `NoPenalty`.
 
@@ -133,6 +142,8 @@ def model_based(
     (True, True)
     """
     penalty = checked_penalty(penalty)
+    if times is None:
+        require_pressure(sound_speed, model, conditioning)
     pressure = None if times is None else (times, sound_speed, model, conditioning)
     fit = data_fit(setup, pressure, nonnegative, noise, mask, everywhere, dtype)
     data, batch = checked_data(data, fit)
@@ -195,6 +206,7 @@ def _found(
                 if float(state.change) <= tolerance:
                     break
         state = _advance(*follows, state, tolerance, jnp.asarray(max_steps))
+    require_numbers(penalty, state.change, state.step)
     return _report(fit, data, penalty, scale, weight, state, tolerance)
 
 

@@ -89,6 +89,8 @@ class CircleIntegrals(eqx.Module):
             mean of J_m(lambda |z|) cos m (theta - theta_k); else None.
         turned: cos m theta and -sin m theta on a circle, (2, orders, detectors); None of many
             detectors, and elsewhere.
+        middle: exp(i m theta) of the order in the middle of each group, of many detectors on a
+            circle, (groups, detectors); else None.
         tables: elsewhere J_m(lambda |z|) cos m theta and sin m theta with these factors, for each
             group of frequencies (frequencies, pairs, detectors); none on a circle, and where they
             would not fit into memory and are made anew each time.
@@ -102,6 +104,7 @@ class CircleIntegrals(eqx.Module):
     positions: Positions
     radial: Float[Array, "frequencies orders"] | None
     turned: Float[Array, "2 orders detectors"] | None
+    middle: Complex[Array, "groups detectors"] | None
     tables: tuple[Float[Array, "..."], ...]
     series: Float[Array, "frequencies radii"]
     sizes: CircleSizes
@@ -131,8 +134,11 @@ class CircleIntegrals(eqx.Module):
         first, last, orders, _ = self.sizes.groups[number]
         if self.radial is not None:
             harmonics = harmonics * self.radial[first:last, : orders + 1]
-            if self.turned is None:
-                return _around(harmonics, self.positions.angles, self.tolerance)
+            if self.middle is not None:
+                # about the middle one, which the non-uniform FFT counts from
+                angles = self.positions.angles[:, None]
+                return (from_grid(harmonics, angles, self.tolerance) * self.middle[number]).real
+            assert self.turned is not None
             cosines, sines = self.turned[:, : orders + 1]
             return harmonics.real @ cosines + harmonics.imag @ sines
         if self.tables:
@@ -182,12 +188,15 @@ def _integrals(
     tolerance: float,
 ) -> CircleIntegrals:
     series = _series(radii, sizes)
+    round_about = positions.turns is not None
+    dense = round_about and _dense(positions, sizes)
     return CircleIntegrals(
         samples=_samples(grid, positions.center, sizes),
         positions=positions,
-        radial=None if positions.turns is None else _radial(positions, sizes),
-        turned=None if positions.turns is None else _turned(positions.angles, sizes),
-        tables=_tables(positions, sizes) if positions.turns is None else (),
+        radial=_radial(positions, sizes) if round_about else None,
+        turned=_turned(positions.angles, sizes) if dense else None,
+        middle=_middle(positions.angles, sizes) if round_about and not dense else None,
+        tables=() if round_about else _tables(positions, sizes),
         series=series if eta is None else series * eta[:, None],
         sizes=sizes,
         shape=grid.shape,
@@ -204,7 +213,8 @@ def _positions(curve: DetectorCurve, grid: ImageGrid, n_nodes: int) -> Positions
         angles = jnp.arctan2(local[..., 1], local[..., 0])
         return Positions(grid.center, jnp.linalg.norm(local, axis=-1), angles, None, weights)
     if isinstance(curve, CircularArc):
-        angles = curve.angle + jnp.pi + curve.angles
+        # in a turn about zero, where rounding to 32 bits loses least
+        angles = jnp.mod(curve.angle + curve.angles, 2 * jnp.pi) - jnp.pi
         turns = jnp.zeros(1)
         if curve.element_angle is not None:
             turns = curve.element_angle / 2 * gauss_rule(n_nodes)[0]
@@ -252,14 +262,25 @@ def _radial(positions: Positions, sizes: CircleSizes) -> Float[Array, "frequenci
     return jnp.sum(j * cosines[:, None, :], axis=-1).T * _signs(orders)
 
 
+def _dense(positions: Positions, sizes: CircleSizes) -> bool:
+    return 16 * (sizes.groups[-1][2] + 1) * positions.angles.shape[0] <= DENSE
+
+
 def _turned(
     angles: Float[Array, " detectors"], sizes: CircleSizes
-) -> Float[Array, "2 orders detectors"] | None:
+) -> Float[Array, "2 orders detectors"]:
     orders = sizes.groups[-1][2]
-    if 16 * (orders + 1) * angles.shape[0] > DENSE:
-        return None
     phase = jnp.arange(orders + 1.0)[:, None] * angles
     return jnp.stack([jnp.cos(phase), -jnp.sin(phase)])
+
+
+def _middle(
+    angles: Float[Array, " detectors"], sizes: CircleSizes
+) -> Complex[Array, "groups detectors"]:
+    """Made here, in 64 bits: in 32 these phases would lose what high orders need."""
+    middle = np.array([(orders + 1) // 2 for _, _, orders, _ in sizes.groups])
+    phase = middle[:, None] * angles
+    return jax.lax.complex(jnp.cos(phase), jnp.sin(phase))
 
 
 def _tables(positions: Positions, sizes: CircleSizes) -> tuple[Float[Array, "..."], ...]:
@@ -298,17 +319,6 @@ def _signs(orders: int) -> Float[np.ndarray, " orders"]:
     """(-i)^m of even m, (-i)^m i of odd m, for m and -m together."""
     m = np.arange(orders + 1)
     return np.where(m > 0, 2.0, 1.0) * (-1.0) ** (m // 2)
-
-
-def _around(
-    harmonics: Complex[Array, "images k orders"],
-    angles: Float[Array, " detectors"],
-    tolerance: float,
-) -> Float[Array, "images k detectors"]:
-    """Re Σ_m H_m e^{i m theta}, m >= 0, the middle one brought to the middle of the grid."""
-    middle = (harmonics.shape[-1] // 2) * angles
-    turn = jax.lax.complex(jnp.cos(middle), jnp.sin(middle))
-    return (from_grid(harmonics, angles[:, None], tolerance) * turn).real
 
 
 def _harmonics(

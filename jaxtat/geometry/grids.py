@@ -3,6 +3,7 @@
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -40,6 +41,43 @@ class Grid(eqx.Module):
     def points(self) -> Float[Array, "*nodes dimension"]:
         """All nodes [length]."""
         return by_library(_points, (self.half_width, self.center), self.shape)
+
+    def finer(self, times: int) -> "Grid":
+        """A grid whose pixels are parts of these: each is split into ``times`` along each axis.
+
+        >>> grid = ImageGrid(5)
+        >>> fine = grid.finer(2)
+        >>> fine.shape, fine.x1[:2].tolist()  # the pixel about -1 goes from -1.25 to -0.75
+        ((10, 10), [-1.125, -0.875])
+        """
+        times = whole_number("times", times, 1)
+        n = np.array(self.shape)
+        half_width = self.half_width * (times * n - 1) / (times * (n - 1))
+        return type(self)(tuple((times * n).tolist()), half_width, self.center)
+
+    def means(self, images: Numbers) -> Float[Array, "*batch_and_nodes"]:
+        """Means over the pixels of this grid of images on a finer one.
+
+        Args:
+            images: on ``self.finer(times)``, (..., times x1, times x2[, times x3]).
+
+        Raises:
+            ValueError: for images of another shape.
+
+        >>> ImageGrid(4).means(jnp.eye(8)).diagonal().tolist()
+        [0.5, 0.5, 0.5, 0.5]
+        """
+        images, d = jnp.asarray(images), self.dimension
+        times = images.shape[-1] // self.shape[-1] if images.ndim >= d else 0
+        if times < 1 or images.shape[-d:] != tuple(times * n for n in self.shape):
+            raise ValueError(
+                f"images have shape {images.shape}, expected those of a finer grid, multiples of "
+                f"{self.shape}."
+            )
+        batch = images.shape[: images.ndim - d]
+        split = sum(((n, times) for n in self.shape), ())
+        axes = tuple(range(len(batch) + 1, len(batch) + 2 * d, 2))
+        return images.reshape(*batch, *split).mean(axis=axes)
 
     @property
     def x1(self) -> Float[Array, " x1"]:

@@ -319,6 +319,11 @@ def test_progress_changes_nothing(few, data, capsys):
     assert np.isfinite(np.asarray(shown.history)).sum() == int(shown.steps)
 
 
+def nan_later(images, step):
+    """Fine for the first image, which is zero."""
+    return jnp.where(jnp.any(images != 0), jnp.nan, images)
+
+
 def test_not_converged_is_said(few, data):
     assert not model_based(few, data, weight=1e-3, max_steps=4).converged
     assert not model_based(few, data, penalty=NoPenalty(), max_steps=2).converged
@@ -333,6 +338,11 @@ def test_not_converged_is_said(few, data):
         ({"penalty": lambda images, step: images}, "weight is None"),
         ({"penalty": lambda images, step: images[:, 1:], "weight": 1.0}, "same shape"),
         ({"penalty": lambda images, step: images / 0, "weight": 1.0}, "proximal map makes"),
+        ({"penalty": nan_later, "weight": 1.0}, "proximal map gave NaN or infinite .* in step 1"),
+        ({"penalty": lambda images, step: np.asarray(images), "weight": 1.0}, "pure_callback"),
+        ({"penalty": lambda images, step: (images, step), "weight": 1.0}, "makes a tuple"),
+        ({"sound_speed": 1.5}, "without times"),
+        ({"conditioning": lambda record: record}, "without times"),
         ({"mask": np.zeros((12, 1), bool)}, "mask is False everywhere"),
         ({"mask": np.ones((12, 1))}, "mask has dtype float64"),
         ({"mask": np.ones((5, 1), bool)}, "mask has shape"),

@@ -27,6 +27,7 @@ from jaxtat import (
     phantoms,
     polyline,
 )
+from jaxtat.forward import fast_circles
 from jaxtat.geometry import rectangle
 from jaxtat.geometry.curves import SampledCurve
 from jaxtat.records import pressure_to_circular_integrals
@@ -253,6 +254,22 @@ def test_single_precision_is_close_and_keeps_its_type(arc):
     assert jnp.abs(g - double.mv(image)).max() < 1e-5 * g.max()
     with jax.enable_x64(False):
         assert jnp.abs(single.mv(np.asarray(image)) - g).max() < 1e-5 * g.max()
+
+
+def test_many_detectors_on_a_circle_keep_their_phases_in_single_precision(monkeypatch):
+    """They are those of high orders; so few detectors would else take another way."""
+    monkeypatch.setattr(fast_circles, "DENSE", 0)
+    curve, grid = jaxtat.circular_arc(1.3, 1.0, 37), jaxtat.ImageGrid(65)
+    setup = jaxtat.Setup(curve, jaxtat.disk(1.0), grid, max_frequency=30.0)
+    single, double = forward_operator(setup, dtype=jnp.float32), forward_operator(setup)
+    middle = [(orders + 1) // 2 for _, _, orders, _ in single.sizes.groups]
+    theta = np.arctan2(*np.asarray(curve.points).T[::-1])
+    exact = np.exp(1j * np.outer(middle, theta))
+    assert np.abs(single.integrals.middle - exact).max() < 1e-7
+    assert np.abs(double.integrals.middle - exact).max() < 1e-12
+    g = BELL.circular_integrals(curve, setup.radii)
+    for operator, error in ((single, 5e-5), (double, 1e-6)):
+        assert jnp.abs(operator.mv(BELL.image(grid)) - g).max() < error * g.max()
 
 
 def test_integrals_of_a_setup_are_the_operator(arc):
