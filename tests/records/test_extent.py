@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxtat.records.extent import Heard, heard, sounding_disk
+from jaxtat.records.extent import Heard, arriving_from, heard, sounding_disk, sounding_place
 from jaxtat.records.power import RecordPower, muted_until, record_power
 
 RNG = np.random.default_rng(0)
@@ -108,3 +108,46 @@ def test_a_detector_is_averaged_with_its_neighbours():
     power[7, 5] = 0.03
     found = heard(RecordPower(np.arange(100.0), power), 12.0)
     assert found.first.tolist() == [40.0] * 80
+
+
+def test_the_deviation_of_the_times_is_that_of_the_detectors():
+    """Each is 1 mm off one way or the other, in turn: no disk explains that."""
+    when = exact(270, SPEED)
+    off = 1e-3 / SPEED * (-1.0) ** np.arange(80)
+    assert sounding_disk(detectors(270), when, SPEED, speed_known=True).deviation < 1e-5
+    found = sounding_disk(
+        detectors(270), when._replace(first=when.first + off), SPEED, speed_known=True
+    )
+    assert found.deviation == pytest.approx(0.5e-3, rel=0.2)  # of one half of the times it is 0
+    assert found.reach == pytest.approx(BODY + np.linalg.norm(MIDDLE), rel=0.1)
+
+
+WALL = np.array([0.0, 24e-3])
+
+
+def with_a_wall(loud):
+    """The body's rattle, and that of a wall 1 mm thick, as loud as is asked for."""
+    when, d = exact(360, SPEED), np.linalg.norm(detectors(360) - WALL, axis=1)
+    return rattle(when.first, when.last) + loud * rattle((d - 5e-4) / SPEED, (d + 5e-4) / SPEED)
+
+
+def test_the_largest_place_is_the_body_though_a_wall_is_louder():
+    power = record_power(with_a_wall(3.0), TIMES, detrend=True, overlap=4)
+    place = sounding_place(detectors(360), power, SPEED)
+    distances, step = np.linalg.norm(place - MIDDLE, axis=1), 0.95 * RADIUS / 25
+    assert distances.max() < BODY + 2 * step
+    assert len(place) * step**2 > np.pi * BODY**2
+    within = arriving_from(place, detectors(360), power.times, SPEED)
+    when = heard(power, PAUSE, within)
+    assert when.begins.all() and when.ceases.all()
+    found = sounding_disk(detectors(360), when, SPEED, speed_known=True)
+    assert found.reach == pytest.approx(BODY + np.linalg.norm(MIDDLE), rel=0.1)
+
+
+def test_of_two_bodies_alike_none_is_the_largest():
+    record = 0.0
+    for side in (-1, 1):
+        d = np.linalg.norm(detectors(360) - [side * 14e-3, 0.0], axis=1)
+        record = record + rattle((d - 4e-3) / SPEED, (d + 4e-3) / SPEED)
+    power = record_power(record, TIMES, detrend=True, overlap=4)
+    assert sounding_place(detectors(360), power, SPEED) is None
