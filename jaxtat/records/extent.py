@@ -157,9 +157,10 @@ def sounding_place(
         can += recorded
         hear += recorded & own[np.clip(piece, 0, n - 1)]
     judged = (np.linalg.norm(where, axis=-1) < RIM * size) & (can > FEWEST * len(points))
-    places, several = label(judged & (hear > MOST * can), np.ones((3, 3)))
+    places = np.zeros(judged.shape, int)
+    label(judged & (hear > MOST * can), np.ones((3, 3)), output=places)
     sizes = np.bincount(places.ravel(), minlength=2)[1:]
-    if not several or sizes.max() < STANDS_OUT * sizes.sum():
+    if sizes.max() == 0 or sizes.max() < STANDS_OUT * sizes.sum():
         return None
     return where[places == 1 + np.argmax(sizes)]
 
