@@ -160,7 +160,7 @@ def sounding_place(
     places = np.zeros(judged.shape, int)
     label(judged & (hear > MOST * can), np.ones((3, 3)), output=places)
     sizes = np.bincount(places.ravel(), minlength=2)[1:]
-    if not sizes.any() or sizes.max() < STANDS_OUT * sizes.sum():
+    if sizes.max() == 0 or sizes.max() < STANDS_OUT * sizes.sum():
         return None
     return where[places == 1 + np.argmax(sizes)]
 

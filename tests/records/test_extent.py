@@ -134,6 +134,7 @@ def with_a_wall(loud):
 def test_the_largest_place_is_the_body_though_a_wall_is_louder():
     power = record_power(with_a_wall(3.0), TIMES, detrend=True, overlap=4)
     place = sounding_place(detectors(360), power, SPEED)
+    assert place is not None
     distances, step = np.linalg.norm(place - MIDDLE, axis=1), 0.95 * RADIUS / 25
     assert distances.max() < BODY + 2 * step
     assert len(place) * step**2 > np.pi * BODY**2
