@@ -1,4 +1,4 @@
-"""The speed of sound of a scan whose file lacks it: that of the sharpest image.
+"""The speed of sound of a scan whose file lacks it: of the sharpest image, if detectors agree.
 
 `sound_speed_by_sharpness` finds the same place by derivatives. Here a search by values does. The
 speed stretches the radii only, so that the systems of a frequency are solved for all speeds at
@@ -29,8 +29,8 @@ from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .found import TO_BE_ESTIMATED
 from .frames import integrals, setup_of
 from .hearing import speed_heard
-from .opposite_detectors import speed_beyond_the_middle, speed_in_space
-from .speed_found import SpeedFound, believed, jackknife, summit, unknown
+from .opposite_detectors import speed_from_both_sides, speed_in_space
+from .speed_found import UNSURE, SpeedFound, believed, jackknife, summit, unknown
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 21)
 STANDS_OUT = 1.05  # sharpness at a peak over its surroundings, at least
@@ -48,7 +48,9 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
     over its surroundings: beside it sharpness may rise slowly to an end of the range. A speed of
     which the sharpness hardly depends, as with smooth objects, is not believed, nor one on which
     the edges of different directions do not agree. Detectors on one side only see every edge once:
-    at a wrong speed it is displaced, but not doubled, and other things make an image sharper.
+    at a wrong speed it is displaced, but not doubled, and other things make an image sharper. And
+    where there are detectors opposite each other, these must agree on that speed: at a wrong one
+    the parts of a regular object may fall onto each other's places.
     """
     if dict(choices.reasons).get("sound_speed") != TO_BE_ESTIMATED:
         return choices
@@ -70,10 +72,7 @@ def _speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
 
 
 def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
-    """By sharpness where edges are seen from two sides, else by first and last sound.
-
-    By what opposite detectors agree on, if the record ends too early for a sharp image.
-    """
+    """By sharpness and opposite detectors, if there are such; else by first and last sound."""
     points = facts_of(scan).points[list(choices.channels)]
     span = _span(points, np.asarray(choices.region_center))
     if span < SEEN_TWICE:
@@ -81,11 +80,40 @@ def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
         if span < TOLD_APART:
             return unknown(f"water's: {why}")
         return _heard(scan, choices, why)
+    agreed = speed_from_both_sides(scan, choices)
     sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
     if sharpness_at is None:
-        return speed_beyond_the_middle(scan, choices)
-    found = sharpest(sharpness_at)
-    return _heard(scan, choices, found.why) if found.standard_error is None else found
+        why = "the record ends early"
+        if agreed.standard_error is None:
+            return unknown(f"water's: {why}, and {agreed.why}")
+        return _guessed(agreed, f"but {why}")
+    sharp = sharpest(sharpness_at)
+    return by_both(sharp, agreed) or _heard(scan, choices, sharp.why)
+
+
+def by_both(sharp: SpeedFound, agreed: SpeedFound) -> SpeedFound | None:
+    """The speed by the sharpest image and by opposite detectors, which may know none; or None.
+
+    That of the sharpest image if the others confirm it. Else it is a guess: by the detectors, if
+    these know one, since sharpness has been misled more often.
+
+    >>> sharp = SpeedFound(1.02, "the image is sharpest", "likely", 1e-4)
+    >>> by_both(sharp, SpeedFound(0.99, "opposite detectors agree best", "likely", 1e-4)).why
+    'opposite detectors agree best; but the image is sharpest at 3.0% more'
+    """
+    if agreed.standard_error is None:
+        return None if sharp.standard_error is None else _guessed(sharp, f"but {agreed.why}")
+    if sharp.standard_error is None:
+        return _guessed(agreed, f"but {sharp.why}")
+    apart = sharp.stretch / agreed.stretch - 1
+    if abs(apart) <= UNSURE:
+        return sharp
+    more = f"{abs(apart):.1%} {'more' if apart > 0 else 'less'}"
+    return _guessed(agreed, f"but the image is sharpest at {more}")
+
+
+def _guessed(found: SpeedFound, doubt: str) -> SpeedFound:
+    return SpeedFound(found.stretch, f"{found.why}; {doubt}", GUESSED, None)
 
 
 def _heard(scan: Scan, choices: Choices, why: str) -> SpeedFound:

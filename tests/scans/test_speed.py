@@ -11,7 +11,8 @@ from jaxtat.reconstruction.plane_bases import plane_basis
 from jaxtat.reconstruction.setup import plane_of
 from jaxtat.regularization import tikhonov_rule
 from jaxtat.scans import choose, estimate_sound_speed
-from jaxtat.scans.speed import _sharpness, _stretched, sharpest
+from jaxtat.scans.speed import _sharpness, _stretched, by_both, sharpest
+from jaxtat.scans.speed_found import SpeedFound, unknown
 from jaxtat.steps import radial_transform
 from jaxtat.studies import sharpness
 
@@ -90,6 +91,33 @@ def test_directions_that_do_not_agree_are_not_believed():
     found = sharpest(lambda speeds: np.hstack([bump(speeds, 0.976), bump(speeds, 0.99)]))
     assert found.stretch == 1.0 and found.grade == "guessed"
     assert "do not agree" in found.why
+
+
+SHARP = SpeedFound(1.02, "the image is sharpest", "likely", 1e-4)
+
+
+@pytest.mark.parametrize("speed", [1.0151, 1.0249])
+def test_the_sharpest_image_is_believed_if_opposite_detectors_agree(speed):
+    assert by_both(SHARP, SpeedFound(speed, "detectors", "likely", 1e-4)) == SHARP
+
+
+@pytest.mark.parametrize(
+    ("sharp", "agreed", "speed", "why"),
+    [
+        (SHARP, SpeedFound(1.01, "detectors", "likely", 1e-4), 1.01, "sharpest at 1.0% more"),
+        (SHARP, SpeedFound(1.03, "detectors", "likely", 1e-4), 1.03, "sharpest at 1.0% less"),
+        (SHARP, unknown("detectors know none"), 1.02, "but detectors know none"),
+        (unknown("no peak"), SpeedFound(1.03, "detectors", "likely", 1e-4), 1.03, "but no peak"),
+    ],
+)
+def test_a_speed_that_one_of_them_shows_is_a_guess(sharp, agreed, speed, why):
+    found = by_both(sharp, agreed)
+    assert (found.stretch, found.grade, found.standard_error) == (speed, "guessed", None)
+    assert why in found.why
+
+
+def test_without_either_there_is_none():
+    assert by_both(unknown("no peak"), unknown("detectors know none")) is None
 
 
 @pytest.mark.parametrize("faster", [0.97, 1.04])
