@@ -193,10 +193,10 @@ def draw(names: list[str], folder: Path, path: Path, columns: int = 6) -> None:
         if not (folder / f"{name}.images.npz").exists():
             continue
         with np.load(folder / f"{name}.images.npz") as pictures:
-            for kind in ("truth", "chosen", "oracle"):
+            for kind, title in (("truth", name), ("chosen", "no option"), ("oracle", "oracle")):
                 image = pictures[kind] if kind in pictures else 0 * pictures["truth"]
                 image = image if image.ndim == 2 else image[..., image.shape[2] // 2]
-                panels.append((image, ImageGrid(len(image)), f"{name} {kind}"))
+                panels.append((image, ImageGrid(len(image)), title))
     if panels:
         contact_sheet(panels, columns=columns).savefig(path, dpi=70)
 
