@@ -44,9 +44,7 @@ def from_grid(
     if not native():
         found = _in_jax(values.reshape(-1, *grid), points, tolerance)
         return found.reshape(*batch, points.shape[0])
-    single = values.dtype == jnp.complex64
-    opts = _options(axes, len(points) < FEW, single)
-    options = {"iflag": 1, "eps": tolerance, "opts": opts}
+    options = {"iflag": 1, "eps": tolerance, "opts": _options(axes, len(points) < FEW)}
     found = _library().nufft2(values.reshape(-1, *grid), *points.T, **options)
     return found.reshape(*batch, points.shape[0])
 
@@ -100,18 +98,15 @@ def _library() -> Any:
 
 
 @cache
-def _options(axes: int, few: bool, single: bool) -> Any:
+def _options(axes: int, few: bool) -> Any:
     """Few sums, and those along one axis, are too short to be shared out among threads.
 
     Both types on a grid twice as fine: left alone the library takes 2 or 5/4 by type, density and
-    threads, with which the two would not be transposes, and volumes would take twice as long. In
-    the plane 5/4 is faster for the few digits of 32 bits.
+    threads, with which the two would not be transposes, and volumes would take twice as long.
     """
     from jax_finufft.options import Opts
 
-    return Opts(
-        nthreads=1 if few or axes == 1 else 0, upsampfac=1.25 if single and axes == 2 else 2.0
-    )
+    return Opts(nthreads=1 if few or axes == 1 else 0, upsampfac=2.0)
 
 
 def _batched(args: Any, axes: Any, *, output_shape: Any, nufft_type: int, **options: Any) -> Any:
