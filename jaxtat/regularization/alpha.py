@@ -139,7 +139,16 @@ class NoiseLevel(TikhonovRule):
         return noise / signal * jnp.sum(problem.diagonal) / problem.n_data
 
 
-class TikhonovNormBound(TikhonovRule):
+class ByPlaneWaves(TikhonovRule):
+    """`Tikhonov` with an alpha that is chosen by what becomes of all plane waves together."""
+
+    needs_matrix = True
+
+    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
+        return self.chosen(sigma, size, unit_norm).factors(sigma, size, unit_norm)
+
+
+class TikhonovNormBound(ByPlaneWaves):
     """`Tikhonov` with the alpha for which the root mean square of ||rho|| is K N(lambda).
 
     The mean is that over all directions: alpha is one number for each frequency.
@@ -148,14 +157,10 @@ class TikhonovNormBound(TikhonovRule):
     Discrete Ill-Posed Problems (SIAM 1998), section 5.1.
     """
 
-    needs_matrix = True
     K: Float[Array, "*each"]
 
     def __init__(self, K: Numbers):
         self.K = not_negative("K", K)
-
-    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
-        return self.chosen(sigma, size, unit_norm).factors(sigma, size, unit_norm)
 
     def chosen(
         self,
@@ -174,7 +179,7 @@ class TikhonovNormBound(TikhonovRule):
         return _alphas_of_matrix((NORM,), matrix, plane, square[None])[0]
 
 
-class ResidualTarget(TikhonovRule):
+class ResidualTarget(ByPlaneWaves):
     """`Tikhonov` with the largest alpha whose residual is small enough, but no norm above K N.
 
     The residual is ||A rho - u|| / ||u|| of the traces u of plane waves. Its and the norm's squares
@@ -185,16 +190,12 @@ class ResidualTarget(TikhonovRule):
     Source: the discrepancy principle, Morozov, Soviet Math. Dokl. 7 (1966) 414-417, with a bound.
     """
 
-    needs_matrix = True
     residual: Float[Array, "*each"]
     K: Float[Array, "*each"]
 
     def __init__(self, residual: Numbers = 1e-3, K: Numbers = 2.0):
         """residual: root mean square of ||A rho - u|| / ||u||; K: bound, in units of N(lambda)."""
         self.residual, self.K = not_negative("residual", residual), not_negative("K", K)
-
-    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
-        return self.chosen(sigma, size, unit_norm).factors(sigma, size, unit_norm)
 
     def chosen(
         self,
