@@ -120,13 +120,13 @@ def wants_double(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> bool:
 
     Rounding grows like the unit of alpha over alpha.
     """
-    return _least(waves, rule) < DOUBLE_BELOW
+    return _least(waves, alphas_of(rule, waves.unit, waves.frequencies)) < DOUBLE_BELOW
 
 
 def inverse_densities(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> HarmonicDensities:
     """The densities of all plane waves by a rule, a number or one for each frequency."""
     alphas = alphas_of(rule, waves.unit, waves.frequencies)
-    exact, start, groups = _least(waves, rule) < EXACT_BELOW, 0, []
+    exact, start, groups = _least(waves, alphas) < EXACT_BELOW, 0, []
     for group in waves.groups:
         stop = start + len(group.scale)
         inverse = _inverses(np.asarray(group.matrix), alphas[start:stop], exact)
@@ -137,9 +137,9 @@ def inverse_densities(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> Ha
     return HarmonicDensities(tuple(groups), waves.angles, jax.device_put(phases), mirror=False)
 
 
-def _least(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> float:
-    """alpha over its unit."""
-    return float((alphas_of(rule, waves.unit, waves.frequencies) / waves.unit).min())
+def _least(waves: FreeWaves, alphas: Float[np.ndarray, " f"]) -> float:
+    """The least alpha over its unit."""
+    return float((alphas / waves.unit).min())
 
 
 def _inverses(
