@@ -90,11 +90,7 @@ def pytest_collection_modifyitems(items):
         return next((i for i, name in enumerate(SLOW) if path.endswith(name)), len(SLOW))
 
     files = {path: number for number, path in enumerate(dict.fromkeys(i.path for i in items))}
-
-    def forgets(item):  # last in its file: all tests after it would make their programs anew
-        return "forget_programs" in getattr(item, "fixturenames", ())
-
-    items.sort(key=lambda item: (place(item), files[item.path], forgets(item)))
+    items.sort(key=lambda item: (place(item), files[item.path]))
 
 
 @pytest.fixture(scope="session")
@@ -130,10 +126,13 @@ def few_programs():
 
 
 @pytest.fixture
-def forget_programs():
-    """Forgets all programs, when called and after the test: for what is read when they are made."""
-    yield jax.clear_caches
-    jax.clear_caches()
+def none_made():
+    """A context in which no program is made yet: for what is counted, or read, when one is.
+
+    Programs are known by the precision of products, too, which in double changes nothing. To forget
+    all of them would take long, and the tests that follow would make theirs again.
+    """
+    return partial(jax.default_matmul_precision, "highest")
 
 
 @partial(jax.jit, static_argnums=0)

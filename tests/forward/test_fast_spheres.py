@@ -178,15 +178,15 @@ def test_single_precision_vmap_and_a_low_pass(name):
 
 
 def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(
-    monkeypatch, forget_programs, several_groups
+    monkeypatch, none_made, several_groups
 ):
     curve, volume = CURVES["anywhere"], jnp.asarray(RNG.standard_normal((1, *GRID.shape)))
     sizes = sphere_sizes(curve, GRID)
     kept = sphere_integrals(curve, GRID, RADII, sizes)
     monkeypatch.setattr("jaxtat.forward.sphere_waves.KEPT", 0.0)
-    forget_programs()  # the limit is read when a program is made
     few_at_a_time = dataclasses.replace(sizes, together=5)
-    anew = sphere_integrals(curve, GRID, RADII, few_at_a_time)
+    with none_made():  # the limit is read when a program is made
+        anew = sphere_integrals(curve, GRID, RADII, few_at_a_time)
     assert (kept.kept, anew.kept) == (True, False)
     assert jnp.allclose(
         eqx.filter_jit(anew)(volume), eqx.filter_jit(kept)(volume), rtol=0, atol=1e-13

@@ -166,28 +166,26 @@ def test_slopes_in_positions_radii_and_widths_are_those_of_differences(name, sev
     assert jnp.allclose(second, of_slope, rtol=1e-5)
 
 
-def test_many_detectors_on_a_circle_take_another_way_to_the_same_data(
-    arc, monkeypatch, forget_programs
-):
+def test_many_detectors_on_a_circle_take_another_way_to_the_same_data(arc, monkeypatch, none_made):
     by_matrix = forward_operator(arc)
     monkeypatch.setattr("jaxtat.forward.fast_circles.DENSE", 0)
-    forget_programs()  # the limit is read when a program is made
-    by_fft = forward_operator(arc)
-    assert by_fft.report.nbytes < by_matrix.report.nbytes
     image = BELL.image(arc.grid)
-    assert jnp.allclose(by_fft.mv(image), by_matrix.mv(image), atol=1e-8)
-    assert dot_test(by_fft, 0) < 1e-12
+    with none_made():  # the limit is read when a program is made
+        by_fft = forward_operator(arc)
+        assert by_fft.report.nbytes < by_matrix.report.nbytes
+        assert jnp.allclose(by_fft.mv(image), by_matrix.mv(image), atol=1e-8)
+        assert dot_test(by_fft, 0) < 1e-12
 
 
 def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(
-    monkeypatch, forget_programs, several_groups
+    monkeypatch, none_made, several_groups
 ):
     curve, region = CURVES["ellipse"]
     setup = coarse(curve, region, ImageGrid(17), np.linspace(0.3, 2.3, 9))
     kept = forward_operator(setup)
     monkeypatch.setattr("jaxtat.forward.fast_circles.KEPT", 0.0)
-    forget_programs()  # the limit is read when a program is made
-    anew = forward_operator(setup)
+    with none_made():  # the limit is read when a program is made
+        anew = forward_operator(setup)
     assert (kept.report.kept, anew.report.kept) == (True, False)
     assert anew.report.nbytes < kept.report.nbytes / 5
     image = BELL.image(setup.grid)

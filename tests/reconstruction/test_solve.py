@@ -110,12 +110,12 @@ def test_low_pass_acts_on_the_fourier_transform(arc, data):
     assert jnp.abs(BELL.image(arc.grid) - expected)[inside(arc)].max() > 1e-2
 
 
-def test_systems_not_solved_are_reported(arc, data, monkeypatch, forget_programs):
+def test_systems_not_solved_are_reported(arc, data, monkeypatch, none_made):
     """Three steps of conjugate gradients are too few: a warning, and converged is False."""
     monkeypatch.setattr(tikhonov, "MAX_ITERATIONS", 3)
-    forget_programs()  # the limit is read when a program is made
     g = jnp.stack([data, data])
-    with pytest.warns(AccuracyWarning, match="not solved"):
+    # the limit is read when a program is made
+    with none_made(), pytest.warns(AccuracyWarning, match="not solved"):
         found = solve(arc, g, solver="cg")
     assert not found.converged
     assert (found.report.iterations <= 3).all() and found.report.residual.max() > 1e-9
@@ -165,7 +165,7 @@ def test_detectors_too_near_for_waves(arc):
 # ---- programs and derivatives
 
 
-def test_plain_calls_compile_once(arc, data, monkeypatch, forget_programs):
+def test_plain_calls_compile_once(arc, data, monkeypatch, none_made):
     """Other detectors, alpha and data find the compiled function of the first call."""
     calls = []
     plain = bases.solve_harmonics
@@ -175,10 +175,10 @@ def test_plain_calls_compile_once(arc, data, monkeypatch, forget_programs):
         return plain(*arguments, **options)
 
     monkeypatch.setattr(bases, "solve_harmonics", counted)
-    forget_programs()
-    for i in range(3):
-        moved = arc.replace(curve=circular_arc(1.3 * (1 + 1e-4 * i), 1.0, 80))
-        solve(moved, jnp.stack([data] * 4) * (i + 1), 1e-4 * (1 + i))
+    with none_made():
+        for i in range(3):
+            moved = arc.replace(curve=circular_arc(1.3 * (1 + 1e-4 * i), 1.0, 80))
+            solve(moved, jnp.stack([data] * 4) * (i + 1), 1e-4 * (1 + i))
     assert len(calls) == 1
 
 
