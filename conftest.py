@@ -34,13 +34,13 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     folder = tempfile.mkdtemp(prefix="jaxtat-tests-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
 # what tests compile, write and start stays out of the user's own cache
 os.environ["JAXTAT_CACHE"] = os.environ["JAX_COMPILATION_CACHE_DIR"]
 # in a folder of its own: the flags that are gone are not in a program's key
 own = os.path.join(os.environ["JAX_COMPILATION_CACHE_DIR"], "unoptimised")
 jax.config.update("jax_compilation_cache_dir", own)
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 jax.config.update("jax_enable_x64", True)
 # the lines of Python that operations come from: written into programs, and read by no one here
 jax.config.update("jax_traceback_in_locations_limit", 0)
