@@ -69,8 +69,8 @@ def gradient(setup):
 def test_no_gradient_is_nan_along_K_and_j_max(gradient):
     """Circles and mirror symmetry make singular values pair up, and low ranks cut between them."""
     for kind, values in (
-        (NormBound, np.linspace(1.0, 10.0, 19)),
-        (FixedRank, np.linspace(1.0, 200.0, 40)),
+        (NormBound, np.linspace(1.0, 10.0, 10)),
+        (FixedRank, np.linspace(1.0, 200.0, 21)),
     ):
         for value in values:
             loss, slopes = gradient(kind, float(value))
@@ -125,6 +125,9 @@ def test_both_modes_agree_where_a_term_is_rounding(half_arc):
         image = reconstruct(build_plan(half_arc, NormBound(K)), g)
         return jnp.linalg.norm(image)
 
-    K = jnp.array(50.0)
-    forward = jax.jit(lambda K: jax.jvp(size, (K,), (jnp.ones(()),))[1])(K)
-    np.testing.assert_allclose(jax.jit(jax.grad(size))(K), forward, rtol=1e-6)
+    @jax.jit  # in one program, which is made sooner than two
+    def both(K):
+        return jax.jvp(size, (K,), (jnp.ones(()),))[1], jax.grad(size)(K)
+
+    forward, backward = both(jnp.array(50.0))
+    np.testing.assert_allclose(backward, forward, rtol=1e-6)

@@ -39,6 +39,9 @@ SMALLER = {
         "np.geomspace(1.0, 10.0, 8)": "np.geomspace(1.0, 10.0, 3)",
         "np.linspace(5.0, 200.0, 8)": "np.linspace(5.0, 200.0, 3)",
         "(0.02, 0.05, 0.15)": "(0.15,)",  # the largest noise
+        '("geometry #1", 1.0), ': "",
+        "jaxtat.ImageGrid(41)": "jaxtat.ImageGrid(33)",
+        "arc(cut, grid, 160)": "arc(cut, grid, 130)",
     },
     "04_calibration.ipynb": {
         "highest = 7000.0": "highest = 5000.0",  # rad/m
