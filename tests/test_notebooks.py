@@ -39,7 +39,8 @@ SMALLER = {
         "np.geomspace(1.0, 10.0, 8)": "np.geomspace(1.0, 10.0, 3)",
         "np.linspace(5.0, 200.0, 8)": "np.linspace(5.0, 200.0, 3)",
         "(0.02, 0.05, 0.15)": "(0.15,)",  # the largest noise
-        '("geometry #1", 1.0), ': "",
+        '("geometry #1", 1.0), ("geometry #2", 0.0)': '("geometry #2", 0.0),',
+        "steps=12": "steps=6",
         "jaxtat.ImageGrid(41)": "jaxtat.ImageGrid(33)",
         "arc(cut, grid, 160)": "arc(cut, grid, 130)",
     },
@@ -62,7 +63,7 @@ SMALLER = {
 def smaller(name, source):
     for full, less in SMALLER.get(name, {}).items():
         source = source.replace(full, less)
-    return source
+    return source.replace('"figure.dpi": 150', '"figure.dpi": 50')
 
 
 @pytest.fixture(scope="module")

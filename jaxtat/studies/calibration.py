@@ -350,10 +350,11 @@ def _standard_errors(problem: _Problem, free: Free) -> Parameters:
         return ravel_pytree(_parameters(problem, unravel(flat)))[0]
 
     noise = jax.random.normal(jax.random.key(0), problem.g.shape)
-    deviation = jnp.linalg.norm(residual(flat, problem.g)) / jnp.linalg.norm(residual(flat, noise))
+    # one program for both
+    left = jax.lax.map(lambda g: jnp.linalg.norm(residual(flat, g)), jnp.stack([problem.g, noise]))
     curvature, mixed = map_rows(along, jnp.eye(flat.size), AT_ONCE)
     change = jnp.linalg.solve(curvature, mixed.reshape(flat.size, -1))
-    errors = deviation * jnp.linalg.norm(jax.jacfwd(physical)(flat) @ change, axis=1)
+    errors = left[0] / left[1] * jnp.linalg.norm(jax.jacfwd(physical)(flat) @ change, axis=1)
     return ravel_pytree(_parameters(problem, free))[1](errors)
 
 
