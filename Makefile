@@ -9,7 +9,7 @@ export GLIBC_TUNABLES := glibc.malloc.hugetlb=1
 # where it is set, as in many containers, every process would compile all that it imports
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help paper test test-lowest test-newest test-interop test-deepinv test-napari has-newest check bench peers docs pictures package clean
+.PHONY: help paper test pytest test-lowest test-newest test-interop test-deepinv test-napari has-newest check bench peers docs pictures package clean
 
 help:
 	@echo "make paper   reproduce the paper: table, figures and metrics.json in out/paper"
@@ -30,7 +30,11 @@ help:
 paper: .venv/ready
 	$(BIN)/jaxtat paper --out out/paper
 
-test: check
+# style and types, on one core, beside the tests
+test: .venv/ready
+	$(MAKE) --jobs=2 check pytest
+
+pytest: .venv/ready
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
 check: .venv/ready

@@ -178,7 +178,7 @@ def test_measured_cross_section_shows_areas_not_edges_only(measured):
     assert (spectrum[frequency < 0.5] ** 2).sum() > 0.7 * (spectrum**2).sum()
 
 
-def test_one_command_without_options_makes_the_picture_made_by_hand(measured):
+def test_one_command_without_options_makes_the_picture_made_by_hand(measured, unoptimised):
     """From a cold start of another process: the file alone, and all of its choices.
 
     With the sound speed that it finds, choices made by hand give nearly the same picture; with

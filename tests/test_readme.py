@@ -25,7 +25,7 @@ def test_it_is_short():
     assert len(README.split()) <= 700
 
 
-def test_the_python_example_does_what_it_says():
+def test_the_python_example_does_what_it_says(unoptimised):
     (example,) = shown("python")
     run = subprocess.run([sys.executable, "-c", example], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
