@@ -88,8 +88,9 @@ def model_based(
     image. In the plane and in space, for detectors anywhere.
 
     With ``noise``, W divides by it; without, integrals are weighted by 1/√r, by which A nearly
-    keeps norms. By default the weight follows from image and misfit, see
-    `jaxtat.constraints.weight`.
+    keeps norms. In space a high-pass in the radius follows, H W instead of W, so that fine details
+    are found as fast as coarse ones: see `jaxtat.constraints.high_pass`. By default the weight
+    follows from image and misfit, see `jaxtat.constraints.weight`.
 
     Differentiable in both modes with respect to data, a given weight, noise, detectors, radii,
     speed of sound, and what a penalty holds: implicitly, as if converged, a weight that was found
