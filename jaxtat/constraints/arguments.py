@@ -11,8 +11,8 @@ from ..base.checks import Numbers, is_concrete, named, real_array, require_finit
 from ..reconstruction import Setup, forward_operator
 from ..records import pressure_matrix
 from .data_fit import DataFit
-from .high_pass import high_pass
 from .penalties import NoPenalty, Penalty, Ridge, TotalVariation
+from .radial_filter import high_pass
 
 Pressure = tuple[Any, Any, str, Any]  # times, sound speed, model, conditioning
 

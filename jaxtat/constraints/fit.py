@@ -89,7 +89,7 @@ def model_based(
 
     With ``noise``, W divides by it; without, integrals are weighted by 1/√r, by which A nearly
     keeps norms. In space a high-pass in the radius follows, H W instead of W, so that fine details
-    are found as fast as coarse ones: see `jaxtat.constraints.high_pass`. By default the weight
+    are found as fast as coarse ones: see `jaxtat.constraints.radial_filter`. By default the weight
     follows from image and misfit, see `jaxtat.constraints.weight`.
 
     Differentiable in both modes with respect to data, a given weight, noise, detectors, radii,

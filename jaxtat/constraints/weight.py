@@ -29,9 +29,10 @@ from .data_fit import DataFit
 from .penalties import Penalty
 
 SPREAD = 3.0
-# By dimension: L belongs to the mean of the image in the plane, in space to structures of 1/λ0 (see
-# `high_pass`). Chosen on phantoms of few seeds; benchmarks/weights.py tries those of the plane on
-# others, benchmarks/weights_in_space.py those of space.
+# By dimension: L belongs to the mean of the image in the plane, and in space to structures of 1/λ0
+# (see `radial_filter`). Plane: chosen on phantoms of the seeds 0 and 3; benchmarks/weights.py tries
+# them on others. Space: chosen on balls, bells and vessels in a periodic model in which A^T A is
+# c/|xi|² exactly; benchmarks/weights_in_space.py tries them on others, with A.
 FLOOR = {2: 0.15, 3: 0.3}
 FINEST = {2: 400.0, 3: 150.0}
 

@@ -11,7 +11,7 @@ import jaxtat
 from jaxtat import model_based
 from jaxtat.constraints import Ridge
 from jaxtat.constraints.arguments import data_fit
-from jaxtat.constraints.high_pass import high_pass
+from jaxtat.constraints.radial_filter import high_pass
 from jaxtat.spherical import ball, spherical_cap
 
 
