@@ -41,7 +41,7 @@ def data_fit(
     if mask is not None:
         whitening = jnp.where(_mask(mask, shape), whitening, 0.0)
     radial = None
-    if setup.grid.dimension == 3:
+    if noise is not None and setup.grid.dimension == 3:
         radial = high_pass(setup.radii, 1 / setup.grid.spacing.max()).astype(operator.dtype)
     support = jnp.ones(setup.grid.shape, bool)
     if not everywhere:

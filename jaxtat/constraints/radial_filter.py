@@ -8,7 +8,8 @@ what its finest details get, and a gradient method finds those last. With
 A^T H^T H A multiplies it by c/(|xi|² + λ0²). Details finer than 1/λ0 weigh as much as before;
 coarse ones, which the data tell far better than needed, less. λ0 = 1/h, h the voxel.
 
-In the plane it would be c/|xi|, with which a gradient method gets on.
+In the plane it would be c/|xi|, with which a gradient method gets on. For noise of unknown size H
+is not used: the weight that then follows from the misfit alone would be too small.
 """
 
 import jax.numpy as jnp

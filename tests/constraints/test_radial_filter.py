@@ -99,7 +99,7 @@ def test_ridge_is_what_dense_equations_give(small):
 def test_derivatives_are_those_of_differences(small, check_both_modes):
     setup, g = small
     weights = np.random.default_rng(0).uniform(0.5, 1, setup.grid.shape)
-    given = {"penalty": Ridge(), "weight": 1e-2, "tolerance": 1e-12}
+    given = {"penalty": Ridge(), "weight": 1e-2, "noise": 1.0, "tolerance": 1e-12}
 
     def energy(scales):
         moved = setup.replace(radii=setup.radii * scales[0])
