@@ -12,6 +12,7 @@ from ..reconstruction import Setup, forward_operator
 from ..records import pressure_matrix
 from .data_fit import DataFit
 from .penalties import NoPenalty, Penalty, Ridge, TotalVariation
+from .radial_filter import high_pass
 
 Pressure = tuple[Any, Any, str, Any]  # times, sound speed, model, conditioning
 
@@ -39,6 +40,9 @@ def data_fit(
         whitening = 1 / _spread("noise", noise, shape)
     if mask is not None:
         whitening = jnp.where(_mask(mask, shape), whitening, 0.0)
+    radial = None
+    if noise is not None and setup.grid.dimension == 3:
+        radial = high_pass(setup.radii, 1 / setup.grid.spacing.max()).astype(operator.dtype)
     support = jnp.ones(setup.grid.shape, bool)
     if not everywhere:
         support = setup.region.contains(setup.grid.points)
@@ -46,6 +50,7 @@ def data_fit(
         operator,
         record,
         whitening.astype(operator.dtype),
+        radial,
         support,
         bool(nonnegative),
         noise is not None,

@@ -14,6 +14,7 @@ class DataFit(eqx.Module):
         operator: A, from images to circular or spherical integrals.
         record: from integrals to what was recorded, (times, radii); None if that is the integrals.
         whitening: W, 0 for data that are left out, of the shape of one image's data.
+        high_pass: H, by which misfits are weighed over radii: ||H (B f - b)||; None for none.
         support: pixels that may differ from zero.
         nonnegative: whether f >= 0.
         white: whether noise has the standard deviation 1 after W.
@@ -22,6 +23,7 @@ class DataFit(eqx.Module):
     operator: ForwardOperator
     record: Float[Array, "times radii"] | None
     whitening: Float[Array, "*data"]
+    high_pass: Float[Array, "radii radii"] | None
     support: Bool[Array, "*space"]
     nonnegative: bool = eqx.field(static=True)
     white: bool = eqx.field(static=True)
@@ -34,11 +36,19 @@ class DataFit(eqx.Module):
         return data * self.whitening
 
     def transposed(self, data: Float[Array, "stack *data"]) -> Float[Array, "stack *space"]:
-        """B^T d."""
+        """B^T H^T H d."""
+        if self.high_pass is not None:
+            data = data @ self.high_pass.T @ self.high_pass
         data = data * self.whitening
         if self.record is not None:
             data = data @ self.record
         return jnp.where(self.support, self.operator.T(data), 0.0)
+
+    def misfit(self, data: Float[Array, "stack *data"]) -> Float[Array, ""]:
+        """||H d||²."""
+        if self.high_pass is not None:
+            data = data @ self.high_pass.T
+        return jnp.sum(data**2)
 
     def allowed(self, images: Float[Array, "stack *space"]) -> Float[Array, "stack *space"]:
         """The nearest images in C."""

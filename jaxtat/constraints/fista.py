@@ -1,8 +1,8 @@
 """Proximal gradients with momentum: FISTA with restart.
 
-Minimises ||B f - b||² / 2 + w P(f) for f in C, L >= ||B||²:
+Minimises ||H (B f - b)||² / 2 + w P(f) for f in C, L >= ||H B||², with H of `DataFit`:
 
-    x_{k+1} = prox(y_k - B^T (B y_k - b) / L),
+    x_{k+1} = prox(y_k - B^T H^T H (B y_k - b) / L),
     y_{k+1} = x_{k+1} + (t_k - 1) / t_{k+1} (x_{k+1} - x_k).
 
 Where momentum leads uphill, t starts anew. x is a minimum where a step leaves it in its place, so
@@ -60,8 +60,8 @@ class Scale(NamedTuple):
     """Sizes of a problem.
 
     Attributes:
-        square: L, about ||B||².
-        image: max |B^T b| / L, the size of the image.
+        square: L, about ||H B||².
+        image: max |B^T H^T H b| / L, the size of the image.
     """
 
     square: Float[Array, ""]
@@ -128,7 +128,7 @@ def step(
     image, dual = nearest(fit, penalty, down, weight / square, scale, state.dual)
     fitted = fit.modelled(image)
     moved = jnp.sum((image - ahead) ** 2)
-    stretched = jnp.sum((fitted - state.fitted_ahead) ** 2) / jnp.where(moved > 0, moved, 1.0)
+    stretched = fit.misfit(fitted - state.fitted_ahead) / jnp.where(moved > 0, moved, 1.0)
     uphill = jnp.sum((ahead - image) * (image - state.image)) > 0
     grown = (1 + jnp.sqrt(1 + 4 * state.momentum**2)) / 2
     carried = jnp.where(uphill, 0.0, (state.momentum - 1) / grown)

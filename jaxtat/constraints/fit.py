@@ -87,9 +87,10 @@ def model_based(
     detectors, noise, and records that end early or have gaps, where the data do not determine the
     image. In the plane and in space, for detectors anywhere.
 
-    With ``noise``, W divides by it; without, integrals are weighted by 1/√r, by which A nearly
-    keeps norms. By default the weight follows from image and misfit, see
-    `jaxtat.constraints.weight`.
+    With ``noise``, W divides by it, and in space a high-pass in the radius follows, so that fine
+    details are found as fast as coarse ones: see `jaxtat.constraints.radial_filter`. Without,
+    integrals are weighted by 1/√r, by which A nearly keeps norms. By default the weight follows
+    from image and misfit, see `jaxtat.constraints.weight`.
 
     Differentiable in both modes with respect to data, a given weight, noise, detectors, radii,
     speed of sound, and what a penalty holds: implicitly, as if converged, a weight that was found

@@ -1,9 +1,9 @@
 """Derivatives of a minimiser by the implicit function theorem, without its iterations.
 
-Where ||B f - b||² / 2 + w P(f) is smallest, its slope vanishes on the pixels that are free: inside
-the support, and not held at zero by f >= 0. That slope F(f, parameters) = 0 has
+Where ||H (B f - b)||² / 2 + w P(f) is smallest, its slope vanishes on the pixels that are free:
+inside the support, and not held at zero by f >= 0. That slope F(f, parameters) = 0 has
 
-    df = -(∂F/∂f)^-1 (∂F/∂parameters) dparameters,   ∂F/∂f = B^T B + w P''(f) on free pixels,
+    df = -(∂F/∂f)^-1 (∂F/∂parameters) dparameters,   ∂F/∂f = B^T H^T H B + w P''(f) there,
 
 symmetric and positive: conjugate gradients. P is smooth, as its corners are rounded off. With a
 proximal map of the user's F is the step that leaves f in its place, which is not symmetric.
@@ -60,9 +60,9 @@ def _known(inputs: tuple[Problem, Array]) -> tuple[Array, None]:
 
 
 def objective(problem: Problem, images: Float[Array, "stack *space"]) -> Float[Array, ""]:
-    """||B f - b||² / 2 + w P(f), over L."""
+    """||H (B f - b)||² / 2 + w P(f), over L."""
     fit, penalty = problem.fit, problem.penalty
-    total = jnp.sum((fit.modelled(images) - problem.data) ** 2) / 2
+    total = fit.misfit(fit.modelled(images) - problem.data) / 2
     if isinstance(penalty, Penalty):
         delta = penalty.smoothing * problem.scale.image
         total = total + problem.weight * penalty.value(images, delta)

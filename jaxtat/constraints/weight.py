@@ -2,8 +2,8 @@
 
 Images with the probability density exp(-lambda P(f)), P homogeneous of degree p in n pixels, have
 E[P] = n / (p lambda). With noise of variance s² the most probable image minimises
-||B f - b||² / 2 + w P(f), w = s² lambda. lambda follows from P of the image plus the uncertainty
-of its pixels, tau = s / sqrt(L), L = ||B||²:
+||H (B f - b)||² / 2 + w P(f), w = s² lambda. lambda follows from P of the image plus the
+uncertainty of its pixels, tau = s / sqrt(L), L = ||H B||²:
 
     w = s² n / (p P(f) + n SPREAD tau).
 
@@ -28,10 +28,13 @@ from jaxtyping import Array, Float
 from .data_fit import DataFit
 from .penalties import Penalty
 
-# chosen on phantoms of the seeds 0 and 3; benchmarks/weights.py tries them on others
 SPREAD = 3.0
-FLOOR = 0.15
-FINEST = 400.0
+# By dimension: L belongs to the mean of the image in the plane, and in space to structures of 1/λ0
+# (see `radial_filter`). Plane: chosen on phantoms of the seeds 0 and 3; benchmarks/weights.py tries
+# them on others. Space: chosen on balls, bells and vessels in a periodic model in which A^T A is
+# c/|xi|² exactly; benchmarks/weights_in_space.py tries them on others, with A.
+FLOOR = {2: 0.15, 3: 0.3}
+FINEST = {2: 400.0, 3: 150.0}
 
 
 def balanced_weight(
@@ -59,5 +62,7 @@ def balanced_weight(
         weight = square * n / (size + n * SPREAD * tau)
         if not (penalty.needs_floor and fit.white):
             return weight
-        return jnp.maximum(weight, scale.square * jnp.minimum(FLOOR * tau, scale.image / FINEST))
+        d = fit.support.ndim
+        least = jnp.minimum(FLOOR[d] * tau, scale.image / FINEST[d])
+        return jnp.maximum(weight, scale.square * least)
     return square * n / (jnp.sum(images**2) + n * tau**2)  # ridge, of degree 2: 2 P = ||f||²

@@ -1,0 +1,119 @@
+"""The high-pass over radii: its differential equation, the spectrum of data, dense equations."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import quad
+
+import jaxtat
+from jaxtat import model_based
+from jaxtat.constraints import Ridge
+from jaxtat.constraints.arguments import data_fit
+from jaxtat.constraints.radial_filter import high_pass
+from jaxtat.spherical import ball, spherical_cap
+
+
+def test_it_solves_its_equation_on_uneven_radii():
+    """H g = g - λ0 ∫ exp(-λ0 (r - s)) g(s) ds for a g that is zero at the first radius."""
+    cutoff = 3.0
+    radii = np.cumsum(np.random.default_rng(0).uniform(0.005, 0.015, 300))
+    g = lambda r: np.sin(5 * (r - radii[0])) ** 2  # noqa: E731
+    found = high_pass(jnp.asarray(radii), cutoff) @ g(radii)
+    for k in (10, 120, 299):
+        past = quad(lambda s: np.exp(-cutoff * (radii[k] - s)) * g(s), radii[0], radii[k])[0]  # noqa: B023
+        assert_allclose(found[k], g(radii[k]) - cutoff * past, atol=2e-4)
+
+
+@pytest.mark.parametrize("frequency", [0.3, 1.0, 4.0])
+def test_sines_are_damped_as_the_formula_says(frequency):
+    radii = jnp.linspace(0, 80, 4001)
+    wave = high_pass(radii, 1.0) @ jnp.sin(frequency * radii)
+    late = wave[2000:]  # after its start
+    assert_allclose(jnp.max(late) ** 2, frequency**2 / (frequency**2 + 1), rtol=2e-3)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """A sphere of detectors, which see every direction twice."""
+    sphere = spherical_cap(1.5, 1.5, 40, 96)
+    return jaxtat.Setup(sphere, ball(1.0), jaxtat.VolumeGrid(25))
+
+
+def test_data_determine_coarse_and_fine_details_alike(whole):
+    """||H A f||² of waves in a bell is c / (|xi|² + λ0²) ||f||² with one c."""
+    fit = data_fit(whole, None, False, 1.0, None, False, None)
+    points, cutoff = whole.grid.points, 1 / float(whole.grid.spacing[0])
+    bell = jnp.maximum(1 - jnp.sum(points**2, axis=-1) / 0.8**2, 0) ** 2
+    frequencies = np.array([10.0, 15.0, 21.0, 30.0])
+    assert frequencies[-1] < np.pi * cutoff
+    direction = np.array([0.48, 0.6, 0.64])
+    waves = jnp.stack([bell * jnp.cos(f * points @ direction) for f in frequencies])
+    sizes = jnp.sum(waves**2, axis=(1, 2, 3))
+    data = fit.modelled(waves)
+    plain = jnp.sum(data**2, axis=(1, 2, 3)) / sizes
+    passed = jax.vmap(fit.misfit)(data) / sizes
+    assert_allclose(plain * frequencies**2 / plain[1] / frequencies[1] ** 2, 1, atol=0.1)
+    expected = passed * (frequencies**2 + cutoff**2)
+    assert_allclose(expected / expected[1], 1, atol=0.1)
+
+
+def test_the_transpose_holds_it(cap):
+    """<H B f, H B h> = <f, B^T H^T H B h>, with noise that differs and data that are left out."""
+    random = np.random.default_rng(2)
+    noise = random.uniform(0.5, 2, cap.data_shape)
+    mask = random.uniform(size=cap.data_shape) > 0.2
+    fit = data_fit(cap, None, False, noise, mask, False, None)
+    f, h = jnp.asarray(random.standard_normal((2, 1, *cap.grid.shape)))
+    b, d = fit.modelled(f), fit.modelled(h)
+    product = (fit.misfit(b + d) - fit.misfit(b - d)) / 4
+    assert_allclose(jnp.sum(f * fit.transposed(d)), product, rtol=1e-10)
+
+
+@pytest.fixture(scope="module")
+def small():
+    """A few voxels, and the data of a bell."""
+    sphere = spherical_cap(1.5, 1.5, 8, 16)
+    setup = jaxtat.Setup(sphere, ball(1.0), jaxtat.VolumeGrid(7), max_frequency=5.0)
+    bell = jaxtat.spherical.Bells([[0.1, 0.0, 0.2]], [0.7])
+    return setup, bell.spherical_integrals(sphere, setup.radii)
+
+
+def test_ridge_is_what_dense_equations_give(small):
+    setup, g = small
+    inside = np.asarray(setup.region.contains(setup.grid.points)).ravel()
+    a = np.asarray(jaxtat.forward_operator(setup).as_matrix())[:, inside]
+    h = np.asarray(high_pass(setup.radii, 1 / setup.grid.spacing[0]))
+    a, b = (
+        (x.reshape(*setup.data_shape, -1).swapaxes(-1, -2) @ h.T).swapaxes(-1, -2)
+        for x in (a, np.asarray(g))
+    )
+    a, b = a.reshape(-1, inside.sum()), b.ravel()
+    given = {"weight": 0.3, "noise": 0.5, "tolerance": 1e-10}
+    found = model_based(setup, g, penalty=Ridge(), **given)
+    wanted = np.linalg.solve(a.T @ a / 0.25 + 0.3 * np.eye(inside.sum()), a.T @ b / 0.25)
+    assert_allclose(found.image.ravel()[inside], wanted, atol=1e-7)
+
+
+def test_derivatives_are_those_of_differences(small, check_both_modes):
+    setup, g = small
+    weights = np.random.default_rng(0).uniform(0.5, 1, setup.grid.shape)
+    given = {"penalty": Ridge(), "weight": 1e-2, "noise": 1.0, "tolerance": 1e-12}
+
+    def energy(scales):
+        moved = setup.replace(radii=setup.radii * scales[0])
+        found = model_based(moved, scales[1] * g, max_steps=20000, **given)
+        return jnp.sum(weights * found.image**2)
+
+    (slopes,) = check_both_modes(energy, (jnp.ones(2),), step=1e-4, rtol=1e-4, atol=0)
+    assert abs(slopes).min() > 1e-3
+
+
+def test_few_steps_find_the_edges_of_a_ball(cap):
+    """In as many steps as the plane needs; without the high-pass it would be about a hundred."""
+    balls = jaxtat.spherical.Balls([[0.1, 0.0, 0.2]], [0.5], [1.0])
+    g = balls.spherical_integrals(cap.curve, cap.radii)
+    noise = jaxtat.phantoms.noise_like(jax.random.key(0), g, 0.02)
+    found = model_based(cap, g + noise, nonnegative=True, noise=float(noise.std()))
+    assert found.converged and int(found.steps) < 70
