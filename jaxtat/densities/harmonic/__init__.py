@@ -1,6 +1,6 @@
 """Cylindrical waves: step 1 without collocation, and reconstruction without step 1."""
 
-from .consistency import unexplained
+from .consistency import improbability, unexplained
 from .densities import (
     DensityGroup,
     HarmonicDensities,
@@ -39,6 +39,7 @@ __all__ = [
     "group_of",
     "harmonic_densities",
     "harmonic_orders",
+    "improbability",
     "inverse_densities",
     "polar_geometry",
     "sampled_harmonic_densities",

@@ -68,3 +68,49 @@ def unexplained(
     table = wave_table(geometry, frequencies, n_max)
     sums = summed_over_detectors(geometry, transformed * geometry.weights, n_max)
     return jax.lax.map(at, (table, transformed, sums))
+
+
+def improbability(
+    geometry: PolarGeometry,
+    frequencies: Float[Array, " frequencies"],
+    n_max: int,
+    transformed: Float[Array, "frequencies 2 detectors"],
+    alphas: Float[Array, " alphas"],
+) -> Float[Array, "frequencies alphas"]:
+    """-2 log of the data's probability for each alpha, up to a constant: least at the best one.
+
+    For waves x of variance tau² and noise of variance alpha tau² in d = √w (G_J, G_Y) = A^T x +
+    noise, d has the covariance tau² (A^T A + alpha). With the most probable tau², which is
+    d^T (A^T A + alpha)^-1 d / n for n data,
+
+        n log(|d|² - Σ_j z_j² / (s_j + alpha)) + Σ_j log(1 + s_j / alpha),   z_j = v_j·A d,
+
+    A A^T = Σ_j s_j v_j v_j^T. The first term is small if waves explain the data, the second if few
+    waves do: what few cannot explain is noise.
+
+    Args:
+        geometry, frequencies, n_max, transformed: as in `unexplained`.
+        alphas: in units of `alpha_unit`.
+
+    Source: type II maximum likelihood; MacKay, Neural Comput. 4 (1992) 415-447.
+    """
+    gram = circle_gram(geometry, n_max) if geometry.on_circle else None
+    n = 2 * geometry.detector_angles.shape[0]
+
+    def at(given: tuple[WaveTable, Array, Array]) -> Array:
+        wave, power, sums = given
+        factor = region_factor(geometry, wave)
+        matrix = normal_matrix(geometry, wave, factor, gram)
+        absolute = alphas * alpha_unit(factor.powers, detector_powers(geometry, wave))
+        eigenvalues, vectors = jnp.linalg.eigh(matrix)
+        seen = jnp.maximum(eigenvalues, 0.0).ravel()[:, None]
+        rhs = factor.times(moments(geometry, wave, sums[None]))[0]
+        parts = jnp.einsum("bij,bi->bj", vectors, rhs).ravel()[:, None] ** 2
+        left = power - jnp.sum(parts / (seen + absolute), axis=0)
+        left = jnp.maximum(left, jnp.finfo(left.dtype).eps * power)
+        return n * jnp.log(left) + jnp.sum(jnp.log1p(seen / absolute), axis=0)
+
+    table = wave_table(geometry, frequencies, n_max)
+    values = transformed * geometry.weights
+    power = jnp.sum(values * transformed, axis=(1, 2))
+    return jax.lax.map(at, (table, power, summed_over_detectors(geometry, values, n_max)))

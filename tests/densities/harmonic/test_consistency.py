@@ -5,9 +5,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.stats
 
 from jaxtat import circular_arc, disk, phantoms
-from jaxtat.densities.harmonic import polar_geometry, unexplained, wave_table
+from jaxtat.densities.harmonic import improbability, polar_geometry, unexplained, wave_table
 from jaxtat.densities.harmonic.table import (
     alpha_unit,
     detector_matrix,
@@ -91,3 +92,46 @@ def test_derivatives_in_places_and_data(check_both_modes):
 
     at = jnp.array([0.05, -0.02]), jnp.array(1.3), jnp.array(0.1)
     check_both_modes(parts, at, 1e-4)
+
+
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_the_probability_of_data_is_that_of_their_covariance(name):
+    """Against the density of a normal distribution, its scale by a search."""
+    geometry = polar_geometry(*GEOMETRIES[name])
+    data = jax.random.normal(jax.random.key(1), (2, 2, 20))
+    alphas = jnp.array([1e-4, 1e-2, 1.0])
+    found = np.asarray(eqx.filter_jit(improbability)(geometry, FREQUENCIES, N_MAX, data, alphas))
+    root = np.sqrt(np.asarray(geometry.weights))
+    for i, (matrices, unit) in enumerate(zip(*parts_of(geometry), strict=True)):
+        a = np.concatenate(list(np.asarray(matrices) * root), axis=1)  # (waves, J and Y)
+        d = (np.asarray(data[i]) * root).ravel()
+        expected = []
+        for alpha in np.asarray(alphas * unit):
+            covariance = a.T @ a + alpha * np.eye(40)
+            scale = d @ np.linalg.solve(covariance, d) / 40
+            near = scale * np.array([0.98, 1.0, 1.02])
+            both = [scipy.stats.multivariate_normal(cov=t * covariance).logpdf(d) for t in near]
+            assert both[1] > max(both[0], both[2])  # the most probable scale
+            expected.append(-2 * both[1])
+        assert np.allclose(np.diff(found[i]), np.diff(expected), rtol=1e-7, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", GEOMETRIES)
+@pytest.mark.parametrize("alpha", [1e-5, 1e-3, 1e-1])
+def test_data_of_random_waves_and_noise_are_most_probable_with_the_alpha_they_were_made_with(
+    name, alpha
+):
+    geometry = polar_geometry(*GEOMETRIES[name])
+    rng, alphas = np.random.default_rng(0), np.geomspace(1e-7, 10, 81)
+    root, total = np.sqrt(np.asarray(geometry.weights)), 0.0
+    for _ in range(20):
+        drawn = []
+        for matrices, unit in zip(*parts_of(geometry), strict=True):
+            a = np.concatenate(list(np.asarray(matrices) * root), axis=1)
+            noise = np.sqrt(alpha * float(unit)) * rng.standard_normal(40)
+            drawn.append((a.T @ rng.standard_normal(len(a)) + noise).reshape(2, 20) / root)
+        data = jnp.array(drawn)
+        total += np.asarray(
+            eqx.filter_jit(improbability)(geometry, FREQUENCIES, N_MAX, data, jnp.array(alphas))
+        ).sum(axis=0)
+    assert 0.75 < alphas[np.argmin(total)] / alpha < 1.33
