@@ -12,14 +12,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.choice_table import LIKELY, SURE
-from ..densities.harmonic import improbability, polar_geometry
+from ..densities.harmonic import cross_validation, polar_geometry
 from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of
 from ..steps.radial_transforms import radial_transform
 from .choices import Choices
 from .facts import typical_frame
-from .found import ALPHAS, CLEAN
+from .found import ALPHAS
 from .frames import integrals, setup_of
 
 PER_DECADE = 10  # values of alpha to choose from
@@ -27,25 +27,25 @@ FREQUENCIES = 32  # at most, among all of the image's, that decide
 
 
 def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
-    """Choices with the alpha for which the data are most probable, and the filter for it.
+    """Choices with alpha by cross-validation, and without a filter, if the response is known.
 
-    One number for all frequencies: one for each, by this rule or by `NoiseLevel`, gave images that
-    were no better, and worse where detectors are on one side only.
+    alpha is one number for all frequencies: one for each, by this rule or by `NoiseLevel`, gave
+    images that were no better, and worse where detectors are on one side only.
 
-    With such an alpha noise needs no further filter. But elements of unknown response make high
-    frequencies too strong, which a filter makes up for.
+    Noise then needs no further filter. But elements of unknown response, such as those focused into
+    the plane usually are, make high frequencies too strong. The filter makes up for that, and alpha
+    hardly matters beside it: both are left as they are.
 
     Args:
         scan: any.
         choices: with the speed of sound estimated.
 
     Returns:
-        The same choices where alpha is given or not used, in space, for data that are no pressure
-        records, and for detectors that cylindrical waves do not reach.
+        The same choices if the response is unknown, alpha is given or not used, in space, for data
+        that are no pressure records, and for detectors that cylindrical waves do not reach.
     """
-    if scan.kind != "pressure" or choices.in_space or choices.model_based:
-        return choices
-    if choices.grade("alpha") == SURE:
+    known = choices.model == "2d" or (choices.model == "in-plane" and choices.impulse_response)
+    if not known or choices.model_based or choices.grade("alpha") == SURE:
         return choices
     setup = setup_of(scan, choices, n_groups=1)
     if not (setup.complete and plane_of(setup)[-1].reached):
@@ -53,25 +53,17 @@ def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
     g = integrals(scan, choices, setup, typical_frame(scan))
     least, most = ALPHAS
     alphas = np.geomspace(least, most, round(PER_DECADE * np.log10(most / least)) + 1)
-    alpha = float(alphas[np.argmin(_improbability(setup, g, jax.device_put(alphas)))])
-    why = "noise over signal power with which the record is most probable"
-    return _filtered(replace(choices, alpha=alpha).with_reason("alpha", why, LIKELY))
-
-
-def _filtered(choices: Choices) -> Choices:
+    alpha = float(alphas[np.argmin(_prediction_error(setup, g, jax.device_put(alphas)))])
+    why = "by cross-validation: what no image explains is noise"
+    found = replace(choices, alpha=alpha).with_reason("alpha", why, LIKELY)
     if choices.grade("low_pass") == SURE:
-        return choices
-    if choices.alpha <= CLEAN:
-        low_pass, why = "none", "hardly any noise"
-    elif choices.model == "2d" or choices.impulse_response:
-        low_pass, why = "none", "the response of the elements is known, and alpha keeps noise out"
-    else:
-        low_pass, why = "cosine", "noise, and elements of unknown response"
-    return replace(choices, low_pass=low_pass).with_reason("low_pass", why, LIKELY)
+        return found
+    why = "the response of the elements is known, and alpha keeps noise out"
+    return replace(found, low_pass="none").with_reason("low_pass", why, LIKELY)
 
 
-def _improbability(setup: Setup, g: Array, alphas: Array) -> Float[np.ndarray, " alphas"]:
-    """Of all frequencies together."""
+def _prediction_error(setup: Setup, g: Array, alphas: Array) -> Float[np.ndarray, " alphas"]:
+    """The geometric mean over frequencies, each of which has its own noise."""
     curve, region, radii, sizes = plane_of(setup)
     n = min(sizes.n_frequencies, FREQUENCIES)
     some = np.round(np.linspace(0, sizes.n_frequencies - 1, n)).astype(int)
@@ -79,5 +71,5 @@ def _improbability(setup: Setup, g: Array, alphas: Array) -> Float[np.ndarray, "
     frequencies = sizes.frequencies[some]
     transformed = radial_transform(g, radii, frequencies)
     orders = sizes.groups[-1][-1]
-    found = eqx.filter_jit(improbability)(geometry, frequencies, orders, transformed, alphas)
-    return np.asarray(found).sum(axis=0)
+    found = eqx.filter_jit(cross_validation)(geometry, frequencies, orders, transformed, alphas)
+    return np.exp(np.log(np.asarray(found)).mean(axis=0))

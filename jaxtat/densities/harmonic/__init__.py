@@ -1,6 +1,6 @@
 """Cylindrical waves: step 1 without collocation, and reconstruction without step 1."""
 
-from .consistency import improbability, unexplained
+from .consistency import cross_validation, unexplained
 from .densities import (
     DensityGroup,
     HarmonicDensities,
@@ -33,13 +33,13 @@ __all__ = [
     "cholesky_solve",
     "circular_harmonics_at",
     "conjugate_gradients",
+    "cross_validation",
     "decomposed_waves",
     "free_waves",
     "frequency_groups",
     "group_of",
     "harmonic_densities",
     "harmonic_orders",
-    "improbability",
     "inverse_densities",
     "polar_geometry",
     "sampled_harmonic_densities",

@@ -70,29 +70,29 @@ def unexplained(
     return jax.lax.map(at, (table, transformed, sums))
 
 
-def improbability(
+def cross_validation(
     geometry: PolarGeometry,
     frequencies: Float[Array, " frequencies"],
     n_max: int,
     transformed: Float[Array, "frequencies 2 detectors"],
     alphas: Float[Array, " alphas"],
 ) -> Float[Array, "frequencies alphas"]:
-    """-2 log of the data's probability for each alpha, up to a constant: least at the best one.
+    """Mean square error with which the others predict a datum, for each alpha, over the data's.
 
-    For waves x of variance tau² and noise of variance alpha tau² in d = √w (G_J, G_Y) = A^T x +
-    noise, d has the covariance tau² (A^T A + alpha). With the most probable tau², which is
-    d^T (A^T A + alpha)^-1 d / n for n data,
+    The best y for n data d = √w (G_J, G_Y) explains A^T y = H d of them, H = A^T (A A^T + alpha)^-1
+    A. With A A^T = Σ_j s_j v_j v_j^T and z_j = v_j·A d generalised cross-validation is
 
-        n log(|d|² - Σ_j z_j² / (s_j + alpha)) + Σ_j log(1 + s_j / alpha),   z_j = v_j·A d,
+        (|d - H d|² / |d|²) / (1 - tr H / n)²,
+        |d - H d|² = |d|² - Σ_j z_j² (s_j + 2 alpha) / (s_j + alpha)²,
+        tr H = Σ_j s_j / (s_j + alpha):
 
-    A A^T = Σ_j s_j v_j v_j^T. The first term is small if waves explain the data, the second if few
-    waves do: what few cannot explain is noise.
+    what waves leave unexplained, over what they would leave of noise alone.
 
     Args:
         geometry, frequencies, n_max, transformed: as in `unexplained`.
         alphas: in units of `alpha_unit`.
 
-    Source: type II maximum likelihood; MacKay, Neural Comput. 4 (1992) 415-447.
+    Source: Golub, Heath and Wahba, Technometrics 21 (1979) 215-223.
     """
     gram = circle_gram(geometry, n_max) if geometry.on_circle else None
     n = 2 * geometry.detector_angles.shape[0]
@@ -105,10 +105,11 @@ def improbability(
         eigenvalues, vectors = jnp.linalg.eigh(matrix)
         seen = jnp.maximum(eigenvalues, 0.0).ravel()[:, None]
         rhs = factor.times(moments(geometry, wave, sums[None]))[0]
-        parts = jnp.einsum("bij,bi->bj", vectors, rhs).ravel()[:, None] ** 2
-        left = power - jnp.sum(parts / (seen + absolute), axis=0)
-        left = jnp.maximum(left, jnp.finfo(left.dtype).eps * power)
-        return n * jnp.log(left) + jnp.sum(jnp.log1p(seen / absolute), axis=0)
+        squares = jnp.einsum("bij,bi->bj", vectors, rhs).ravel()[:, None] ** 2
+        explained = jnp.sum(squares * (seen + 2 * absolute) / (seen + absolute) ** 2, axis=0)
+        rounding = jnp.finfo(power.dtype).eps * power
+        free = n - jnp.sum(seen / (seen + absolute), axis=0)
+        return jnp.maximum(power - explained, rounding) / power * (n / free) ** 2
 
     table = wave_table(geometry, frequencies, n_max)
     values = transformed * geometry.weights
