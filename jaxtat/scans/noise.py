@@ -1,7 +1,7 @@
-"""alpha of a scan in the plane, by what of a typical frame no image explains.
+"""alpha of waves in the plane, by what of a typical frame no image explains.
 
-The quiet part of a record shows the noise of its elements. But sound from out of the plane, walls
-and a wrong speed of sound disturb images, too, and no image explains them either.
+The quiet part of a record shows the noise of its elements. But walls and a wrong speed of sound
+disturb images, too, and no image explains them either.
 """
 
 from dataclasses import replace
@@ -27,25 +27,25 @@ FREQUENCIES = 32  # at most, among all of the image's, that decide
 
 
 def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
-    """Choices with alpha by cross-validation, and without a filter, if the response is known.
+    """Choices with alpha by cross-validation, and without a filter, of two-dimensional waves.
 
     alpha is one number for all frequencies: one for each, by this rule or by `NoiseLevel`, gave
-    images that were no better, and worse where detectors are on one side only.
+    images that were no better, and worse where detectors are on one side only. Noise then needs no
+    further filter.
 
-    Noise then needs no further filter. But elements of unknown response, such as those focused into
-    the plane usually are, make high frequencies too strong. The filter makes up for that, and alpha
-    hardly matters beside it: both are left as they are.
+    Elements focused into the plane also record what comes from out of it, and usually in a band
+    that is not known, which makes high frequencies too strong. The filter makes up for that, and
+    alpha hardly matters beside it: both are left as they are.
 
     Args:
         scan: any.
         choices: with the speed of sound estimated.
 
     Returns:
-        The same choices if the response is unknown, alpha is given or not used, in space, for data
-        that are no pressure records, and for detectors that cylindrical waves do not reach.
+        The same choices for other models, for images under constraints, for detectors that
+        cylindrical waves do not reach, and if alpha is given.
     """
-    known = choices.model == "2d" or (choices.model == "in-plane" and choices.impulse_response)
-    if not known or choices.model_based or choices.grade("alpha") == SURE:
+    if choices.model != "2d" or choices.model_based or choices.grade("alpha") == SURE:
         return choices
     setup = setup_of(scan, choices, n_groups=1)
     if not (setup.complete and plane_of(setup)[-1].reached):
@@ -58,7 +58,7 @@ def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
     found = replace(choices, alpha=alpha).with_reason("alpha", why, LIKELY)
     if choices.grade("low_pass") == SURE:
         return found
-    why = "the response of the elements is known, and alpha keeps noise out"
+    why = "alpha keeps the noise of two-dimensional waves out"
     return replace(found, low_pass="none").with_reason("low_pass", why, LIKELY)
 
 

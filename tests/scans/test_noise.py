@@ -58,19 +58,18 @@ def test_what_is_no_noise_of_the_elements_counts_too():
     assert found[1] > 10 * found[0]
 
 
-def test_elements_of_unknown_response_are_filtered():
-    of = scan(raw_counts(record(), 0.03))
-    assert estimate(of, choose(of, **GIVEN)).low_pass == "cosine"
-    known = scan(raw_counts(record(), 0.03), impulse_response=np.ones(1))
-    found = estimate(known, choose(known, **GIVEN))
-    assert found.low_pass == "none" and "response" in dict(found.reasons)["low_pass"]
-    assert estimate(known, choose(known, low_pass="cosine", **GIVEN)).low_pass == "cosine"
+def test_a_filter_that_is_given_stays():
+    of = scan(noisy(two_dimensional(), 0.03))
+    chosen = choose(of, model="2d", low_pass="cosine", **GIVEN)
+    found = estimate(of, chosen)
+    assert found.low_pass == "cosine" and found.alpha != chosen.alpha
 
 
-def test_it_is_left_alone_where_it_is_given_or_there_is_no_record():
+def test_it_is_left_alone_elsewhere():
     of = scan(raw_counts(record(), 0.03))
-    for given in ({"alpha": 1e-2}, {"penalty": "tv"}):
-        chosen = choose(of, **GIVEN | given | ({"inversion": None} if "penalty" in given else {}))
+    fitted = {"penalty": "tv", "inversion": None, "model": "2d"}
+    for given in ({"model": "in-plane"}, {"model": "2d", "alpha": 1e-2}, fitted):
+        chosen = choose(of, **GIVEN | given)
         assert estimate_alpha(of, chosen) is chosen
     curve, radii = detector_curve(positions()[:, :2]), np.linspace(0.02, 0.06, 60)
     g = np.asarray(phantoms.Bells([[0.0, 0.0]], [4e-3]).circular_integrals(curve, radii))
