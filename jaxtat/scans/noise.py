@@ -45,7 +45,7 @@ def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
         The same choices for other models, for images under constraints, for detectors that
         cylindrical waves do not reach, and if alpha is given.
     """
-    if choices.model != "2d" or choices.model_based or choices.grade("alpha") == SURE:
+    if not wants_alpha(choices):
         return choices
     setup = setup_of(scan, choices, n_groups=1)
     if not (setup.complete and plane_of(setup)[-1].reached):
@@ -60,6 +60,12 @@ def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
         return found
     why = "alpha keeps the noise of two-dimensional waves out"
     return replace(found, low_pass="none").with_reason("low_pass", why, LIKELY)
+
+
+def wants_alpha(choices: Choices) -> bool:
+    """Whether alpha can be estimated and is not given."""
+    of_formula = choices.model == "2d" and not choices.model_based
+    return of_formula and choices.grade("alpha") != SURE
 
 
 def _prediction_error(setup: Setup, g: Array, alphas: Array) -> Float[np.ndarray, " alphas"]:

@@ -9,7 +9,7 @@ from made_scans import BELLS, RATE, SPEED, TIMES, positions, raw_counts, record,
 from jaxtat import detector_curve, phantoms
 from jaxtat.io import Scan
 from jaxtat.records import circular_integrals_to_pressure
-from jaxtat.scans import choose, estimate, reconstruct
+from jaxtat.scans import choose, describe, estimate, reconstruct
 from jaxtat.scans.noise import estimate_alpha
 
 GIVEN = {"region_radius": 0.011, "pixels": 33, "inversion": "fourier"}
@@ -61,6 +61,7 @@ def test_what_is_no_noise_of_the_elements_counts_too():
 def test_a_filter_that_is_given_stays():
     of = scan(noisy(two_dimensional(), 0.03))
     chosen = choose(of, model="2d", low_pass="cosine", **GIVEN)
+    assert "would use, alpha and filter by cross-validation" in describe(of, chosen)
     found = estimate(of, chosen)
     assert found.low_pass == "cosine" and found.alpha != chosen.alpha
 
