@@ -18,7 +18,7 @@ def examine(case: Case, size: str, folder: Path) -> dict:
     from oracle import best, window
 
     from jaxtat.io import load_scan
-    from jaxtat.scans import choose, estimate_sound_speed, reconstruct
+    from jaxtat.scans import choose, estimate, reconstruct
 
     path = write(case, SIZES[size], folder)
     body = truth(case, SIZES[size])
@@ -28,7 +28,7 @@ def examine(case: Case, size: str, folder: Path) -> dict:
     pictures = {"truth": where.truth}
     try:
         scan = load_scan(path)
-        choices = estimate_sound_speed(scan, choose(scan))
+        choices = estimate(scan, choose(scan))
         row |= _chosen(case, body, choices)
         pictures["chosen"] = where.seen(reconstruct(scan, choices))
         row |= {"error": where.error(pictures["chosen"]), "seconds": time.perf_counter() - start}

@@ -14,6 +14,7 @@ from jaxtat.io import Scan
 from jaxtat.scans import Choices, ScanImages, choose, reconstruct
 
 ALPHAS = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
+RULES = tuple((alpha, low_pass) for alpha in ALPHAS for low_pass in ("none", "cosine"))
 SHARES = (0.0, 0.25, 0.5)  # of the way from the water's speed to the body's
 SPEEDS = (0.97, 0.985, 1.0, 1.015, 1.03)
 PEAK = 1.05  # of sharpness at the true speed over its median beside it: then the image shows it
@@ -71,8 +72,8 @@ def best(scan: Scan, case: Case, body: Body, where: Window) -> Best:
     direct = not choose(scan, sound_speed=speeds[0], **given).model_based
     found: list[tuple[float, float, float, Choices]] = []
     for speed in speeds:
-        for alpha in ALPHAS if direct else (0.0,):
-            rule = {"alpha": alpha, "low_pass": "none" if alpha < 1e-5 else "cosine"}
+        for alpha, low_pass in RULES if direct else ((0.0, ""),):
+            rule = {"alpha": alpha, "low_pass": low_pass}
             choices = choose(scan, sound_speed=speed, **given, **(rule if direct else {}))
             image = where.seen(reconstruct(scan, _coarse(choices)))
             found.append((where.error(image), alpha, speed, choices))

@@ -203,7 +203,8 @@ CHOICES = (
         | {
             "metavar": "A",
             "help": "Tikhonov regularisation, of a reconstruction without a plan; default: noise "
-            "over signal power of a pressure record, 1e-6 for circular integrals",
+            "over signal power of a pressure record, by cross-validation of two-dimensional waves, "
+            "1e-6 for circular integrals",
         },
         POSITIVE,
     ),

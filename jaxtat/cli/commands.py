@@ -232,7 +232,7 @@ def _asked(options: argparse.Namespace, start: float):
     They are those of an earlier image where an option asks for them.
     """
     from ..io.plans import load_plan
-    from ..scans import choose, estimate_sound_speed, integrals
+    from ..scans import choose, estimate, integrals
     from .inputs import (
         given,
         plan_for,
@@ -254,7 +254,7 @@ def _asked(options: argparse.Namespace, start: float):
         choices = choose(scan, **given(left, scan, plan))
         require_size(scan, choices)
         if plan is None:
-            choices = estimate_sound_speed(scan, choices)
+            choices = estimate(scan, choices)
     choices = with_unit(choices, options.length_unit)
     _report(options, f"{options.file}\n{choices.table()}", start)
     if plan is not None:

@@ -11,7 +11,7 @@ from ..geometry import ImageGrid
 from ..geometry.measured_curves import flat_axis
 from ..io import Scan
 from ..reconstruction import Setup
-from ..scans import Choices, choose, estimate_sound_speed, integrals, setup_of
+from ..scans import Choices, choose, estimate, integrals, setup_of
 from ..scans.images import formula_images
 
 
@@ -53,7 +53,7 @@ def images_on_grid(
     ends = np.array([along[[0, -1]] for along in nodes])
     with jax.enable_x64(True):
         if chosen is None:
-            chosen = estimate_sound_speed(scan, choose(scan, **given))
+            chosen = estimate(scan, choose(scan, **given))
         if chosen.model_based:
             raise ValueError("images under constraints are not made here: use jaxtat reconstruct.")
         grid = ImageGrid(tuple(map(len, nodes)), np.ptp(ends, axis=1) / 2, ends.mean(axis=1))

@@ -23,6 +23,8 @@ SHORTEST_BLOCK = 64  # samples: the noise of a block is then known to a seventh
 SATURATED = 0.003  # share of samples held at a level; of good ones hardly any are
 FEWEST_HELD = 4  # samples: a record may meet its peak twice in a row
 FEWEST_COUNTS = 64  # from lowest to highest sample: coarser signals rest wherever they are
+HIDDEN = 1.0  # counts of noise, rounding included, up to which a quiet record rests by chance
+CUT_OFF = 5.0  # counts by which a record leaves its limit; beside a crest it is 10/3, see `_cut`
 SILENT = 1e-3  # of the typical signal: noise below it (-60 dB) is not worth a detector
 
 
@@ -84,7 +86,9 @@ def channel_quality(
     within a scanner explain a factor of about 4, no more.
     *Saturated*: held at one level, the highest, the lowest or any other, for three in a thousand
     samples and 5 times as often as the median. The level at which all channels begin is excluded,
-    since exact data stay there; signals of less than 64 counts are not judged.
+    since exact data stay there; signals of less than 64 counts are not judged. A record whose noise
+    is less than a count rests wherever it is silent, and at its crests: there only the highest and
+    the lowest level count, if more than a crest is cut off.
 
     Args:
         pressure: as recorded, before any filter, (..., detectors, times); frames are judged
@@ -138,9 +142,8 @@ def _quality(record: Array, dead: Array, noisy: Array, first: int) -> ChannelQua
     is_dead = signal <= dead * typical
     usual = jnp.nanmedian(jnp.where(is_dead, jnp.nan, noise))
     count = _count(record)
-    usual = jnp.maximum(usual, count / 12**0.5)  # of rounding to counts
-    loudest = jnp.maximum(noisy * usual, SILENT * typical)
-    held = _held(record, count)
+    loudest = jnp.maximum(noisy * jnp.maximum(usual, count / 12**0.5), SILENT * typical)  # rounding
+    held = _held(record, count, usual < HIDDEN * count)
     least = max(SATURATED, FEWEST_HELD / record.shape[-1])
     fine = jnp.max(jnp.ptp(record, axis=-1), axis=0) > FEWEST_COUNTS * count
     is_saturated = ~is_dead & fine & (held >= least) & (held > 5 * jnp.median(held))
@@ -177,7 +180,9 @@ def _signal(record: Float[Array, "frames detectors times"]) -> Float[Array, " de
 
 
 def _held(
-    record: Float[Array, "frames detectors times"], count: Float[Array, ""]
+    record: Float[Array, "frames detectors times"],
+    count: Float[Array, ""],
+    hidden: Bool[Array, ""],
 ) -> Float[Array, " detectors"]:
     """Share of samples that repeat one value.
 
@@ -185,6 +190,10 @@ def _held(
     other levels it must equal all of the eight before, and not be the level at which the channel
     begins: noise of few counts repeats itself by chance, and quiet parts are constant. Levels that
     channels share, such as the zeros of exact data, do not count.
+
+    Args:
+        hidden: whether counts hide the noise. Then drift makes a staircase of the quiet parts, and
+            waves rest at their crests.
     """
     least, most = jnp.min(record, axis=-1, keepdims=True), jnp.max(record, axis=-1, keepdims=True)
     same = record[..., 1:] == record[..., :-1]
@@ -192,10 +201,34 @@ def _held(
     for back in range(1, 8):
         run = run & same[..., 7 - back : same.shape[-1] - back]
     here = record[..., 8:]
-    at_rails = same[..., 7:] & ((here == least) | (here == most))
-    run = run & (jnp.abs(here - record[..., :1]) > 2 * count)
+    limits = [
+        (below == 0) & (~hidden | _cut(below, count)) for below in (most - record, record - least)
+    ]
+    at_rails = same[..., 7:] & (limits[0] | limits[1])[..., 8:]
+    run = run & ~hidden & (jnp.abs(here - record[..., :1]) > 2 * count)
     shared = (here == jnp.median(record[..., 0])) | (here == jnp.median(record))
     return jnp.mean((run | at_rails) & ~shared, axis=(0, -1))
+
+
+def _cut(below: Float[Array, "*n times"], count: Float[Array, ""]) -> Bool[Array, "*n times"]:
+    """Whether more is cut off at the limit, where ``below`` is 0, than rounding does.
+
+    The crest h - κ t²/2 of a wave stays within a count of its height for L = √(8/κ) samples. In the
+    L samples beside them it is 10/3 counts lower, in the mean; on both sides, since it is a crest.
+    """
+    n = below.shape[-1]
+    here, away = jnp.arange(n), below > 0
+    first = jax.lax.cummax(jnp.where(away, here, -1), axis=below.ndim - 1) + 1
+    stop = jax.lax.cummin(jnp.where(away, here, n), axis=below.ndim - 1, reverse=True)
+    sums = jnp.pad(jnp.cumsum(below, axis=-1), [(0, 0)] * (below.ndim - 1) + [(1, 0)])
+
+    def leaves(start: Array, end: Array) -> Array:
+        total = jnp.take_along_axis(sums, end, -1) - jnp.take_along_axis(sums, start, -1)
+        return (total > CUT_OFF * count * (end - start)) | (start == end)
+
+    length = jnp.maximum(stop - first, 0)
+    before = leaves(jnp.maximum(first - length, 0), first)
+    return before & leaves(stop, jnp.minimum(stop + length, n))
 
 
 def _count(record: Float[Array, "frames detectors times"]) -> Float[Array, ""]:

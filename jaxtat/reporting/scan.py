@@ -13,7 +13,7 @@ from ..base.checks import Numbers, whole_number
 from ..io import Scan, load_scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan, reconstruct
 from ..regularization import Tikhonov
-from ..scans import Choices, choose, estimate_sound_speed, integrals, setup_of, with_facts
+from ..scans import Choices, choose, estimate, integrals, setup_of, with_facts
 from ..scans.constrained import compared, fitted
 from ..scans.deviations import draw, quiet_noise
 from ..scans.facts import facts_of
@@ -52,7 +52,7 @@ def report_file(
     """
     facts = {"detectors": detectors, "sampling_rate": sampling_rate, "times": times}
     scan = with_facts(load_scan(path), scanner=scanner, **facts)
-    choices = estimate_sound_speed(scan, choose(scan, **given))
+    choices = estimate(scan, choose(scan, **given))
     return report_scan(out, scan, choices, title=Path(path).name, inputs=[path], progress=progress)
 
 

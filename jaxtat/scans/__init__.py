@@ -1,7 +1,7 @@
 """From a scan file to images: facts of the scan, automatic choices, reconstruction."""
 
 from .choices import Choices
-from .choosing import choose
+from .choosing import choose, estimate
 from .deviations import standard_deviations
 from .facts import with_facts
 from .frames import integrals, setup_of
@@ -17,6 +17,7 @@ __all__ = [
     "as_json",
     "choose",
     "describe",
+    "estimate",
     "estimate_sound_speed",
     "integrals",
     "reconstruct",

@@ -10,10 +10,12 @@ from .choices import Choices
 from .choose_in_plane import choices_in_plane
 from .choose_in_space import choices_in_space
 from .facts import in_space
+from .noise import estimate_alpha
+from .speed import estimate_sound_speed
 
 
 def choose(scan: Scan, **given: Any) -> Choices:
-    """All choices for a scan, except the speed of sound if that has to be estimated from images.
+    """All choices for a scan, before those are estimated that need images, see `estimate`.
 
     Args:
         scan: from `load_scan`.
@@ -29,6 +31,18 @@ def choose(scan: Scan, **given: Any) -> Choices:
     """
     _require_known(given)
     return choices_in_space(scan, given) if in_space(scan) else choices_in_plane(scan, given)
+
+
+def estimate(scan: Scan, choices: Choices) -> Choices:
+    """Choices with the speed of sound and alpha estimated from images, unless they are known.
+
+    See `estimate_sound_speed` and `noise.estimate_alpha`.
+
+    Args:
+        scan: as for `choose`.
+        choices: of `choose`.
+    """
+    return estimate_alpha(scan, estimate_sound_speed(scan, choices))
 
 
 NAMES = ("use", "radii", "impulse_response", "laser_energy", *(choice.name for choice in OPTIONS))

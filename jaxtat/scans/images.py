@@ -19,12 +19,11 @@ from ..reconstruction import reconstruct as reconstruct_by
 from ..records import ranges
 from ..steps import AccuracyWarning
 from .choices import Choices
-from .choosing import choose
+from .choosing import choose, estimate
 from .constrained import fitted
 from .facts import blank_frames, facts_of, frame_numbers, some_frames, with_facts
 from .frames import integrals, lit_frames, setup_of
 from .space import TurnedOver, facts_in_space
-from .speed import estimate_sound_speed
 
 AT_A_TIME = 2**26  # bytes of data, as float64, that are reconstructed together
 
@@ -103,7 +102,7 @@ def reconstruct_file(
         times=times,
         frames=frames,
     )
-    choices = estimate_sound_speed(scan, choose(scan, **given))
+    choices = estimate(scan, choose(scan, **given))
     if report is not None:
         report(choices.table())
     return reconstruct(scan, choices, out=out, progress=progress)

@@ -10,6 +10,7 @@ from .choosing import choose
 from .facts import in_space, some_frames
 from .found import OF_FORMULA
 from .images import ScanImages, reconstruct
+from .noise import estimate_alpha
 
 _OF_IMAGE = (
     "region_radius",
@@ -68,4 +69,5 @@ def _trials(
     if "band" in kept and kept["band"] is None:
         kept["band"] = "none"
     for value in values:
-        yield reconstruct(scan, choose(scan, **given | kept | {name: value}))
+        trial = choose(scan, **given | kept | {name: value})
+        yield reconstruct(scan, estimate_alpha(scan, trial))

@@ -11,7 +11,7 @@ from ..geometry import Region
 from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup
 from ..reconstruction.setup import plane_of, require_complete
-from ..scans import Choices, choose, estimate_sound_speed, setup_of
+from ..scans import Choices, choose, estimate, setup_of
 from ..scans.facts import facts_of, times_of
 from ..scans.frames import conditioned, has_baseline
 from .places import wider_choices, wider_setup
@@ -47,7 +47,7 @@ def of_setup(setup: Setup, rule: Any, low_pass: Any, reach: Numbers | None) -> A
 def of_scan(
     scan: Scan, choices: Choices | None, plan: ReconstructionPlan | None, reach: Numbers | None
 ) -> Asked:
-    choices = estimate_sound_speed(scan, choose(scan)) if choices is None else choices
+    choices = estimate(scan, choose(scan)) if choices is None else choices
     _require_formula(choices)
     wider = choices
     if reach is not None:

@@ -1,6 +1,6 @@
 """Cylindrical waves: step 1 without collocation, and reconstruction without step 1."""
 
-from .consistency import unexplained
+from .consistency import cross_validation, unexplained
 from .densities import (
     DensityGroup,
     HarmonicDensities,
@@ -33,6 +33,7 @@ __all__ = [
     "cholesky_solve",
     "circular_harmonics_at",
     "conjugate_gradients",
+    "cross_validation",
     "decomposed_waves",
     "free_waves",
     "frequency_groups",

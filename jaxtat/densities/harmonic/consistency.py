@@ -68,3 +68,50 @@ def unexplained(
     table = wave_table(geometry, frequencies, n_max)
     sums = summed_over_detectors(geometry, transformed * geometry.weights, n_max)
     return jax.lax.map(at, (table, transformed, sums))
+
+
+def cross_validation(
+    geometry: PolarGeometry,
+    frequencies: Float[Array, " frequencies"],
+    n_max: int,
+    transformed: Float[Array, "frequencies 2 detectors"],
+    alphas: Float[Array, " alphas"],
+) -> Float[Array, "frequencies alphas"]:
+    """Mean square error with which the others predict a datum, for each alpha, over the data's.
+
+    The best y for n data d = √w (G_J, G_Y) explains A^T y = H d of them, H = A^T (A A^T + alpha)^-1
+    A. With A A^T = Σ_j s_j v_j v_j^T and z_j = v_j·A d generalised cross-validation is
+
+        (|d - H d|² / |d|²) / (1 - tr H / n)²,
+        |d - H d|² = |d|² - Σ_j z_j² (s_j + 2 alpha) / (s_j + alpha)²,
+        tr H = Σ_j s_j / (s_j + alpha):
+
+    what waves leave unexplained, over what they would leave of noise alone.
+
+    Args:
+        geometry, frequencies, n_max, transformed: as in `unexplained`.
+        alphas: in units of `alpha_unit`.
+
+    Source: Golub, Heath and Wahba, Technometrics 21 (1979) 215-223.
+    """
+    gram = circle_gram(geometry, n_max) if geometry.on_circle else None
+    n = 2 * geometry.detector_angles.shape[0]
+
+    def at(given: tuple[WaveTable, Array, Array]) -> Array:
+        wave, power, sums = given
+        factor = region_factor(geometry, wave)
+        matrix = normal_matrix(geometry, wave, factor, gram)
+        absolute = alphas * alpha_unit(factor.powers, detector_powers(geometry, wave))
+        eigenvalues, vectors = jnp.linalg.eigh(matrix)
+        seen = jnp.maximum(eigenvalues, 0.0).ravel()[:, None]
+        rhs = factor.times(moments(geometry, wave, sums[None]))[0]
+        squares = jnp.einsum("bij,bi->bj", vectors, rhs).ravel()[:, None] ** 2
+        explained = jnp.sum(squares * (seen + 2 * absolute) / (seen + absolute) ** 2, axis=0)
+        rounding = jnp.finfo(power.dtype).eps * power
+        free = n - jnp.sum(seen / (seen + absolute), axis=0)
+        return jnp.maximum(power - explained, rounding) / power * (n / free) ** 2
+
+    table = wave_table(geometry, frequencies, n_max)
+    values = transformed * geometry.weights
+    power = jnp.sum(values * transformed, axis=(1, 2))
+    return jax.lax.map(at, (table, power, summed_over_detectors(geometry, values, n_max)))
