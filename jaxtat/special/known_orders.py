@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import scipy.special
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .sequences import evanescent_orders
 
@@ -24,13 +24,17 @@ def known_decay_steps(
 
 
 def hankel_rows(
-    x: Float[np.ndarray, "points places"], steps: Float[np.ndarray, "orders points"]
-) -> Iterator[tuple[Float[np.ndarray, "points places"], Float[np.ndarray, "points places"]]]:
+    x: Float[np.ndarray, "points places"],
+    steps: Float[np.ndarray, "orders points"],
+    needed: Int[np.ndarray, " points"] | None = None,
+) -> Iterator[tuple[Float[np.ndarray, "last places"], Float[np.ndarray, "last places"]]]:
     """J_n(x) / Delta_n and Delta_n Y_n(x), n = 0, 1, ..., as `scaled_hankel_sequence` has them.
 
     Args:
         x: positive.
         steps: delta_n of `known_decay_steps`, for each row of x.
+        needed: the highest order of each row, not decreasing; by default all. Rows that need no
+            more are left out, the first ones.
 
     >>> x = np.array([[1.0, 1.3]])
     >>> *_, (j, y) = hankel_rows(x, known_decay_steps(400, x[:, 0]))
@@ -38,18 +42,28 @@ def hankel_rows(
     -1.0004
     """
     n_max = len(steps) - 1
-    upward = int(x.min())  # orders up to which J is stable upward at all places
-    high = _ratios(n_max, x) if n_max > upward else None
+    needed = np.full(len(x), n_max) if needed is None else needed
+    # rows beyond these need orders that are stable upward at all places
+    decaying = int((needed > x.min(axis=1)).nonzero()[0].max(initial=-1)) + 1
+    high = _ratios(int(needed[:decaying].max(initial=0)), x[:decaying])
     j, y = scipy.special.j0(x), scipy.special.y0(x)
     j_next, y_next = scipy.special.j1(x), scipy.special.y1(x)
-    twice_over = 2 / x
+    twice_over, first = 2 / x, 0
     for n, step in enumerate(steps[1:, :, None], 1):
         yield j, y
-        if high is not None and n > upward:
-            j_next = np.where(n <= x, j_next, high[n] * j)
-        if not (step == 1).all():
-            j, j_next = j / step, j_next / step
-            y, y_next = y * step, np.maximum(y_next * step, -_LARGEST)
+        done = int(np.searchsorted(needed, n)) - first
+        if done:
+            j, y, j_next, y_next, twice_over = (
+                part[done:] for part in (j, y, j_next, y_next, twice_over)
+            )
+            first += done
+        few = max(decaying - first, 0)
+        if few:
+            upward = n <= x[first:decaying]
+            j_next[:few] = np.where(upward, j_next[:few], high[n, first:] * j[:few])
+        if not (step[first:] == 1).all():
+            j, j_next = j / step[first:], j_next / step[first:]
+            y, y_next = y * step[first:], np.maximum(y_next * step[first:], -_LARGEST)
         factor = n * twice_over
         # J_{n+1} / Delta_n and Delta_n Y_{n+1}
         after = factor * j_next - j, factor * y_next - y

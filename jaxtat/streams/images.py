@@ -26,8 +26,8 @@ from ..densities.harmonic import (
     DecomposedWaves,
     FreeWaves,
     decomposed_waves,
+    free_densities,
     free_waves,
-    inverse_densities,
     polar_geometry,
     tikhonov_densities,
     wants_double,
@@ -386,7 +386,7 @@ def _densities(
             return _densities(
                 setup, _waves_of(setup, np.dtype(float), True), rule, np.dtype(float), in_factors
             )
-        return inverse_densities(waves, rule)
+        return free_densities(waves, rule)
     return tikhonov_densities(waves, rule, in_factors=in_factors)
 
 

@@ -11,7 +11,7 @@ from .densities import (
     unfold,
     wave_system,
 )
-from .free_disks import FreeWaves, free_waves, inverse_densities, wants_double
+from .free_disks import FreeWaves, free_densities, free_waves, wants_double
 from .linear_systems import cholesky_solve, conjugate_gradients
 from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
@@ -35,12 +35,12 @@ __all__ = [
     "conjugate_gradients",
     "cross_validation",
     "decomposed_waves",
+    "free_densities",
     "free_waves",
     "frequency_groups",
     "group_of",
     "harmonic_densities",
     "harmonic_orders",
-    "inverse_densities",
     "polar_geometry",
     "sampled_harmonic_densities",
     "solve_harmonics",

@@ -23,6 +23,7 @@ from ...base.checks import is_concrete
 from ...regularization import SINGULAR, Regularization, per_frequency, singular_components
 from ...regularization.filtered import filtered_solve
 from ..stored import Densities, DensityReport, in_precision, mean_norm
+from .cholesky import Cholesky
 from .polar import PolarGeometry, half_weights
 from .table import (
     RegionFactor,
@@ -64,21 +65,26 @@ class Factors(eqx.Module):
 
 
 class Solved(eqx.Module):
-    """scale (A A^T + alpha)^-1 A, not formed, with the inverse of this or of A^T A + alpha.
+    """scale (A A^T + alpha)^-1 A, not formed.
 
-    The smaller of the two is there.
+    Attributes:
+        scale, matrix: rows of order 0, 0, 1, 1, ...: of cosine and sine; in products all cosines
+            come first, as elsewhere.
+        factor: of A A^T + alpha, or of A^T A + alpha where that is smaller.
     """
 
     scale: Float[Array, "*f blocks r"]
     matrix: Float[Array, "*f blocks r columns"]
-    inverse: Float[Array, "*f blocks k k"]
+    factor: Cholesky
 
     def __matmul__(self, columns: Array) -> Array:
-        if self.inverse.shape[-1] == self.matrix.shape[-2]:
-            found = self.inverse @ (self.matrix @ columns)
+        if self.factor.size == self.matrix.shape[-2]:
+            found = self.factor.solve(self.matrix @ columns)
         else:
-            found = self.matrix @ (self.inverse @ columns)
-        return self.scale[..., None] * found
+            found = self.matrix @ self.factor.solve(columns)
+        found = self.scale[..., None] * found
+        of_orders = found.reshape(*found.shape[:-2], -1, 2, found.shape[-1])
+        return jnp.swapaxes(of_orders, -3, -2).reshape(found.shape)
 
     def formed(self) -> Float[Array, "*f blocks r columns"]:
         return self @ jnp.eye(self.shape[-1], dtype=self.dtype)

@@ -1,15 +1,16 @@
 """Densities for a whole disk anywhere among the detectors: without symmetry, and soon.
 
 Cylindrical waves about the disk's own centre keep R diagonal; the detectors have distances r_k of
-their own, and A = R M needs (J_n|Y_n)(lambda r_k). For one alpha no decomposition is needed but an
-inverse, of the smaller of two matrices,
+their own, and A = R M needs (J_n|Y_n)(lambda r_k), which are found at few of them. For one alpha no
+decomposition is needed but the Cholesky factor of the smaller of two matrices,
 
     (A A^T + alpha)^-1 A = A (A^T A + alpha)^-1,
 
-and the densities stay a product of two matrices.
+and the densities stay a product of A and two triangles.
 
 By numpy, whose products of a matrix with its own transpose take half the time of XLA's, and with
-which nothing is compiled.
+which nothing is compiled. Each frequency has as many orders as it needs; those beyond, up to those
+of its group, are zero, and take no time here.
 """
 
 import os
@@ -20,23 +21,24 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-import scipy.linalg
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from threadpoolctl import threadpool_limits
 
 from ...geometry import DetectorCurve, Disk
 from ...regularization import RelativeTikhonov, Tikhonov
 from ...special import hankel_rows, known_decay_steps
+from .cholesky import Cholesky, block_bounds, factorize
 from .densities import HarmonicDensities, Solved, rows_alone
+from .few_distances import few_distances
 from .moved_units import circle_places, moved_unit
-from .orders import highest_orders
+from .orders import TOLERANCE, highest_orders
 from .polar import REACHED, PolarGeometry, polar_geometry
 from .tikhonov_rows import alphas_of
 
-AT_ONCE = 32  # frequencies of one call, whose tables stay in a cache
-EXACT_BELOW = 3e-3  # alpha over its unit, below which inverses are found in double precision,
+AT_ONCE = 64  # frequencies of one call, whose tables stay in a cache
+EXACT_BELOW = 3e-3  # alpha over its unit, below which factors are found in double precision,
 DOUBLE_BELOW = 3e-4  # and below which matrices are to be kept so
-_LEAF = 32  # rows of a matrix that is inverted without being parted
+_TOLERANCE = {4: 1e-8, 8: TOLERANCE}  # of orders, as in `highest_orders`, by bytes of a number
 _ALIGNED = 64  # bytes: such arrays JAX takes without a copy
 
 
@@ -44,7 +46,7 @@ class Potentials(eqx.Module):
     """A of frequencies that have as many orders.
 
     Attributes:
-        matrix: A, columns as in `fold`.
+        matrix: A, columns as in `fold`, rows of order 0, 0, 1, 1, ...: of cosine and sine.
         scale: eps Delta R.
     """
 
@@ -57,12 +59,14 @@ class FreeWaves(eqx.Module):
 
     Attributes:
         groups: in the order of the frequencies.
+        rows: how many of A are not zero, the first ones.
         unit: of alpha [length²].
         frequencies: lambda [rad/length].
         angles: of the directions, counted from the axis [rad].
     """
 
     groups: tuple[Potentials, ...]
+    rows: Int[np.ndarray, " frequencies"]
     unit: Float[np.ndarray, " frequencies"]
     frequencies: Float[Array, " frequencies"]
     angles: Float[Array, " directions"]
@@ -95,24 +99,43 @@ def free_waves(
     known, radius, center = np.asarray(frequencies), float(region.radius), np.asarray(region.center)
     local, shares = _nodes(curve, center, n_nodes)
     distances = np.hypot(local[..., 0], local[..., 1])
-    groups = _enough(groups, known, radius, float(distances.min()))
-    angular = _angular(local, shares, usual, max(orders for *_, orders in groups))
-    around = circle_places(usual)
-    found, units = [], []
-    for start, stop, orders in groups:
-        matrix = _empty((stop - start, 2, orders + 1, 2, distances.shape[1]), dtype)
-        scale = np.empty((stop - start, 2, orders + 1), dtype)
-        for first in range(start, stop, AT_ONCE):
-            few, here = known[first:stop][:AT_ONCE], slice(first - start, first - start + AT_ONCE)
-            norms, circle = _filled(matrix[here], few, radius, distances, angular, around)
-            scale[here] = (norms * _twice(orders)).T[:, None]
-            if usual.on_circle:
-                units.append(moved_unit(usual, center, few, norms, circle))
-        rows = matrix.reshape(len(matrix), 1, 2 * orders + 2, -1)
+    needed = _needed(known, radius, float(distances.min()), np.dtype(dtype))
+    potentials = [
+        _space(stop - start, max(orders, int(needed[start:stop].max())), distances.shape[1], dtype)
+        for start, stop, orders in groups
+    ]
+    each = [part for group in potentials for part in zip(*group, strict=True)]
+    # beyond lambda r waves change with r like powers of the order
+    highest = max(known.max(), needed.max() / distances.min())
+    places, to_elements = few_distances(distances.ravel(), highest, dtype)
+    angular = _angular(local, shares, usual, int(needed.max())).astype(dtype)
+    around, units = circle_places(usual), np.empty(len(known))
+
+    def fill(number: int, waves: Float[np.ndarray, "orders 2 places"]) -> None:
+        values = waves if to_elements is None else waves @ to_elements
+        values = values.reshape(*values.shape[:2], *distances.shape).astype(dtype)
+        matrix = each[number][0].reshape(-1, 2, 2, distances.shape[1])  # orders, cos|sin, J|Y
+        _products(matrix, values, angular)
         if not usual.on_circle:
-            units.append(np.einsum("fbrc,fbrc->fbr", rows, rows).max(axis=(1, 2)))
-        found.append(Potentials(*jax.device_put((rows, scale.reshape(rows.shape[:-1])))))
-    return FreeWaves(tuple(found), np.concatenate(units), frequencies, angles - usual.axis)
+            units[number] = np.einsum("npjk,npjk->np", matrix, matrix).max()
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool, threadpool_limits(1, user_api="blas"):
+        filled = []
+        for first in range(0, len(known), AT_ONCE):
+            here = slice(first, first + AT_ONCE)
+            norms, waves = _waves(known[here], needed[here], radius, np.append(places, around))
+            scale = np.repeat(norms * _twice(len(norms))[:, None], 2, axis=0)
+            for i, n in enumerate(needed[here] + 1):
+                each[first + i][1][0, : 2 * n] = scale[: 2 * n, i]
+                filled.append(pool.submit(fill, first + i, waves[:n, :, i, : len(places)]))
+            if usual.on_circle:
+                circle = waves[..., len(places) :]
+                units[here] = moved_unit(usual, center, known[here], norms, circle)
+        for one in filled:
+            one.result()
+    angles = angles - usual.axis
+    found = tuple(Potentials(*arrays) for arrays in jax.device_put(potentials))
+    return FreeWaves(found, 2 * (needed + 1), units, frequencies, angles)
 
 
 def wants_double(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> bool:
@@ -123,18 +146,33 @@ def wants_double(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> bool:
     return _least(waves, alphas_of(rule, waves.unit, waves.frequencies)) < DOUBLE_BELOW
 
 
-def inverse_densities(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> HarmonicDensities:
+def free_densities(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> HarmonicDensities:
     """The densities of all plane waves by a rule, a number or one for each frequency."""
     alphas = alphas_of(rule, waves.unit, waves.frequencies)
-    exact, start, groups = _least(waves, alphas) < EXACT_BELOW, 0, []
+    exact = _least(waves, alphas) < EXACT_BELOW
+    factors, each = [], []
     for group in waves.groups:
-        stop = start + len(group.scale)
-        inverse = _inverses(np.asarray(group.matrix), alphas[start:stop], exact)
-        rows = Solved(group.scale, group.matrix, jax.device_put(inverse))
-        groups.append(rows_alone(rows, len(waves.angles)))
-        start = stop
-    phases = np.ones((start, len(waves.angles)), groups[0].extra.dtype)
-    return HarmonicDensities(tuple(groups), waves.angles, jax.device_put(phases), mirror=False)
+        size = min(group.matrix.shape[-2:])
+        factor = _empty_blocks(len(group.scale), size, group.matrix.dtype)
+        factors.append(factor)
+        for i, matrix in enumerate(np.asarray(group.matrix)):
+            each.append((matrix[0], size, *([part[i, 0] for part in parts] for parts in factor)))
+
+    def find(number: int) -> None:
+        matrix, size, left, inverse = each[number]
+        used = matrix[: waves.rows[number]].astype(float if exact else matrix.dtype, copy=False)
+        factorize(used if size == len(matrix) else used.T, alphas[number], left, inverse)
+
+    # a thread for each matrix: more, within one, would wait for each other; the largest first
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(find, reversed(range(len(each)))))
+    n_directions = len(waves.angles)
+    groups = tuple(
+        rows_alone(Solved(group.scale, group.matrix, Cholesky(*factor)), n_directions)
+        for group, factor in zip(waves.groups, jax.device_put(factors), strict=True)
+    )
+    phases = np.ones((len(each), n_directions), groups[0].extra.dtype)
+    return HarmonicDensities(groups, waves.angles, jax.device_put(phases), mirror=False)
 
 
 def _least(waves: FreeWaves, alphas: Float[np.ndarray, " f"]) -> float:
@@ -142,39 +180,19 @@ def _least(waves: FreeWaves, alphas: Float[np.ndarray, " f"]) -> float:
     return float((alphas / waves.unit).min())
 
 
-def _inverses(
-    matrices: Float[np.ndarray, "f 1 r columns"], alphas: Float[np.ndarray, " f"], exact: bool
-) -> Float[np.ndarray, "f 1 k k"]:
-    """Of A A^T + alpha, or of A^T A + alpha where that is smaller."""
-    size = min(matrices.shape[-2:])
-    found = _empty((len(matrices), 1, size, size), matrices.dtype)
-
-    def find(number: int) -> None:
-        matrix = matrices[number, 0].astype(float if exact else matrices.dtype, copy=False)
-        wide = matrix if size == len(matrix) else matrix.T
-        gram = wide @ wide.T
-        gram[np.diag_indices(size)] += alphas[number]
-        # LAPACK has columns in order: what is an upper triangle to it is a lower one here
-        upper = scipy.linalg.cholesky(gram.T, overwrite_a=True, check_finite=False)
-        half = _triangle_inverse(upper.T)
-        found[number] = half.T @ half
-
-    # a thread for each matrix: more, within one, would wait for each other
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(find, range(len(matrices))))
-    return found
+def _empty_blocks(n: int, size: int, dtype: Any) -> tuple[tuple[np.ndarray, ...], ...]:
+    """`Cholesky.left` and `inverse` of n matrices, to be written."""
+    bounds = block_bounds(size)
+    left = tuple(_empty((n, 1, stop - start, start), dtype) for start, stop in bounds)
+    return left, tuple(_empty((n, 1, *2 * (stop - start,)), dtype) for start, stop in bounds)
 
 
-def _triangle_inverse(triangle: Float[np.ndarray, "r r"]) -> Float[np.ndarray, "r r"]:
-    """Of a lower triangle, by its halves: nearly all of it is products, unlike in LAPACK."""
-    if len(triangle) <= _LEAF:
-        return np.linalg.inv(triangle)
-    h = len(triangle) // 2
-    found = np.zeros_like(triangle)
-    found[:h, :h] = first = _triangle_inverse(triangle[:h, :h])
-    found[h:, h:] = last = _triangle_inverse(triangle[h:, h:])
-    found[h:, :h] = -last @ (triangle[h:, :h] @ first)
-    return found
+def _space(
+    n: int, orders: int, n_detectors: int, dtype: Any
+) -> tuple[Float[np.ndarray, "f 1 r columns"], Float[np.ndarray, "f 1 r"]]:
+    """A and its scale of n frequencies, to be written."""
+    rows = 2 * (orders + 1)
+    return _empty((n, 1, rows, 2 * n_detectors), dtype), np.zeros((n, 1, rows), dtype)
 
 
 def _nodes(
@@ -185,20 +203,17 @@ def _nodes(
     return np.moveaxis(points - center, 1, 0), shares[:, None] * np.sqrt(np.asarray(curve.weights))
 
 
-def _enough(
-    groups: Sequence[tuple[int, int, int]],
-    frequencies: Float[np.ndarray, " f"],
-    radius: float,
-    nearest: float,
-) -> list[tuple[int, int, int]]:
-    """The groups with orders that reach the nearest detector too."""
+def _needed(
+    frequencies: Float[np.ndarray, " f"], radius: float, nearest: float, dtype: np.dtype
+) -> Int[np.ndarray, " f"]:
+    """Orders that reach the nearest detector, not decreasing."""
     if radius >= REACHED * nearest:
         raise ValueError(
             f"the region has radius {radius:.6g}, and a detector is only {nearest:.6g} from its "
             "centre: move it by less, or make another function for a smaller region."
         )
-    needed = highest_orders(frequencies, radius, nearest)
-    return [(a, b, max(orders, int(needed[a:b].max()))) for a, b, orders in groups]
+    orders = highest_orders(frequencies, radius, nearest, _TOLERANCE[dtype.itemsize])
+    return np.maximum.accumulate(orders)
 
 
 def _angular(
@@ -206,40 +221,44 @@ def _angular(
     shares: Float[np.ndarray, "nodes detectors"],
     usual: PolarGeometry,
     n_max: int,
-) -> Float[np.ndarray, "2 orders nodes detectors"]:
+) -> Float[np.ndarray, "orders 2 nodes detectors"]:
     """(cos|sin) n theta, theta counted from the axis, times the share of each point."""
     theta = np.arctan2(local[..., 1], local[..., 0]) - float(usual.axis)
     phase = np.arange(n_max + 1)[:, None, None] * theta
-    return np.stack([np.cos(phase), np.sin(phase)]) * shares
+    return np.stack([np.cos(phase), np.sin(phase)], axis=1) * shares
 
 
-def _filled(
-    matrix: Float[np.ndarray, "f 2 orders 2 detectors"],
+def _waves(
     frequencies: Float[np.ndarray, " f"],
+    needed: Int[np.ndarray, " f"],
     radius: float,
-    distances: Float[np.ndarray, "nodes detectors"],
-    angular: Float[np.ndarray, "2 more nodes detectors"],
-    around: Float[np.ndarray, " places"],
+    places: Float[np.ndarray, " places"],
 ) -> tuple[Float[np.ndarray, "orders f"], Float[np.ndarray, "orders 2 f places"]]:
-    """Write A; s_n of the traces of J_n cos n t, and eps_n s_n (J_n|Y_n)(lambda r) at places."""
-    orders = matrix.shape[2] - 1
-    steps = known_decay_steps(orders + 1, frequencies * radius)
+    """s_n of the traces of J_n cos n t, and eps_n s_n (J_n|Y_n)(lambda r): 0 beyond."""
+    n_max = int(needed[-1])
+    steps = known_decay_steps(n_max + 1, frequencies * radius)
     scale = np.cumprod(steps[:-1], axis=0)
     norms = _disk_norms(frequencies * radius, radius, steps)  # over scale
     # what multiplies J_n / scale and Y_n scale
-    factors = (
-        np.stack([norms * scale**2, norms], axis=1)[..., None] * _twice(orders)[..., None, None]
-    )
-    circle = np.empty((*factors.shape[:-1], len(around)))
-    places = np.append(distances, around)
-    rows = hankel_rows(frequencies[:, None] * places, steps[:-1])
+    factors = np.stack([norms * scale**2, norms], axis=1) * _twice(n_max + 1)[:, None, None]
+    found = np.zeros((*factors.shape, len(places)))
+    rows = hankel_rows(frequencies[:, None] * places, steps[:-1], needed)
     for n, bessel in enumerate(rows):
-        for kind, factor in enumerate(factors[n]):
-            values = bessel[kind] * factor
-            at_elements = values[:, : distances.size].reshape(-1, *distances.shape)
-            circle[n, kind] = values[:, distances.size :]
-            matrix[:, :, n, kind] = np.einsum("fqk,pqk->fpk", at_elements, angular[:, n])
-    return norms * scale, circle
+        for kind, values in enumerate(bessel):
+            first = len(frequencies) - len(values)
+            np.multiply(values, factors[n, kind, first:, None], out=found[n, kind, first:])
+    return norms * scale, found
+
+
+def _products(
+    matrix: Float[np.ndarray, "more 2 2 detectors"],
+    values: Float[np.ndarray, "orders 2 nodes detectors"],
+    angular: Float[np.ndarray, "most 2 nodes detectors"],
+) -> None:
+    """Write A: Σ over nodes of (J_n|Y_n) (cos|sin)."""
+    n = len(values)
+    np.einsum("njqk,npqk->npjk", values, angular[:n], out=matrix[:n])
+    matrix[n:] = 0
 
 
 def _disk_norms(
@@ -254,9 +273,9 @@ def _disk_norms(
     return norm
 
 
-def _twice(n_max: int) -> Float[np.ndarray, "orders 1"]:
-    """eps_n: 1 for n = 0, else 2."""
-    return np.where(np.arange(n_max + 1) == 0, 1.0, 2.0)[:, None]
+def _twice(n: int) -> Float[np.ndarray, " orders"]:
+    """eps_n of n orders: 1 for order 0, else 2."""
+    return np.where(np.arange(n) == 0, 1.0, 2.0)
 
 
 def _empty(shape: tuple[int, ...], dtype: Any) -> np.ndarray:

@@ -48,7 +48,7 @@ def moved_unit(
     tau = norms**2 * np.where(order == 0, 1.0, 2.0)
     straight, turned = _graf_sums(frequencies * np.hypot(x, y), tau)
     turned *= np.cos(2 * order * phi)
-    own = np.maximum(norms**2, np.finfo(float).tiny)  # where it is less, so are all products
+    own = np.maximum(norms**2, 1e-200)  # where it is less, so are all products
     region = np.stack([straight + turned, straight - turned]) / (2 * own)
     angles, weights = np.asarray(usual.detector_angles), np.asarray(usual.weights)
     twofold = np.cos(2 * order[:, None] * angles) @ weights
