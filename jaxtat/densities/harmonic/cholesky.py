@@ -18,7 +18,8 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Array, Float
 
-BLOCK = 64  # rows at most: their triangles are inverted in little time
+BLOCK = 256  # rows at most: more blocks take less memory, and longer to compile
+_LEAF = 64  # rows of a triangle that is inverted without being parted
 
 
 class Cholesky(eqx.Module):
@@ -41,13 +42,14 @@ class Cholesky(eqx.Module):
             if start:
                 part -= left @ jnp.concatenate(found, axis=-2)
             found.append(inverse @ part)
-        rest, solved = jnp.concatenate(found, axis=-2), []
+        # rows instead of columns: transposed matrices on the left are slow
+        rest, solved = jnp.swapaxes(jnp.concatenate(found, axis=-2), -1, -2), []
         for left, inverse in zip(self.left[::-1], self.inverse[::-1], strict=True):
             start = left.shape[-1]
-            part = jnp.swapaxes(inverse, -1, -2) @ rest[..., start:, :]
+            part = rest[..., start:] @ inverse
             solved.insert(0, part)
-            rest = rest[..., :start, :] - jnp.swapaxes(left, -1, -2) @ part
-        return jnp.concatenate(solved, axis=-2)
+            rest = rest[..., :start] - part @ left
+        return jnp.swapaxes(jnp.concatenate(solved, axis=-1), -1, -2)
 
     @property
     def size(self) -> int:
@@ -79,7 +81,7 @@ def factorize(
     """
     gram = wide @ wide.T
     gram[np.diag_indices(len(gram))] += alpha
-    potrf, trtri = scipy.linalg.get_lapack_funcs(("potrf", "trtri"), (gram,))
+    (potrf,) = scipy.linalg.get_lapack_funcs(("potrf",), (gram,))
     # LAPACK has columns in order: what is an upper triangle to it is a lower one here
     upper, failed = potrf(gram.T, lower=False, overwrite_a=True, clean=False)
     if failed:
@@ -91,5 +93,18 @@ def factorize(
         of_left[n:], of_inverse[...] = 0, np.eye(size)
         if n:
             of_left[:n] = rows[:, :start]
-            square = trtri(rows[:, start : start + n].T, lower=False)[0]
-            of_inverse[:n, :n] = np.tril(square.T)
+            _write_inverse(rows[:, start : start + n], of_inverse[:n, :n])
+
+
+def _write_inverse(triangle: Float[np.ndarray, "r r"], found: Float[np.ndarray, "r r"]) -> None:
+    """Write that of a lower triangle, by its halves: most of it is products, unlike in LAPACK."""
+    h = len(triangle) // 2
+    if len(triangle) <= _LEAF:
+        (trtri,) = scipy.linalg.get_lapack_funcs(("trtri",), (triangle,))
+        found[...] = np.tril(trtri(triangle.T, lower=False)[0].T)
+        return
+    halves = np.zeros((h, h), triangle.dtype), np.zeros((len(triangle) - h,) * 2, triangle.dtype)
+    _write_inverse(triangle[:h, :h], halves[0])
+    _write_inverse(triangle[h:, h:], halves[1])
+    found[:h, :h], found[h:, h:] = halves
+    found[h:, :h] = -halves[1] @ (triangle[h:, :h] @ halves[0])
