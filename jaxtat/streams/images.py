@@ -147,11 +147,6 @@ class Live(eqx.Module):
             region = another_disk(region, region_center, region_radius)
             free = self._pressure is not None
             setup, solved_anew = placed(setup, self.region, region, free)
-        if rule is not self.rule or solved_anew:
-            if self.rule is None:
-                raise ValueError("densities of a plan: its rule and geometry cannot be changed.")
-            waves = _waves_of(setup, self.dtype, free=True) if solved_anew else waves
-            densities = _densities(setup, waves, rule, self.dtype, self._in_factors)
         if sound_speed is not None:
             if self._pressure is None:
                 raise ValueError("sound_speed: circular integrals are made at one; change radii.")
@@ -160,7 +155,13 @@ class Live(eqx.Module):
             radii = _radii(self._pressure, setup, speed)
             if not np.array_equal(radii, self.radii):
                 kernels = integrals_to_waves(radii, setup.frequencies, self.dtype)
+            # begun here, and done while numpy works below
             samples = _samples(kernels, self._pressure, radii, speed)
+        if rule is not self.rule or solved_anew:
+            if self.rule is None:
+                raise ValueError("densities of a plan: its rule and geometry cannot be changed.")
+            waves = _waves_of(setup, self.dtype, free=True) if solved_anew else waves
+            densities = _densities(setup, waves, rule, self.dtype, self._in_factors)
         low_pass = self.low_pass if low_pass is None else low_pass
         return dataclasses.replace(
             self,

@@ -40,3 +40,14 @@ def test_products_of_orders_that_under_and_overflow():
     *_, (j, y) = hankel_rows(x, known_decay_steps(500, x[:, 0]))
     wanted = mp.besselj(500, 2.0) * mp.bessely(500, 2.6)
     assert abs(j[0, 0] * y[0, 1] / float(wanted) - 1) < 1e-12
+
+
+def test_rows_that_need_no_more_are_left_out():
+    x = np.array([[0.5, 0.7], [9.0, 12.0], [60.0, 75.0], [300.0, 350.0]])
+    needed = np.array([4, 20, 20, 90])
+    steps = known_decay_steps(90, 0.9 * x[:, 0])
+    every, some = list(hankel_rows(x, steps)), list(hankel_rows(x, steps, needed))
+    assert [len(j) for j, _ in some] == [(needed >= n).sum() for n in range(91)]
+    for n, (wanted, found) in enumerate(zip(every, some, strict=True)):
+        for kind in range(2):
+            assert np.allclose(found[kind], wanted[kind][needed >= n], rtol=1e-13, atol=0)

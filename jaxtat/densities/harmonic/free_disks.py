@@ -112,8 +112,9 @@ def free_waves(
     around, units = circle_places(usual), np.empty(len(known))
 
     def fill(number: int, waves: Float[np.ndarray, "orders 2 places"]) -> None:
-        values = waves if to_elements is None else waves @ to_elements
-        values = values.reshape(*values.shape[:2], *distances.shape).astype(dtype)
+        values = waves.reshape(-1, len(places))
+        values = values if to_elements is None else values @ to_elements
+        values = values.astype(dtype).reshape(*waves.shape[:2], *distances.shape)
         matrix = each[number][0].reshape(-1, 2, 2, distances.shape[1])  # orders, cos|sin, J|Y
         _products(matrix, values, angular)
         if not usual.on_circle:

@@ -1,0 +1,53 @@
+"""Factors in blocks against the matrices that they are of."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.typing import DTypeLike
+
+from jaxtat.densities.harmonic.cholesky import Cholesky, block_bounds, factorize
+
+
+def factor_of(wide, alpha, size, dtype: DTypeLike = float):
+    """With whatever was in memory before."""
+    sizes = [(stop - start, start) for start, stop in block_bounds(size)]
+    left = [np.full(shape, 7.0, dtype) for shape in sizes]
+    inverse = [np.full((b, b), 7.0, dtype) for b, _ in sizes]
+    factorize(wide, alpha, left, inverse)
+    return Cholesky(*(tuple(map(jnp.asarray, part)) for part in (left, inverse)))
+
+
+@pytest.mark.parametrize("size", [1, 3, 64, 256, 300, 600])
+def test_it_solves(size):
+    """In one, two and three blocks."""
+    rng = np.random.default_rng(0)
+    wide, columns = rng.standard_normal((size, 40)), rng.standard_normal((size, 3))
+    factor = factor_of(wide, 0.5, size)
+    assert factor.size == size and len(factor.left) == -(-size // 256)
+    wanted = np.linalg.solve(wide @ wide.T + 0.5 * np.eye(size), columns)
+    assert np.abs(factor.solve(jnp.asarray(columns)) - wanted).max() < 1e-11 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("used", [200, 400])
+def test_rows_that_lack_stay_as_they_are(used):
+    """The rest of a block, and a block as a whole."""
+    rng = np.random.default_rng(1)
+    wide, columns = rng.standard_normal((used, 50)), rng.standard_normal((500, 2))
+    found = factor_of(wide, 2.0, 500).solve(jnp.asarray(columns))
+    wanted = np.linalg.solve(wide @ wide.T + 2 * np.eye(used), columns[:used])
+    assert np.abs(found[:used] - wanted).max() < 1e-12 * np.abs(wanted).max()
+    assert (np.asarray(found[used:]) == columns[used:]).all()
+
+
+def test_found_in_double_and_kept_in_single():
+    rng = np.random.default_rng(2)
+    wide, columns = rng.standard_normal((300, 200)), rng.standard_normal((300, 1))
+    factor = factor_of(wide, 10.0, 300, np.float32)
+    wanted = np.linalg.solve(wide @ wide.T + 10 * np.eye(300), columns)
+    assert factor.inverse[1].dtype == np.float32
+    assert np.abs(factor.solve(jnp.asarray(columns)) - wanted).max() < 1e-5 * np.abs(wanted).max()
+
+
+def test_no_alpha():
+    with pytest.raises(np.linalg.LinAlgError, match="less than rounding"):
+        factor_of(np.ones((5, 1)), 1e-30, 5)
