@@ -37,7 +37,7 @@ def few_distances(
     >>> places, matrix = few_distances(distances, 30.0, np.float32)
     >>> error = np.abs(np.cos(30 * places) @ matrix - np.cos(30 * distances)).max()
     >>> len(places), bool(error < 1e-8)
-    (22, True)
+    (14, True)
     """
     low, high = float(distances.min()), float(distances.max())
     middle, half = (low + high) / 2, max((high - low) / 2, 1e-6 * high)
