@@ -32,7 +32,7 @@ from .choices import Choices
 from .facts import FASTEST, SLOWEST, facts_of, times_of, typical_frame
 from .frames import conditioned, integrals, setup_of
 from .space import facts_in_space
-from .speed_found import SpeedFound, believed, jackknife, next_highest, summit, unknown
+from .speed_found import SpeedFound, believed, jackknife, summit, unknown
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 15)
 AGREE = 0.3  # M at the peak, at least
@@ -107,8 +107,10 @@ def _best(record: "_Record", assumed: float, speeds: np.ndarray) -> _Best:
     near = np.linspace(speeds[best - 1], speeds[best + 1], 9)
     found = agreement_at(near)
     error = jackknife([summit(near, without) for without in found[:, 1:].T])
-    speed, rival = summit(near, found[:, 0]), next_highest(coarse, best, 1)
-    return _Best(speed, error, float(found[:, 0].max()), rival)
+    elsewhere = np.abs(np.arange(len(speeds)) - best) > 1
+    higher = np.maximum(np.append(coarse[1:], -1.0), np.append(-1.0, coarse[:-1])) <= coarse
+    rival = float(np.max(coarse[elsewhere & higher], initial=0.0))
+    return _Best(summit(near, found[:, 0]), error, float(found[:, 0].max()), rival)
 
 
 class _Record(NamedTuple):

@@ -89,9 +89,9 @@ def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
 
 
 def _from_one_side(scan: Scan, choices: Choices, span: float) -> SpeedFound:
-    explained = speed_best_explained(scan, choices)
+    explained, doubt = speed_best_explained(scan, choices)
     if explained.standard_error is not None:
-        return explained
+        return _guessed(explained, doubt) if doubt else explained
     why = f"from {span:.0f} degrees edges are seen once, and {explained.why}"
     if span < TOLD_APART:
         return unknown(f"water's: {why}")

@@ -45,17 +45,6 @@ def summit(speeds: Float[np.ndarray, " speeds"], values: Float[np.ndarray, " spe
     return float(speeds[best] + (speeds[1] - speeds[0]) * step)
 
 
-def next_highest(values: Float[np.ndarray, " speeds"], best: int, beside: int) -> float:
-    """The value at the next highest peak, more than some places beside the best; 0 for none.
-
-    >>> next_highest(np.array([0.0, 0.3, 0.2, 0.9, 0.7, 0.1]), 3, 1)
-    0.3
-    """
-    elsewhere = np.abs(np.arange(len(values)) - best) > beside
-    neighbours = np.append(values[1:], -np.inf), np.append(-np.inf, values[:-1])
-    return float(np.max(values[elsewhere & (values >= np.maximum(*neighbours))], initial=0.0))
-
-
 def jackknife(without: list[float]) -> float:
     """Standard error from estimates that each leave out one of n parts.
 
