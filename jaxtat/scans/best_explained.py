@@ -15,6 +15,7 @@ displaces the dip, to the other side for waves from the other end, and makes it 
 For A and y see `jaxtat.densities.harmonic.consistency`.
 """
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -26,11 +27,13 @@ from jaxtyping import Float
 
 from ..base.choice_table import SURE
 from ..densities.harmonic import polar_geometry, unexplained_share
+from ..geometry import VisibilityWarning
 from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of
 from .all_speeds import data_by_speed
 from .choices import Choices
+from .choose_in_plane import pass_band
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .frames import integrals, setup_of
 from .speed_found import SpeedFound, believed, jackknife, summit, unknown
@@ -45,6 +48,7 @@ DEEP = 0.2  # log of what is left at most speeds, over that at the best one
 ELSEWHERE = 0.5  # depth at all other speeds over that of the dip, at most
 BETWEEN = 0.5  # of the region's radius: as near to its centre a line between detectors comes
 SURE_TO = 1e-3  # standard error over the speed; smooth bodies have larger ones, and may mislead
+CLEAR = 0.3  # depth, from which on nothing misled it
 CLEARLY = 1.3  # depth of the dip over that by the other model
 
 
@@ -75,18 +79,32 @@ def speed_best_explained(scan: Scan, choices: Choices) -> tuple[SpeedFound, str]
         return unknown("little of the region is between any two detectors"), ""
     highest = min(choices.max_frequency, WAVES / float(np.median(np.hypot(*points.T))))
     whole = replace(choices, max_frequency=highest, region_cut=choices.region_radius)
-    setup = setup_of(scan, whole, n_groups=1)
+    with warnings.catch_warnings():  # of what is not seen, where images are made
+        warnings.simplefilter("ignore", VisibilityWarning)
+        setup = setup_of(scan, whole, n_groups=1)
     if not plane_of(setup)[-1].reached:
         return unknown("cylindrical waves do not reach the detectors"), ""
     dip = deepest(share_by_speed(scan, whole, setup))
     if choices.model == "2d" and choices.grade("model") != SURE:
-        focused = deepest(share_by_speed(scan, replace(whole, model="in-plane"), setup))
+        focused = deepest(share_by_speed(scan, _focused(scan, whole), setup))
         if dip.depth < CLEARLY * focused.depth:
             return focused.found, "but only if elements are focused into the plane"
-    if not setup.complete:
-        return dip.found, "but the record ends early"
+    return dip.found, "but the record ends early" if not setup.complete else _doubt(dip)
+
+
+def _focused(scan: Scan, choices: Choices) -> Choices:
+    """The same for elements focused into the plane."""
+    times = facts_of(scan).times
+    assert times is not None
+    band = pass_band(times, choices.max_frequency, choices.sound_speed)
+    return replace(choices, model="in-plane", band=band)
+
+
+def _doubt(dip: Dip) -> str:
     error = (dip.found.standard_error or 0.0) / dip.found.stretch
-    return dip.found, f"but edges agree to {error:.2%} only" if error > SURE_TO else ""
+    if error > SURE_TO:
+        return f"but edges agree to {error:.2%} only"
+    return "" if dip.depth > CLEAR else "but that is not much"
 
 
 def _aside(end: Float[np.ndarray, "2"], other: Float[np.ndarray, "2"]) -> float:
