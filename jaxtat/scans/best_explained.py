@@ -163,7 +163,7 @@ def deepest(
     explained = -np.log(share_at(SPEEDS)).mean(axis=0)
     depths = explained - np.median(explained)
     best = int(np.argmax(depths[1:-1])) + 1
-    depth, elsewhere = depths[best], np.abs(np.arange(len(depths)) - best) > BESIDE
+    depth, elsewhere = float(depths[best]), np.abs(np.arange(len(depths)) - best) > BESIDE
     if depth < DEEP or depths[elsewhere].max() > ELSEWHERE * depth:
         return Dip(unknown("no speed explains the record much better than others"), depth)
     near = np.linspace(SPEEDS[best - 1], SPEEDS[best + 1], len(SPEEDS))
