@@ -31,13 +31,13 @@ def data_by_speed(
 
     def transform(stretch: Array) -> Array:
         argument = stretch * frequencies[:, None] * nodes
-        heard = read if sounding is None else read * _faded(stretch * nodes, sounding)
+        heard = read if sounding is None else read * faded(stretch * nodes, sounding)
         return stretch * jnp.einsum("jfr,kr->fjk", jnp.stack(both_kinds(0, argument)), heard)
 
     return jax.lax.map(transform, stretches)
 
 
-def _faded(
+def faded(
     radii: Float[Array, " radii"], sounding: Float[Array, "detectors 2"]
 ) -> Float[Array, "detectors radii"]:
     """1 between both distances, falling to 0 beyond them."""

@@ -29,6 +29,7 @@ from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .found import TO_BE_ESTIMATED
 from .frames import integrals, setup_of
 from .hearing import speed_heard
+from .least_negative import speed_least_negative
 from .opposite_detectors import speed_from_both_sides, speed_in_space
 from .speed_found import UNSURE, SpeedFound, believed, jackknife, summit, unknown
 
@@ -93,9 +94,10 @@ def _from_one_side(scan: Scan, choices: Choices, span: float) -> SpeedFound:
     if explained.standard_error is not None:
         return _guessed(explained, doubt) if doubt else explained
     why = f"from {span:.0f} degrees edges are seen once, and {explained.why}"
-    if span < TOLD_APART:
-        return unknown(f"water's: {why}")
-    return _heard(scan, choices, why)
+    speed = speed_least_negative(scan, choices)
+    if speed is not None:
+        return SpeedFound(speed, f"the image is least negative: {why}", GUESSED, None)
+    return unknown(f"water's: {why}") if span < TOLD_APART else _heard(scan, choices, why)
 
 
 def by_both(sharp: SpeedFound, agreed: SpeedFound) -> SpeedFound | None:
