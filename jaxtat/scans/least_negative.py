@@ -31,8 +31,8 @@ from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .frames import integrals, setup_of
 from .speed_found import summit
 
-SPEEDS = np.linspace(SLOWEST, FASTEST, 41)
-BESIDE = 4  # speeds to each side that belong to a peak
+SPEEDS = np.linspace(SLOWEST, FASTEST, 25)
+BESIDE = 3  # speeds to each side that belong to a peak
 FREQUENCIES = 0.5  # of the image's highest frequency: noise is negative, too
 WAVES = 600.0  # kR at most
 LEAST_ALPHA = 1e-3

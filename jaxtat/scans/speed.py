@@ -37,6 +37,7 @@ SPEEDS = np.linspace(SLOWEST, FASTEST, 21)
 STANDS_OUT = 1.05  # sharpness at a peak over its surroundings, at least
 BESIDE = 2  # speeds to each side that belong to a peak, not to its surroundings
 SECTORS = 8  # of directions of edges, each with its own estimate
+APART = 0.07  # from the speed by the times, at most: a peak farther off is noise
 SEEN_TWICE = 200.0  # degrees, from which on opposite detectors determine the speed
 TOLD_APART = 110.0  # degrees, from which on a slower speed and a body farther off sound different
 
@@ -73,7 +74,7 @@ def _speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
 
 
 def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
-    """By sharpness and opposite detectors, or what an image explains, or first and last sound."""
+    """By sharpness and opposite detectors, or, from one side, by other signs."""
     points = facts_of(scan).points[list(choices.channels)]
     span = _span(points, np.asarray(choices.region_center))
     if span < SEEN_TWICE:
@@ -90,14 +91,17 @@ def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
 
 
 def _from_one_side(scan: Scan, choices: Choices, span: float) -> SpeedFound:
+    """By what an image explains; else a guess, by negative values, or first and last sound."""
     explained, doubt = speed_best_explained(scan, choices)
     if explained.standard_error is not None:
         return _guessed(explained, doubt) if doubt else explained
     why = f"from {span:.0f} degrees edges are seen once, and {explained.why}"
-    speed = speed_least_negative(scan, choices)
-    if speed is not None:
-        return SpeedFound(speed, f"the image is least negative: {why}", GUESSED, None)
-    return unknown(f"water's: {why}") if span < TOLD_APART else _heard(scan, choices, why)
+    if span < TOLD_APART:
+        return unknown(f"water's: {why}")
+    heard, speed = _heard(scan, choices, why), speed_least_negative(scan, choices)
+    if speed is None or abs(speed / heard.stretch - 1) > APART:
+        return heard
+    return SpeedFound(speed, f"the image is least negative: {why}", GUESSED, None)
 
 
 def by_both(sharp: SpeedFound, agreed: SpeedFound) -> SpeedFound | None:
