@@ -112,8 +112,8 @@ def positive_share(
 def highest_peak(values: Float[np.ndarray, " speeds"]) -> float | None:
     """Where the highest peak above the straight line through what is beside it is; None if none is.
 
-    >>> round(highest_peak(0.3 + SPEEDS + np.exp(-(((SPEEDS - 1.0125) / 0.01) ** 2))), 3)
-    1.013
+    >>> round(highest_peak(np.maximum(1 - ((SPEEDS - 1.0125) / 0.02) ** 2, 0.0)), 6)
+    1.0125
     """
     numbers, best, highest = np.arange(len(values)), None, 0.0
     for k in range(1, len(values) - 1):
