@@ -296,11 +296,18 @@ def _band(found: Found, times: np.ndarray, speed: float, highest: float) -> None
     if found.values["model"] != "in-plane":
         found.take("band", None, "the slow tail of two-dimensional waves is signal", LIKELY)
         return
-    low = DRIFT / float(times[-1] - times[0])
-    needed = BAND_TO_SPARE * found.values["max_frequency"] * speed / (2 * np.pi)
-    high = min(max(needed, 2 * low), 0.45 / float(times[1] - times[0]))
+    band = pass_band(times, found.values["max_frequency"], speed)
     why = f"slower is drift, faster is beyond {BAND_TO_SPARE:g} times what the image holds"
-    found.take("band", (low, high), why, LIKELY)
+    found.take("band", band, why, LIKELY)
+
+
+def pass_band(
+    times: Float[np.ndarray, " times"], max_frequency: float, speed: float
+) -> tuple[float, float]:
+    """The band of an in-plane record that is neither drift nor beyond the image [cycles/time]."""
+    low = DRIFT / float(times[-1] - times[0])
+    needed = BAND_TO_SPARE * max_frequency * speed / (2 * np.pi)
+    return low, min(max(needed, 2 * low), 0.45 / float(times[1] - times[0]))
 
 
 def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:

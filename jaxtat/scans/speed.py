@@ -21,14 +21,15 @@ from ..reconstruction.plane_bases import plane_basis
 from ..reconstruction.setup import plane_of
 from ..reconstruction.verbs import DEFAULT_TOLERANCE
 from ..regularization import tikhonov_rule
-from ..special import both_kinds
-from ..steps.quadrature import radial_quadrature
 from ..steps.radon import low_pass_values
+from .all_speeds import data_by_speed
+from .best_explained import speed_best_explained
 from .choices import Choices
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .found import TO_BE_ESTIMATED
 from .frames import integrals, setup_of
 from .hearing import speed_heard
+from .least_negative import speed_least_negative
 from .opposite_detectors import speed_from_both_sides, speed_in_space
 from .speed_found import UNSURE, SpeedFound, believed, jackknife, summit, unknown
 
@@ -36,6 +37,7 @@ SPEEDS = np.linspace(SLOWEST, FASTEST, 21)
 STANDS_OUT = 1.05  # sharpness at a peak over its surroundings, at least
 BESIDE = 2  # speeds to each side that belong to a peak, not to its surroundings
 SECTORS = 8  # of directions of edges, each with its own estimate
+APART = 0.07  # from the speed by the times, at most: a peak farther off is noise
 SEEN_TWICE = 200.0  # degrees, from which on opposite detectors determine the speed
 TOLD_APART = 110.0  # degrees, from which on a slower speed and a body farther off sound different
 
@@ -72,14 +74,11 @@ def _speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
 
 
 def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
-    """By sharpness and opposite detectors, if there are such; else by first and last sound."""
+    """By sharpness and opposite detectors, or, from one side, by other signs."""
     points = facts_of(scan).points[list(choices.channels)]
     span = _span(points, np.asarray(choices.region_center))
     if span < SEEN_TWICE:
-        why = f"from {span:.0f} degrees edges are seen once"
-        if span < TOLD_APART:
-            return unknown(f"water's: {why}")
-        return _heard(scan, choices, why)
+        return _from_one_side(scan, choices, span)
     agreed = speed_from_both_sides(scan, choices)
     sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
     if sharpness_at is None:
@@ -89,6 +88,20 @@ def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
         return _guessed(agreed, f"but {why}")
     sharp = sharpest(sharpness_at)
     return by_both(sharp, agreed) or _heard(scan, choices, sharp.why)
+
+
+def _from_one_side(scan: Scan, choices: Choices, span: float) -> SpeedFound:
+    """By what an image explains; else a guess, by negative values, or first and last sound."""
+    explained, doubt = speed_best_explained(scan, choices)
+    if explained.standard_error is not None:
+        return _guessed(explained, doubt) if doubt else explained
+    why = f"from {span:.0f} degrees edges are seen once, and {explained.why}"
+    if span < TOLD_APART:
+        return unknown(f"water's: {why}")
+    heard, speed = _heard(scan, choices, why), speed_least_negative(scan, choices)
+    if speed is None or abs(speed / heard.stretch - 1) > APART:
+        return heard
+    return SpeedFound(speed, f"the image is least negative: {why}", GUESSED, None)
 
 
 def by_both(sharp: SpeedFound, agreed: SpeedFound) -> SpeedFound | None:
@@ -159,7 +172,7 @@ def sharpness_by_speed(
 
     def sharpness_at(speeds: np.ndarray) -> np.ndarray:
         stretches = jax.device_put(speeds)
-        fhat, _ = basis.fhat(_stretched(g, radii, stretches, sizes.frequencies), rule)
+        fhat, _ = basis.fhat(data_by_speed(g, radii, stretches, sizes.frequencies), rule)
         return np.asarray(_sharpness(fhat, eta, stretches, sizes.frequencies))
 
     return sharpness_at
@@ -218,24 +231,6 @@ def _peak(values: Float[np.ndarray, " speeds"]) -> tuple[int, float]:
 def _beside(k: int) -> np.ndarray:
     """Which speeds are surroundings of the k-th."""
     return np.abs(np.arange(len(SPEEDS)) - k) > BESIDE
-
-
-@jax.jit
-def _stretched(
-    g: Float[Array, "detectors radii"],
-    radii: Float[Array, " radii"],
-    stretches: Float[Array, " speeds"],
-    frequencies: Float[Array, " frequencies"],
-) -> Float[Array, "speeds frequencies 2 detectors"]:
-    """Step 2 for radii that are stretched by each of the speeds: as images of the same geometry."""
-    nodes, weights = radial_quadrature(radii)
-    read = g @ weights.T
-
-    def transform(stretch: Array) -> Array:
-        argument = stretch * frequencies[:, None] * nodes
-        return stretch * jnp.einsum("jfr,kr->fjk", jnp.stack(both_kinds(0, argument)), read)
-
-    return jax.lax.map(transform, stretches)
 
 
 @jax.jit

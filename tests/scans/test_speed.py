@@ -11,7 +11,8 @@ from jaxtat.reconstruction.plane_bases import plane_basis
 from jaxtat.reconstruction.setup import plane_of
 from jaxtat.regularization import tikhonov_rule
 from jaxtat.scans import choose, estimate_sound_speed
-from jaxtat.scans.speed import _sharpness, _stretched, by_both, sharpest
+from jaxtat.scans.all_speeds import data_by_speed
+from jaxtat.scans.speed import _sharpness, by_both, sharpest
 from jaxtat.scans.speed_found import SpeedFound, unknown
 from jaxtat.steps import radial_transform
 from jaxtat.studies import sharpness
@@ -27,7 +28,7 @@ def data(bells):
 
 def test_data_of_all_speeds_are_those_of_stretched_radii():
     g = data(phantoms.Bells([[0.1, -0.15]], [0.5]))
-    found = _stretched(g, RADII, STRETCHES, FREQUENCIES)
+    found = data_by_speed(g, RADII, STRETCHES, FREQUENCIES)
     for number, stretch in enumerate(STRETCHES):
         one = radial_transform(g, stretch * RADII, FREQUENCIES)
         np.testing.assert_allclose(found[number], one, atol=1e-12 * np.abs(one).max())
@@ -40,7 +41,7 @@ def test_sharpness_without_an_image_is_the_images():
     rule, eta = tikhonov_rule(1e-8, len(FREQUENCIES)), jnp.ones(len(FREQUENCIES))
     values, exact = [], []
     for bells in (wide, narrow):
-        fhat, _ = basis.fhat(_stretched(data(bells), RADII, STRETCHES, FREQUENCIES), rule)
+        fhat, _ = basis.fhat(data_by_speed(data(bells), RADII, STRETCHES, FREQUENCIES), rule)
         values.append(np.asarray(_sharpness(fhat, eta, STRETCHES, FREQUENCIES)).sum(axis=1))
         fine = ImageGrid(201, 0.8)
         exact.append(float(sharpness(bells.image(fine), fine)))

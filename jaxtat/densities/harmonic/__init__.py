@@ -1,6 +1,6 @@
 """Cylindrical waves: step 1 without collocation, and reconstruction without step 1."""
 
-from .consistency import cross_validation, unexplained
+from .consistency import cross_validation, unexplained, unexplained_share
 from .densities import (
     DensityGroup,
     HarmonicDensities,
@@ -46,6 +46,7 @@ __all__ = [
     "solve_harmonics",
     "tikhonov_densities",
     "unexplained",
+    "unexplained_share",
     "unfold",
     "wants_double",
     "wave_system",

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from jaxtat import circular_arc, disk, phantoms
-from jaxtat.densities.harmonic import cross_validation, polar_geometry, unexplained, wave_table
+from jaxtat.densities.harmonic import (
+    cross_validation,
+    polar_geometry,
+    unexplained,
+    unexplained_share,
+    wave_table,
+)
 from jaxtat.densities.harmonic.table import (
     alpha_unit,
     detector_matrix,
@@ -32,6 +38,7 @@ GEOMETRIES = {
 
 
 explained, validated = eqx.filter_jit(unexplained), eqx.filter_jit(cross_validation)
+shared = eqx.filter_jit(unexplained_share)
 
 
 @eqx.filter_jit
@@ -67,6 +74,18 @@ def test_it_is_what_dense_least_squares_leave(name):
         y = np.linalg.lstsq(*stacked, rcond=None)[0]
         assert np.allclose(left[i].ravel(), right - a @ y, atol=1e-9)
         assert np.allclose(penalty[i].ravel(), squares.diagonal() * y, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_the_share_of_sets_of_data_is_that_of_each(name):
+    geometry = polar_geometry(*GEOMETRIES[name])
+    sets = jax.random.normal(jax.random.key(3), (3, 2, 2, 20))
+    found = shared(geometry, FREQUENCIES, N_MAX, sets, ALPHA)
+    for number, data in enumerate(sets):
+        left, penalty = explained(geometry, FREQUENCIES, N_MAX, data, ALPHA)
+        misfit = jnp.sum(left**2, axis=(1, 2)) + jnp.sum(penalty**2, axis=(1, 2))
+        power = jnp.sum(geometry.weights * data**2, axis=(1, 2))
+        np.testing.assert_allclose(found[:, number], misfit / power, atol=1e-9)
 
 
 def test_exact_data_are_explained_but_not_with_a_wrong_speed():

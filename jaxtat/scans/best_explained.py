@@ -1,0 +1,176 @@
+"""The speed of sound at which an image explains a record best, where most edges are seen once.
+
+From half a circle an edge is seen once: at any speed an image explains it, elsewhere. But edges
+across the lines between detectors at both ends are seen from both sides, and an image in the region
+explains both only at the true speed. So of √w G, the record at a frequency lambda,
+
+    E(c) = mean over lambda of log min_y (|√w G - A^T y|² + alpha |y|²) / |√w G|²,
+
+what no image explains, has a dip there. Each frequency counts alike, however much noise it has.
+The speed stretches the radii only, so that one decomposition does for all speeds.
+
+The model of the record delays waves by an eighth of a period against the other: a wrong one
+displaces the dip, to the other side for waves from the other end, and makes it less deep.
+
+For A and y see `jaxtat.densities.harmonic.consistency`.
+"""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..base.choice_table import SURE
+from ..densities.harmonic import polar_geometry, unexplained_share
+from ..geometry import VisibilityWarning
+from ..io import Scan
+from ..reconstruction import Setup
+from ..reconstruction.setup import plane_of
+from .all_speeds import data_by_speed
+from .choices import Choices
+from .choose_in_plane import pass_band
+from .facts import FASTEST, SLOWEST, facts_of, typical_frame
+from .frames import integrals, setup_of
+from .speed_found import SpeedFound, believed, jackknife, summit, unknown
+
+SPEEDS = np.linspace(SLOWEST, FASTEST, 41)
+BESIDE = 4  # speeds to each side that belong to a dip
+ALPHA = 1e-3  # what is left matters, not the image
+WAVES = 300.0  # kR at most: of shorter ones the dip is narrower than the steps between speeds
+FREQUENCIES = 64  # at most, among those
+BANDS = 8  # of frequencies, each of which is left out in turn
+DEEP = 0.2  # log of what is left at most speeds, over that at the best one
+ELSEWHERE = 0.5  # depth at all other speeds over that of the dip, at most
+BETWEEN = 0.5  # of the region's radius: as near to its centre a line between detectors comes
+SURE_TO = 1e-3  # standard error over the speed; smooth bodies have larger ones, and may mislead
+CLEAR = 0.3  # depth, from which on nothing misled it
+CLEARLY = 1.3  # depth of the dip over that by the other model
+
+
+class Dip(NamedTuple):
+    """Where most is explained.
+
+    Attributes:
+        found: the speed, with a standard error if it is one.
+        depth: log of what is left at most speeds, over what is left there.
+    """
+
+    found: SpeedFound
+    depth: float
+
+
+def speed_best_explained(scan: Scan, choices: Choices) -> tuple[SpeedFound, str]:
+    """The speed at which an image in the region explains most of a typical frame.
+
+    Args:
+        scan, choices: in the plane, of pressure.
+
+    Returns:
+        A speed, with a standard error if the record shows one, and what casts doubt on it, in
+        words; "" for nothing.
+    """
+    points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
+    if _aside(points[0], points[-1]) > BETWEEN * choices.region_radius:
+        return unknown("little of the region is between any two detectors"), ""
+    highest = min(choices.max_frequency, WAVES / float(np.median(np.hypot(*points.T))))
+    whole = replace(choices, max_frequency=highest, region_cut=choices.region_radius)
+    with warnings.catch_warnings():  # of what is not seen, where images are made
+        warnings.simplefilter("ignore", VisibilityWarning)
+        setup = setup_of(scan, whole, n_groups=1)
+    if not plane_of(setup)[-1].reached:
+        return unknown("cylindrical waves do not reach the detectors"), ""
+    dip = deepest(share_by_speed(scan, whole, setup))
+    if choices.model == "2d" and choices.grade("model") != SURE:
+        focused = deepest(share_by_speed(scan, _focused(scan, whole), setup))
+        if dip.depth < CLEARLY * focused.depth:
+            return focused.found, "but only if elements are focused into the plane"
+    return dip.found, "but the record ends early" if not setup.complete else _doubt(dip)
+
+
+def _focused(scan: Scan, choices: Choices) -> Choices:
+    """The same for elements focused into the plane."""
+    times = facts_of(scan).times
+    assert times is not None
+    band = pass_band(times, choices.max_frequency, choices.sound_speed)
+    return replace(choices, model="in-plane", band=band)
+
+
+def _doubt(dip: Dip) -> str:
+    error = (dip.found.standard_error or 0.0) / dip.found.stretch
+    if error > SURE_TO:
+        return f"but edges agree to {error:.2%} only"
+    return "" if dip.depth > CLEAR else "but that is not much"
+
+
+def _aside(end: Float[np.ndarray, "2"], other: Float[np.ndarray, "2"]) -> float:
+    """Distance of the origin from the line through two points."""
+    along = (other - end) / max(float(np.hypot(*(other - end))), 1e-300)
+    return abs(float(end[0] * along[1] - end[1] * along[0]))
+
+
+def share_by_speed(
+    scan: Scan, choices: Choices, setup: Setup
+) -> Callable[[np.ndarray], Float[np.ndarray, "frequencies speeds"]]:
+    """The share of a typical frame's power, by frequency and speed, that no image explains.
+
+    Without what arrives before or after sound from the region.
+
+    Args:
+        scan, choices: in the plane, of pressure.
+        setup: of `setup_of`, whose region is a disk.
+    """
+    curve, region, radii, sizes = plane_of(setup)
+    g = integrals(scan, choices, setup, typical_frame(scan))
+    n = min(sizes.n_frequencies, FREQUENCIES)
+    some = np.round(np.linspace(0, sizes.n_frequencies - 1, n)).astype(int)
+    frequencies, orders = sizes.frequencies[some], sizes.groups[-1][-1]
+    geometry, alpha = polar_geometry(curve, region, sizes.n_nodes), jax.device_put(ALPHA)
+    distance = np.hypot(*(np.asarray(curve.points) - np.asarray(choices.region_center)).T)
+    reach = choices.region_radius * np.array([-1.0, 1.0])
+    sounding = jax.device_put(distance[:, None] + reach)
+
+    def share_at(speeds: np.ndarray) -> np.ndarray:
+        data = data_by_speed(g, radii, jax.device_put(speeds), frequencies, sounding)
+        return np.asarray(_share(geometry, frequencies, orders, data, alpha))
+
+    return share_at
+
+
+_share = eqx.filter_jit(unexplained_share)
+
+
+def deepest(
+    share_at: Callable[[np.ndarray], Float[np.ndarray, "frequencies speeds"]],
+) -> Dip:
+    """The speed at which the mean over frequencies of the log of a share has its deepest dip.
+
+    As many speeds again between the neighbours of that dip, and a parabola through the three
+    lowest values. The standard error is the jackknife's, by leaving out each band of frequencies.
+
+    Args:
+        share_at: of speeds over that of water.
+
+    >>> dip = lambda speeds: np.exp(-np.exp(-(((speeds - 0.9877) / 0.01) ** 2))) * np.ones((64, 1))
+    >>> found, depth = deepest(dip)
+    >>> round(found.stretch, 5), round(found.standard_error, 9), round(depth, 1)
+    (0.9877, 0.0, 1.0)
+    """
+    explained = -np.log(share_at(SPEEDS)).mean(axis=0)
+    depths = explained - np.median(explained)
+    best = int(np.argmax(depths[1:-1])) + 1
+    depth, elsewhere = float(depths[best]), np.abs(np.arange(len(depths)) - best) > BESIDE
+    if depth < DEEP or depths[elsewhere].max() > ELSEWHERE * depth:
+        return Dip(unknown("no speed explains the record much better than others"), depth)
+    near = np.linspace(SPEEDS[best - 1], SPEEDS[best + 1], len(SPEEDS))
+    bands = np.array_split(-np.log(share_at(near)), BANDS)
+    of_bands = np.array([band.sum(axis=0) for band in bands])
+    total = of_bands.sum(axis=0)
+    error = jackknife([summit(near, total - band) for band in of_bands])
+    left = f"{np.exp(depth):.1f} times as much is left at most speeds"
+    why = f"an image explains the record best: {left}; none in the file"
+    return Dip(believed(summit(near, total), error, why, "edges"), depth)
