@@ -60,7 +60,6 @@ class Session:
         scan: in the plane; its frames may be lazy, and only those that are shown are read.
         choices: with which everything begins.
         facts: what was said of the scan in options of the command, by their names.
-        movable: as in `live`: made sooner, while another alpha takes longer.
 
     Attributes:
         scan, choices, facts: those; images are made with ``inversion="fourier"``.
@@ -70,20 +69,13 @@ class Session:
         ValueError: as `live`: for scans in space, and records that end too early for a formula.
     """
 
-    def __init__(
-        self,
-        scan: Scan,
-        choices: Choices,
-        facts: Mapping[str, Any] | None = None,
-        movable: bool = False,
-    ):
+    def __init__(self, scan: Scan, choices: Choices, facts: Mapping[str, Any] | None = None):
         if choices.inversion != "fourier":
             choices = replace(choices, inversion="fourier")
             choices = _given(choices, {"inversion": "the viewer's"})
         self.scan, self.choices, self.facts = scan, choices, dict(facts or {})
         self.start = Knobs(choices.sound_speed, choices.alpha, choices.low_pass)
-        self._live = live(scan, choices, few_frames=True, movable=movable)
-        self._made = self.start
+        self._live, self._made = live(scan, choices, few_frames=True), self.start
         self._frame = 0, self._lit(0)
         grid = self._live.setup.grid
         self.inside = np.asarray(self._live.setup.region.contains(grid.points))
@@ -168,8 +160,7 @@ class Session:
     def with_region(self, radius: float, center: tuple[float, float], knobs: Knobs) -> "Session":
         """A session of another region, whose radius and centre are given [length].
 
-        That is another problem. A whole disk is solved without its symmetry, which takes less time
-        than the first one did, and programs are shared among disks of one size.
+        That is another problem, with programs of its own: it takes as long as the first one did.
 
         Raises:
             ValueError: for a region that does not fit the detectors or the record.
@@ -187,7 +178,7 @@ class Session:
         for name in kept:
             if name in before:
                 moved = moved.with_reason(name, before[name], self.choices.grade(name))
-        return Session(self.scan, moved, self.facts, movable=True)
+        return Session(self.scan, moved, self.facts)
 
     def frame_number(self, frame: int) -> int:
         """Number of a frame in its file."""

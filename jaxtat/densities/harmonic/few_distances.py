@@ -15,8 +15,7 @@ from jaxtyping import Float
 
 from .orders import highest_orders
 
-_MARGIN = 0
-_RELATIVE = 1.0  # of the rounding of a precision: the error of what is interpolated
+TO_SPARE = 2  # places beyond the number of terms: then the error is a third of rounding, or less
 
 
 def few_distances(
@@ -37,13 +36,13 @@ def few_distances(
     >>> places, matrix = few_distances(distances, 30.0, np.float32)
     >>> error = np.abs(np.cos(30 * places) @ matrix - np.cos(30 * distances)).max()
     >>> len(places), bool(error < 1e-8)
-    (14, True)
+    (16, True)
     """
     low, high = float(distances.min()), float(distances.max())
     middle, half = (low + high) / 2, max((high - low) / 2, 1e-6 * high)
     rounding = float(np.finfo(dtype).eps)
     terms = highest_orders(np.array([highest]), half, middle, rounding)
-    n = int(terms[0]) + _MARGIN
+    n = int(terms[0]) + TO_SPARE
     if n >= len(distances):
         return distances, None
     angles = (np.arange(n) + 0.5) * np.pi / n
