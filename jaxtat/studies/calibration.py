@@ -143,9 +143,9 @@ def calibrate(
     Source: variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432.
 
     >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
-    >>> r = 0.2 + 0.05 * jnp.arange(46)
-    >>> setup = Setup(circular_arc(1.3, 1.0, 64), disk(1.0), ImageGrid(21), 0.98 * r)
-    >>> g = phantoms.Bells([[0.3, 0.2]], [0.5]).circular_integrals(setup.curve, r)
+    >>> r = 0.2 + 0.1 * jnp.arange(24)
+    >>> setup = Setup(circular_arc(1.3, 1.0, 40), disk(1.0), ImageGrid(13), 0.98 * r)
+    >>> g = phantoms.Bells([[0.3, 0.2]], [0.6]).circular_integrals(setup.curve, r)
     >>> found = calibrate(setup, g, sound_speed=1470.0)
     >>> round(float(found.parameters.sound_speed))  # r = c t, so c is 1470 / 0.98
     1500

@@ -108,7 +108,7 @@ def compare_regularizations(
             not reach.
 
     >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
-    >>> setup = Setup(circular_arc(1.3, 1.0, 60), disk(1.0), ImageGrid(21))
+    >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
     >>> bell = phantoms.Bells([[0.2, 0.1]], [0.6])
     >>> found = compare_regularizations(setup, bell, 12.0, K=[2.0, 4.0], alpha=[1e-2, 1e-3])
     >>> bool(jnp.all(jnp.diff(found.truncation.residual) < 0)), found.iterative.converged.tolist()
@@ -126,8 +126,7 @@ def compare_regularizations(
     _, angles = polar_grid(region, grid, radii, frequency, n_directions)
     geometry = polar_geometry(curve, region, sizes.n_nodes)
     n_max = int(harmonic_orders(geometry, np.asarray(frequency)[None]).max())
-    wave = jax.tree.map(lambda leaf: leaf[0], wave_table(geometry, frequency[None], n_max))
-    matrix, rhs, _, unit = wave_system(geometry, wave, angles - geometry.axis)
+    matrix, rhs, unit = _system(geometry, frequency, angles, n_max)
     norm = unit_norms(curve, region, frequency[None], angles=angles)[0]
     data = phantom.circular_integrals(curve, radii)
     data = jnp.stack([data, data + noise_like(jax.random.key(seed), data, noise)])
@@ -193,6 +192,18 @@ class _Judge(eqx.Module):
         exact = jnp.real(self.waves @ self.exact)
         error = jnp.linalg.norm(image - exact, axis=-1) / jnp.linalg.norm(exact)
         return jnp.sqrt(jnp.mean(residual**2)), norm, error[0], error[1]
+
+
+@eqx.filter_jit
+def _system(
+    geometry: PolarGeometry, frequency: Array, angles: Float[Array, " directions"], n_max: int
+) -> tuple[
+    Float[Array, "blocks m columns"], Complex[Array, "blocks m directions"], Float[Array, ""]
+]:
+    """A, u_xi and the unit of alpha."""
+    wave = jax.tree.map(lambda leaf: leaf[0], wave_table(geometry, frequency[None], n_max))
+    matrix, rhs, _, unit = wave_system(geometry, wave, angles - geometry.axis)
+    return matrix, rhs, unit
 
 
 @eqx.filter_jit

@@ -111,8 +111,8 @@ def choose_regularization(
     Source: the bias-variance trade-off; the paper leaves K to experience (section 3.2).
 
     >>> from jaxtat import ImageGrid, circular_arc, disk
-    >>> setup = Setup(circular_arc(1.3, 1.0, 60), disk(1.0), ImageGrid(17))
-    >>> power = 1e-4 * jnp.arange(1.0, 17.0) ** -3
+    >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
+    >>> power = 1e-4 * jnp.arange(1.0, 21.0) ** -3
     >>> found = [choose_regularization(setup, sigma, power) for sigma in (1e-3, 1e-1)]
     >>> bool(found[0].relative_error < found[1].relative_error < 1)
     True
@@ -152,7 +152,7 @@ def image_power(plan: ReconstructionPlan, g: Numbers, sigma: Numbers) -> Float[A
         (frequencies,), for `choose_regularization`.
 
     >>> from jaxtat import ImageGrid, build_plan, circular_arc, disk, phantoms
-    >>> setup = Setup(circular_arc(1.3, 1.0, 60), disk(1.0), ImageGrid(17))
+    >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
     >>> plan, bell = build_plan(setup), phantoms.Bells([[0.2, 0.1]], [0.6])
     >>> found = image_power(plan, bell.circular_integrals(setup.curve, setup.radii), 1e-6)
     >>> exact = jnp.mean(jnp.abs(bell.fourier(plan.frequencies, plan.angles)) ** 2, axis=1)

@@ -26,12 +26,11 @@ def test_it_solves_its_equation_on_uneven_radii():
         assert_allclose(found[k], g(radii[k]) - cutoff * past, atol=2e-4)
 
 
-@pytest.mark.parametrize("frequency", [0.3, 1.0, 4.0])
-def test_sines_are_damped_as_the_formula_says(frequency):
-    radii = jnp.linspace(0, 80, 4001)
-    wave = high_pass(radii, 1.0) @ jnp.sin(frequency * radii)
-    late = wave[2000:]  # after its start
-    assert_allclose(jnp.max(late) ** 2, frequency**2 / (frequency**2 + 1), rtol=2e-3)
+def test_sines_are_damped_as_the_formula_says():
+    frequencies, radii = np.array([0.3, 1.0, 4.0]), np.linspace(0, 40, 2001)
+    waves = np.asarray(high_pass(jnp.asarray(radii), 1.0)) @ np.sin(np.outer(radii, frequencies))
+    late = waves[800:]  # after their start
+    assert_allclose(late.max(axis=0) ** 2, frequencies**2 / (frequencies**2 + 1), rtol=2e-3)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +98,7 @@ def test_ridge_is_what_dense_equations_give(small):
 def test_derivatives_are_those_of_differences(small, check_both_modes):
     setup, g = small
     weights = np.random.default_rng(0).uniform(0.5, 1, setup.grid.shape)
-    given = {"penalty": Ridge(), "weight": 1e-2, "noise": 1.0, "tolerance": 1e-12}
+    given = {"penalty": Ridge(), "weight": 1e-1, "noise": 1.0, "tolerance": 1e-12}
 
     def energy(scales):
         moved = setup.replace(radii=setup.radii * scales[0])

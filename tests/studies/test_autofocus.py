@@ -8,10 +8,10 @@ import pytest
 from jaxtat import ImageGrid, Setup, circular_arc, cosine_filter, disk, phantoms, reconstruct
 from jaxtat.studies import sharpness, sound_speed_by_sharpness
 
-GRID = ImageGrid(49)
+GRID = ImageGrid(41)
 STEP = float(GRID.spacing[0])
 CURVE, REGION = circular_arc(1.3, 1.0, 98), disk(0.95)
-RADII = 0.25 + STEP * jnp.arange(52)
+RADII = 0.25 + STEP * jnp.arange(43)
 SETUP = Setup(CURVE, REGION, GRID, 0.98 * RADII)  # as if the speed were 2 % less
 DISKS = phantoms.Disks([[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1]], [0.7, 0.2, 0.15], [1, 0.5, -0.5])
 
@@ -35,13 +35,17 @@ def test_derivatives_of_sharpness(check_both_modes):
     check_both_modes(lambda image: sharpness(image, grid, region), (image,), order=2)
 
 
+@jax.jit
+def search(g, speeds):
+    return sound_speed_by_sharpness(SETUP, g, speeds, sound_speed=1470.0)
+
+
 @pytest.fixture(scope="module")
 def scan():
     """2 % noise, the nominal speed 2 % off."""
     g = DISKS.circular_integrals(CURVE, RADII)
     g = g + phantoms.noise_like(jax.random.key(0), g, 0.02)
-    speeds = np.linspace(1440.0, 1560.0, 9)
-    return g, sound_speed_by_sharpness(SETUP, g, speeds, sound_speed=1470.0)
+    return g, search(g, np.linspace(1440.0, 1560.0, 9))
 
 
 def test_the_image_is_sharpest_with_the_true_speed(scan):
@@ -75,15 +79,7 @@ def test_curve_and_image_are_those_of_reconstructions(scan):
 
 def test_a_compiled_search_says_that_the_range_was_too_narrow(scan):
     g, found = scan
-
-    @jax.jit
-    def search(speeds):
-        return sound_speed_by_sharpness(SETUP, g, speeds, sound_speed=1470.0)
-
-    around = found.sound_speeds[3:6]  # the sharpest is in the middle
-    again = search(around)
-    assert again.converged and np.isclose(again.sound_speed, found.sound_speed, rtol=1e-6)
-    assert not search(around + 45).converged  # the first is the sharpest
+    assert not search(g, found.sound_speeds + 90).converged  # the first is the sharpest
 
 
 @pytest.mark.parametrize(

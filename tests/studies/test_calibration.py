@@ -21,11 +21,11 @@ from jaxtat.densities.harmonic import polar_geometry
 from jaxtat.studies import calibrate
 from jaxtat.studies.calibration import Parameters, _corrected, _fit, _Problem
 
-DETECTORS = 42
-GRID = ImageGrid(33)
+DETECTORS = 36
+GRID = ImageGrid(29)
 STEP = float(GRID.spacing[0])
 CURVE, REGION = circular_arc(1.3, 1.0, DETECTORS), disk(0.95)
-RADII = 0.25 + STEP * jnp.arange(35)
+RADII = 0.25 + STEP * jnp.arange(30)
 COARSE = Setup(circular_arc(1.3, 1.0, 40), disk(1.0), ImageGrid(13), 0.2 + 0.1 * jnp.arange(24))
 CENTERS = [[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1], [0.2, -0.4]]
 BELLS = phantoms.Bells(CENTERS, [0.7, 0.4, 0.3, 0.3], [1, 1.5, -1.5, 1])
@@ -129,11 +129,13 @@ def test_derivatives_of_the_sound_speed_with_respect_to_data(exact, caplog):
         return calibrate(COARSE, changed).parameters.sound_speed
 
     with jax.log_compiles():
-        _, ahead = jax.jvp(speed, (0.0,), (1.0,))
+        _, tangent = jax.linearize(speed, 0.0)
+    ahead = tangent(1.0)
     said = [record.getMessage() for record in caplog.records]
     assert sum(text.startswith("Compiling") and "_fit" in text for text in said) == 1
     np.testing.assert_allclose(ahead, (speed(0.1) - speed(-0.1)) / 0.2, atol=1e-5, rtol=1e-3)
-    np.testing.assert_allclose(jax.grad(speed)(0.0), ahead, rtol=1e-9)
+    (back,) = jax.linear_transpose(tangent, 0.0)(jnp.ones(()))
+    np.testing.assert_allclose(back, ahead, rtol=1e-9)
 
 
 def test_it_can_be_traced_with_the_setup_closed_over(exact):
