@@ -27,9 +27,9 @@ from threadpoolctl import threadpool_limits
 from ...geometry import DetectorCurve, Disk
 from ...regularization import RelativeTikhonov, Tikhonov
 from ...special import hankel_rows, known_decay_steps
+from .chebyshev_distances import few_distances
 from .cholesky import Cholesky, block_bounds, factorize
 from .densities import HarmonicDensities, Solved, rows_alone
-from .few_distances import few_distances
 from .moved_units import circle_places, moved_unit
 from .orders import TOLERANCE, highest_orders
 from .polar import REACHED, PolarGeometry, polar_geometry
