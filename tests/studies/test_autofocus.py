@@ -77,8 +77,14 @@ def test_curve_and_image_are_those_of_reconstructions(scan):
     assert abs(high - low) < 0.01 * (2 * top - low - high)  # the slope there is zero
 
 
-def test_a_compiled_search_says_that_the_range_was_too_narrow(scan):
+def test_a_compiled_search_agrees_and_says_that_the_range_was_too_narrow(scan):
+    """With one that is not compiled, of other speeds."""
     g, found = scan
+    around = found.sound_speed + np.linspace(-30.0, 25.0, 9)
+    alone = sound_speed_by_sharpness(SETUP, g, around, sound_speed=1470.0)
+    again = search(g, around)
+    assert again.converged
+    assert np.allclose([alone.sound_speed, again.sound_speed], found.sound_speed, rtol=1e-6)
     assert not search(g, found.sound_speeds + 90).converged  # the first is the sharpest
 
 
