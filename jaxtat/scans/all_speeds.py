@@ -1,13 +1,30 @@
 """Step 2 of a record for many speeds of sound at once."""
 
+import warnings
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..geometry import VisibilityWarning
+from ..io import Scan
+from ..reconstruction import Setup
 from ..special import both_kinds
 from ..steps.quadrature import radial_quadrature
+from .choices import Choices
+from .frames import setup_of
 
 FADING = 0.05  # of the time in which the region sounds, before and after it
+
+
+def setup_for_speeds(scan: Scan, choices: Choices) -> Setup:
+    """The scan's, with all frequencies in one group, and no word of what detectors do not see.
+
+    That is said where the image is made.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", VisibilityWarning)
+        return setup_of(scan, choices, n_groups=1)
 
 
 @jax.jit

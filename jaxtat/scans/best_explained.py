@@ -15,7 +15,6 @@ displaces the dip, to the other side for waves from the other end, and makes it 
 For A and y see `jaxtat.densities.harmonic.consistency`.
 """
 
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -27,15 +26,14 @@ from jaxtyping import Float
 
 from ..base.choice_table import SURE
 from ..densities.harmonic import polar_geometry, unexplained_share
-from ..geometry import VisibilityWarning
 from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of
-from .all_speeds import data_by_speed
+from .all_speeds import data_by_speed, setup_for_speeds
 from .choices import Choices
 from .choose_in_plane import pass_band
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
-from .frames import integrals, setup_of
+from .frames import integrals
 from .speed_found import SpeedFound, believed, jackknife, summit, unknown
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 41)
@@ -79,9 +77,7 @@ def speed_best_explained(scan: Scan, choices: Choices) -> tuple[SpeedFound, str]
         return unknown("little of the region is between any two detectors"), ""
     highest = min(choices.max_frequency, WAVES / float(np.median(np.hypot(*points.T))))
     whole = replace(choices, max_frequency=highest, region_cut=choices.region_radius)
-    with warnings.catch_warnings():  # of what is not seen, where images are made
-        warnings.simplefilter("ignore", VisibilityWarning)
-        setup = setup_of(scan, whole, n_groups=1)
+    setup = setup_for_speeds(scan, whole)
     if not plane_of(setup)[-1].reached:
         return unknown("cylindrical waves do not reach the detectors"), ""
     dip = deepest(share_by_speed(scan, whole, setup))

@@ -11,7 +11,6 @@ has a peak near the true speed. How near depends on the body and on what else is
 elements of an unknown response change the signs. So it is a guess.
 """
 
-import warnings
 from dataclasses import replace
 
 import jax
@@ -19,17 +18,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..geometry import VisibilityWarning
 from ..io import Scan
 from ..reconstruction.plane_bases import plane_basis
 from ..reconstruction.setup import plane_of
 from ..reconstruction.verbs import DEFAULT_TOLERANCE
 from ..regularization import tikhonov_rule
-from .all_speeds import data_by_speed, faded
+from .all_speeds import data_by_speed, faded, setup_for_speeds
 from .choices import Choices
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
-from .frames import integrals, setup_of
-from .speed_found import summit
+from .frames import integrals
+from .speed_found import peaks, summit
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 25)
 BESIDE = 3  # speeds to each side that belong to a peak
@@ -57,9 +55,7 @@ def speed_least_negative(scan: Scan, choices: Choices) -> float | None:
     size = float(np.median(distance))
     body = min(choices.region_radius, LARGEST * size)
     coarse = _coarse(choices, min(body + MOVES * size, WITHIN * size), size)
-    with warnings.catch_warnings():  # of what is not seen, where images are made
-        warnings.simplefilter("ignore", VisibilityWarning)
-        setup = setup_of(scan, coarse, n_groups=1)
+    setup = setup_for_speeds(scan, coarse)
     *_, radii, sizes = where = plane_of(setup)
     if not (setup.complete and sizes.reached):
         return None
@@ -115,15 +111,9 @@ def highest_peak(values: Float[np.ndarray, " speeds"]) -> float | None:
     >>> round(highest_peak(np.maximum(1 - ((SPEEDS - 1.0125) / 0.02) ** 2, 0.0)), 6)
     1.0125
     """
-    numbers, best, highest = np.arange(len(values)), None, 0.0
-    for k in range(1, len(values) - 1):
-        if values[k] < max(values[k - 1], values[k + 1]):
-            continue
-        beside = np.abs(numbers - k) > BESIDE
-        line = np.polyval(np.polyfit(numbers[beside], values[beside], 1), k)
-        if values[k] - line > highest:
-            best, highest = k, float(values[k] - line)
-    if best is None:
+    heights = {k: values[k] - line for k, line in peaks(values, BESIDE) if values[k] > line}
+    if not heights:
         return None
+    best = max(heights, key=heights.__getitem__)
     three = slice(best - 1, best + 2)
     return summit(SPEEDS[three], values[three])

@@ -31,7 +31,7 @@ from .frames import integrals, setup_of
 from .hearing import speed_heard
 from .least_negative import speed_least_negative
 from .opposite_detectors import speed_from_both_sides, speed_in_space
-from .speed_found import UNSURE, SpeedFound, believed, jackknife, summit, unknown
+from .speed_found import UNSURE, SpeedFound, believed, beside, jackknife, peaks, summit, unknown
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 21)
 STANDS_OUT = 1.05  # sharpness at a peak over its surroundings, at least
@@ -198,7 +198,8 @@ def sharpest(
     """
     coarse = sharpness_at(SPEEDS)
     best, height = _peak(coarse.sum(axis=1))
-    slope = np.polyfit(SPEEDS[beside := _beside(best)], coarse[beside], 1)[0]
+    around = beside(best, len(SPEEDS), BESIDE)
+    slope = np.polyfit(SPEEDS[around], coarse[around], 1)[0]
     if height < STANDS_OUT:
         return unknown("none within 10 % gives an image much sharper than those beside it")
     near = np.linspace(SPEEDS[best - 1], SPEEDS[best + 1], len(SPEEDS))
@@ -211,26 +212,10 @@ def sharpest(
 
 
 def _peak(values: Float[np.ndarray, " speeds"]) -> tuple[int, float]:
-    """Number of the highest peak, and its height over the straight line through what is beside it.
-
-    The line is one through all values but those of the peak.
-    """
-    numbers = np.arange(len(values))
-    best, highest = 0, 0.0
-    for k in range(1, len(values) - 1):
-        if values[k] < max(values[k - 1], values[k + 1]):
-            continue
-        beside = _beside(k)
-        line = np.polyval(np.polyfit(numbers[beside], values[beside], 1), k)
-        height = float(values[k] / line) if line > 0 else 0.0
-        if height > highest:
-            best, highest = k, height
-    return best, highest
-
-
-def _beside(k: int) -> np.ndarray:
-    """Which speeds are surroundings of the k-th."""
-    return np.abs(np.arange(len(SPEEDS)) - k) > BESIDE
+    """Number of the highest peak, and its height over what its surroundings lead one to expect."""
+    heights = {k: float(values[k]) / line for k, line in peaks(values, BESIDE) if line > 0}
+    best = max(heights, key=heights.__getitem__, default=0)
+    return best, heights.get(best, 0.0)
 
 
 @jax.jit

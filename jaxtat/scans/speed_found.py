@@ -1,5 +1,6 @@
 """An estimated speed of sound, and what its estimators share."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,26 @@ def believed(speed: float, error: float, why: str, who: str) -> SpeedFound:
 def unknown(why: str) -> SpeedFound:
     """Water's speed, with the reason why no other is known."""
     return SpeedFound(1.0, why, GUESSED, None)
+
+
+def beside(k: int, n: int, width: int) -> np.ndarray:
+    """Which of n speeds are surroundings of the k-th: more than ``width`` steps away."""
+    return np.abs(np.arange(n) - k) > width
+
+
+def peaks(values: Float[np.ndarray, " speeds"], width: int) -> Iterator[tuple[int, float]]:
+    """Number of each peak, and what its surroundings lead one to expect there.
+
+    That is the straight line through all values but those of the peak.
+
+    >>> list(peaks(np.array([0.0, 0.0, 5.0, 0.0, 0.0]), 1))[0][0]
+    2
+    """
+    numbers = np.arange(len(values))
+    for k in range(1, len(values) - 1):
+        if values[k] >= max(values[k - 1], values[k + 1]):
+            around = beside(k, len(values), width)
+            yield k, float(np.polyval(np.polyfit(numbers[around], values[around], 1), k))
 
 
 def summit(speeds: Float[np.ndarray, " speeds"], values: Float[np.ndarray, " speeds"]) -> float:

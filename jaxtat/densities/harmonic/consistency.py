@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 from .linear_systems import cholesky_solve
 from .polar import PolarGeometry
 from .table import (
+    RegionFactor,
     WaveTable,
     alpha_unit,
     circle_gram,
@@ -55,9 +56,8 @@ def unexplained(
 
     def at(given: tuple[WaveTable, Array, Array]) -> tuple[Array, Array]:
         wave, data, sums = given
-        factor = region_factor(geometry, wave)
-        matrix = normal_matrix(geometry, wave, factor, gram)
-        absolute = alpha * alpha_unit(factor.powers, detector_powers(geometry, wave))
+        factor, matrix, unit = _system(geometry, wave, gram)
+        absolute = alpha * unit
         rhs = factor.times(moments(geometry, wave, sums[None]))
         shifted = matrix + absolute * jnp.eye(matrix.shape[-1])
         y = cholesky_solve(shifted, jnp.moveaxis(rhs, 0, -1))[..., 0]
@@ -93,11 +93,9 @@ def unexplained_share(
 
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
-        factor = region_factor(geometry, wave)
-        matrix = normal_matrix(geometry, wave, factor, gram)
-        absolute = alpha * alpha_unit(factor.powers, detector_powers(geometry, wave))
+        factor, matrix, unit = _system(geometry, wave, gram)
         rhs = jnp.moveaxis(factor.times(moments(geometry, wave, sums)), 0, -1)
-        y = cholesky_solve(matrix + absolute * jnp.eye(matrix.shape[-1]), rhs)
+        y = cholesky_solve(matrix + alpha * unit * jnp.eye(matrix.shape[-1]), rhs)
         return jnp.maximum(1 - jnp.sum(rhs * y, axis=(0, 1)) / power, jnp.finfo(power.dtype).eps)
 
     table = wave_table(geometry, frequencies, n_max)
@@ -135,9 +133,8 @@ def cross_validation(
 
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
-        factor = region_factor(geometry, wave)
-        matrix = normal_matrix(geometry, wave, factor, gram)
-        absolute = alphas * alpha_unit(factor.powers, detector_powers(geometry, wave))
+        factor, matrix, unit = _system(geometry, wave, gram)
+        absolute = alphas * unit
         eigenvalues, vectors = jnp.linalg.eigh(matrix)
         seen = jnp.maximum(eigenvalues, 0.0).ravel()[:, None]
         rhs = factor.times(moments(geometry, wave, sums[None]))[0]
@@ -151,3 +148,12 @@ def cross_validation(
     values = transformed * geometry.weights
     power = jnp.sum(values * transformed, axis=(1, 2))
     return jax.lax.map(at, (table, power, summed_over_detectors(geometry, values, n_max)))
+
+
+def _system(
+    geometry: PolarGeometry, wave: WaveTable, gram: Float[Array, "blocks r r"] | None
+) -> tuple[RegionFactor, Float[Array, "blocks m m"], Float[Array, ""]]:
+    """R and A A^T of one frequency, and the unit of alpha."""
+    factor = region_factor(geometry, wave)
+    unit = alpha_unit(factor.powers, detector_powers(geometry, wave))
+    return factor, normal_matrix(geometry, wave, factor, gram), unit
