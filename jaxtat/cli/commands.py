@@ -251,10 +251,11 @@ def _asked(options: argparse.Namespace, start: float):
     plan = load_plan(options.plan) if options.plan else None
     scan, left = scan_of(options, plan)
     if choices is None:
-        choices = choose(scan, **given(left, scan, plan))
+        asked = given(left, scan, plan)
+        choices = choose(scan, **asked)
         require_size(scan, choices)
         if plan is None:
-            choices = estimate(scan, choices)
+            choices = estimate(scan, choices, **asked)
     choices = with_unit(choices, options.length_unit)
     _report(options, f"{options.file}\n{choices.table()}", start)
     if plan is not None:

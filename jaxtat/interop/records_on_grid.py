@@ -53,7 +53,7 @@ def images_on_grid(
     ends = np.array([along[[0, -1]] for along in nodes])
     with jax.enable_x64(True):
         if chosen is None:
-            chosen = estimate(scan, choose(scan, **given))
+            chosen = estimate(scan, choose(scan, **given), **given)
         if chosen.model_based:
             raise ValueError("images under constraints are not made here: use jaxtat reconstruct.")
         grid = ImageGrid(tuple(map(len, nodes)), np.ptp(ends, axis=1) / 2, ends.mean(axis=1))

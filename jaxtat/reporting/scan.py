@@ -52,7 +52,7 @@ def report_file(
     """
     facts = {"detectors": detectors, "sampling_rate": sampling_rate, "times": times}
     scan = with_facts(load_scan(path), scanner=scanner, **facts)
-    choices = estimate(scan, choose(scan, **given))
+    choices = estimate(scan, choose(scan, **given), **given)
     return report_scan(out, scan, choices, title=Path(path).name, inputs=[path], progress=progress)
 
 

@@ -24,16 +24,15 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..base.choice_table import SURE
 from ..densities.harmonic import polar_geometry, unexplained_share
 from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of
 from .all_speeds import data_by_speed, setup_for_speeds
 from .choices import Choices
-from .choose_in_plane import pass_band
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .frames import integrals
+from .one_side import seen_once
 from .speed_found import SpeedFound, believed, jackknife, summit, unknown
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 41)
@@ -44,10 +43,8 @@ FREQUENCIES = 64  # at most, among those
 BANDS = 8  # of frequencies, each of which is left out in turn
 DEEP = 0.2  # log of what is left at most speeds, over that at the best one
 ELSEWHERE = 0.5  # depth at all other speeds over that of the dip, at most
-BETWEEN = 0.5  # of the region's radius: as near to its centre a line between detectors comes
 SURE_TO = 1e-3  # standard error over the speed; smooth bodies have larger ones, and may mislead
 CLEAR = 0.3  # depth, from which on nothing misled it
-CLEARLY = 1.3  # depth of the dip over that by the other model
 
 
 class Dip(NamedTuple):
@@ -56,10 +53,12 @@ class Dip(NamedTuple):
     Attributes:
         found: the speed, with a standard error if it is one.
         depth: log of what is left at most speeds, over what is left there.
+        complete: whether the record ends after all sound from the region.
     """
 
     found: SpeedFound
     depth: float
+    complete: bool = True
 
 
 def speed_best_explained(scan: Scan, choices: Choices) -> tuple[SpeedFound, str]:
@@ -72,41 +71,34 @@ def speed_best_explained(scan: Scan, choices: Choices) -> tuple[SpeedFound, str]
         A speed, with a standard error if the record shows one, and what casts doubt on it, in
         words; "" for nothing.
     """
-    points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
-    if _aside(points[0], points[-1]) > BETWEEN * choices.region_radius:
+    if seen_once(scan, choices):
         return unknown("little of the region is between any two detectors"), ""
+    dip = dip_of(scan, choices)
+    return dip.found, _doubt(dip)
+
+
+def dip_of(scan: Scan, choices: Choices) -> Dip:
+    """The dip of a typical frame, by the model of the choices.
+
+    Args:
+        scan, choices: in the plane, of pressure.
+    """
+    points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
     highest = min(choices.max_frequency, WAVES / float(np.median(np.hypot(*points.T))))
     whole = replace(choices, max_frequency=highest, region_cut=choices.region_radius)
     setup = setup_for_speeds(scan, whole)
     if not plane_of(setup)[-1].reached:
-        return unknown("cylindrical waves do not reach the detectors"), ""
-    dip = deepest(share_by_speed(scan, whole, setup))
-    if choices.model == "2d" and choices.grade("model") != SURE:
-        focused = deepest(share_by_speed(scan, _focused(scan, whole), setup))
-        if dip.depth < CLEARLY * focused.depth:
-            return focused.found, "but only if elements are focused into the plane"
-    return dip.found, "but the record ends early" if not setup.complete else _doubt(dip)
-
-
-def _focused(scan: Scan, choices: Choices) -> Choices:
-    """The same for elements focused into the plane."""
-    times = facts_of(scan).times
-    assert times is not None
-    band = pass_band(times, choices.max_frequency, choices.sound_speed)
-    return replace(choices, model="in-plane", band=band)
+        return Dip(unknown("cylindrical waves do not reach the detectors"), 0.0, True)
+    return deepest(share_by_speed(scan, whole, setup))._replace(complete=setup.complete)
 
 
 def _doubt(dip: Dip) -> str:
     error = (dip.found.standard_error or 0.0) / dip.found.stretch
+    if not dip.complete:
+        return "but the record ends early"
     if error > SURE_TO:
         return f"but edges agree to {error:.2%} only"
     return "" if dip.depth > CLEAR else "but that is not much"
-
-
-def _aside(end: Float[np.ndarray, "2"], other: Float[np.ndarray, "2"]) -> float:
-    """Distance of the origin from the line through two points."""
-    along = (other - end) / max(float(np.hypot(*(other - end))), 1e-300)
-    return abs(float(end[0] * along[1] - end[1] * along[0]))
 
 
 def share_by_speed(
@@ -152,7 +144,7 @@ def deepest(
         share_at: of speeds over that of water.
 
     >>> dip = lambda speeds: np.exp(-np.exp(-(((speeds - 0.9877) / 0.01) ** 2))) * np.ones((64, 1))
-    >>> found, depth = deepest(dip)
+    >>> found, depth, _ = deepest(dip)
     >>> round(found.stretch, 5), round(found.standard_error, 9), round(depth, 1)
     (0.9877, 0.0, 1.0)
     """

@@ -3,7 +3,6 @@
 A function of the scan alone: nothing is remembered, nothing drawn by chance.
 """
 
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -34,7 +33,6 @@ from ..records.power import (
     tail_share,
     totals,
 )
-from ..steps import AccuracyWarning
 from .choices import IN_SPACE, Choices
 from .facts import (
     Facts,
@@ -72,6 +70,8 @@ DRIFT = 5.0  # periods within the record; what is slower is drift
 FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
 OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
 TAIL = 0.1  # of `tail_share`: less is no tail of two-dimensional waves
+# images tell better, see `model`
+NO_TAIL = "a scanner's size and rate, and no tail of two-dimensional waves"
 WAVES = "a scanner's size and rate, but neither counts nor an offset, and a slow tail"
 SPACING = "the detectors' spacing in the inner half of the region"
 BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequency
@@ -102,8 +102,6 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     assert facts.times is not None
     times, frame = facts.times, typical_frame(scan)[facts.order]
     model = found.take("model", *_model(facts, frame))
-    if found.reasons["model"] == WAVES:
-        warnings.warn(f"{WAVES}; a scanner's record needs model in-plane.", AccuracyWarning, 3)
     speed = _nominal_speed(scan, facts, found)
     detrend = model == "in-plane"
     whole = np.where(np.isfinite(frame), frame, 0.0)
@@ -155,8 +153,8 @@ def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[s
     if (known == np.round(known)).all() or offset > OFFSET * np.median(known.std(axis=1)):
         return "in-plane", "a scanner's size, rate and counts: focused into the plane", LIKELY
     if tail_share(known) < TAIL:
-        return "in-plane", "a scanner's size and rate, and no tail of two-dimensional waves", LIKELY
-    return "2d", WAVES, LIKELY
+        return "in-plane", NO_TAIL, GUESSED
+    return "2d", WAVES, GUESSED
 
 
 def _nominal_speed(scan: Scan, facts: Facts, found: Found) -> float:

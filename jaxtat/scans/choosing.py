@@ -10,6 +10,7 @@ from .choices import Choices
 from .choose_in_plane import choices_in_plane
 from .choose_in_space import choices_in_space
 from .facts import in_space
+from .model import OTHER, better_model, in_doubt
 from .noise import estimate_alpha
 from .speed import estimate_sound_speed
 
@@ -33,15 +34,19 @@ def choose(scan: Scan, **given: Any) -> Choices:
     return choices_in_space(scan, given) if in_space(scan) else choices_in_plane(scan, given)
 
 
-def estimate(scan: Scan, choices: Choices) -> Choices:
-    """Choices with the speed of sound and alpha estimated from images, unless they are known.
+def estimate(scan: Scan, choices: Choices, **given: Any) -> Choices:
+    """Choices with those estimated from images that are not known: model, speed of sound, alpha.
 
-    See `estimate_sound_speed` and `noise.estimate_alpha`.
+    See `better_model`, `estimate_sound_speed` and `noise.estimate_alpha`.
 
     Args:
         scan: as for `choose`.
         choices: of `choose`.
+        given: with which they were chosen.
     """
+    if in_doubt(choices):
+        other = choose(scan, **given | {"model": OTHER[choices.model]})
+        choices = better_model(scan, choices, other)
     return estimate_alpha(scan, estimate_sound_speed(scan, choices))
 
 

@@ -102,7 +102,7 @@ def reconstruct_file(
         times=times,
         frames=frames,
     )
-    choices = estimate(scan, choose(scan, **given))
+    choices = estimate(scan, choose(scan, **given), **given)
     if report is not None:
         report(choices.table())
     return reconstruct(scan, choices, out=out, progress=progress)

@@ -42,13 +42,26 @@ PIXELS = 1.3  # in half the shortest wave
 def speed_least_negative(scan: Scan, choices: Choices) -> float | None:
     """The speed over that of the choices at which the image of a typical frame is least negative.
 
+    Args:
+        scan, choices: as for `positive_by_speed`.
+
+    Returns:
+        None if there is no peak, or images of the formula are not possible.
+    """
+    shares = positive_by_speed(scan, choices)
+    return None if shares is None else highest_peak(shares)
+
+
+def positive_by_speed(scan: Scan, choices: Choices) -> Float[np.ndarray, " speeds"] | None:
+    """P at each of the speeds, of a typical frame.
+
     A body that is heard at given times is farther off, the faster sound is. The window follows it.
 
     Args:
         scan, choices: in the plane, of pressure; of detectors on one side.
 
     Returns:
-        None if there is no peak, or images of the formula are not possible.
+        None if images of the formula are not possible.
     """
     points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
     distance = np.hypot(*points.T)
@@ -73,7 +86,7 @@ def speed_least_negative(scan: Scan, choices: Choices) -> float | None:
     middles = size * (SPEEDS[:, None] - 1) * away
     offsets = np.asarray(setup.grid.points) - np.asarray(choices.region_center)
     windows = np.array([_window(offsets - middle, WINDOW * body) for middle in middles])
-    return highest_peak(positive_share(np.asarray(images), windows))
+    return positive_share(np.asarray(images), windows)
 
 
 def _coarse(choices: Choices, radius: float, size: float) -> Choices:

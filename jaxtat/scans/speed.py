@@ -30,6 +30,7 @@ from .found import TO_BE_ESTIMATED
 from .frames import integrals, setup_of
 from .hearing import speed_heard
 from .least_negative import speed_least_negative
+from .one_side import SEEN_TWICE, span
 from .opposite_detectors import speed_from_both_sides, speed_in_space
 from .speed_found import UNSURE, SpeedFound, believed, beside, jackknife, peaks, summit, unknown
 
@@ -38,7 +39,6 @@ STANDS_OUT = 1.05  # sharpness at a peak over its surroundings, at least
 BESIDE = 2  # speeds to each side that belong to a peak, not to its surroundings
 SECTORS = 8  # of directions of edges, each with its own estimate
 APART = 0.07  # from the speed by the times, at most: a peak farther off is noise
-SEEN_TWICE = 200.0  # degrees, from which on opposite detectors determine the speed
 TOLD_APART = 110.0  # degrees, from which on a slower speed and a body farther off sound different
 
 
@@ -76,9 +76,9 @@ def _speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
 def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
     """By sharpness and opposite detectors, or, from one side, by other signs."""
     points = facts_of(scan).points[list(choices.channels)]
-    span = _span(points, np.asarray(choices.region_center))
-    if span < SEEN_TWICE:
-        return _from_one_side(scan, choices, span)
+    degrees = span(points, np.asarray(choices.region_center))
+    if degrees < SEEN_TWICE:
+        return _from_one_side(scan, choices, degrees)
     agreed = speed_from_both_sides(scan, choices)
     sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
     if sharpness_at is None:
@@ -90,13 +90,13 @@ def _speed_in_plane(scan: Scan, choices: Choices) -> SpeedFound:
     return by_both(sharp, agreed) or _heard(scan, choices, sharp.why)
 
 
-def _from_one_side(scan: Scan, choices: Choices, span: float) -> SpeedFound:
+def _from_one_side(scan: Scan, choices: Choices, degrees: float) -> SpeedFound:
     """By what an image explains; else a guess, by negative values, or first and last sound."""
     explained, doubt = speed_best_explained(scan, choices)
     if explained.standard_error is not None:
         return _guessed(explained, doubt) if doubt else explained
-    why = f"from {span:.0f} degrees edges are seen once, and {explained.why}"
-    if span < TOLD_APART:
+    why = f"from {degrees:.0f} degrees edges are seen once, and {explained.why}"
+    if degrees < TOLD_APART:
         return unknown(f"water's: {why}")
     heard, speed = _heard(scan, choices, why), speed_least_negative(scan, choices)
     if speed is None or abs(speed / heard.stretch - 1) > APART:
@@ -135,13 +135,6 @@ def _heard(scan: Scan, choices: Choices, why: str) -> SpeedFound:
     if speed is None:
         return unknown(f"water's: {why}")
     return SpeedFound(speed, f"by the times of first and last sound: {why}", GUESSED, None)
-
-
-def _span(points: Float[np.ndarray, "detectors 2"], center: np.ndarray) -> float:
-    """Angle under which the curve is seen from the region's centre, without its gap [degrees]."""
-    angles = np.sort(np.arctan2(*(points - center).T))
-    gaps = np.diff(angles, append=angles[0] + 2 * np.pi)
-    return float(np.degrees(2 * np.pi - gaps.max()))
 
 
 def sharpness_by_speed(

@@ -158,7 +158,7 @@ def view(
     source = None if source is None else Path(source)
     with jax.enable_x64(True):
         if choices is None:
-            choices = estimate(scan, choose(scan, pixels=PIXELS))
+            choices = estimate(scan, choose(scan, pixels=PIXELS), pixels=PIXELS)
         session = Session(scan, choices, facts)
         session.image(session.start)  # compiled before the first page is opened
     return Viewer(session, source.name if source else "scan", source, Path(folder), port)
