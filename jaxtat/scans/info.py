@@ -7,6 +7,7 @@ from ..io import Scan
 from ..records import ranges, supported
 from .choices import Choices
 from .facts import Facts, arc_through, blank_frames, facts_of, frame_numbers, in_space
+from .model import in_doubt
 from .noise import wants_alpha
 from .space import FactsInSpace, facts_in_space
 
@@ -37,8 +38,9 @@ def describe(scan: Scan, choices: Choices) -> str:
         shown = np.unique(np.asarray(scan.known["wavelengths"]))
         lines.append("wavelengths: " + ", ".join(f"{w:g}" for w in shown))
     more = _of_sphere(facts) if isinstance(facts, FactsInSpace) else _of_curve(facts, choices)
-    validated = ", alpha and filter by cross-validation" if wants_alpha(choices) else ""
-    return "\n".join([*lines, *more, "", f"A reconstruction would use{validated}", choices.table()])
+    estimated = ", the model by which an image explains more" if in_doubt(choices) else ""
+    estimated += ", alpha and filter by cross-validation" if wants_alpha(choices) else ""
+    return "\n".join([*lines, *more, "", f"A reconstruction would use{estimated}", choices.table()])
 
 
 def _of_sphere(facts: FactsInSpace) -> list[str]:
