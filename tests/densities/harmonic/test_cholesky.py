@@ -8,7 +8,6 @@ from numpy.typing import DTypeLike
 
 from jaxtat.densities.harmonic.cholesky import Cholesky, block_bounds, factorize
 
-
 solve = eqx.filter_jit(Cholesky.solve)
 
 
