@@ -25,10 +25,9 @@ DETECTOR_ANGLES = (np.arange(N) + 0.5) * 2 * np.pi / N
 matrix_of, potential_of = jax.jit(potential_matrix), jax.jit(potential)
 
 
-@jax.jit
 def densities_of(frequency):
-    angles, at = jnp.asarray(ANGLES), jnp.asarray(DETECTOR_ANGLES)
-    return full_circle_densities(frequency, angles, at, jnp.array(1.3), N_ORDERS)
+    where = ANGLES, DETECTOR_ANGLES, np.array(1.3)
+    return full_circle_densities(np.array(frequency), *where, n_orders=N_ORDERS)
 
 
 @pytest.mark.parametrize("lam", [0.3, 5.0, 30.0, 64 * np.pi])

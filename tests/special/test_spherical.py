@@ -14,7 +14,6 @@ from jaxtat.special import (
     spherical_sequence,
 )
 
-functions_of = jax.jit(legendre_functions, static_argnums=(1, 3))
 X = np.array([1e-6, 1e-3, 0.3, 0.999, 1.001, 4.7, 33.0, 100.0, 261.4])
 ORDERS = np.array([0, 1, 2, 7, 40, 99, 101, 260])
 
@@ -80,7 +79,7 @@ def test_edges_of_the_domain():
 def test_legendre_functions_against_scipy_and_orthonormal():
     nodes, weights = np.polynomial.legendre.leggauss(64)
     orders = np.array([0, 1, 5, 30])
-    found = np.asarray(functions_of(orders, 31, nodes, 30))
+    found = np.asarray(legendre_functions(orders, 31, nodes, 30))
     for m, rows in zip(orders, found, strict=True):
         degrees = m + np.arange(31)
         exact = scipy.special.sph_harm_y(degrees[:, None], m, np.arccos(nodes), 0.0).real
@@ -93,7 +92,7 @@ def test_legendre_functions_of_high_order_where_the_first_underflow():
     """Σ_m |Y_lm|² = (2l + 1)/4π needs all orders, also those with sin^m theta < 1e-100."""
     degree, t = 300, np.cos(np.array([0.3, 1.1, 2.9]))
     orders = np.arange(degree + 1)
-    found = np.asarray(functions_of(orders, degree + 1, t, degree))
+    found = np.asarray(legendre_functions(orders, degree + 1, t, degree))
     rows = found[orders, degree - orders]
     total = (rows**2 * np.where(orders, 2, 1)[:, None]).sum(axis=0)
     np.testing.assert_allclose(total, (2 * degree + 1) / (4 * np.pi), rtol=1e-11)
@@ -101,13 +100,13 @@ def test_legendre_functions_of_high_order_where_the_first_underflow():
 
 def test_poles_and_derivative_of_legendre_functions():
     orders, degrees = np.arange(3), np.arange(4)
-    poles = np.asarray(functions_of(orders, 4, np.array([1.0, -1.0]), 2))
+    poles = np.asarray(legendre_functions(orders, 4, np.array([1.0, -1.0]), 2))
     np.testing.assert_allclose(poles[0, :, 0], np.sqrt((2 * degrees + 1) / (4 * np.pi)), rtol=1e-14)
     np.testing.assert_allclose(poles[0, :, 1], poles[0, :, 0] * (-1.0) ** degrees, rtol=1e-14)
     assert not poles[1:].any()
     t = np.array([-0.7, 0.2])
     slopes = jax.jit(
-        lambda t: jax.jvp(lambda t: functions_of(orders, 4, t, 2), (t,), (jnp.ones(2),))[1]
+        lambda t: jax.jvp(lambda t: legendre_functions(orders, 4, t, 2), (t,), (jnp.ones(2),))[1]
     )
-    far, near = (np.asarray(functions_of(orders, 4, t + h, 2)) for h in (1e-5, -1e-5))
+    far, near = (np.asarray(legendre_functions(orders, 4, t + h, 2)) for h in (1e-5, -1e-5))
     np.testing.assert_allclose(slopes(t), (far - near) / 2e-5, atol=1e-8)
