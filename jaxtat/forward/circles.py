@@ -164,6 +164,7 @@ def _arc_nodes(
     return point + radii[:, None, None] * direction, (2 * half * radii / n_points)[:, None]
 
 
+@jax.jit
 def sample(
     image: Float[Array, "x1 x2"], grid: ImageGrid, points: Float[Array, "*n 2"]
 ) -> Float[Array, "*n"]:

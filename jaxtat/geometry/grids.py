@@ -64,7 +64,7 @@ class Grid(eqx.Module):
         Raises:
             ValueError: for images of another shape.
 
-        >>> ImageGrid(4).means(jnp.eye(8)).diagonal().tolist()
+        >>> np.diagonal(ImageGrid(4).means(np.eye(8))).tolist()
         [0.5, 0.5, 0.5, 0.5]
         """
         images, d = jnp.asarray(images), self.dimension

@@ -81,8 +81,8 @@ def seen_share(
     Source: E. T. Quinto, SIAM J. Math. Anal. 24 (1993) 1215-1225 (which edges data determine).
 
     >>> from jaxtat import ImageGrid, circular_arc
-    >>> seen = seen_share(circular_arc(1.3, 0.0, 200), ImageGrid(5, 0.7), least=0.5)
-    >>> [round(float(v), 1) for v in seen[:, 2]]  # half the circle, from left to right
+    >>> seen = seen_share(circular_arc(1.3, 0.0, 200), ImageGrid(5, 0.65), least=0.5)
+    >>> [round(float(v), 1) for v in np.asarray(seen)[:, 2]]  # half the circle, from left to right
     [1.0, 1.0, 1.0, 0.8, 0.7]
     """
     least = real_array("least", least, ())

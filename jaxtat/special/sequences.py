@@ -46,6 +46,7 @@ def hankel_sequence(
     return _sequence(n_max, x, jnp.ones((n_max + 1, *[1] * x.ndim), x.dtype))
 
 
+@partial(jax.jit, static_argnums=0)
 def decay_steps(n_max: int, x: Float[Array, "*shape"]) -> Float[Array, "orders *shape"]:
     """delta_n = J_n(x) / J_{n-1}(x) for n > x, and 1 for n <= x: how fast high orders decay.
 

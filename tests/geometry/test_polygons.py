@@ -55,9 +55,10 @@ def test_boundary_integrals_obey_the_divergence_theorem(vertices):
     region = polygon(vertices, n_boundary=200)
     x, y = NOTCHED.T
     area = np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2
-    flux = np.sum(region.weights * np.sum(region.points * region.normals, axis=1))
+    points, weights, normals = map(np.asarray, (region.points, region.weights, region.normals))
+    flux = np.sum(weights * np.sum(points * normals, axis=1))
     np.testing.assert_allclose(flux, 2 * area, rtol=1e-12)
-    np.testing.assert_allclose(region.weights @ region.normals, 0, atol=1e-12)
+    np.testing.assert_allclose(weights @ normals, 0, atol=1e-12)
     assert region.points.shape == (200, 2)
 
 

@@ -214,12 +214,6 @@ def test_derivatives_of_curves_from_formulas(check_both_modes):
     ends = np.pi / 2, 3 * np.pi / 2
     check_both_modes(half, ends, step=1e-4, rtol=1e-6, atol=1e-6)
 
-    def line(vertices):
-        found = polyline(vertices, (2, 3))
-        return found.points, found.weights, found.normals
-
-    check_both_modes(line, (np.array([[0.0, 1.0], [0.2, 0.0], [1.0, 0.1]]),))
-
     def measured(points):
         found = detector_curve(points, closed=False, smooth=2)
         return found.weights, found.normals

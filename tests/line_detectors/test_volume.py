@@ -75,11 +75,12 @@ def test_low_pass_acts_on_all_directions_of_the_volume_alike(shown):
     radial = 0.4 * weights * (1 - (t / 0.8) ** 2) ** 5 * t**2
     transform = 4 * np.pi * np.sinc(lam[:, None] * t / np.pi) @ radial
     filtered = transform * np.cos(np.pi / 2 * lam / last) * lam**2 * step / (2 * np.pi**2)
-    grid, third = shown.plan.grid, np.asarray(shown.plan.grid.x2)
+    some = slice(0, None, 4)  # heights
+    grid, third = shown.plan.grid, np.asarray(shown.plan.grid.x2)[some]
     distance = np.sqrt((np.asarray(grid.points) ** 2).sum(-1)[..., None] + third**2)
     exact = np.sinc(distance[..., None] * lam / np.pi) @ filtered
-    assert np.abs(exact - np.asarray(bell.volume(grid, third))).max() > 1e-2
-    assert np.abs(found - exact)[distance < 0.9].max() < 3e-4
+    assert np.abs(exact - np.asarray(bell.volume(grid, jnp.asarray(third)))).max() > 1e-2
+    assert np.abs(found[..., some] - exact)[distance < 0.9].max() < 3e-4
 
 
 @pytest.mark.parametrize("inversion", ["fbp", "fourier"])
@@ -97,7 +98,7 @@ def test_slices_for_an_axis_anywhere_and_any_sizes(inversion):
         inversion=inversion,
     )
     assert found.shape == (9, 7, 5)
-    assert np.abs(found - BELLS.volume(slices, grid.x2)).max() < 1e-4
+    assert np.abs(np.asarray(found) - BELLS.volume(slices, grid.x2)).max() < 1e-4
 
 
 @pytest.mark.parametrize("edge", [0.0, 0.2])
@@ -109,7 +110,7 @@ def test_a_whole_turn_of_half_the_projections_is_enough(edge):
     projections = np.where(inside, projections_of(BELLS, scan, grid), np.pi)
     found = invert_projections(projections, scan, grid, region)
     assert 0.4 < inside.mean() < 0.7
-    assert np.abs(found - BELLS.volume(ImageGrid(33), grid.x2)).max() < 1e-4
+    assert np.abs(np.asarray(found) - BELLS.volume(ImageGrid(33), grid.x2)).max() < 1e-4
 
 
 def test_it_can_be_traced_with_the_plan_closed_over(shown):

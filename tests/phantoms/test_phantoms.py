@@ -99,27 +99,27 @@ def test_circular_integrals_of_disks_are_exact():
 
 
 @pytest.mark.parametrize(
-    ("phantom", "profile"), [(BELLS, closed_bell), (DISKS, lambda t: np.where(t < 1, 1.0, 0.0))]
+    ("phantom", "profile", "n"),
+    [(BELLS, closed_bell, 4001), (DISKS, lambda t: np.where(t < 1, 1.0, 0.0), 400001)],
 )
-def test_radon_projections_are_line_integrals(phantom, profile):
+def test_radon_projections_are_line_integrals(phantom, profile, n):
     f = profile_sum(phantom, profile)
     angles, offsets = np.array([0.0, 0.8, 2.9]), np.array([-0.45, 0.0, 0.12, 0.4])
-    p = phantom.radon(jnp.asarray(angles), jnp.asarray(offsets))
-    y = np.linspace(-1.2, 1.2, 400001)
+    p = np.asarray(phantom.radon(jnp.asarray(angles), jnp.asarray(offsets)))
+    y = np.linspace(-1.2, 1.2, n)
     for i, a in enumerate(angles):
         for j, s in enumerate(offsets):
             values = f(s * np.cos(a) - y * np.sin(a), s * np.sin(a) + y * np.cos(a))
-            assert abs(np.trapezoid(values, y) - float(p[i, j])) < 2e-5
+            assert abs(np.trapezoid(values, y) - p[i, j]) < 2e-5
 
 
-@pytest.mark.parametrize("phantom", [BELLS, DISKS])
-def test_fourier_transform_is_that_of_the_projections(phantom):
-    angles = jnp.array([0.3, 2.0])
-    frequencies = jnp.array([0.0, 1e-5, 0.7, 5.0, 40.0])
-    fhat = np.asarray(phantom.fourier(frequencies, angles))
-    s = np.linspace(-1.5, 1.5, 200001)
-    p = np.asarray(phantom.radon(angles, jnp.asarray(s)))
-    for i, lam in enumerate(np.asarray(frequencies)):
+@pytest.mark.parametrize(("phantom", "n"), [(BELLS, 5001), (DISKS, 200001)])
+def test_fourier_transform_is_that_of_the_projections(phantom, n):
+    angles, frequencies = np.array([0.3, 2.0]), np.array([0.0, 1e-5, 0.7, 5.0, 40.0])
+    fhat = np.asarray(phantom.fourier(jnp.asarray(frequencies), jnp.asarray(angles)))
+    s = np.linspace(-1.5, 1.5, n)
+    p = np.asarray(phantom.radon(jnp.asarray(angles), jnp.asarray(s)))
+    for i, lam in enumerate(frequencies):
         exact = np.trapezoid(p * np.exp(-1j * lam * s), s, axis=1) / (2 * np.pi)
         assert np.abs(fhat[i] - exact).max() < 1e-7
 
@@ -128,11 +128,11 @@ def test_bell_transform_stays_exact_at_high_frequencies():
     from scipy.special import j0
 
     one = phantoms.Bells([[0.0, 0.0]], [0.55])
-    nodes, weights = np.polynomial.legendre.leggauss(3000)
-    t = (nodes + 1) / 2
-    for lam in (100.0, 200.0, 500.0):
+    nodes, weights = np.polynomial.legendre.leggauss(500)
+    t, frequencies = (nodes + 1) / 2, np.array([100.0, 200.0, 500.0])
+    transform = np.asarray(one.fourier(jnp.asarray(frequencies), jnp.zeros(1)))[:, 0]
+    for lam, found in zip(frequencies, transform, strict=True):
         exact = 0.55**2 * np.sum(weights / 2 * closed_bell(t) * j0(lam * 0.55 * t) * t)
-        found = one.fourier(jnp.array([lam]), jnp.zeros(1))[0, 0]
         assert abs(found - exact) < 1e-15
 
 
@@ -152,8 +152,10 @@ def test_derivatives_are_finite_where_circles_touch_or_miss():
     curve = circular_arc(1.3, 1.3, 8)
     disk = phantoms.Disks([[0.0, 0.0]], [0.3])
     radii = jnp.array([0.5, 1.0, 1.3, 1.6, 2.0])
-    total = jax.grad(lambda c: phantoms.Disks(c, disk.radii).circular_integrals(curve, radii).sum())
-    assert jnp.isfinite(total(disk.centers)).all()
+    total = jax.jit(
+        jax.grad(lambda c: phantoms.Disks(c, disk.radii).circular_integrals(curve, radii).sum())
+    )
+    assert np.isfinite(total(disk.centers)).all()
 
 
 def test_noise_has_the_level_it_should():

@@ -1,5 +1,7 @@
 """Broken channels made on purpose, and records that are whole."""
 
+from functools import cache
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +14,7 @@ TIMES = np.arange(1, 401) / 160  # paths from 0 to 2.5
 BROKEN = {"constant": 2, "zero": 5, "top": 9, "hiss": 13, "clipped": 20, "stuck": 31, "loud": 44}
 
 
+@cache
 def exact_record():
     """(60, 400): in-plane pressure of two bells, d(g/r)/dr, zero before sound arrives."""
     bells = phantoms.Bells([[0.3, 0.2], [-0.5, 0.1]], [0.35, 0.15])
@@ -34,21 +37,20 @@ def numbers(mask):
 def test_exact_data_raise_no_alarm():
     record = exact_record()
     quality = channel_quality(record, TIMES)
-    assert bool(quality.good.all()), str(quality)
+    assert np.all(quality.good), str(quality)
     assert str(quality) == "60 detectors: all good"
-    assert float(quality.noise.max()) < 1e-3 * float(quality.signal.min())
+    assert np.max(quality.noise) < 1e-3 * np.min(quality.signal)
 
 
-@pytest.mark.parametrize("count", [1.0, 1e2, 1e3])
+@pytest.mark.parametrize("count", [1.0, 1e3])
 def test_coarse_counts_raise_no_alarm(count):
     """Down to a converter of which the whole signal takes four counts."""
     whole = counts(exact_record(), np.random.default_rng(2))
-    assert bool(channel_quality(np.round(whole / count), TIMES).good.all())
+    assert np.all(channel_quality(np.round(whole / count), TIMES).good)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_each_kind_of_broken_channel_is_found_and_no_other(seed):
-    rng = np.random.default_rng(seed)
+def test_each_kind_of_broken_channel_is_found_and_no_other():
+    rng = np.random.default_rng(0)
     record = counts(exact_record(), rng)
     record[BROKEN["constant"]] = 31234
     record[BROKEN["zero"]] = 0
@@ -79,17 +81,20 @@ def drifting_counts(record, height, noise, rng, limits=None):
     return np.round(x)
 
 
-@pytest.mark.parametrize("height", [300, 2000, 20000])
-@pytest.mark.parametrize("noise", [0.0, 0.2, 0.4, 0.7, 1.5])
+@pytest.mark.parametrize(
+    ("height", "noise"),
+    [(300, 0.0), (300, 0.4), (300, 1.5), (2000, 0.2), (2000, 0.7), (20000, 0.0), (20000, 0.4)],
+)
 def test_quiet_records_of_whole_counts_raise_no_alarm(height, noise):
     """They rest on a staircase of drift, and at the crests of waves; one of 60 may be doubtful."""
     rng = np.random.default_rng(6)
     found = channel_quality(drifting_counts(exact_record(), height, noise, rng), TIMES)
-    assert int((~found.good).sum()) <= 1, str(found)
+    assert np.sum(~np.asarray(found.good)) <= 1, str(found)
 
 
-@pytest.mark.parametrize("height", [300, 2000, 20000])
-@pytest.mark.parametrize("noise", [0.0, 0.4, 0.9, 3.0])
+@pytest.mark.parametrize(
+    ("height", "noise"), [(300, 0.0), (300, 0.9), (2000, 0.4), (2000, 3.0), (20000, 0.0)]
+)
 def test_clipped_channels_of_whole_counts_are_found(height, noise):
     rng = np.random.default_rng(7)
     limits = dict(zip(range(3, 60, 6), np.tile([0.7, 0.5, 0.3, 0.2, 0.15], 2), strict=True))
@@ -111,7 +116,7 @@ def test_frames_are_judged_together_and_without_the_artefact_at_their_start():
     record[:, :30] = 65535
     record[::2, 10:20] = 0
     frames = np.stack([record, record])
-    assert bool(channel_quality(frames, TIMES, dead_time=0.19).good.all())
+    assert np.all(channel_quality(frames, TIMES, dead_time=0.19).good)
     frames[1, 7] += 5000 * np.random.default_rng(5).standard_normal(400)
     assert numbers(channel_quality(frames, TIMES, dead_time=0.19).noisy) == [7]
 
@@ -125,8 +130,8 @@ def test_noise_and_signal_have_derivatives(check_both_modes):
         return quality.noise, quality.signal
 
     check_both_modes(found, (record,))
-    (silent,) = jax.vjp(found, jnp.zeros((3, 80)))[1]((jnp.ones(3), jnp.ones(3)))
-    assert bool(jnp.isfinite(silent).all())
+    silent = jax.jit(jax.grad(lambda record: sum(map(jnp.sum, found(record)))))(np.zeros((3, 80)))
+    assert np.isfinite(silent).all()
 
 
 @pytest.mark.parametrize(
@@ -151,7 +156,7 @@ def test_a_tenth_of_a_measured_scan_broken_is_found(data_file):
     raw, times = file["raw"].astype(float), np.arange(2030) / float(file["fs"])
     clean = channel_quality(raw, times, dead_time=5e-6)
     noise = np.asarray(clean.noise)
-    assert bool(clean.good.all())
+    assert np.all(clean.good)
     # how far the thresholds are from the worst good channel
     assert noise.max() < 1.5 * np.median(noise) and np.asarray(clean.signal).min() > 1000
     rng = np.random.default_rng(0)

@@ -2,6 +2,7 @@
 
 from functools import partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -43,11 +44,12 @@ def spectrum_of_filter(n):
 def test_variance_of_coloured_noise_is_that_of_its_covariance_matrix():
     rows = np.random.default_rng(0).standard_normal((5, 241))
     spectrum, variance = spectrum_of_filter(241)
+    variance_of = jax.jit(lambda noise, rows: noise.variance(rows))
     noise = RecordNoise(jnp.ones(1), jnp.asarray(spectrum))
     exact = np.einsum("it,tu,iu->i", rows, toeplitz(autocovariance(241)), rows)
-    assert np.allclose(variance * noise.variance(jnp.asarray(rows)), exact, rtol=1e-12)
+    assert np.allclose(variance * np.asarray(variance_of(noise, rows)), exact, rtol=1e-12)
     white = RecordNoise(jnp.ones(1), jnp.ones(1))
-    assert np.allclose(white.variance(jnp.asarray(rows)), np.sum(rows**2, axis=1), rtol=1e-12)
+    assert np.allclose(variance_of(white, rows), np.sum(rows**2, axis=1), rtol=1e-12)
 
 
 def quiet_record(seed=1):
@@ -153,7 +155,7 @@ def test_an_image_by_the_noise_of_its_record_is_best():
     rng = np.random.default_rng(4)
     noisy = exact + 0.5 * exact.std() * rng.standard_normal(exact.shape)
     both = np.stack([exact, noisy])
-    data = pressure_to_circular_integrals(both, times, radii, model="in-plane")
+    data = np.asarray(pressure_to_circular_integrals(both, times, radii, model="in-plane"))
     limit = float(supported(curve, region, times).frequency_of_detectors)
     setup = Setup(curve, region, grid, radii, max_frequency=2 * limit)
     noise = noise_of_record(noisy, times, until=first_arrival(curve, region))
@@ -162,11 +164,12 @@ def test_an_image_by_the_noise_of_its_record_is_best():
 
     def error(sigma):
         image = reconstruct(setup, data[1], NoiseLevel(sigma), inversion="fourier")
-        return np.linalg.norm((image - truth)[inside]) / np.linalg.norm(truth[inside])
+        return np.linalg.norm((np.asarray(image) - truth)[inside]) / np.linalg.norm(truth[inside])
 
-    own = error(level.sigma)
-    others = [error(factor * level.sigma) for factor in (0.3, 3.0)]
-    white = error(jnp.full(len(setup.frequencies), float(jnp.std(data[1] - data[0]))))
+    sigma = np.asarray(level.sigma)
+    own = error(sigma)
+    others = [error(factor * sigma) for factor in (0.3, 3.0)]
+    white = error(np.full(len(setup.frequencies), np.std(data[1] - data[0])))
     assert own < min(others)
     assert own < 0.5 * white
 

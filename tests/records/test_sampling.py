@@ -127,9 +127,10 @@ def test_images_fail_beyond_the_supported_frequency_and_not_before():
         setup = Setup(arc, region, grid, radii, max_frequency=2 * limit)
         bell = phantoms.Bells([[0.15, 0.1]], [30 / (ratio * limit)])
         g = bell.circular_integrals(arc, radii)
-        hardly = NoiseLevel(jnp.full(len(setup.frequencies), 1e-8))
+        hardly = NoiseLevel(np.full(len(setup.frequencies), 1e-8))
         image = reconstruct(setup, g, hardly, inversion="fourier")
-        return float(jnp.abs(image - bell.image(grid))[region.contains(grid.points)].max())
+        error = np.abs(np.asarray(image) - np.asarray(bell.image(grid)))
+        return error[region.contains(grid.points)].max()
 
     errors = [error(ratio, REGION) for ratio in (0.9, 1.4, 2.0)]
     assert errors[0] < 1e-6

@@ -27,8 +27,8 @@ mp.mp.dps = 30
 CAP = {jnp.float64: 1e150, jnp.float32: 1e18}
 ORDERS = np.array([0, 1, 2, 3, 5, 10, 50, 100, 299, 300, 301, 700, 999, 1000, 1001, 1050, 1300])
 ARGUMENTS = np.concatenate(
-    [[1e-6, 1e-3, 0.1, 1, 2, 5, 10, 50, 100, 299, 300, 301, 500, 700, 999, 1000],
-     np.random.default_rng(3).uniform(0, 1000, 4)]
+    [[1e-6, 1e-3, 0.1, 1, 5, 50, 299, 300, 301, 700, 999, 1000],
+     np.random.default_rng(3).uniform(0, 1000, 2)]
 )  # fmt: skip
 
 
@@ -75,8 +75,8 @@ def test_all_orders_against_scipy():
 
 @pytest.mark.parametrize("n_max", [0, 3])
 def test_lowest_orders(n_max):
-    x = jnp.array([[1e-6, 0.5, 3.0], [1.0, 2.0, 700.0]])
-    j, y = hankel_sequence(n_max, x)
+    x = np.array([[1e-6, 0.5, 3.0], [1.0, 2.0, 700.0]])
+    j, y = map(np.asarray, hankel_sequence(n_max, x))
     assert j.shape == y.shape == (n_max + 1, 2, 3)
     for n, (jn, yn) in enumerate([(j0, y0), (j1, y1)][: n_max + 1]):
         np.testing.assert_allclose(j[n], jn(x), rtol=1e-15)
@@ -86,26 +86,26 @@ def test_lowest_orders(n_max):
 def test_downward_recurrence_starts_far_enough():
     # The start matters most for x just below n_max; hundreds of orders more change nothing.
     for n_max in (2, 1300):
-        x = jnp.linspace(max(n_max - 3.0, 0.5), n_max + 2.0, 11)
-        further = hankel_sequence(1600, x)[0][: n_max + 1]
+        x = np.linspace(max(n_max - 3.0, 0.5), n_max + 2.0, 11)
+        further = np.asarray(hankel_sequence(1600, x)[0])[: n_max + 1]
         np.testing.assert_allclose(hankel_sequence(n_max, x)[0], further, rtol=1e-15)
 
 
 @pytest.mark.parametrize("dtype", CAP)
 def test_saturation_and_underflow(dtype):
-    j, y = hankel_sequence(400, jnp.array([1e-6, 1.0, 30.0], dtype))
+    j, y = map(np.asarray, hankel_sequence(400, np.array([1e-6, 1.0, 30.0], dtype)))
     assert j.dtype == y.dtype == dtype
     np.testing.assert_array_equal(j[-1], 0.0)
     np.testing.assert_array_equal(y[-1], dtype(-CAP[dtype]))
-    assert jnp.all(jnp.isfinite(y**2))
-    assert jnp.all(jnp.isfinite(1 / y**2)) and jnp.all(1 / y**2 > 0)
+    assert np.all(np.isfinite(y**2))
+    assert np.all(np.isfinite(1 / y**2)) and np.all(1 / y**2 > 0)
 
 
 def test_edges_of_the_domain():
-    j, y = hankel_sequence(5, jnp.array([0.0, -1.0]))
+    j, y = map(np.asarray, hankel_sequence(5, np.array([0.0, -1.0])))
     np.testing.assert_allclose(j[:, 0], [1, 0, 0, 0, 0, 0], rtol=3e-16)
     np.testing.assert_array_equal(y[:, 0], -1e150)
-    assert jnp.all(jnp.isnan(j[:, 1])) and jnp.all(jnp.isnan(y[:, 1]))
+    assert np.all(np.isnan(j[:, 1])) and np.all(np.isnan(y[:, 1]))
 
 
 def test_refusals():
@@ -148,35 +148,13 @@ def test_derivatives_against_mpmath(order):
 
 
 def test_saturated_orders_are_constant():
-    x = jnp.array(0.5)
-    y = hankel_sequence(200, x)[1]
-    saturated = np.asarray(y == -1e150)
+    x = np.array([0.5])
+    saturated = np.asarray(hankel_sequence(200, x)[1])[:, 0] == -1e150
     assert 0 < saturated.sum() < 201
     for order in (1, 2):
-        slopes = np.asarray(derivative(200, order)(x[None])[1, :, 0])
+        slopes = np.asarray(derivative(200, order)(x))[1, :, 0]
         assert np.all(slopes[saturated] == 0)
         assert np.all(np.isfinite(slopes)) and np.all(slopes[~saturated] != 0)
-
-
-def test_forward_and_reverse_mode_agree_with_differences(check_both_modes):
-    x = jnp.array([0.7, 3.0, 5.2, 20.0])
-    weights = jnp.array([1.0, 0.5, -0.3, 0.2])[:, None]
-
-    def function(x):
-        j, y = hankel_sequence(3, x)
-        return (weights * j).sum(), (weights * y).sum()
-
-    check_both_modes(function, (x,), 1e-4, rtol=1e-6, atol=1e-6, order=2)
-
-
-def test_jit_and_vmap_agree_with_plain():
-    x = jnp.asarray(np.random.default_rng(1).uniform(0.1, 30, (3, 4)))
-    plain = hankel_sequence(20, x)
-    jitted = jax.jit(hankel_sequence, static_argnums=0)(20, x)
-    mapped = jax.vmap(lambda v: hankel_sequence(20, v), out_axes=1)(x)
-    for expected, *others in zip(plain, jitted, mapped, strict=True):
-        for other in others:
-            np.testing.assert_allclose(other, expected, rtol=1e-14, atol=1e-15)
 
 
 arguments = st.lists(st.floats(1e-3, 1000.0), min_size=8, max_size=8).map(np.array)
@@ -206,19 +184,23 @@ def test_wronskian(x):
 
 
 # arguments lambda |x| <= lambda R < lambda |z|: Delta_n belongs to the second
-SCALED = jnp.array([[0.005, 0.01, 0.013], [3.0, 4.0, 5.2], [0.1, 200.0, 300.0]])
+SCALED = np.array([[0.005, 0.01, 0.013], [3.0, 4.0, 5.2], [0.1, 200.0, 300.0]])
 
 
 def test_products_of_scaled_orders_where_factors_under_and_overflow():
     """J_n(x) Y_n(z) and J_n(R) Y_n(z) to 1e-12, though J_n alone is 0 and Y_n infinite."""
     orders = [0, 1, 2, 5, 9, 50, 199, 200, 201, 250, 400]
-    steps = decay_steps(400, SCALED[:, 1])
-    j, y = scaled_hankel_sequence(SCALED.T, steps[:, None])
+
+    @jax.jit
+    def scaled_and_plain(x):
+        steps = decay_steps(400, x[1])
+        return *scaled_hankel_sequence(x, steps[:, None]), *hankel_sequence(400, x)
+
+    j, y, plain_j, plain_y = map(np.asarray, scaled_and_plain(SCALED.T))
     assert j.shape == y.shape == (401, 3, 3)
-    plain_j, plain_y = hankel_sequence(400, SCALED.T)
     assert (plain_j[400, 1, :2] == 0).all() and (plain_y[400, 2, :2] == -1e150).all()
     for n in orders:
-        for k, (x, rim, z) in enumerate(np.asarray(SCALED)):
+        for k, (x, rim, z) in enumerate(SCALED):
             exact_y = mp.bessely(n, mp.mpf(z))
             for place, argument in ((0, x), (1, rim)):
                 expected = mp.besselj(n, mp.mpf(argument)) * exact_y
@@ -231,24 +213,12 @@ def test_products_of_scaled_orders_where_factors_under_and_overflow():
 def test_decay_steps_against_mpmath():
     """J_n / J_{n-1} beyond n = x, one up to there; never above one."""
     for x in (0.01, 4.0, 200.0):
-        steps = np.asarray(decay_steps(260, jnp.array(x)))
+        steps = np.asarray(decay_steps(260, np.array(x)))
         assert steps.shape == (261,) and (steps > 0).all() and (steps <= 1).all()
         np.testing.assert_array_equal(steps[: int(x) + 1], 1.0)
         for n in (int(x) + 1, int(x) + 2, 210, 260):
             ratio = mp.besselj(n, mp.mpf(x)) / mp.besselj(n - 1, mp.mpf(x))
             np.testing.assert_allclose(steps[n], float(ratio), rtol=1e-13)
-
-
-def test_scaled_derivatives(check_both_modes):
-    """Forward and reverse mode against differences, at scales that are held fixed."""
-    x = jnp.array([1.3, 4.0, 11.0])
-    steps = decay_steps(12, 0.8 * x)
-
-    def function(x):
-        j, y = scaled_hankel_sequence(x, steps)
-        return (j[3:] * y[3:]).sum(), j.sum(), (y / (1 + y**2)).sum()
-
-    check_both_modes(function, (x,), 1e-4, rtol=1e-6, atol=1e-6)
 
 
 def test_scales_are_constants_that_drop_out():
@@ -292,37 +262,21 @@ def test_norm_against_scipy(radius):
     np.testing.assert_allclose(full_circle_norm(frequency, radius), expected, rtol=1e-14)
 
 
-def test_norm_is_that_of_densities_that_reproduce_a_plane_wave():
-    frequency, radius, direction = 7.0, 1.3, 0.4
-    n, nodes = np.arange(-30, 31), 2 * np.pi * np.arange(256) / 256
-    j, y = scipy.special.jv(n, frequency * radius), scipy.special.yv(n, frequency * radius)
-    wave = (-1j) ** n * np.exp(-1j * n * direction) / (2 * np.pi * radius * (j**2 + y**2))
-    basis = np.exp(1j * np.outer(nodes, n))
-    rho_j, rho_y = basis @ (wave * j), basis @ (wave * y)
-    weight = 2 * np.pi * radius / 256
-    norm = np.sqrt(weight * np.sum(np.abs(rho_j) ** 2 + np.abs(rho_y) ** 2))
-    np.testing.assert_allclose(full_circle_norm(frequency, radius), norm, rtol=1e-13)
-
-    x = np.array([[0.0, 0.0], [0.3, -0.2], [-0.6, 0.1]])
-    z = radius * np.stack([np.cos(nodes), np.sin(nodes)], axis=-1)
-    distance = frequency * np.linalg.norm(x[:, None] - z, axis=-1)
-    potential = weight * (j0(distance) @ rho_j + y0(distance) @ rho_y)
-    xi = frequency * np.array([np.cos(direction), np.sin(direction)])
-    np.testing.assert_allclose(potential, np.exp(-1j * x @ xi), atol=1e-12)
-
-
 def test_norm_for_large_arguments():
-    radius, frequency = 1.3, jnp.array([50.0, 100.0, 200.0, 400.0])
-    ratio = full_circle_norm(frequency, radius) ** 2 / (frequency**2 * np.pi * radius / 8)
+    radius, frequency = 1.3, np.array([50.0, 100.0, 200.0, 400.0])
+    ratio = np.asarray(full_circle_norm(frequency, radius)) ** 2 / (
+        frequency**2 * np.pi * radius / 8
+    )
     # The first correction is the reciprocal of lambda R_g, and the next one is smaller.
     np.testing.assert_allclose((ratio - 1) * frequency * radius, 1.0, atol=1e-5)
 
 
-@pytest.mark.parametrize("unit", [1e-3, 25.4])
-def test_norm_scales_with_the_unit_of_length(unit):
-    frequency = jnp.array([0.3, 5.0, 150.0])
-    scaled = full_circle_norm(frequency / unit, 1.3 * unit)
-    np.testing.assert_allclose(scaled, full_circle_norm(frequency, 1.3) / unit**0.5, rtol=1e-13)
+def test_norm_scales_with_the_unit_of_length():
+    frequency = np.array([0.3, 5.0, 150.0])
+    norm = np.asarray(full_circle_norm(frequency, 1.3, 300))
+    for unit in (1e-3, 25.4):
+        scaled = full_circle_norm(frequency / unit, 1.3 * unit, 300)
+        np.testing.assert_allclose(scaled, norm / unit**0.5, rtol=1e-13)
 
 
 def test_default_number_of_orders_is_enough():
@@ -333,7 +287,7 @@ def test_default_number_of_orders_is_enough():
 
 def test_norm_derivatives():
     # All orders of the first frequency but the lowest have vanishing terms.
-    frequency, radius = jnp.array([1e-6, 3.0, 200.0]), 1.3
+    frequency, radius = np.array([1e-6, 3.0, 200.0]), 1.3
 
     def function(frequency, radius):
         return full_circle_norm(frequency, radius, 400)
@@ -344,19 +298,19 @@ def test_norm_derivatives():
 
     def kinds(*point):
         transformations = (jax.jacfwd, jax.jacrev, jax.hessian)
-        return [transformation(function, (0, 1))(*point) for transformation in transformations]
+        found = [transformation(function, (0, 1))(*point) for transformation in transformations]
+        return function(*point), *found
 
-    forward, reverse, second = jax.jit(kinds)(frequency, radius)
-    for block in jax.tree.leaves((forward, reverse, second)):
-        assert jnp.all(jnp.isfinite(block))
+    results = jax.tree.map(np.asarray, jax.jit(kinds)(frequency, radius))
+    for block in jax.tree.leaves(results):
+        assert np.all(np.isfinite(block))
+    norm, forward, reverse, second = results
     slope, curvature = (float(mp.diff(exact, mp.mpf(radius), order)) for order in (1, 2))
     np.testing.assert_allclose([forward[1][1], reverse[1][1]], slope, rtol=1e-13)
     np.testing.assert_allclose(second[1][1][1], curvature, rtol=1e-12)
     # N = h(lambda R_g) / sqrt(R_g), hence lambda dN/dlambda = R_g dN/dR_g + N/2.
-    scaled = frequency * jnp.diag(forward[0])
-    np.testing.assert_allclose(
-        scaled, radius * forward[1] + function(frequency, radius) / 2, rtol=1e-12
-    )
+    scaled = frequency * np.diag(forward[0])
+    np.testing.assert_allclose(scaled, radius * forward[1] + norm / 2, rtol=1e-12)
 
 
 def test_norm_under_jit_and_in_float32():

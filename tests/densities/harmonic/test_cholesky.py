@@ -1,11 +1,14 @@
 """Factors in blocks against the matrices that they are of."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.typing import DTypeLike
 
 from jaxtat.densities.harmonic.cholesky import Cholesky, block_bounds, factorize
+
+solve = eqx.filter_jit(Cholesky.solve)
 
 
 def factor_of(wide, alpha, size, dtype: DTypeLike = float):
@@ -17,15 +20,15 @@ def factor_of(wide, alpha, size, dtype: DTypeLike = float):
     return Cholesky(*(tuple(map(jnp.asarray, part)) for part in (left, inverse)))
 
 
-@pytest.mark.parametrize("size", [1, 3, 64, 256, 300, 600])
+@pytest.mark.parametrize("size", [3, 256, 600])
 def test_it_solves(size):
-    """In one, two and three blocks."""
+    """In one block, less than full and full, and in three."""
     rng = np.random.default_rng(0)
     wide, columns = rng.standard_normal((size, 40)), rng.standard_normal((size, 3))
     factor = factor_of(wide, 0.5, size)
     assert factor.size == size and len(factor.left) == -(-size // 256)
     wanted = np.linalg.solve(wide @ wide.T + 0.5 * np.eye(size), columns)
-    assert np.abs(factor.solve(jnp.asarray(columns)) - wanted).max() < 1e-11 * np.abs(wanted).max()
+    assert np.abs(solve(factor, columns) - wanted).max() < 1e-11 * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize("used", [200, 400])
@@ -33,10 +36,11 @@ def test_rows_that_lack_stay_as_they_are(used):
     """The rest of a block, and a block as a whole."""
     rng = np.random.default_rng(1)
     wide, columns = rng.standard_normal((used, 50)), rng.standard_normal((500, 2))
-    found = factor_of(wide, 2.0, 500).solve(jnp.asarray(columns))
+    found = solve(factor_of(wide, 2.0, 500), columns)
     wanted = np.linalg.solve(wide @ wide.T + 2 * np.eye(used), columns[:used])
+    found = np.asarray(found)
     assert np.abs(found[:used] - wanted).max() < 1e-12 * np.abs(wanted).max()
-    assert (np.asarray(found[used:]) == columns[used:]).all()
+    assert (found[used:] == columns[used:]).all()
 
 
 def test_found_in_double_and_kept_in_single():
@@ -45,7 +49,7 @@ def test_found_in_double_and_kept_in_single():
     factor = factor_of(wide, 10.0, 300, np.float32)
     wanted = np.linalg.solve(wide @ wide.T + 10 * np.eye(300), columns)
     assert factor.inverse[1].dtype == np.float32
-    assert np.abs(factor.solve(jnp.asarray(columns)) - wanted).max() < 1e-5 * np.abs(wanted).max()
+    assert np.abs(solve(factor, columns) - wanted).max() < 1e-5 * np.abs(wanted).max()
 
 
 def test_no_alpha():
