@@ -240,10 +240,10 @@ def test_derivatives_of_the_image(kind, solver):
     energy, parameters = energy_of(kind, solver), PARAMETERS[kind]
     steps = {name: step_along(name, value) for name, value in parameters.items()}
 
-    @jax.jit  # one program for all
+    @jax.jit  # one program for all, of one linearisation
     def derived(parameters):
-        value, forward = jax.jvp(energy, (parameters,), (steps,))
-        return value, forward, jax.grad(energy)(parameters)
+        value, push = jax.linearize(energy, parameters)
+        return value, push(steps), *jax.linear_transpose(push, parameters)(jnp.ones(()))
 
     _, forward, slopes = derived(parameters)
     along = {name: float(jnp.vdot(slopes[name], steps[name])) for name in parameters}
