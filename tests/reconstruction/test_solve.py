@@ -174,16 +174,17 @@ def test_solver_follows_from_the_size(arc, half_arc, monkeypatch):
 
 
 # a small problem, whose parameters are all changed at once
-SMALL = Setup(circular_arc(1.5, 1.2, 30), disk(1.0), ImageGrid(9), max_frequency=12.0)
-PART = circular_arc(1.5, 0.15, 30)
+LOW = {"max_frequency": 6.0, "n_directions": 8}
+SMALL = Setup(circular_arc(1.5, 1.2, 24), disk(1.0), ImageGrid(9), **LOW)
+PART = circular_arc(1.5, 0.15, 24)
 SETUPS = {
     "arc": SMALL,
     "positions": Setup(
-        detector_curve(PART.points, closed=False),
+        detector_curve(PART.points, closed=False, element_width=0.2),
         disk(1.0, 0.1),
         SMALL.grid,
         SMALL.radii,
-        max_frequency=12.0,
+        **LOW,
     ),
 }
 SHARED = {
@@ -196,7 +197,8 @@ SHARED = {
 }
 PARAMETERS = {
     "arc": SHARED | {"arc radius": jnp.array(1.5)},
-    "positions": SHARED | {"positions": PART.points, "cut": jnp.array(0.1)},
+    "positions": SHARED
+    | {"positions": PART.points, "width": jnp.array(0.2), "cut": jnp.array(0.1)},
 }
 
 
@@ -207,10 +209,11 @@ def energy_of(kind, solver):
 
     def energy(parameters):
         if kind == "positions":
-            curve = detector_curve(parameters["positions"], closed=False)
+            where, width = parameters["positions"], parameters["width"]
+            curve = detector_curve(where, closed=False, element_width=width)
         else:
             radius = parameters["arc radius"]
-            curve = circular_arc(radius, 0.8 * radius, 30)
+            curve = circular_arc(radius, 0.8 * radius, 24)
         moved = setup.replace(
             curve=curve,
             region=disk(parameters["region radius"], parameters.get("cut")),
@@ -235,7 +238,7 @@ def step_along(name, value):
 def test_derivatives_of_the_image(kind, solver):
     """Reverse mode equals forward mode, and finite differences in every parameter.
 
-    Of an arc around a disk, and of any positions beside a part of one.
+    Of an arc around a disk, and of wide elements anywhere beside a part of one.
     """
     energy, parameters = energy_of(kind, solver), PARAMETERS[kind]
     steps = {name: step_along(name, value) for name, value in parameters.items()}
