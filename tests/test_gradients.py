@@ -42,7 +42,7 @@ def data(setup):
 def derived(setup):
     """Size of an image, its slope in K by forward mode, and all slopes by reverse mode.
 
-    In one program for all tests. For geometry 1 see reconstruction/test_plan.py.
+    In one program for all tests. By collocation: reconstruction/test_plan.py.
     """
     traced = []
 

@@ -220,37 +220,29 @@ def test_the_closed_form_needs_a_known_geometry(ring):
         )
 
 
-# Of the first geometry all singular values come nearly in pairs. For the second, by waves: see
-# test_gradients.py.
 @pytest.mark.filterwarnings("ignore::jaxtat.AccuracyWarning")
-@pytest.mark.parametrize(("method", "cut"), [("harmonic", None), ("collocation", 0.0)])
-def test_derivatives_of_the_image_in_the_geometry(check_both_modes, method, cut):
-    end = 1.05 if cut is None else cut + 0.05
-    radius, turn = jnp.array(1.0), jnp.array(0.02)
+def test_derivatives_of_the_image_in_the_geometry(check_both_modes):
+    """By collocation. By waves: ../test_gradients.py."""
 
     def geometry(end, radius, cut, turn):
         return circular_arc(1.3 * radius, end, 24, angle=turn), disk(radius, cut, angle=turn)
 
-    curve, region = geometry(end, radius, cut, turn)
-    if cut is not None:  # every detector by itself; else the arc remains one
-        curve = detector_curve(curve.points, closed=False)
-    grid = ImageGrid(9)
-    setup = Setup(curve, region, grid, max_frequency=7.0, n_directions=8)
+    curve, region = geometry(0.05, 1.0, 0.0, 0.02)
+    curve = detector_curve(curve.points, closed=False)  # every detector by itself
+    setup = Setup(curve, region, ImageGrid(9), max_frequency=7.0, n_directions=8)
     g = data_of(BELL, setup)
-    weights = jnp.asarray(np.random.default_rng(0).standard_normal((9, 9)))
+    weights = np.random.default_rng(0).standard_normal((9, 9))
 
-    def loss(end, radius, turn, K, *more):
-        curve, region = geometry(end, radius, more[0] if more else None, turn)
-        if more:
-            curve = detector_curve(curve.points + more[1], closed=False)
+    def loss(end, radius, turn, K, cut, shift):
+        curve, region = geometry(end, radius, cut, turn)
+        curve = detector_curve(curve.points + shift, closed=False)
         moved = setup.replace(curve=curve, region=region)
-        return jnp.sum(weights * reconstruct(build_plan(moved, NormBound(K), method=method), g))
+        plan = build_plan(moved, NormBound(K), method="collocation")
+        return jnp.sum(weights * reconstruct(plan, g))
 
-    arguments = [jnp.array(end), radius, turn, jnp.array(3.3)]
-    if cut is not None:
-        shift = jnp.asarray(0.01 * np.random.default_rng(1).standard_normal((24, 2)))
-        arguments += [jnp.array(cut), shift]
-    slopes = check_both_modes(loss, arguments, 1e-6, rtol=1e-4, atol=1e-4)
+    shift = 0.01 * np.random.default_rng(1).standard_normal((24, 2))
+    at = 0.05, 1.0, 0.02, 3.3, 0.0, shift
+    slopes = check_both_modes(loss, at, 1e-6, rtol=1e-4, atol=1e-4)
     assert all(np.isfinite(slope).all() and np.abs(slope).max() > 0 for slope in slopes)
 
 
@@ -292,12 +284,11 @@ def test_low_pass_smooths(arc_plan, data):
     assert reconstruct(arc_plan, noise, low_pass=cosine_filter)[within].std() < 0.6 * rough
 
 
-def test_gradient_with_respect_to_the_data_is_the_adjoint(either_plan):
-    """Of either kind of densities, and either inversion."""
-    inversion = "fourier" if method_of(either_plan) == "harmonic" else "fbp"
-    rng = np.random.default_rng(0)
-    g, image = map(rng.standard_normal, (either_plan.setup.data_shape, either_plan.grid.shape))
-    forward, back = jax.vjp(lambda g: reconstruct(either_plan, g, inversion=inversion), g)
+def test_gradient_with_respect_to_the_data_is_the_adjoint(collocation_plan):
+    """By filtered back-projection. By a Fourier sum: test_solve.py."""
+    plan, rng = collocation_plan, np.random.default_rng(0)
+    g, image = map(rng.standard_normal, (plan.setup.data_shape, plan.grid.shape))
+    forward, back = jax.vjp(lambda g: reconstruct(plan, g, inversion="fbp"), g)
     one, other = np.vdot(forward, image), np.vdot(g, back(image)[0])
     assert abs(one - other) < 1e-10 * np.linalg.norm(forward) * np.linalg.norm(image)
 

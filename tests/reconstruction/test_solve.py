@@ -174,13 +174,14 @@ def test_solver_follows_from_the_size(arc, half_arc, monkeypatch):
 
 
 # a small problem, whose parameters are all changed at once
+WIDTH = 0.2  # of elements
 LOW = {"max_frequency": 6.0, "n_directions": 8}
-SMALL = Setup(circular_arc(1.5, 1.2, 24), disk(1.0), ImageGrid(9), **LOW)
+SMALL = Setup(circular_arc(1.5, 1.2, 24, element_width=WIDTH), disk(1.0), ImageGrid(9), **LOW)
 PART = circular_arc(1.5, 0.15, 24)
 SETUPS = {
     "arc": SMALL,
     "positions": Setup(
-        detector_curve(PART.points, closed=False, element_width=0.2),
+        detector_curve(PART.points, closed=False, element_width=WIDTH),
         disk(1.0, 0.1),
         SMALL.grid,
         SMALL.radii,
@@ -194,11 +195,11 @@ SHARED = {
     "times": SMALL.radii / 1.5,
     "sound speed": jnp.array(1.5),
     "half width": jnp.array(1.0),
+    "width": jnp.array(WIDTH),
 }
 PARAMETERS = {
     "arc": SHARED | {"arc radius": jnp.array(1.5)},
-    "positions": SHARED
-    | {"positions": PART.points, "width": jnp.array(0.2), "cut": jnp.array(0.1)},
+    "positions": SHARED | {"positions": PART.points, "cut": jnp.array(0.1)},
 }
 
 
@@ -208,12 +209,12 @@ def energy_of(kind, solver):
     setup = SETUPS[kind]
 
     def energy(parameters):
+        width = parameters["width"]
         if kind == "positions":
-            where, width = parameters["positions"], parameters["width"]
-            curve = detector_curve(where, closed=False, element_width=width)
+            curve = detector_curve(parameters["positions"], closed=False, element_width=width)
         else:
             radius = parameters["arc radius"]
-            curve = circular_arc(radius, 0.8 * radius, 24)
+            curve = circular_arc(radius, 0.8 * radius, 24, element_width=width)
         moved = setup.replace(
             curve=curve,
             region=disk(parameters["region radius"], parameters.get("cut")),
@@ -238,7 +239,7 @@ def step_along(name, value):
 def test_derivatives_of_the_image(kind, solver):
     """Reverse mode equals forward mode, and finite differences in every parameter.
 
-    Of an arc around a disk, and of wide elements anywhere beside a part of one.
+    Of wide elements on an arc around a disk, and anywhere beside a part of one.
     """
     energy, parameters = energy_of(kind, solver), PARAMETERS[kind]
     steps = {name: step_along(name, value) for name, value in parameters.items()}

@@ -320,7 +320,7 @@ def test_bad_data_are_refused():
 def test_derivatives_in_everything_but_sizes(check_both_modes):
     """A weighted sum of voxels; both modes against differences, of the lower part of a ball.
 
-    Rings are turned, and moved from where those of a cap are.
+    Rings are turned, and moved from where those of a cap are; elements are wide.
     """
     cap, region = spherical_cap(1.6, 0.9, 6, 12), ball(0.8, 0.5)
     grid, radii = VolumeGrid((5, 4, 4), half_width=0.5), 0.7 + 0.2 * np.arange(10)
@@ -329,17 +329,20 @@ def test_derivatives_in_everything_but_sizes(check_both_modes):
     g = jax.device_put(rng.standard_normal((6, 12, 10)))
     moved, turns = jnp.asarray(rng.uniform(-0.02, 0.02, 6)), jnp.asarray(rng.uniform(-1, 1, 6))
 
-    def rings_of(radius, opening, center, moved, turns):
+    def rings_of(radius, opening, center, moved, turns, size):
         changed = eqx.tree_at(lambda c: (c.radius, c.half_opening), cap, (radius, opening))
         theta = jnp.arccos(changed.cosines) + moved
-        return DetectorRings(center, radius, opening, 6, 12, "given", theta, turns)
+        where = center, radius, opening, 6, 12, "given", theta, turns
+        return DetectorRings(*where, element_radius=size)
 
-    rings = jax.jit(rings_of)(cap.radius, cap.half_opening, cap.center, moved, turns)
+    rings = jax.jit(rings_of)(cap.radius, cap.half_opening, cap.center, moved, turns, 0.2)
     setup = Setup(rings, region, grid, radii, max_frequency=4.0)
 
-    def loss(g, radius, speed, top, opening, log_alpha, center, reach, half_width, moved, turns):
+    def loss(
+        g, radius, speed, top, opening, log_alpha, center, reach, half_width, moved, turns, size
+    ):
         here = setup.replace(
-            curve=rings_of(radius, opening, center, moved, turns),
+            curve=rings_of(radius, opening, center, moved, turns, size),
             region=ball(reach, top, center=center),
             grid=VolumeGrid((5, 4, 4), half_width, center),
             radii=speed * radii,
@@ -347,7 +350,7 @@ def test_derivatives_in_everything_but_sizes(check_both_modes):
         return jnp.sum(weights * reconstruct(here, g, jnp.exp(log_alpha), inversion="fourier"))
 
     at = (1.6, 1.0, 0.5, 0.97, -7.0, np.zeros(3), 0.8, np.full(3, 0.5))
-    at = [jnp.asarray(value) for value in (*at, moved, turns)]
+    at = [jnp.asarray(value) for value in (*at, moved, turns, 0.2)]
     check_both_modes(loss, (g, *at))
 
 
