@@ -229,8 +229,8 @@ def _by_plan(
     require_inversion(inversion)
     mesh = checked_mesh(mesh)
     # not the whole plan: those of other rules share the program
-    given = replicated((plan.basis, plan.grid, data, eta), mesh)
-    return _by_densities(*given, inversion, mesh)
+    basis, grid, data, eta = replicated((plan.basis, plan.grid, data, eta), mesh)
+    return _by_densities(basis, grid, data, eta, inversion, mesh)
 
 
 @eqx.filter_jit

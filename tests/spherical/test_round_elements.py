@@ -1,6 +1,5 @@
 """Round elements of finite size in space."""
 
-
 import jax
 import jax.numpy as jnp
 import numpy as np
