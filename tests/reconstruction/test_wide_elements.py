@@ -41,10 +41,9 @@ def solved(setup, g):
 
 CURVES = {
     "arc": circular_arc(1.3, 1.0, 80, element_width=WIDTH),
+    "uneven": circular_arc(1.3, 1.0, 80, element_width=np.linspace(0.1, 0.25, 80)),
     "measured": detector_curve(circular_arc(1.3, 1.0, 80).points, element_width=WIDTH),
-    "uneven": elliptic_arc(
-        (1.6, 1.3), 90, start=0.6, stop=5.7, element_width=np.linspace(0.15, 0.3, 90)
-    ),
+    "ellipse": elliptic_arc((1.6, 1.3), 90, start=0.6, stop=5.7, element_width=WIDTH),
 }
 
 
