@@ -151,12 +151,13 @@ def test_slopes_in_positions_radii_and_widths_are_those_of_differences(name, sev
 
     @jax.jit
     def everything(size):
-        value, push = jax.linearize(total, size)
-        return value, push(1.0), *jax.linear_transpose(push, size)(1.0)
+        (value, backward), (forward, second) = jax.jvp(jax.value_and_grad(total), (size,), (1.0,))
+        return jnp.stack([value, backward, forward, second])
 
-    _, forward, backward = everything(1.0)
-    wanted = differences(lambda size: everything(size)[0], 1.0)
-    assert np.allclose([forward, backward], wanted, rtol=1e-6)
+    _, backward, forward, second = everything(1.0)
+    wanted, of_slope = differences(lambda size: np.asarray(everything(size)[:2]), 1.0)
+    assert np.allclose([backward, forward], wanted, rtol=1e-6)
+    assert np.allclose(second, of_slope, rtol=1e-5)
 
 
 def test_many_detectors_on_a_circle_take_another_way_to_the_same_data(arc, monkeypatch):
