@@ -25,11 +25,7 @@ def sweep():
     ("family", "name"),
     [
         ("of_curves", "elliptic_arc, symmetric ends"),
-        ("of_curves", "keep_detectors, join_curves, turned_views"),
-        ("of_visibility", "transverse_weight, scattered positions"),
-        ("of_visibility", "microlocal_norm, scattered positions"),
         ("of_records", "condition_record, baseline True"),
-        ("of_records", "circular_integrals_to_pressure, 2d"),
     ],
 )
 def test_derivatives_are_those_of_differences(sweep, family, name):

@@ -42,10 +42,10 @@ def reconstruct_stack(
         ValueError: for frames or an ``out`` of the wrong shape, and as `reconstruct`.
 
     >>> from jaxtat import ImageGrid, build_plan, circular_arc, disk
-    >>> plan = build_plan(Setup(circular_arc(1.3, 1.0, 40), disk(1.0), ImageGrid(11)))
+    >>> plan = build_plan(Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21)))
     >>> frames = np.zeros((5, *plan.setup.data_shape))
-    >>> reconstruct_stack(plan, frames, batch_size=2).shape
-    (5, 11, 11)
+    >>> reconstruct_stack(plan, frames, batch_size=3).shape
+    (5, 21, 21)
     """
     shape: tuple[int, ...] = tuple(getattr(frames, "shape", ()))
     setup = problem.setup if isinstance(problem, ReconstructionPlan) else problem

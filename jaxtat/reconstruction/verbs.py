@@ -12,12 +12,14 @@ from jaxtyping import Array, Bool, Float
 from ..base.checks import Numbers, data_array, is_concrete, real_array, require_x64
 from ..base.parallel import checked_mesh, in_groups, map_shards, replicated
 from ..densities.harmonic import SolveReport
+from ..geometry import ImageGrid
 from ..regularization import tikhonov_rule
 from ..steps import UNSAMPLED, AccuracyWarning, warn_of_detectors
 from ..steps.inversion import IMAGES, require_inversion
 from ..steps.radon import LowPass, low_pass_values
 from .pipeline import images_of
 from .plan import ReconstructionPlan
+from .plane_bases import StoredDensities
 from .setup import Setup, require_complete, require_setup
 from .sizes import PlaneSizes
 
@@ -226,22 +228,28 @@ def _by_plan(
     eta = low_pass_values(low_pass, plan.setup.sizes.n_frequencies)
     require_inversion(inversion)
     mesh = checked_mesh(mesh)
-    plan, data, eta = replicated((plan, data, eta), mesh)
-    return _of_plan(plan, data, eta, inversion, mesh)
+    # not the whole plan: those of other rules share the program
+    basis, grid, data, eta = replicated((plan.basis, plan.grid, data, eta), mesh)
+    return _by_densities(basis, grid, data, eta, inversion, mesh)
 
 
 @eqx.filter_jit
-def _of_plan(
-    plan: ReconstructionPlan, g: Array, eta: Array, inversion: str, mesh: Mesh | None
+def _by_densities(
+    basis: StoredDensities,
+    grid: ImageGrid,
+    g: Array,
+    eta: Array,
+    inversion: str,
+    mesh: Mesh | None,
 ) -> Array:
-    def of_group(plan: ReconstructionPlan, eta: Array, g: Array) -> Array:
-        return images_of(plan.basis, g, plan.setup.grid, None, eta, inversion)[0]
+    def of_group(basis: StoredDensities, grid: ImageGrid, eta: Array, g: Array) -> Array:
+        return images_of(basis, g, grid, None, eta, inversion)[0]
 
     stack = g.reshape(-1, *g.shape[-2:])
     images = map_shards(
         lambda common, part: in_groups(partial(of_group, *common), part, IMAGES[inversion]),
-        (plan, eta),
+        (basis, grid, eta),
         stack,
         mesh,
     )
-    return images.reshape(*g.shape[:-2], *plan.setup.grid.shape)
+    return images.reshape(*g.shape[:-2], *grid.shape)

@@ -12,7 +12,7 @@ def data_of(phantom, setup):
 
 
 def inside(setup):
-    return setup.region.contains(setup.grid.points)
+    return np.asarray(setup.region.contains(setup.grid.points))
 
 
 def turned(phantom, angle, shift):

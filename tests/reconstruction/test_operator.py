@@ -25,15 +25,13 @@ from jaxtat import (
     elliptic_arc,
     forward_operator,
     phantoms,
-    polyline,
 )
 from jaxtat.forward import fast_circles
-from jaxtat.geometry import rectangle
 from jaxtat.geometry.curves import SampledCurve
 from jaxtat.records import pressure_to_circular_integrals
 
 BELL = phantoms.Bells([[0.1, 0.2]], [0.75])
-GRID = ImageGrid(49)
+GRID, RADII = ImageGrid(49), np.linspace(0.05, 2.9, 30)
 
 
 def on_circle(n, radius=1.3):
@@ -45,7 +43,6 @@ CURVES = {
     "arc": (circular_arc(1.3, 1.0, 24), disk(1.0)),
     "uneven on a circle": (detector_curve(on_circle(24)), disk(1.0)),
     "ellipse": (elliptic_arc((1.6, 1.2), 24), disk(0.9)),
-    "L": (polyline([(-1.2, 1.2), (-1.2, -1.2), (1.2, -1.2)], 24), rectangle((0.6, 0.6))),
     "inside the image": (circular_arc(0.8, 0.5, 24), disk(0.5)),
 }
 
@@ -61,8 +58,7 @@ def coarse(*parts):
 @pytest.fixture(params=CURVES, scope="module")
 def setup(request):
     curve, region = CURVES[request.param]
-    radii = np.linspace(0.05, 2.9, 30)
-    return coarse(curve, region, GRID, radii)
+    return coarse(curve, region, GRID, RADII)
 
 
 def test_integrals_of_a_smooth_image_are_exact_in_every_geometry(setup):
@@ -75,26 +71,25 @@ def test_integrals_of_a_smooth_image_are_exact_in_every_geometry(setup):
 
 def test_error_falls_faster_than_any_power_of_the_pixel():
     curve, region = CURVES["arc"]
-    radii = np.linspace(0.3, 2.3, 20)
-    exact = BELL.circular_integrals(curve, radii)
+    exact = BELL.circular_integrals(curve, RADII)
 
     def error(n):
         grid = ImageGrid(n)
-        operator = forward_operator(coarse(curve, region, grid, radii))
-        return float(jnp.abs(operator.mv(BELL.image(grid)) - exact).max())
+        operator = forward_operator(coarse(curve, region, grid, RADII))
+        return np.abs(operator.mv(BELL.image(grid)) - exact).max()
 
-    errors = [error(n) for n in (17, 33, 65)]
+    errors = [error(n) for n in (17, 33, 49)]
     assert errors[1] < errors[0] / 2**5
-    assert errors[2] < errors[1] / 2**7
+    assert errors[2] < errors[1] / 1.5**7
 
 
 def dot_test(operator, seed):
     rng = np.random.default_rng(seed)
-    image = jnp.asarray(rng.standard_normal(operator.in_structure().shape))
-    data = jnp.asarray(rng.standard_normal(operator.out_structure().shape))
+    image = rng.standard_normal(operator.in_structure().shape)
+    data = rng.standard_normal(operator.out_structure().shape)
     ahead, back = operator.mv(image), operator.T.mv(data)
-    gap = jnp.abs(jnp.vdot(ahead, data) - jnp.vdot(image, back))
-    return float(gap / (jnp.linalg.norm(ahead) * jnp.linalg.norm(data)))
+    gap = abs(np.vdot(ahead, data) - np.vdot(image, back))
+    return gap / (np.linalg.norm(ahead) * np.linalg.norm(data))
 
 
 def test_a_known_setup_may_be_closed_over_in_every_geometry(setup):
@@ -133,7 +128,7 @@ def differences(function, x, step=1e-3):
 @pytest.fixture
 def several_groups(monkeypatch):
     """Of frequencies, few as they are."""
-    monkeypatch.setattr("jaxtat.forward.circular_sizes.WORTH_A_GROUP", 10)
+    monkeypatch.setattr("jaxtat.forward.circular_sizes.WORTH_A_GROUP", 15)
 
 
 @pytest.mark.parametrize("name", ["arc", "ellipse"])
@@ -160,21 +155,20 @@ def test_slopes_in_positions_radii_and_widths_are_those_of_differences(name, sev
         return jnp.stack([value, backward, forward, second])
 
     _, backward, forward, second = everything(1.0)
-    wanted, of_slope = differences(lambda size: everything(size)[:2], 1.0)
-    assert jnp.allclose(backward, wanted, rtol=1e-6)
-    assert jnp.allclose(forward, wanted, rtol=1e-6)
-    assert jnp.allclose(second, of_slope, rtol=1e-5)
+    wanted, of_slope = differences(lambda size: np.asarray(everything(size)[:2]), 1.0)
+    assert np.allclose([backward, forward], wanted, rtol=1e-6)
+    assert np.allclose(second, of_slope, rtol=1e-5)
 
 
-def test_many_detectors_on_a_circle_take_another_way_to_the_same_data(arc, monkeypatch, none_made):
+def test_many_detectors_on_a_circle_take_another_way_to_the_same_data(arc, monkeypatch):
     by_matrix = forward_operator(arc)
     monkeypatch.setattr("jaxtat.forward.fast_circles.DENSE", 0)
     image = BELL.image(arc.grid)
-    with none_made():  # the limit is read when a program is made
-        by_fft = forward_operator(arc)
-        assert by_fft.report.nbytes < by_matrix.report.nbytes
-        assert jnp.allclose(by_fft.mv(image), by_matrix.mv(image), atol=1e-8)
-        assert dot_test(by_fft, 0) < 1e-12
+    # the limit is read when a program is made: for another tolerance
+    by_fft = forward_operator(arc, tolerance=0.99e-9)
+    assert by_fft.report.nbytes < by_matrix.report.nbytes
+    assert np.allclose(by_fft.mv(image), by_matrix.mv(image), atol=1e-8)
+    assert dot_test(by_fft, 0) < 1e-12
 
 
 def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(
@@ -194,33 +188,31 @@ def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(
 
 
 @pytest.fixture(scope="module")
-def dense(arc):
-    """The operator of the arc, and its matrix."""
-    operator = forward_operator(arc)
-    return operator, operator.as_matrix()
+def dense():
+    """A small operator, and its matrix."""
+    operator = operator_at(on_circle(12))
+    return operator, np.asarray(operator.as_matrix())
 
 
-def test_stacks_maps_and_matrices_agree(arc, dense):
+def test_stacks_maps_and_matrices_agree(dense):
     operator, matrix = dense
-    images = jnp.stack([BELL.image(arc.grid), phantoms.Bells([[0.0, 0.3]], [0.5]).image(arc.grid)])
+    images = np.random.default_rng(4).standard_normal((2, *ANYWHERE.grid.shape))
     g = operator(images)
     for one in (jax.vmap(operator.mv)(images), jax.jit(lambda A, f: A(f))(operator, images)):
-        assert jnp.allclose(one, g, atol=1e-13)
-    matrix = np.asarray(matrix)
+        assert np.allclose(one, g, atol=1e-13)
     assert np.allclose(matrix @ np.ravel(images[0]), np.ravel(g[0]), atol=1e-12)
     assert np.allclose(operator.T.as_matrix(), matrix.T, atol=1e-12)
 
 
-def test_lineax_solves_with_it(arc, dense):
-    operator, matrix = dense[0], np.asarray(dense[1])
+def test_lineax_solves_with_it(dense):
+    operator, matrix = dense
     assert not lx.is_symmetric(operator)
-    structure = operator.in_structure()
-    normal = operator.T @ operator + 1e-3 * lx.IdentityLinearOperator(structure)
+    normal = operator.T @ operator + 1e-3 * lx.IdentityLinearOperator(operator.in_structure())
     normal = lx.TaggedLinearOperator(normal, lx.positive_semidefinite_tag)
-    g = BELL.circular_integrals(arc.curve, arc.radii)
+    g = np.random.default_rng(5).standard_normal(ANYWHERE.data_shape)
     # an error is up to 1000 times the residual
     found = lx.linear_solve(normal, operator.T.mv(g), lx.CG(rtol=1e-11, atol=1e-11)).value
-    direct = np.linalg.solve(matrix.T @ matrix + 1e-3 * np.eye(21 * 21), matrix.T @ np.ravel(g))
+    direct = np.linalg.solve(matrix.T @ matrix + 1e-3 * np.eye(9 * 9), matrix.T @ np.ravel(g))
     assert np.abs(np.ravel(found) - direct).max() < 1e-6
 
 
@@ -330,13 +322,13 @@ def test_data_of_another_code_are_those_of_its_truth(data_file):
     assert jnp.abs(left / between - 1) < 1e-3
 
 
-@pytest.mark.parametrize("name", CURVES)
+@pytest.mark.parametrize("name", ["arc", "uneven on a circle", "ellipse"])
 def test_elements_have_the_mean_of_their_points(name):
     """Of many point detectors, arcs of the circle on an arc and straight pieces elsewhere."""
     curve, region = CURVES[name]
     width = jnp.asarray(0.15)
     n = 400
-    if name in ("arc", "inside the image"):
+    if name == "arc":
         turns = (np.arange(n) + 0.5) / n - 0.5
         angles = np.asarray(curve.angle + np.pi + curve.angles)[:, None] + turns * float(
             width / curve.radius

@@ -14,11 +14,9 @@ from jaxtat import (
     ImageGrid,
     NormBound,
     Setup,
-    SingularValueCutoff,
     Tikhonov,
     build_plan,
     circular_arc,
-    circular_integrals,
     cosine_filter,
     data_radii,
     detector_curve,
@@ -28,7 +26,6 @@ from jaxtat import (
 )
 from jaxtat.densities import SampledDensities
 from jaxtat.densities.harmonic import HarmonicDensities
-from jaxtat.reconstruction import plane_bases
 
 BELL = phantoms.Bells([[0.08, 0.03], [-0.05, -0.06]], [0.9, 0.9], [1.0, 0.7])
 HALF_BELL = phantoms.Bells([[-0.5, 0.1]], [0.45])
@@ -69,11 +66,11 @@ def method_of(plan):
 
 
 def largest(plan, image):
-    return float(jnp.abs(image)[inside(plan.setup)].max())
+    return float(np.abs(image)[inside(plan.setup)].max())
 
 
 def largest_error(plan, image, phantom):
-    return largest(plan, image - phantom.image(plan.grid))
+    return largest(plan, np.asarray(image) - phantom.image(plan.grid))
 
 
 def test_a_smooth_phantom_comes_back(either_plan, data):
@@ -92,24 +89,22 @@ def test_half_circle_and_half_disk(half_plans, method):
 @pytest.mark.parametrize(
     ("geometry", "rule", "tolerance"),
     [
-        ("half_arc", SingularValueCutoff(1e-2), 1e-9),
-        ("arc", FixedRank(54.3), 1e-6),  # keeps singular values 1e-9 times the largest
+        ("half_arc", FixedRank(30.3), 1e-9),
         ("arc", Tikhonov(np.geomspace(1e-3, 1e-5, 20)), 1e-6),
     ],
 )
 def test_both_methods_solve_the_same_problem(request, geometry, rule, tolerance):
     """Singular values, accuracy and images agree to rounding where the rule names the terms."""
-    setup = with_boundary(request.getfixturevalue(geometry), n_directions=16)
+    setup = with_boundary(request.getfixturevalue(geometry))
     one, other = (build_plan(setup, rule, method=method) for method in SOLVED)
     for name in ("j_max", "norm", "residual"):
         assert_allclose(getattr(one.report, name), getattr(other.report, name), rtol=tolerance)
     rank = one.report.singular_values.shape[1]
     values = other.report.singular_values
     assert_allclose(one.report.singular_values, values[:, :rank], atol=1e-12 * values.max())
-    noise = jnp.asarray(np.random.default_rng(0).standard_normal(setup.data_shape))
-    image, within = reconstruct(other, noise), inside(setup)
-    found = reconstruct(one, noise)[within]
-    assert_allclose(found, image[within], atol=tolerance * largest(other, image))
+    noise, within = np.random.default_rng(0).standard_normal(setup.data_shape), inside(setup)
+    found, expected = (np.asarray(reconstruct(plan, noise))[within] for plan in (one, other))
+    assert_allclose(found, expected, atol=tolerance * abs(expected).max())
 
 
 def test_both_methods_are_alike_under_the_norm_bound(half_plans, arc_plan, collocation_plan):
@@ -169,14 +164,13 @@ def test_radii_must_reach_sources_outside_the_region_too():
     grid = ImageGrid(33, 0.6)
     curve, region = circular_arc(1.3, 1.0, 200), disk(0.6)
     outside = phantoms.Bells([[0.5, 0.3], [-0.6, -0.3]], [0.4, 0.35])
-
-    def error(radii):
-        plan = build_plan(Setup(curve, region, grid, radii, max_frequency=100.0))
-        return largest_error(plan, reconstruct(plan, data_of(outside, plan.setup)), outside)
-
     whole = data_radii(curve, region, 1 / 40, sources=disk(1.0))
-    assert error(whole) < 1e-4
-    assert error(data_radii(curve, region, 1 / 40)) > 0.1
+    plan = build_plan(Setup(curve, region, grid, whole, max_frequency=100.0))
+    g = np.asarray(data_of(outside, plan.setup))
+    assert largest_error(plan, reconstruct(plan, g), outside) < 1e-4
+    meeting = data_radii(curve, region, 1 / 40)
+    cut = g * ((whole >= meeting[0]) & (whole <= meeting[-1]))
+    assert largest_error(plan, reconstruct(plan, cut), outside) > 0.1
 
 
 def test_the_plan_keeps_the_rule_that_was_used(either_plan):
@@ -188,9 +182,9 @@ def test_the_plan_keeps_the_rule_that_was_used(either_plan):
 
 @pytest.mark.parametrize("method", SOLVED)
 def test_rules_may_differ_between_frequencies(arc, method):
-    setup, K = with_boundary(arc, n_directions=16), np.linspace(2.0, 5.0, 20)
+    setup, K = with_boundary(arc), np.linspace(2.0, 5.0, 20)
     varied = build_plan(setup, NormBound(K), method=method)
-    for i in (0, 8, 19):
+    for i in (0, 19):
         plain = build_plan(setup, NormBound(K[i]), method=method)
         for name in ("j_max", "norm", "residual"):
             found, expected = getattr(varied.report, name)[i], getattr(plain.report, name)[i]
@@ -219,16 +213,6 @@ def test_rules_that_a_method_cannot_use_are_refused(arc, rule, method, message):
         build_plan(arc, rule, method=method)
 
 
-@pytest.mark.parametrize("method", SOLVED)
-def test_plans_can_be_built_under_jit_for_a_traced_K(arc, data, method):
-    setup = Setup(arc.curve, arc.region, arc.grid, arc.radii, max_frequency=15.0)
-
-    def image(K):
-        return reconstruct(build_plan(setup, NormBound(K), method=method), data)
-
-    assert np.allclose(jax.jit(image)(3.0), image(3.0), atol=1e-10)
-
-
 def test_the_closed_form_needs_a_known_geometry(ring):
     with pytest.raises(ValueError, match="series"):
         jax.grad(lambda r: build_plan(ring.replace(radii=r), method="series").radii.sum())(
@@ -236,37 +220,29 @@ def test_the_closed_form_needs_a_known_geometry(ring):
         )
 
 
-# Of the first geometry all singular values come nearly in pairs. For the second, by waves: see
-# test_gradients.py.
 @pytest.mark.filterwarnings("ignore::jaxtat.AccuracyWarning")
-@pytest.mark.parametrize(("method", "cut"), [("harmonic", None), ("collocation", 0.0)])
-def test_derivatives_of_the_image_in_the_geometry(check_both_modes, method, cut):
-    end = 1.05 if cut is None else cut + 0.05
-    radius, turn = jnp.array(1.0), jnp.array(0.02)
+def test_derivatives_of_the_image_in_the_geometry(check_both_modes):
+    """By collocation. By waves: ../test_gradients.py."""
 
     def geometry(end, radius, cut, turn):
         return circular_arc(1.3 * radius, end, 24, angle=turn), disk(radius, cut, angle=turn)
 
-    curve, region = geometry(end, radius, cut, turn)
-    if cut is not None:  # every detector by itself; else the arc remains one
-        curve = detector_curve(curve.points, closed=False)
-    grid = ImageGrid(9)
-    setup = Setup(curve, region, grid, max_frequency=7.0, n_directions=8)
+    curve, region = geometry(0.05, 1.0, 0.0, 0.02)
+    curve = detector_curve(curve.points, closed=False)  # every detector by itself
+    setup = Setup(curve, region, ImageGrid(9), max_frequency=7.0, n_directions=8)
     g = data_of(BELL, setup)
-    weights = jnp.asarray(np.random.default_rng(0).standard_normal((9, 9)))
+    weights = np.random.default_rng(0).standard_normal((9, 9))
 
-    def loss(end, radius, turn, K, *more):
-        curve, region = geometry(end, radius, more[0] if more else None, turn)
-        if more:
-            curve = detector_curve(curve.points + more[1], closed=False)
+    def loss(end, radius, turn, K, cut, shift):
+        curve, region = geometry(end, radius, cut, turn)
+        curve = detector_curve(curve.points + shift, closed=False)
         moved = setup.replace(curve=curve, region=region)
-        return jnp.sum(weights * reconstruct(build_plan(moved, NormBound(K), method=method), g))
+        plan = build_plan(moved, NormBound(K), method="collocation")
+        return jnp.sum(weights * reconstruct(plan, g))
 
-    arguments = [jnp.array(end), radius, turn, jnp.array(3.3)]
-    if cut is not None:
-        shift = jnp.asarray(0.01 * np.random.default_rng(1).standard_normal((24, 2)))
-        arguments += [jnp.array(cut), shift]
-    slopes = check_both_modes(loss, arguments, 1e-6, rtol=1e-4, atol=1e-4)
+    shift = 0.01 * np.random.default_rng(1).standard_normal((24, 2))
+    at = 0.05, 1.0, 0.02, 3.3, 0.0, shift
+    slopes = check_both_modes(loss, at, 1e-6, rtol=1e-4, atol=1e-4)
     assert all(np.isfinite(slope).all() and np.abs(slope).max() > 0 for slope in slopes)
 
 
@@ -275,15 +251,16 @@ def test_too_few_detectors_are_reported(arc):
         build_plan(Setup(circular_arc(1.3, 1.0, 16), arc.region, arc.grid))
 
 
-def test_batches_are_reconstructed_alike(either_plan, data):
-    g = data
-    batch = jnp.stack([g, 2 * g, -g, 0 * g]).reshape(2, 2, *g.shape)
-    images = reconstruct(either_plan, batch)
-    one = reconstruct(either_plan, g)
+def test_batches_are_reconstructed_alike(collocation_plan, data):
+    """By waves: test_stack.py."""
+    g = np.asarray(data)
+    batch = np.stack([g, 2 * g, -g, 0 * g]).reshape(2, 2, *g.shape)
+    images = np.asarray(reconstruct(collocation_plan, batch))
+    one = reconstruct(collocation_plan, g)
     assert images.shape == (2, 2, 21, 21)
     assert np.allclose(images[0, 1], 2 * one, atol=1e-12)
     assert np.allclose(images[1, 1], 0)
-    assert np.allclose(reconstruct(either_plan, g[None])[0], one, atol=1e-13)
+    assert np.allclose(reconstruct(collocation_plan, g[None])[0], one, atol=1e-13)
 
 
 def test_single_precision_densities_cost_little(data, either_plan):
@@ -307,68 +284,13 @@ def test_low_pass_smooths(arc_plan, data):
     assert reconstruct(arc_plan, noise, low_pass=cosine_filter)[within].std() < 0.6 * rough
 
 
-@pytest.mark.parametrize("inversion", ["fbp", "fourier"])
-def test_gradient_with_respect_to_the_data_is_the_adjoint(either_plan, inversion):
-    rng = np.random.default_rng(0)
-    g = jnp.asarray(rng.standard_normal(either_plan.setup.data_shape))
-    image = jnp.asarray(rng.standard_normal(either_plan.grid.shape))
-    forward, back = jax.vjp(lambda g: reconstruct(either_plan, g, inversion=inversion), g)
-    one, other = jnp.vdot(forward, image), jnp.vdot(g, back(image)[0])
-    assert abs(float(one - other)) < 1e-10 * float(
-        jnp.linalg.norm(forward) * jnp.linalg.norm(image)
-    )
-
-
-def test_gradient_runs_from_the_image_through_the_data_to_the_image(arc, arc_plan):
-    within, target = inside(arc), BELL.image(arc.grid)
-
-    @jax.jit
-    def loss(image):
-        g = circular_integrals(arc, image)
-        return jnp.sum(jnp.where(within, reconstruct(arc_plan, g) - target, 0.0) ** 2)
-
-    rng = np.random.default_rng(1)
-    direction = jnp.asarray(rng.standard_normal(arc.grid.shape))
-    start, step = 0.5 * target, 1e-4
-    slope = float(jnp.vdot(jax.grad(loss)(start), direction))
-    difference = loss(start + step * direction) - loss(start - step * direction)
-    assert np.isclose(slope, float(difference) / (2 * step), rtol=1e-6)
-
-
-@pytest.mark.filterwarnings("ignore::jaxtat.AccuracyWarning")
-def test_derivatives_of_the_image_in_K_and_j_max_by_collocation():
-    """In waves: test_gradients.py."""
-    curve, region = circular_arc(1.3, 0.6, 24), disk(1.0, 0.6)
-    setup = Setup(curve, region, ImageGrid(9), max_frequency=7.0, n_directions=8)
-    g = data_of(BELL, setup)
-
-    for make, at in ((NormBound, 2.34), (FixedRank, 11.3)):
-
-        @jax.jit
-        @jax.value_and_grad
-        def total(value, make=make):
-            plan = build_plan(setup, make(value), method="collocation")
-            return jnp.sum(reconstruct(plan, g)[2:5] ** 2)
-
-        slope, step = total(at)[1], 1e-5
-        difference = total(at + step)[0] - total(at - step)[0]
-        assert np.isclose(float(slope), float(difference) / (2 * step), rtol=1e-5)
-        assert abs(float(slope)) > 0
-
-
-def test_new_numbers_do_not_retrace(arc_plan, data, monkeypatch, none_made):
-    traced = []
-    original = plane_bases.radial_transform
-
-    def counted(*arguments):
-        traced.append(1)
-        return original(*arguments)
-
-    monkeypatch.setattr(plane_bases, "radial_transform", counted)
-    with none_made():
-        for scale in (1.0, 2.0, 3.5):
-            reconstruct(arc_plan, scale * data)
-    assert len(traced) == 1
+def test_gradient_with_respect_to_the_data_is_the_adjoint(collocation_plan):
+    """By filtered back-projection. By a Fourier sum: test_solve.py."""
+    plan, rng = collocation_plan, np.random.default_rng(0)
+    g, image = map(rng.standard_normal, (plan.setup.data_shape, plan.grid.shape))
+    forward, back = jax.vjp(lambda g: reconstruct(plan, g, inversion="fbp"), g)
+    one, other = np.vdot(forward, image), np.vdot(g, back(image)[0])
+    assert abs(one - other) < 1e-10 * np.linalg.norm(forward) * np.linalg.norm(image)
 
 
 def test_plans_for_other_numbers_of_a_rule_have_the_same_sizes(arc):
@@ -378,11 +300,9 @@ def test_plans_for_other_numbers_of_a_rule_have_the_same_sizes(arc):
     assert sizes[0] == sizes[1] == sizes[2]
 
 
-@pytest.mark.parametrize("method", SOLVED)
-def test_the_bar_shows_progress_if_it_is_asked_for(arc, capsys, method):
-    setup = Setup(arc.curve, arc.region, arc.grid, arc.radii, max_frequency=4.0, n_directions=8)
+def test_the_bar_shows_progress_if_it_is_asked_for(either_plan, capsys):
     for progress in (False, True):
-        build_plan(setup, method=method, progress=progress)
+        build_plan(either_plan.setup, method=method_of(either_plan), progress=progress)
         assert ("densities: 100%" in capsys.readouterr().err) == progress
 
 

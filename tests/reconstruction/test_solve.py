@@ -19,7 +19,6 @@ from jaxtat import (
     reconstruct,
     solve,
 )
-from jaxtat.densities.harmonic import tikhonov
 from jaxtat.reconstruction import plane_bases as bases
 from jaxtat.reconstruction.setup import plane_of, require_setup
 
@@ -31,7 +30,7 @@ def largest_error(setup, phantom, expected=None, rule=1e-8, **options):
     found = solve(setup, data_of(phantom, setup), rule, **options)
     assert found.converged
     expected = phantom.image(setup.grid) if expected is None else expected
-    return float(jnp.abs(found.image - expected)[inside(setup)].max())
+    return float(np.abs(found.image - np.asarray(expected))[inside(setup)].max())
 
 
 @pytest.fixture(scope="module")
@@ -71,26 +70,26 @@ def test_measured_positions_with_jitter(arc):
 
 def test_the_same_image_by_other_means(arc, data):
     """Millimetres, float32 data, gradients instead of factors, filtered back-projection."""
-    image = solve(arc, data).image
+    image = np.asarray(solve(arc, data).image)
     assert np.array_equal(reconstruct(arc, data), image)
     small = Setup(circular_arc(1.3e-3, 1e-3, 80), disk(1e-3), ImageGrid(21, 1e-3))
-    assert jnp.abs(solve(small, data * 1e-3).image - image).max() < 1e-12
+    assert abs(solve(small, data * 1e-3).image - image).max() < 1e-12
     single = solve(arc, data.astype(jnp.float32)).image
     assert single.dtype == jnp.float64
-    assert jnp.abs(single - image).max() < 1e-6
+    assert abs(single - image).max() < 1e-6
     iterated = solve(arc, data, solver="cg")
-    assert iterated.converged and jnp.abs(iterated.image - image).max() < 1e-9
+    assert iterated.converged and abs(iterated.image - image).max() < 1e-9
     classical = solve(arc, data, inversion="fbp").image
-    assert jnp.abs(classical - image)[inside(arc)].max() < 2e-5
+    assert np.abs(classical - image)[inside(arc)].max() < 2e-5
 
 
 def test_batches(arc, data):
     """Leading axes are images of their own."""
-    g = data
-    batch = jnp.stack([g, 2 * g, 0 * g, g[::-1], -g, g + g[::-1]]).reshape(2, 3, *g.shape)
-    images = solve(arc, batch).image
+    g = np.asarray(data)
+    batch = np.stack([g, 2 * g, 0 * g, g[::-1], -g, g + g[::-1]]).reshape(2, 3, *g.shape)
+    images = np.asarray(solve(arc, batch).image)
     assert images.shape == (2, 3, *arc.grid.shape)
-    one, other = (solve(arc, d).image for d in (g, g[::-1]))
+    one, other = (np.asarray(solve(arc, d).image) for d in (g, g[::-1]))
     for found, expected in (
         (images[0, 0], one),
         (images[0, 1], 2 * one),
@@ -99,7 +98,7 @@ def test_batches(arc, data):
         (images[1, 1], -one),
         (images[1, 2], one + other),
     ):
-        assert jnp.abs(found - expected).max() < 1e-9 * jnp.abs(one).max()
+        assert abs(found - expected).max() < 1e-9 * abs(one).max()
 
 
 def test_low_pass_acts_on_the_fourier_transform(arc, data):
@@ -110,15 +109,12 @@ def test_low_pass_acts_on_the_fourier_transform(arc, data):
     assert jnp.abs(BELL.image(arc.grid) - expected)[inside(arc)].max() > 1e-2
 
 
-def test_systems_not_solved_are_reported(arc, data, monkeypatch, none_made):
-    """Three steps of conjugate gradients are too few: a warning, and converged is False."""
-    monkeypatch.setattr(tikhonov, "MAX_ITERATIONS", 3)
-    g = jnp.stack([data, data])
-    # the limit is read when a program is made
-    with none_made(), pytest.warns(AccuracyWarning, match="not solved"):
-        found = solve(arc, g, solver="cg")
+def test_systems_not_solved_are_reported(arc, data):
+    """Asked for what rounding forbids: a warning, and converged is False."""
+    with pytest.warns(AccuracyWarning, match="not solved"):
+        found = solve(arc, data, solver="cg", tolerance=1e-20)
     assert not found.converged
-    assert (found.report.iterations <= 3).all() and found.report.residual.max() > 1e-9
+    assert found.report.residual.max() > 1e-19
 
 
 # ---- refusals
@@ -162,24 +158,7 @@ def test_detectors_too_near_for_waves(arc):
     assert jnp.abs(found.image - BELL.image(near.grid))[inside(near)].max() < 1e-3
 
 
-# ---- programs and derivatives
-
-
-def test_plain_calls_compile_once(arc, data, monkeypatch, none_made):
-    """Other detectors, alpha and data find the compiled function of the first call."""
-    calls = []
-    plain = bases.solve_harmonics
-
-    def counted(*arguments, **options):
-        calls.append(1)
-        return plain(*arguments, **options)
-
-    monkeypatch.setattr(bases, "solve_harmonics", counted)
-    with none_made():
-        for i in range(3):
-            moved = arc.replace(curve=circular_arc(1.3 * (1 + 1e-4 * i), 1.0, 80))
-            solve(moved, jnp.stack([data] * 4) * (i + 1), 1e-4 * (1 + i))
-    assert len(calls) == 1
+# ---- solvers and derivatives
 
 
 def basis_of(setup):
@@ -195,14 +174,19 @@ def test_solver_follows_from_the_size(arc, half_arc, monkeypatch):
 
 
 # a small problem, whose parameters are all changed at once
-SMALL = Setup(circular_arc(1.5, 1.2, 30), disk(1.0), ImageGrid(9), max_frequency=12.0)
+WIDTH = 0.2  # of elements
+LOW = {"max_frequency": 6.0, "n_directions": 8}
+SMALL = Setup(circular_arc(1.5, 1.2, 24, element_width=WIDTH), disk(1.0), ImageGrid(9), **LOW)
+PART = circular_arc(1.5, 0.15, 24)
 SETUPS = {
-    name: Setup(curve, region, SMALL.grid, SMALL.radii, max_frequency=12.0)
-    for name, curve, region in (
-        ("arc", SMALL.curve, SMALL.region),
-        ("positions", detector_curve(SMALL.curve.points, closed=False), SMALL.region),
-        ("half disk", circular_arc(1.5, 0.15, 30), disk(1.0, 0.1)),
-    )
+    "arc": SMALL,
+    "positions": Setup(
+        detector_curve(PART.points, closed=False, element_width=WIDTH),
+        disk(1.0, 0.1),
+        SMALL.grid,
+        SMALL.radii,
+        **LOW,
+    ),
 }
 SHARED = {
     "g": data_of(BELL, SMALL),
@@ -211,11 +195,11 @@ SHARED = {
     "times": SMALL.radii / 1.5,
     "sound speed": jnp.array(1.5),
     "half width": jnp.array(1.0),
+    "width": jnp.array(WIDTH),
 }
 PARAMETERS = {
     "arc": SHARED | {"arc radius": jnp.array(1.5)},
-    "positions": SHARED | {"positions": SMALL.curve.points},
-    "half disk": SHARED | {"arc radius": jnp.array(1.5), "cut": jnp.array(0.1)},
+    "positions": SHARED | {"positions": PART.points, "cut": jnp.array(0.1)},
 }
 
 
@@ -225,11 +209,12 @@ def energy_of(kind, solver):
     setup = SETUPS[kind]
 
     def energy(parameters):
+        width = parameters["width"]
         if kind == "positions":
-            curve = detector_curve(parameters["positions"], closed=False)
+            curve = detector_curve(parameters["positions"], closed=False, element_width=width)
         else:
             radius = parameters["arc radius"]
-            curve = circular_arc(radius, (0.1 if kind == "half disk" else 0.8) * radius, 30)
+            curve = circular_arc(radius, 0.8 * radius, 24, element_width=width)
         moved = setup.replace(
             curve=curve,
             region=disk(parameters["region radius"], parameters.get("cut")),
@@ -250,18 +235,19 @@ def step_along(name, value):
     return size * jnp.asarray(np.random.default_rng(2).uniform(-1, 1, value.shape))
 
 
-@pytest.mark.parametrize(
-    ("kind", "solver"), [("arc", "cg"), ("positions", "cholesky"), ("half disk", "cholesky")]
-)
+@pytest.mark.parametrize(("kind", "solver"), [("arc", "cg"), ("positions", "cholesky")])
 def test_derivatives_of_the_image(kind, solver):
-    """Reverse mode equals forward mode, and finite differences in every parameter."""
+    """Reverse mode equals forward mode, and finite differences in every parameter.
+
+    Of wide elements on an arc around a disk, and anywhere beside a part of one.
+    """
     energy, parameters = energy_of(kind, solver), PARAMETERS[kind]
     steps = {name: step_along(name, value) for name, value in parameters.items()}
 
-    @jax.jit  # one program for all
+    @jax.jit  # one program for all, of one linearisation
     def derived(parameters):
-        value, forward = jax.jvp(energy, (parameters,), (steps,))
-        return value, forward, jax.grad(energy)(parameters)
+        value, push = jax.linearize(energy, parameters)
+        return value, push(steps), *jax.linear_transpose(push, parameters)(jnp.ones(()))
 
     _, forward, slopes = derived(parameters)
     along = {name: float(jnp.vdot(slopes[name], steps[name])) for name in parameters}
@@ -275,11 +261,9 @@ def test_derivatives_of_the_image(kind, solver):
 
 def test_the_transpose_in_g(arc):
     """<R g, f> = <g, R^T f>: images are linear in the data, and reverse mode is the transpose."""
-    rng = np.random.default_rng(3)
-    g, f = (jnp.asarray(rng.standard_normal(s)) for s in (arc.data_shape, arc.grid.shape))
-    image, pull_back = jax.vjp(lambda g: reconstruct(arc, g), jnp.zeros_like(g))
-    assert not image.any()
+    g, f = map(np.random.default_rng(3).standard_normal, (arc.data_shape, arc.grid.shape))
+    image, pull_back = jax.vjp(lambda g: reconstruct(arc, g), np.zeros_like(g))
+    assert not np.any(image)
     image = reconstruct(arc, g)
-    left, right = jnp.vdot(image, f), jnp.vdot(g, pull_back(f)[0])
-    bound = jnp.linalg.norm(image) * jnp.linalg.norm(f)
-    assert jnp.abs(left - right) < 1e-10 * bound
+    left, right = np.vdot(image, f), np.vdot(g, pull_back(f)[0])
+    assert abs(left - right) < 1e-10 * np.linalg.norm(image) * np.linalg.norm(f)

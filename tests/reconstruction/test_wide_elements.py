@@ -1,8 +1,7 @@
-"""Elements of finite width in every route from data to image."""
+"""Elements of finite width in every route from data to image. Derivatives: test_solve.py."""
 
 from dataclasses import replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -34,20 +33,10 @@ def with_width(setup, width):
     return Setup(curve, setup.region, setup.grid, radii, max_frequency=highest)
 
 
-def images(setup, make):
-    """Of exact data of wide elements: with their model, and with that of points."""
-    g, wide = data_of(BELL, setup), setup
-    return make(wide, g), make(with_width(setup, None), g)
-
-
-def by_solving(setup, g):
+def solved(setup, g):
     found = solve(setup, g, 1e-9)
     assert found.converged
     return found.image
-
-
-def by_plan(setup, g):
-    return reconstruct(build_plan(setup, Tikhonov(1e-9)), g)
 
 
 CURVES = {
@@ -58,16 +47,17 @@ CURVES = {
 }
 
 
-ROUTES = [(name, by_solving) for name in CURVES]
-
-
-@pytest.mark.parametrize(("name", "make"), [*ROUTES, ("arc", by_plan), ("ellipse", by_plan)])
-def test_the_model_of_elements_recovers_what_points_blur(name, make):
-    setup = Setup(CURVES[name], disk(1.0), ImageGrid(25))
-    exact = by_solving(with_width(setup, None), data_of(BELL, with_width(setup, None)))
-    errors = [float(jnp.abs(i - exact)[inside(setup)].max()) for i in images(setup, make)]
-    assert errors[0] < 3e-3
-    assert errors[1] > 1e-2
+@pytest.mark.parametrize("name", CURVES)
+def test_the_model_of_elements_recovers_what_points_blur(name):
+    """By solutions; plans take the same waves, and those of an arc are collocation's, see below."""
+    setup = Setup(CURVES[name], disk(1.0), ImageGrid(21))
+    points, g = with_width(setup, None), data_of(BELL, setup)
+    exact, with_model, without = (
+        np.asarray(solved(*given))[inside(setup)]
+        for given in ((points, data_of(BELL, points)), (setup, g), (points, g))
+    )
+    assert abs(with_model - exact).max() < 3e-3
+    assert abs(without - exact).max() > 1e-2
 
 
 def test_collocation_and_waves_agree_on_elements(half_arc):
@@ -78,7 +68,7 @@ def test_collocation_and_waves_agree_on_elements(half_arc):
         reconstruct(build_plan(setup, Tikhonov(1e-6), method=method), g)
         for method in ("harmonic", "collocation")
     ]
-    assert jnp.abs(found[0] - found[1]).max() < 1e-6
+    assert np.abs(found[0] - found[1]).max() < 1e-6
 
 
 def test_elements_beside_an_l(l_shape):
@@ -88,8 +78,8 @@ def test_elements_beside_an_l(l_shape):
     g = data_of(bell, setup)
     exact = solve(l_shape, data_of(bell, l_shape), 1e-6).image
     wide, points = (solve(s, g, 1e-6).image for s in (setup, l_shape))
-    assert jnp.abs(wide - exact)[inside(setup)].max() < 1e-4
-    assert jnp.abs(points - exact)[inside(setup)].max() > 0.03
+    assert np.abs(wide - exact)[inside(setup)].max() < 1e-4
+    assert np.abs(points - exact)[inside(setup)].max() > 0.03
 
 
 def test_elements_without_width_are_points(arc):
@@ -97,37 +87,6 @@ def test_elements_without_width_are_points(arc):
     np.testing.assert_allclose(
         solve(with_width(arc, 0.0), g, 1e-6).image, solve(arc, g, 1e-6).image, atol=1e-12
     )
-
-
-DERIVED = {
-    "arc": (circular_arc(1.5, 1.2, 30, element_width=0.3), disk(1.0)),
-    "ellipse": (elliptic_arc((1.7, 1.5), 30, start=0.6, stop=5.7, element_width=0.3), disk(1.0)),
-}
-
-
-@pytest.mark.parametrize("name", DERIVED)
-def test_derivatives_in_the_width(name):
-    """Both modes against central differences."""
-    curve, region = DERIVED[name]
-    setup = Setup(curve, region, ImageGrid(9), max_frequency=12.0)
-    g = data_of(BELL, setup)
-    weights = inside(setup) * np.random.default_rng(1).uniform(0.5, 1, setup.grid.shape)
-
-    def energy(width):
-        moved = setup.replace(curve=replace(curve, element_width=width))
-        return jnp.sum(weights * solve(moved, g, 1e-4).image ** 2)
-
-    @jax.jit  # one program for all
-    def derived(width):
-        value, forward = jax.jvp(energy, (width,), (jnp.ones(()),))
-        return value, forward, jax.grad(energy)(width)
-
-    width, step = jnp.array(0.25), 1e-4
-    (ahead, *_), (behind, *_) = derived(width + step), derived(width - step)
-    wanted, (_, forward, backward) = (ahead - behind) / (2 * step), derived(width)
-    assert abs(wanted) > 1e-3
-    np.testing.assert_allclose([forward, backward], wanted, rtol=1e-6)
-    np.testing.assert_allclose(forward, backward, rtol=1e-10)
 
 
 def test_refusals():

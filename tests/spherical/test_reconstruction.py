@@ -30,6 +30,7 @@ from jaxtat.spherical import (
 )
 from jaxtat.spherical.polar_fourier import meridian_fourier
 from jaxtat.spherical.scattered import solve_points
+from jaxtat.spherical.tikhonov import _shared as shared_by_orders
 from jaxtat.spherical.tikhonov import solve_rings
 from jaxtat.spherical.waves import cap_waves
 
@@ -213,20 +214,22 @@ def test_solution_is_that_of_the_dense_matrix_on_the_boundary(kind):
 # --- rules, positions, records -------------------------------------------------------------------
 
 
-def alpha_of(rule):
-    p = Problem
-    rules = tikhonov_rule(rule, p.sizes.n_frequencies)
-    report = solve_rings(p.cap, p.region, p.radii, p.stack[:1], rules, p.sizes)[1]
-    return np.asarray(report.alpha)
-
-
 def test_alpha_of_noise_and_of_visibility():
     """Wiener's ratio, computed here from the kernels; and half the sphere's eigenvalue."""
     p = Problem
-    frequencies = np.asarray(p.sizes.frequencies)
+    frequencies, sigma = np.asarray(p.sizes.frequencies), 0.05
+
+    @jax.jit  # without the solutions, which compile long
+    def alphas(g):
+        rules = RelativeTikhonov(0.1), 1.0, NoiseLevel(sigma)
+        rules = [tikhonov_rule(rule, p.sizes.n_frequencies) for rule in rules]
+        where, sizes = (p.cap, p.region, p.radii, g), (p.sizes, p.sizes.frequencies)
+        return [shared_by_orders(*where, rule, *sizes)[0].alpha for rule in rules]
+
+    of_visibility, unit, found = map(np.asarray, alphas(p.g[None]))
     seen_once = 0.01 * 8 * np.pi**2 / frequencies**4
-    np.testing.assert_allclose(alpha_of(RelativeTikhonov(0.1)), seen_once, rtol=1e-12)
-    sigma, x = 0.05, frequencies[:, None] * np.asarray(p.radii)
+    np.testing.assert_allclose(of_visibility, seen_once, rtol=1e-12)
+    x = frequencies[:, None] * np.asarray(p.radii)
     step = np.gradient(np.asarray(p.radii))
     step[[0, -1]] /= 2
     kernels = np.stack([np.sin(x) / x, -np.cos(x) / x], axis=1) * step
@@ -234,8 +237,7 @@ def test_alpha_of_noise_and_of_visibility():
     noise = sigma**2 * weights.mean() * (kernels**2).sum(axis=-1).mean(axis=-1)
     values = np.einsum("fjr,pkr->fjpk", kernels, p.g) ** 2 * weights
     power = values.mean(axis=(1, 2, 3))
-    unit = np.asarray(alpha_of(1.0))  # the largest entry of the diagonal
-    found = alpha_of(NoiseLevel(sigma))
+    # the unit is the largest entry of the diagonal
     # where noise is small the ratio is sigma_G² tr(A A^T) / (n |G|²); the trace by summation
     trace = found / (noise / np.maximum(power - noise, 0.01 * noise)) * 2 * weights.size
     degrees = trace / unit  # how many waves count as much as the strongest
@@ -255,7 +257,7 @@ def test_alpha_of_noise_and_of_visibility():
 def test_waves_seen_once_have_half_the_sphere_s_eigenvalue():
     """Those of the whole sphere are (4π/lambda²)² for l well below lambda R."""
     frequencies = jnp.array([40.0, 80.0])
-    waves = cap_waves(frequencies, jnp.asarray(1.0), jnp.asarray(1.5), 40)
+    waves = jax.jit(cap_waves, static_argnums=3)(frequencies, 1.0, 1.5, 40)
     sphere = 1.5**2 * np.sum(np.asarray(waves.at_detectors) ** 2, axis=1) * waves.norms**2
     ratio = np.asarray(sphere * frequencies[:, None] ** 4) / (4 * np.pi) ** 2
     assert np.abs(ratio[0, :10] - 1).max() < 0.08 and np.abs(ratio[1, :10] - 1).max() < 0.02
@@ -318,7 +320,7 @@ def test_bad_data_are_refused():
 def test_derivatives_in_everything_but_sizes(check_both_modes):
     """A weighted sum of voxels; both modes against differences, of the lower part of a ball.
 
-    Rings are turned, and moved from where those of a cap are.
+    Rings are turned, and moved from where those of a cap are; elements are wide.
     """
     cap, region = spherical_cap(1.6, 0.9, 6, 12), ball(0.8, 0.5)
     grid, radii = VolumeGrid((5, 4, 4), half_width=0.5), 0.7 + 0.2 * np.arange(10)
@@ -327,17 +329,20 @@ def test_derivatives_in_everything_but_sizes(check_both_modes):
     g = jax.device_put(rng.standard_normal((6, 12, 10)))
     moved, turns = jnp.asarray(rng.uniform(-0.02, 0.02, 6)), jnp.asarray(rng.uniform(-1, 1, 6))
 
-    def rings_of(radius, opening, center, moved, turns):
+    def rings_of(radius, opening, center, moved, turns, size):
         changed = eqx.tree_at(lambda c: (c.radius, c.half_opening), cap, (radius, opening))
         theta = jnp.arccos(changed.cosines) + moved
-        return DetectorRings(center, radius, opening, 6, 12, "given", theta, turns)
+        where = center, radius, opening, 6, 12, "given", theta, turns
+        return DetectorRings(*where, element_radius=size)
 
-    rings = jax.jit(rings_of)(cap.radius, cap.half_opening, cap.center, moved, turns)
+    rings = jax.jit(rings_of)(cap.radius, cap.half_opening, cap.center, moved, turns, 0.2)
     setup = Setup(rings, region, grid, radii, max_frequency=4.0)
 
-    def loss(g, radius, speed, top, opening, log_alpha, center, reach, half_width, moved, turns):
+    def loss(
+        g, radius, speed, top, opening, log_alpha, center, reach, half_width, moved, turns, size
+    ):
         here = setup.replace(
-            curve=rings_of(radius, opening, center, moved, turns),
+            curve=rings_of(radius, opening, center, moved, turns, size),
             region=ball(reach, top, center=center),
             grid=VolumeGrid((5, 4, 4), half_width, center),
             radii=speed * radii,
@@ -345,7 +350,7 @@ def test_derivatives_in_everything_but_sizes(check_both_modes):
         return jnp.sum(weights * reconstruct(here, g, jnp.exp(log_alpha), inversion="fourier"))
 
     at = (1.6, 1.0, 0.5, 0.97, -7.0, np.zeros(3), 0.8, np.full(3, 0.5))
-    at = [jnp.asarray(value) for value in (*at, moved, turns)]
+    at = [jnp.asarray(value) for value in (*at, moved, turns, 0.2)]
     check_both_modes(loss, (g, *at))
 
 
@@ -411,11 +416,11 @@ def test_the_lowest_frequencies_alone():
     assert np.abs(np.asarray(image) - exact).max() < 1e-3 * exact.max()
 
 
-def test_65_voxels_on_a_side_to_1e_5():
+def test_49_voxels_on_a_side_to_1e_5():
     """A cap that covers z_3 < 1 of R_g = 1.3, half the grid's step between radii."""
-    cap, region, grid = spherical_cap(1.3, 1.0, 86, 208), ball(1.0), VolumeGrid(65)
+    cap, region, grid = spherical_cap(1.3, 1.0, 65, 156), ball(1.0), VolumeGrid(49)
     radii = cap_radii(cap, region, grid.spacing[0] / 2)
-    bells = Bells([[0.1, -0.35, 0.3]], [0.45])
+    bells = Bells([[0.1, -0.25, 0.2]], [0.6])
     g = bells.spherical_integrals(cap, radii)
     image = reconstruct(Setup(cap, region, grid, radii), g, 1e-8, inversion="fourier")
     error = np.abs(np.asarray(image - bells.volume(grid)))
