@@ -72,7 +72,7 @@ def test_the_command_stores_and_repeats_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     np.savez("scan.npz", pressure=record(), detectors=positions(), sampling_rate=RATE,
              sound_speed=SPEED)  # fmt: skip
-    line = "reconstruct scan.npz --region-radius 0.011 --pixels 31 --out"
+    line = "reconstruct scan.npz --region-radius 0.011 --pixels 41 --max-frequency 3500 --out"
     options = "--model-based --nonnegative --penalty second-order --weight 0.01"
     assert main([*line.split(), "a.h5", *options.split()]) == 0
     said = capsys.readouterr()

@@ -1,4 +1,4 @@
-"""Scans in space from file to file: the same volumes as from Python, and what is refused."""
+"""Scans in space from file to file: the right volumes in every format, and what is refused."""
 
 import h5py
 import jax
@@ -53,14 +53,11 @@ def bell_below(max_frequency):
 
 @pytest.fixture(scope="module")
 def integrals():
-    """Radii, g, and the volume that Python makes of them."""
+    """Radii, g, and the volume of which they are, as far as its frequencies go."""
     radii = radii_of(1.0)
     g = BELL.spherical_integrals(CAP, radii)
-    setup = Setup(CAP, REGION, GRID, radii, max_frequency=MAX_FREQUENCY)
-    volume = jaxtat.reconstruct(setup, g, 1e-6, inversion="fourier")
     inside = np.asarray(REGION.contains(GRID.points))
-    assert np.abs(np.asarray(volume) - bell_below(MAX_FREQUENCY))[inside].max() < 0.02
-    return radii, np.asarray(g), np.where(inside, volume, 0.0)
+    return radii, np.asarray(g), np.where(inside, bell_below(MAX_FREQUENCY), 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +71,7 @@ def scan_file(integrals, tmp_path_factory):
     return path
 
 
-def test_every_format_holds_the_volume_that_python_makes(scan_file, integrals, tmp_path):
+def test_every_format_holds_the_volume(scan_file, integrals, tmp_path):
     """Measured rings differ from the cap in the areas only, and so by what is not exact."""
     wanted = integrals[2]
     settings = f"reconstruct {scan_file} {OPTIONS} --length-unit m"
