@@ -215,7 +215,7 @@ def _read_field(file: Hdf5File, where: str, name: str, seen: set[int]) -> Any:
         raise ValueError(f"{place} is there under two names.")
     seen.add(file.identity(place))
     if not file.is_group(place):
-        return jnp.asarray(file.read(place, REAL + "c"))
+        return jax.device_put(file.read(place, REAL + "c"))
     if file.mark(place, "kind"):
         return _read(file, place, seen)
     return tuple(_read(file, f"{place}/{k}", seen) for k in range(len(file.names(place))))

@@ -7,6 +7,7 @@ around each (`keep_detectors`). Zeros in place of its record would be wrong data
 from functools import partial
 from math import comb
 from statistics import NormalDist
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -131,34 +132,48 @@ def channel_quality(
             f"{times.shape[0] - first} samples are left after dead_time, expected at least "
             f"{SHORTEST_BLOCK + 4}: check that dead_time and times have the same unit."
         )
-    return _quality(record, dead, noisy, first)
+    known = is_concrete(record, dead, noisy)  # which need no program for each size of record
+    judged = partial(by_library, _quality) if known else _traced
+    return ChannelQuality(*judged((record, dead, noisy), first))
 
 
-@partial(jax.jit, static_argnames="first")
-def _quality(record: Array, dead: Array, noisy: Array, first: int) -> ChannelQuality:
+def _quality(xp: Any, record: Any, dead: Any, noisy: Any, first: int) -> tuple[Any, ...]:
+    """The parts of `ChannelQuality`; xp is numpy or jax.numpy."""
     record = record.reshape(-1, *record.shape[-2:])[..., first:]
-    noise, signal = _noise(record), _signal(record)
-    typical = jnp.quantile(signal, 0.75)
+    noise, signal = _noise(xp, record), _signal(xp, record)
+    typical = xp.quantile(signal, 0.75)
     is_dead = signal <= dead * typical
-    usual = jnp.nanmedian(jnp.where(is_dead, jnp.nan, noise))
-    count = _count(record)
-    loudest = jnp.maximum(noisy * jnp.maximum(usual, count / 12**0.5), SILENT * typical)  # rounding
-    held = _held(record, count, usual < HIDDEN * count)
+    usual = _median_of(xp, noise, ~is_dead)
+    count = _count(xp, record)
+    loudest = xp.maximum(noisy * xp.maximum(usual, count / 12**0.5), SILENT * typical)  # rounding
+    held = _held(xp, record, count, usual < HIDDEN * count)
     least = max(SATURATED, FEWEST_HELD / record.shape[-1])
-    fine = jnp.max(jnp.ptp(record, axis=-1), axis=0) > FEWEST_COUNTS * count
-    is_saturated = ~is_dead & fine & (held >= least) & (held > 5 * jnp.median(held))
+    fine = xp.max(xp.ptp(record, axis=-1), axis=0) > FEWEST_COUNTS * count
+    is_saturated = ~is_dead & fine & (held >= least) & (held > 5 * xp.median(held))
     is_noisy = ~is_dead & ~is_saturated & (noise > loudest)
-    return ChannelQuality(noise, signal, is_dead, is_saturated, is_noisy)
+    return noise, signal, is_dead, is_saturated, is_noisy
 
 
-def _noise(record: Float[Array, "frames detectors times"]) -> Float[Array, " detectors"]:
+@partial(jax.jit, static_argnums=1)
+def _traced(arrays: tuple[Array, Array, Array], first: int) -> tuple[Array, ...]:
+    return _quality(jnp, *arrays, first)
+
+
+def _median_of(xp: Any, values: Any, counted: Any) -> Any:
+    """The median of those that are counted; infinite if none is."""
+    ordered, n = xp.sort(xp.where(counted, values, np.inf)), xp.sum(counted)
+    return (ordered[(n - 1) // 2] + ordered[n // 2]) / 2
+
+
+def _noise(xp: Any, record: Any) -> Any:
+    """Of each detector; a record is (frames, detectors, times), here and below."""
     n = record.shape[-1] - 4
     blocks = min(BLOCKS, n // SHORTEST_BLOCK)
     size = n // blocks
-    differences = jnp.diff(record, 4, axis=-1)[..., : blocks * size]
+    differences = xp.diff(record, 4, axis=-1)[..., : blocks * size]
     pieces = differences.reshape(*record.shape[:2], blocks, size)
-    quietest = jnp.min(jnp.mean(pieces**2, axis=-1), axis=-1) / 70  # 1 + 16 + 36 + 16 + 1
-    return root(jnp.mean(quietest, axis=0)) / _least_of(blocks, size)
+    quietest = xp.min(xp.mean(pieces**2, axis=-1), axis=-1) / 70  # 1 + 16 + 36 + 16 + 1
+    return root(xp.mean(quietest, axis=0), xp) / _least_of(blocks, size)
 
 
 def _least_of(blocks: int, size: int) -> float:
@@ -170,21 +185,17 @@ def _least_of(blocks: int, size: int) -> float:
     return 1 + NormalDist().inv_cdf(0.625 / (blocks + 0.25)) / (2 * worth) ** 0.5
 
 
-def _signal(record: Float[Array, "frames detectors times"]) -> Float[Array, " detectors"]:
-    """Root mean square about the straight line of least squares."""
-    along = jnp.linspace(-1.0, 1.0, record.shape[-1])
-    centred = record - jnp.mean(record, axis=-1, keepdims=True)
+def _signal(xp: Any, record: Any) -> Any:
+    """Root mean square of each detector about the straight line of least squares."""
+    along = xp.linspace(-1.0, 1.0, record.shape[-1])
+    centred = record - xp.mean(record, axis=-1, keepdims=True)
     slope = (centred @ along) / (along @ along)
     rest = centred - slope[..., None] * along
-    return root(jnp.mean(rest**2, axis=(0, -1)))
+    return root(xp.mean(rest**2, axis=(0, -1)), xp)
 
 
-def _held(
-    record: Float[Array, "frames detectors times"],
-    count: Float[Array, ""],
-    hidden: Bool[Array, ""],
-) -> Float[Array, " detectors"]:
-    """Share of samples that repeat one value.
+def _held(xp: Any, record: Any, count: Any, hidden: Any) -> Any:
+    """Share of samples of each detector that repeat one value.
 
     At the channel's own highest and lowest level a sample counts if it equals the one before. At
     other levels it must equal all of the eight before, and not be the level at which the channel
@@ -192,50 +203,59 @@ def _held(
     channels share, such as the zeros of exact data, do not count.
 
     Args:
+        xp, record: as above.
+        count: the least step.
         hidden: whether counts hide the noise. Then drift makes a staircase of the quiet parts, and
             waves rest at their crests.
     """
-    least, most = jnp.min(record, axis=-1, keepdims=True), jnp.max(record, axis=-1, keepdims=True)
+    least, most = xp.min(record, axis=-1, keepdims=True), xp.max(record, axis=-1, keepdims=True)
     same = record[..., 1:] == record[..., :-1]
     run = same[..., 7:]
     for back in range(1, 8):
         run = run & same[..., 7 - back : same.shape[-1] - back]
     here = record[..., 8:]
     limits = [
-        (below == 0) & (~hidden | _cut(below, count)) for below in (most - record, record - least)
+        (below == 0) & (~hidden | _cut(xp, below, count))
+        for below in (most - record, record - least)
     ]
     at_rails = same[..., 7:] & (limits[0] | limits[1])[..., 8:]
-    run = run & ~hidden & (jnp.abs(here - record[..., :1]) > 2 * count)
-    shared = (here == jnp.median(record[..., 0])) | (here == jnp.median(record))
-    return jnp.mean((run | at_rails) & ~shared, axis=(0, -1))
+    run = run & ~hidden & (xp.abs(here - record[..., :1]) > 2 * count)
+    shared = (here == xp.median(record[..., 0])) | (here == xp.median(record))
+    return xp.mean((run | at_rails) & ~shared, axis=(0, -1))
 
 
-def _cut(below: Float[Array, "*n times"], count: Float[Array, ""]) -> Bool[Array, "*n times"]:
+def _cut(xp: Any, below: Any, count: Any) -> Any:
     """Whether more is cut off at the limit, where ``below`` is 0, than rounding does.
 
     The crest h - κ t²/2 of a wave stays within a count of its height for L = √(8/κ) samples. In the
     L samples beside them it is 10/3 counts lower, in the mean; on both sides, since it is a crest.
     """
     n = below.shape[-1]
-    here, away = jnp.arange(n), below > 0
-    first = jax.lax.cummax(jnp.where(away, here, -1), axis=below.ndim - 1) + 1
-    stop = jax.lax.cummin(jnp.where(away, here, n), axis=below.ndim - 1, reverse=True)
-    sums = jnp.pad(jnp.cumsum(below, axis=-1), [(0, 0)] * (below.ndim - 1) + [(1, 0)])
+    here, away = xp.arange(n), below > 0
+    first = _largest_so_far(xp, xp.where(away, here, -1)) + 1
+    stop = n - _largest_so_far(xp, xp.where(away, n - here, 0)[..., ::-1])[..., ::-1]
+    sums = xp.pad(xp.cumsum(below, axis=-1), [(0, 0)] * (below.ndim - 1) + [(1, 0)])
 
-    def leaves(start: Array, end: Array) -> Array:
-        total = jnp.take_along_axis(sums, end, -1) - jnp.take_along_axis(sums, start, -1)
+    def leaves(start: Any, end: Any) -> Any:
+        total = xp.take_along_axis(sums, end, -1) - xp.take_along_axis(sums, start, -1)
         return (total > CUT_OFF * count * (end - start)) | (start == end)
 
-    length = jnp.maximum(stop - first, 0)
-    before = leaves(jnp.maximum(first - length, 0), first)
-    return before & leaves(stop, jnp.minimum(stop + length, n))
+    length = xp.maximum(stop - first, 0)
+    before = leaves(xp.maximum(first - length, 0), first)
+    return before & leaves(stop, xp.minimum(stop + length, n))
 
 
-def _count(record: Float[Array, "frames detectors times"]) -> Float[Array, ""]:
+def _largest_so_far(xp: Any, values: Any) -> Any:
+    if xp is np:
+        return np.maximum.accumulate(values, axis=-1)
+    return jax.lax.cummax(values, axis=values.ndim - 1)
+
+
+def _count(xp: Any, record: Any) -> Any:
     """The smallest step between samples: one count of a converter, or next to nothing."""
-    steps = jnp.abs(jnp.diff(record, axis=-1))
-    least = jnp.min(jnp.where(steps > 0, steps, jnp.inf))
-    return jnp.where(jnp.isfinite(least), least, 0.0)
+    steps = xp.abs(xp.diff(record, axis=-1))
+    least = xp.min(xp.where(steps > 0, steps, np.inf))
+    return xp.where(xp.isfinite(least), least, 0.0)
 
 
 def ranges(numbers: np.ndarray) -> str:

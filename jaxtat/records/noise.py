@@ -11,6 +11,7 @@ G_J and G_Y at each frequency, and that follows exactly, with b the rows of the 
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -60,12 +61,17 @@ class RecordNoise(eqx.Module):
         >>> abs(float(drawn.std()) - 3) < 0.1
         True
         """
-        white = jax.random.normal(key, (self.sigma.shape[0], n_times))
-        spectrum = jnp.fft.rfft(white)
-        cycles = jnp.linspace(0.0, 1.0, spectrum.shape[-1])
-        nodes = jnp.linspace(0.0, 1.0, self.spectrum.shape[0])
-        coloured = spectrum * root(jnp.interp(cycles, nodes, self.spectrum))
-        return self.sigma[:, None] * jnp.fft.irfft(coloured, n_times)
+        return _sample(self, key, n_times)
+
+
+@partial(jax.jit, static_argnames="n_times")
+def _sample(noise: RecordNoise, key: Array, n_times: int) -> Float[Array, "detectors times"]:
+    white = jax.random.normal(key, (noise.sigma.shape[0], n_times))
+    spectrum = jnp.fft.rfft(white)
+    cycles = jnp.linspace(0.0, 1.0, spectrum.shape[-1])
+    nodes = jnp.linspace(0.0, 1.0, noise.spectrum.shape[0])
+    coloured = spectrum * root(jnp.interp(cycles, nodes, noise.spectrum))
+    return noise.sigma[:, None] * jnp.fft.irfft(coloured, n_times)
 
 
 def noise_of_record(

@@ -11,14 +11,16 @@
 The smallest detail at lambda is half a wave, π/lambda, which is also the pixel that samples it.
 """
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, real_array, require_positive
+from ..base.checks import Numbers, is_concrete, real_array, require_positive
 from ..base.units import Units
 from ..geometry import DetectorCurve, Region
 from ..geometry.measured_curves import behind_gap
@@ -164,11 +166,15 @@ to 0.7 can be had
     sound_speed = real_array("sound_speed", sound_speed, ())
     require_positive("sound_speed", sound_speed)
     dead_time = real_array("dead_time", dead_time, ())
-    asked = jnp.inf if max_frequency is None else max_frequency
+    asked = jax.device_put(np.inf)
     if max_frequency is not None:
         asked = real_array("max_frequency", max_frequency, ())
         require_positive("max_frequency", asked)
-    return _supported(curve, region, times, sound_speed, dead_time, jnp.asarray(asked))
+    given = curve, region, times, sound_speed, dead_time, asked
+    if not is_concrete(given):
+        return Supported(*_traced(*given))
+    with jax.ensure_compile_time_eval():  # no program for each number of detectors
+        return Supported(*jax.device_put(_supported(np, *given)))
 
 
 def first_arrival(
@@ -196,34 +202,41 @@ def _up_to(reach: Array) -> str:
 
 @eqx.filter_jit
 def _first_arrival(curve: DetectorCurve, region: Region, sound_speed: Array) -> Array:
-    return jnp.min(_lengths(_from_boundary(curve, region))) / sound_speed
+    return jnp.min(_lengths(curve.points[:, None] - region.points)) / sound_speed
 
 
-@eqx.filter_jit
 def _supported(
+    xp: Any,
     curve: DetectorCurve,
     region: Region,
-    times: Array,
-    sound_speed: Array,
-    dead_time: Array,
-    asked: Array,
-) -> Supported:
-    start = sound_speed * jnp.maximum(times[0], dead_time)
+    times: Any,
+    sound_speed: Any,
+    dead_time: Any,
+    asked: Any,
+) -> tuple[Any, ...]:
+    """The parts of `Supported`; xp is numpy or jax.numpy."""
+    where = curve.points, region.points, region.center, region.reach
+    points, boundary, center, reach = map(xp.asarray, where)
+    times, sound_speed, dead_time, asked = map(xp.asarray, (times, sound_speed, dead_time, asked))
+    start = sound_speed * xp.maximum(times[0], dead_time)
     end = sound_speed * times[-1]
-    lengths = _lengths(_from_boundary(curve, region))
-    distance = _lengths(curve.points - region.center)
-    nearest = jnp.min(distance)
-    return Supported(
-        reach=region.reach,
-        end=end,
-        reach_of_end=end - jnp.max(distance),
-        reach_of_start=jnp.minimum(nearest - start, _EDGE * nearest),
-        covered=end - jnp.max(lengths),
-        free=jnp.min(lengths) - start,
-        asked_frequency=asked,
-        frequency_of_detectors=sampled_frequency(curve, region),
-        frequency_of_times=jnp.pi / (sound_speed * (times[1] - times[0])),
+    lengths = _lengths(points[:, None] - boundary, xp)
+    distance = _lengths(points - center, xp)
+    nearest = xp.min(distance)
+    return (
+        reach,
+        end,
+        end - xp.max(distance),
+        xp.minimum(nearest - start, _EDGE * nearest),
+        end - xp.max(lengths),
+        xp.min(lengths) - start,
+        asked,
+        sampled_frequency(curve, region, xp),
+        np.pi / (sound_speed * (times[1] - times[0])),
     )
+
+
+_traced = eqx.filter_jit(partial(_supported, jnp))
 
 
 def sampled_frequency(curve: DetectorCurve, region: Region, xp: Any = jnp) -> Any:
@@ -248,10 +261,6 @@ def _spacing(points: Any, closed: bool, xp: Any) -> Any:
     around %= len(points)
     total, n = xp.sum((counts * step)[around], axis=1), xp.sum(counts[around], axis=1)
     return total / xp.maximum(n, 1)
-
-
-def _from_boundary(curve: DetectorCurve, region: Region) -> Float[Array, "detectors boundary 2"]:
-    return curve.points[:, None] - region.points
 
 
 def _lengths(vectors: Any, xp: Any = jnp) -> Any:

@@ -8,7 +8,6 @@ is done to the record; from n of them it is known to 1/√(2n).
 import warnings
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -52,10 +51,11 @@ def standard_deviations(
         if noise is None:
             return None
         found.append(noise)
-    sizes = np.array([_size(noise) for noise in found])
-    shape = [(noise.sigma / size, noise.spectrum) for noise, size in zip(found, sizes, strict=True)]
-    sigma = jnp.sqrt(jnp.mean(jnp.stack([of for of, _ in shape]) ** 2, axis=0))
-    common = RecordNoise(sigma, jnp.mean(jnp.stack([of for _, of in shape]), axis=0))
+    sigmas = np.stack([np.asarray(noise.sigma) for noise in found])
+    sizes = np.sqrt(np.mean(sigmas**2, axis=1))
+    sigma = np.sqrt(np.mean((sigmas / sizes[:, None]) ** 2, axis=0))
+    spectrum = np.mean([np.asarray(noise.spectrum) for noise in found], axis=0)
+    common = RecordNoise(*jax.device_put((sigma, spectrum)))
     return sizes[:, None, None] * _of_unit_noise(scan, choices, setup, plan, common)
 
 
@@ -70,7 +70,8 @@ def quiet_noise(
     if times is None:
         return None
     start = 2 * choices.dead_time  # what is silenced is faded in over as long again
-    nearest = jnp.linalg.norm(setup.curve.points - setup.region.center, axis=1).min()
+    points, center = np.asarray(setup.curve.points), np.asarray(setup.region.center)
+    nearest = np.linalg.norm(points - center, axis=1).min()
     arrival = float(nearest - setup.region.reach) / choices.sound_speed
     if np.count_nonzero((times >= start) & (times < arrival)) < LEAST_SAMPLES:
         return None
@@ -86,11 +87,6 @@ def draw(
     drawn = np.zeros((scan.n_detectors, scan.n_samples))
     drawn[list(choices.channels)] = noise.sample(key, scan.n_samples)
     return drawn
-
-
-def _size(noise: RecordNoise) -> float:
-    """Root mean square over the detectors."""
-    return float(jnp.sqrt(jnp.mean(noise.sigma**2)))
 
 
 def _of_unit_noise(

@@ -3,6 +3,7 @@
 import hashlib
 import re
 from contextlib import nullcontext
+from functools import cache
 from html.parser import HTMLParser
 
 import equinox as eqx
@@ -53,6 +54,7 @@ ALLOWED = [
 ]
 
 
+@cache
 def diagnosed(right=1.3, n=60, noise=0.0, speed=1.0):
     """Data recorded with another speed of sound than is reckoned with have other radii."""
     curve = circular_arc(1.3, right, n)

@@ -1,5 +1,7 @@
 """Records of an in-plane scanner, exact but for the noise that is asked for."""
 
+from functools import cache
+
 import numpy as np
 
 from jaxtat import detector_curve, phantoms
@@ -27,6 +29,7 @@ def truth(points, turn=0.0):
     return np.asarray(bells(points))
 
 
+@cache
 def record(turn=0.0):
     """p with g = r ∫_0^r p dr': p = d(g/r)/dr, by differences of exact integrals."""
     bells = phantoms.Bells(turned(BELLS["centers"], turn), BELLS["radii"], [1.0, 0.7, 0.5])
@@ -34,7 +37,9 @@ def record(turn=0.0):
     radii, h = np.maximum(SPEED * TIMES, 1e-3), 1e-6
     both = np.concatenate([radii - h / 2, radii + h / 2])
     means = np.asarray(bells.circular_integrals(curve, both)) / both
-    return (means[:, len(radii) :] - means[:, : len(radii)]) / h
+    found = (means[:, len(radii) :] - means[:, : len(radii)]) / h
+    found.flags.writeable = False
+    return found
 
 
 def scan(pressure, turn=0.0, **known):

@@ -11,6 +11,7 @@ from jaxtat.scans.all_speeds import data_by_speed
 from jaxtat.scans.best_explained import SPEEDS, deepest
 
 HALF = slice(15, 75)  # detectors of made scans, on 179 degrees
+SIZES = {"region_radius": 0.011, "max_frequency": 3500.0}  # the same for all: few programs
 
 
 def dip(speeds, at, depth=0.5, width=0.008):
@@ -19,28 +20,21 @@ def dip(speeds, at, depth=0.5, width=0.008):
     return np.exp(-depth * np.maximum(1 - (off / width) ** 2, 0.0))
 
 
-def half(faster=1.0, noise=0.01, samples=None, rows=HALF):
+def half(faster=1.0, noise=0.01, samples=None):
     """A record of bells from one side, whose speed of sound is so much faster than water's."""
-    sound = record()[rows, :samples]
+    sound = record()[HALF, :samples]
     drawn = np.random.default_rng(0).standard_normal(sound.shape)
     sound = sound + noise * np.abs(sound).max() * drawn
-    known = {"detectors": positions()[rows], "sampling_rate": faster * RATE}
+    known = {"detectors": positions()[HALF], "sampling_rate": faster * RATE}
     return Scan("pressure", sound, known)
 
 
 @pytest.mark.parametrize("faster", [0.97, 1.04])
 def test_half_a_circle_shows_the_speed(faster):
     made = half(faster)
-    found = estimate_sound_speed(made, choose(made))
+    found = estimate_sound_speed(made, choose(made, **SIZES))
     assert found.sound_speed == pytest.approx(1500 * faster, rel=2e-3)
     assert dict(found.reasons)["sound_speed"].startswith("an image explains the record best")
-
-
-def test_an_arc_too_short_for_lines_through_the_region_does_not():
-    made = half(rows=slice(25, 65))
-    found = estimate_sound_speed(made, choose(made))
-    assert "little of the region is between any two detectors" in dict(found.reasons)["sound_speed"]
-    assert found.grade("sound_speed") == "guessed"
 
 
 def test_a_record_that_ends_early_gives_a_guess():
@@ -53,7 +47,7 @@ def test_a_record_that_ends_early_gives_a_guess():
 
 def test_noise_from_one_side_shows_no_speed():
     made = half(noise=3.0)
-    found = estimate_sound_speed(made, choose(made, region_radius=0.011))
+    found = estimate_sound_speed(made, choose(made, **SIZES))
     assert "no speed explains the record much better" in dict(found.reasons)["sound_speed"]
     assert found.grade("sound_speed") == "guessed"
 

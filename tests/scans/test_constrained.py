@@ -10,7 +10,9 @@ from jaxtat.io import Scan, load_settings
 from jaxtat.records import apply_impulse_response
 from jaxtat.scans import choose, estimate_sound_speed, reconstruct
 
-GIVEN = {"region_radius": 0.011, "pixels": 41, "model_based": True, "nonnegative": True}
+# one size for most tests: few programs
+SIZES = {"region_radius": 0.011, "pixels": 41, "max_frequency": 3500.0}
+GIVEN = SIZES | {"model_based": True, "nonnegative": True}
 BAND = (1e5, 1.5e6)  # without the low frequencies
 
 
@@ -24,7 +26,7 @@ def test_a_band_passed_record_is_fitted_as_it_is():
     """Without the band the formula's image has shadows; f >= 0 takes them away."""
     counts = raw_counts(record(), noise=0.01)
     made = scan(counts)
-    direct = reconstruct(made, choose(made, region_radius=0.011, pixels=41, band=BAND))
+    direct = reconstruct(made, choose(made, band=BAND, **SIZES))
     fitted = reconstruct(made, choose(made, band=BAND, **GIVEN))
     size = np.linalg.norm(truth(fitted.grid.points)) / np.linalg.norm(fitted.image)
     wanted = truth(fitted.grid.points)
@@ -70,7 +72,7 @@ def test_the_command_stores_and_repeats_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     np.savez("scan.npz", pressure=record(), detectors=positions(), sampling_rate=RATE,
              sound_speed=SPEED)  # fmt: skip
-    line = "reconstruct scan.npz --region-radius 0.011 --pixels 31 --out"
+    line = "reconstruct scan.npz --region-radius 0.011 --pixels 41 --max-frequency 3500 --out"
     options = "--model-based --nonnegative --penalty second-order --weight 0.01"
     assert main([*line.split(), "a.h5", *options.split()]) == 0
     said = capsys.readouterr()

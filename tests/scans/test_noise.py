@@ -12,7 +12,7 @@ from jaxtat.records import circular_integrals_to_pressure
 from jaxtat.scans import choose, describe, estimate, reconstruct
 from jaxtat.scans.noise import estimate_alpha
 
-GIVEN = {"region_radius": 0.011, "pixels": 33, "inversion": "fourier"}
+GIVEN = {"region_radius": 0.011, "pixels": 33, "inversion": "fourier", "max_frequency": 3500.0}
 ALPHAS = 10.0 ** np.arange(-6.0, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Scans in space from file to file: the same volumes as from Python, and what is refused."""
+"""Scans in space from file to file: the right volumes in every format, and what is refused."""
 
 import h5py
 import jax
@@ -53,14 +53,11 @@ def bell_below(max_frequency):
 
 @pytest.fixture(scope="module")
 def integrals():
-    """Radii, g, and the volume that Python makes of them."""
+    """Radii, g, and the volume of which they are, as far as its frequencies go."""
     radii = radii_of(1.0)
     g = BELL.spherical_integrals(CAP, radii)
-    setup = Setup(CAP, REGION, GRID, radii, max_frequency=MAX_FREQUENCY)
-    volume = jaxtat.reconstruct(setup, g, 1e-6, inversion="fourier")
     inside = np.asarray(REGION.contains(GRID.points))
-    assert np.abs(np.asarray(volume) - bell_below(MAX_FREQUENCY))[inside].max() < 0.02
-    return radii, np.asarray(g), np.where(inside, volume, 0.0)
+    return radii, np.asarray(g), np.where(inside, bell_below(MAX_FREQUENCY), 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +71,7 @@ def scan_file(integrals, tmp_path_factory):
     return path
 
 
-def test_every_format_holds_the_volume_that_python_makes(scan_file, integrals, tmp_path):
+def test_every_format_holds_the_volume(scan_file, integrals, tmp_path):
     """Measured rings differ from the cap in the areas only, and so by what is not exact."""
     wanted = integrals[2]
     settings = f"reconstruct {scan_file} {OPTIONS} --length-unit m"
@@ -150,21 +147,23 @@ def test_pressure_in_the_exchange_format(integrals, tmp_path, capsys):
     inside = np.asarray(found.region.contains(found.grid.points))
     error = np.abs(found.image * inside - integrals[2]).max()
     assert found.unit == "m" and error < 0.02
+    speed_error = dict(found.choices.standard_errors)["sound_speed"]
+    assert found.choices.sound_speed == pytest.approx(SOUND, abs=2 * speed_error)
+    assert speed_error < 0.005 * SOUND and found.choices.grade("sound_speed") == "likely"
 
 
 def test_opposite_detectors_agree_on_the_speed_of_sound():
-    """Within twice the standard error, in noise of a tenth of the sound too; not of noise alone."""
+    """Within twice the standard error, in noise of a tenth of the sound; not of noise alone."""
     known, sound = {"detectors": shuffled()[0], "sampling_rate": 0.97 * RATE}, record()
     rng = np.random.default_rng(0)
     noise = 0.1 * sound.std() * rng.standard_normal(sound.shape)
-    for pressure in (sound, sound + noise):
-        scan = Scan("pressure", pressure, known)
-        choices = choose(scan)
-        found = estimate_sound_speed(scan, choices)
-        error = dict(found.standard_errors)["sound_speed"]
-        assert found.sound_speed == pytest.approx(0.97 * SOUND, abs=2 * error)
-        assert error < 0.005 * SOUND and found.grade("sound_speed") == "likely"
-        assert found.radial_step / choices.radial_step == pytest.approx(found.sound_speed / 1500)
+    scan = Scan("pressure", sound + noise, known)
+    choices = choose(scan)
+    found = estimate_sound_speed(scan, choices)
+    error = dict(found.standard_errors)["sound_speed"]
+    assert found.sound_speed == pytest.approx(0.97 * SOUND, abs=2 * error)
+    assert error < 0.005 * SOUND and found.grade("sound_speed") == "likely"
+    assert found.radial_step / choices.radial_step == pytest.approx(found.sound_speed / 1500)
     silent = Scan("pressure", rng.standard_normal(sound.shape), known)
     found = estimate_sound_speed(silent, choose(silent, region_radius=RADIUS))
     assert found.sound_speed == 1500.0 and found.grade("sound_speed") == "guessed"
