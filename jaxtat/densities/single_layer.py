@@ -7,8 +7,10 @@ each. Here are its matrix on the boundary of the region, the traces that plane w
 its values at any points.
 """
 
+from functools import partial
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
@@ -113,6 +115,7 @@ def plane_wave_traces(
     return jnp.concatenate([rows * wave, -1j * rows * (region.normals @ _unit(angles)) * wave])
 
 
+@partial(jax.jit, static_argnames=("batch_size", "n_nodes"))
 def potential(
     frequency: Float[Array, ""],
     densities: Complex[Array, "directions 2 detectors"],

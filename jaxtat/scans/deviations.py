@@ -9,7 +9,7 @@ import warnings
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Real
 
 from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup
@@ -60,7 +60,7 @@ def standard_deviations(
 
 
 def quiet_noise(
-    scan: Scan, choices: Choices, setup: Setup, frame: Float[np.ndarray, "detectors samples"]
+    scan: Scan, choices: Choices, setup: Setup, frame: Real[np.ndarray, "detectors samples"]
 ) -> RecordNoise | None:
     """The noise of a frame before sound from the region arrives, of the detectors that are used.
 

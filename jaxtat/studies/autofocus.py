@@ -126,7 +126,9 @@ def sound_speed_by_sharpness(
         )
     best = jnp.clip(best, 1, len(found) - 2)
     low, high = speeds[best - 1] / nominal, speeds[best + 1] / nominal
-    stretch, image, converged = _sharpest(make, low, high)
+    stretch, converged = _sharpest(make, low, high)
+    # by the programs of `reconstruct`, which are there already or will be wanted
+    image = make.image(stretch)
     return SharpnessScan(speeds, found, stretch * nominal, image, converged & inside)
 
 
@@ -153,7 +155,7 @@ def _scan(make: _Images, stretches: Array) -> Float[Array, " speeds"]:
 
 
 @eqx.filter_jit
-def _sharpest(make: _Images, low: Array, high: Array) -> tuple[Array, Array, Array]:
+def _sharpest(make: _Images, low: Array, high: Array) -> tuple[Array, Array]:
     """Bisection of d log S/dx for x from 0 to 1 between the two, where it falls through zero."""
 
     def slope(x: Array, _) -> Array:
@@ -166,4 +168,4 @@ def _sharpest(make: _Images, low: Array, high: Array) -> tuple[Array, Array, Arr
     options, middle = {"lower": 0.0, "upper": 1.0}, jnp.full((), 0.5)
     found = optx.root_find(slope, solver, middle, options=options, max_steps=30, throw=False)
     stretch = low + found.value * (high - low)
-    return stretch, make.image(stretch), found.result == optx.RESULTS.successful
+    return stretch, found.result == optx.RESULTS.successful

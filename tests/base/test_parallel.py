@@ -31,23 +31,29 @@ def here(array):
 """
 
 DIRECT = """
-alone = reconstruct(setup, g, 1e-8)
-for solver in ("cholesky",) if len(sys.argv) > 2 else ("cholesky", "cg"):
-    shared = solve(setup, g, 1e-8, solver=solver, mesh=mesh).image
-    assert len(shared.sharding.device_set) == n_devices
-    error = np.abs(here(shared) - here(alone)).max()
-    assert error < 1e-6, (solver, error)
+shared = reconstruct(setup, g, 1e-8, mesh=mesh)
+assert len(shared.sharding.device_set) == n_devices
+if jax.process_index() == 0:  # one of them is enough to compare
+    error = np.abs(here(shared) - here(reconstruct(setup, g, 1e-8))).max()
+    assert error < 1e-6, error
 print("direct: the same")
 """
 
 GRADIENT = """
 def size(g, alpha, mesh):
-    return jnp.sum(reconstruct(setup, g, alpha, mesh=mesh) ** 2)
+    image = reconstruct(setup, g, alpha, mesh=mesh)
+    return jnp.sum(image ** 2), image
 
-gradient = jax.grad(size, (0, 1))
-for ours, one in zip(gradient(g, 1e-6, mesh), gradient(g, 1e-6, None), strict=True):
-    assert np.allclose(here(ours), one, rtol=1e-7, atol=1e-9 * np.abs(one).max())
-print("gradient: the same")
+gradient = jax.grad(size, (0, 1), has_aux=True)
+(ours, shared), (theirs, alone) = (gradient(g, 1e-6, which) for which in (mesh, None))
+iterated = solve(setup, g, 1e-6, solver="cg", mesh=mesh).image
+for image in (shared, iterated):
+    assert len(image.sharding.device_set) == n_devices
+    error = np.abs(here(image) - here(alone)).max()
+    assert error < 1e-6, error
+for one, other in zip(ours, theirs, strict=True):
+    assert np.allclose(here(one), other, rtol=1e-7, atol=1e-9 * np.abs(other).max())
+print("images and gradients: the same")
 """
 
 PLAN = """
@@ -96,9 +102,9 @@ def finish(process: subprocess.Popen) -> str:
 
 
 def test_two_devices_share_frequencies_and_images(unoptimised):
-    with running(DIRECT + GRADIENT + PLAN + SPACE, "2") as process:
+    with running(GRADIENT + PLAN + SPACE, "2") as process:
         output = finish(process)
-    for what in ("direct", "gradient", "plan", "space"):
+    for what in ("images and gradients", "plan", "space"):
         assert f"{what}: the same" in output
 
 

@@ -280,13 +280,11 @@ def test_raw_counts_of_a_measured_scan(jaxtat_command):
 @pytest.mark.parametrize(
     ("option", "rule", "others"),
     [
-        ("--K 2.5", NormBound(2.5), {}),
         ("--j-max 20.5", FixedRank(20.5), {}),
         ("--sigma-min 1e-2", SingularValueCutoff(1e-2), {}),
         ("--single", None, {"precision": "single"}),
         ("--collocation", None, {"method": "collocation"}),
         ("--K 2.5 --low-pass cosine", NormBound(2.5), {"low_pass": cosine_filter}),
-        ("--collocation --j-max 20", FixedRank(20.0), {"method": "collocation"}),
     ],
 )
 def test_options_that_ask_for_a_plan(jaxtat_command, option, rule, others):

@@ -26,6 +26,7 @@ from .table import (
     detector_powers,
     region_factor,
     wave_table,
+    with_matrix,
 )
 from .tikhonov import moments, normal_matrix, summed_over_detectors
 
@@ -56,6 +57,7 @@ def unexplained(
 
     def at(given: tuple[WaveTable, Array, Array]) -> tuple[Array, Array]:
         wave, data, sums = given
+        wave = with_matrix(geometry, wave)
         factor, matrix, unit = _system(geometry, wave, gram)
         absolute = alpha * unit
         rhs = factor.times(moments(geometry, wave, sums[None]))
@@ -93,6 +95,7 @@ def unexplained_share(
 
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
+        wave = with_matrix(geometry, wave)
         factor, matrix, unit = _system(geometry, wave, gram)
         rhs = jnp.moveaxis(factor.times(moments(geometry, wave, sums)), 0, -1)
         y = cholesky_solve(matrix + alpha * unit * jnp.eye(matrix.shape[-1]), rhs)
@@ -133,6 +136,7 @@ def cross_validation(
 
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
+        wave = with_matrix(geometry, wave)
         factor, matrix, unit = _system(geometry, wave, gram)
         absolute = alphas * unit
         eigenvalues, vectors = jnp.linalg.eigh(matrix)

@@ -34,12 +34,14 @@ class WaveTable(eqx.Module):
         on_circle: (a, b), eps_n Delta_n (J_n|Y_n)(lambda R_g), times the factor of elements; None
             for detectors off a circle.
         norms: of the traces on a disk; None for other regions.
+        matrix: M without √w, of one frequency, if `with_matrix` has made it.
     """
 
     frequencies: Float[Array, "*f"]
     steps: Float[Array, "*f orders"]
     on_circle: Float[Array, "*f 2 fewer"] | None
     norms: Float[Array, "*f 2 fewer"] | None
+    matrix: Float[Array, "2 blocks r detectors"] | None = None
 
     def up_to(self, n_max: int) -> "WaveTable":
         """Fewer orders."""
@@ -129,6 +131,8 @@ def detector_matrix(
     geometry: PolarGeometry, wave: WaveTable
 ) -> Float[Array, "2 blocks r detectors"]:
     """M without √w, for J and for Y, of one frequency, each detector with its own distance."""
+    if wave.matrix is not None:
+        return wave.matrix
     n_max, nodes = wave.steps.shape[-1] - 2, geometry.nodes
 
     def at(place: tuple[Array, Array]) -> Array:
@@ -143,6 +147,17 @@ def detector_matrix(
     else:
         waves = mean_over_nodes(at, (nodes.radius, nodes.angles), nodes.weights)
     return jnp.moveaxis(blocks(geometry, jnp.moveaxis(waves, -1, 1)), 1, -1)
+
+
+def with_matrix(geometry: PolarGeometry, wave: WaveTable) -> WaveTable:
+    """The waves of one frequency with M, for detectors off a circle.
+
+    Several formulas ask for it. Each would write all Bessel functions into its program once more.
+    """
+    if wave.on_circle is not None:
+        return wave
+    matrix = detector_matrix(geometry, wave)
+    return WaveTable(wave.frequencies, wave.steps, None, wave.norms, matrix)
 
 
 def detector_powers(geometry: PolarGeometry, wave: WaveTable) -> Float[Array, "blocks r"]:

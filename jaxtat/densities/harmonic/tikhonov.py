@@ -50,6 +50,7 @@ from .table import (
     region_gram,
     scaled_gram,
     wave_table,
+    with_matrix,
 )
 from .waves import angular
 
@@ -153,7 +154,7 @@ def solve_harmonics(
         orders: int, common: tuple[PolarGeometry, _Tables], wave: WaveTable, system: _System
     ) -> tuple[Array, SolveReport]:
         geometry, tables = common
-        wave = wave.up_to(orders)
+        wave = with_matrix(geometry, wave.up_to(orders))
         gram = None if tables.detectors is None else cut_gram(geometry, tables.detectors, orders)
         if solver == "cg":
             found, report = _iterated(geometry, wave, system, tolerance)
