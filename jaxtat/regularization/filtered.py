@@ -172,7 +172,7 @@ def filtered_solve(
     >>> def length(scale):  # all three singular values are the same
     ...     found = filtered_solve(scale * jnp.eye(3)[None], u, FixedRank(3), jnp.array(1.0))
     ...     return found.norm[0]
-    >>> round(float(jax.grad(length)(2.0)), 6)  # d/ds 4 √3 / s
+    >>> round(float(jax.jit(jax.grad(length))(2.0)), 6)  # d/ds 4 √3 / s
     -1.732051
     """
     found = singular_components(blocks, rhs, regularization, unit_norm)

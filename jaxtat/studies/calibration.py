@@ -144,8 +144,8 @@ def calibrate(
 
     >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
     >>> r = 0.2 + 0.1 * jnp.arange(24)
-    >>> setup = Setup(circular_arc(1.3, 1.0, 40), disk(1.0), ImageGrid(13), 0.98 * r)
-    >>> g = phantoms.Bells([[0.3, 0.2]], [0.6]).circular_integrals(setup.curve, r)
+    >>> setup = Setup(circular_arc(1.3, 1.0, 40), disk(1.0), ImageGrid(13), r)
+    >>> g = phantoms.Bells([[0.3, 0.2]], [0.6]).circular_integrals(setup.curve, r / 0.98)
     >>> found = calibrate(setup, g, sound_speed=1470.0)
     >>> round(float(found.parameters.sound_speed))  # r = c t, so c is 1470 / 0.98
     1500

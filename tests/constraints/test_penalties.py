@@ -22,9 +22,10 @@ PENALTIES = [
 NAMES = ["tv", "second order", "wavelets", "joint tv", "joint wavelets"]
 
 
-@pytest.mark.parametrize("penalty", PENALTIES, ids=NAMES)
-@pytest.mark.parametrize("shape", [(1, 12, 10), (1, 6, 5, 7)])
+@pytest.mark.parametrize("penalty", PENALTIES[:3], ids=NAMES[:3])
+@pytest.mark.parametrize("shape", [(1, 12, 10), (1, 4, 5, 6)])
 def test_the_bound_is_one_and_not_far(penalty, shape):
+    """Joint ones have the same parts."""
     matrix = jax.jit(jax.jacfwd(lambda f: penalty.parts(f).ravel()))(np.zeros(shape))
     matrix = np.asarray(matrix).reshape(matrix.shape[0], -1)
     square = np.linalg.eigvalsh(matrix.T @ matrix)[-1]
@@ -35,10 +36,11 @@ def test_the_bound_is_one_and_not_far(penalty, shape):
 
 @pytest.mark.parametrize("penalty", PENALTIES, ids=NAMES)
 def test_flat_images_cost_nothing_but_the_rounding(penalty):
-    flat = jnp.full((2, 9, 8), 3.0)
-    sizes = penalty.sizes(penalty.parts(flat))
-    assert_allclose(penalty.value(flat, 1e-6), 5e-7 * sizes.size, rtol=1e-6)
-    assert float(penalty.value(IMAGES, 1e-6)) > 10
+    value = jax.jit(lambda images: penalty.value(images, 1e-6))
+    flat = np.full((2, 9, 8), 3.0)
+    sizes = jax.eval_shape(lambda images: penalty.sizes(penalty.parts(images)), flat)
+    assert_allclose(value(flat), 5e-7 * sizes.size, rtol=1e-6)
+    assert float(value(np.asarray(IMAGES))) > 10
 
 
 def test_values_are_those_of_the_formulas():
@@ -68,8 +70,11 @@ def test_wavelets_are_means_over_shifts_of_orthonormal_ones():
     assert_allclose(Wavelets(1).value(jnp.asarray(f)[None], 1e-12), total / 4, rtol=1e-9)
 
 
-@pytest.mark.parametrize("nonnegative", [False, True], ids=["any", "nonnegative"])
-@pytest.mark.parametrize("penalty", PENALTIES, ids=NAMES)
+@pytest.mark.parametrize(
+    ("penalty", "nonnegative"),
+    [*((penalty, False) for penalty in PENALTIES), (PENALTIES[0], True), (PENALTIES[2], True)],
+    ids=[*NAMES, "tv, nonnegative", "wavelets, nonnegative"],
+)
 def test_proximal_maps_minimise(penalty, nonnegative):
     """Beside L-BFGS-B, which knows nothing of duals."""
     weight, delta = jnp.array(0.4), jnp.array(0.1)

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import simpson
 from scipy.interpolate import BSpline
 
 from jaxtat import ImageGrid, phantoms
@@ -40,13 +39,14 @@ def test_back_projection_of_exact_projections_is_the_image(center):
 
 
 def test_ramp_is_without_a_kink():
-    """∫ |k| F(k) e^{iks} dk of the bell by fine quadrature, at nodes and between."""
+    """∫ |k| F(k) e^{iks} dk of the bell by Gauss quadrature, at nodes and between."""
     at_origin = phantoms.Bells([[0.0, 0.0]], [WIDTH])
-    k = jnp.linspace(0, 64 * jnp.pi, 40001)
-    weighted = np.asarray(k) * np.asarray(at_origin.fourier(k, jnp.zeros(1)))[:, 0].real
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    k = 32 * np.pi * (1 + nodes)
+    weighted = 32 * np.pi * weights * k * np.asarray(at_origin.fourier(k, [0.0]))[:, 0].real
     coefficients = ramp_matrix(256, STEP) @ at_origin.radon(jnp.zeros(1), OFFSETS)[0]
     s = np.array([0.0, 0.0371, -0.4, 0.95])
-    exact = 2 * simpson(weighted * np.cos(s[:, None] * np.asarray(k)), k)
+    exact = 2 * np.cos(s[:, None] * k) @ weighted
     position = s / float(STEP) * OVERSAMPLING + coefficients.size // 2
     assert np.abs(spline(np.asarray(coefficients), position) - exact).max() < 1e-9  # q(0) = 2
 
@@ -91,7 +91,7 @@ def test_transpose_of_the_whole_step():
     assert np.isclose(np.vdot(step(p), image), np.vdot(p, transposed), rtol=1e-12)
 
 
-@pytest.mark.parametrize("batch", [(), (1,), (0,), (5, 7), (33,)])
+@pytest.mark.parametrize("batch", [(), (0,), (2, 17)])
 def test_batches_are_images_one_by_one(batch):
     rng = np.random.default_rng(5)
     p = jnp.asarray(rng.standard_normal((*batch, 33, 8)))
@@ -120,19 +120,8 @@ def arguments(*batch):
     return (p, *geometry, *grid, jnp.array([0.02, 0.03]))
 
 
-@pytest.mark.parametrize("batch", [(), (2,)])
-def test_derivatives_with_respect_to_everything(check_both_modes, batch):
-    check_both_modes(step_of_arrays, arguments(*batch))
-
-
-@pytest.mark.parametrize("which", range(6))
-def test_derivatives_with_respect_to_one_thing_alone(check_both_modes, which):
-    given = list(arguments())
-
-    def of_one(x):
-        return step_of_arrays(*given[:which], x, *given[which + 1 :])
-
-    check_both_modes(of_one, (given[which],))
+def test_derivatives_with_respect_to_everything(check_both_modes):
+    check_both_modes(step_of_arrays, arguments(2))
 
 
 def test_derivatives_of_derivatives(check_both_modes):

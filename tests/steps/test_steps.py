@@ -168,30 +168,23 @@ def test_low_pass_multiplies_the_transform():
 
 
 def test_derivatives_of_every_step(check_both_modes):
+    """Of all in a row, in all that they are given."""
     rng = np.random.default_rng(2)
-    g = jnp.asarray(rng.standard_normal((5, 9)))
-    radii, frequencies = jnp.linspace(0.4, 1.2, 9), jnp.array([2.0, 5.0])
-    check_both_modes(radial_transform, (g, radii, frequencies), 1e-4)
-    transformed = radial_transform(g, radii, frequencies)
-    rho = jnp.asarray(rng.standard_normal((2, 4, 2, 5)))
-    weights = jnp.asarray(rng.uniform(0.5, 1, 5))
 
-    def fhat(transformed, real, imaginary, weights, g):
-        mass = total_integrals(g, radii)
+    def image(g, radii, frequencies, weights, real, imaginary, eta, center, half_width):
+        transformed = radial_transform(g, radii, frequencies)
         densities = SampledDensities(real + 1j * imaginary)
-        values = polar_fourier(transformed, densities, weights, mass)
-        return values.real, values.imag
-
-    check_both_modes(fhat, (transformed, rho, rho[::-1], weights, g), 1e-4)
-
-    def image(real, imaginary, step, eta, center, half_width):
-        p = radon_projections(real + 1j * imaginary, step, eta)
+        fhat = polar_fourier(transformed, densities, weights, total_integrals(g, radii))
+        step = frequencies[0]
+        p = radon_projections(fhat, step, eta)
         grid = ImageGrid(6, half_width)
         return filtered_back_projection(p, offset_step(step, 8), jnp.arange(4.0), grid, center)
 
-    parts = (jnp.asarray(rng.standard_normal((9, 4))), jnp.asarray(rng.standard_normal((9, 4))))
-    smooth = (jnp.array(1.5), jnp.linspace(1.0, 0.2, 9), jnp.array([0.02, 0.01]), jnp.array(1.0))
-    check_both_modes(image, parts + smooth, rtol=1e-3)
+    g, radii, frequencies = rng.standard_normal((5, 9)), np.linspace(0.4, 1.2, 9), np.arange(1, 9.0)
+    densities = rng.standard_normal((2, 8, 4, 2, 5))
+    smooth = (np.linspace(1.0, 0.2, 9), np.array([0.02, 0.01]), 1.0)
+    given = (g, radii, frequencies, rng.uniform(0.5, 1, 5), *densities, *smooth)
+    check_both_modes(image, given, rtol=1e-4)
 
 
 def test_steps_do_not_retrace_for_new_numbers():

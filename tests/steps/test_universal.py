@@ -15,12 +15,13 @@ def test_it_is_the_sum_of_its_formula():
     image = np.asarray(universal_back_projection(g, r, curve, grid, np.zeros(2)))
     pressure = np.gradient(g / r, r, axis=-1)
     terms = pressure - r * np.gradient(pressure, r, axis=-1)
-    wanted = np.zeros(grid.shape)
+    wanted, points = np.zeros(grid.shape), np.asarray(grid.points)
+    detectors, weights = np.asarray(curve.points), np.asarray(curve.weights)
     for place in np.ndindex(*grid.shape):
         total = angles = 0.0
-        for z, weight, values in zip(curve.points, curve.weights, terms, strict=True):
-            offset = np.asarray(grid.points[place]) - np.asarray(z)
-            inward = -np.asarray(z) / np.linalg.norm(z)
+        for z, weight, values in zip(detectors, weights, terms, strict=True):
+            offset = points[place] - z
+            inward = -z / np.linalg.norm(z)
             angle = weight * (offset @ inward) / (offset @ offset)
             total += angle * np.interp(np.linalg.norm(offset), r, values)
             angles += angle

@@ -8,12 +8,13 @@ import pytest
 from jaxtat import ImageGrid, Setup, circular_arc, cosine_filter, disk, phantoms, reconstruct
 from jaxtat.studies import sharpness, sound_speed_by_sharpness
 
-GRID = ImageGrid(41)
+GRID = ImageGrid(25)
 STEP = float(GRID.spacing[0])
-CURVE, REGION = circular_arc(1.3, 1.0, 98), disk(0.95)
-RADII = 0.25 + STEP * jnp.arange(43)
-SETUP = Setup(CURVE, REGION, GRID, 0.98 * RADII)  # as if the speed were 2 % less
+CURVE, REGION = circular_arc(1.3, 1.0, 60), disk(0.95)
+RADII = 0.25 + STEP * jnp.arange(27)
+SETUP = Setup(CURVE, REGION, GRID, 1475 / 1500 * RADII)  # as if the speed were less
 DISKS = phantoms.Disks([[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1]], [0.7, 0.2, 0.15], [1, 0.5, -0.5])
+SPEEDS = np.linspace(1400.0, 1600.0, 9)
 
 
 def test_sharpness_of_a_plane_wave_is_half_its_wave_number_squared_times_the_area():
@@ -37,15 +38,15 @@ def test_derivatives_of_sharpness(check_both_modes):
 
 @jax.jit
 def search(g, speeds):
-    return sound_speed_by_sharpness(SETUP, g, speeds, sound_speed=1470.0)
+    return sound_speed_by_sharpness(SETUP, g, speeds, sound_speed=1475.0)
 
 
 @pytest.fixture(scope="module")
 def scan():
-    """2 % noise, the nominal speed 2 % off."""
+    """1 % noise, the nominal speed 1.7 % off."""
     g = DISKS.circular_integrals(CURVE, RADII)
-    g = g + phantoms.noise_like(jax.random.key(0), g, 0.02)
-    return g, search(g, np.linspace(1440.0, 1560.0, 9))
+    g = g + phantoms.noise_like(jax.random.key(0), g, 0.01)
+    return g, search(g, SPEEDS)
 
 
 def test_the_image_is_sharpest_with_the_true_speed(scan):
@@ -63,12 +64,12 @@ def test_curve_and_image_are_those_of_reconstructions(scan):
     g, found = scan
 
     def image(speed):
-        stretched = SETUP.replace(radii=SETUP.radii * speed / 1470)
+        stretched = SETUP.replace(radii=SETUP.radii * speed / 1475)
         return reconstruct(stretched, g, 1e-3, low_pass=cosine_filter)
 
-    assert np.allclose(found.sharpness[2], sharpness(image(1470.0), GRID, REGION), rtol=1e-9)
+    assert np.allclose(found.sharpness[3], sharpness(image(1475.0), GRID, REGION), rtol=1e-9)
     assert np.allclose(
-        found.sharpness[0], (1440 / 1470) ** 2 * sharpness(image(1440.0), GRID, REGION), rtol=1e-9
+        found.sharpness[1], (1425 / 1475) ** 2 * sharpness(image(1425.0), GRID, REGION), rtol=1e-9
     )
     assert np.allclose(found.image, image(found.sound_speed), atol=1e-9)
     speeds = found.sound_speed + np.array([-0.5, 0.0, 0.5])
@@ -78,14 +79,11 @@ def test_curve_and_image_are_those_of_reconstructions(scan):
 
 
 def test_a_compiled_search_agrees_and_says_that_the_range_was_too_narrow(scan):
-    """With one that is not compiled, of other speeds."""
     g, found = scan
-    around = found.sound_speed + np.linspace(-30.0, 25.0, 9)
-    alone = sound_speed_by_sharpness(SETUP, g, around, sound_speed=1470.0)
-    again = search(g, around)
-    assert again.converged
-    assert np.allclose([alone.sound_speed, again.sound_speed], found.sound_speed, rtol=1e-6)
-    assert not search(g, found.sound_speeds + 90).converged  # the first is the sharpest
+    alone = sound_speed_by_sharpness(SETUP, g, SPEEDS, sound_speed=1475.0)
+    assert np.allclose(alone.sharpness, found.sharpness, rtol=1e-9)
+    assert np.isclose(alone.sound_speed, found.sound_speed, rtol=1e-6)
+    assert not search(g, SPEEDS + 100).converged  # the first is the sharpest
 
 
 @pytest.mark.parametrize(
@@ -99,7 +97,7 @@ def test_a_compiled_search_agrees_and_says_that_the_range_was_too_narrow(scan):
 )
 def test_speeds_that_will_not_do(scan, speeds, message):
     with pytest.raises(ValueError, match=message):
-        sound_speed_by_sharpness(SETUP, scan[0], speeds, sound_speed=1470.0)
+        sound_speed_by_sharpness(SETUP, scan[0], speeds, sound_speed=1475.0)
 
 
 def test_an_image_of_another_grid_is_refused():

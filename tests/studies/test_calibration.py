@@ -21,11 +21,11 @@ from jaxtat.densities.harmonic import polar_geometry
 from jaxtat.studies import calibrate
 from jaxtat.studies.calibration import Parameters, _corrected, _fit, _Problem
 
-DETECTORS = 36
-GRID = ImageGrid(29)
+DETECTORS = 24
+GRID = ImageGrid(23)
 STEP = float(GRID.spacing[0])
 CURVE, REGION = circular_arc(1.3, 1.0, DETECTORS), disk(0.95)
-RADII = 0.25 + STEP * jnp.arange(30)
+RADII = 0.25 + STEP * jnp.arange(24)
 COARSE = Setup(circular_arc(1.3, 1.0, 40), disk(1.0), ImageGrid(13), 0.2 + 0.1 * jnp.arange(24))
 CENTERS = [[0.1, 0.05], [0.3, 0.25], [-0.35, -0.1], [0.2, -0.4]]
 BELLS = phantoms.Bells(CENTERS, [0.7, 0.4, 0.3, 0.3], [1, 1.5, -1.5, 1])
@@ -49,16 +49,32 @@ def gains_and_delays(g, radii, detectors, rng):
     return g * gains[:, None], gains, eighths * STEP / 8
 
 
-def test_gains_and_delays_of_every_detector():
+@pytest.mark.filterwarnings("ignore:detectors are too few")  # images are compared, alike in this
+def test_gains_and_delays_of_every_detector(caplog):
     """Gains to 1 % and delays to a tenth of a pixel; then the image is what it would have been.
 
-    Of detectors that are given one by one, on no arc that is known.
+    Of detectors that are given one by one, on no arc that is known. Derivatives with respect to
+    data are implicit ones, of the optimum that the steps end at; all stages share their program.
     """
     setup = Setup(detector_curve(CURVE.points), REGION, GRID, RADII)
     fine = RADII[0] - STEP + STEP / 8 * jnp.arange(8 * len(RADII) + 16)
     table = np.asarray(BELLS.circular_integrals(CURVE, fine))
     g, gains, delays = gains_and_delays(table, RADII, DETECTORS, np.random.default_rng(1))
-    found = calibrate(setup, noisy(jnp.asarray(g)), unknown=("gains", "delays"))
+    g = jax.device_put(g)
+    given, direction = (
+        np.asarray(noisy(g)),
+        0.01 * np.random.default_rng(5).standard_normal(g.shape),
+    )
+
+    def calibrated(size):
+        found = calibrate(setup, given + size * direction, unknown=("gains", "delays"))
+        return (found.parameters.gains, found.parameters.delays), found
+
+    with jax.log_compiles():
+        _, tangent, found = jax.linearize(calibrated, 0.0, has_aux=True)
+    said = [record.getMessage() for record in caplog.records]
+    assert sum(text.startswith("Compiling") and "_fit" in text for text in said) == 1
+
     assert found.converged
     assert np.isnan(found.parameters.radius)
     assert np.std(found.parameters.gains / gains) < 0.01
@@ -67,19 +83,26 @@ def test_gains_and_delays_of_every_detector():
     errors = np.concatenate([found.standard_errors.gains, found.standard_errors.delays])
     assert 0.6 < np.sqrt(np.mean((off / errors) ** 2)) < 1.4
 
+    ahead = tangent(1.0)
+    far, near = (jax.linearize(calibrated, size, has_aux=True)[0] for size in (0.1, -0.1))
+    for slope, high, low in zip(ahead, far, near, strict=True):
+        np.testing.assert_allclose(slope, (high - low) / 0.2, atol=1e-5, rtol=1e-3)
+    (back,) = jax.linear_transpose(tangent, 0.0)(ahead)
+    np.testing.assert_allclose(back, sum(np.sum(np.square(slope)) for slope in ahead), rtol=1e-9)
+
     def error(g):
         image = reconstruct(setup, g, 1e-3)
         return float(jnp.linalg.norm((image - BELLS.image(GRID))[REGION.contains(GRID.points)]))
 
     untouched = noisy(BELLS.circular_integrals(CURVE, RADII))
-    assert error(found.g) < 1.5 * error(untouched) < 0.5 * error(jnp.asarray(g))
+    assert error(found.g) < 1.5 * error(untouched) < 0.5 * error(g)
 
 
 def test_delays_are_taken_out_at_any_radii():
     """Delayed data are known exactly: those of radii that are shorter by c times the delay."""
     rng, curve = np.random.default_rng(4), circular_arc(1.3, 1.0, 5)
-    radii = 0.2 + STEP / 2 * (jnp.arange(75) + rng.uniform(-0.2, 0.2, 75))
-    delays = STEP * rng.uniform(-1, 1, 5)
+    radii = 0.2 + (jnp.arange(75) + rng.uniform(-0.2, 0.2, 75)) / 28
+    delays = rng.uniform(-1, 1, 5) / 14
     late = [BELLS.circular_integrals(curve, radii - delay)[k] for k, delay in enumerate(delays)]
     problem = _Problem(
         curve=curve,
@@ -117,25 +140,6 @@ def test_what_is_not_unknown_stays_as_it_is(exact):
         assert np.all(getattr(found.standard_errors, name) == 0)
     assert np.allclose(found.g, g, atol=1e-12)
     assert np.all(np.diff(found.stages.max_frequency) > 0)
-
-
-def test_derivatives_of_the_sound_speed_with_respect_to_data(exact, caplog):
-    """Implicit ones, of the optimum that the steps end at; all stages share their program."""
-    g = noisy(exact)
-    direction = jax.random.normal(jax.random.key(5), g.shape)
-
-    def speed(size):
-        changed = g + jnp.asarray(size) * 0.01 * direction
-        return calibrate(COARSE, changed).parameters.sound_speed
-
-    with jax.log_compiles():
-        _, tangent = jax.linearize(speed, 0.0)
-    ahead = tangent(1.0)
-    said = [record.getMessage() for record in caplog.records]
-    assert sum(text.startswith("Compiling") and "_fit" in text for text in said) == 1
-    np.testing.assert_allclose(ahead, (speed(0.1) - speed(-0.1)) / 0.2, atol=1e-5, rtol=1e-3)
-    (back,) = jax.linear_transpose(tangent, 0.0)(jnp.ones(()))
-    np.testing.assert_allclose(back, ahead, rtol=1e-9)
 
 
 def test_it_can_be_traced_with_the_setup_closed_over(exact):
