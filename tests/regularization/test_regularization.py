@@ -180,7 +180,7 @@ def test_blocks_are_the_block_diagonal_matrix(rule):
         assert np.allclose(getattr(blocks, name), getattr(whole, name), atol=1e-9)
 
 
-@pytest.mark.parametrize(("rule", "at"), [(NormBound, 33.0), (FixedRank, 5.4)])
+@pytest.mark.parametrize(("rule", "at"), [(NormBound, 33.0), (FixedRank, 5.4), (Tikhonov, 0.3)])
 def test_derivatives_in_the_number_of_a_rule_and_the_right_hand_side(rule, at, check_both_modes):
     *_, a, u = problem()
 

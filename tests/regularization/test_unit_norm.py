@@ -14,7 +14,7 @@ from jaxtat.special import full_circle_norm
 
 @pytest.fixture(scope="module")
 def line():
-    return polyline([(-40.0, -1.0), (40.0, -1.0)], 2000)
+    return polyline([(-40.0, -1.0), (40.0, -1.0)], 1000)
 
 
 def test_beside_a_line_it_is_that_of_lines_seen_once_and_obliquely(line):

@@ -15,12 +15,12 @@ def test_it_is_the_sum_of_its_formula():
     image = np.asarray(universal_back_projection(g, r, curve, grid, np.zeros(2)))
     pressure = np.gradient(g / r, r, axis=-1)
     terms = pressure - r * np.gradient(pressure, r, axis=-1)
-    wanted, points = np.zeros(grid.shape), np.asarray(grid.points)
-    detectors, weights = np.asarray(curve.points), np.asarray(curve.weights)
+    wanted = np.zeros(grid.shape)
+    pixels, detectors, weights = map(np.asarray, (grid.points, curve.points, curve.weights))
     for place in np.ndindex(*grid.shape):
         total = angles = 0.0
         for z, weight, values in zip(detectors, weights, terms, strict=True):
-            offset = points[place] - z
+            offset = pixels[place] - z
             inward = -z / np.linalg.norm(z)
             angle = weight * (offset @ inward) / (offset @ offset)
             total += angle * np.interp(np.linalg.norm(offset), r, values)
