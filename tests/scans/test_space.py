@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import tifffile
 
-import jaxtat
-from jaxtat import Setup, VolumeGrid, reconstruct_file
+from jaxtat import VolumeGrid, reconstruct_file
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_scan, load_settings, save_ipasc
 from jaxtat.scans import choose, describe, estimate_sound_speed, reconstruct, setup_of
