@@ -80,7 +80,7 @@ def test_the_boundary_suffices_for_the_plan_that_is_chosen(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("jaxtat.cli.inputs.build_plan", build)
     monkeypatch.setattr("jaxtat.reporting.scan.build_plan", build)
-    monkeypatch.setattr("jaxtat.scans.estimate", lambda scan, choices: choices)
+    monkeypatch.setattr("jaxtat.scans.estimate", lambda scan, choices, **given: choices)
     assert main([*command.format(data_file).split(), "--quiet"]) == 2
     assert capsys.readouterr().err == "jaxtat: error: nothing was refused\n"
 
