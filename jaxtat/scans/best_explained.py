@@ -88,7 +88,7 @@ def dip_of(scan: Scan, choices: Choices) -> Dip:
     whole = replace(choices, max_frequency=highest, region_cut=choices.region_radius)
     setup = setup_for_speeds(scan, whole)
     if not plane_of(setup)[-1].reached:
-        return Dip(unknown("cylindrical waves do not reach the detectors"), 0.0, True)
+        return Dip(unknown("cylindrical waves do not reach the detectors"), 0.0)
     return deepest(share_by_speed(scan, whole, setup))._replace(complete=setup.complete)
 
 
