@@ -71,20 +71,20 @@ collect_ignore = [
 # The longest files, longest first: begun last, one of them would run on alone.
 SLOW = (
     "test_notebooks.py",
-    "studies/test_calibration.py",
-    "reconstruction/test_plan.py",
-    "constraints/test_model_based.py",
-    "tests/test_gradients.py",
-    "spherical/test_reconstruction.py",
-    "reconstruction/test_operator.py",
-    "reconstruction/test_setup.py",
     "tests/test_others_data.py",
-    "paper/test_paper.py",
     "tests/test_docs.py",
-    "steps/test_fbp.py",
-    "studies/test_noise_choice.py",
-    "studies/test_autofocus.py",
-    "tests/test_readme.py",
+    "paper/test_paper.py",
+    "studies/test_calibration.py",
+    "cli/test_cli.py",
+    "reconstruction/test_setup.py",
+    "constraints/test_model_based.py",
+    "spherical/test_reconstruction.py",
+    "reconstruction/test_plan.py",
+    "reconstruction/test_operator.py",
+    "constraints/test_radial_filter.py",
+    "base/test_parallel.py",
+    "streams/test_live.py",
+    "reconstruction/test_solve.py",
 )
 
 
