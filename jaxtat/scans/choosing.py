@@ -42,12 +42,28 @@ def estimate(scan: Scan, choices: Choices, **given: Any) -> Choices:
     Args:
         scan: as for `choose`.
         choices: of `choose`.
-        given: with which they were chosen.
+        given: the options with which they were chosen.
+
+    Raises:
+        ValueError: for options of the choices that are not given here too, where the model is told
+            by images: the choices for the other model need them.
     """
     if in_doubt(choices):
+        _require_options(choices, given)
         other = choose(scan, **given | {"model": OTHER[choices.model]})
         choices = better_model(scan, choices, other)
     return estimate_alpha(scan, estimate_sound_speed(scan, choices))
+
+
+def _require_options(choices: Choices, given: Mapping[str, Any]) -> None:
+    options = {"channels": "use"}
+    asked = [options.get(name, name) for name, why in choices.reasons if why.startswith("given")]
+    missing = [name for name in asked if given.get(name) is None]
+    if missing:
+        raise ValueError(
+            f"the choices were made with {', '.join(missing)} given: give estimate the same "
+            "options."
+        )
 
 
 NAMES = ("use", "radii", "impulse_response", "laser_energy", *(choice.name for choice in OPTIONS))

@@ -71,6 +71,13 @@ def test_all_other_choices_are_those_of_the_model_that_is_told():
         assert getattr(found, name) == getattr(asked, name), name
 
 
+def test_options_of_choose_are_not_lost():
+    made = saved(record(), HALF, 0.05)
+    for options in ({"pixels": 41}, {"use": np.arange(59)}, {"region_radius": 0.012}):
+        with pytest.raises(ValueError, match=f"with {next(iter(options))} given: give estimate"):
+            estimate(made, choose(made, **options))
+
+
 def test_a_given_model_is_not_in_doubt():
     made = saved(record(), HALF, 0.05)
     assert in_doubt(choose(made)) and not in_doubt(choose(made, model="2d"))
