@@ -13,9 +13,9 @@ import numpy as np
 from cases import SIZES, Case, cases, truth, write
 
 
-def examine(case: Case, size: str, folder: Path) -> dict:
+def examine(case: Case, size: str, oracle: bool, folder: Path) -> dict:
     """The row of the table; pictures go into the folder as NAME.images.npz."""
-    from oracle import best, window
+    from oracle import window
 
     from jaxtat.io import load_scan
     from jaxtat.scans import choose, estimate, reconstruct
@@ -24,28 +24,35 @@ def examine(case: Case, size: str, folder: Path) -> dict:
     body = truth(case, SIZES[size])
     where = window(body)
     row: dict = {"name": case.name, "half": case.half, "error": float("nan"), "failed": ""}
-    start = time.perf_counter()
+    start = time.process_time()
     pictures = {"truth": where.truth}
     try:
         scan = load_scan(path)
         choices = estimate(scan, choose(scan))
         row |= _chosen(case, body, choices)
         pictures["chosen"] = where.seen(reconstruct(scan, choices))
-        row |= {"error": where.error(pictures["chosen"]), "seconds": time.perf_counter() - start}
+        row |= {"error": where.error(pictures["chosen"]), "seconds": time.process_time() - start}
         row["reasons"] = choices.table()
     except Exception as problem:
         row |= {"failed": f"{type(problem).__name__}: {problem}", "where": traceback.format_exc()}
-    scan = load_scan(path)
+    if oracle:
+        row |= _best(load_scan(path), case, body, where, pictures)
+    np.savez_compressed(folder / f"{case.name}.images.npz", **pictures)
+    return row
+
+
+def _best(scan, case: Case, body, where, pictures: dict) -> dict:
+    """What the oracle adds to row and pictures."""
+    from oracle import best
+
     if scan.n_frames > 1:
         scan = replace(scan, data=scan.data[:1], known=_without_frames(scan.known))
     try:
         found = best(scan, case, body, where)
-        pictures["oracle"] = found.image
-        row |= {"oracle": found.error, "oracle_alpha": found.alpha, "shows": found.shows}
     except Exception as problem:
-        row["oracle_failed"] = f"{type(problem).__name__}: {problem}"
-    np.savez_compressed(folder / f"{case.name}.images.npz", **pictures)
-    return row
+        return {"oracle_failed": f"{type(problem).__name__}: {problem}"}
+    pictures["oracle"] = found.image
+    return {"oracle": found.error, "oracle_alpha": found.alpha, "shows": found.shows}
 
 
 def _without_frames(known: dict) -> dict:
@@ -72,6 +79,6 @@ def _chosen(case: Case, body, choices) -> dict:
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
     warnings.simplefilter("ignore")
-    name, size, folder = sys.argv[1:]
+    name, size, against, folder = sys.argv[1:]
     (case,) = (case for case in cases() if case.name == name)
-    print(json.dumps(examine(case, size, Path(folder))))
+    print(json.dumps(examine(case, size, against == "oracle", Path(folder))))

@@ -12,12 +12,16 @@ from scipy.ndimage import map_coordinates
 
 from jaxtat.io import Scan
 from jaxtat.scans import Choices, ScanImages, choose, reconstruct
+from jaxtat.scans.facts import typical_frame
+from jaxtat.scans.speed import sharpness_by_speed
 
 ALPHAS = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
 RULES = tuple((alpha, low_pass) for alpha in ALPHAS for low_pass in ("none", "cosine"))
 SHARES = (0.0, 0.25, 0.5)  # of the way from the water's speed to the body's
-SPEEDS = (0.97, 0.985, 1.0, 1.015, 1.03)
-PEAK = 1.05  # of sharpness at the true speed over its median beside it: then the image shows it
+SPEEDS = np.linspace(0.9, 1.1, 81)  # over the true one
+BESIDE = 0.0201  # of the true speed: what is farther off is the surroundings of a peak there
+PEAK = 1.05  # of sharpness over the straight line through its surroundings: then images show it
+TO = 0.0051  # of the true speed: as near as the peak must be
 TO_SPARE = 1.1  # of the body's radius: where errors are taken
 
 
@@ -79,7 +83,7 @@ def best(scan: Scan, case: Case, body: Body, where: Window) -> Best:
             found.append((where.error(image), alpha, speed, choices))
     _, alpha, speed, choices = min(found, key=lambda entry: entry[0])
     image = where.seen(reconstruct(scan, choices))
-    shows = direct and _shows(scan, given | {"alpha": max(alpha, 1e-3)}, case, where)
+    shows = direct and _shows(scan, given | {"alpha": max(alpha, 1e-3)}, case)
     return Best(image, where.error(image), alpha, speed, shows)
 
 
@@ -99,13 +103,21 @@ def _known(case: Case, body: Body) -> dict:
     }
 
 
-def _shows(scan: Scan, given: dict, case: Case, where: Window) -> bool:
-    """Whether the image is sharpest at the true speed, over where the body is."""
+def _shows(scan: Scan, given: dict, case: Case) -> bool:
+    """Whether sharpness has a peak over its surroundings within 0.5 % of the true speed.
+
+    Of images that know region and model, but are not scaled to the truth as for errors: of an image
+    that is displaced so little of the truth is left that anything would be sharpest at its speed.
+    Higher peaks far from there do not count.
+    """
     if case.model == "in-space" or case.water != case.speed:
         return False
-    values = []
-    for factor in SPEEDS:
-        choices = choose(scan, sound_speed=factor * case.speed, **given)
-        image = where.seen(reconstruct(scan, _coarse(choices)))
-        values.append(sum(float(np.sum(slope**2)) for slope in np.gradient(image)))
-    return int(np.argmax(values)) == 2 and values[2] > PEAK * float(np.median(values))
+    choices = choose(scan, sound_speed=case.speed, **given)
+    sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
+    if sharpness_at is None:
+        return False
+    values, around = sharpness_at(SPEEDS).sum(axis=1), np.abs(SPEEDS - 1) > BESIDE
+    line = np.polyval(np.polyfit(SPEEDS[around], values[around], 1), SPEEDS)
+    heights = np.where(around, 0.0, values / line)
+    highest = int(np.argmax(heights))
+    return abs(SPEEDS[highest] - 1) < TO and bool(heights[highest] > PEAK)

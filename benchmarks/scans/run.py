@@ -1,6 +1,7 @@
 """Reconstructs all scans with no option, and shows what came of it beside the truth.
 
-    python benchmarks/scans/run.py [--half rules|held-out] [--only NAME] [--quick] [--out FOLDER]
+    python benchmarks/scans/run.py [--half rules|held-out] [--only NAME] [--quick] [--no-oracle]
+        [--out FOLDER]
 
 Writes scans.csv, scans.md and contact sheets (truth, with no option, oracle) into the folder.
 Rules in `jaxtat.scans` are made by looking at the half "rules" alone; the other half is what
@@ -53,6 +54,7 @@ def main() -> None:
     parser.add_argument("--half", choices=HALVES)
     parser.add_argument("--only", metavar="NAME", help="scans whose name holds this")
     parser.add_argument("--quick", action="store_true", help="0.3 of all detectors and samples")
+    parser.add_argument("--no-oracle", action="store_true", help="but what jaxtat chooses alone")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="scans at a time")
     parser.add_argument("--out", type=Path, default=Path("out/scans"), metavar="FOLDER")
     options = parser.parse_args()
@@ -67,7 +69,10 @@ def main() -> None:
     rows: list[dict] = []
     size = "quick" if options.quick else "full"
     with ThreadPoolExecutor(options.jobs) as pool:
-        for row in pool.map(lambda case: examined(case, size, options.out), wanted):
+        made = pool.map(
+            lambda case: examined(case, size, not options.no_oracle, options.out), wanted
+        )
+        for row in made:
             rows.append(row)
             print(line(row), flush=True)
             write_tables(rows, options.out)
@@ -77,14 +82,15 @@ def main() -> None:
     draw(worst(rows), options.out, options.out / "worst.png", columns=3)
 
 
-def examined(case, size: str, folder: Path) -> dict:
-    row = in_a_process(case.name, size, folder)
+def examined(case, size: str, oracle: bool, folder: Path) -> dict:
+    row = in_a_process(case.name, size, oracle, folder)
     return row | {"half": case.half, "dirt": described(case)}
 
 
-def in_a_process(name: str, size: str, folder: Path) -> dict:
+def in_a_process(name: str, size: str, oracle: bool, folder: Path) -> dict:
     """Of a child, whose end, whatever it was, is a row."""
-    command = [sys.executable, str(HERE / "examine.py"), name, size, str(folder)]
+    against = "oracle" if oracle else "alone"
+    command = [sys.executable, str(HERE / "examine.py"), name, size, against, str(folder)]
     start = time.perf_counter()
     try:
         environment = os.environ | (UNOPTIMISED if size == "quick" else {})
@@ -159,8 +165,9 @@ def summary(rows: list[dict]) -> str:
             f"{np.quantile(ratio, 0.95):.2f}; at most 2 in {int(np.sum(ratio <= 2))} of "
             f"{len(ratio)}."
         )
+    if done:
         slowest = max(number(row, "seconds") for row in done)
-        lines.append(f"- Slowest: {slowest:.0f} s in a new process.")
+        lines.append(f"- Slowest: {slowest:.0f} s of a processor, in a new process.")
     return "\n".join(lines)
 
 

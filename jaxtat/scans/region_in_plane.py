@@ -13,6 +13,8 @@ from .found import SHARES, TO_BE_ESTIMATED, Found, covered, require_scale, slowe
 from .hearing import Sound, body_heard, near_side_heard
 
 MARGIN, SPREAD = 1.18, 1.2  # of the region: times as far as sound comes from, and deviations
+SUPPOSED = 0.25  # of the detectors' radius: as far a body reaches from the middle, if not known
+LITTLE = -0.5  # of the region's radius: a chord there leaves a fifth of the disk
 
 
 def region_of_sound(
@@ -65,9 +67,8 @@ def region_of_sound(
     radius = float(found.take("region_radius", wanted, why, grade))
     toward = np.array([np.cos(arc.opening), np.sin(arc.opening)])
     told = grade != GUESSED  # the region is not the most that the detectors cover
-    cut_at_opening(
-        arc, found, radius, float(body.middle @ toward) + body.radius if told else -np.inf
-    )
+    sounds = float(body.middle @ toward) + body.radius if told else SUPPOSED * arc.radius
+    cut_at_opening(arc, found, radius, sounds)
     found.take("half_width", radius, "the region", grade)
 
 
@@ -101,7 +102,8 @@ def cut_at_opening(arc: ArcFit, found: Found, radius: float, beyond: float = -np
     Args:
         beyond: how far from the middle it sounds, towards the opening, if that is known [length].
     """
-    whole = found.given.get("region_radius") is not None or beyond > arc.chord
+    little_left = arc.chord < LITTLE * radius
+    whole = found.given.get("region_radius") is not None or beyond > arc.chord or little_left
     ends = arc.chord < radius and not whole
     cut = arc.chord if ends else radius
     why = "what lies beyond the arc's ends is not seen" if ends else "all of the disk"

@@ -211,6 +211,16 @@ def test_beyond_the_ends_of_the_arc_nothing_is_seen(pressure):
     assert given.region_cut == given.region_radius  # as asked
 
 
+@pytest.mark.parametrize("degrees", [180.0, 90.0])
+def test_the_chord_of_a_short_arc_does_not_cut_off_the_middle(pressure, degrees):
+    """Sources all over, from detectors whose chord leaves half of the disk, or hardly any of it."""
+    loud = np.random.default_rng(0).standard_normal(pressure.shape)
+    known = {"detectors": positions(n=N, span=degrees), "times": TIMES, "sound_speed": SPEED}
+    chosen = choose(Scan("pressure", loud, known))
+    assert chosen.grade("region_radius") == "guessed"
+    assert chosen.region_cut == chosen.region_radius > 0.6 * RADIUS
+
+
 def test_what_sounds_beyond_the_ends_of_the_arc_is_shown():
     """A half circle, whose chord runs through the middle of what sounds."""
     t = np.arange(600) / (4 * RATE)
