@@ -120,4 +120,4 @@ def _shows(scan: Scan, given: dict, case: Case) -> bool:
     line = np.polyval(np.polyfit(SPEEDS[around], values[around], 1), SPEEDS)
     heights = np.where(around, 0.0, values / line)
     highest = int(np.argmax(heights))
-    return abs(SPEEDS[highest] - 1) < TO and bool(heights[highest] > PEAK)
+    return bool(abs(SPEEDS[highest] - 1) < TO and heights[highest] > PEAK)
