@@ -154,7 +154,7 @@ class Live(eqx.Module):
         if sound_speed is not None or solved_anew:
             radii = _radii(self._pressure, setup, speed)
             if not np.array_equal(radii, self.radii):
-                kernels = integrals_to_waves(radii, setup.frequencies, self.dtype)
+                kernels = _kernels(self._pressure, radii, setup, self.dtype)
             # begun here, and done while numpy works below
             samples = _samples(kernels, self._pressure, radii, speed)
         if rule is not self.rule or solved_anew:
@@ -289,7 +289,7 @@ def live(
     else:
         densities = in_precision(plan.densities, dtype)
     radii = _radii(asked.pressure, setup, asked.sound_speed)
-    kernels = integrals_to_waves(radii, setup.frequencies, dtype)
+    kernels = _kernels(asked.pressure, radii, setup, dtype)
     samples = _samples(kernels, asked.pressure, radii, asked.sound_speed)
     return Live(
         setup=setup,
@@ -343,6 +343,13 @@ def _ready(
     weights = jnp.asarray(setup.curve.weights)
     weights, eta, along = (x.astype(dtype) for x in (weights, eta, along))
     return _Ready(samples, densities, weights, eta, along)
+
+
+def _kernels(
+    pressure: Pressure | None, radii: Array, setup: Setup, dtype: np.dtype
+) -> Float[Array, "rows radii"]:
+    """For pressure of equispaced radii, see `_radii`."""
+    return integrals_to_waves(radii, setup.frequencies, dtype, pressure is not None)
 
 
 def _samples(

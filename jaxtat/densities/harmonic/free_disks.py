@@ -108,13 +108,14 @@ def free_waves(
     # beyond lambda r waves change with r like powers of the order
     highest = max(known.max(), needed.max() / distances.min())
     places, to_elements = few_distances(distances.ravel(), highest, dtype)
+    to_elements = None if to_elements is None else to_elements.astype(dtype)
     angular = _angular(local, shares, usual, int(needed.max())).astype(dtype)
     around, units = circle_places(usual), np.empty(len(known))
 
     def fill(number: int, waves: Float[np.ndarray, "orders 2 places"]) -> None:
-        values = waves.reshape(-1, len(places))
+        values = waves.reshape(-1, len(places)).astype(dtype)
         values = values if to_elements is None else values @ to_elements
-        values = values.astype(dtype).reshape(*waves.shape[:2], *distances.shape)
+        values = values.reshape(*waves.shape[:2], *distances.shape)
         matrix = each[number][0].reshape(-1, 2, 2, distances.shape[1])  # orders, cos|sin, J|Y
         _products(matrix, values, angular)
         if not usual.on_circle:
@@ -160,9 +161,9 @@ def free_densities(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> Harmo
             each.append((matrix[0], size, *([part[i, 0] for part in parts] for parts in factor)))
 
     def find(number: int) -> None:
-        matrix, size, left, inverse = each[number]
+        matrix, size, above, inverse = each[number]
         used = matrix[: waves.rows[number]].astype(float if exact else matrix.dtype, copy=False)
-        factorize(used if size == len(matrix) else used.T, alphas[number], left, inverse)
+        factorize(used if size == len(matrix) else used.T, alphas[number], above, inverse)
 
     # a thread for each matrix: more, within one, would wait for each other; the largest first
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -182,10 +183,10 @@ def _least(waves: FreeWaves, alphas: Float[np.ndarray, " f"]) -> float:
 
 
 def _empty_blocks(n: int, size: int, dtype: Any) -> tuple[tuple[np.ndarray, ...], ...]:
-    """`Cholesky.left` and `inverse` of n matrices, to be written."""
+    """`Cholesky.above` and `inverse` of n matrices, to be written."""
     bounds = block_bounds(size)
-    left = tuple(_empty((n, 1, stop - start, start), dtype) for start, stop in bounds)
-    return left, tuple(_empty((n, 1, *2 * (stop - start,)), dtype) for start, stop in bounds)
+    above = tuple(_empty((n, 1, start, stop - start), dtype) for start, stop in bounds)
+    return above, tuple(_empty((n, 1, *2 * (stop - start,)), dtype) for start, stop in bounds)
 
 
 def _space(
