@@ -105,8 +105,8 @@ class Live(eqx.Module):
                 by default `energy`.
 
         Raises:
-            ValueError: for frames of another shape or type, or with NaN, and for energies that are
-                not positive.
+            ValueError: for frames of another shape or type, with NaN, or none at all, and for
+                energies that are not positive.
         """
         frames, batch = self._checked(frames)
         energies = self._energies(energy, batch)
@@ -186,6 +186,8 @@ class Live(eqx.Module):
                 f"frames have shape {values.shape} and type {dtype}, expected real numbers "
                 f"(..., {self.frame_shape[0]}, {self.frame_shape[1]})."
             )
+        if values.size == 0:
+            raise ValueError(f"frames have shape {values.shape}: a stack of no frames at all.")
         if self._rows is not None:
             values = values[..., list(self._rows), :]
         if dtype.kind == "f" and not np.isfinite(values).all():
@@ -349,7 +351,8 @@ def _kernels(
     pressure: Pressure | None, radii: Array, setup: Setup, dtype: np.dtype
 ) -> Float[Array, "rows radii"]:
     """For pressure of equispaced radii, see `_radii`."""
-    return integrals_to_waves(radii, setup.frequencies, dtype, pressure is not None)
+    found = integrals_to_waves(radii, setup.frequencies, equispaced=pressure is not None)
+    return found.astype(dtype)  # here, so that both precisions have one program
 
 
 def _samples(

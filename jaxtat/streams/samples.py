@@ -13,7 +13,6 @@ from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ..records.pressure import cosine_coefficients, integrals_of_cosines, samples_from_zero
@@ -49,7 +48,6 @@ def pressure_of(
 def integrals_to_waves(
     radii: Float[Array, " radii"],
     frequencies: Float[Array, " frequencies"],
-    dtype: np.dtype,
     equispaced: bool,
 ) -> Float[Array, "rows radii"]:
     """K of the formula above, (G_J, G_Y) at each frequency in turn, and ∫ g dr.
@@ -57,7 +55,6 @@ def integrals_to_waves(
     Args:
         radii: r [length].
         frequencies: lambda [rad/length].
-        dtype: of the result.
         equispaced: whether the radii are, for which no products are needed.
     """
     nodes, weights = radii, trapezoid_weights(radii)
@@ -65,7 +62,7 @@ def integrals_to_waves(
         nodes, weights = radial_quadrature(radii)
     kernels = jnp.stack(both_kinds(0, frequencies[:, None] * nodes), axis=1)
     rows = jnp.concatenate([kernels.reshape(-1, nodes.shape[0]), jnp.ones_like(nodes)[None]])
-    return (rows * weights if equispaced else rows @ weights).astype(dtype)
+    return rows * weights if equispaced else rows @ weights
 
 
 @eqx.filter_jit
