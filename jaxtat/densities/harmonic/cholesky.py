@@ -15,8 +15,9 @@ from itertools import pairwise
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
 from jaxtyping import Array, Float
+
+from .lapack import cholesky, invert, multiply, square
 
 BLOCK = 256  # columns at most: more blocks take less memory, and longer to compile
 _LEAF = 64  # rows of a triangle that is inverted without being parted
@@ -90,35 +91,28 @@ def factorize(
             of_above[...], of_inverse[...] = 0, np.eye(size)
         if k:
             of_above[:, :k] = upper[:start, used]
-            _invert(upper[used, used], of_inverse[:k, :k])
+            _invert(upper[used, used])
+            of_inverse[:k, :k] = upper[used, used]
 
 
 def _root(wide: Float[np.ndarray, "n columns"], alpha: float) -> Float[np.ndarray, "n n"]:
     """U of W W^T + alpha."""
-    n, by_rows = len(wide), wide.flags.c_contiguous
-    potrf = scipy.linalg.get_lapack_funcs("potrf", (wide,))
-    syrk = scipy.linalg.get_blas_funcs("syrk", (wide,))
-    # BLAS has columns in order: what is a lower triangle to it is an upper one here
+    n = len(wide)
     upper = np.zeros((n, n), wide.dtype)
-    wide = wide.T if by_rows else wide
-    syrk(1.0, wide, c=upper.T, trans=by_rows, lower=True, overwrite_c=True)
+    square(wide, upper)
     upper.reshape(-1)[:: n + 1] += alpha
-    _, failed = potrf(upper.T, lower=True, overwrite_a=True, clean=False)
-    if failed:
+    if not cholesky(upper):
         raise np.linalg.LinAlgError("alpha is less than rounding: the matrix is not positive.")
     return upper
 
 
-def _invert(upper: Float[np.ndarray, "n n"], inverse: Float[np.ndarray, "n n"]) -> None:
-    """Write U^-1, by its halves: most of it is products, unlike in LAPACK."""
-    n = len(upper)
+def _invert(triangle: Float[np.ndarray, "n n"]) -> None:
+    """Write the inverse over an upper triangle, by its halves: products are what is fast."""
+    n, h = len(triangle), len(triangle) // 2
     if n <= _LEAF:
-        trtri = scipy.linalg.get_lapack_funcs("trtri", (upper,))
-        inverse[...] = trtri(upper.T, lower=True)[0].T
+        invert(triangle)
         return
-    h = n // 2
-    first, last = inverse[:h, :h], inverse[h:, h:]
-    _invert(upper[:h, :h], first)
-    _invert(upper[h:, h:], last)
-    inverse[h:, :h] = 0
-    np.matmul(first, upper[:h, h:] @ -last, out=inverse[:h, h:])
+    first, last = triangle[:h, :h], triangle[h:, h:]
+    _invert(first)
+    _invert(last)
+    multiply(-1.0, first, triangle[:h, h:], last)

@@ -11,7 +11,6 @@ tau_m = 2 π R (J_m² + J_m'²)(lambda R), by Graf's theorem. With (d, phi) the 
 """
 
 import numpy as np
-import scipy.special
 from jaxtyping import Float, Int
 
 from .polar import PolarGeometry
