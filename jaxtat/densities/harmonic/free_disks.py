@@ -38,7 +38,9 @@ from .tikhonov_rows import alphas_of
 AT_ONCE = 64  # frequencies of one call, whose tables stay in a cache
 EXACT_BELOW = 3e-3  # alpha over its unit, below which factors are found in double precision,
 DOUBLE_BELOW = 3e-4  # and below which matrices are to be kept so
-_TOLERANCE = {4: 1e-5, 8: TOLERANCE}  # of orders, as in `highest_orders`, by bytes of a number
+# of orders, as in `highest_orders`, by bytes of a number; those left out change images by about the
+# square of it over alpha^1.5, alpha over its unit
+_TOLERANCE = {4: 1e-5, 8: TOLERANCE}
 _ALIGNED = 64  # bytes: such arrays JAX takes without a copy
 
 
