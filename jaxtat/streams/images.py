@@ -105,8 +105,8 @@ class Live(eqx.Module):
                 by default `energy`.
 
         Raises:
-            ValueError: for frames of another shape or type, or with NaN, and for energies that are
-                not positive.
+            ValueError: for frames of another shape or type, with NaN, or none at all, and for
+                energies that are not positive.
         """
         frames, batch = self._checked(frames)
         energies = self._energies(energy, batch)
@@ -154,7 +154,7 @@ class Live(eqx.Module):
         if sound_speed is not None or solved_anew:
             radii = _radii(self._pressure, setup, speed)
             if not np.array_equal(radii, self.radii):
-                kernels = integrals_to_waves(radii, setup.frequencies, self.dtype)
+                kernels = _kernels(self._pressure, radii, setup, self.dtype)
             # begun here, and done while numpy works below
             samples = _samples(kernels, self._pressure, radii, speed)
         if rule is not self.rule or solved_anew:
@@ -186,6 +186,8 @@ class Live(eqx.Module):
                 f"frames have shape {values.shape} and type {dtype}, expected real numbers "
                 f"(..., {self.frame_shape[0]}, {self.frame_shape[1]})."
             )
+        if values.size == 0:
+            raise ValueError(f"frames have shape {values.shape}: a stack of no frames at all.")
         if self._rows is not None:
             values = values[..., list(self._rows), :]
         if dtype.kind == "f" and not np.isfinite(values).all():
@@ -289,7 +291,7 @@ def live(
     else:
         densities = in_precision(plan.densities, dtype)
     radii = _radii(asked.pressure, setup, asked.sound_speed)
-    kernels = integrals_to_waves(radii, setup.frequencies, dtype)
+    kernels = _kernels(asked.pressure, radii, setup, dtype)
     samples = _samples(kernels, asked.pressure, radii, asked.sound_speed)
     return Live(
         setup=setup,
@@ -343,6 +345,14 @@ def _ready(
     weights = jnp.asarray(setup.curve.weights)
     weights, eta, along = (x.astype(dtype) for x in (weights, eta, along))
     return _Ready(samples, densities, weights, eta, along)
+
+
+def _kernels(
+    pressure: Pressure | None, radii: Array, setup: Setup, dtype: np.dtype
+) -> Float[Array, "rows radii"]:
+    """For pressure of equispaced radii, see `_radii`."""
+    found = integrals_to_waves(radii, setup.frequencies, equispaced=pressure is not None)
+    return found.astype(dtype)  # here, so that both precisions have one program
 
 
 def _samples(

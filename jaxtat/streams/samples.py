@@ -13,12 +13,11 @@ from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ..records.pressure import cosine_coefficients, integrals_of_cosines, samples_from_zero
-from ..steps.quadrature import radial_quadrature
-from ..steps.radial_transforms import radial_kernels
+from ..special import both_kinds
+from ..steps.quadrature import radial_quadrature, trapezoid_weights
 
 
 class Pressure(eqx.Module):
@@ -47,18 +46,23 @@ def pressure_of(
 
 @eqx.filter_jit
 def integrals_to_waves(
-    radii: Float[Array, " radii"], frequencies: Float[Array, " frequencies"], dtype: np.dtype
+    radii: Float[Array, " radii"],
+    frequencies: Float[Array, " frequencies"],
+    equispaced: bool,
 ) -> Float[Array, "rows radii"]:
     """K of the formula above, (G_J, G_Y) at each frequency in turn, and ∫ g dr.
 
     Args:
         radii: r [length].
         frequencies: lambda [rad/length].
-        dtype: of the result.
+        equispaced: whether the radii are, for which no products are needed.
     """
-    kernels = radial_kernels(radii, frequencies).reshape(-1, radii.shape[0])
-    _, weights = radial_quadrature(radii)
-    return jnp.concatenate([kernels, jnp.sum(weights, axis=0)[None]]).astype(dtype)
+    nodes, weights = radii, trapezoid_weights(radii)
+    if not equispaced:
+        nodes, weights = radial_quadrature(radii)
+    kernels = jnp.stack(both_kinds(0, frequencies[:, None] * nodes), axis=1)
+    rows = jnp.concatenate([kernels.reshape(-1, nodes.shape[0]), jnp.ones_like(nodes)[None]])
+    return rows * weights if equispaced else rows @ weights
 
 
 @eqx.filter_jit

@@ -1,12 +1,12 @@
-"""Cholesky factors in blocks: found by numpy, and applied by products alone.
+"""Cholesky factors in blocks: found by LAPACK, and applied by products alone.
 
-M = L L^T with rows of L in blocks, block i (L_i0 ... L_ii). Kept are what is left of the diagonal,
-and L_ii^-1. Both substitutions,
+M = U^T U with columns of U in blocks, block i (U_0i ... U_ii). Kept are what is above the diagonal,
+and U_ii^-1. Both substitutions,
 
-    y_i = L_ii^-1 (b_i - Σ_j<i L_ij y_j),    x_i = L_ii^-T (y_i - Σ_j>i L_ji^T x_j),
+    y_i = (b_i - Σ_j<i y_j U_ji) U_ii^-1,    x_i = U_ii^-1 (y_i - Σ_j>i U_ij x_j),
 
-are then products, as is most of the factorization. A factor takes half the time of an inverse and
-three quarters of its memory.
+the first one in rows, are then products. A factor takes half the time of an inverse and three
+quarters of its memory.
 """
 
 from collections.abc import Sequence
@@ -15,50 +15,52 @@ from itertools import pairwise
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
 from jaxtyping import Array, Float
 
-BLOCK = 256  # rows at most: more blocks take less memory, and longer to compile
+from .lapack import cholesky, invert, multiply, square
+
+BLOCK = 256  # columns at most: more blocks take less memory, and longer to compile
 _LEAF = 64  # rows of a triangle that is inverted without being parted
 
 
 class Cholesky(eqx.Module):
-    """L of M = L L^T.
+    """U of M = U^T U.
 
     Attributes:
-        left: of each block of rows, what is left of the diagonal.
-        inverse: L_ii^-1.
+        above: of each block of columns, what is above the diagonal.
+        inverse: U_ii^-1.
     """
 
-    left: tuple[Float[Array, "*f _ _"], ...]
+    above: tuple[Float[Array, "*f _ _"], ...]
     inverse: tuple[Float[Array, "*f _ _"], ...]
 
     def solve(self, columns: Float[Array, "*f k columns"]) -> Float[Array, "*f k columns"]:
         """M^-1 columns."""
-        found: list[Array] = []
-        for left, inverse in zip(self.left, self.inverse, strict=True):
-            start, size = left.shape[-1], inverse.shape[-1]
-            part = columns[..., start : start + size, :]
+        # rows, then columns: transposed matrices on the left are slow
+        rows, found = jnp.swapaxes(columns, -1, -2), []
+        for above, inverse in zip(self.above, self.inverse, strict=True):
+            start, size = above.shape[-2:]
+            part = rows[..., start : start + size]
             if start:
-                part -= left @ jnp.concatenate(found, axis=-2)
-            found.append(inverse @ part)
-        # rows instead of columns: transposed matrices on the left are slow
-        rest, solved = jnp.swapaxes(jnp.concatenate(found, axis=-2), -1, -2), []
-        for left, inverse in zip(self.left[::-1], self.inverse[::-1], strict=True):
-            start = left.shape[-1]
-            part = rest[..., start:] @ inverse
+                part -= jnp.concatenate(found, axis=-1) @ above
+            found.append(part @ inverse)
+        rest = jnp.swapaxes(jnp.concatenate(found, axis=-1), -1, -2)
+        solved: list[Array] = []
+        for above, inverse in zip(self.above[::-1], self.inverse[::-1], strict=True):
+            start = above.shape[-2]
+            part = inverse @ rest[..., start:, :]
             solved.insert(0, part)
-            rest = rest[..., :start] - part @ left
-        return jnp.swapaxes(jnp.concatenate(solved, axis=-1), -1, -2)
+            rest = rest[..., :start, :] - above @ part
+        return jnp.concatenate(solved, axis=-2)
 
     @property
     def size(self) -> int:
         """Rows of M."""
-        return self.left[-1].shape[-1] + self.inverse[-1].shape[-1]
+        return sum(self.above[-1].shape[-2:])
 
 
 def block_bounds(size: int) -> list[tuple[int, int]]:
-    """First row and last + 1 of each block."""
+    """First column and last + 1 of each block."""
     bounds = np.linspace(0, size, -(-size // BLOCK) + 1).astype(int).tolist()
     return list(pairwise(bounds))
 
@@ -66,58 +68,51 @@ def block_bounds(size: int) -> list[tuple[int, int]]:
 def factorize(
     wide: Float[np.ndarray, "rows columns"],
     alpha: float,
-    left: Sequence[Float[np.ndarray, "_ _"]],
+    above: Sequence[Float[np.ndarray, "_ _"]],
     inverse: Sequence[Float[np.ndarray, "_ _"]],
 ) -> None:
     """Write the factor of W W^T + alpha, found in the precision of W.
 
     Args:
-        wide: W. Further rows, up to the size of M, are zero: there L is the identity.
+        wide: W, rows or columns contiguous. Further rows, up to the size of M, are zero: there U is
+            the identity.
         alpha: positive.
-        left, inverse: written, as in `Cholesky`, of one matrix.
+        above, inverse: written, as in `Cholesky`, of one matrix.
 
     Raises:
         LinAlgError: where alpha is less than rounding.
     """
-    before: list[tuple[int, np.ndarray, np.ndarray]] = []
-    for of_left, of_inverse in zip(left, inverse, strict=True):
-        size, start = of_left.shape
-        rows = wide[start : start + size]
-        n = len(rows)
-        of_left[n:], of_inverse[...] = 0, np.eye(size)
-        if n:
-            found = rows @ wide[:start].T
-            for first, earlier, triangle in before:
-                block = found[:, first : first + len(triangle)]
-                block[...] = (block - found[:, :first] @ earlier.T) @ triangle.T
-            triangle = _inverse_root(rows @ rows.T, found, alpha)
-            of_left[:n], of_inverse[:n, :n] = found, triangle
-            before.append((start, found, triangle))
+    upper, n = _root(wide, alpha), len(wide)
+    for of_above, of_inverse in zip(above, inverse, strict=True):
+        start, size = of_above.shape
+        used = slice(start, min(start + size, n))
+        k = max(used.stop - start, 0)
+        if k < size:
+            of_above[...], of_inverse[...] = 0, np.eye(size)
+        if k:
+            of_above[:, :k] = upper[:start, used]
+            _invert(upper[used, used])
+            of_inverse[:k, :k] = upper[used, used]
 
 
-def _inverse_root(
-    gram: Float[np.ndarray, "b b"], found: Float[np.ndarray, "b before"], alpha: float
-) -> Float[np.ndarray, "b b"]:
-    """L^-1 of gram + alpha - found found^T = L L^T."""
-    if found.size:
-        gram -= found @ found.T
-    gram[np.diag_indices(len(gram))] += alpha
-    (potrf,) = scipy.linalg.get_lapack_funcs(("potrf",), (gram,))
-    # LAPACK has columns in order: what is an upper triangle to it is a lower one here
-    upper, failed = potrf(gram.T, lower=False, overwrite_a=True, clean=True)
-    if failed:
+def _root(wide: Float[np.ndarray, "n columns"], alpha: float) -> Float[np.ndarray, "n n"]:
+    """U of W W^T + alpha."""
+    n = len(wide)
+    upper = np.zeros((n, n), wide.dtype)
+    square(wide, upper)
+    upper.reshape(-1)[:: n + 1] += alpha
+    if not cholesky(upper):
         raise np.linalg.LinAlgError("alpha is less than rounding: the matrix is not positive.")
-    return _triangle_inverse(upper.T)
+    return upper
 
 
-def _triangle_inverse(triangle: Float[np.ndarray, "b b"]) -> Float[np.ndarray, "b b"]:
-    """Of a lower triangle, by its halves: most of it is products, unlike in LAPACK."""
-    if len(triangle) <= _LEAF:
-        (trtri,) = scipy.linalg.get_lapack_funcs(("trtri",), (triangle,))
-        return trtri(triangle.T, lower=False)[0].T
-    h = len(triangle) // 2
-    found = np.zeros_like(triangle)
-    found[:h, :h] = first = _triangle_inverse(triangle[:h, :h])
-    found[h:, h:] = last = _triangle_inverse(triangle[h:, h:])
-    np.matmul(-last, triangle[h:, :h] @ first, out=found[h:, :h])
-    return found
+def _invert(triangle: Float[np.ndarray, "n n"]) -> None:
+    """Write the inverse over an upper triangle, by its halves: products are what is fast."""
+    n, h = len(triangle), len(triangle) // 2
+    if n <= _LEAF:
+        invert(triangle)
+        return
+    first, last = triangle[:h, :h], triangle[h:, h:]
+    _invert(first)
+    _invert(last)
+    multiply(-1.0, first, triangle[:h, h:], last)

@@ -38,7 +38,9 @@ from .tikhonov_rows import alphas_of
 AT_ONCE = 64  # frequencies of one call, whose tables stay in a cache
 EXACT_BELOW = 3e-3  # alpha over its unit, below which factors are found in double precision,
 DOUBLE_BELOW = 3e-4  # and below which matrices are to be kept so
-_TOLERANCE = {4: 1e-8, 8: TOLERANCE}  # of orders, as in `highest_orders`, by bytes of a number
+# of orders, as in `highest_orders`, by bytes of a number; those left out change images by about the
+# square of it over alpha^1.5, alpha over its unit
+_TOLERANCE = {4: 1e-5, 8: TOLERANCE}
 _ALIGNED = 64  # bytes: such arrays JAX takes without a copy
 
 
@@ -108,13 +110,14 @@ def free_waves(
     # beyond lambda r waves change with r like powers of the order
     highest = max(known.max(), needed.max() / distances.min())
     places, to_elements = few_distances(distances.ravel(), highest, dtype)
+    to_elements = None if to_elements is None else to_elements.astype(dtype)
     angular = _angular(local, shares, usual, int(needed.max())).astype(dtype)
     around, units = circle_places(usual), np.empty(len(known))
 
     def fill(number: int, waves: Float[np.ndarray, "orders 2 places"]) -> None:
-        values = waves.reshape(-1, len(places))
+        values = waves.reshape(-1, len(places)).astype(dtype)
         values = values if to_elements is None else values @ to_elements
-        values = values.astype(dtype).reshape(*waves.shape[:2], *distances.shape)
+        values = values.reshape(*waves.shape[:2], *distances.shape)
         matrix = each[number][0].reshape(-1, 2, 2, distances.shape[1])  # orders, cos|sin, J|Y
         _products(matrix, values, angular)
         if not usual.on_circle:
@@ -160,9 +163,9 @@ def free_densities(waves: FreeWaves, rule: Tikhonov | RelativeTikhonov) -> Harmo
             each.append((matrix[0], size, *([part[i, 0] for part in parts] for parts in factor)))
 
     def find(number: int) -> None:
-        matrix, size, left, inverse = each[number]
+        matrix, size, above, inverse = each[number]
         used = matrix[: waves.rows[number]].astype(float if exact else matrix.dtype, copy=False)
-        factorize(used if size == len(matrix) else used.T, alphas[number], left, inverse)
+        factorize(used if size == len(matrix) else used.T, alphas[number], above, inverse)
 
     # a thread for each matrix: more, within one, would wait for each other; the largest first
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -182,10 +185,10 @@ def _least(waves: FreeWaves, alphas: Float[np.ndarray, " f"]) -> float:
 
 
 def _empty_blocks(n: int, size: int, dtype: Any) -> tuple[tuple[np.ndarray, ...], ...]:
-    """`Cholesky.left` and `inverse` of n matrices, to be written."""
+    """`Cholesky.above` and `inverse` of n matrices, to be written."""
     bounds = block_bounds(size)
-    left = tuple(_empty((n, 1, stop - start, start), dtype) for start, stop in bounds)
-    return left, tuple(_empty((n, 1, *2 * (stop - start,)), dtype) for start, stop in bounds)
+    above = tuple(_empty((n, 1, start, stop - start), dtype) for start, stop in bounds)
+    return above, tuple(_empty((n, 1, *2 * (stop - start,)), dtype) for start, stop in bounds)
 
 
 def _space(

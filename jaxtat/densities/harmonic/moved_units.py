@@ -11,7 +11,6 @@ tau_m = 2 π R (J_m² + J_m'²)(lambda R), by Graf's theorem. With (d, phi) the 
 """
 
 import numpy as np
-import scipy.special
 from jaxtyping import Float, Int
 
 from .polar import PolarGeometry
@@ -72,22 +71,27 @@ def _graf_sums(
     x: Float[np.ndarray, " f"], tau: Float[np.ndarray, "f orders"]
 ) -> tuple[Float[np.ndarray, "f orders"], Float[np.ndarray, "f orders"]]:
     """Σ_m J_{n-m}(x)² tau_m and Σ_m (-1)^m J_{n-m}(x) J_{n+m}(x) tau_m over all m, n >= 0."""
-    n_orders = tau.shape[1]
-    last = min(int(x.max() + 8 * np.cbrt(x.max()) + 10), n_orders - 1)  # J_k is rounding beyond
-    j = scipy.special.jv(np.arange(last + 1), x[:, None])
-    both = np.concatenate([tau[:, :0:-1], tau], axis=1)  # m = -N..N
-    straight, turned = np.zeros_like(tau), np.zeros_like(tau)
-    for k in range(-last, last + 1):
-        lowest = n_orders - 1 - k  # of m = -k, for n = 0
-        terms = both[:, max(lowest, 0) : lowest + n_orders]
-        straight[:, max(-lowest, 0) :][:, : terms.shape[1]] += j[:, [abs(k)]] ** 2 * terms
+    last = min(int(x.max() + 8 * np.cbrt(x.max()) + 10), tau.shape[1] - 1)  # rounding beyond
+    j = _bessel_orders(last, np.maximum(x, 1e-8))  # k = -last..last
+    turning = np.where(np.arange(last + 1) % 2 == 0, 1.0, -1.0) * tau[:, : last + 1]
+    turning = np.concatenate([turning[:, :0:-1], turning], axis=1)  # of m = -last..last
+    around = np.pad(np.concatenate([tau[:, last:0:-1], tau], axis=1), ((0, 0), (0, last)))
+    near = np.lib.stride_tricks.sliding_window_view(around, 2 * last + 1, axis=1)  # m = n + k
+    straight, turned = np.einsum("fnk,fk->fn", near, j**2), np.zeros_like(tau)
     for n in range(last + 1):
-        m = np.arange(n - last, last - n + 1)
-        below, above = n - m, n + m
-        sign = np.where((m % 2 == 0), 1.0, -1.0)
-        sign *= np.where(below < 0, (-1.0) ** below, 1.0) * np.where(
-            above < 0, (-1.0) ** above, 1.0
-        )
-        products = sign * j[:, np.abs(below)] * j[:, np.abs(above)] * tau[:, np.abs(m)]
-        turned[:, n] = products.sum(axis=1)
+        above = j[:, 2 * n :]  # J_{n+m}; backwards J_{n-m}
+        terms = turning[:, n : 2 * last + 1 - n]
+        turned[:, n] = np.einsum("fm,fm,fm->f", above[:, ::-1], above, terms)
     return straight, turned
+
+
+def _bessel_orders(last: int, x: Float[np.ndarray, " f"]) -> Float[np.ndarray, "f orders"]:
+    """J_k(x), k = -last..last, downward from where it is rounding, and by J_0 + 2 Σ J_2k = 1."""
+    j = np.zeros((last + 2, len(x)))
+    j[last] = 1e-200
+    for k in range(last, 0, -1):
+        j[k - 1] = 2 * k / x * j[k] - j[k + 1]
+    j = j[:-1].T / (j[0] + 2 * j[2::2].sum(axis=0))[:, None]
+    j[np.abs(j) < 1e-30] = 0  # squares that are not normal numbers take many times as long
+    sign = np.where(np.arange(last, 0, -1) % 2 == 0, 1.0, -1.0)
+    return np.concatenate([sign * j[:, :0:-1], j], axis=1)

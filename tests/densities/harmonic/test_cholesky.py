@@ -13,11 +13,11 @@ solve = eqx.filter_jit(Cholesky.solve)
 
 def factor_of(wide, alpha, size, dtype: DTypeLike = float):
     """With whatever was in memory before."""
-    sizes = [(stop - start, start) for start, stop in block_bounds(size)]
-    left = [np.full(shape, 7.0, dtype) for shape in sizes]
-    inverse = [np.full((b, b), 7.0, dtype) for b, _ in sizes]
-    factorize(wide, alpha, left, inverse)
-    return Cholesky(*(tuple(map(jnp.asarray, part)) for part in (left, inverse)))
+    sizes = [(start, stop - start) for start, stop in block_bounds(size)]
+    above = [np.full(shape, 7.0, dtype) for shape in sizes]
+    inverse = [np.full((b, b), 7.0, dtype) for _, b in sizes]
+    factorize(wide, alpha, above, inverse)
+    return Cholesky(*(tuple(map(jnp.asarray, part)) for part in (above, inverse)))
 
 
 @pytest.mark.parametrize("size", [3, 256, 600])
@@ -26,7 +26,7 @@ def test_it_solves(size):
     rng = np.random.default_rng(0)
     wide, columns = rng.standard_normal((size, 40)), rng.standard_normal((size, 3))
     factor = factor_of(wide, 0.5, size)
-    assert factor.size == size and len(factor.left) == -(-size // 256)
+    assert factor.size == size and len(factor.above) == -(-size // 256)
     wanted = np.linalg.solve(wide @ wide.T + 0.5 * np.eye(size), columns)
     assert np.abs(solve(factor, columns) - wanted).max() < 1e-11 * np.abs(wanted).max()
 
