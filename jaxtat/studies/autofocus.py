@@ -161,8 +161,11 @@ def _sharpest(make: _Images, low: Array, high: Array) -> tuple[Array, Array]:
     """Bisection of d log S/dx for x from 0 to 1 between the two, where it falls through zero."""
 
     def slope(x: Array, _) -> Array:
+        # kept in the loop: moved out of it are tables, operation by operation, but no solution
+        x, images = jax.lax.optimization_barrier((x, make))
+
         def value(x: Array) -> Array:
-            return jnp.log(make.sharpness(low + x * (high - low)))
+            return jnp.log(images.sharpness(low + x * (high - low)))
 
         return jax.jvp(value, (x,), (jnp.ones(()),))[1]
 
