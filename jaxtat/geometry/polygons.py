@@ -90,7 +90,7 @@ class RegionUnion(Region):
     @property
     def reach(self) -> Float[Array, ""]:
         # boundary points are midpoints: what they stand for reaches half a piece farther
-        return by_library(_farthest, (self.points, self.weights / 2, self.center))
+        return by_library(_farthest, (self.points, self.weights, self.center))
 
     @property
     def components(self) -> tuple[Region, ...]:
@@ -154,9 +154,9 @@ def _boundary(xp: Any, vertices: Any, counts: tuple[int, ...]) -> tuple[Any, Any
     return points, weights, side * normals, _middle(vertices)
 
 
-def _farthest(xp: Any, points: Any, beyond: Any, center: Any) -> Any:
-    """The largest distance from the centre of points, and of what reaches beyond them."""
-    return (xp.sqrt(xp.sum((points - center) ** 2, axis=1)) + beyond).max()
+def _farthest(xp: Any, points: Any, lengths: Any, center: Any) -> Any:
+    """The largest distance from the centre of points, the middles of pieces of these lengths."""
+    return (xp.sqrt(xp.sum((points - center) ** 2, axis=1)) + lengths / 2).max()
 
 
 def _middle(points: Any) -> Any:
