@@ -78,8 +78,8 @@ SMALLER = {
         "bounds = 1.5, 2.0, 3.0, jaxtat.PAPER_K, 8.0, 16.0": "bounds = 2.0, jaxtat.PAPER_K, 8.0",
     },
     "07_three_dimensions.ipynb": {
-        "VolumeGrid(33)": "VolumeGrid(29)",
-        "n_rings=48, n_azimuths=128": "n_rings=42, n_azimuths=112",
+        "VolumeGrid(33)": "VolumeGrid(27)",
+        "n_rings=48, n_azimuths=128": "n_rings=39, n_azimuths=104",
         "volume = reconstruct(g, exact_data)  # compiles\n": "",
         "VolumeGrid(37)": "VolumeGrid(33)",
         "n_rings=40, n_azimuths=144": "n_rings=36, n_azimuths=128",

@@ -1,10 +1,7 @@
 """Data that others simulated and measured, through the command line."""
 
-import os
 import re
 import shlex
-import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 
@@ -21,15 +18,6 @@ from jaxtat.steps import require_boundary
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def run(*arguments):
-    """The command in another process, compiled with all optimisation if nothing else is set."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "jaxtat", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 def command(page):
     """That of the half disk, as a page shows it."""
     text = (ROOT / page).read_text()
@@ -43,7 +31,7 @@ def test_half_disk_from_a_three_quarter_arc_of_another_code(data_file, tmp_path,
     name, *options = command("docs/comparison.md")
     assert (name, options[:2]) == ("jaxtat", ["reconstruct", data_file.name])
     monkeypatch.chdir(tmp_path)
-    run("reconstruct", data_file, *options[2:], "--quiet")
+    assert main(["reconstruct", str(data_file), *options[2:], "--quiet"]) == 0
     image = np.load(options[options.index("--out") + 1])
     truth = np.load(data_file)["truth"].T.astype(float)  # stored as (x2, x1)
     x = np.linspace(-1, 1, 257)
@@ -180,15 +168,16 @@ def test_measured_cross_section_shows_areas_not_edges_only(measured):
     assert (spectrum[frequency < 0.5] ** 2).sum() > 0.7 * (spectrum**2).sum()
 
 
-def test_one_command_without_options_makes_the_picture_made_by_hand(measured, unoptimised):
-    """From a cold start of another process: the file alone, and all of its choices.
+def test_one_command_without_options_makes_the_picture_made_by_hand(measured, capsys):
+    """The file alone, and all of its choices.
 
     With the sound speed that it finds, choices made by hand give nearly the same picture; with
     1500 m/s, which looked sharp to those who made them, the same blurred and displaced.
     """
     path, by_hand = measured
     out = path.with_suffix(".h5")
-    assert "the image is sharpest" in run("reconstruct", path, "--out", out)
+    assert main(["reconstruct", str(path), "--out", str(out)]) == 0
+    assert "the image is sharpest" in capsys.readouterr().out
     settings = load_settings(out)
     assert settings["model"] == "in-plane"
     assert 1472 < settings["sound_speed"] < 1484  # the data agree best at 1480 to 1483

@@ -40,7 +40,7 @@ def by_library(compute: Callable[..., T], arrays: Any, *sizes: Any) -> T:
     """
     if not is_concrete(arrays):
         return compute(jnp, *arrays, *sizes)
-    found = compute(np, *map(np.asarray, arrays), *sizes)
+    found = compute(np, *jax.tree.map(np.asarray, tuple(arrays)), *sizes)
     with jax.ensure_compile_time_eval():
         return jax.device_put(found)
 

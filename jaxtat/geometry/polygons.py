@@ -40,7 +40,7 @@ class Polygon(Region):
 
     @property
     def reach(self) -> Float[Array, ""]:
-        return jnp.sqrt(jnp.sum((self.vertices - self.center) ** 2, axis=1)).max()
+        return by_library(_farthest, (self.vertices, 0.0, self.center))
 
     @eqx.filter_jit
     def level(self, points: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
@@ -90,8 +90,7 @@ class RegionUnion(Region):
     @property
     def reach(self) -> Float[Array, ""]:
         # boundary points are midpoints: what they stand for reaches half a piece farther
-        far = jnp.sqrt(jnp.sum((self.points - self.center) ** 2, axis=1)) + self.weights / 2
-        return far.max()
+        return by_library(_farthest, (self.points, self.weights, self.center))
 
     @property
     def components(self) -> tuple[Region, ...]:
@@ -153,6 +152,11 @@ def _boundary(xp: Any, vertices: Any, counts: tuple[int, ...]) -> tuple[Any, Any
     points, weights, normals = pieces_of_line(vertices, counts, xp)
     side = xp.sign(_twice_the_area(vertices, xp))
     return points, weights, side * normals, _middle(vertices)
+
+
+def _farthest(xp: Any, points: Any, lengths: Any, center: Any) -> Any:
+    """The largest distance from the centre of points, the middles of pieces of these lengths."""
+    return (xp.sqrt(xp.sum((points - center) ** 2, axis=1)) + lengths / 2).max()
 
 
 def _middle(points: Any) -> Any:
@@ -221,16 +225,16 @@ def union_of_regions(*regions: Region) -> RegionUnion:
     return _union(list(regions))
 
 
+def _joined(xp: Any, *parts: tuple[Any, ...]) -> tuple[Any, Any, Any, Any]:
+    """Points, weights and normals of all, and the middle."""
+    points, weights, normals = map(xp.concatenate, parts)
+    return points, weights, normals, _middle(points)
+
+
 def _union(regions: list[Region]) -> RegionUnion:
-    points, weights, normals = (
-        jnp.concatenate([getattr(region, name) for region in regions])
-        for name in ("points", "weights", "normals")
-    )
+    parts = [(region.points, region.weights, region.normals) for region in regions]
     return RegionUnion(
-        points,
-        weights,
-        normals,
-        _middle(points),
+        *by_library(_joined, tuple(zip(*parts, strict=True))),
         tuple(region.counts for region in regions),
         all(region.automatic for region in regions),
         tuple(regions),

@@ -1,5 +1,8 @@
 """Step 2: radial transform of the data with the kernels of the potentials."""
 
+from functools import partial
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -56,10 +59,32 @@ def delayed_transform(
     >>> delayed_transform(jnp.ones((7, 100)), r, jnp.array([1.0, 2.0]), jnp.zeros(7)).shape
     (2, 2, 7)
     """
+    return _delayed(g, radii, frequencies, delays)
+
+
+def _with_delays(g: Array, radii: Array, frequencies: Array, delays: Array) -> Array:
     nodes, weights = radial_quadrature(radii)
     argument = frequencies[:, None, None] * (nodes - delays[:, None])
     kernels = jnp.stack(both_kinds(0, argument), axis=1)
     return jnp.sum((g @ weights.T) * kernels, axis=-1)
+
+
+_delayed = eqx.filter_custom_jvp(_with_delays)
+
+
+@_delayed.def_jvp  # pyright: ignore[reportFunctionMemberAccess]
+def _(primals: tuple[Array, ...], tangents: tuple[Array | None, ...]) -> tuple[Array, Array]:
+    # What a detector gives depends on its own delay alone: one direction has the derivatives by
+    # all delays. A matrix of them would go through all detectors and radii for each delay.
+    *given, delays = primals
+    *changes, moved = tangents
+    ones = jnp.ones_like(delays)
+    value, slope = jax.jvp(partial(_with_delays, *given), (delays,), (ones,))
+    change = jnp.zeros_like(value) if moved is None else slope * moved
+    if any(part is not None for part in changes):
+        at_rest = partial(_with_delays, delays=delays)
+        change += eqx.filter_jvp(at_rest, tuple(given), tuple(changes))[1]
+    return value, change
 
 
 @jax.jit

@@ -13,10 +13,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..base.checks import Numbers, data_array, is_concrete, real_array, require_positive
+from ..base.rows import map_rows
 from ..geometry import ImageGrid, Region
 from ..reconstruction import Setup, reconstruct
 from ..reconstruction.setup import plane_of
@@ -24,6 +24,7 @@ from ..regularization import TikhonovRule, tikhonov_rule
 from ..steps import cosine_filter
 from ..steps.radon import LowPass
 
+AT_ONCE = 16  # images
 TOLERANCE = 1e-4  # of the place, as a share of the distance between two candidates
 
 
@@ -151,7 +152,8 @@ class _Images(eqx.Module):
 
 @eqx.filter_jit
 def _scan(make: _Images, stretches: Array) -> Float[Array, " speeds"]:
-    return lax.map(make.sharpness, stretches)
+    # in a loop XLA would move all but the radii out of it, operation by operation
+    return map_rows(make.sharpness, stretches, AT_ONCE)
 
 
 @eqx.filter_jit
@@ -159,8 +161,11 @@ def _sharpest(make: _Images, low: Array, high: Array) -> tuple[Array, Array]:
     """Bisection of d log S/dx for x from 0 to 1 between the two, where it falls through zero."""
 
     def slope(x: Array, _) -> Array:
+        # kept in the loop: moved out of it are tables, operation by operation, but no solution
+        x, images = jax.lax.optimization_barrier((x, make))
+
         def value(x: Array) -> Array:
-            return jnp.log(make.sharpness(low + x * (high - low)))
+            return jnp.log(images.sharpness(low + x * (high - low)))
 
         return jax.jvp(value, (x,), (jnp.ones(()),))[1]
 

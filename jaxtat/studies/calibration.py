@@ -14,6 +14,8 @@ Some changes of p only change the image, so that no data determine them: all len
 about a fixed axis), a gain common to all detectors. They are refused or fixed.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -32,7 +34,13 @@ from ..base.checks import (
     require_x64,
 )
 from ..base.rows import map_rows
-from ..densities.harmonic import PolarGeometry, polar_geometry, unexplained
+from ..densities.harmonic import (
+    KnownWaves,
+    PolarGeometry,
+    known_waves,
+    polar_geometry,
+    unexplained,
+)
 from ..geometry import CircularArc, DetectorCurve, Region, turned_views
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of, require_waves
@@ -42,6 +50,7 @@ from ..steps.quadrature import interpolation_matrix
 from ..steps.radial_transforms import radial_kernels
 
 UNKNOWNS = ("sound_speed", "radius", "center", "gains", "delays")
+_MOVING = {"center", "radius"}  # the detectors
 STAGES = 5  # the first one uses 1/16 of the frequencies
 LEAST_FREQUENCIES = 4
 MAX_STEPS = 40
@@ -161,8 +170,11 @@ def calibrate(
         most = sizes.max_frequency
         sizes = plane_of(Setup(placed, region, setup.grid, radii, max_frequency=most))[3]
     require_waves(sizes)
+    geometry, waves = polar_geometry(placed, region, sizes.n_nodes), None
+    if not _MOVING & set(unknown):
+        waves = known_waves(geometry, sizes.frequencies, sizes.groups[-1][-1])
     problem = _Problem(
-        geometry=polar_geometry(placed, region, sizes.n_nodes),
+        geometry=geometry,
         curve=curve,
         region=region,
         turns=views,
@@ -171,6 +183,7 @@ def calibrate(
         alpha=_positive("alpha", alpha),
         sound_speed=_positive("sound_speed", sound_speed),
         sizes=sizes,
+        waves=waves,
     )
     free, stages = _start(problem, unknown), []
     for highest in _cutoffs(sizes):
@@ -192,7 +205,11 @@ def calibrate(
 
 
 class _Problem(eqx.Module):
-    """The data and the nominal geometry of all views."""
+    """The data and the nominal geometry of all views.
+
+    Attributes:
+        waves: of a geometry that is not unknown, so that steps need not compute them anew.
+    """
 
     geometry: PolarGeometry
     curve: DetectorCurve
@@ -203,9 +220,11 @@ class _Problem(eqx.Module):
     alpha: Float[Array, ""]
     sound_speed: Float[Array, ""]
     sizes: PlaneSizes
+    waves: KnownWaves | None = None
 
 
 Free = dict[str, Array]  # corrections of the unknowns, relative, lengths over the distance
+_Given = tuple[_Problem, Float[Array, " frequencies"]]  # and weights
 
 
 def _start(problem: _Problem, unknown: tuple[str, ...]) -> Free:
@@ -243,7 +262,7 @@ def _moved(curve: DetectorCurve, found: Parameters) -> DetectorCurve:
 
 def _geometry(problem: _Problem, free: Free, found: Parameters) -> PolarGeometry:
     """The geometry; only unknowns are traced, so that the symmetry of the rest is kept."""
-    if not free.keys() & {"center", "radius"}:
+    if not free.keys() & _MOVING:
         return problem.geometry
     # elements that keep their width are seen under other angles from other radii
     if "center" in free or problem.curve.element_width is not None:
@@ -272,20 +291,17 @@ def _transformed(
     return raw / (stretch * jnp.tile(found.gains, views))
 
 
-def _residual(
-    free: Free, given: tuple[_Problem, Float[Array, " frequencies"]]
-) -> tuple[Array, Array]:
+def _residual(free: Free, given: _Given) -> tuple[Array, Array]:
     """The residuals of the best image, weighted by frequency."""
     problem, weight = given
     frequencies = problem.sizes.frequencies
     found = _parameters(problem, free)
-    left, penalty = unexplained(
-        _geometry(problem, free, found),
-        frequencies,
-        problem.sizes.groups[-1][-1],
-        _transformed(problem, free, found, frequencies),
-        problem.alpha,
-    )
+    geometry = _geometry(problem, free, found)
+    known = problem.waves
+    if known is None:
+        known = known_waves(geometry, frequencies, problem.sizes.groups[-1][-1])
+    transformed = _transformed(problem, free, found, frequencies)
+    left, penalty = unexplained(geometry, known, transformed, problem.alpha)
     return weight[:, None, None] * left, weight[:, None, None] * penalty
 
 
@@ -306,15 +322,69 @@ def _weights(problem: _Problem, highest: Array) -> Float[Array, " frequencies"]:
 @eqx.filter_jit
 def _fit(problem: _Problem, free: Free, highest: Array) -> tuple[Free, Stage]:
     """One stage. The same program serves all: frequencies not yet used have weight zero."""
-    given = problem, _weights(problem, highest)
+    weights = _weights(problem, highest)
+    found, least, steps, converged = _least(free, (problem, weights))
+    n_data = 2 * problem.g.shape[0] * weights.shape[0]
+    misfit = 2 * least / (n_data * jnp.mean(weights > 0))
+    return found, Stage(highest, jnp.sqrt(misfit), steps, converged)
+
+
+def _squares(free: Free, given: _Given) -> Array:
+    return _half_sum(_residual(free, given))
+
+
+def _half_sum(residuals: tuple[Array, ...]) -> Array:
+    """Half the sum of squares."""
+    return jnp.sum(jnp.stack([jnp.sum(part**2) for part in residuals])) / 2
+
+
+@eqx.filter_custom_jvp
+def _least(start: Free, given: _Given) -> tuple[Free, Array, Array, Array]:
+    """Where `_squares` are least, how large, the number of steps, and whether they came to rest."""
     solver = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-7, linear_solver=lx.QR())
-    solution = optx.least_squares(_residual, solver, free, given, max_steps=MAX_STEPS, throw=False)
-    left, penalty = _residual(solution.value, given)
-    misfit = (jnp.sum(left**2) + jnp.sum(penalty**2)) / (left.size * jnp.mean(given[1] > 0))
-    steps, result = solution.stats["num_steps"], solution.result
-    return solution.value, Stage(
-        highest, jnp.sqrt(misfit), steps, result == optx.RESULTS.successful
+    found = optx.least_squares(
+        _with_columns, solver, start, given, max_steps=MAX_STEPS, throw=False
     )
+    # the residuals of the last step that was taken: computed again they were half the program
+    least = _half_sum(found.state.f_info.residual)
+    return found.value, least, found.stats["num_steps"], found.result == optx.RESULTS.successful
+
+
+@_least.def_jvp  # pyright: ignore[reportFunctionMemberAccess]
+def _(primals: tuple[Free, _Given], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
+    # The slope s(p, given) stays zero: ds/dp dp = -ds/dgiven dgiven. The start does not matter.
+    (start, given), (_, moved) = primals, tangents
+    found, *rest = _least(start, given)
+    flat, unravel = ravel_pytree(found)
+
+    def slope(flat: Array, given: _Given) -> tuple[Array, Array]:
+        return jax.value_and_grad(lambda flat: _squares(unravel(flat), given))(flat)
+
+    _, (least, change) = eqx.filter_jvp(lambda given: slope(flat, given), (given,), (moved,))
+    curvature = jax.jacfwd(lambda flat: slope(flat, given)[1])(flat)
+    change = unravel(-jnp.linalg.solve(curvature, change))
+    return (found, *rest), (change, least, None, None)
+
+
+@eqx.filter_custom_jvp
+def _with_columns(free: Free, given: _Given) -> tuple[Array, Array]:
+    """The residuals, whose derivatives are the columns of a matrix.
+
+    Steps keep the derivatives from one to the next: by JAX's own rules, all numbers that these are
+    computed from, of which there are hundreds.
+    """
+    return _residual(free, given)
+
+
+@_with_columns.def_jvp  # pyright: ignore[reportFunctionMemberAccess]
+def _(primals: tuple[Free, _Given], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
+    # kept in the loop over steps: what XLA moves out of it, it writes operation by operation
+    free, given = jax.lax.optimization_barrier(primals)
+    flat, unravel = ravel_pytree(free)
+    value, along = jax.linearize(lambda flat: _residual(unravel(flat), given), flat)
+    columns = jax.vmap(along)(jnp.eye(flat.size))
+    direction, _ = ravel_pytree(tangents[0])
+    return value, jax.tree.map(lambda part: jnp.tensordot(direction, part, 1), columns)
 
 
 @eqx.filter_jit
@@ -336,25 +406,25 @@ def _standard_errors(problem: _Problem, free: Free) -> Parameters:
     weights = _weights(problem, jnp.asarray(problem.sizes.max_frequency))
     flat, unravel = ravel_pytree(free)
 
-    def residual(flat: Array, g: Array) -> Array:
-        given = eqx.tree_at(lambda tree: tree.g, problem, g), weights
-        return ravel_pytree(_residual(unravel(flat), given))[0]
-
-    def slopes(flat: Array) -> tuple[Array, Array]:
-        return jax.grad(lambda *at: jnp.sum(residual(*at) ** 2) / 2, (0, 1))(flat, problem.g)
-
-    def along(direction: Array) -> tuple[Array, Array]:
-        return jax.jvp(slopes, (flat,), (direction,))[1]
-
     def physical(flat: Array) -> Array:
         return ravel_pytree(_parameters(problem, unravel(flat)))[0]
 
-    noise = jax.random.normal(jax.random.key(0), problem.g.shape)
-    # one program for both
-    left = jax.lax.map(lambda g: jnp.linalg.norm(residual(flat, g)), jnp.stack([problem.g, noise]))
-    curvature, mixed = map_rows(along, jnp.eye(flat.size), AT_ONCE)
+    def squares(flat: Array, g: Array) -> Array:
+        return _squares(unravel(flat), (eqx.tree_at(lambda tree: tree.g, problem, g), weights))
+
+    def along(direction: Array) -> tuple[Array, tuple[Array, Array]]:
+        """Half the sum of squares, and the change of its slopes."""
+        # kept in the loop over directions: what XLA moves out, it writes operation by operation
+        at, g, direction = jax.lax.optimization_barrier((flat, problem.g, direction))
+        slopes = jax.value_and_grad(squares, (0, 1))
+        (left, _), (_, change) = jax.jvp(lambda at: slopes(at, g), (at,), (direction,))
+        return left, change
+
+    left, (curvature, mixed) = map_rows(along, jnp.eye(flat.size), AT_ONCE)
     change = jnp.linalg.solve(curvature, mixed.reshape(flat.size, -1))
-    errors = left[0] / left[1] * jnp.linalg.norm(jax.jacfwd(physical)(flat) @ change, axis=1)
+    errors = jnp.linalg.norm(jax.jacfwd(physical)(flat) @ change, axis=1)
+    noise = jax.random.normal(jax.random.key(0), problem.g.shape)
+    errors *= jnp.sqrt(left[0] / squares(flat, noise))
     return ravel_pytree(_parameters(problem, free))[1](errors)
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from tqdm import tqdm
 
-from ..base.checks import Numbers, is_concrete, real_array
+from ..base.checks import Numbers, by_library, is_concrete, real_array
 from ..geometry import DetectorCurve, ImageGrid, Region
 from ..reconstruction import ReconstructionPlan, Setup, build_plan, reconstruct
 from ..regularization import Regularization, tikhonov_rule
@@ -135,9 +135,15 @@ def _map(
     else:
         places = BLOCK * np.argwhere(np.ones(blocks))
         found = jax.lax.map(lambda place: of_block(_block(grid, place)), places)
-        found = found.reshape(*blocks, BLOCK, BLOCK)
-    image = found.swapaxes(1, 2).reshape(BLOCK * blocks[0], BLOCK * blocks[1])
-    return jnp.where(wanted, image[: grid.shape[0], : grid.shape[1]], jnp.nan)
+    return by_library(_joined, (found, wanted), blocks)
+
+
+def _joined(xp: Any, found: Any, wanted: Any, blocks: list[int]) -> Any:
+    """The image of blocks, NaN where it is not wanted."""
+    rows, columns = wanted.shape
+    image = xp.stack(found).reshape(*blocks, BLOCK, BLOCK).swapaxes(1, 2)
+    image = image.reshape(BLOCK * blocks[0], BLOCK * blocks[1])[:rows, :columns]
+    return xp.where(wanted, image, np.nan)
 
 
 def _some_blocks(
@@ -146,12 +152,12 @@ def _some_blocks(
     wanted: Bool[np.ndarray, "x1 x2"],
     blocks: list[int],
     progress: bool,
-) -> Float[Array, "rows columns pixels1 pixels2"]:
-    """NaN in those left out."""
+) -> list[Array | np.ndarray]:
+    """Row by row, NaN in those left out."""
     beyond = [(0, -n % BLOCK) for n in grid.shape]
     tiles = np.pad(wanted, beyond).reshape(blocks[0], BLOCK, blocks[1], BLOCK).swapaxes(1, 2)
     places = np.argwhere(tiles.any(axis=(2, 3)))
-    spreads = []
+    found: dict[tuple[int, ...], Array] = {}
     bar = tqdm(
         total=int(wanted.sum()), desc="standard deviations", unit="pixel", disable=not progress
     )
@@ -160,10 +166,10 @@ def _some_blocks(
             spread = of_block(_block(grid, BLOCK * place))
             if is_concrete(spread):
                 spread.block_until_ready()  # or the bar would run ahead
-            spreads.append(spread)
+            found[tuple(place)] = spread
             bar.update(int(tiles[tuple(place)].sum()))
-    found = jnp.full(tiles.shape, jnp.nan)
-    return found.at[places[:, 0], places[:, 1]].set(jnp.stack(spreads)) if spreads else found
+    left_out = np.full((BLOCK, BLOCK), np.nan)
+    return [found.get(place, left_out) for place in np.ndindex(*blocks)]
 
 
 def _block(grid: ImageGrid, first: Any) -> ImageGrid:

@@ -68,7 +68,7 @@ def test_gains_and_delays_of_every_detector(caplog):
 
     def calibrated(size):
         found = calibrate(setup, given + size * direction, unknown=("gains", "delays"))
-        return (found.parameters.gains, found.parameters.delays), found
+        return (found.parameters.gains, found.parameters.delays, found.stages.misfit[-1]), found
 
     with jax.log_compiles():
         _, tangent, found = jax.linearize(calibrated, 0.0, has_aux=True)

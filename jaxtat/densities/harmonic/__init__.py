@@ -1,6 +1,12 @@
 """Cylindrical waves: step 1 without collocation, and reconstruction without step 1."""
 
-from .consistency import cross_validation, unexplained, unexplained_share
+from .consistency import (
+    KnownWaves,
+    cross_validation,
+    known_waves,
+    unexplained,
+    unexplained_share,
+)
 from .densities import (
     DensityGroup,
     HarmonicDensities,
@@ -26,6 +32,7 @@ __all__ = [
     "DensityGroup",
     "FreeWaves",
     "HarmonicDensities",
+    "KnownWaves",
     "PolarGeometry",
     "SolveReport",
     "WaveTable",
@@ -41,6 +48,7 @@ __all__ = [
     "group_of",
     "harmonic_densities",
     "harmonic_orders",
+    "known_waves",
     "polar_geometry",
     "sampled_harmonic_densities",
     "solve_harmonics",

@@ -11,6 +11,7 @@ see many lines from both sides, J_0 and Y_0 see every source twice, and sources 
 wrong positions, speeds or delays contradict one of these.
 """
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -31,10 +32,36 @@ from .table import (
 from .tikhonov import moments, normal_matrix, summed_over_detectors
 
 
+class KnownWaves(eqx.Module):
+    """What of the waves does not depend on the data, at all frequencies.
+
+    Attributes:
+        table: of the waves.
+        gram: T of detectors on a circle; None for others.
+    """
+
+    table: WaveTable
+    gram: Float[Array, "blocks r r"] | None
+
+
+@eqx.filter_jit
+def known_waves(
+    geometry: PolarGeometry, frequencies: Float[Array, " frequencies"], n_max: int
+) -> KnownWaves:
+    """The waves of a curve and a region.
+
+    Args:
+        geometry: curve and region.
+        frequencies: lambda [rad/length].
+        n_max: highest order of the waves.
+    """
+    gram = circle_gram(geometry, n_max) if geometry.on_circle else None
+    return KnownWaves(wave_table(geometry, frequencies, n_max), gram)
+
+
 def unexplained(
     geometry: PolarGeometry,
-    frequencies: Float[Array, " frequencies"],
-    n_max: int,
+    known: KnownWaves,
     transformed: Float[Array, "frequencies 2 detectors"],
     alpha: Float[Array, ""],
 ) -> tuple[Float[Array, "frequencies 2 detectors"], Float[Array, "frequencies blocks r"]]:
@@ -42,8 +69,7 @@ def unexplained(
 
     Args:
         geometry: curve and region.
-        frequencies: lambda [rad/length].
-        n_max: highest order of the waves.
+        known: their waves, by `known_waves`.
         transformed: (G_J, G_Y).
         alpha: in units of `alpha_unit`.
 
@@ -52,13 +78,12 @@ def unexplained(
 
     Source: variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432.
     """
-    gram = circle_gram(geometry, n_max) if geometry.on_circle else None
     root = jnp.sqrt(geometry.weights)
 
     def at(given: tuple[WaveTable, Array, Array]) -> tuple[Array, Array]:
         wave, data, sums = given
         wave = with_matrix(geometry, wave)
-        factor, matrix, unit = _system(geometry, wave, gram)
+        factor, matrix, unit = _system(geometry, wave, known.gram)
         absolute = alpha * unit
         rhs = factor.times(moments(geometry, wave, sums[None]))
         shifted = matrix + absolute * jnp.eye(matrix.shape[-1])
@@ -67,9 +92,9 @@ def unexplained(
         explained = jnp.einsum("jbrk,br->jk", waves, factor.transposed_times(y))
         return root * (data - explained), jnp.sqrt(absolute) * y
 
-    table = wave_table(geometry, frequencies, n_max)
+    n_max = known.table.steps.shape[-1] - 2
     sums = summed_over_detectors(geometry, transformed * geometry.weights, n_max)
-    return jax.lax.map(at, (table, transformed, sums))
+    return jax.lax.map(at, (known.table, transformed, sums))
 
 
 def unexplained_share(
@@ -91,20 +116,19 @@ def unexplained_share(
         geometry, frequencies, n_max, alpha: as in `unexplained`.
         transformed: sets of (G_J, G_Y).
     """
-    gram = circle_gram(geometry, n_max) if geometry.on_circle else None
+    known = known_waves(geometry, frequencies, n_max)
 
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
         wave = with_matrix(geometry, wave)
-        factor, matrix, unit = _system(geometry, wave, gram)
+        factor, matrix, unit = _system(geometry, wave, known.gram)
         rhs = jnp.moveaxis(factor.times(moments(geometry, wave, sums)), 0, -1)
         y = cholesky_solve(matrix + alpha * unit * jnp.eye(matrix.shape[-1]), rhs)
         return jnp.maximum(1 - jnp.sum(rhs * y, axis=(0, 1)) / power, jnp.finfo(power.dtype).eps)
 
-    table = wave_table(geometry, frequencies, n_max)
     values = jnp.moveaxis(transformed, 1, 0) * geometry.weights
     power = jnp.einsum("fsjk,sfjk->fs", values, transformed)
-    return jax.lax.map(at, (table, power, summed_over_detectors(geometry, values, n_max)))
+    return jax.lax.map(at, (known.table, power, summed_over_detectors(geometry, values, n_max)))
 
 
 def cross_validation(
@@ -131,13 +155,13 @@ def cross_validation(
 
     Source: Golub, Heath and Wahba, Technometrics 21 (1979) 215-223.
     """
-    gram = circle_gram(geometry, n_max) if geometry.on_circle else None
+    known = known_waves(geometry, frequencies, n_max)
     n = 2 * geometry.detector_angles.shape[0]
 
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
         wave = with_matrix(geometry, wave)
-        factor, matrix, unit = _system(geometry, wave, gram)
+        factor, matrix, unit = _system(geometry, wave, known.gram)
         absolute = alphas * unit
         eigenvalues, vectors = jnp.linalg.eigh(matrix)
         seen = jnp.maximum(eigenvalues, 0.0).ravel()[:, None]
@@ -148,10 +172,9 @@ def cross_validation(
         free = n - jnp.sum(seen / (seen + absolute), axis=0)
         return jnp.maximum(power - explained, rounding) / power * (n / free) ** 2
 
-    table = wave_table(geometry, frequencies, n_max)
     values = transformed * geometry.weights
     power = jnp.sum(values * transformed, axis=(1, 2))
-    return jax.lax.map(at, (table, power, summed_over_detectors(geometry, values, n_max)))
+    return jax.lax.map(at, (known.table, power, summed_over_detectors(geometry, values, n_max)))
 
 
 def _system(
