@@ -283,7 +283,8 @@ def _harmonic(
         geometry = polar_geometry(curve, region, sizes.n_nodes)
         orders = harmonic_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
-        table = wave_table(geometry, frequencies, int(orders.max()))
+        most = max(int(orders.max()), sizes.groups[-1][-1])  # as `solve` has it
+        table = wave_table(geometry, frequencies, most)
         offset = region.center - geometry.center
         local = jax.device_put(np.asarray(angles) - np.asarray(geometry.axis))
     each = _divisible((table, norms, per_frequency(regularization, len(frequencies))))

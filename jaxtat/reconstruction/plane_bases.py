@@ -14,9 +14,11 @@ from ..densities.harmonic import (
     Asked,
     PolarGeometry,
     SolveReport,
+    WaveTable,
     circular_harmonics_at,
     polar_geometry,
     solve_harmonics,
+    wave_table,
 )
 from ..geometry import DetectorCurve, ImageGrid, Region
 from ..regularization import (
@@ -97,7 +99,9 @@ class CylindricalWaves(_Solved):
         assert rule is not None
         # two programs: as one, XLA has been seen to wait for ever with two devices on one CPU
         asked = _asked(self.curve, self.region, self.radii, rule, self.sizes)
-        harmonics, report = _harmonics(self, transformed, asked)
+        # and a third, which plans and all rules and numbers of images share
+        table = wave_table(self.geometry, self.sizes.frequencies, self.sizes.groups[-1][-1])
+        harmonics, report = _harmonics(self, table, transformed, asked)
         return _on_polar_grid(self.geometry, harmonics, self.sizes), report
 
 
@@ -185,13 +189,13 @@ def _asked(
 
 @eqx.filter_jit
 def _harmonics(
-    basis: CylindricalWaves, transformed: Array, asked: Asked
+    basis: CylindricalWaves, table: WaveTable, transformed: Array, asked: Asked
 ) -> tuple[Float[Array, "images frequencies 2 orders"], SolveReport]:
     """The circular harmonics of fhat."""
     sizes = basis.sizes
     return solve_harmonics(
         basis.geometry,
-        sizes.frequencies,
+        table,
         sizes.groups,
         jnp.moveaxis(transformed, 1, 0),
         asked,

@@ -22,6 +22,7 @@ from jaxtat.densities.harmonic import (
     harmonic_orders,
     polar_geometry,
     solve_harmonics,
+    wave_table,
 )
 from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
 from jaxtat.regularization import seen_once, tikhonov_rule
@@ -45,8 +46,8 @@ def zeros_solved(polar, rule, norms):
     n = polar.detector_angles.shape[0]
     asked = Asked(jnp.ones(2), norms, rule)
     nothing = jnp.zeros((2, 1, 2, n))
-    groups = ((0, 2, ORDERS),)
-    return solve_harmonics(polar, FREQUENCIES, groups, nothing, asked, "cholesky", 1e-10)[1]
+    groups, table = ((0, 2, ORDERS),), wave_table(polar, FREQUENCIES, ORDERS)
+    return solve_harmonics(polar, table, groups, nothing, asked, "cholesky", 1e-10)[1]
 
 
 def alphas(curve, region, alpha, norms=NORMS):

@@ -67,9 +67,8 @@ def some_data(curve, images=2):
 def solve(polar, transformed, groups, solver, alpha=1e-6, tolerance=1e-12):
     ones = jnp.ones(len(FREQUENCIES))
     asked = Asked(ones, ones, tikhonov_rule(alpha, len(FREQUENCIES)))
-    return solve_harmonics(
-        polar, jnp.asarray(FREQUENCIES), groups, transformed, asked, solver, tolerance
-    )
+    table = wave_table(polar, jnp.asarray(FREQUENCIES), groups[-1][-1])
+    return solve_harmonics(polar, table, groups, transformed, asked, solver, tolerance)
 
 
 def one_group(polar):
