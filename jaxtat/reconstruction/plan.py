@@ -45,7 +45,7 @@ from ..regularization import (
     unit_norms,
 )
 from ..steps import AccuracyWarning, require_boundary
-from .plane_bases import StoredDensities
+from .plane_bases import StoredDensities, of_plane
 from .setup import Setup, plane_of, require_complete
 from .sizes import PlaneSizes, systems_fit
 
@@ -111,8 +111,7 @@ class ReconstructionPlan(eqx.Module):
     @property
     def basis(self) -> StoredDensities:
         """The densities, as `images_of` takes them."""
-        curve, region, radii, sizes = plane_of(self.setup)
-        return StoredDensities(curve, region, radii, sizes, self.densities)
+        return StoredDensities(*of_plane(*plane_of(self.setup)), self.densities)
 
 
 def build_plan(
