@@ -106,10 +106,10 @@ class _Solved(PlaneBasis):
     def asked(self, rule: TikhonovRule) -> Asked:
         """What the rule depends on, and the rule."""
         sizes = self.sizes
-        norm = np.ones(sizes.n_frequencies)  # not asked for
+        norm = jax.device_put(np.ones(sizes.n_frequencies))  # not asked for
         if rule.needs_matrix:
-            norm = _norms(self.curve, self.region, sizes.frequencies, sizes.norm_orders)
-        return Asked(kernel_noise_power(self.kernels, self.curve.weights), jnp.asarray(norm), rule)
+            norm = unit_norms(self.curve, self.region, sizes.frequencies, sizes.norm_orders)
+        return Asked(kernel_noise_power(self.kernels, self.curve.weights), norm, rule)
 
 
 class CylindricalWaves(_Solved):
@@ -203,9 +203,6 @@ def _inverted(
     inversion: str,
 ) -> Float[Array, "images x1 x2"]:
     return invert(with_origin(fhat, mass, weights), *where, inversion)
-
-
-_norms = eqx.filter_jit(unit_norms)
 
 
 @eqx.filter_jit
