@@ -13,7 +13,7 @@ from jaxtat.geometry.visible_edges import seen_share
 
 N_ANGLES = 360
 ANGLES = np.arange(360) * np.pi / 360
-GRID = ImageGrid((9, 7), (0.26, 0.18), (0.45, -0.1))  # no pixel nearer than 0.55 to an end
+GRID = ImageGrid((9, 7), (0.26, 0.18), (0.6, -0.1))  # no pixel nearer than 0.55 to an end
 
 
 def directions_seen(points, radius, right, level, eps):
