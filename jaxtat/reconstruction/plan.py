@@ -315,7 +315,7 @@ def _collocation(
         if regularization.has_unit and sizes.reached:
             geometry = polar_geometry(curve, region, sizes.n_nodes)
             n_max = int(harmonic_orders(geometry, np.asarray(frequencies)).max())
-            units = alpha_units(geometry, frequencies, n_max)
+            units = alpha_units(geometry, wave_table(geometry, frequencies, n_max))
         rules = rules.in_units_of(units, frequencies)
 
     def solve(few: Array, norms: Array, rules: Regularization) -> tuple[Array, DensityReport]:

@@ -70,12 +70,15 @@ def delayed_transform(
     return jnp.sum((g @ weights.T) * kernels, axis=-1)
 
 
-@jax.jit
 def radial_kernels(
     radii: Float[Array, " radii"], frequencies: Float[Array, " frequencies"]
 ) -> Float[Array, "frequencies 2 radii"]:
     """k of G = Σ_i k_i g(z, r_i): J_0(lambda r) and Y_0(lambda r) with the quadrature's weights."""
-    nodes, weights = radial_quadrature(radii)
+    return _kernels(*radial_quadrature(radii), frequencies)
+
+
+@jax.jit
+def _kernels(nodes: Array, weights: Array, frequencies: Array) -> Array:
     argument = frequencies[:, None] * nodes
     return jnp.stack(both_kinds(0, argument), axis=1) @ weights
 
@@ -104,7 +107,6 @@ def total_integrals(
     return g @ total_weights(radii)
 
 
-@jax.jit
 def total_weights(radii: Float[Array, " radii"]) -> Float[Array, " radii"]:
     """w of ∫ g(z, r) dr = Σ_i w_i g(z, r_i)."""
     return jnp.sum(radial_quadrature(radii)[1], axis=0)

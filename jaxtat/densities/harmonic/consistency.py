@@ -74,8 +74,7 @@ def unexplained(
 
 def unexplained_share(
     geometry: PolarGeometry,
-    frequencies: Float[Array, " frequencies"],
-    n_max: int,
+    table: WaveTable,
     transformed: Float[Array, "sets frequencies 2 detectors"],
     alpha: Float[Array, ""],
 ) -> Float[Array, "frequencies sets"]:
@@ -88,9 +87,11 @@ def unexplained_share(
     one decomposition for all sets.
 
     Args:
-        geometry, frequencies, n_max, alpha: as in `unexplained`.
+        geometry, alpha: as in `unexplained`.
+        table: waves of all frequencies, see `wave_table`.
         transformed: sets of (G_J, G_Y).
     """
+    n_max = table.n_max
     gram = circle_gram(geometry, n_max) if geometry.on_circle else None
 
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
@@ -101,7 +102,6 @@ def unexplained_share(
         y = cholesky_solve(matrix + alpha * unit * jnp.eye(matrix.shape[-1]), rhs)
         return jnp.maximum(1 - jnp.sum(rhs * y, axis=(0, 1)) / power, jnp.finfo(power.dtype).eps)
 
-    table = wave_table(geometry, frequencies, n_max)
     values = jnp.moveaxis(transformed, 1, 0) * geometry.weights
     power = jnp.einsum("fsjk,sfjk->fs", values, transformed)
     return jax.lax.map(at, (table, power, summed_over_detectors(geometry, values, n_max)))
@@ -109,8 +109,7 @@ def unexplained_share(
 
 def cross_validation(
     geometry: PolarGeometry,
-    frequencies: Float[Array, " frequencies"],
-    n_max: int,
+    table: WaveTable,
     transformed: Float[Array, "frequencies 2 detectors"],
     alphas: Float[Array, " alphas"],
 ) -> Float[Array, "frequencies alphas"]:
@@ -126,11 +125,13 @@ def cross_validation(
     what waves leave unexplained, over what they would leave of noise alone.
 
     Args:
-        geometry, frequencies, n_max, transformed: as in `unexplained`.
+        geometry, transformed: as in `unexplained`.
+        table: waves of all frequencies, see `wave_table`.
         alphas: in units of `alpha_unit`.
 
     Source: Golub, Heath and Wahba, Technometrics 21 (1979) 215-223.
     """
+    n_max = table.n_max
     gram = circle_gram(geometry, n_max) if geometry.on_circle else None
     n = 2 * geometry.detector_angles.shape[0]
 
@@ -148,7 +149,6 @@ def cross_validation(
         free = n - jnp.sum(seen / (seen + absolute), axis=0)
         return jnp.maximum(power - explained, rounding) / power * (n / free) ** 2
 
-    table = wave_table(geometry, frequencies, n_max)
     values = transformed * geometry.weights
     power = jnp.sum(values * transformed, axis=(1, 2))
     return jax.lax.map(at, (table, power, summed_over_detectors(geometry, values, n_max)))

@@ -58,10 +58,15 @@ class WaveTable(eqx.Module):
         )
 
     @property
+    def n_max(self) -> int:
+        """N, the highest order."""
+        return self.steps.shape[-1] - 2
+
+    @property
     def plane_scale(self) -> Float[Array, "*f fewer"]:
         """eps_n Delta_n, the size of the waves in a plane wave."""
         steps = jnp.moveaxis(self.steps, -1, 0)
-        return jnp.moveaxis(scales(steps), 0, -1) * twice(self.steps.shape[-1] - 2)
+        return jnp.moveaxis(scales(steps), 0, -1) * twice(self.n_max)
 
 
 def wave_table(geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: int) -> WaveTable:
