@@ -162,12 +162,8 @@ def _some_blocks(
                 spread.block_until_ready()  # or the bar would run ahead
             spreads.append(spread)
             bar.update(int(tiles[tuple(place)].sum()))
-    found = np.full(tiles.shape, np.nan)
-    if is_concrete(spreads):  # by numpy: no program for each number of blocks
-        for place, spread in zip(places, spreads, strict=True):
-            found[tuple(place)] = spread
-        return jax.device_put(found)
-    return jnp.asarray(found).at[places[:, 0], places[:, 1]].set(jnp.stack(spreads))
+    found = jnp.full(tiles.shape, jnp.nan)
+    return found.at[places[:, 0], places[:, 1]].set(jnp.stack(spreads)) if spreads else found
 
 
 def _block(grid: ImageGrid, first: Any) -> ImageGrid:

@@ -74,7 +74,8 @@ def unexplained(
 
 def unexplained_share(
     geometry: PolarGeometry,
-    table: WaveTable,
+    frequencies: Float[Array, " frequencies"],
+    n_max: int,
     transformed: Float[Array, "sets frequencies 2 detectors"],
     alpha: Float[Array, ""],
 ) -> Float[Array, "frequencies sets"]:
@@ -87,11 +88,9 @@ def unexplained_share(
     one decomposition for all sets.
 
     Args:
-        geometry, alpha: as in `unexplained`.
-        table: waves of all frequencies, see `wave_table`.
+        geometry, frequencies, n_max, alpha: as in `unexplained`.
         transformed: sets of (G_J, G_Y).
     """
-    n_max = table.n_max
     gram = circle_gram(geometry, n_max) if geometry.on_circle else None
 
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
@@ -102,6 +101,7 @@ def unexplained_share(
         y = cholesky_solve(matrix + alpha * unit * jnp.eye(matrix.shape[-1]), rhs)
         return jnp.maximum(1 - jnp.sum(rhs * y, axis=(0, 1)) / power, jnp.finfo(power.dtype).eps)
 
+    table = wave_table(geometry, frequencies, n_max)
     values = jnp.moveaxis(transformed, 1, 0) * geometry.weights
     power = jnp.einsum("fsjk,sfjk->fs", values, transformed)
     return jax.lax.map(at, (table, power, summed_over_detectors(geometry, values, n_max)))
@@ -109,7 +109,8 @@ def unexplained_share(
 
 def cross_validation(
     geometry: PolarGeometry,
-    table: WaveTable,
+    frequencies: Float[Array, " frequencies"],
+    n_max: int,
     transformed: Float[Array, "frequencies 2 detectors"],
     alphas: Float[Array, " alphas"],
 ) -> Float[Array, "frequencies alphas"]:
@@ -125,13 +126,11 @@ def cross_validation(
     what waves leave unexplained, over what they would leave of noise alone.
 
     Args:
-        geometry, transformed: as in `unexplained`.
-        table: waves of all frequencies, see `wave_table`.
+        geometry, frequencies, n_max, transformed: as in `unexplained`.
         alphas: in units of `alpha_unit`.
 
     Source: Golub, Heath and Wahba, Technometrics 21 (1979) 215-223.
     """
-    n_max = table.n_max
     gram = circle_gram(geometry, n_max) if geometry.on_circle else None
     n = 2 * geometry.detector_angles.shape[0]
 
@@ -149,6 +148,7 @@ def cross_validation(
         free = n - jnp.sum(seen / (seen + absolute), axis=0)
         return jnp.maximum(power - explained, rounding) / power * (n / free) ** 2
 
+    table = wave_table(geometry, frequencies, n_max)
     values = transformed * geometry.weights
     power = jnp.sum(values * transformed, axis=(1, 2))
     return jax.lax.map(at, (table, power, summed_over_detectors(geometry, values, n_max)))
