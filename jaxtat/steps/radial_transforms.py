@@ -70,17 +70,17 @@ def delayed_transform(
     return jnp.sum((g @ weights.T) * kernels, axis=-1)
 
 
+@jax.jit
+def _kernels(nodes: Array, weights: Array, frequencies: Array) -> Array:
+    argument = frequencies[:, None] * nodes
+    return jnp.stack(both_kinds(0, argument), axis=1) @ weights
+
+
 def radial_kernels(
     radii: Float[Array, " radii"], frequencies: Float[Array, " frequencies"]
 ) -> Float[Array, "frequencies 2 radii"]:
     """k of G = Σ_i k_i g(z, r_i): J_0(lambda r) and Y_0(lambda r) with the quadrature's weights."""
     return _kernels(*radial_quadrature(radii), frequencies)
-
-
-@jax.jit
-def _kernels(nodes: Array, weights: Array, frequencies: Array) -> Array:
-    argument = frequencies[:, None] * nodes
-    return jnp.stack(both_kinds(0, argument), axis=1) @ weights
 
 
 def noise_power(
