@@ -12,11 +12,13 @@ In the plane it would be c/|xi|, with which a gradient method gets on. For noise
 is not used: the weight that then follows from the misfit alone would be too small.
 """
 
+import jax
 import jax.numpy as jnp
 import jax.scipy.linalg
 from jaxtyping import Array, Float
 
 
+@jax.jit
 def high_pass(
     radii: Float[Array, " radii"], cutoff: Float[Array, ""] | float
 ) -> Float[Array, "radii radii"]:

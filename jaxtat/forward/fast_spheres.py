@@ -146,6 +146,7 @@ def _is_zero(offset: Array, grid: VolumeGrid) -> bool:
     return bool(np.abs(np.asarray(offset)).max() < 1e-12 * float(np.asarray(grid.half_width).max()))
 
 
+@eqx.filter_jit
 def _series(radii: Array, sizes: SphereSizes, eta: Array | None) -> Float[Array, "k radii"]:
     """Zero beyond T, where the series goes on periodically and g is zero."""
     frequencies = jnp.asarray(sizes.frequencies)[:, None]

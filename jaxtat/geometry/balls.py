@@ -28,6 +28,7 @@ class Ball(eqx.Module):
         """The section with a plane through the axis, in (x_3, rho) from the centre; concrete."""
         return disk(self.radius, None if self.whole else self.cut, n_boundary=64)
 
+    @eqx.filter_jit
     def contains(self, points: Float[Array, "*n 3"]) -> Bool[Array, "*n"]:
         """Whether each point lies inside (the boundary does not)."""
         local = points - self.center

@@ -86,6 +86,7 @@ class ForwardOperator(lx.AbstractLinearOperator):
     def mv(self, vector: Numbers) -> Array:
         return self(vector)
 
+    @eqx.filter_jit
     def as_matrix(self) -> Float[Array, "out into"]:
         into = self.in_structure()
         units = jnp.eye(into.size, dtype=into.dtype).reshape(-1, *into.shape)
@@ -163,15 +164,16 @@ def forward_operator(
     integrals = setup.kind.fast_integrals(
         setup.curve, setup.grid, setup.radii, sizes, eta, tolerance
     )
-    integrals = jax.tree.map(lambda leaf: _as_precise(leaf, chosen), integrals)
+    if chosen == np.float32:
+        integrals = _in_single_precision(integrals)
     return ForwardOperator(integrals, sizes, setup.grid.shape, setup.data_shape)
 
 
-def _as_precise(leaf: Array, dtype: np.dtype) -> Array:
-    single = dtype == np.float32
-    if jnp.iscomplexobj(leaf):
-        return leaf.astype(np.complex64 if single else np.complex128)
-    return leaf.astype(dtype)
+@eqx.filter_jit
+def _in_single_precision(integrals: Any) -> Any:
+    return jax.tree.map(
+        lambda leaf: leaf.astype(np.complex64 if jnp.iscomplexobj(leaf) else np.float32), integrals
+    )
 
 
 @eqx.filter_jit

@@ -45,7 +45,7 @@ from ..regularization import (
     unit_norms,
 )
 from ..steps import AccuracyWarning, require_boundary
-from .plane_bases import StoredDensities
+from .plane_bases import StoredDensities, of_plane
 from .setup import Setup, plane_of, require_complete
 from .sizes import PlaneSizes, systems_fit
 
@@ -111,8 +111,7 @@ class ReconstructionPlan(eqx.Module):
     @property
     def basis(self) -> StoredDensities:
         """The densities, as `images_of` takes them."""
-        curve, region, radii, sizes = plane_of(self.setup)
-        return StoredDensities(curve, region, radii, sizes, self.densities)
+        return StoredDensities(*of_plane(*plane_of(self.setup)), self.densities)
 
 
 def build_plan(
@@ -283,7 +282,8 @@ def _harmonic(
         geometry = polar_geometry(curve, region, sizes.n_nodes)
         orders = harmonic_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
-        table = wave_table(geometry, frequencies, int(orders.max()))
+        most = max(int(orders.max()), sizes.groups[-1][-1])  # as `solve` has it
+        table = wave_table(geometry, frequencies, most)
         offset = region.center - geometry.center
         local = jax.device_put(np.asarray(angles) - np.asarray(geometry.axis))
     each = _divisible((table, norms, per_frequency(regularization, len(frequencies))))
@@ -315,7 +315,7 @@ def _collocation(
         if regularization.has_unit and sizes.reached:
             geometry = polar_geometry(curve, region, sizes.n_nodes)
             n_max = int(harmonic_orders(geometry, np.asarray(frequencies)).max())
-            units = alpha_units(geometry, frequencies, n_max)
+            units = alpha_units(geometry, wave_table(geometry, frequencies, n_max))
         rules = rules.in_units_of(units, frequencies)
 
     def solve(few: Array, norms: Array, rules: Regularization) -> tuple[Array, DensityReport]:

@@ -5,6 +5,7 @@ from contextlib import nullcontext
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float
 
@@ -14,9 +15,11 @@ from ..densities.harmonic import (
     Asked,
     PolarGeometry,
     SolveReport,
+    WaveTable,
     circular_harmonics_at,
     polar_geometry,
     solve_harmonics,
+    wave_table,
 )
 from ..geometry import DetectorCurve, ImageGrid, Region
 from ..regularization import (
@@ -28,7 +31,12 @@ from ..regularization import (
 )
 from ..steps.inversion import invert
 from ..steps.polar_transform import with_origin
-from ..steps.radial_transforms import noise_power, radial_transform, total_integrals
+from ..steps.radial_transforms import (
+    kernel_noise_power,
+    radial_kernels,
+    total_weights,
+    transform_by,
+)
 from .sizes import PlaneSizes
 
 MOST_ORDERS = 5000  # up to which Cholesky decompositions are faster: extrapolated, see benchmarks/
@@ -39,20 +47,32 @@ UNSAMPLED_ALPHA = 1e-3
 
 
 class PlaneBasis(Basis):
-    """Steps 2, 4 and 5 in the plane, which are the same for all densities."""
+    """Steps 2, 4 and 5 in the plane, which are the same for all densities.
+
+    Their programs are given arrays, not the basis: other curves, rules and solvers share them.
+
+    Attributes:
+        curve, region, sizes: the problem.
+        kernels: of step 2, by programs of their own, which all data share.
+        totals: by which data are summed to the total mass.
+    """
 
     curve: DetectorCurve
     region: Region
-    radii: Float[Array, " radii"]
     sizes: PlaneSizes
+    kernels: Float[Array, "frequencies 2 radii"]
+    totals: Float[Array, " radii"]
 
     def transform(self, g: Float[Array, "images detectors radii"]) -> tuple[Array, Array]:
-        return _transformed(g, self.radii, self.sizes), total_integrals(g, self.radii)
+        return transform_by(self.kernels, g), g @ self.totals
 
     def invert(
         self, fhat: Array, mass: Array, grid: ImageGrid, eta: Array, inversion: str
     ) -> Float[Array, "images x1 x2"]:
-        return _inverted(self, fhat, mass, grid, eta, inversion)
+        sizes = self.sizes
+        step = jnp.asarray(sizes.max_frequency / sizes.n_frequencies)
+        where = step, sizes.angles, grid, self.region.center, eta
+        return _inverted(fhat, mass, self.curve.weights, where, inversion)
 
 
 class StoredDensities(PlaneBasis):
@@ -80,7 +100,16 @@ class _Solved(PlaneBasis):
     mesh: Mesh | None = eqx.field(static=True)
 
     def energies(self, transformed: Array, fhat: Array) -> Array | None:
-        return None if self.sizes.sampled == 1 else _energies(transformed, fhat, self.sizes)
+        sampled = self.sizes.sampled == 1
+        return None if sampled else _energies(transformed, fhat, self.sizes.frequencies)
+
+    def asked(self, rule: TikhonovRule) -> Asked:
+        """What the rule depends on, and the rule."""
+        sizes = self.sizes
+        norm = jax.device_put(np.ones(sizes.n_frequencies))  # not asked for
+        if rule.needs_matrix:
+            norm = unit_norms(self.curve, self.region, sizes.frequencies, sizes.norm_orders)
+        return Asked(kernel_noise_power(self.kernels, self.curve.weights), norm, rule)
 
 
 class CylindricalWaves(_Solved):
@@ -95,10 +124,14 @@ class CylindricalWaves(_Solved):
 
     def fhat(self, transformed: Array, rule: TikhonovRule | None) -> tuple[Array, SolveReport]:
         assert rule is not None
-        # two programs: as one, XLA has been seen to wait for ever with two devices on one CPU
-        asked = _asked(self.curve, self.region, self.radii, rule, self.sizes)
-        harmonics, report = _harmonics(self, transformed, asked)
-        return _on_polar_grid(self.geometry, harmonics, self.sizes), report
+        sizes, geometry = self.sizes, self.geometry
+        # Programs of their own: as one with the solutions, XLA has been seen to wait for ever with
+        # two devices on one CPU; and plans and all rules and numbers of images share the table's.
+        asked = self.asked(rule)
+        table = wave_table(geometry, sizes.frequencies, sizes.groups[-1][-1])
+        how = self.solver, self.tolerance, self.mesh
+        harmonics, report = _harmonics(geometry, table, sizes.groups, transformed, asked, *how)
+        return _on_polar_grid(geometry, harmonics, sizes.frequencies, sizes.angles), report
 
 
 class BoundaryTraces(_Solved):
@@ -108,8 +141,14 @@ class BoundaryTraces(_Solved):
 
     def fhat(self, transformed: Array, rule: TikhonovRule | None) -> tuple[Array, SolveReport]:
         assert rule is not None
-        asked = _asked(self.curve, self.region, self.radii, rule, self.sizes)
-        return _on_boundary(self, transformed, asked)
+        return _on_boundary(self, transformed, self.asked(rule))
+
+
+def of_plane(
+    curve: DetectorCurve, region: Region, radii: Array, sizes: PlaneSizes
+) -> tuple[DetectorCurve, Region, PlaneSizes, Array, Array]:
+    """The attributes of every `PlaneBasis`."""
+    return curve, region, sizes, radial_kernels(radii, sizes.frequencies), total_weights(radii)
 
 
 def plane_basis(
@@ -122,7 +161,7 @@ def plane_basis(
     mesh: Mesh | None,
 ) -> PlaneBasis:
     """Cylindrical waves if they reach, else the boundary; arguments as in `solve`, checked."""
-    common = curve, region, radii, sizes
+    common = of_plane(curve, region, radii, sizes)
     exact = "cholesky" if solver == "auto" else solver
     if not sizes.reached:
         return BoundaryTraces(*common, exact, tolerance, mesh)
@@ -144,73 +183,53 @@ def default_rule(sizes: PlaneSizes) -> TikhonovRule:
     return Tikhonov(jnp.where(sampled, DEFAULT_ALPHA, UNSAMPLED_ALPHA))
 
 
-@eqx.filter_jit
-def _transformed(
-    g: Array, radii: Array, sizes: PlaneSizes
-) -> Float[Array, "images frequencies 2 detectors"]:
-    return radial_transform(g, radii, sizes.frequencies)
-
-
-@eqx.filter_jit
+@jax.jit
 def _energies(
     transformed: Float[Array, "images frequencies 2 detectors"],
     fhat: Complex[Array, "images frequencies directions"],
-    sizes: PlaneSizes,
+    frequencies: Float[Array, " frequencies"],
 ) -> Float[Array, "2 frequencies"]:
     """By data and image: (G_J, G_Y)² has the mean |fhat|²/lambda, times the share that is seen."""
-    frequencies = sizes.frequencies
     of_data = frequencies**2 * jnp.mean(transformed**2, axis=(0, 2, 3))
     return jnp.stack([of_data, frequencies * jnp.mean(jnp.abs(fhat) ** 2, axis=(0, 2))])
 
 
 @eqx.filter_jit
 def _inverted(
-    basis: PlaneBasis, fhat: Array, mass: Array, grid: ImageGrid, eta: Array, inversion: str
+    fhat: Array,
+    mass: Array,
+    weights: Array,
+    where: tuple[Array, Array, ImageGrid, Array, Array],
+    inversion: str,
 ) -> Float[Array, "images x1 x2"]:
-    sizes = basis.sizes
-    fhat = with_origin(fhat, mass, basis.curve.weights)
-    step = jnp.asarray(sizes.max_frequency / sizes.n_frequencies)
-    return invert(fhat, step, sizes.angles, grid, basis.region.center, eta, inversion)
-
-
-@eqx.filter_jit
-def _asked(
-    curve: DetectorCurve, region: Region, radii: Array, rule: TikhonovRule, sizes: PlaneSizes
-) -> Asked:
-    norm = jnp.ones(sizes.n_frequencies)  # not asked for
-    if rule.needs_matrix:
-        norm = unit_norms(curve, region, sizes.frequencies, sizes.norm_orders)
-    return Asked(noise_power(radii, sizes.frequencies, curve.weights), norm, rule)
+    return invert(with_origin(fhat, mass, weights), *where, inversion)
 
 
 @eqx.filter_jit
 def _harmonics(
-    basis: CylindricalWaves, transformed: Array, asked: Asked
+    geometry: PolarGeometry,
+    table: WaveTable,
+    groups: tuple[tuple[int, int, int], ...],
+    transformed: Array,
+    asked: Asked,
+    solver: str,
+    tolerance: Array,
+    mesh: Mesh | None,
 ) -> tuple[Float[Array, "images frequencies 2 orders"], SolveReport]:
     """The circular harmonics of fhat."""
-    sizes = basis.sizes
-    return solve_harmonics(
-        basis.geometry,
-        sizes.frequencies,
-        sizes.groups,
-        jnp.moveaxis(transformed, 1, 0),
-        asked,
-        basis.solver,
-        basis.tolerance,
-        basis.mesh,
-    )
+    transformed = jnp.moveaxis(transformed, 1, 0)
+    return solve_harmonics(geometry, table, groups, transformed, asked, solver, tolerance, mesh)
 
 
 @eqx.filter_jit
 def _on_polar_grid(
-    geometry: PolarGeometry, harmonics: Array, sizes: PlaneSizes
+    geometry: PolarGeometry, harmonics: Array, frequencies: Array, angles: Array
 ) -> Complex[Array, "images frequencies directions"]:
     """fhat on the polar grid, phases counted from the region's centre."""
-    angles = sizes.angles
     fhat = circular_harmonics_at(harmonics, angles - geometry.axis)
     if not geometry.disk:  # the harmonics count them from the centre of the waves
         offset = geometry.region.center - geometry.center
-        fhat = fhat * phases_from(sizes.frequencies, angles, offset)
+        fhat = fhat * phases_from(frequencies, angles, offset)
     return fhat
 
 

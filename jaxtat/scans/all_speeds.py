@@ -54,6 +54,7 @@ def data_by_speed(
     return jax.lax.map(transform, stretches)
 
 
+@jax.jit
 def faded(
     radii: Float[Array, " radii"], sounding: Float[Array, "detectors 2"]
 ) -> Float[Array, "detectors radii"]:

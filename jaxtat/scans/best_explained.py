@@ -116,7 +116,8 @@ def share_by_speed(
     g = integrals(scan, choices, setup, typical_frame(scan))
     n = min(sizes.n_frequencies, FREQUENCIES)
     some = np.round(np.linspace(0, sizes.n_frequencies - 1, n)).astype(int)
-    frequencies, orders = sizes.frequencies[some], sizes.groups[-1][-1]
+    frequencies = jax.device_put(np.asarray(sizes.frequencies)[some])
+    orders = sizes.groups[-1][-1]
     geometry, alpha = polar_geometry(curve, region, sizes.n_nodes), jax.device_put(ALPHA)
     distance = np.hypot(*(np.asarray(curve.points) - np.asarray(choices.region_center)).T)
     reach = choices.region_radius * np.array([-1.0, 1.0])

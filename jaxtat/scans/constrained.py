@@ -91,7 +91,8 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
         setup.curve, setup.region, setup.grid, radii, max_frequency=choices.max_frequency
     )
     path = choices.sound_speed * np.asarray(times)
-    window = np.flatnonzero((path >= float(radii[0])) & (path <= float(radii[-1])))
+    within = np.flatnonzero((path >= float(radii[0])) & (path <= float(radii[-1])))
+    window = slice(*(within[[0, -1]] + [0, 1])) if within.size else slice(0)
 
     def windowed(record: Array, baseline: bool) -> Float[Array, "*batch detectors samples"]:
         return in_band(choices, record, times, baseline=baseline)[..., window]

@@ -74,7 +74,7 @@ def _prediction_error(setup: Setup, g: Array, alphas: Array) -> Float[np.ndarray
     n = min(sizes.n_frequencies, FREQUENCIES)
     some = np.round(np.linspace(0, sizes.n_frequencies - 1, n)).astype(int)
     geometry = polar_geometry(curve, region, sizes.n_nodes)
-    frequencies = sizes.frequencies[some]
+    frequencies = jax.device_put(np.asarray(sizes.frequencies)[some])
     transformed = radial_transform(g, radii, frequencies)
     orders = sizes.groups[-1][-1]
     found = eqx.filter_jit(cross_validation)(geometry, frequencies, orders, transformed, alphas)

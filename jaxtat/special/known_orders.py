@@ -10,7 +10,7 @@ import numpy as np
 import scipy.special
 from jaxtyping import Float, Int
 
-from .sequences import evanescent_orders
+from .sequences import enough_orders, evanescent_orders
 
 _LARGEST = 1e150  # where Y saturates
 
@@ -69,6 +69,25 @@ def hankel_rows(
         after = factor * j_next - j, factor * y_next - y
         j, y, (j_next, y_next) = j_next, y_next, after
     yield j, y
+
+
+def known_circle_norm(
+    frequency: Float[np.ndarray, " frequencies"], radius: float, n_orders: int | None = None
+) -> Float[np.ndarray, " frequencies"]:
+    """`full_circle_norm` of known numbers above zero.
+
+    >>> print(f"{known_circle_norm(np.array([64 * np.pi]), 1.3)[0]:.6f}")
+    143.933091
+    """
+    x = frequency * radius
+    n_orders = enough_orders(float(x.max(initial=0.0))) if n_orders is None else n_orders
+    steps = known_decay_steps(n_orders, x)
+    scale, total = np.cumprod(steps, axis=0), np.zeros_like(x)
+    for n, (j, y) in enumerate(hankel_rows(x[:, None], steps)):
+        # 1 / |H_n|² of J_n / Delta_n and Delta_n Y_n, which do not overflow
+        term = scale[n] ** 2 / ((j[:, 0] * scale[n] ** 2) ** 2 + y[:, 0] ** 2)
+        total += term if n == 0 else 2 * term
+    return np.sqrt(total / (2 * np.pi * radius))
 
 
 def _ratios(n_max: int, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "orders *shape"]:

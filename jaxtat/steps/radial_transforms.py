@@ -11,7 +11,6 @@ from ..special import both_kinds
 from .quadrature import radial_quadrature
 
 
-@jax.jit
 def radial_transform(
     g: Float[Array, "*batch detectors radii"],
     radii: Float[Array, " radii"],
@@ -33,9 +32,18 @@ def radial_transform(
     >>> radial_transform(jnp.ones((3, 7, 100)), r, jnp.array([1.0, 2.0])).shape
     (3, 2, 2, 7)
     """
+    # two programs: the kernels are those of any data
+    return transform_by(radial_kernels(radii, frequencies), g)
+
+
+@jax.jit
+def transform_by(
+    kernels: Float[Array, "frequencies 2 radii"], g: Float[Array, "*batch detectors radii"]
+) -> Float[Array, "*batch frequencies 2 detectors"]:
+    """`radial_transform` by kernels that are known."""
     images = jnp.moveaxis(g.reshape(-1, *g.shape[-2:]), 0, 1)
     # images last is how the product comes out, and what the matrix products of step 3 want
-    found = jnp.einsum("fjr,kir->fjki", radial_kernels(radii, frequencies), images)
+    found = jnp.einsum("fjr,kir->fjki", kernels, images)
     return jnp.moveaxis(found, -1, 0).reshape(*g.shape[:-2], *found.shape[:-1])
 
 
@@ -88,16 +96,18 @@ def _(primals: tuple[Array, ...], tangents: tuple[Array | None, ...]) -> tuple[A
 
 
 @jax.jit
-def radial_kernels(
-    radii: Float[Array, " radii"], frequencies: Float[Array, " frequencies"]
-) -> Float[Array, "frequencies 2 radii"]:
-    """k of G = Σ_i k_i g(z, r_i): J_0(lambda r) and Y_0(lambda r) with the quadrature's weights."""
-    nodes, weights = radial_quadrature(radii)
+def _kernels(nodes: Array, weights: Array, frequencies: Array) -> Array:
     argument = frequencies[:, None] * nodes
     return jnp.stack(both_kinds(0, argument), axis=1) @ weights
 
 
-@jax.jit
+def radial_kernels(
+    radii: Float[Array, " radii"], frequencies: Float[Array, " frequencies"]
+) -> Float[Array, "frequencies 2 radii"]:
+    """k of G = Σ_i k_i g(z, r_i): J_0(lambda r) and Y_0(lambda r) with the quadrature's weights."""
+    return _kernels(*radial_quadrature(radii), frequencies)
+
+
 def noise_power(
     radii: Float[Array, " radii"],
     frequencies: Float[Array, " frequencies"],
@@ -107,6 +117,7 @@ def noise_power(
     return kernel_noise_power(radial_kernels(radii, frequencies), weights)
 
 
+@jax.jit
 def kernel_noise_power(
     kernels: Float[Array, "frequencies 2 radii"], weights: Float[Array, "..."]
 ) -> Float[Array, " frequencies"]:
@@ -114,10 +125,13 @@ def kernel_noise_power(
     return jnp.mean(weights) * jnp.mean(jnp.sum(kernels**2, axis=-1), axis=-1)
 
 
-@jax.jit
 def total_integrals(
     g: Float[Array, "*batch detectors radii"], radii: Float[Array, " radii"]
 ) -> Float[Array, "*batch detectors"]:
     """∫ g(z, r) dr = ∫ f dx, the total mass, once per detector."""
-    _, weights = radial_quadrature(radii)
-    return g @ jnp.sum(weights, axis=0)
+    return g @ total_weights(radii)
+
+
+def total_weights(radii: Float[Array, " radii"]) -> Float[Array, " radii"]:
+    """w of ∫ g(z, r) dr = Σ_i w_i g(z, r_i)."""
+    return jnp.sum(radial_quadrature(radii)[1], axis=0)

@@ -126,20 +126,30 @@ def compare_regularizations(
     _, angles = polar_grid(region, grid, radii, frequency, n_directions)
     geometry = polar_geometry(curve, region, sizes.n_nodes)
     n_max = int(harmonic_orders(geometry, np.asarray(frequency)[None]).max())
-    matrix, rhs, unit = _system(geometry, frequency, angles, n_max)
-    norm = unit_norms(curve, region, frequency[None], angles=angles)[0]
+    # parts and sums by numpy: nothing is traced, and each would be a program
+    alone, unit_vectors = jax.device_put(np.asarray(frequency)[None]), _unit(np.asarray(angles))
+    matrix, rhs, unit = _system(geometry, alone, angles, n_max)
+    norm = np.asarray(unit_norms(curve, region, alone, angles=angles))[0]
     data = phantom.circular_integrals(curve, radii)
-    data = jnp.stack([data, data + noise_like(jax.random.key(seed), data, noise)])
+    noisy = np.asarray(data) + np.asarray(noise_like(jax.random.key(seed), data, noise))
+    data = jax.device_put(np.stack([np.asarray(data), noisy]))
+    points = np.asarray(grid.points)[np.asarray(region.contains(grid.points))]
+    # lambda exp(i xi·x) dtheta / π: the half turn of directions stands for the whole
+    waves = np.exp(1j * float(frequency) * (points @ unit_vectors))
     judge = _Judge(
-        geometry=geometry,
-        matrix=matrix,
-        unit=unit,
-        rhs=rhs,
-        transformed=radial_transform(data, radii, frequency[None])[:, 0],
-        exact=phantom.fourier(frequency[None], angles)[0],
-        waves=_waves(frequency, angles, grid.points[region.contains(grid.points)]),
-        shift=jnp.exp(-1j * frequency * (geometry.center @ _unit(angles))),
-        unit_norm=norm,
+        geometry,
+        matrix,
+        unit,
+        rhs,
+        *jax.device_put(
+            (
+                np.asarray(radial_transform(data, radii, alone))[:, 0],
+                np.asarray(phantom.fourier(alone, angles))[0],
+                waves * float(frequency) / angles.shape[0],
+                np.exp(-1j * float(frequency) * (np.asarray(geometry.center) @ unit_vectors)),
+                norm,
+            )
+        ),
     )
 
     def iterated(judge: _Judge, alpha: Array) -> tuple[Array, Array, Array]:
@@ -171,14 +181,16 @@ class _Judge(eqx.Module):
         parameters: Float[Array, " values"],
     ) -> TradeOff:
         """The curve of one method: densities solved and judged for each parameter."""
-        jax.block_until_ready(solve(self, parameters[0]))  # compile
+        values = jax.device_put(list(np.asarray(parameters)))
+        jax.block_until_ready(solve(self, values[0]))  # compile
         rows = []
-        for parameter in parameters:
+        for parameter in values:
             start = time.perf_counter()
             q, iterations, converged = jax.block_until_ready(solve(self, parameter))
-            seconds = jnp.asarray(time.perf_counter() - start)
+            seconds = time.perf_counter() - start
             rows.append((parameter, *self.judged(q), seconds, iterations, converged))
-        return TradeOff(*(jnp.stack(column) for column in zip(*rows, strict=True)))
+        columns = [np.stack(list(map(np.asarray, column))) for column in zip(*rows, strict=True)]
+        return TradeOff(*jax.device_put(columns))
 
     @eqx.filter_jit
     def judged(self, q: Complex[Array, "blocks columns directions"]) -> Sequence[Array]:
@@ -196,12 +208,12 @@ class _Judge(eqx.Module):
 
 @eqx.filter_jit
 def _system(
-    geometry: PolarGeometry, frequency: Array, angles: Float[Array, " directions"], n_max: int
+    geometry: PolarGeometry, alone: Array, angles: Float[Array, " directions"], n_max: int
 ) -> tuple[
     Float[Array, "blocks m columns"], Complex[Array, "blocks m directions"], Float[Array, ""]
 ]:
     """A, u_xi and the unit of alpha."""
-    wave = jax.tree.map(lambda leaf: leaf[0], wave_table(geometry, frequency[None], n_max))
+    wave = jax.tree.map(lambda leaf: leaf[0], wave_table(geometry, alone, n_max))
     matrix, rhs, _, unit = wave_system(geometry, wave, angles - geometry.axis)
     return matrix, rhs, unit
 
@@ -232,12 +244,5 @@ def _square(columns: Complex[Array, "blocks n c"]) -> Float[Array, " c"]:
     return jnp.sum(jnp.abs(columns) ** 2, axis=(0, 1))
 
 
-def _waves(
-    frequency: Array, angles: Float[Array, " directions"], points: Float[Array, "points 2"]
-) -> Complex[Array, "points directions"]:
-    """lambda exp(i xi·x) dtheta / π: the half turn of directions stands for the whole."""
-    return jnp.exp(1j * frequency * (points @ _unit(angles))) * frequency / angles.shape[0]
-
-
-def _unit(angles: Float[Array, " directions"]) -> Float[Array, "2 directions"]:
-    return jnp.stack([jnp.cos(angles), jnp.sin(angles)])
+def _unit(angles: Float[np.ndarray, " directions"]) -> Float[np.ndarray, "2 directions"]:
+    return np.stack([np.cos(angles), np.sin(angles)])

@@ -233,7 +233,7 @@ def test_what_is_no_curve_region_or_grid_is_named_with_what_makes_one(given, mes
         require_objects(**given)
 
 
-def test_public_functions_say_it():
+def test_public_functions_say_it(unoptimised):
     """In a process of its own: here every annotation is checked before the functions are."""
     program = """
 import jax

@@ -56,6 +56,11 @@ def both_ways(curve, sizes, volumes, data):
     return operator(volumes), jax.linear_transpose(operator, like)(data)[0]
 
 
+@eqx.filter_jit
+def made_of(curve, sizes):
+    return sphere_integrals(curve, GRID, RADII, sizes)
+
+
 @pytest.fixture
 def several_groups(monkeypatch):
     """Of frequencies, few as they are."""
@@ -192,11 +197,11 @@ def test_waves_that_do_not_fit_are_made_anew_with_the_same_result(
 ):
     curve, volume = CURVES["anywhere"], jnp.asarray(RNG.standard_normal((1, *GRID.shape)))
     sizes = sphere_sizes(curve, GRID)
-    kept = sphere_integrals(curve, GRID, RADII, sizes)
+    kept = made_of(curve, sizes)
     monkeypatch.setattr("jaxtat.forward.sphere_waves.KEPT", 0.0)
     few_at_a_time = dataclasses.replace(sizes, together=5)
     with none_made():  # the limit is read when a program is made
-        anew = sphere_integrals(curve, GRID, RADII, few_at_a_time)
+        anew = made_of(curve, few_at_a_time)
     assert (kept.kept, anew.kept) == (True, False)
     found = [eqx.filter_jit(operator)(volume) for operator in (anew, kept)]
     assert np.allclose(*found, rtol=0, atol=1e-13)

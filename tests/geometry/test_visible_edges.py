@@ -13,7 +13,7 @@ from jaxtat.geometry.visible_edges import seen_share
 
 N_ANGLES = 360
 ANGLES = np.arange(360) * np.pi / 360
-GRID = ImageGrid((9, 7), (0.4, 0.28), (0.45, -0.1))  # no pixel nearer than 0.55 to an end
+GRID = ImageGrid((9, 7), (0.26, 0.18), (0.6, -0.1))  # no pixel nearer than 0.55 to an end
 
 
 def directions_seen(points, radius, right, level, eps):
@@ -36,7 +36,7 @@ def directions_seen(points, radius, right, level, eps):
     return np.minimum(appears, np.pi) / np.pi, moved / np.pi
 
 
-@pytest.mark.parametrize(("right", "level"), [(0.7, VISIBLE), (0.0, 0.5), (-0.6, VISIBLE)])
+@pytest.mark.parametrize(("right", "level"), [(0.7, 0.5), (-0.6, VISIBLE)])
 def test_map_of_an_arc_is_the_angle_under_which_it_appears(right, level):
     """Each of the two limits may be off by a sample, and by (eps/0.55)² = 3e-3 or less."""
     curve = circular_arc(1.3, right, 400)

@@ -285,7 +285,7 @@ def test_low_pass_smooths(arc_plan, data):
 
 
 def test_gradient_with_respect_to_the_data_is_the_adjoint(collocation_plan):
-    """By filtered back-projection. By a Fourier sum: test_solve.py."""
+    """By filtered back-projection. By a Fourier sum: interop/test_linear_operators.py."""
     plan, rng = collocation_plan, np.random.default_rng(0)
     g, image = map(rng.standard_normal, (plan.setup.data_shape, plan.grid.shape))
     forward, back = jax.vjp(lambda g: reconstruct(plan, g, inversion="fbp"), g)

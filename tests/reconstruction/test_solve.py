@@ -257,13 +257,3 @@ def test_derivatives_of_the_image(kind, solver):
         change = {sign: parameters[name] + sign * 1e-5 * step for sign in (1, -1)}
         ahead, behind = (derived(parameters | {name: change[s]})[0] for s in (1, -1))
         np.testing.assert_allclose((ahead - behind) / 2e-5, along[name], rtol=1e-5, err_msg=name)
-
-
-def test_the_transpose_in_g(arc):
-    """<R g, f> = <g, R^T f>: images are linear in the data, and reverse mode is the transpose."""
-    g, f = map(np.random.default_rng(3).standard_normal, (arc.data_shape, arc.grid.shape))
-    image, pull_back = jax.vjp(lambda g: reconstruct(arc, g), np.zeros_like(g))
-    assert not np.any(image)
-    image = reconstruct(arc, g)
-    left, right = np.vdot(image, f), np.vdot(g, pull_back(f)[0])
-    assert abs(left - right) < 1e-10 * np.linalg.norm(image) * np.linalg.norm(f)

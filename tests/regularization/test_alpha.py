@@ -22,6 +22,7 @@ from jaxtat.densities.harmonic import (
     harmonic_orders,
     polar_geometry,
     solve_harmonics,
+    wave_table,
 )
 from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
 from jaxtat.regularization import seen_once, tikhonov_rule
@@ -40,18 +41,19 @@ ORDERS = int(harmonic_orders(polar_geometry(ARC, DISK), np.asarray(FREQUENCIES))
 
 
 @jax.jit
-def zeros_solved(polar, rule, norms):
+def zeros_solved(polar, table, rule, norms):
     """alpha of a rule that does not look at the data."""
     n = polar.detector_angles.shape[0]
     asked = Asked(jnp.ones(2), norms, rule)
     nothing = jnp.zeros((2, 1, 2, n))
     groups = ((0, 2, ORDERS),)
-    return solve_harmonics(polar, FREQUENCIES, groups, nothing, asked, "cholesky", 1e-10)[1]
+    return solve_harmonics(polar, table, groups, nothing, asked, "cholesky", 1e-10)[1]
 
 
 def alphas(curve, region, alpha, norms=NORMS):
     rule = tikhonov_rule(alpha, 2)
-    return zeros_solved(polar_geometry(curve, region), rule, norms)
+    polar = polar_geometry(curve, region)
+    return zeros_solved(polar, wave_table(polar, FREQUENCIES, ORDERS), rule, norms)
 
 
 def diagonal_problem(values):

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 import scipy.special
 
-from jaxtat.special import decay_steps, hankel_rows, known_decay_steps
+from jaxtat.special import (
+    decay_steps,
+    full_circle_norm,
+    hankel_rows,
+    known_circle_norm,
+    known_decay_steps,
+)
 
 mp.mp.dps = 30
 
@@ -51,3 +57,10 @@ def test_rows_that_need_no_more_are_left_out():
     for n, (wanted, found) in enumerate(zip(every, some, strict=True)):
         for kind in range(2):
             assert np.allclose(found[kind], wanted[kind][needed >= n], rtol=1e-13, atol=0)
+
+
+def test_norms_are_those_of_the_compiled_sum():
+    frequency = np.array([0.01, 0.5, 3.0, 40.0, 200.0])
+    for n_orders in (None, 400):  # at the lowest frequency Y of most of these overflows
+        found = known_circle_norm(frequency, 1.3, n_orders)
+        np.testing.assert_allclose(found, full_circle_norm(frequency, 1.3, n_orders), rtol=1e-14)

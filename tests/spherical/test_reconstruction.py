@@ -78,9 +78,12 @@ def solved():
     return solve_rings(p.cap, p.region, p.radii, p.stack, rule, p.sizes)
 
 
+in_some_planes = jax.jit(meridian_fourier, static_argnums=(2, 3))
+
+
 def in_planes(spectrum, n, n_sets):
     planes = [
-        np.asarray(meridian_fourier(spectrum, jnp.asarray(k), n_sets, n)) for k in range(n_sets)
+        np.asarray(in_some_planes(spectrum, jnp.asarray(k), n_sets, n)) for k in range(n_sets)
     ]
     return np.stack(planes, axis=1).reshape(n, *planes[0].shape[1:])
 

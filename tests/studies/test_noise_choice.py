@@ -142,7 +142,7 @@ def test_images_of_noisy_data_are_better_than_with_the_papers_K(fine, fine_plan,
     """Of a phantom whose power was taken from its own noisy data."""
     inside, truth = fine.region.contains(fine.grid.points), BELL.image(fine.grid)
     exact = BELL.circular_integrals(fine.curve, fine.radii)
-    g = exact + 0.1 * jax.random.normal(jax.random.key(2), (20, *exact.shape))
+    g = exact + 0.1 * jax.random.normal(jax.random.key(2), (16, *exact.shape))  # one group
     power = image_power(fine_plan, g[0], 0.1)
     rule = choose_regularization(fine, 0.1, power, kind=kind).regularization
     chosen = build_plan(fine, rule)

@@ -34,7 +34,6 @@ from .table import (
     detector_powers,
     pairs,
     region_factor,
-    wave_table,
 )
 from .waves import angular, circular_harmonics_at, minus_i_powers
 
@@ -298,16 +297,14 @@ def _rounded(size: int) -> int:
 
 
 @eqx.filter_jit
-def alpha_units(
-    geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: int
-) -> Float[Array, " f"]:
+def alpha_units(geometry: PolarGeometry, table: WaveTable) -> Float[Array, " f"]:
     """`alpha_unit` at each frequency, the unit of `Tikhonov` [length²]."""
 
     @jax.checkpoint
     def at(wave: WaveTable) -> Array:
         return alpha_unit(region_factor(geometry, wave).powers, detector_powers(geometry, wave))
 
-    return jax.lax.map(at, wave_table(geometry, frequencies, n_max))
+    return jax.lax.map(at, table)
 
 
 @eqx.filter_jit

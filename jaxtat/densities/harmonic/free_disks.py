@@ -30,6 +30,7 @@ from ...special import hankel_rows, known_decay_steps
 from .chebyshev_distances import few_distances
 from .cholesky import Cholesky, block_bounds, factorize
 from .densities import HarmonicDensities, Solved, rows_alone
+from .known_waves import known_disk_norms, known_twice
 from .moved_units import circle_places, moved_unit
 from .orders import TOLERANCE, highest_orders
 from .polar import REACHED, PolarGeometry, polar_geometry
@@ -128,7 +129,7 @@ def free_waves(
         for first in range(0, len(known), AT_ONCE):
             here = slice(first, first + AT_ONCE)
             norms, waves = _waves(known[here], needed[here], radius, np.append(places, around))
-            scale = np.repeat(norms * _twice(len(norms))[:, None], 2, axis=0)
+            scale = np.repeat(norms * known_twice(len(norms))[:, None], 2, axis=0)
             for i, n in enumerate(needed[here] + 1):
                 each[first + i][1][0, : 2 * n] = scale[: 2 * n, i]
                 filled.append(pool.submit(fill, first + i, waves[:n, :, i, : len(places)]))
@@ -242,9 +243,9 @@ def _waves(
     n_max = int(needed[-1])
     steps = known_decay_steps(n_max + 1, frequencies * radius)
     scale = np.cumprod(steps[:-1], axis=0)
-    norms = _disk_norms(frequencies * radius, radius, steps)  # over scale
+    norms = known_disk_norms(frequencies * radius, radius, steps)  # over scale
     # what multiplies J_n / scale and Y_n scale
-    factors = np.stack([norms * scale**2, norms], axis=1) * _twice(n_max + 1)[:, None, None]
+    factors = np.stack([norms * scale**2, norms], axis=1) * known_twice(n_max + 1)[:, None, None]
     found = np.zeros((*factors.shape, len(places)))
     rows = hankel_rows(frequencies[:, None] * places, steps[:-1], needed)
     for n, bessel in enumerate(rows):
@@ -263,23 +264,6 @@ def _products(
     n = len(values)
     np.einsum("njqk,npqk->npjk", values, angular[:n], out=matrix[:n])
     matrix[n:] = 0
-
-
-def _disk_norms(
-    x: Float[np.ndarray, " f"], radius: float, steps: Float[np.ndarray, "more f"]
-) -> Float[np.ndarray, "orders f"]:
-    """`waves.disk_norms` of the cosines, x = lambda R."""
-    j = np.stack([value[:, 0] for value, _ in hankel_rows(x[:, None], steps)])
-    before = np.concatenate([-j[1:2] * steps[1], j[:-2] / steps[1:-1]])  # J_{-1} = -J_1
-    slope = (before - j[1:] * steps[1:]) / 2
-    norm = np.sqrt(np.pi * radius * (j[:-1] ** 2 + slope**2))
-    norm[0] *= np.sqrt(2)
-    return norm
-
-
-def _twice(n: int) -> Float[np.ndarray, " orders"]:
-    """eps_n of n orders: 1 for order 0, else 2."""
-    return np.where(np.arange(n) == 0, 1.0, 2.0)
 
 
 def _empty(shape: tuple[int, ...], dtype: Any) -> np.ndarray:

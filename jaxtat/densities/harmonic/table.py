@@ -16,10 +16,14 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Inexact
 
+from ...base.checks import is_concrete
 from ...geometry.elements import element_factor, mean_over_nodes
+from ...special import known_decay_steps
 from .cut_disks import CutDisk, cut_disk_gram
+from .known_waves import known_at_detectors, known_disk_norms
 from .linear_systems import product_of_blocks
 from .polar import PolarGeometry
 from .waves import angular, at_detectors, boundary_traces, disk_norms, scales, twice, wave_steps
@@ -54,15 +58,44 @@ class WaveTable(eqx.Module):
         )
 
     @property
+    def n_max(self) -> int:
+        """N, the highest order."""
+        return self.steps.shape[-1] - 2
+
+    @property
     def plane_scale(self) -> Float[Array, "*f fewer"]:
         """eps_n Delta_n, the size of the waves in a plane wave."""
         steps = jnp.moveaxis(self.steps, -1, 0)
-        return jnp.moveaxis(scales(steps), 0, -1) * twice(self.steps.shape[-1] - 2)
+        return jnp.moveaxis(scales(steps), 0, -1) * twice(self.n_max)
+
+
+def wave_table(geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: int) -> WaveTable:
+    """The table for all frequencies at once: recurrences run over orders, not frequencies.
+
+    By numpy if all places are known, but for elements of finite size.
+    """
+    extended = geometry.element_angle is not None or geometry.nodes is not None
+    if extended or not is_concrete(geometry, frequencies):
+        return _traced_table(geometry, frequencies, n_max)
+    known = np.asarray(frequencies)
+    steps = known_decay_steps(n_max + 1, known * float(geometry.reach))
+    on_circle = norms = None
+    if geometry.on_circle:
+        arguments = known * float(geometry.detector_radius)
+        on_circle = np.moveaxis(known_at_detectors(arguments, steps), -1, 0)
+    if geometry.disk:
+        radius = float(geometry.region.reach)
+        of_cosines = known_disk_norms(known * radius, radius, steps).T
+        of_sines = np.where(np.arange(n_max + 1) == 0, 0.0, of_cosines)
+        norms = np.stack([of_cosines, of_sines], axis=1)
+    with jax.ensure_compile_time_eval():
+        return WaveTable(*jax.device_put((known, steps.T, on_circle, norms)))
 
 
 @eqx.filter_jit
-def wave_table(geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: int) -> WaveTable:
-    """The table for all frequencies at once: recurrences run over orders, not frequencies."""
+def _traced_table(
+    geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: int
+) -> WaveTable:
     steps = wave_steps(n_max, frequencies, geometry)
     on_circle = norms = None
     if geometry.on_circle:

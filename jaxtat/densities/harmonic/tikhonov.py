@@ -49,7 +49,6 @@ from .table import (
     region_factor,
     region_gram,
     scaled_gram,
-    wave_table,
     with_matrix,
 )
 from .waves import angular
@@ -119,7 +118,7 @@ class _Tables(eqx.Module):
 
 def solve_harmonics(
     geometry: PolarGeometry,
-    frequencies: Float[Array, " frequencies"],
+    table: WaveTable,
     groups: tuple[tuple[int, int, int], ...],
     transformed: Float[Array, "frequencies images 2 detectors"],
     asked: Asked,
@@ -131,7 +130,7 @@ def solve_harmonics(
 
     Args:
         geometry: curve and region.
-        frequencies: lambda [rad/length].
+        table: waves of all frequencies, up to the most orders of all groups.
         groups: (first, last + 1, orders) of frequencies that are solved alike.
         transformed: (G_J, G_Y), frequencies first.
         asked: noise, norm and rule of every frequency.
@@ -143,7 +142,6 @@ def solve_harmonics(
         c, zero beyond the orders of a frequency, and how the systems were solved.
     """
     n_max = max(orders for *_, orders in groups)
-    table = wave_table(geometry, frequencies, n_max)
     with_factor = geometry.disk or asked.rule.needs_matrix
     tables = _Tables(
         circle_gram(geometry, n_max) if solver == "cholesky" and geometry.on_circle else None,

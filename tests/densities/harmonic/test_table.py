@@ -55,6 +55,7 @@ def at(table, i):
     return jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf)[i], table))
 
 
+traced_table = eqx.filter_jit(wave_table)
 matrix_of, traces_of = eqx.filter_jit(potential_matrix), eqx.filter_jit(boundary_traces)
 
 
@@ -210,6 +211,16 @@ def test_a_table_may_be_cut():
     leaves = (jax.tree.leaves(table) for table in (many.up_to(60), small))
     for found, expected in zip(*leaves, strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["disk", "askew"])
+def test_tables_of_known_and_of_traced_places_are_alike(name):
+    """By numpy and by a compiled program."""
+    polar = polar_geometry(*GEOMETRIES[name])
+    known = wave_table(polar, FREQUENCIES, 90)
+    leaves = (jax.tree.leaves(table) for table in (known, traced_table(polar, FREQUENCIES, 90)))
+    for found, expected in zip(*leaves, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-280)
 
 
 def test_detectors_on_a_circle_and_one_by_one_have_the_same_matrix():

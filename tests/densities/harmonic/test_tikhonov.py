@@ -63,13 +63,14 @@ def some_data(curve, images=2):
     return jnp.asarray(np.random.default_rng(0).standard_normal(shape))
 
 
-@eqx.filter_jit
+solve_compiled = eqx.filter_jit(solve_harmonics)
+
+
 def solve(polar, transformed, groups, solver, alpha=1e-6, tolerance=1e-12):
     ones = jnp.ones(len(FREQUENCIES))
     asked = Asked(ones, ones, tikhonov_rule(alpha, len(FREQUENCIES)))
-    return solve_harmonics(
-        polar, jnp.asarray(FREQUENCIES), groups, transformed, asked, solver, tolerance
-    )
+    table = wave_table(polar, jnp.asarray(FREQUENCIES), groups[-1][-1])
+    return solve_compiled(polar, table, groups, transformed, asked, solver, tolerance)
 
 
 def one_group(polar):
@@ -140,10 +141,11 @@ def test_product_of_gram_matrices_on_half_a_circle(n_detectors):
     polar = polar_geometry(curve, disk(1.0, 0.0, n_boundary=200, **PLACE))
     assert polar.half_turn and polar.mirror
     outer = np.random.default_rng(0).standard_normal((2, 25, 25))
+    table = wave_table(polar, jnp.asarray(FREQUENCIES), 24)
 
     @jax.jit
     def product_and_waves(outer):
-        wave = jax.tree.map(lambda leaf: leaf[1], wave_table(polar, jnp.asarray(FREQUENCIES), 24))
+        wave = jax.tree.map(lambda leaf: leaf[1], table)
         inner = tikhonov.detector_gram(polar, wave, circle_gram(polar, 24))
         return product_of_grams(polar, inner, outer), detector_matrix(polar, wave)
 
@@ -154,8 +156,8 @@ def test_product_of_gram_matrices_on_half_a_circle(n_detectors):
 
 
 @eqx.filter_jit
-def of_last_frequency(polar, n_max):
-    wave = jax.tree.map(lambda leaf: leaf[2], wave_table(polar, jnp.asarray(FREQUENCIES), n_max))
+def of_last_frequency(polar, table):
+    wave = jax.tree.map(lambda leaf: leaf[2], table)
     return wave.norms, wave.plane_scale, detector_matrix(polar, wave)
 
 
@@ -169,7 +171,8 @@ def test_too_few_steps_are_reported_with_the_true_residual(monkeypatch, none_mad
     with none_made():  # the limit is read when a program is made
         harmonics, report = solve(polar, transformed, groups, "cg")
     assert not np.any(report.converged) and np.all(np.asarray(report.iterations) == 5)
-    norms, plane_scale, matrix = map(np.asarray, of_last_frequency(polar, groups[0][2]))
+    table = wave_table(polar, jnp.asarray(FREQUENCIES), groups[0][2])
+    norms, plane_scale, matrix = map(np.asarray, of_last_frequency(polar, table))
     root, alpha = np.sqrt(curve.weights), float(report.alpha[2])
     a = norms[:, :, None] * matrix * root
     size = plane_scale * norms
