@@ -24,7 +24,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..densities.harmonic import polar_geometry, unexplained_share
+from ..densities.harmonic import polar_geometry, unexplained_share, waves_of
 from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of
@@ -117,15 +117,15 @@ def share_by_speed(
     n = min(sizes.n_frequencies, FREQUENCIES)
     some = np.round(np.linspace(0, sizes.n_frequencies - 1, n)).astype(int)
     frequencies = jax.device_put(np.asarray(sizes.frequencies)[some])
-    orders = sizes.groups[-1][-1]
     geometry, alpha = polar_geometry(curve, region, sizes.n_nodes), jax.device_put(ALPHA)
+    waves = waves_of(geometry, frequencies, sizes.groups[-1][-1])
     distance = np.hypot(*(np.asarray(curve.points) - np.asarray(choices.region_center)).T)
     reach = choices.region_radius * np.array([-1.0, 1.0])
     sounding = jax.device_put(distance[:, None] + reach)
 
     def share_at(speeds: np.ndarray) -> np.ndarray:
         data = data_by_speed(g, radii, jax.device_put(speeds), frequencies, sounding)
-        return np.asarray(_share(geometry, frequencies, orders, data, alpha))
+        return np.asarray(_share(geometry, waves, data, alpha))
 
     return share_at
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.choice_table import LIKELY, SURE
-from ..densities.harmonic import cross_validation, polar_geometry
+from ..densities.harmonic import cross_validation, polar_geometry, waves_of
 from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of
@@ -76,6 +76,9 @@ def _prediction_error(setup: Setup, g: Array, alphas: Array) -> Float[np.ndarray
     geometry = polar_geometry(curve, region, sizes.n_nodes)
     frequencies = jax.device_put(np.asarray(sizes.frequencies)[some])
     transformed = radial_transform(g, radii, frequencies)
-    orders = sizes.groups[-1][-1]
-    found = eqx.filter_jit(cross_validation)(geometry, frequencies, orders, transformed, alphas)
+    waves = waves_of(geometry, frequencies, sizes.groups[-1][-1])
+    found = _errors(geometry, waves, transformed, alphas)
     return np.exp(np.log(np.asarray(found)).mean(axis=0))
+
+
+_errors = eqx.filter_jit(cross_validation)

@@ -35,11 +35,11 @@ from ..base.checks import (
 )
 from ..base.rows import map_rows
 from ..densities.harmonic import (
-    KnownWaves,
     PolarGeometry,
-    known_waves,
+    Waves,
     polar_geometry,
     unexplained,
+    waves_of,
 )
 from ..geometry import CircularArc, DetectorCurve, Region, turned_views
 from ..reconstruction import Setup
@@ -172,7 +172,7 @@ def calibrate(
     require_waves(sizes)
     geometry, waves = polar_geometry(placed, region, sizes.n_nodes), None
     if not _MOVING & set(unknown):
-        waves = known_waves(geometry, sizes.frequencies, sizes.groups[-1][-1])
+        waves = waves_of(geometry, sizes.frequencies, sizes.groups[-1][-1])
     problem = _Problem(
         geometry=geometry,
         curve=curve,
@@ -220,7 +220,7 @@ class _Problem(eqx.Module):
     alpha: Float[Array, ""]
     sound_speed: Float[Array, ""]
     sizes: PlaneSizes
-    waves: KnownWaves | None = None
+    waves: Waves | None = None
 
 
 Free = dict[str, Array]  # corrections of the unknowns, relative, lengths over the distance
@@ -299,7 +299,7 @@ def _residual(free: Free, given: _Given) -> tuple[Array, Array]:
     geometry = _geometry(problem, free, found)
     known = problem.waves
     if known is None:
-        known = known_waves(geometry, frequencies, problem.sizes.groups[-1][-1])
+        known = waves_of(geometry, frequencies, problem.sizes.groups[-1][-1])
     transformed = _transformed(problem, free, found, frequencies)
     left, penalty = unexplained(geometry, known, transformed, problem.alpha)
     return weight[:, None, None] * left, weight[:, None, None] * penalty

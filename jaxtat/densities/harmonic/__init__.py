@@ -1,11 +1,11 @@
 """Cylindrical waves: step 1 without collocation, and reconstruction without step 1."""
 
 from .consistency import (
-    KnownWaves,
+    Waves,
     cross_validation,
-    known_waves,
     unexplained,
     unexplained_share,
+    waves_of,
 )
 from .densities import (
     DensityGroup,
@@ -32,10 +32,10 @@ __all__ = [
     "DensityGroup",
     "FreeWaves",
     "HarmonicDensities",
-    "KnownWaves",
     "PolarGeometry",
     "SolveReport",
     "WaveTable",
+    "Waves",
     "alpha_units",
     "cholesky_solve",
     "circular_harmonics_at",
@@ -48,7 +48,6 @@ __all__ = [
     "group_of",
     "harmonic_densities",
     "harmonic_orders",
-    "known_waves",
     "polar_geometry",
     "sampled_harmonic_densities",
     "solve_harmonics",
@@ -59,5 +58,6 @@ __all__ = [
     "wants_double",
     "wave_system",
     "wave_table",
+    "waves_of",
     "waves_reach",
 ]

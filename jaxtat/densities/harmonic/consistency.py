@@ -32,8 +32,8 @@ from .table import (
 from .tikhonov import moments, normal_matrix, summed_over_detectors
 
 
-class KnownWaves(eqx.Module):
-    """What of the waves does not depend on the data, at all frequencies.
+class Waves(eqx.Module):
+    """What does not depend on the data, at all frequencies.
 
     Attributes:
         table: of the waves.
@@ -44,10 +44,9 @@ class KnownWaves(eqx.Module):
     gram: Float[Array, "blocks r r"] | None
 
 
-@eqx.filter_jit
-def known_waves(
+def waves_of(
     geometry: PolarGeometry, frequencies: Float[Array, " frequencies"], n_max: int
-) -> KnownWaves:
+) -> Waves:
     """The waves of a curve and a region.
 
     Args:
@@ -55,13 +54,16 @@ def known_waves(
         frequencies: lambda [rad/length].
         n_max: highest order of the waves.
     """
-    gram = circle_gram(geometry, n_max) if geometry.on_circle else None
-    return KnownWaves(wave_table(geometry, frequencies, n_max), gram)
+    gram = _gram(geometry, n_max) if geometry.on_circle else None
+    return Waves(wave_table(geometry, frequencies, n_max), gram)
+
+
+_gram = eqx.filter_jit(circle_gram)
 
 
 def unexplained(
     geometry: PolarGeometry,
-    known: KnownWaves,
+    waves: Waves,
     transformed: Float[Array, "frequencies 2 detectors"],
     alpha: Float[Array, ""],
 ) -> tuple[Float[Array, "frequencies 2 detectors"], Float[Array, "frequencies blocks r"]]:
@@ -69,7 +71,7 @@ def unexplained(
 
     Args:
         geometry: curve and region.
-        known: their waves, by `known_waves`.
+        waves: theirs, by `waves_of`.
         transformed: (G_J, G_Y).
         alpha: in units of `alpha_unit`.
 
@@ -83,24 +85,23 @@ def unexplained(
     def at(given: tuple[WaveTable, Array, Array]) -> tuple[Array, Array]:
         wave, data, sums = given
         wave = with_matrix(geometry, wave)
-        factor, matrix, unit = _system(geometry, wave, known.gram)
+        factor, matrix, unit = _system(geometry, wave, waves.gram)
         absolute = alpha * unit
         rhs = factor.times(moments(geometry, wave, sums[None]))
         shifted = matrix + absolute * jnp.eye(matrix.shape[-1])
         y = cholesky_solve(shifted, jnp.moveaxis(rhs, 0, -1))[..., 0]
-        waves = detector_matrix(geometry, wave)
-        explained = jnp.einsum("jbrk,br->jk", waves, factor.transposed_times(y))
+        matrices = detector_matrix(geometry, wave)
+        explained = jnp.einsum("jbrk,br->jk", matrices, factor.transposed_times(y))
         return root * (data - explained), jnp.sqrt(absolute) * y
 
-    n_max = known.table.steps.shape[-1] - 2
-    sums = summed_over_detectors(geometry, transformed * geometry.weights, n_max)
-    return jax.lax.map(at, (known.table, transformed, sums))
+    values = transformed * geometry.weights
+    sums = summed_over_detectors(geometry, values, waves.table.n_max)
+    return jax.lax.map(at, (waves.table, transformed, sums))
 
 
 def unexplained_share(
     geometry: PolarGeometry,
-    frequencies: Float[Array, " frequencies"],
-    n_max: int,
+    waves: Waves,
     transformed: Float[Array, "sets frequencies 2 detectors"],
     alpha: Float[Array, ""],
 ) -> Float[Array, "frequencies sets"]:
@@ -113,28 +114,27 @@ def unexplained_share(
     one decomposition for all sets.
 
     Args:
-        geometry, frequencies, n_max, alpha: as in `unexplained`.
+        geometry, waves, alpha: as in `unexplained`.
         transformed: sets of (G_J, G_Y).
     """
-    known = known_waves(geometry, frequencies, n_max)
 
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
         wave = with_matrix(geometry, wave)
-        factor, matrix, unit = _system(geometry, wave, known.gram)
+        factor, matrix, unit = _system(geometry, wave, waves.gram)
         rhs = jnp.moveaxis(factor.times(moments(geometry, wave, sums)), 0, -1)
         y = cholesky_solve(matrix + alpha * unit * jnp.eye(matrix.shape[-1]), rhs)
         return jnp.maximum(1 - jnp.sum(rhs * y, axis=(0, 1)) / power, jnp.finfo(power.dtype).eps)
 
     values = jnp.moveaxis(transformed, 1, 0) * geometry.weights
     power = jnp.einsum("fsjk,sfjk->fs", values, transformed)
-    return jax.lax.map(at, (known.table, power, summed_over_detectors(geometry, values, n_max)))
+    sums = summed_over_detectors(geometry, values, waves.table.n_max)
+    return jax.lax.map(at, (waves.table, power, sums))
 
 
 def cross_validation(
     geometry: PolarGeometry,
-    frequencies: Float[Array, " frequencies"],
-    n_max: int,
+    waves: Waves,
     transformed: Float[Array, "frequencies 2 detectors"],
     alphas: Float[Array, " alphas"],
 ) -> Float[Array, "frequencies alphas"]:
@@ -150,18 +150,17 @@ def cross_validation(
     what waves leave unexplained, over what they would leave of noise alone.
 
     Args:
-        geometry, frequencies, n_max, transformed: as in `unexplained`.
+        geometry, waves, transformed: as in `unexplained`.
         alphas: in units of `alpha_unit`.
 
     Source: Golub, Heath and Wahba, Technometrics 21 (1979) 215-223.
     """
-    known = known_waves(geometry, frequencies, n_max)
     n = 2 * geometry.detector_angles.shape[0]
 
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
         wave = with_matrix(geometry, wave)
-        factor, matrix, unit = _system(geometry, wave, known.gram)
+        factor, matrix, unit = _system(geometry, wave, waves.gram)
         absolute = alphas * unit
         eigenvalues, vectors = jnp.linalg.eigh(matrix)
         seen = jnp.maximum(eigenvalues, 0.0).ravel()[:, None]
@@ -174,7 +173,8 @@ def cross_validation(
 
     values = transformed * geometry.weights
     power = jnp.sum(values * transformed, axis=(1, 2))
-    return jax.lax.map(at, (known.table, power, summed_over_detectors(geometry, values, n_max)))
+    sums = summed_over_detectors(geometry, values, waves.table.n_max)
+    return jax.lax.map(at, (waves.table, power, sums))
 
 
 def _system(

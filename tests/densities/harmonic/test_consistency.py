@@ -9,11 +9,11 @@ import pytest
 from jaxtat import circular_arc, disk, phantoms
 from jaxtat.densities.harmonic import (
     cross_validation,
-    known_waves,
     polar_geometry,
     unexplained,
     unexplained_share,
     wave_table,
+    waves_of,
 )
 from jaxtat.densities.harmonic.table import (
     alpha_unit,
@@ -44,7 +44,7 @@ validated, shared = eqx.filter_jit(cross_validation), eqx.filter_jit(unexplained
 
 @eqx.filter_jit
 def explained(geometry, frequencies, n_max, data, alpha):
-    return unexplained(geometry, known_waves(geometry, frequencies, n_max), data, alpha)
+    return unexplained(geometry, waves_of(geometry, frequencies, n_max), data, alpha)
 
 
 @eqx.filter_jit
@@ -86,7 +86,7 @@ def test_the_share_of_sets_of_data_is_that_of_each():
     """Of detectors off a circle, where a set's sums are taken frequency by frequency."""
     geometry = polar_geometry(*GEOMETRIES["off a circle"])
     sets = np.random.default_rng(3).standard_normal((3, 2, 2, 20))
-    found = shared(geometry, FREQUENCIES, N_MAX, jnp.asarray(sets), ALPHA)
+    found = shared(geometry, waves_of(geometry, FREQUENCIES, N_MAX), jnp.asarray(sets), ALPHA)
     for number, data in enumerate(sets):
         left, penalty = map(np.asarray, explained(geometry, FREQUENCIES, N_MAX, data, ALPHA))
         misfit = np.sum(left**2, axis=(1, 2)) + np.sum(penalty**2, axis=(1, 2))
@@ -115,7 +115,7 @@ def test_exact_data_are_explained_but_not_with_a_wrong_speed():
 def test_cross_validation_is_that_of_the_dense_matrix(name):
     geometry = polar_geometry(*GEOMETRIES[name])
     data = np.random.default_rng(1).standard_normal((2, 2, 20))
-    found = np.asarray(validated(geometry, FREQUENCIES, N_MAX, data, ALPHAS))
+    found = np.asarray(validated(geometry, waves_of(geometry, FREQUENCIES, N_MAX), data, ALPHAS))
     for i, (a, unit) in enumerate(dense(geometry)):
         d = (data[i] * np.sqrt(np.asarray(geometry.weights))).ravel()
         for k in (10, 30, 50, 70):
@@ -132,11 +132,12 @@ def test_it_finds_the_alpha_of_random_waves_and_noise(name, alpha):
     geometry = polar_geometry(*GEOMETRIES[name])
     systems, root = list(dense(geometry)), np.sqrt(np.asarray(geometry.weights))
     rng, total = np.random.default_rng(0), 0.0
+    waves = waves_of(geometry, FREQUENCIES, N_MAX)
     for _ in range(100):
         drawn = []
         for a, unit in systems:
             noise = np.sqrt(alpha * unit) * rng.standard_normal(40)
             drawn.append((a.T @ rng.standard_normal(len(a)) + noise).reshape(2, 20))
-        found = validated(geometry, FREQUENCIES, N_MAX, np.array(drawn) / root, ALPHAS)
+        found = validated(geometry, waves, np.array(drawn) / root, ALPHAS)
         total += np.log(np.asarray(found)).sum(axis=0)
     assert abs(np.log10(ALPHAS[np.argmin(total)] / alpha)) < 1 / 3
