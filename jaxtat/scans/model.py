@@ -53,12 +53,15 @@ def better_model(scan: Scan, choices: Choices, other: Choices) -> Choices:
 
 def _by_dips(scan: Scan, by_model: dict[str, Choices]) -> tuple[str, str, str] | None:
     """What is seen from two sides."""
-    depths = {model: dip_of(scan, choices).depth for model, choices in by_model.items()}
-    model = max(depths, key=depths.__getitem__)
-    if depths[model] <= 0:
+    dips = {model: dip_of(scan, choices) for model, choices in by_model.items()}
+    model = max(dips, key=lambda model: dips[model].depth)
+    best, other = dips[model], dips[OTHER[model]]
+    if best.depth <= 0:
         return None
-    clear = depths[model] >= max(DEEP, CLEARLY * depths[OTHER[model]])
     why = f"an image explains the record better as {WHAT[model]} than as {WHAT[OTHER[model]]}"
+    if not (best.complete and other.complete):
+        return model, f"{why}, but the record ends early", GUESSED
+    clear = best.depth >= max(DEEP, CLEARLY * other.depth)
     return model, why, LIKELY if clear else GUESSED
 
 

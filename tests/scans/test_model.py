@@ -51,6 +51,15 @@ def test_what_is_seen_from_two_sides_tells_the_model(rows, model):
     assert why.startswith("an image explains the record better as ")
 
 
+def test_a_record_that_ends_early_gives_a_guess():
+    """What arrives late is missing, by which the wrong model has been told."""
+    made = saved(waves(), HALF, samples=round(0.046 / 1500 * RATE))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", AccuracyWarning)
+        _, grade, why = told(made)
+    assert grade == "guessed" and why.endswith(", but the record ends early")
+
+
 @pytest.mark.parametrize("model", ["2d", "in-plane"])
 def test_where_edges_are_seen_once_the_sign_gives_a_guess(model):
     made = saved(waves() if model == "2d" else record(), SHORT, 0.05 * (model == "in-plane"))
