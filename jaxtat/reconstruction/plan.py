@@ -26,6 +26,7 @@ from ..densities.harmonic import (
     HarmonicDensities,
     PolarGeometry,
     alpha_units,
+    compiled_wave_table,
     frequency_groups,
     group_of,
     harmonic_densities,
@@ -282,8 +283,7 @@ def _harmonic(
         geometry = polar_geometry(curve, region, sizes.n_nodes)
         orders = harmonic_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
-        most = max(int(orders.max()), sizes.groups[-1][-1])  # as `solve` has it
-        table = wave_table(geometry, frequencies, most)
+        table = compiled_wave_table(geometry, frequencies, int(orders.max()))
         offset = region.center - geometry.center
         local = jax.device_put(np.asarray(angles) - np.asarray(geometry.axis))
     each = _divisible((table, norms, per_frequency(regularization, len(frequencies))))
