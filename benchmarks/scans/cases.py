@@ -14,14 +14,8 @@ from arrays import ARRAYS, Array
 from bodies import BODIES, Body, balls
 
 N = 48  # of each seed
-SEEDS = {
-    0: 18,
-    100: 2026,
-    200: 2027,
-    300: 2028,
-    400: 2029,
-    500: 2030,
-}  # by the number of the first scan
+# by the number of the first scan
+SEEDS = {0: 18, 100: 2026, 200: 2027, 300: 2028, 400: 2029, 500: 2030}
 HELD_OUT = 500  # from there on: rules are made on the others, these tell how good they are
 HALVES = ("rules", "held-out")
 RATE, SAMPLES = 40e6, 2030  # of a scanner

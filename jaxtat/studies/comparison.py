@@ -136,21 +136,14 @@ def compare_regularizations(
     points = np.asarray(grid.points)[np.asarray(region.contains(grid.points))]
     # lambda exp(i xi·x) dtheta / π: the half turn of directions stands for the whole
     waves = np.exp(1j * float(frequency) * (points @ unit_vectors))
-    judge = _Judge(
-        geometry,
-        matrix,
-        unit,
-        rhs,
-        *jax.device_put(
-            (
-                np.asarray(radial_transform(data, radii, alone))[:, 0],
-                np.asarray(phantom.fourier(alone, angles))[0],
-                waves * float(frequency) / angles.shape[0],
-                np.exp(-1j * float(frequency) * (np.asarray(geometry.center) @ unit_vectors)),
-                norm,
-            )
-        ),
-    )
+    known = {
+        "transformed": np.asarray(radial_transform(data, radii, alone))[:, 0],
+        "exact": np.asarray(phantom.fourier(alone, angles))[0],
+        "waves": waves * float(frequency) / angles.shape[0],
+        "shift": np.exp(-1j * float(frequency) * (np.asarray(geometry.center) @ unit_vectors)),
+        "unit_norm": norm,
+    }
+    judge = _Judge(geometry=geometry, matrix=matrix, unit=unit, rhs=rhs, **jax.device_put(known))
 
     def iterated(judge: _Judge, alpha: Array) -> tuple[Array, Array, Array]:
         return _iterated(judge, alpha, tolerance, max_steps)
