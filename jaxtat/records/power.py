@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 PIECES = 100  # of a record, in each of which its power is measured
+FEWEST = 16  # samples of a piece
 LOUD = 4.0  # times the power of the quietest piece, in which the artefact of the laser ends
 STANDS_OUT = 4.0  # times the noise spectrum, up to which a record holds sound
 FADED = 0.1  # of the typical total, by which a channel's is too small
@@ -46,26 +47,28 @@ def record_power(
     times: Float[np.ndarray, " times"],
     detrend: bool,
     overlap: int = 1,
+    pieces: int = PIECES,
 ) -> RecordPower:
-    """Mean squares in about 100 pieces, with or without a straight line taken off each.
+    """Mean squares in pieces of the record, with or without a straight line taken off each.
 
     Args:
         overlap: how many times as many pieces of the same length, which overlap then.
+        pieces: about how many without overlap; none has less than 16 samples.
 
     >>> found = record_power(np.ones((2, 400)), np.arange(400.0), detrend=False)
     >>> found.power.shape, float(found.times[0]), float(found.power.max())
     ((2, 25), 7.5, 1.0)
     """
-    size = max(16, len(times) // PIECES)
+    size = max(FEWEST, len(times) // pieces)
     starts = np.arange(0, len(times) - size + 1, max(size // overlap, 1))
     samples = starts[:, None] + np.arange(size)
-    pieces = np.asarray(record, float)[:, samples]
+    parts = np.asarray(record, float)[:, samples]
     if detrend:
         along = np.linspace(-1, 1, size)
         along /= np.linalg.norm(along)
-        pieces = pieces - pieces.mean(axis=-1, keepdims=True)
-        pieces = pieces - (pieces @ along)[..., None] * along
-    return RecordPower(times[samples].mean(axis=-1), np.mean(pieces**2, axis=-1))
+        parts = parts - parts.mean(axis=-1, keepdims=True)
+        parts = parts - (parts @ along)[..., None] * along
+    return RecordPower(times[samples].mean(axis=-1), np.mean(parts**2, axis=-1))
 
 
 def artefact_end(power: RecordPower, before: float) -> float:

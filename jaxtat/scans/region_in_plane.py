@@ -12,7 +12,7 @@ from .facts import Facts
 from .found import SHARES, TO_BE_ESTIMATED, Found, covered, require_scale, slowest
 from .hearing import Sound, body_heard, near_side_heard
 
-MARGIN, SPREAD = 1.18, 1.2  # of the region: times as far as sound comes from, and deviations
+MARGIN, SPREAD = 1.1, 2.0  # of the region: times as far as sound comes from, and deviations
 SUPPOSED = 0.25  # of the detectors' radius: as far a body reaches from the middle, if not known
 LITTLE = -0.5  # of the region's radius: a chord there leaves a fifth of the disk
 
