@@ -25,7 +25,8 @@ def examine(case: Case, size: str, oracle: bool, folder: Path) -> dict:
     where = window(body)
     row: dict = {"name": case.name, "half": case.half, "error": float("nan"), "failed": ""}
     start = time.process_time()
-    pictures = {"truth": where.truth}
+    corners = where.points.reshape(-1, where.points.shape[-1])[[0, -1], :2]
+    pictures = {"truth": where.truth, "corners": corners}
     try:
         scan = load_scan(path)
         choices = estimate(scan, choose(scan))

@@ -200,12 +200,15 @@ def draw(names: list[str], folder: Path, path: Path, columns: int = 6) -> None:
         if not (folder / f"{name}.images.npz").exists():
             continue
         with np.load(folder / f"{name}.images.npz") as pictures:
+            low, high = pictures["corners"]
+            half_width, center = float(high[0] - low[0]) / 2, (low + high) / 2
             for kind, title in (("truth", name), ("chosen", "no option"), ("oracle", "oracle")):
                 image = pictures[kind] if kind in pictures else 0 * pictures["truth"]
                 image = image if image.ndim == 2 else image[..., image.shape[2] // 2]
-                panels.append((image, ImageGrid(len(image)), title))
+                grid = ImageGrid(len(image), half_width=half_width, center=center)
+                panels.append((image, grid, title))
     if panels:
-        contact_sheet(panels, columns=columns).savefig(path, dpi=70)
+        contact_sheet(panels, columns=columns, unit="m").savefig(path, dpi=70)
 
 
 if __name__ == "__main__":
