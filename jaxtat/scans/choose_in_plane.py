@@ -64,6 +64,7 @@ from .region_in_plane import (
 )
 
 PIXELS = (65, 1025)
+FITTED = 513  # pixels at most where there is no formula: half a minute's work
 SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
 PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
 DRIFT = 5.0  # periods within the record; what is slower is drift
@@ -270,8 +271,12 @@ def _resolution(
 
 def _frequency_and_pixels(found: Found, limits: dict[str, float]) -> None:
     half_width, units = float(found.values["half_width"]), found.values["units"]
+    most = FITTED if "model_based" in found.reasons else PIXELS[1]
     if found.given.get("pixels") is not None:
-        limits["the pixels given"] = np.pi * max(found.given["pixels"] - 1, 1) / (2 * half_width)
+        most, why = found.given["pixels"], "the pixels given"
+    else:
+        why = f"{most} pixels, the most that are taken"
+    limits[why] = np.pi * max(most - 1, 1) / (2 * half_width)
     limit = min(limits, key=lambda name: limits[name])
     highest = found.take(
         "max_frequency", limits[limit], limit, SURE if limit == SPACING else LIKELY
@@ -281,8 +286,9 @@ def _frequency_and_pixels(found: Found, limits: dict[str, float]) -> None:
         found.reasons["max_frequency"] = f"given; {limit} supports {supports}"
     require_detail(found, highest, limit)
     across = 2 * half_width * highest / np.pi * PIXELS_PER_DETAIL
-    pixels = int(np.clip(2 * (int(np.ceil(across)) // 2) + 1, *PIXELS))
-    why = f"details of {units.of_length(np.pi / highest, 3)} in {PIXELS_PER_DETAIL:g} pixels"
+    pixels = int(np.clip(2 * (int(np.ceil(across)) // 2) + 1, PIXELS[0], most))
+    per_detail = (pixels - 1) * PIXELS_PER_DETAIL / across
+    why = f"details of {units.of_length(np.pi / highest, 3)} in {per_detail:.2g} pixels"
     found.take("pixels", pixels, why)
 
 

@@ -153,10 +153,12 @@ class Live(eqx.Module):
             speed = speed_of(sound_speed)
         if sound_speed is not None or solved_anew:
             radii = _radii(self._pressure, setup, speed)
-            if not np.array_equal(radii, self.radii):
+            others = not np.array_equal(radii, self.radii)
+            if others:
                 kernels = _kernels(self._pressure, radii, setup, self.dtype)
-            # begun here, and done while numpy works below
-            samples = _samples(kernels, self._pressure, radii, speed)
+            if others or speed != self.sound_speed:
+                # begun here, and done while numpy works below
+                samples = _samples(kernels, self._pressure, radii, speed)
         if rule is not self.rule or solved_anew:
             if self.rule is None:
                 raise ValueError("densities of a plan: its rule and geometry cannot be changed.")

@@ -105,13 +105,20 @@ def grid_of(grid: ImageGrid, before: Disk, after: Disk) -> ImageGrid:
 
 
 def moved(setup: Setup, center: Array, free: bool) -> Setup:
-    """The disk about another centre; radii that are free go along, as many as before."""
+    """The disk about another centre.
+
+    Radii that cover it too stay as they are, as in `scans.reconstruct`, so that what depends on
+    them alone does; free ones that do not go along, as many as before.
+    """
     region, radii = setup.region, np.asarray(setup.radii)
-    if free:
-        before, after = (
-            np.linalg.norm(np.asarray(setup.curve.points) - np.asarray(middle), axis=1)
-            for middle in (region.center, center)
-        )
+    assert isinstance(region, Disk)
+    before, after = (
+        np.linalg.norm(np.asarray(setup.curve.points) - np.asarray(middle), axis=1)
+        for middle in (region.center, center)
+    )
+    radius = float(region.radius)
+    covered = radii[0] <= after.min() - radius and after.max() + radius <= radii[-1]
+    if free and not covered:
         first = radii[0] + after.min() - before.min()
         radii = np.linspace(first, radii[-1] + after.max() - before.max(), len(radii))
     return setup.replace(region=another_disk(region, center, None), radii=jax.device_put(radii))
