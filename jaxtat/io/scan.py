@@ -98,10 +98,11 @@ def require_one_rate(scan: Scan) -> None:
     times, rate = np.asarray(scan.known["times"], float), float(scan.known["sampling_rate"])
     steps, lasts = len(times) - 1, float(times[-1] - times[0])
     if abs(rate * lasts - steps) > SAME_RATE * steps:
+        by_times = steps / lasts if lasts else 0.0
         raise ValueError(
             f"times and sampling_rate contradict each other: {len(times)} times from "
-            f"{times[0]:.6g} to {times[-1]:.6g} are {steps / lasts if lasts else 0:.6g} samples per "
-            f"time, and the sampling rate is {rate:.6g}. Give one of the two, which replaces both."
+            f"{times[0]:.6g} to {times[-1]:.6g} are {by_times:.6g} samples per time, and the "
+            f"sampling rate is {rate:.6g}. Give one of the two, which replaces both."
         )
 
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from .scan import Scan, require_one_rate
+from .scan import Scan
 
 
 def rate_of(scan: Scan, format: str) -> float:
     """The sampling rate [1/time], which files of a format demand."""
-    require_one_rate(scan)
     if "sampling_rate" in scan.known:
         return float(scan.known["sampling_rate"])
     times = scan.known.get("times", np.zeros(1))

@@ -140,8 +140,8 @@ def solve(
         Reconstruction: image, report, basis, and whether it converged.
 
     Raises:
-        ValueError: for wrong shapes, NaN, an alpha that is not above zero, rules that need a plan,
-            or if 64-bit arithmetic is off.
+        ValueError: for wrong shapes, NaN, an alpha that is not above zero or so small that rounding
+            leaves no image, rules that need a plan, or if 64-bit arithmetic is off.
 
     Warns:
         AccuracyWarning: if a frequency was not solved, if the data hold finer detail than the

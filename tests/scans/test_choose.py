@@ -196,7 +196,7 @@ def test_the_unit_of_length_that_is_given_is_that_of_table_and_reasons(counts, c
     assert [row for row in found.rows() if row[0] != "length_unit"] == wanted
     assert ("length_unit", "cm", "sure", "given") in found.rows()
     metres = Scan("pressure", counts, {"detectors": positions(), "times": TIMES})
-    with pytest.raises(ValueError, match="expected 0.044 to 4. Check that positions"):
+    with pytest.raises(ValueError, match=r"expected 0\.044 to 4\. Check that positions"):
         choose(metres, length_unit="mm")
     with pytest.raises(ValueError, match="the unit of length is 'inch'"):
         choose(scan(counts), length_unit="inch")
