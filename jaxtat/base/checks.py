@@ -16,6 +16,7 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike
 
 T = TypeVar("T")
+OF_DETECTORS = ("g", "pressure", "data", "integrals")  # arguments that are rows of detectors
 # what public functions take for real numbers: arrays, numbers, nested lists and tuples of them
 Numbers = ArrayLike | Sequence[Any]
 
@@ -152,9 +153,12 @@ def require_finite(name: str, array: Array) -> None:
         raise ValueError(f"{name} is {float(array)} (NaN or infinite), expected a finite number.")
     if bad.any():
         first = tuple(int(i) for i in np.argwhere(bad)[0])
+        wanted = "expected finite numbers."
+        if name in OF_DETECTORS:
+            wanted = "leave out the detectors they come from, or mend them beforehand."
         raise ValueError(
             f"{name} holds {int(bad.sum())} NaN or infinite values of {bad.size}, the first at "
-            f"index {first}: leave out the detectors they come from, or mend them beforehand."
+            f"index {first}: {wanted}"
         )
 
 

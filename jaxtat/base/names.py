@@ -14,4 +14,5 @@ IMAGE_SUFFIXES: tuple[str, ...] = (
     ".tif",
     ".tiff",
 )  # `io.images`
+STREAM_SUFFIXES = (".h5", ".hdf5")  # of a file that grows, see `streams.sinks`
 FORMATS = {"patato": (".hdf5", ".h5")}  # of images, and their suffixes, see `interop`

@@ -46,6 +46,15 @@ class Units(NamedTuple):
     length: str | None = None
     time: str | None = None
 
+    def in_length(self, unit: str | None) -> "Units":
+        """The same with another unit of length, if one is given.
+
+        Raises:
+            ValueError: for a unit that is none of `MILLIMETRES`.
+        """
+        millimetres(unit)
+        return self if unit is None else self._replace(length=unit)
+
     def of_length(self, length: float, digits: int = 4, scale: float = 0.0) -> str:
         """A length in millimetres; zero where rounding left it, beside lengths of ``scale``."""
         return _with(self._millimetres(length, digits, scale), self.length, "mm")

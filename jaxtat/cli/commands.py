@@ -42,7 +42,7 @@ def info(options: argparse.Namespace) -> None:
     if options.json:
         _write_json(options, choices)
     if options.json != "-":
-        print(f"{describe(scan, choices)}\n\n{suggestions(options, choices)}")
+        print(f"{describe(scan, choices)}\n\n{suggestions(options, scan, choices)}")
 
 
 def reconstruct(options: argparse.Namespace) -> None:
@@ -120,7 +120,7 @@ def _sheet(options: argparse.Namespace, scan, choices, start: float) -> None:
     from ..base.choice_table import choice_named
     from ..plotting import contact_sheet
     from ..scans import trials
-    from .inputs import given, with_unit
+    from .inputs import given
     from .refusals import trial
 
     name, values = trial(options.trial)
@@ -128,12 +128,12 @@ def _sheet(options: argparse.Namespace, scan, choices, start: float) -> None:
     assert choice.shown is not None
     panels = []
     for found in trials(scan, choices, given(options, scan), name, values):
-        title = choice.shown(with_unit(found.choices, options.length_unit))
+        title = choice.shown(found.choices)
         inside = np.asarray(found.region.contains(found.grid.points))
         image = np.reshape(found.image, found.grid.shape)
         panels.append((np.where(inside, image, np.nan), found.grid, title))
         _report(options, f"{name} {title}", start)
-    figure = contact_sheet(panels, unit=options.length_unit or choices.units.length)
+    figure = contact_sheet(panels, unit=choices.units.length)
     now = choice.shown(choices)
     figure.suptitle(f"{name}, otherwise {now} ({choices.grade(name)})", fontsize=10)
     with replacing(options.out) as new:
@@ -242,7 +242,6 @@ def _asked(options: argparse.Namespace, start: float):
         require_size,
         scan_of,
         setup_in_plane,
-        with_unit,
     )
 
     choices = None
@@ -256,7 +255,6 @@ def _asked(options: argparse.Namespace, start: float):
         require_size(scan, choices)
         if plan is None:
             choices = estimate(scan, choices, **asked)
-    choices = with_unit(choices, options.length_unit)
     _report(options, f"{options.file}\n{choices.table()}", start)
     if plan is not None:
         require_same(scan, choices, plan)

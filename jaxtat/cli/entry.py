@@ -1,6 +1,7 @@
 """Entry: read the arguments, run the command, turn errors into one line and an exit code."""
 
 import argparse
+import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -8,7 +9,7 @@ from collections.abc import Callable, Sequence
 from .parser import build_parser
 from .refusals import require_options
 
-BAD_INPUT, INTERRUPTED = 2, 130
+NO_READER, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -16,12 +17,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Returns:
         0 after success, 2 for input that was refused (a line on stderr says why), 130 if
-        interrupted.
+        interrupted; 1, without a word, if standard output was closed, as by ``head``.
     """
     options = build_parser().parse_args(arguments)
     try:
         require_options(options)
         _run(options)
+        sys.stdout.flush()  # a reader that is gone is noticed here, not when Python ends
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is still held
+        return NO_READER
     except (ValueError, OSError) as error:
         print(f"jaxtat: error: {' '.join(str(error).split())}", file=sys.stderr)
         return BAD_INPUT

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.choice_table import OPTIONS, SURE
+from ..base.choice_table import OPTIONS
 from ..geometry import Disk, circular_arc, in_plane
 from ..io import Scan, load_scan, load_settings
 from ..io.frames import LazyFrames
@@ -48,6 +48,9 @@ def scan_of(
     frames = getattr(options, "frames", None)
     if frames is not None:
         frames = chosen(frames, scan.n_frames, "--frames", "frames")
+    if duration is not None:  # it counts in place of what the file says
+        clock = ("times", "sampling_rate")
+        scan = replace(scan, known={k: v for k, v in scan.known.items() if k not in clock})
     facts = {"detectors": positions, "sampling_rate": rate, "frames": frames}
     scan = with_facts(scan, scanner=options.scanner, **facts)
     if duration is not None:
@@ -65,6 +68,7 @@ def given(
 ) -> dict[str, Any]:
     """Choices that are fixed by the options or by a plan."""
     made = {choice.name: getattr(options, choice.name, None) for choice in OPTIONS}
+    made["length_unit"] = getattr(options, "length_unit", None)
     made["use"] = None if options.use is None else chosen(options.use, scan.n_detectors)
     if made["band"] is not None:
         made["band"] = band(made["band"])
@@ -182,14 +186,6 @@ def _rows_of(plan: ReconstructionPlan, scan: Scan) -> np.ndarray:
     rows = distance.argmin(axis=1)
     same = distance.min(axis=1).max() <= SAME * np.abs(planned).max()
     return rows if same and len(set(rows)) == len(rows) else every
-
-
-def with_unit(choices: Choices, unit: str | None) -> Choices:
-    """Choices with lengths in the given unit, and a row that says so."""
-    if unit is None:
-        return choices
-    units = choices.units._replace(length=unit)
-    return replace(choices, units=units).with_reason("length_unit", "given", SURE)
 
 
 def chosen(use: str | None, n: int, option: str = "--use", what: str = "detectors") -> np.ndarray:

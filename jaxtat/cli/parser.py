@@ -172,7 +172,8 @@ def _add_repeat_and_unit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--length-unit",
         choices=MILLIMETRES,
-        help="of positions, radii and pixels: pictures and files are in millimetres then",
+        help="in which positions and radii of the file are (default: told by their size); what is "
+        "shown is in millimetres then",
     )
     parser.add_argument(
         "--repeat", metavar="IMAGE", help="choose what was chosen for this .h5 image"
@@ -241,7 +242,7 @@ def _add_stream(subparsers) -> None:
     )
     parser.add_argument("--out", required=True, metavar="PLACE", help="a folder, or a new .h5 file")
     parser.add_argument(
-        "--format", choices=("npy", "png"), default="npy", help="of files in a folder"
+        "--format", choices=("npy", "png"), help="of files in a folder (default: npy)"
     )
     _add_unit_and_plan(parser)
     _add_choices(parser)

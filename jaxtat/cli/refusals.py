@@ -20,7 +20,7 @@ from ..base.choice_table import (
     require_pixels,
 )
 from ..base.messages import require_file
-from ..base.names import FORMATS, IMAGE_SUFFIXES
+from ..base.names import FORMATS, IMAGE_SUFFIXES, STREAM_SUFFIXES
 from ..base.scanners import scanner_named
 
 MOST_TRIALS = 36  # images on a sheet
@@ -45,6 +45,8 @@ def require_options(options: argparse.Namespace) -> None:
         raise ValueError(
             f"cannot write {options.out}: expected a name ending in {', '.join(suffixes)}."
         )
+    if options.run.__name__ == "stream":
+        _require_sink(options)
     if options.cache is not None:
         _require_folder(options.cache)
     _require_files(options)
@@ -173,7 +175,8 @@ def _require_together(options: argparse.Namespace) -> None:
         _require_trial(options)
     if is_given(options, "repeat"):
         every = tuple(choice.name for choice in OPTIONS)
-        _refuse(options, (*every, *OF_PLANS, "plan"), "repeat", "the earlier image")
+        decided = (*every, *OF_PLANS, "plan", "length_unit")
+        _refuse(options, decided, "repeat", "the earlier image")
     if is_given(options, "plan"):
         _refuse(options, (*OF_REGION, "max_frequency", "alpha", *OF_PLANS), "plan", "the plan")
     constraints = [name for name in OF_CONSTRAINTS if is_given(options, name)]
@@ -190,6 +193,24 @@ def _require_trial(options: argparse.Namespace) -> None:
             raise ValueError(f"{option_of(other)} and --try: every picture is chosen anew.")
     if not options.out.endswith(".png"):
         raise ValueError(f"cannot write {options.out}: a sheet of trials is a picture, .png.")
+
+
+def _require_sink(options: argparse.Namespace) -> None:
+    """Raise ValueError for a place where a stream's images cannot go."""
+    path, folder = Path(options.out), Path(options.out).resolve().parent
+    if not folder.is_dir():
+        raise ValueError(f"cannot write {options.out}: there is no folder {folder}.")
+    if path.suffix in STREAM_SUFFIXES:
+        if options.format is not None:
+            raise ValueError(
+                f"--format {options.format} is of files in a folder, and {options.out} is one file "
+                "of HDF5: leave it out, or give a folder."
+            )
+    elif not path.is_dir() and (path.exists() or path.suffix):
+        raise ValueError(
+            f"cannot write {options.out}: expected a folder, or a name ending in "
+            f"{' or '.join(STREAM_SUFFIXES)}. The name of a new folder has no ending."
+        )
 
 
 def _refuse(options: argparse.Namespace, names: tuple[str, ...], by: str, what: str) -> None:

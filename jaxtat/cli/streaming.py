@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..base.names import STREAM_SUFFIXES
 from ..geometry import ImageGrid
 from ..io import Scan, save_image
 from ..reconstruction import Setup
@@ -46,18 +47,14 @@ def _of_file(
         yield from frames_of_bytes(file, shape, dtype, lambda: follow)
 
 
-def sink_at(out: str, kind: str, setup: Setup, choices: Choices) -> Sink:
-    """A file that grows, or a folder."""
+def sink_at(out: str, kind: str | None, setup: Setup, choices: Choices) -> Sink:
+    """A file that grows, or a folder of .npy or of the kind that is given."""
     path, grid = Path(out), setup.grid
     assert isinstance(grid, ImageGrid)
-    if not path.resolve().parent.is_dir():
-        raise ValueError(f"cannot write {out}: there is no folder {path.resolve().parent}.")
-    if path.suffix in (".h5", ".hdf5"):
+    if path.suffix in STREAM_SUFFIXES:
         return GrowingFile(path, grid, choices.settings())
-    if path.exists() and not path.is_dir():
-        raise ValueError(f"cannot write {out}: expected a folder, or a name ending in .h5.")
 
     def picture(file: Path, image: np.ndarray) -> None:
         save_image(file, image, grid, setup.region, {}, unit=choices.units.length)
 
-    return Folder(path, picture if kind == "png" else np.save, f".{kind}")
+    return Folder(path, picture if kind == "png" else np.save, f".{kind or 'npy'}")

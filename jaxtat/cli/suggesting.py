@@ -4,8 +4,13 @@ import argparse
 import shlex
 from typing import Any
 
+import numpy as np
+
 from ..base.choice_table import NUMBERS, OPTIONS, words_of
+from ..geometry import in_plane
+from ..io import Scan
 from ..scans import Choices, to_look_at
+from ..scans.found import SHARES
 from .inputs import FACTS
 from .refusals import OF_PLANS, wants_plan
 
@@ -15,10 +20,11 @@ _FACTORS = {
     "alpha": (0.1, 0.3, 1.0, 3.0, 10.0),
 }
 _ANY = (0.6, 0.8, 1.0, 1.2, 1.4)
+_ROUNDING = 1e-9  # relative, by which a value may be beyond a bound
 _OTHER = {"2d": "in-plane", "in-plane": "2d", "none": "cosine", "cosine": "none"}
 
 
-def suggestions(options: argparse.Namespace, choices: Choices) -> str:
+def suggestions(options: argparse.Namespace, scan: Scan, choices: Choices) -> str:
     """Up to three choices, least certain first, and commands that try or set other values."""
     names, reasons = to_look_at(choices), dict(choices.reasons)
     if not names:
@@ -26,18 +32,30 @@ def suggestions(options: argparse.Namespace, choices: Choices) -> str:
     lines = ["Look at these first"]
     for name in names:
         lines.append(f"{name}  {choices.grade(name)}  {reasons[name]}")
-        lines.append(f"    {shlex.join(_command(options, choices, name))}")
+        lines.append(f"    {shlex.join(_command(options, scan, choices, name))}")
     return "\n".join(lines)
 
 
-def _command(options: argparse.Namespace, choices: Choices, name: str) -> list[str]:
+def _command(options: argparse.Namespace, scan: Scan, choices: Choices, name: str) -> list[str]:
     """The command as it was given, with one choice changed."""
     asked = ["jaxtat", "reconstruct", options.file, *_given(options)]
     value = getattr(choices, name, None)
-    if name in NUMBERS and value and not wants_plan(options):
-        tried = ",".join(f"{factor * value:.4g}" for factor in _FACTORS.get(name, _ANY))
+    if name in NUMBERS and value and not (wants_plan(options) or choices.in_space):
+        tried = ",".join(f"{x:.4g}" for x in _values(scan, choices, name))
         return [*asked, "--try", f"{name}={tried}", "--out", "sheet.png"]
     return [*asked, *_otherwise(choices, name, value), "--out", "image.png"]
+
+
+def _values(scan: Scan, choices: Choices, name: str) -> list[float]:
+    """Values about the one that was chosen; a region stays as far from detectors as choices do."""
+    value = float(getattr(choices, name))
+    tried = [factor * value for factor in _FACTORS.get(name, _ANY)]
+    if name != "region_radius":
+        return tried
+    points = np.asarray(in_plane(scan.known["detectors"]))[list(choices.channels)]
+    nearest = np.linalg.norm(points - np.array(choices.region_center), axis=1).min()
+    most = max(SHARES[1] * nearest, value) * (1 + _ROUNDING)
+    return [x for x in tried if x <= most]
 
 
 def _otherwise(choices: Choices, name: str, value: Any) -> list[str]:

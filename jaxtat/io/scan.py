@@ -10,6 +10,7 @@ import numpy as np
 from .frames import LazyFrames
 
 Kind = Literal["pressure", "circular_integrals"]
+SAME_RATE = 1e-2  # by which times may be off the sampling rate: one sample of a short record
 REAL = "fiu"  # NumPy's kinds of real numbers
 
 
@@ -26,7 +27,8 @@ class Scan:
         known: the facts in the file, by name, as arrays of finite numbers. Of
 
             - detectors: positions (detectors, 2 or 3) [m, or any length], in the order of the data;
-            - times: (samples,) [s]; they count where the sampling rate is known too;
+            - times: (samples,) [s]; they count where the sampling rate is known too, with which
+              they have to agree (`require_one_rate`);
             - sampling_rate: () [Hz], samples from time 0;
             - radii: (samples,) [m, or that length] of circular integrals;
             - sound_speed: () or a map [m/s, or that length by time];
@@ -84,6 +86,24 @@ class Scan:
         if not 0 <= number < self.n_frames:
             raise ValueError(f"frame {number}: there are {self.n_frames}, from 0.")
         return np.asarray(self.data[number] if self.data.ndim == 3 else self.data)
+
+
+def require_one_rate(scan: Scan) -> None:
+    """Raise ValueError for times and a sampling rate that contradict each other.
+
+    Not when a file is read: whoever gives one of them then replaces both, see `scans.with_facts`.
+    """
+    if scan.kind != "pressure" or not {"times", "sampling_rate"} <= set(scan.known):
+        return
+    times, rate = np.asarray(scan.known["times"], float), float(scan.known["sampling_rate"])
+    steps, lasts = len(times) - 1, float(times[-1] - times[0])
+    if abs(rate * lasts - steps) > SAME_RATE * steps:
+        by_times = steps / lasts if lasts else 0.0
+        raise ValueError(
+            f"times and sampling_rate contradict each other: {len(times)} times from "
+            f"{times[0]:.6g} to {times[-1]:.6g} are {by_times:.6g} samples per time, and the "
+            f"sampling rate is {rate:.6g}. Give one of the two, which replaces both."
+        )
 
 
 def require_kind(kind: str) -> None:

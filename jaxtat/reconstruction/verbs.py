@@ -140,8 +140,8 @@ def solve(
         Reconstruction: image, report, basis, and whether it converged.
 
     Raises:
-        ValueError: for wrong shapes, NaN, an alpha that is not above zero, rules that need a plan,
-            or if 64-bit arithmetic is off.
+        ValueError: for wrong shapes, NaN, an alpha that is not above zero or so small that rounding
+            leaves no image, rules that need a plan, or if 64-bit arithmetic is off.
 
     Warns:
         AccuracyWarning: if a frequency was not solved, if the data hold finer detail than the
@@ -179,11 +179,21 @@ def solve(
     batch = data.shape[: data.ndim - len(setup.data_shape)]
     found = Reconstruction(image.reshape(*batch, *setup.grid.shape), report, basis.name)
     if is_concrete(found):
+        _require_finite(found.image)
         _warn_of_solution(found)
         if energies is not None:
             assert isinstance(setup.sizes, PlaneSizes)
             _warn_of_detail(setup.sizes, np.asarray(energies))
     return found
+
+
+def _require_finite(image: Array) -> None:
+    """Raise ValueError where rounding left no solution; the data were finite."""
+    if not np.isfinite(np.asarray(image)).all():
+        raise ValueError(
+            "the image is NaN or infinite: alpha is so small that the systems are singular to "
+            "rounding. Take a larger alpha; 1e-12 suits exact data."
+        )
 
 
 def _warn_of_solution(found: Reconstruction) -> None:

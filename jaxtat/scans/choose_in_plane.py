@@ -86,6 +86,7 @@ def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
             f"{', '.join(MODELS)}."
         )
     facts = facts_of(scan, given.get("use"))
+    facts = facts._replace(units=facts.units.in_length(given.get("length_unit")))
     found = Found(
         given, {"order": tuple(int(k) for k in facts.order), "units": facts.units}, {}, {}
     )
@@ -180,7 +181,8 @@ def _channels(
     blank = np.any(~np.isfinite(frame), axis=1, keepdims=True)
     quality = channel_quality(np.where(blank, 0.0, frame), times, dead_time=dead_time)
     good = np.logical_and(quality.good, ~blank[:, 0])
-    why, grade = "all of them are good" if good.all() else _left_out(quality, order), LIKELY
+    named = _left_out(quality, blank[:, 0], order)
+    why, grade = "all of them are good" if good.all() else named, LIKELY
     if found.given.get("use") is not None:
         good, why, grade = np.ones(len(order), bool), "given", SURE
     if good.sum() < 4:
@@ -218,12 +220,13 @@ def _without_faded(
     return good & ~few
 
 
-def _left_out(quality: Any, order: np.ndarray) -> str:
-    named = [
-        f"{name} {ranges(np.sort(order[mask]))}"
-        for name in ("dead", "saturated", "noisy")
-        if (mask := np.asarray(getattr(quality, name))).any()
-    ]
+def _left_out(quality: Any, blank: np.ndarray, order: np.ndarray) -> str:
+    """Bad channels by kind; those with NaN or infinity are of no other."""
+    kinds = {"NaN or infinite": blank}
+    kinds |= {
+        name: np.asarray(getattr(quality, name)) & ~blank for name in ("dead", "saturated", "noisy")
+    }
+    named = [f"{name} {ranges(np.sort(order[k]))}" for name, k in kinds.items() if k.any()]
     return "left out: " + "; ".join(named)
 
 

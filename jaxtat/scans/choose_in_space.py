@@ -54,6 +54,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
                 "their own centre; there is no choice."
             )
     facts = facts_in_space(scan, given.get("use"))
+    facts = facts._replace(units=facts.units.in_length(given.get("length_unit")))
     frame = typical_frame(scan)[facts.order]
     _require_sound(frame, facts)
     center = tuple(float(x) for x in np.asarray(facts.detectors.center))

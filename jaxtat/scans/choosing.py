@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..base.checks import real_array
-from ..base.choice_table import OPTIONS, require_pixels
+from ..base.choice_table import OPTIONS, SURE, require_pixels
 from ..io import Scan
+from ..io.scan import require_one_rate
 from .choices import Choices
 from .choose_in_plane import choices_in_plane
 from .choose_in_space import choices_in_space
@@ -21,7 +22,8 @@ def choose(scan: Scan, **given: Any) -> Choices:
     Args:
         scan: from `load_scan`.
         given: choices by name, as in `Choices`; further ``use``, rows of the data to use (bad
-            channels among them too), ``radii`` of the circular integrals, and ``band="none"``.
+            channels among them too), ``radii`` of the circular integrals, ``band="none"``, and
+            ``length_unit``, in which the scan's positions are: "m", "cm", "mm" or "um".
             What is None is chosen.
 
     Returns:
@@ -31,7 +33,11 @@ def choose(scan: Scan, **given: Any) -> Choices:
         ValueError: for unknown names, what a scan lacks, and data that cannot be.
     """
     _require_known(given)
-    return choices_in_space(scan, given) if in_space(scan) else choices_in_plane(scan, given)
+    require_one_rate(scan)
+    made = choices_in_space(scan, given) if in_space(scan) else choices_in_plane(scan, given)
+    if given.get("length_unit") is None:
+        return made
+    return made.with_reason("length_unit", "given", SURE)
 
 
 def estimate(scan: Scan, choices: Choices, **given: Any) -> Choices:
@@ -66,7 +72,14 @@ def _require_options(choices: Choices, given: Mapping[str, Any]) -> None:
         )
 
 
-NAMES = ("use", "radii", "impulse_response", "laser_energy", *(choice.name for choice in OPTIONS))
+NAMES = (
+    "use",
+    "radii",
+    "length_unit",
+    "impulse_response",
+    "laser_energy",
+    *(choice.name for choice in OPTIONS),
+)
 
 
 def _require_known(given: Mapping[str, Any]) -> None:
@@ -76,4 +89,6 @@ def _require_known(given: Mapping[str, Any]) -> None:
     for choice in OPTIONS:
         if choice.bound and given.get(choice.name) is not None:
             choice.require(float(real_array(choice.name, given[choice.name], ())))
+    if given.get("region_center") is not None:
+        real_array("region_center", given["region_center"], None)
     require_pixels(given.get("pixels"))

@@ -15,6 +15,7 @@ from ..geometry.arcs import ROUND
 from ..geometry.measured_curves import behind_gap
 from ..io import Scan
 from ..io.frames import LazyFrames
+from ..io.scan import require_one_rate
 from ..records import require_equispaced
 
 PER_FRAME = {"wavelengths", "laser_energy", "frame_numbers"}
@@ -64,7 +65,8 @@ def with_facts(
         scanner: name in `SCANNERS`, for positions, and for the sampling rate if the file has none.
         detectors: positions, (detectors, 2 or 3) [length]; data that are (samples, detectors) are
             turned to fit.
-        sampling_rate: of a record that starts at time 0 [1/time].
+        sampling_rate: of a record that starts at time 0 [1/time]; it or times replace both of the
+            file.
         times: of the record, (samples,) [time].
         frames: numbers of those that are wanted, from 0, (some,).
 
@@ -82,12 +84,12 @@ def with_facts(
         known["detectors"] = np.asarray(detectors)
         if len(known["detectors"]) == scan.n_samples != scan.n_detectors:
             scan = replace(scan, data=scan.data.swapaxes(-1, -2), known={})
-    if sampling_rate is not None:
-        known.pop("times", None)
-        known["sampling_rate"] = sampling_rate
-    if times is not None:
-        known["times"] = np.asarray(times)
+    clock = {"sampling_rate": sampling_rate, "times": times}
+    if sampling_rate is not None or times is not None:
+        known = {name: value for name, value in known.items() if name not in clock}
+    known |= {name: np.asarray(value) for name, value in clock.items() if value is not None}
     scan = replace(scan, known=known)
+    require_one_rate(scan)
     return scan if frames is None else some_frames(scan, frames)
 
 

@@ -9,6 +9,7 @@ from .choices import Choices
 from .choosing import choose
 from .facts import in_space, some_frames
 from .found import OF_FORMULA
+from .frames import setup_of
 from .images import ScanImages, reconstruct
 from .noise import estimate_alpha
 
@@ -32,7 +33,8 @@ def trials(
     """Images of the first frame with one choice at each of the values.
 
     All other choices are those given, so that the images differ by one alone; of a region's
-    radius the pixels and the cut follow it.
+    radius the pixels and the cut follow it. All values are looked at before the first image is
+    made.
 
     Args:
         scan: in the plane.
@@ -45,8 +47,8 @@ def trials(
         ScanImages, one for each value.
 
     Raises:
-        ValueError: for a choice that is no number or that the data do not have, detectors around a
-            volume, and as `choose` and `reconstruct`.
+        ValueError: at once, for a choice that is no number or that the data do not have, detectors
+            around a volume, and values that cannot be; later as `reconstruct`.
     """
     if name not in NUMBERS:
         raise ValueError(f"{name} cannot be tried, expected one of {', '.join(NUMBERS)}.")
@@ -57,17 +59,27 @@ def trials(
         )
     if scan.kind != "pressure" and name in _OF_RECORD:
         raise ValueError(f"{name} is of pressure records, and the data are circular integrals.")
-    return _trials(some_frames(scan, [0]), choices, dict(given), name, values)
+    scan = some_frames(scan, [0])
+    others = dict(given) | _kept(scan, choices, name)
+    chosen = [_trial(scan, others, name, value) for value in values]
+    return (reconstruct(scan, estimate_alpha(scan, trial)) for trial in chosen)
 
 
-def _trials(
-    scan: Scan, choices: Choices, given: dict[str, Any], name: str, values: Sequence[float]
-) -> Iterator[ScanImages]:
+def _kept(scan: Scan, choices: Choices, name: str) -> dict[str, Any]:
+    """The choices that stay as they are when one of them is tried."""
     fixed = (*_OF_IMAGE, *(_OF_RECORD if scan.kind == "pressure" else ()))
     fixed += () if choices.model_based else OF_FORMULA
     kept = {key: getattr(choices, key) for key in fixed if key not in _FOLLOW.get(name, ())}
     if "band" in kept and kept["band"] is None:
         kept["band"] = "none"
-    for value in values:
-        trial = choose(scan, **given | kept | {name: value})
-        yield reconstruct(scan, estimate_alpha(scan, trial))
+    return kept
+
+
+def _trial(scan: Scan, others: dict[str, Any], name: str, value: float) -> Choices:
+    """Choices with one value, of which a setup can be made, or ValueError that names it."""
+    try:
+        trial = choose(scan, **others | {name: value})
+        setup_of(scan, trial)
+    except ValueError as error:
+        raise ValueError(f"{name} {value:.6g} cannot be tried: {error}") from error
+    return trial

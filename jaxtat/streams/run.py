@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base.messages import one_line
 from .images import Live
 from .sinks import Sink
 from .sources import Waiting
@@ -74,7 +75,7 @@ def stream(
                 for number, image in _images(to_images, taken):
                     if isinstance(image, ValueError):
                         refused += 1
-                        note(f"frame {number} is left out: {image}")
+                        note(one_line(f"frame {number} is left out: ", str(image)))
                     else:
                         sink.write(number, image)
                         written += 1
@@ -110,13 +111,22 @@ def _interrupting(stop: Callable[[], None]) -> Iterator[list[int]]:
 
 def _images(to_images: Live, taken: list[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
     """Images of several frames at once, or one by one if a frame is invalid."""
-    try:
-        images = np.asarray(to_images(np.stack([frame for _, frame in taken])))
-        yield from zip((number for number, _ in taken), images, strict=True)
-        return
-    except (ValueError, TypeError) as error:
-        if len(taken) == 1:
-            yield taken[0][0], error if isinstance(error, ValueError) else ValueError(str(error))
+    if len(taken) > 1:
+        try:
+            images = np.asarray(to_images(np.stack([frame for _, frame in taken])))
+            yield from zip((number for number, _ in taken), images, strict=True)
             return
-    for one in taken:
-        yield from _images(to_images, [one])
+        except (ValueError, TypeError):
+            pass  # by one of them
+    for number, frame in taken:
+        yield number, _image(to_images, frame)
+
+
+def _image(to_images: Live, frame: Any) -> Any:
+    """The image of one frame, or the error: that of its source, or why it cannot be."""
+    if isinstance(frame, ValueError):
+        return frame
+    try:
+        return np.asarray(to_images(frame))
+    except (ValueError, TypeError) as error:
+        return error if isinstance(error, ValueError) else ValueError(str(error))

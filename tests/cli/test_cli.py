@@ -432,6 +432,7 @@ def bad_input(tmp_path, monkeypatch):
     np.savez("early.npz", pressure=pulses(90), t=np.linspace(0, 1.5, 90))
     np.savez("nothing_heard.npz", pressure=pulses(90), t=np.linspace(0, 0.6, 90))
     np.savez("timeless.npz", pressure=pulses(90))
+    np.savez("clocks.npz", pressure=pulses(90), t=np.linspace(0, 3, 90), fs=2 * 89 / 3)
     np.savez("still.npz", pressure=pulses(90), fs=0.0)
     (tmp_path / "damaged.npz").write_bytes((tmp_path / "good.npz").read_bytes()[:-30])
     (tmp_path / "good.txt").write_text("1 2 3\n")
@@ -482,6 +483,11 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"some.npz {REGION} --out a.png", "the data have 24 detectors"),
         (f"good.npz {ARC} --region-radius 1.4 --out a.png", "inside or on the region"),
         (f"good.npz {GEOMETRY} --region-center 30 0 --out a.png", "inside or on the region|radii"),
+        (
+            f"good.npz {GEOMETRY} --region-center nan 0 --out a.png",
+            "region_center holds 1 NaN or infinite values of 2, the first at index (0,): expected "
+            "finite numbers.",
+        ),
         (f"good.npz {GEOMETRY} --half-width 0 --out a.png", "--half-width is 0.0"),
         (
             f"good.npz {ARC} --region-radius 0.8 --pixels 0 --out a.png",
@@ -497,6 +503,8 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"good.npz {GEOMETRY} --alpha 0 --out a.png", "alpha is 0"),
         (f"good.npz {GEOMETRY} --alpha -0.001 --out a.png", "alpha is -0.001"),
         (f"good.npz {GEOMETRY} --alpha nan --out a.png", "alpha"),
+        (f"good.npz {GEOMETRY} --alpha 1e-300 --out a.png", "alpha is so small"),
+        (f"clocks.npz {GEOMETRY} --out a.png", "times and sampling_rate contradict each other"),
         (f"good.npz --arc 1.3 1 23.5 {REGION} --out a.png", "number of detectors is 23.5"),
         (f"good.npz --arc 1.3 1 inf {REGION} --out a.png", "number of detectors is inf"),
         (f"good.npz --ring 1.3 0 {REGION} --out a.png", "number of detectors is 0"),
@@ -669,6 +677,31 @@ def test_what_deserves_a_look_comes_with_a_command_that_runs(jaxtat_command, cap
     assert main([*shlex.split(said[1])[1:], "--quiet"]) == 0
     sheet = matplotlib.image.imread("sheet.png")
     assert sheet.shape[1] > sheet.shape[0] > 300  # five pictures in two rows
+
+
+def test_no_region_is_suggested_that_comes_near_the_detectors(jaxtat_command, capsys):
+    """Three quarters of 1.3, and up to nine tenths: 1.4 times as much would hold them."""
+    np.savez("data.npz", circular_integrals=INTEGRALS)
+    assert jaxtat_command(f"info data.npz {ARC} --pixels 11") == 0
+    assert "--try region_radius=0.585,0.78,0.975,1.17 --out" in capsys.readouterr().out
+
+
+def test_what_is_given_replaces_the_files_clock(jaxtat_command, capsys):
+    data = {"pressure": pulses(90), "t": np.linspace(0, 3, 90), "fs": 2 * 89 / 3}
+    np.savez("data.npz", **data)
+    for clock, said in (("--sampling-rate 20", "0 to 4.45, 20"), ("--duration 4.45", "0 to 4.45")):
+        assert jaxtat_command(f"info data.npz {ARC} {REGION} {clock}") == 0
+        assert f"times: {said}" in capsys.readouterr().out
+
+
+def test_a_reader_that_leaves_ends_it_quietly(jaxtat_command, capfd, monkeypatch):
+    np.savez("data.npz", circular_integrals=INTEGRALS)
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as gone:
+        monkeypatch.setattr(sys, "stdout", gone)
+        assert jaxtat_command(f"info data.npz {ARC} {REGION} --json -") == 1
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,11 @@ def test_bad_channels_are_left_out_and_named(counts, pressure):
     assert set(chosen.channels) == set(range(N)) - {5, 40, 61}
     blank = pressure.copy()
     blank[7, 20], blank[12, 3] = np.nan, np.inf
-    assert choose(scan(blank)).left_out == (7, 12)
+    blanks = choose(scan(blank))
+    assert blanks.left_out == (7, 12)
+    assert dict(blanks.reasons)["channels"] == "left out: NaN or infinite 7, 12"
+    with pytest.raises(ValueError, match="4: left out: NaN or infinite 0-89"):
+        choose(scan(np.full_like(pressure, np.nan)))
     assert choose(scan(bad), use=np.arange(N)).left_out == ()
     with pytest.raises(ValueError, match="of 90 detectors are good"):
         choose(scan(np.zeros_like(counts)))
@@ -179,6 +183,23 @@ def test_millimetres_and_microseconds(counts, chosen):
     assert found.sound_speed == 1.5  # nominal
     assert np.isclose(found.region_radius, 1e3 * chosen.region_radius)
     assert np.isclose(found.max_frequency, 1e-3 * chosen.max_frequency)
+
+
+def test_the_unit_of_length_that_is_given_is_that_of_table_and_reasons(counts, chosen):
+    """Lengths of this size would be taken for millimetres."""
+    known = {"detectors": 1e2 * positions(), "times": TIMES}
+    assert choose(Scan("pressure", counts, known), length_unit="cm").sound_speed == 1.5e5
+    known["sound_speed"] = 1e2 * SPEED
+    found = choose(Scan("pressure", counts, known), length_unit="cm")
+    assert found.units == ("cm", "s")
+    wanted = [row for row in chosen.rows() if row[0] != "length_unit"]
+    assert [row for row in found.rows() if row[0] != "length_unit"] == wanted
+    assert ("length_unit", "cm", "sure", "given") in found.rows()
+    metres = Scan("pressure", counts, {"detectors": positions(), "times": TIMES})
+    with pytest.raises(ValueError, match=r"expected 0\.044 to 4\. Check that positions"):
+        choose(metres, length_unit="mm")
+    with pytest.raises(ValueError, match="the unit of length is 'inch'"):
+        choose(scan(counts), length_unit="inch")
 
 
 def test_a_simulation_without_units(pressure):
@@ -290,6 +311,11 @@ def test_what_a_file_lacks(counts, tmp_path):
         choose(bare)
     with pytest.raises(ValueError, match="no sample times"):
         choose(with_facts(bare, detectors=positions()))
+    twice = Scan("pressure", counts, {"times": TIMES, "sampling_rate": 2 * RATE})
+    with pytest.raises(ValueError, match="times and sampling_rate contradict each other"):
+        choose(twice)
+    for clock in ({"times": TIMES}, {"sampling_rate": RATE}):
+        assert set(with_facts(twice, **clock).known) == set(clock)
     known = with_facts(bare, detectors=positions(), sampling_rate=4e6)
     assert choose(known).sound_speed == 1500.0
     line = np.stack([np.linspace(-0.02, 0.02, N), np.zeros(N)], axis=1)

@@ -185,8 +185,9 @@ def test_the_command_chooses_prints_keeps_and_repeats(counts, command, capsys):
     for name in ("a", "b"):
         assert command(f"reconstruct scan.npz --repeat {name}.h5 --quiet --out {name}.npy") == 0
     assert np.array_equal(np.load("a.npy"), np.load("b.npy"))
-    assert command("reconstruct scan.npz --repeat a.h5 --alpha 1 --out c.npy") == 2
-    assert "--alpha and --repeat" in capsys.readouterr().err
+    for other in ("--alpha 1", "--length-unit m"):
+        assert command(f"reconstruct scan.npz --repeat a.h5 {other} --out c.npy") == 2
+        assert f"{other.split()[0]} and --repeat" in capsys.readouterr().err
 
 
 def test_info_tells_without_an_image(counts, command, capsys):

@@ -96,6 +96,13 @@ def test_every_format_holds_the_volume(scan_file, integrals, tmp_path):
     assert load_settings(tmp_path / "v.h5")["region_center"] == pytest.approx(CENTER.tolist())
 
 
+def test_no_trials_are_suggested_in_space(scan_file, capsys):
+    """Which are pictures in the plane."""
+    assert main(["info", str(scan_file)]) == 0
+    said = capsys.readouterr().out.split("Look at these first")[1]
+    assert "--region-radius" in said and "--try" not in said
+
+
 def test_upside_down_is_turned_over(scan_file, integrals):
     """The mirror image of detectors and object."""
     points, order = shuffled(upside_down=True)

@@ -63,6 +63,12 @@ def test_what_follows_from_a_choice_follows_it(tried):
     assert small.max_frequency == large.max_frequency == choose(scan).max_frequency
 
 
+def test_a_value_that_cannot_be_ends_it_before_the_first_image(monkeypatch):
+    monkeypatch.setattr("jaxtat.scans.trying.reconstruct", lambda *_: pytest.fail("too late"))
+    with pytest.raises(ValueError, match=r"region_radius 1\.365 cannot be tried: .* lie inside"):
+        trials(SCAN, choose(SCAN, **GIVEN), {}, "region_radius", [0.8, 1.365])
+
+
 @pytest.mark.parametrize(
     ("name", "reason"),
     [("model", "model cannot be tried"), ("sound_speed", "is of pressure records")],

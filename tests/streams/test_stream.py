@@ -141,7 +141,21 @@ def test_frames_that_cannot_be_are_left_out_and_the_stream_goes_on(small):
     found = stream(small, iter(frames), sink, dtype=float, note=said.append)
     assert found.images == 2 and found.refused == 2 and list(sink.images) == [0, 3]
     assert said[0].startswith("frame 1 is left out: frames hold") and "NaN" in said[0]
-    assert "shape (1, 2, 2)" in said[1] or "shape (2, 2)" in said[1]
+    assert said[1].startswith("frame 2 is left out: frames have shape (2, 2) and type float64")
+
+
+def test_a_damaged_file_is_a_line_that_names_it(small, tmp_path):
+    for k, frame in enumerate(frames_for(small, 2)):
+        np.save(tmp_path / f"{k}.npy", frame)
+    damaged = tmp_path / "0.npy"
+    damaged.write_bytes(damaged.read_bytes()[:500])
+    sink, said = Kept(), []
+    found = stream(
+        small, frames_of_folder(tmp_path, lambda: False), sink, dtype=float, note=said.append
+    )
+    assert found.refused == 1 and list(sink.images) == [1]
+    (line,) = said
+    assert line.startswith("frame 0 is left out: cannot read 0.npy: ") and "\n" not in line
 
 
 def test_a_file_can_be_read_while_it_is_written(small, tmp_path, arc):
@@ -209,6 +223,8 @@ def test_the_command_makes_an_image_of_every_frame(scan_file, capsys):
         ("--from frames --type much --out a.h5", "expected a type of real numbers"),
         ("--from frames --out scan.npz", "expected a folder, or a name ending in .h5"),
         ("--from frames --out no/where", "there is no folder"),
+        ("--from frames --out x.tif", "a name ending in .h5 or .hdf5. The name of a new folder"),
+        ("--from frames --format png --out a.h5", "--format png is of files in a folder"),
         ("--from frames --type uint8 --out a.h5", "in the middle of a frame"),
     ],
 )
