@@ -68,6 +68,7 @@ FITTED = 513  # pixels at most where there is no formula: half a minute's work
 SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
 PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
 DRIFT = 5.0  # periods within the record; what is slower is drift
+CUT_OFF = 5e-3  # share of samples with the highest or lowest value, which waves hardly reach
 FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
 OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
 TAIL = 0.1  # of `tail_share`: less is no tail of two-dimensional waves
@@ -120,6 +121,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     muted = muted_start(power, times)
     good, floor = _channels(frame, times, max(dead_time, muted), found)
     good = _without_faded(whole, facts, dead_time, found, good)
+    _say_if_cut_off(whole[good][:, times >= dead_time], found)
     if facts.arc is not None and facts.arc.closed and not good.all():
         start = begin_behind_gap(facts.order, facts.points, good)
         facts = facts._replace(order=np.roll(facts.order, -start))
@@ -218,6 +220,15 @@ def _without_faded(
         before = found.reasons["channels"] + "; " if not good.all() else "left out: "
         found.explain("channels", f"{before}faded {ranges(np.sort(order[few]))}", LIKELY)
     return good & ~few
+
+
+def _say_if_cut_off(record: Float[np.ndarray, "detectors times"], found: Found) -> None:
+    """Where a converter was overdriven, in all channels, none is worse than the others."""
+    ends, silent = (record.min(), record.max()), np.median(record)
+    share = sum(float(np.mean(record == end)) for end in ends if end != silent)
+    if share > CUT_OFF:
+        why = f"{share:.1%} of all samples have the highest or lowest value, as if cut off there"
+        found.explain("channels", f"{found.reasons['channels']}; {why}", GUESSED)
 
 
 def _left_out(quality: Any, blank: np.ndarray, order: np.ndarray) -> str:
@@ -323,7 +334,7 @@ def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:
     Their circles must not be cut, which would falsify the image inside.
     """
     if found.given.get("radii") is not None:
-        _keep_radii(found, np.asarray(found.given["radii"]))
+        found.take_radii(np.asarray(found.given["radii"]))
         return
     step = 2 * float(found.values["half_width"]) / (int(found.values["pixels"]) - 1)
     arc = facts.arc or circle_without_detectors(facts, found.values["region_center"])
@@ -331,13 +342,7 @@ def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:
     reach = min(RIM * arc.radius, end - step - arc.radius)
     sources = disk(reach, center=np.array(arc.center)) if reach > 0 else None
     radii = np.asarray(data_radii(*where, step, sources=sources))
-    _keep_radii(found, radii[radii <= end])
-
-
-def _keep_radii(found: Found, radii: np.ndarray) -> None:
-    found.values.update(
-        first_radius=float(radii[0]), radial_step=float(radii[1] - radii[0]), n_radii=len(radii)
-    )
+    found.take_radii(radii[radii <= end])
 
 
 def _noise(found: Found, power: RecordPower, arrival: float, floor: float) -> None:
@@ -395,4 +400,4 @@ def _own_radii(scan: Scan, facts: Facts, found: Found) -> None:
     }
     limit = min(limits, key=lambda name: limits[name])
     found.take("max_frequency", limits[limit], limit)
-    _keep_radii(found, radii)
+    found.take_radii(radii)

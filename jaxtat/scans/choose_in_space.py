@@ -211,9 +211,7 @@ def _radii(scan: Scan, facts: FactsInSpace, found: Found) -> None:
         own = own[own <= end]
     else:
         found.expect(uncovered(*disk, jax.device_put(own)))
-    found.values.update(
-        first_radius=float(own[0]), radial_step=float(own[1] - own[0]), n_radii=len(own)
-    )
+    found.take_radii(own)
 
 
 def _noise(facts: FactsInSpace, found: Found, record: np.ndarray | None) -> None:

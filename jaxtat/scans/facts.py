@@ -19,6 +19,8 @@ from ..io.scan import require_one_rate
 from ..records import require_equispaced
 
 PER_FRAME = {"wavelengths", "laser_energy", "frame_numbers"}
+FEWEST = 4  # detectors of a curve
+SHORTEST = 32  # samples of a record, whose power is measured in pieces of 16
 FLAT = 1e-3  # least extent over largest, from which detectors are not in a plane
 WATER = 1500.0  # speed of sound, nominal [m/s]
 SLOWEST, FASTEST = 1400 / WATER, 1650 / WATER  # of water and tissue, over that
@@ -176,15 +178,20 @@ def facts_of(scan: Scan, use: Any = None) -> Facts:
             "reconstruct, without a plan and what asks for one (in Python scans.reconstruct)."
         )
     points, rows = np.asarray(in_plane(scan.known["detectors"])), rows_used(scan, use)
+    if len(rows) < FEWEST:
+        raise ValueError(
+            f"{len(rows)} detectors, expected at least {FEWEST}: is the record (detectors, samples)?"
+        )
     order = rows[order_along_curve(points[rows])]
     times = times_of(scan)
     arc = arc_through(points[order])
+    size = arc.radius if arc else float(np.linalg.norm(np.ptp(points[order], axis=0))) / 2
     return Facts(
         points,
         order,
         arc,
         times,
-        units_of(arc and arc.radius, times),
+        units_of(size, times),
         scan.known["detectors"].shape[1] == 3,
     )
 
@@ -201,14 +208,16 @@ def begin_behind_gap(
     return int(kept[(int(np.argmax(wide * steps)) + 1) % len(kept)]) if wide.any() else 0
 
 
-def units_of(radius: float | None, times: np.ndarray | None) -> Units:
+def units_of(radius: float, times: np.ndarray | None) -> Units:
     """Units, guessed by the radius of the detectors and the sampling rate if there is one.
+
+    Args:
+        radius: or half the extent of detectors on no circle [length].
+        times: of a record [time].
 
     >>> units_of(0.04, np.arange(9) / 4e7), units_of(0.04, None), units_of(1.3, None)
     (Units(length='m', time='s'), Units(length='m', time=None), Units(length=None, time=None))
     """
-    if radius is None:
-        return Units()
     if times is None:
         least, greatest = IN_METRES
         return Units("m") if least <= radius <= greatest else Units()
@@ -236,6 +245,11 @@ def times_of(scan: Scan) -> Float[np.ndarray, " times"] | None:
     """Sample times of a pressure record, by themselves or by the sampling rate."""
     if scan.kind != "pressure":
         return None
+    if scan.n_samples < SHORTEST:
+        raise ValueError(
+            f"the record has {scan.n_samples} samples, expected at least {SHORTEST}: is it "
+            "(detectors, samples)?"
+        )
     if "times" in scan.known:
         times = np.asarray(scan.known["times"], float)
     elif "sampling_rate" in scan.known:

@@ -67,6 +67,16 @@ class Found(NamedTuple):
         else:
             self.values["laser_energy"] = False
 
+    def take_radii(self, radii: np.ndarray) -> None:
+        """Equispaced radii of the integrals, (radii,) [length]."""
+        if len(radii) < 2:
+            raise ValueError(
+                "radii would be as far apart as pixels, and the data do not cover two of them: "
+                "take more pixels, or a smaller half_width."
+            )
+        step = float(radii[1] - radii[0])
+        self.values.update(first_radius=float(radii[0]), radial_step=step, n_radii=len(radii))
+
     def expect(self, missing: str) -> None:
         """Images are fitted where data are missing, in words; "" for none."""
         if missing:

@@ -61,7 +61,8 @@ def _by_dips(scan: Scan, by_model: dict[str, Choices]) -> tuple[str, str, str] |
     why = f"an image explains the record better as {WHAT[model]} than as {WHAT[OTHER[model]]}"
     if not (best.complete and other.complete):
         return model, f"{why}, but the record ends early", GUESSED
-    clear = best.depth >= max(DEEP, CLEARLY * other.depth)
+    found = best.found.standard_error is not None  # at a speed, as by the right model
+    clear = found and best.depth >= max(DEEP, CLEARLY * other.depth)
     return model, why, LIKELY if clear else GUESSED
 
 

@@ -409,3 +409,42 @@ def test_a_description_tells_data_detectors_and_choices(counts, chosen):
         "max_frequency",
     ):
         assert part in text, part
+
+
+def test_too_few_detectors_or_samples_are_named(counts):
+    with pytest.raises(ValueError, match="2 detectors, expected at least 4"):
+        choose(scan(counts), use=(0, 5))
+    with pytest.raises(ValueError, match="the record has 10 samples, expected at least 32"):
+        choose(scan(counts[:, :10]))
+
+
+def test_pixels_too_far_apart_for_radii_are_refused(counts):
+    with pytest.raises(ValueError, match="the data do not cover two of them: take more pixels"):
+        choose(scan(counts), half_width=1.0, pixels=65, max_frequency=4e3)
+
+
+def test_a_record_that_is_cut_off_in_all_channels_is_said_to_be(counts, chosen):
+    """And one that is not is not."""
+    assert chosen.grade("channels") == "likely"
+    middle, peak = np.median(counts), np.abs(counts - np.median(counts))[:, 40:].max()
+    cut = choose(scan(np.clip(counts, middle - 0.3 * peak, middle + 0.3 * peak)))
+    assert cut.grade("channels") == "guessed"
+    assert re.search(r"[\d.]+% of all samples have the highest", dict(cut.reasons)["channels"])
+
+
+def test_a_line_of_a_scanners_size_has_a_scanners_units():
+    """Half its extent stands in for a radius: water's speed is known then."""
+    line = np.stack([np.linspace(-0.04, 0.04, 64), np.zeros(64)], axis=1)
+    made = Scan("pressure", record()[:64], {"detectors": line, "sampling_rate": RATE})
+    chosen = choose(made, region_radius=8e-3, region_center=(0.0, 0.02))
+    assert chosen.sound_speed == 1500.0
+    assert dict(chosen.reasons)["sound_speed"].endswith("to be estimated")
+
+
+def test_fitted_images_have_pixels_for_half_a_minute(pressure):
+    """Of a record that ends before the far side of the region, and no more details than these."""
+    short = scan(pressure[:, : int(1.05 * RADIUS / SPEED * RATE)])
+    given = {"region_radius": 0.012, "max_frequency": 2e5}
+    assert choose(scan(pressure), **given).pixels > 513
+    fitted = choose(short, **given)
+    assert fitted.model_based and fitted.pixels == 513

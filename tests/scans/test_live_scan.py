@@ -76,11 +76,11 @@ def test_within_reach_the_region_moves(frames, radius):
 
 @pytest.mark.parametrize(("dtype", "limit"), [(np.float32, 1e-4), (np.float64, 1e-10)])
 def test_another_center_is_that_of_other_choices(frames, dtype, limit):
-    """And so are speed, alpha and low-pass after it."""
+    """With the same radii, which cover it too; and so are speed, alpha and low-pass after it."""
     made, center = scan(frames), (4e-4, -7e-4)
     choices = choose(made, **GIVEN | {"region_radius": 0.009})
     moved = live(made, choices, dtype=dtype, movable=True).replace(region_center=center)
-    there = replace(choices, region_center=center, **_like(moved.radii))
+    there = replace(choices, region_center=center)
     assert relative(moved(frames), reconstruct(made, there).image) < limit
     turned = moved.replace(sound_speed=1520.0, rule=0.1, low_pass="none")
     asked = {"sound_speed": 1520.0, "alpha": 0.1, "low_pass": "none"}

@@ -51,6 +51,13 @@ def test_what_is_seen_from_two_sides_tells_the_model(rows, model):
     assert why.startswith("an image explains the record better as ")
 
 
+def test_a_model_by_which_no_speed_is_found_is_a_guess(monkeypatch):
+    """Its dip is the deeper one, but the wrong model's may be, where body and water differ."""
+    monkeypatch.setattr("jaxtat.scans.best_explained.ELSEWHERE", 0.0)
+    found, grade, _ = told(saved(record(), HALF, 0.05))
+    assert (found, grade) == ("in-plane", "guessed")
+
+
 def test_a_record_that_ends_early_gives_a_guess():
     """What arrives late is missing, by which the wrong model has been told."""
     made = saved(waves(), HALF, samples=round(0.046 / 1500 * RATE))
