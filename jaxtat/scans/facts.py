@@ -180,7 +180,8 @@ def facts_of(scan: Scan, use: Any = None) -> Facts:
     points, rows = np.asarray(in_plane(scan.known["detectors"])), rows_used(scan, use)
     if len(rows) < FEWEST:
         raise ValueError(
-            f"{len(rows)} detectors, expected at least {FEWEST}: is the record (detectors, samples)?"
+            f"{len(rows)} detectors, expected at least {FEWEST}: is the record "
+            "(detectors, samples)?"
         )
     order = rows[order_along_curve(points[rows])]
     times = times_of(scan)

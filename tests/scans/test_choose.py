@@ -420,7 +420,7 @@ def test_too_few_detectors_or_samples_are_named(counts):
 
 def test_pixels_too_far_apart_for_radii_are_refused(counts):
     with pytest.raises(ValueError, match="the data do not cover two of them: take more pixels"):
-        choose(scan(counts), half_width=1.0, pixels=65, max_frequency=4e3)
+        choose(scan(counts), half_width=2.0, pixels=65, max_frequency=4e3)
 
 
 def test_a_record_that_is_cut_off_in_all_channels_is_said_to_be(counts, chosen):
