@@ -56,6 +56,7 @@ from .found import (
 )
 from .hearing import muted_start, noise_floor, sound_after, sound_begins
 from .region_in_plane import (
+    center_within,
     circle_without_detectors,
     cut_at_opening,
     distances_of,
@@ -369,7 +370,7 @@ def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
     if arc is None:
         seen_region(facts, found, radii_of(scan, found))
     else:
-        found.take("region_center", arc.center, "the middle of the detectors' circle")
+        center_within(arc, found)
         share, why = DEFAULT_SHARE * arc.radius, "three quarters of the detectors' circle"
         share, why = covered(found, share, why, radii_of(scan, found), distances_of(facts, found))
         radius = float(found.take("region_radius", share, why, GUESSED))

@@ -32,7 +32,7 @@ def region_of_sound(
         seen_region(facts, found)
         return
     assert facts.times is not None
-    center = found.take("region_center", arc.center, "the middle of the detectors' circle")
+    center = center_within(arc, found)
     points = facts.points[facts.order][good] - np.array(arc.center)
     known = found.reasons["sound_speed"] != TO_BE_ESTIMATED
     heard = body_heard(sound, points, speed, known)
@@ -70,6 +70,22 @@ def region_of_sound(
     sounds = float(body.middle @ toward) + body.radius if told else SUPPOSED * arc.radius
     cut_at_opening(arc, found, radius, sounds)
     found.take("half_width", radius, "the region", grade)
+
+
+def center_within(arc: ArcFit, found: Found) -> Any:
+    """Take the region's centre, by default the middle of the detectors' circle.
+
+    Raises:
+        ValueError: for one beyond detectors that surround what they hear.
+    """
+    center = found.take("region_center", arc.center, "the middle of the detectors' circle")
+    apart = float(np.hypot(*(np.array(center) - np.array(arc.center))))
+    if arc.span > np.pi and apart > arc.radius:
+        raise ValueError(
+            f"region_center is {apart:.4g} from the middle of the detectors' circle, beyond its "
+            f"radius {arc.radius:.4g}: expected a point among the detectors, in their unit."
+        )
+    return center
 
 
 def seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) -> None:

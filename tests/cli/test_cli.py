@@ -482,7 +482,10 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"angles.npz {REGION} --out a.png", "expected (detectors, 2 or 3)"),
         (f"some.npz {REGION} --out a.png", "the data have 24 detectors"),
         (f"good.npz {ARC} --region-radius 1.4 --out a.png", "inside or on the region"),
-        (f"good.npz {GEOMETRY} --region-center 30 0 --out a.png", "inside or on the region|radii"),
+        (
+            f"good.npz {GEOMETRY} --region-center 30 0 --out a.png",
+            "region_center is 30 from the middle",
+        ),
         (
             f"good.npz {GEOMETRY} --region-center nan 0 --out a.png",
             "region_center holds 1 NaN or infinite values of 2, the first at index (0,): expected "

@@ -448,3 +448,19 @@ def test_fitted_images_have_pixels_for_half_a_minute(pressure):
     assert choose(scan(pressure), **given).pixels > 513
     fitted = choose(short, **given)
     assert fitted.model_based and fitted.pixels == 513
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        scan(record()),
+        Scan(
+            "circular_integrals",
+            np.ones((N, 9)),
+            {"detectors": positions(), "radii": 0.01 * np.arange(1.0, 10.0)},
+        ),
+    ],
+)
+def test_a_center_beyond_the_detectors_is_refused(made):
+    with pytest.raises(ValueError, match=r"region_center is 0.05 from .* beyond its radius 0.04"):
+        choose(made, region_center=(0.05, 0.0), region_radius=5e-3)
