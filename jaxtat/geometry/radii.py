@@ -70,12 +70,21 @@ def require_radii(radii: Float[Array, " radii"]) -> None:
         )
 
 
+def covers(radii: Float[np.ndarray, " radii"], least: float, most: float) -> bool:
+    """Whether all circles from the least to the largest distance have data.
+
+    One step may be missing at either end, where the integrals of a function that vanishes at the
+    boundary are nearly zero.
+    """
+    steps = np.diff(radii)
+    return bool(radii[0] <= least + steps[0] and radii[-1] >= most - steps[-1])
+
+
 def uncovered(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"]) -> str:
     """Text about circles that meet the region but have no data; "" for none, or traced ones.
 
-    One step may be missing at either end, where the integrals of a function that vanishes at the
-    boundary are nearly zero. Whether they also cover sources outside the region only the user can
-    know, see `data_radii`.
+    See `covers`. Whether they also cover sources outside the region only the user can know, see
+    `data_radii`.
 
     Raises:
         ValueError: if none of those that have data meets it.
@@ -84,8 +93,7 @@ def uncovered(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"
         return ""
     values = np.asarray(radii)
     least, most = _distances(curve, region)
-    steps = np.diff(values)
-    if values[0] <= least + steps[0] and values[-1] >= most - steps[-1]:
+    if covers(values, least, most):
         return ""
     missing = (
         f"radii run from {values[0]:.6g} to {values[-1]:.6g}, but circles about the detectors "

@@ -35,6 +35,7 @@ from ..records.power import (
 )
 from .choices import IN_SPACE, Choices
 from .facts import (
+    FEWEST,
     Facts,
     arc_through,
     begin_behind_gap,
@@ -188,8 +189,10 @@ def _channels(
     why, grade = "all of them are good" if good.all() else named, LIKELY
     if found.given.get("use") is not None:
         good, why, grade = np.ones(len(order), bool), "given", SURE
-    if good.sum() < 4:
-        raise ValueError(f"{good.sum()} of {len(good)} detectors are good, expected 4: {why}.")
+    if good.sum() < FEWEST:
+        raise ValueError(
+            f"{good.sum()} of {len(good)} detectors are good, expected {FEWEST}: {why}."
+        )
     found.values["left_out"] = tuple(sorted(int(k) for k in np.compress(~good, order)))
     found.explain("channels", why, grade)
     return good, noise_floor(quality, good)
@@ -286,12 +289,11 @@ def _resolution(
 
 def _frequency_and_pixels(found: Found, limits: dict[str, float]) -> None:
     half_width, units = float(found.values["half_width"]), found.values["units"]
-    most = FITTED if "model_based" in found.reasons else PIXELS[1]
-    if found.given.get("pixels") is not None:
-        most, why = found.given["pixels"], "the pixels given"
-    else:
-        why = f"{most} pixels, the most that are taken"
-    limits[why] = np.pi * max(most - 1, 1) / (2 * half_width)
+    most, pixels = found.given.get("pixels"), "the pixels given"
+    if most is None:
+        most = FITTED if "model_based" in found.reasons else PIXELS[1]
+        pixels = f"{most} pixels, the most that are taken"
+    limits[pixels] = np.pi * max(most - 1, 1) / (2 * half_width)
     limit = min(limits, key=lambda name: limits[name])
     highest = found.take(
         "max_frequency", limits[limit], limit, SURE if limit == SPACING else LIKELY
@@ -301,10 +303,10 @@ def _frequency_and_pixels(found: Found, limits: dict[str, float]) -> None:
         found.reasons["max_frequency"] = f"given; {limit} supports {supports}"
     require_detail(found, highest, limit)
     across = 2 * half_width * highest / np.pi * PIXELS_PER_DETAIL
-    pixels = int(np.clip(2 * (int(np.ceil(across)) // 2) + 1, PIXELS[0], most))
-    per_detail = (pixels - 1) * PIXELS_PER_DETAIL / across
+    n = int(np.clip(2 * (int(np.ceil(across)) // 2) + 1, PIXELS[0], most))
+    per_detail = (n - 1) * PIXELS_PER_DETAIL / across
     why = f"details of {units.of_length(np.pi / highest, 3)} in {per_detail:.2g} pixels"
-    found.take("pixels", pixels, why)
+    found.take("pixels", n, why)
 
 
 def _band(found: Found, times: np.ndarray, speed: float, highest: float) -> None:

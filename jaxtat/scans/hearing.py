@@ -24,7 +24,7 @@ from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 EXACT = 1e-8  # noise over signal power, below which a record is simulated, not muted
 LEFT_TO_JUDGE = 128  # samples after a muted start, by which channels and noise are judged
 PAUSE = 0.3  # of the way from the middle to the detectors: what sounds after it is an echo
-LONG = 60  # pieces of the record in which sound is heard: in shorter ones its power scatters
+PIECES = 60  # of the record in which sound is heard: shorter ones hold little of smooth bodies
 FINELY = 4  # times as many, which overlap
 BADLY = 0.015  # over the detectors' radius: deviation of times that a disk does not explain
 SMALLER = 0.75  # times as large as with all sound: then that of other things is left out
@@ -74,7 +74,7 @@ def _power_after(
     times: Float[np.ndarray, " times"],
     detrend: bool,
 ) -> RecordPower:
-    power = record_power(record, times, detrend, FINELY, LONG)
+    power = record_power(record, times, detrend, FINELY, PIECES)
     return power.after(begin + CLEAR * FINELY * (power.times[1] - power.times[0]))
 
 

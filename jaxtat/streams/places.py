@@ -17,6 +17,7 @@ from jaxtyping import Array
 
 from ..base.checks import Numbers, real_array, require_positive
 from ..geometry import Disk, ImageGrid, Region, disk
+from ..geometry.radii import covers
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of
 from ..scans import Choices
@@ -116,9 +117,8 @@ def moved(setup: Setup, center: Array, free: bool) -> Setup:
         np.linalg.norm(np.asarray(setup.curve.points) - np.asarray(middle), axis=1)
         for middle in (region.center, center)
     )
-    radius = float(region.radius)
-    covered = radii[0] <= after.min() - radius and after.max() + radius <= radii[-1]
-    if free and not covered:
+    nearest, farthest = after.min() - region.radius, after.max() + region.radius
+    if free and not covers(radii, float(nearest), float(farthest)):
         first = radii[0] + after.min() - before.min()
         radii = np.linspace(first, radii[-1] + after.max() - before.max(), len(radii))
     return setup.replace(region=another_disk(region, center, None), radii=jax.device_put(radii))
