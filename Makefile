@@ -63,7 +63,7 @@ peers: .venv/ready
 	$(BIN)/python benchmarks/peers/report.py
 
 # code of every kind that depends on JAX: kernels, solvers, loops, custom derivatives, files
-LOWEST := tests/regularization/test_filtered_solve.py tests/constraints/test_penalties.py \
+LOWEST := tests/regularization/test_filtered_solve.py tests/fitting/test_penalties.py \
 	tests/base/test_parallel.py tests/studies/test_comparison.py tests/steps/test_steps.py \
 	tests/special tests/io/test_images.py tests/io/test_plans.py jaxtat/steps jaxtat/reconstruction \
 	jaxtat/studies/uncertainty.py

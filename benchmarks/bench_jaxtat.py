@@ -8,7 +8,7 @@ import pytest
 from problems import problem
 
 from jaxtat import PAPER_K, NormBound, build_plan, reconstruct, solve
-from jaxtat.densities.harmonic import polar_geometry, wave_table
+from jaxtat.densities.cylindrical_waves import polar_geometry, wave_table
 from jaxtat.steps import radial_transform
 from jaxtat.steps.inversion import invert
 from jaxtat.studies import pixel_standard_deviation

@@ -21,7 +21,7 @@ from jaxtat import (
     phantoms,
     reconstruct,
 )
-from jaxtat.constraints import NoPenalty
+from jaxtat.fitting import NoPenalty
 
 DISKS = phantoms.Disks(
     [[0.3, 0.25], [-0.4, 0.1], [-0.1, -0.45], [0.35, -0.4], [0.05, 0.1], [-0.35, 0.55]],

@@ -6,7 +6,7 @@ detectors on three quarters of a circle, white noise whose standard deviation is
 total variation. The best weight is that of a scan which goes on by factors of two from the found
 weight until the error grows again, and then by factors of √2. Errors are relative, in the
 2-norm over the region. Seeds 0 and 3 were used to choose the constants of
-jaxtat/constraints/weight.py: they prove nothing, and are not among the default ones.
+jaxtat/fitting/weight.py: they prove nothing, and are not among the default ones.
 
     python benchmarks/weights.py [--seeds 1 2] [--noise 0.02 0.05 0.15] [--pixels 129]
 
@@ -26,7 +26,7 @@ from matplotlib.path import Path
 from matplotlib.textpath import TextPath
 
 import jaxtat
-from jaxtat.constraints import Ridge, SecondOrderVariation, TotalVariation, Wavelets
+from jaxtat.fitting import Ridge, SecondOrderVariation, TotalVariation, Wavelets
 
 FINER = 4  # the phantom's pixels in one of the image's, along an axis
 EDGE = 0.95  # of the region's radius: phantoms end there

@@ -4,7 +4,7 @@ Balls, bells and vessels drawn from seeds, on a grid three times finer than the 
 are those of the fine grid, the true volume is the mean over each voxel. Detectors on a cap, white
 noise whose standard deviation is told, f >= 0 and total variation, float32. The best weight is that
 of a scan, as in benchmarks/weights.py; errors are relative, in the 2-norm over the region. The
-constants of jaxtat/constraints/weight.py for space were chosen on other such phantoms, in a
+constants of jaxtat/fitting/weight.py for space were chosen on other such phantoms, in a
 periodic model in which A^T A is c/|xi|² exactly.
 
     python benchmarks/weights_in_space.py [--seeds 11] [--noise 0.02 0.05 0.15] [--voxels 33]

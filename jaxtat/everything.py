@@ -2,7 +2,7 @@
 
 # ruff: noqa: F401
 from . import (
-    constraints,
+    fitting,
     geometry,
     io,
     line_detectors,
@@ -13,7 +13,7 @@ from . import (
     studies,
 )
 from .base import scanners
-from .constraints import model_based
+from .fitting import model_based
 from .geometry import (
     ImageGrid,
     VisibilityWarning,

@@ -15,8 +15,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxtat
-from jaxtat.densities.harmonic import frequency_groups, harmonic_orders, polar_geometry, wave_table
-from jaxtat.densities.harmonic.densities import fold, wave_system
+from jaxtat.densities.cylindrical_waves import (
+    frequency_groups,
+    harmonic_orders,
+    polar_geometry,
+    wave_table,
+)
+from jaxtat.densities.cylindrical_waves.densities import fold, wave_system
 from jaxtat.reconstruction.setup import plane_of
 from jaxtat.regularization import singular_components, unit_norms
 from jaxtat.steps import radial_transform, total_integrals

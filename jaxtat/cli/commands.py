@@ -6,7 +6,7 @@ import time
 import webbrowser
 from pathlib import Path
 
-from .refusals import wants_plan
+from .option_checks import wants_plan
 
 
 def paper(options: argparse.Namespace) -> None:
@@ -34,8 +34,8 @@ def plan(options: argparse.Namespace) -> None:
 def info(options: argparse.Namespace) -> None:
     """``jaxtat info``."""
     from ..scans import choose, describe
+    from .hints import suggestions
     from .inputs import given, scan_of
-    from .suggesting import suggestions
 
     scan, options = scan_of(options)
     choices = choose(scan, **given(options, scan))
@@ -121,7 +121,7 @@ def _sheet(options: argparse.Namespace, scan, choices, start: float) -> None:
     from ..plotting import contact_sheet
     from ..scans import trials
     from .inputs import given
-    from .refusals import trial
+    from .option_checks import trial
 
     name, values = trial(options.trial)
     choice = choice_named(name)

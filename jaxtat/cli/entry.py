@@ -6,8 +6,8 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 
+from .option_checks import require_options
 from .parser import build_parser
-from .refusals import require_options
 
 NO_READER, BAD_INPUT, INTERRUPTED = 1, 2, 130
 

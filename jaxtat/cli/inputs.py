@@ -16,7 +16,7 @@ from ..scans import Choices, choose, setup_of, with_facts
 from ..scans.facts import facts_of, in_space
 from ..scans.frames import require_radii
 from ..steps import polar_grid
-from .refusals import OF_PLANS, band, is_given, slices
+from .option_checks import OF_PLANS, band, is_given, slices
 
 SAME = 1e-6  # of the size: places and radii that differ by less are the same
 FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use", "frames")

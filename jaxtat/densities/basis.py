@@ -7,7 +7,7 @@ import equinox as eqx
 from jaxtyping import Array, Complex, Float
 
 from ..regularization import TikhonovRule
-from .harmonic import SolveReport
+from .cylindrical_waves import SolveReport
 
 
 class Basis(eqx.Module):

@@ -26,7 +26,7 @@ from ..base.parallel import map_shards
 from ..geometry import DetectorCurve, Region
 from ..geometry.elements import NODES
 from ..regularization import Problem, seen_once
-from .harmonic import Asked, SolveReport, cholesky_solve, conjugate_gradients
+from .cylindrical_waves import Asked, SolveReport, cholesky_solve, conjugate_gradients
 from .single_layer import plane_wave_traces, potential_matrix
 
 MAX_ITERATIONS = 2000  # of conjugate gradients

@@ -15,7 +15,7 @@ from jaxtyping import Array
 
 from ..base.checks import require_x64
 from ..base.optional_packages import optional
-from ..constraints.relative_cg import RelativeCG
+from ..fitting.relative_cg import RelativeCG
 from ..reconstruction import ForwardOperator, Setup, forward_operator, reconstruct
 
 torch: Any = optional("torch", "jaxtat.interop.deepinv", "deepinv")

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..base.optional_packages import optional
 from ..base.units import millimetres
-from ..io.origin import as_json, provenance
+from ..io.provenance import as_json, provenance_of
 from ..scans import ScanImages
 
 OME_VERSION = "0.5"
@@ -165,5 +165,5 @@ def _metres(found: ScanImages) -> tuple[float, str]:
 def _texts(found: ScanImages, inputs: Sequence[str | Path]) -> Mapping[str, str]:
     return {
         "settings": as_json("settings", found.choices.settings()),
-        "provenance": as_json("provenance", provenance(inputs, found.unit)),
+        "provenance": as_json("provenance", provenance_of(inputs, found.unit)),
     }

@@ -23,8 +23,8 @@ from ..geometry.measured_curves import flat_axis
 from ..io import Scan, load_scan
 from ..io.hdf5 import creating_hdf5
 from ..io.limits import refusing
-from ..io.origin import as_json, provenance
 from ..io.patato import ENERGIES, GEOMETRY, RATE, RAW, RESPONSE, SPEED, WAVELENGTHS
+from ..io.provenance import as_json, provenance_of
 from ..io.series import period, rate_of
 from ..scans import ScanImages
 
@@ -67,7 +67,7 @@ def save_patato(
     spread = None if deviation is None else _all_frames(scan, found, deviation)
     about = {
         "settings": as_json("settings", {**(settings or {}), **found.choices.settings()}),
-        "provenance": as_json("provenance", provenance(inputs, found.unit)),
+        "provenance": as_json("provenance", provenance_of(inputs, found.unit)),
     }
     units = found.choices.units._replace(length=found.unit)
     axes, flat = _axes(scan, found, units)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ..base.optional_packages import optional
-from .origin import sha256
+from .provenance import sha256
 from .samples import sample_scan as sample_scan
 from .zenodo import download_record
 

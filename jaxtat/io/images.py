@@ -23,7 +23,7 @@ from ..base.units import millimetres
 from ..geometry import ImageGrid, VolumeGrid
 from .hdf5 import creating_hdf5, open_hdf5
 from .limits import MAX_BYTES, Allowance, refusing
-from .origin import as_json, provenance
+from .provenance import as_json, provenance_of
 
 FORMAT, VERSION = "jaxtat image", 2
 
@@ -120,7 +120,7 @@ def save_image(
         frames=_frames(frames, values.shape[:-d]),
         unit=unit,
         settings=as_json("settings", settings),
-        provenance=as_json("provenance", provenance(inputs, unit)),
+        provenance=as_json("provenance", provenance_of(inputs, unit)),
     )
     with replacing(path) as temporary:
         _FORMATS[suffix][0](temporary, output)

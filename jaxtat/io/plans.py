@@ -28,7 +28,7 @@ from ..base.checks import require_x64
 from ..base.cost import image_cost, require_room
 from ..base.messages import name_of, require_file
 from ..densities import DensityReport, SampledDensities
-from ..densities.harmonic import DensityGroup, HarmonicDensities
+from ..densities.cylindrical_waves import DensityGroup, HarmonicDensities
 from ..forward import CircleSizes, circle_sizes
 from ..geometry import (
     CircularArc,

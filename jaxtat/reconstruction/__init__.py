@@ -1,11 +1,11 @@
 """The problem as one thing, and what solves it: plans, pipeline, stacks of frames."""
 
 from .data_model import circular_integrals, circular_integrals_adjoint, circular_means
+from .direct import Reconstruction, reconstruct, solve
 from .operator import ForwardOperator, forward_operator
 from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .setup import Setup
 from .stack import reconstruct_stack
-from .verbs import Reconstruction, reconstruct, solve
 
 __all__ = [
     "PAPER_K",

@@ -3,7 +3,7 @@
 from jaxtyping import Array, Float
 
 from ..densities import Basis
-from ..densities.harmonic import SolveReport
+from ..densities.cylindrical_waves import SolveReport
 from ..geometry import Grid
 from ..regularization import TikhonovRule
 

@@ -22,7 +22,7 @@ from ..densities import (
     phases_from,
     series_densities,
 )
-from ..densities.harmonic import (
+from ..densities.cylindrical_waves import (
     HarmonicDensities,
     PolarGeometry,
     alpha_units,

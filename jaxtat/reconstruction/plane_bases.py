@@ -11,7 +11,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.checks import is_concrete
 from ..densities import Basis, Densities, phases_from, solve_on_boundary
-from ..densities.harmonic import (
+from ..densities.cylindrical_waves import (
     Asked,
     PolarGeometry,
     SolveReport,

@@ -18,7 +18,7 @@ from ..geometry import DetectorCurve, Region
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, SphericalCap
 from ..spherical.sizes import SpaceSizes
-from .kinds import Kind, kind_of
+from .dimension import Kind, kind_of
 from .sizes import GROUPS, PlaneSizes
 
 

@@ -9,7 +9,12 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, by_library
 from ..base.cost import Systems, available_memory, most_that_fit, require_room, systems_cost
-from ..densities.harmonic import frequency_groups, harmonic_orders, polar_geometry, waves_reach
+from ..densities.cylindrical_waves import (
+    frequency_groups,
+    harmonic_orders,
+    polar_geometry,
+    waves_reach,
+)
 from ..forward import CircleSizes, circle_sizes, default_points
 from ..geometry import (
     DetectorCurve,

@@ -7,9 +7,9 @@ from tqdm import tqdm
 
 from ..base.checks import whole_number
 from ..steps.radon import LowPass
+from .direct import reconstruct
 from .plan import ReconstructionPlan
 from .setup import Setup
-from .verbs import reconstruct
 
 
 def reconstruct_stack(

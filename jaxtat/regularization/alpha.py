@@ -61,9 +61,9 @@ class Tikhonov(TikhonovRule):
     """phi = sigma² / (sigma² + alpha).
 
     alpha is relative: in units of the strongest cylindrical wave at each frequency
-    (`harmonic.table.alpha_unit`), or of 8 / lambda² in the basis of the boundary. 1e-12 suits exact
-    data, 1e-3 noisy ones. A plain number as a rule means this rule. `filtered_solve` takes alpha in
-    [length²].
+    (`cylindrical_waves.table.alpha_unit`), or of 8 / lambda² in the basis of the boundary. 1e-12
+    suits exact data, 1e-3 noisy ones. A plain number as a rule means this rule. `filtered_solve`
+    takes alpha in [length²].
 
     Source: Tikhonov; e.g. Hansen, Rank-Deficient and Discrete Ill-Posed Problems (SIAM 1998).
     """

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers
-from ..constraints import Comparison
+from ..fitting import Comparison
 
 
 class Constrained(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Any
 from ..base.atomic import replacing, require_place
 from ..base.checks import Numbers
 from ..base.units import millimetres
-from ..io.origin import provenance
+from ..io.provenance import provenance_of
 from ..reconstruction import ReconstructionPlan, Setup
 from ..steps.radon import LowPass
 from ..studies import Diagnosis, diagnose
@@ -58,7 +58,7 @@ def report(
     """
     require_place(path)
     millimetres(unit)
-    origin = provenance(inputs, unit)
+    origin = provenance_of(inputs, unit)
     diagnosis = diagnose(
         setup,
         g,
@@ -101,11 +101,11 @@ def write_report(
         path: the file to write.
         diagnosis: from `diagnose`.
         constrained, title, choices, channels, unit: as in `report`.
-        origin: of `jaxtat.io.origin`; by default without input files.
+        origin: of `jaxtat.io.provenance.provenance_of`; by default without input files.
     """
     from .page import Page, html_page  # matplotlib is slow to import
 
-    origin = provenance((), unit) if origin is None else origin
+    origin = provenance_of((), unit) if origin is None else origin
     rows = [*_of_problem(diagnosis), *_origin(origin)]
     text = html_page(diagnosis, Page(title, choices, rows, unit, channels, constrained))
     with replacing(path) as temporary:
@@ -125,7 +125,7 @@ def _of_problem(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 def _origin(origin: dict[str, Any]) -> list[tuple[str, str]]:
-    """Table rows of `provenance`."""
+    """Table rows of `provenance_of`."""
     inputs = [(f"file {i['name']}", f"SHA-256 {i['sha256']}") for i in origin["inputs"]]
     versions = ", ".join(f"{name} {number}" for name, number in origin["versions"].items())
     made = [("made", origin["date"]), ("computed on", origin["platform"])]

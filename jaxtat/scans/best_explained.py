@@ -12,7 +12,7 @@ The speed stretches the radii only, so that one decomposition does for all speed
 The model of the record delays waves by an eighth of a period against the other: a wrong one
 displaces the dip, to the other side for waves from the other end, and makes it less deep.
 
-For A and y see `jaxtat.densities.harmonic.consistency`.
+For A and y see `jaxtat.densities.cylindrical_waves.consistency`.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..densities.harmonic import polar_geometry, unexplained_share, waves_of
+from ..densities.cylindrical_waves import polar_geometry, unexplained_share, waves_of
 from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of

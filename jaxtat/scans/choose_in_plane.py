@@ -23,7 +23,7 @@ from ..geometry import (
 )
 from ..io import Scan
 from ..records import MODELS, channel_quality, ranges, supported
-from ..records.power import (
+from ..records.signal_power import (
     RecordPower,
     artefact_end,
     faded,

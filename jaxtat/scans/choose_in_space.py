@@ -14,8 +14,8 @@ from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import DetectorPoints, ball, uncovered
 from ..io import Scan
 from ..records import supported
-from ..records.extent import sounding_disk
-from ..records.power import highest_frequency, noise_before, record_power
+from ..records.signal_power import highest_frequency, noise_before, record_power
+from ..records.source_extent import sounding_disk
 from ..spherical import cap_radii
 from ..spherical.sizes import resolved_frequency
 from .choices import IN_SPACE, Choices

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import real_array
-from ..constraints import (
+from ..fitting import (
     Comparison,
     ModelBased,
     NoPenalty,

@@ -9,7 +9,8 @@ from jaxtyping import Bool, Float
 from ..io import Scan
 from ..records import channel_quality
 from ..records.channels import ChannelQuality
-from ..records.extent import (
+from ..records.signal_power import RecordPower, muted_until, record_power
+from ..records.source_extent import (
     Heard,
     SoundingDisk,
     arriving_from,
@@ -17,7 +18,6 @@ from ..records.extent import (
     sounding_disk,
     sounding_place,
 )
-from ..records.power import RecordPower, muted_until, record_power
 from .choices import Choices
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from tqdm import tqdm
 
-from ..constraints import ModelBased
+from ..fitting import ModelBased
 from ..geometry import ImageGrid, VolumeGrid
 from ..io import Scan, load_scan
 from ..io.images import HasInside

@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..io import Scan
+from ..reconstruction.direct import DEFAULT_TOLERANCE
 from ..reconstruction.plane_bases import plane_basis
 from ..reconstruction.setup import plane_of
-from ..reconstruction.verbs import DEFAULT_TOLERANCE
 from ..regularization import tikhonov_rule
 from .all_speeds import data_by_speed, faded, setup_for_speeds
 from .choices import Choices

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.choice_table import LIKELY, SURE
-from ..densities.harmonic import cross_validation, polar_geometry, waves_of
+from ..densities.cylindrical_waves import cross_validation, polar_geometry, waves_of
 from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of

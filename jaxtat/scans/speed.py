@@ -17,9 +17,9 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.choice_table import GUESSED
 from ..io import Scan
+from ..reconstruction.direct import DEFAULT_TOLERANCE
 from ..reconstruction.plane_bases import plane_basis
 from ..reconstruction.setup import plane_of
-from ..reconstruction.verbs import DEFAULT_TOLERANCE
 from ..regularization import tikhonov_rule
 from ..steps.radon import low_pass_values
 from .all_speeds import data_by_speed

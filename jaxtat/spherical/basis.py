@@ -7,7 +7,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float
 
 from ..densities import Basis
-from ..densities.harmonic.tikhonov import SolveReport
+from ..densities.cylindrical_waves.tikhonov import SolveReport
 from ..geometry import VolumeGrid
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, Detectors, SphericalCap

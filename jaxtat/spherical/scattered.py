@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from ..densities.harmonic import SolveReport, cholesky_solve
+from ..densities.cylindrical_waves import SolveReport, cholesky_solve
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints
 from ..regularization.alpha import TikhonovRule

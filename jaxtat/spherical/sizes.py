@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete
-from ..densities.harmonic.orders import highest_orders
+from ..densities.cylindrical_waves.orders import highest_orders
 from ..forward import SphereSizes, sphere_sizes
 from ..forward.spheres import default_points
 from ..geometry import VolumeGrid, data_radii, require_outside, require_radii

@@ -2,7 +2,7 @@
 
 On rings of equispaced detectors the orders m do not mix. With P the Legendre functions at the
 rings (degrees l >= m), W the rings' areas, a_l = s_l 4π Delta_l j_l(lambda R_g) and b_l, likewise
-with y_l, the Tikhonov solution of `harmonic.tikhonov` is
+with y_l, the Tikhonov solution of `cylindrical_waves.tikhonov` is
 
     [(a a^T + b b^T) ∘ T_m + alpha] y = a ∘ P W G_J,m + b ∘ P W G_Y,m,   T_m = P W P^T,
 
@@ -21,8 +21,8 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float, Int
 
 from ..base.parallel import map_shards
-from ..densities.harmonic import SolveReport, cholesky_solve
-from ..densities.harmonic.table import RegionFactor, gram_matrix, triangle
+from ..densities.cylindrical_waves import SolveReport, cholesky_solve
+from ..densities.cylindrical_waves.table import RegionFactor, gram_matrix, triangle
 from ..geometry.balls import Ball, Boundary
 from ..geometry.caps import SphericalCap
 from ..regularization.alpha import TikhonovRule
@@ -102,7 +102,7 @@ def _solve_group(
     """F and residuals of neighbouring frequencies, some orders at a time.
 
     One loop over all pieces of the orders, in which the program for the number of degrees is
-    chosen: as loops side by side XLA may run them at once, see `harmonic.tikhonov`.
+    chosen: as loops side by side XLA may run them at once, see `cylindrical_waves.tikhonov`.
     """
     distinct = sorted({size for row in sizes.degrees for size in row})
     chosen = jnp.asarray(np.searchsorted(distinct, sizes.degrees))[number]

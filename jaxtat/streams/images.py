@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, Num
 from ..base.checks import Numbers, dtype_of, real_array, require_positive
 from ..base.double import in_double
 from ..densities import Densities, in_precision
-from ..densities.harmonic import (
+from ..densities.cylindrical_waves import (
     DecomposedWaves,
     FreeWaves,
     decomposed_waves,
@@ -43,8 +43,8 @@ from ..scans import Choices
 from ..steps.fourier_sum import fourier_inversion
 from ..steps.polar_transform import with_origin
 from ..steps.radon import low_pass_values
-from .asked import of_scan, of_setup, speed_of
-from .places import another_disk, placed
+from .live_settings import of_scan, of_setup, speed_of
+from .region_update import another_disk, placed
 from .samples import Pressure, integrals_to_waves, samples_to_waves
 
 Waves = DecomposedWaves | FreeWaves

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.atomic import replacing
 from ..geometry import ImageGrid
-from ..io.origin import as_json
+from ..io.provenance import as_json
 
 
 @runtime_checkable

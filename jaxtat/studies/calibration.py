@@ -1,7 +1,7 @@
 """Calibration: speed of sound, geometry, gains and delays from the data of an unknown image.
 
 For the true parameters the data of all detectors are consistent with one image, whatever it is (see
-`harmonic.consistency`). The parameters p of least inconsistency,
+`cylindrical_waves.consistency`). The parameters p of least inconsistency,
 
     min_p Σ_lambda 1/noise(lambda) [ ||√w G(p) - A(p)^T y||² + alpha ||y||² ],  y = y(p) the image,
 
@@ -34,7 +34,7 @@ from ..base.checks import (
     require_x64,
 )
 from ..base.rows import map_rows
-from ..densities.harmonic import (
+from ..densities.cylindrical_waves import (
     PolarGeometry,
     Waves,
     polar_geometry,

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, require_x64
-from ..densities.harmonic import (
+from ..densities.cylindrical_waves import (
     PolarGeometry,
     harmonic_orders,
     polar_geometry,

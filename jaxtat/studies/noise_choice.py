@@ -22,7 +22,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from ..base.checks import Numbers, data_array, real_array, require_positive, require_x64
-from ..densities.harmonic import PolarGeometry, polar_geometry, wave_system, wave_table
+from ..densities.cylindrical_waves import PolarGeometry, polar_geometry, wave_system, wave_table
 from ..reconstruction import ReconstructionPlan, Setup
 from ..reconstruction.setup import plane_of, require_waves
 from ..reconstruction.sizes import PlaneSizes

@@ -1,6 +1,6 @@
 """A scan in the browser, with controls; page and server are on this machine only."""
 
-from .keeping import command_line, keep
+from .export import command_line, keep
 from .serve import Viewer, view
 from .session import PIXELS, Knobs, Session
 

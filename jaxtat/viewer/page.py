@@ -27,11 +27,11 @@ from bokeh.plotting import figure
 
 from ..base.names import LOW_PASSES
 from ..geometry import ImageGrid
-from .keeping import command_line, keep
-from .latest import Latest
-from .looking import Looking, lengths
+from .export import command_line, keep
+from .latest_only_worker import Latest
 from .picture import Picture
 from .session import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED, Knobs, Session
+from .zoom_controls import Looking, lengths
 
 WIDTH, WHOLE = 400, 1080  # of the column of knobs, and of the page [pixel]
 CHOICES_LATER = 100  # [ms] than the picture, which a browser would otherwise draw after them

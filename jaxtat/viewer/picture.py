@@ -20,8 +20,8 @@ from bokeh.palettes import Greys256, Inferno256, Viridis256
 from bokeh.plotting import figure
 
 from ..geometry import ImageGrid
-from .looking import lengths
 from .session import Session
+from .zoom_controls import lengths
 
 COLOURS = {"grey": Greys256, "viridis": Viridis256, "inferno": Inferno256}
 

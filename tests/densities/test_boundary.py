@@ -21,7 +21,7 @@ from jaxtat import (
     solve,
 )
 from jaxtat.densities import solve_on_boundary
-from jaxtat.densities.harmonic import Asked
+from jaxtat.densities.cylindrical_waves import Asked
 from jaxtat.reconstruction.plane_bases import plane_basis
 from jaxtat.reconstruction.setup import plane_of
 from jaxtat.regularization import tikhonov_rule

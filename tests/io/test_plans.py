@@ -52,7 +52,7 @@ def plans():
     wide = detector_curve(arc.points, element_width=np.linspace(0.1, 0.2, 16))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "jaxtat.densities.harmonic.orders.WORTH_A_GROUP", 1.0
+            "jaxtat.densities.cylindrical_waves.orders.WORTH_A_GROUP", 1.0
         )  # several, as in large plans
         return {
             "series": tiny(circular_arc(1.3, 1.3, 16), "series"),

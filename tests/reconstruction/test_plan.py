@@ -25,7 +25,7 @@ from jaxtat import (
     reconstruct,
 )
 from jaxtat.densities import SampledDensities
-from jaxtat.densities.harmonic import HarmonicDensities
+from jaxtat.densities.cylindrical_waves import HarmonicDensities
 
 BELL = phantoms.Bells([[0.08, 0.03], [-0.05, -0.06]], [0.9, 0.9], [1.0, 0.7])
 HALF_BELL = phantoms.Bells([[-0.5, 0.1]], [0.45])

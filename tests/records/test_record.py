@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxtat.records.power import (
+from jaxtat.records.signal_power import (
     artefact_end,
     highest_frequency,
     record_power,

@@ -17,7 +17,7 @@ from jaxtat import (
     reconstruct,
     solve,
 )
-from jaxtat.densities.harmonic import (
+from jaxtat.densities.cylindrical_waves import (
     Asked,
     harmonic_orders,
     polar_geometry,

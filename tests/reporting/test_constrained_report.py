@@ -5,7 +5,7 @@ import pytest
 
 from jaxtat import build_plan, circular_arc, phantoms
 from jaxtat.cli import main
-from jaxtat.constraints import Comparison
+from jaxtat.fitting import Comparison
 from jaxtat.reporting.constrained import Constrained, in_words
 
 CURVE = circular_arc(1.3, 1.0, 24)  # as in test_report_of_a_scan.py

@@ -21,7 +21,7 @@ from jaxtat import (
     phantoms,
     report,
 )
-from jaxtat.io.origin import provenance
+from jaxtat.io.provenance import provenance
 from jaxtat.reporting import write_report
 from jaxtat.reporting.html import Html, element, join
 from jaxtat.reporting.verdicts import Level, findings

@@ -17,7 +17,7 @@ from jaxtat import (
     phantoms,
     reconstruct,
 )
-from jaxtat.densities.harmonic import polar_geometry
+from jaxtat.densities.cylindrical_waves import polar_geometry
 from jaxtat.studies import calibrate
 from jaxtat.studies.calibration import Parameters, _corrected, _fit, _Problem
 

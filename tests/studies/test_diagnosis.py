@@ -21,7 +21,7 @@ from jaxtat import (
     phantoms,
     reconstruct,
 )
-from jaxtat.densities.harmonic import SolveReport
+from jaxtat.densities.cylindrical_waves import SolveReport
 from jaxtat.studies import (
     NoiseSource,
     affordable_pixels,

@@ -20,7 +20,12 @@ from jaxtat import (
     phantoms,
     reconstruct,
 )
-from jaxtat.densities.harmonic import harmonic_orders, polar_geometry, wave_system, wave_table
+from jaxtat.densities.cylindrical_waves import (
+    harmonic_orders,
+    polar_geometry,
+    wave_system,
+    wave_table,
+)
 from jaxtat.steps.radial_transforms import noise_power, radial_transform
 from jaxtat.studies import choose_regularization, image_power
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxtat.densities.harmonic.lapack import cholesky, invert, multiply, square
+from jaxtat.densities.cylindrical_waves.lapack import cholesky, invert, multiply, square
 
 LIMITS = {np.float32: 1e-5, np.float64: 1e-13}
 

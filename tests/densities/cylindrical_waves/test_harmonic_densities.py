@@ -19,7 +19,7 @@ from jaxtat import (
     disk,
 )
 from jaxtat.densities import collocation_densities
-from jaxtat.densities.harmonic import (
+from jaxtat.densities.cylindrical_waves import (
     HarmonicDensities,
     group_of,
     harmonic_densities,

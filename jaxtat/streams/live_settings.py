@@ -14,7 +14,7 @@ from ..reconstruction.setup import plane_of, require_complete
 from ..scans import Choices, choose, estimate, setup_of
 from ..scans.facts import facts_of, times_of
 from ..scans.frames import conditioned, has_baseline
-from .places import wider_choices, wider_setup
+from .region_update import wider_choices, wider_setup
 from .samples import Pressure, pressure_of
 
 N_GROUPS = 8  # of frequencies that have as many orders: the fewer, the more rows are zero

@@ -88,9 +88,9 @@ def model_based(
     image. In the plane and in space, for detectors anywhere.
 
     With ``noise``, W divides by it, and in space a high-pass in the radius follows, so that fine
-    details are found as fast as coarse ones: see `jaxtat.constraints.radial_filter`. Without,
+    details are found as fast as coarse ones: see `jaxtat.fitting.radial_filter`. Without,
     integrals are weighted by 1/√r, by which A nearly keeps norms. By default the weight follows
-    from image and misfit, see `jaxtat.constraints.weight`.
+    from image and misfit, see `jaxtat.fitting.weight`.
 
     Differentiable in both modes with respect to data, a given weight, noise, detectors, radii,
     speed of sound, and what a penalty holds: implicitly, as if converged, a weight that was found
@@ -131,7 +131,7 @@ def model_based(
             map that changes the shape or gives NaN, a mask that leaves nothing, or what pressure
             needs without ``times``.
 
-    Source: `jaxtat.constraints.fista`; conjugate gradients for `Ridge` and `NoPenalty`.
+    Source: `jaxtat.fitting.fista`; conjugate gradients for `Ridge` and `NoPenalty`.
 
     >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
     >>> setup = Setup(circular_arc(1.3, 1.0, 30), disk(1.0), ImageGrid(21), max_frequency=20.0)

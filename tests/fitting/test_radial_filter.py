@@ -9,9 +9,9 @@ from scipy.integrate import quad
 
 import jaxtat
 from jaxtat import model_based
-from jaxtat.constraints import Ridge
-from jaxtat.constraints.arguments import data_fit
-from jaxtat.constraints.radial_filter import high_pass
+from jaxtat.fitting import Ridge
+from jaxtat.fitting.arguments import data_fit
+from jaxtat.fitting.radial_filter import high_pass
 from jaxtat.spherical import ball, spherical_cap
 
 

@@ -8,8 +8,12 @@ import pytest
 import scipy.special
 
 from jaxtat import circular_arc, disk
-from jaxtat.densities.harmonic import circular_harmonics_at, harmonic_orders, polar_geometry
-from jaxtat.densities.harmonic.waves import (
+from jaxtat.densities.cylindrical_waves import (
+    circular_harmonics_at,
+    harmonic_orders,
+    polar_geometry,
+)
+from jaxtat.densities.cylindrical_waves.waves import (
     angular,
     at_detectors,
     boundary_traces,

@@ -12,7 +12,7 @@ from ..io import Scan
 from ..scans import Choices, to_look_at
 from ..scans.found import SHARES
 from .inputs import FACTS
-from .refusals import OF_PLANS, wants_plan
+from .option_checks import OF_PLANS, wants_plan
 
 _OPTIONS = (*FACTS, *OF_PLANS, *(choice.name for choice in OPTIONS))
 _FACTORS = {

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxtat import ImageGrid, Setup, circular_arc, disk, model_based, phantoms
-from jaxtat.constraints import Ridge
+from jaxtat.fitting import Ridge
 from jaxtat.records import circular_integrals_to_pressure
 
 

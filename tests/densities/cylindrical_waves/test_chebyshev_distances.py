@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.special
 
-from jaxtat.densities.harmonic.chebyshev_distances import few_distances
+from jaxtat.densities.cylindrical_waves.chebyshev_distances import few_distances
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ def _plain(name: str, value: Any) -> Any:
     )
 
 
-def provenance(inputs: Iterable[str | Path], unit: str | None) -> dict[str, Any]:
+def provenance_of(inputs: Iterable[str | Path], unit: str | None) -> dict[str, Any]:
     """Date, versions, kind of device, unit of length, name and SHA-256 of every input file."""
     packages = {name: version(name) for name in ("jax", "jaxlib", "numpy")}
     return {

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxtat.records.extent import Heard, arriving_from, heard, sounding_disk, sounding_place
-from jaxtat.records.power import RecordPower, muted_until, record_power
+from jaxtat.records.signal_power import RecordPower, muted_until, record_power
+from jaxtat.records.source_extent import Heard, arriving_from, heard, sounding_disk, sounding_place
 
 RNG = np.random.default_rng(0)
 SPEED, RADIUS, BODY = 1500.0, 0.04, 0.01

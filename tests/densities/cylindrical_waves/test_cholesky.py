@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import DTypeLike
 
-from jaxtat.densities.harmonic.cholesky import Cholesky, block_bounds, factorize
+from jaxtat.densities.cylindrical_waves.cholesky import Cholesky, block_bounds, factorize
 
 solve = eqx.filter_jit(Cholesky.solve)
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..base.checks import Numbers, data_array, is_concrete, real_array, require_x64
 from ..base.parallel import checked_mesh, in_groups, map_shards, replicated
-from ..densities.harmonic import SolveReport
+from ..densities.cylindrical_waves import SolveReport
 from ..geometry import ImageGrid
 from ..regularization import tikhonov_rule
 from ..steps import UNSAMPLED, AccuracyWarning, warn_of_detectors

@@ -4,7 +4,7 @@ import threading
 
 import jax.numpy as jnp
 
-from jaxtat.viewer.latest import Latest
+from jaxtat.viewer.latest_only_worker import Latest
 
 
 class Loop:

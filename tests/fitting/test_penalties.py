@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
-from jaxtat.constraints import SecondOrderVariation, TotalVariation, Wavelets
-from jaxtat.constraints.proximal import prox
+from jaxtat.fitting import SecondOrderVariation, TotalVariation, Wavelets
+from jaxtat.fitting.proximal import prox
 
 RNG = np.random.default_rng(0)
 IMAGES = jnp.asarray(RNG.standard_normal((2, 9, 8)))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import scipy.special
 
-from jaxtat.densities.harmonic import frequency_groups
-from jaxtat.densities.harmonic.orders import TOLERANCE, highest_orders
+from jaxtat.densities.cylindrical_waves import frequency_groups
+from jaxtat.densities.cylindrical_waves.orders import TOLERANCE, highest_orders
 
 FREQUENCIES = np.array([0.3, 1.0, 7.3, 40.0, 200.0, 700.0])
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .power import RecordPower
+from .signal_power import RecordPower
 
 BEGINS, CEASES = 0.02, 0.05  # share of a detector's highest power that counts as sound
 QUIETEST, QUIET = 0.05, 0.25  # shares of a record, from which noise and its scatter are taken

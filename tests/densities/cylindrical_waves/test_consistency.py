@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxtat import circular_arc, disk, phantoms
-from jaxtat.densities.harmonic import (
+from jaxtat.densities.cylindrical_waves import (
     cross_validation,
     polar_geometry,
     unexplained,
@@ -15,7 +15,7 @@ from jaxtat.densities.harmonic import (
     wave_table,
     waves_of,
 )
-from jaxtat.densities.harmonic.table import (
+from jaxtat.densities.cylindrical_waves.table import (
     alpha_unit,
     detector_matrix,
     detector_powers,

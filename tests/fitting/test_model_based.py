@@ -12,8 +12,8 @@ from scipy.optimize import minimize
 
 import jaxtat
 from jaxtat import model_based
-from jaxtat.constraints import NoPenalty, Ridge, SecondOrderVariation, TotalVariation, Wavelets
-from jaxtat.constraints.implicit import Problem, objective
+from jaxtat.fitting import NoPenalty, Ridge, SecondOrderVariation, TotalVariation, Wavelets
+from jaxtat.fitting.implicit import Problem, objective
 from jaxtat.records import circular_integrals_to_pressure, condition_record
 
 BELL = jaxtat.phantoms.Bells([[0.1, 0.2], [-0.3, -0.2]], [0.5, 0.6], [1.0, 0.7])
@@ -348,8 +348,8 @@ def test_bad_input_is_refused(few, data, change, message):
 
 def test_what_is_minimised_is_the_formula(few, data):
     """The objective from which derivatives come, spelled out with the operator."""
-    from jaxtat.constraints.arguments import checked_data, data_fit
-    from jaxtat.constraints.fista import scale_of
+    from jaxtat.fitting.arguments import checked_data, data_fit
+    from jaxtat.fitting.fista import scale_of
 
     fit = data_fit(few, None, False, 0.5, None, False, None)
     whitened, _ = checked_data(data, fit)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxtat import circular_arc, detector_curve, disk
-from jaxtat.densities.harmonic import (
+from jaxtat.densities.cylindrical_waves import (
     Asked,
     circular_harmonics_at,
     harmonic_orders,
@@ -16,7 +16,7 @@ from jaxtat.densities.harmonic import (
     tikhonov,
     wave_table,
 )
-from jaxtat.densities.harmonic.table import circle_gram, detector_matrix, product_of_grams
+from jaxtat.densities.cylindrical_waves.table import circle_gram, detector_matrix, product_of_grams
 from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
 from jaxtat.geometry.curves import SampledCurve
 from jaxtat.regularization import tikhonov_rule

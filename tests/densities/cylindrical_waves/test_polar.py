@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxtat import circular_arc, detector_curve, disk
-from jaxtat.densities.harmonic import harmonic_orders, polar_geometry
+from jaxtat.densities.cylindrical_waves import harmonic_orders, polar_geometry
 from jaxtat.geometry.curves import SampledCurve
 
 PLACE = {"center": (2.0, -1.0), "angle": 2.3}

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from jaxtat import circular_arc, detector_curve, disk
-from jaxtat.densities.harmonic import harmonic_orders, polar_geometry, wave_table
-from jaxtat.densities.harmonic.cut_disks import cut_disk
-from jaxtat.densities.harmonic.table import (
+from jaxtat.densities.cylindrical_waves import harmonic_orders, polar_geometry, wave_table
+from jaxtat.densities.cylindrical_waves.cut_disks import cut_disk
+from jaxtat.densities.cylindrical_waves.table import (
     RegionFactor,
     alpha_unit,
     blocks,
@@ -21,7 +21,7 @@ from jaxtat.densities.harmonic.table import (
     region_factor,
     region_gram,
 )
-from jaxtat.densities.harmonic.waves import boundary_traces
+from jaxtat.densities.cylindrical_waves.waves import boundary_traces
 from jaxtat.densities.single_layer import potential_matrix
 
 PLACE = {"center": (0.3, -0.2), "angle": 0.8}
