@@ -21,7 +21,7 @@ from jaxtat import (
     phantoms,
     report,
 )
-from jaxtat.io.provenance import provenance
+from jaxtat.io.provenance import provenance_of
 from jaxtat.reporting import write_report
 from jaxtat.reporting.html import Html, element, join
 from jaxtat.reporting.verdicts import Level, findings
@@ -120,7 +120,7 @@ class Reader(HTMLParser):
 @pytest.fixture(scope="module")
 def written(complete, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "report.html"
-    origin = provenance((), "m") | {"inputs": [{"name": HOSTILE, "sha256": HOSTILE}]}
+    origin = provenance_of((), "m") | {"inputs": [{"name": HOSTILE, "sha256": HOSTILE}]}
     choices = [("K", HOSTILE, HOSTILE, HOSTILE)]
     write_report(path, complete, title=HOSTILE, choices=choices, origin=origin, unit="m")
     return path.read_text(encoding="utf-8")
