@@ -42,7 +42,7 @@ from ..regularization import (
     Regularization,
     RelativeCutoff,
     per_frequency,
-    seen_once,
+    single_crossing,
     unit_norms,
 )
 from ..steps import AccuracyWarning, require_boundary
@@ -241,7 +241,7 @@ def _traced(
                 "the unit of alpha is measured in cylindrical waves: with method 'collocation' "
                 "Tikhonov needs a geometry that is not traced."
             )
-        units = seen_once(frequencies) ** 2
+        units = single_crossing(frequencies) ** 2
         rules = per_frequency(rule, len(frequencies)).in_units_of(units, frequencies)
         where = angles, curve, region
         values, report = collocation_densities(
@@ -311,7 +311,7 @@ def _collocation(
     rules = per_frequency(regularization, len(frequencies))
     with jax.ensure_compile_time_eval():
         mirror = find_mirror(curve, region)
-        units = seen_once(frequencies) ** 2
+        units = single_crossing(frequencies) ** 2
         if regularization.has_unit and sizes.reached:
             geometry = polar_geometry(curve, region, sizes.n_nodes)
             n_max = int(harmonic_orders(geometry, np.asarray(frequencies)).max())

@@ -17,7 +17,6 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.choice_table import GUESSED
 from ..io import Scan
-from ..reconstruction.direct import DEFAULT_TOLERANCE
 from ..reconstruction.plane_bases import plane_basis
 from ..reconstruction.setup import plane_of
 from ..regularization import tikhonov_rule
@@ -159,7 +158,7 @@ def sharpness_by_speed(
         return None
     g = integrals(scan, coarse, setup, frame)
     *_, radii, sizes = where = plane_of(setup)
-    basis = plane_basis(*where, "auto", jax.device_put(DEFAULT_TOLERANCE), None)
+    basis = plane_basis(*where, None)
     rule = tikhonov_rule(coarse.alpha, sizes.n_frequencies)
     eta = low_pass_values(coarse.low_pass, sizes.n_frequencies)[1:]
 
