@@ -52,7 +52,7 @@ def reconstruct(options: argparse.Namespace) -> None:
 
     start = time.perf_counter()
     require_suffix(options.out)  # and the package that writes it
-    scan, choices, plan, options = _asked(options, start)
+    scan, choices, plan, options = _prepared(options, start)
     if options.json:
         _write_json(options, choices)
     if options.trial:
@@ -146,7 +146,7 @@ def report(options: argparse.Namespace) -> None:
     from ..reporting import report_scan
 
     start = time.perf_counter()
-    scan, choices, plan, options = _asked(options, start)
+    scan, choices, plan, options = _prepared(options, start)
     report_scan(
         options.out,
         scan,
@@ -170,7 +170,7 @@ def stream(options: argparse.Namespace) -> None:
     from .streaming import frames_from, sink_at, type_of
 
     start = time.perf_counter()
-    scan, choices, plan, options = _asked(options, start)
+    scan, choices, plan, options = _prepared(options, start)
     dtype = type_of(options.type, scan)
     to_images = live(scan, choices, plan=plan)
     shape = (scan.n_detectors, scan.n_samples)
@@ -203,7 +203,7 @@ def view(options: argparse.Namespace) -> None:
         raise ValueError("jaxtat view turns alpha, which a plan does not have: leave out --K.")
     if options.pixels is None and not options.repeat:
         options = changed(options, pixels=PIXELS)
-    scan, choices, _, options = _asked(options, start)
+    scan, choices, _, options = _prepared(options, start)
     facts = {name: getattr(options, name, None) for name in FACTS if name != "frames"}
     viewer = view_scan(
         scan, choices, facts=facts, source=options.file, folder=options.folder, port=options.port
@@ -226,10 +226,10 @@ def sample(options: argparse.Namespace) -> None:
     _report(options, f"scan written to {options.out}", start)
 
 
-def _asked(options: argparse.Namespace, start: float):
-    """The scan, its choices, the plan that is given or asked for, or None, and the options.
+def _prepared(options: argparse.Namespace, start: float):
+    """Scan, choices, plan (or None) and options of a command.
 
-    They are those of an earlier image where an option asks for them.
+    With --repeat they are those of an earlier image.
     """
     from ..io.plans import load_plan
     from ..scans import choose, estimate, integrals
@@ -250,11 +250,11 @@ def _asked(options: argparse.Namespace, start: float):
     plan = load_plan(options.plan) if options.plan else None
     scan, left = scan_of(options, plan)
     if choices is None:
-        asked = given(left, scan, plan)
-        choices = choose(scan, **asked)
+        options_set = given(left, scan, plan)
+        choices = choose(scan, **options_set)
         require_size(scan, choices)
         if plan is None:
-            choices = estimate(scan, choices, **asked)
+            choices = estimate(scan, choices, **options_set)
     _report(options, f"{options.file}\n{choices.table()}", start)
     if plan is not None:
         require_same(scan, choices, plan)

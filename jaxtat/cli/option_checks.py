@@ -70,7 +70,7 @@ def is_given(options: argparse.Namespace, name: str) -> bool:
 
 
 def wants_plan(options: argparse.Namespace) -> bool:
-    """Whether an option asks for densities, and so for a plan."""
+    """Whether an option needs densities, and so a plan."""
     return any(is_given(options, name) for name in OF_PLANS)
 
 
@@ -196,7 +196,7 @@ def _require_trial(options: argparse.Namespace) -> None:
 
 
 def _require_sink(options: argparse.Namespace) -> None:
-    """Raise ValueError for a place where a stream's images cannot go."""
+    """Raise ValueError for a destination to which a stream cannot write."""
     path, folder = Path(options.out), Path(options.out).resolve().parent
     if not folder.is_dir():
         raise ValueError(f"cannot write {options.out}: there is no folder {folder}.")
@@ -220,7 +220,7 @@ def _refuse(options: argparse.Namespace, names: tuple[str, ...], by: str, what: 
 
 
 def _require_folder(cache: str) -> None:
-    """Raise ValueError if programs cannot be kept there; JAX would only warn, at each of them."""
+    """Raise ValueError for an unusable cache folder; JAX would only warn, for each program."""
     folder = Path(cache)
     try:
         folder.mkdir(parents=True, exist_ok=True)

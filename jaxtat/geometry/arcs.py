@@ -102,7 +102,7 @@ def order_along_curve(points: Float[np.ndarray, "detectors 2"]) -> Int[np.ndarra
 
 
 def _smooth(points: Float[np.ndarray, "detectors 2"]) -> bool:
-    """Whether a curve through points in order nowhere turns sharply: it has no corners."""
+    """Whether a curve through points in order has no corners."""
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     if lengths.min() == 0.0:

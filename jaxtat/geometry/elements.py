@@ -223,13 +223,13 @@ def across(e: Float[Array, "*n 3"]) -> tuple[Float[Array, "*n 3"], Float[Array, 
 
 
 def touch_circle(normals: Any, outward: Any, rounding: float) -> bool:
-    """Whether known straight elements are at right angles to the radii to them, unit vectors."""
+    """Whether straight elements are at right angles to their radii, unit vectors; concrete."""
     across = np.abs(np.sum(np.asarray(normals) * outward, axis=1))
     return bool(across.min() > 1 - rounding)
 
 
 def mean_over_nodes(compute: Callable[[Any], T], nodes: Any, weights: Float[Array, " nodes"]) -> T:
-    """Σ_i c_i compute(nodes_i), one after the other, so that memory stays that of one.
+    """Σ_i c_i compute(nodes_i), one node after the other: the memory is that of one node.
 
     Args:
         compute: of one node of every element, to arrays.

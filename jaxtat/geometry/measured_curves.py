@@ -26,7 +26,7 @@ from .curves import (
     with_elements,
 )
 
-_SAME = 1e-9  # of the size: detectors nearer to each other than that are at one place
+_SAME = 1e-9  # of the size: detectors closer to each other than that have the same position
 UNEVEN = 0.05  # of the length, which given weights may miss
 # steps like those beside it: farther apart, neighbours belong to separate pieces; where three of
 # equal ones are missing they do not yet
@@ -269,7 +269,7 @@ def in_plane(positions: Numbers) -> Float[Array, "detectors 2"]:
 
 
 def flat_axis(points: np.ndarray) -> int | None:
-    """The axis across the coordinate plane in which points lie; None of points in no such plane.
+    """The axis normal to the coordinate plane of the points; None if they lie in no such plane.
 
     Those of two coordinates lie in the first two axes.
     """

@@ -1,4 +1,4 @@
-"""Rings of measured detectors: from positions in space to a cap."""
+"""Rings recognised from measured positions of detectors in space."""
 
 from typing import Any, NamedTuple
 
@@ -38,7 +38,7 @@ class DetectorRings(SphericalCap):
 
     @property
     def meridian(self) -> SampledCurve:
-        """All rings, on both sides of the axis: where they leave a hole nothing is seen."""
+        """All rings, on both sides of the axis; a hole between rings is a gap of this curve."""
         given = self.polar_angles, self.half_opening, self.radius
         return SampledCurve(*by_library(_meridian, given), self.closed)
 

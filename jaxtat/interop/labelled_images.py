@@ -82,7 +82,7 @@ def save_ome_zarr(
     """Write images of a scan as OME-Zarr 0.5 (Zarr 3), for napari, Fiji and viewers in browsers.
 
     One resolution, float32, axes frame (a channel), z, y, x with x1 along x and x2 along y;
-    millimetres; where pixel 0 is stands in the translation. Needs zarr: ``pip install
+    millimetres; the translation is the position of pixel 0. Needs zarr: ``pip install
     'jaxtat[zarr]'``.
 
     Args:
@@ -158,7 +158,7 @@ def _nodes(found: ScanImages) -> list[np.ndarray]:
 
 
 def _metres(found: ScanImages) -> tuple[float, str]:
-    """The unit of length in metres, and what lengths are in then."""
+    """The unit of length in metres, and the name of the unit in which lengths are written."""
     return (1.0, "unknown") if found.unit is None else (1e-3 * millimetres(found.unit), "m")
 
 

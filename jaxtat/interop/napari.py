@@ -28,7 +28,7 @@ Layer = tuple[np.ndarray, dict[str, Any], str]
 
 
 def get_reader(path: str | Sequence[str]) -> Callable[[str | Sequence[str]], list[Layer]] | None:
-    """`read` for files that `save_image` has written, and None for all others, as napari asks.
+    """`read` for files that `save_image` has written, and None for all others, as napari expects.
 
     >>> get_reader("picture.png") is None
     True
@@ -44,7 +44,7 @@ def get_reader(path: str | Sequence[str]) -> Callable[[str | Sequence[str]], lis
 
 
 def read(path: str | Sequence[str]) -> list[Layer]:
-    """A layer for each file: array, where it lies, and that it is an image.
+    """A layer for each file: the array, its position, and the type of the layer.
 
     Raises:
         ValueError: for a file that is damaged, or none of `save_image`.
@@ -53,7 +53,7 @@ def read(path: str | Sequence[str]) -> list[Layer]:
 
 
 def reconstruction_panel() -> Any:
-    """A panel that asks for a scan and reconstructs it as `reconstruct_file`: a `magicgui` widget.
+    """A panel to choose a scan and reconstruct it as `reconstruct_file`: a `magicgui` widget.
 
     A number that is zero is chosen from the scan.
     """

@@ -1,4 +1,4 @@
-"""Images into PATATO's HDF5, so that its unmixing, sO2 and regions of interest go on from there.
+"""Write images into PATATO's HDF5, for its unmixing, sO2 and regions of interest.
 
 ``/recons/jaxtat/N`` is (frames, wavelengths, z, y, x), x last, of the N-th reconstruction; its
 attributes say where it is: number of pixels, and first and last coordinate [m], along each axis.
@@ -40,17 +40,17 @@ def save_patato(
     settings: Mapping[str, Any] | None = None,
     inputs: Sequence[str | Path] = (),
 ) -> None:
-    """Write images into a file of PATATO 0.7: one of the same scan is extended, else it is made.
+    """Write images into a file of PATATO 0.7; a file of the same scan is extended.
 
     A file that is there, or else the first of ``inputs`` if that is PATATO's, is copied, the images
-    are added to the copy, and the copy takes the file's place: nothing in it is lost, and it is
+    are added to the copy, and the copy replaces the file: nothing in it is lost, and it is
     never half written. A new file holds the time series too, so that PATATO's own reconstructions
     run on it: with the speed of sound that was chosen, a unit impulse for a response that is not
     known, and 1 for energies that are not.
 
     Args:
         path: the file, ending in .hdf5 or .h5.
-        scan: pressure of all frames that were asked for.
+        scan: pressure of all frames that were requested.
         found: by `scans.reconstruct`; frames that it left out become NaN.
         deviation: of its pixels, by `scans.standard_deviations`.
         settings: what else was chosen; those of ``found.choices`` are stored anyway.
@@ -135,15 +135,15 @@ def _all_frames(scan: Scan, found: ScanImages, stack: Any) -> np.ndarray:
     """One image for each frame of the scan; zero outside the region, NaN for frames left out."""
     shape = found.grid.shape
     inside = np.asarray(found.region.contains(found.grid.points))
-    asked = scan.known.get("frame_numbers", np.arange(scan.n_frames))
+    requested = scan.known.get("frame_numbers", np.arange(scan.n_frames))
     images = np.full((scan.n_frames, *shape), np.nan)
-    kept = np.isin(asked, found.numbers)
+    kept = np.isin(requested, found.numbers)
     images[kept] = np.where(inside, np.reshape(stack, (-1, *shape)), 0.0)
     return images
 
 
 def _base(path: str | Path, inputs: Sequence[str | Path]) -> Path | None:
-    """The file to extend: what is there, else what the images were made from, if PATATO's."""
+    """The file to extend: an existing one, else the scan's own file if it is PATATO's."""
     there = Path(path)
     if there.exists():
         with refusing(f"cannot add to {name_of(there)}: "):
@@ -200,7 +200,7 @@ def _rows_of_x(stack: np.ndarray, flat: int | None) -> np.ndarray:
 def _marks(
     found: ScanImages, axes: list[np.ndarray], units: Units, wavelengths: np.ndarray
 ) -> dict[str, Any]:
-    """What PATATO has as attributes of an image; the nodes along its axes are [m]."""
+    """PATATO's attributes of an image; positions of the nodes are in metres."""
     marks: dict[str, Any] = {
         "RECONSTRUCTION_ALGORITHM": np.bytes_(NAME),
         "CorrectionFactorApplied": found.choices.laser_energy,
@@ -214,7 +214,7 @@ def _marks(
 
 
 def _speed(found: ScanImages, units: Units) -> float:
-    """[m/s], or in the units of the scan if they are not known."""
+    """Speed of sound [m/s], or in the units of the scan if they are not known."""
     seconds = 1e-6 * MICROSECONDS[units.time] if units.time else 1.0
     return found.choices.sound_speed * _metres(units) / seconds
 
@@ -288,5 +288,5 @@ def _extending(path: Path) -> Iterator[h5py.File]:
 
 
 def _free(*groups: h5py.Group) -> str:
-    """The first number that none of them has as a name."""
+    """The first number that is not yet a name in the group."""
     return next(name for k in itertools.count() if not any((name := str(k)) in g for g in groups))

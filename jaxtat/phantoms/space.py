@@ -51,7 +51,7 @@ class SolidPhantom(RadialParts):
         """g(z, r) = ∫_{|x - z| = r} f dS, exact up to rounding.
 
         Args:
-            detectors: z, at any places.
+            detectors: z, at any positions.
             radii: r > 0, (radii,) [length].
             n_nodes: on round elements it is the mean over so many circles of twice as many points:
                 enough for smooth parts as wide as an element.

@@ -1,4 +1,4 @@
-"""Pressure records to circular integrals, and what a raw record needs before.
+"""From pressure records to circular integrals, and the conditioning of raw records.
 
 A record p(z_k, t) starts from p(., 0) = f, dp/dt(., 0) = 0, and is even in time. Sampled finely
 enough, it is the cosine series p(t) = Σ_m a_m cos(omega_m t), omega_m = m π/T, of its samples on
@@ -86,7 +86,7 @@ def condition_record(
     order: int = 3,
     baseline: bool = True,
 ) -> Float[Array, "*batch detectors times"]:
-    """Condition a raw record: silence the start, remove offset and drift, limit the band.
+    """Condition a raw record: set its start to zero, remove offset and drift, limit the band.
 
     Samples before ``dead_time`` (the laser's electrical artefact) are faded out over as long again
     as the dead time, capped at a tenth of the record. Offset and drift of each detector, a straight

@@ -1,4 +1,4 @@
-"""Where the sound of a record comes from, by the first and last times at which it is recorded.
+"""Extent of the source of a record, from the onset and end times of sound at the detectors.
 
 Detector k records a body of radius a about m from (|y_k - m| - a)/c to (|y_k - m| + a)/c. Half the
 time between is a/c, which depends little on an error of c. The first times alone would give a wrong
@@ -18,25 +18,26 @@ ABOVE_NOISE, ABOVE_SCATTER = 2.0, 4.0  # times the quiet power, and times its sc
 CLEARLY = 0.5  # of the highest power, below which the least that counts has to be
 SILENCE, FAINTEST = 1e-10, 1e-4  # where quiet is less than that, the faintest share counts
 NEIGHBOURS, AT_MOST = 60, 8  # detectors over those to each side, with which one is averaged
-# what is supposed of the disk, over the radius on which the detectors lie
+# priors of the disk, over the radius on which the detectors lie
 OFF_MIDDLE, DEVIATION, SPEEDS = 0.2, 0.02, 0.03
-INDEPENDENT = 10  # detectors that err by themselves; others err as those beside them
+INDEPENDENT = 10  # detectors with independent errors; neighbours err alike
 STEPS = 60
-# of places, see `sounding_place`: of the detectors' radius; points across; shares of detectors
+# of areas, see `sounding_place`: over the detectors' radius; points across; shares of detectors
 RIM, ACROSS = 0.95, 51
-FEWEST, MOST = 0.2, 0.7  # that can hear a point at all, and that do, of those
-STANDS_OUT = 0.6  # share of all points from which sound comes, that the largest place has
-BESIDE = 0.12  # over the detectors' radius: as near to a place is near it
+FEWEST, MOST = 0.2, 0.7  # whose record covers a point at all; that record sound from it, of those
+STANDS_OUT = 0.6  # of all points from which sound comes, the share in the largest area
+BESIDE = 0.12  # over the detectors' radius: width of the surroundings of an area
 
 
 class Heard(NamedTuple):
-    """First and last times at which detectors record sound.
+    """Onset and end times of sound at the detectors.
 
     Attributes:
         first, last: (detectors,) [time].
-        begins, ceases: whether these are known: the record is silent before, and after.
+        begins, ceases: whether these are known: the record is quiet before the one and after
+            the other.
 
-    `tells` is whether one or the other is known for most detectors.
+    `tells` is whether one of the two is known for most detectors.
     """
 
     first: Float[np.ndarray, " detectors"]
@@ -53,7 +54,7 @@ Within = Bool[np.ndarray, "detectors pieces"]
 
 
 def heard(power: RecordPower, pause: float, within: Within | None = None) -> Heard:
-    """First and last time of a share of each detector's highest power, above its noise.
+    """Onset and end time at each detector: above its noise, and a share of its highest power.
 
     Fainter sound from holders, membranes and walls is ignored; in a record without noise all sound
     counts. Pauses divide the sound into parts, and parts after a pause are echoes: the last time is
@@ -86,7 +87,7 @@ def heard(power: RecordPower, pause: float, within: Within | None = None) -> Hea
 
 
 def _least(values: np.ndarray, counted: np.ndarray) -> list[Float[np.ndarray, " detectors"]]:
-    """The least power that counts as sound where it begins, and where it ceases.
+    """The least power that counts as sound, for onset and for end times.
 
     Args:
         values: of all pieces, among them quiet ones.
@@ -101,7 +102,7 @@ def _least(values: np.ndarray, counted: np.ndarray) -> list[Float[np.ndarray, " 
 
 
 def _end_of_loudest(values: Float[np.ndarray, " pieces"], least: float, pause: int) -> int:
-    """Number of the last piece of the part, between pauses, with the largest total power."""
+    """Number of the last window in the part between pauses that has the largest total power."""
     sounds = np.flatnonzero(values > least)
     if not len(sounds):
         return len(values) - 1
@@ -120,11 +121,11 @@ def _with_neighbours(
 def sounding_place(
     points: Float[np.ndarray, "detectors 2"], power: RecordPower, speed: float
 ) -> Float[np.ndarray, "places 2"] | None:
-    """The largest place from which most detectors hear sound; None if it does not stand out.
+    """The largest area from which sound reaches most detectors; None if it does not stand out.
 
-    A point x counts if 70 % of the detectors that can hear it do hear sound at |y_k - x|/c: from a
-    body, from a wall, but hardly from anywhere else. Of several places a loud one may be a wall;
-    the largest is taken for the body.
+    A point x counts if, of the detectors whose record covers the time |y_k - x|/c, 70 % record
+    sound then. That is so in a body and in a wall, but hardly elsewhere. Of several areas a wall
+    may be the strongest; the largest is taken for the body.
 
     Args:
         points: y_k, from the middle of the array [length].
@@ -171,7 +172,7 @@ def arriving_from(
     times: Float[np.ndarray, " pieces"],
     speed: float,
 ) -> Within:
-    """Which pieces of a record sound from a place, or from near it, reaches.
+    """Which windows of a record can hold sound from an area or its surroundings.
 
     Args:
         place: from `sounding_place`.
@@ -185,12 +186,12 @@ def arriving_from(
 
 
 class SoundingDisk(NamedTuple):
-    """A disk, or ball, from which sound comes.
+    """The disk, or ball, that holds the source of the sound.
 
     Attributes:
         middle, radius: [length].
         speed: fitted, over the assumed one.
-        deviation: median distance by which first and last times deviate from it [length].
+        deviation: median distance by which onset and end times deviate from it [length].
     """
 
     middle: Float[np.ndarray, " space"]
@@ -262,7 +263,7 @@ def sounding_disk(
 def _differences(
     points: np.ndarray, first: np.ndarray, last: np.ndarray, found: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Directions from the detectors to a middle, and |y - m| ∓ a - s c t of both times."""
+    """Directions from the detectors to m, and |y - m| ∓ a - s c t for onset and end times."""
     offset = points - found[:-2]
     distance = np.linalg.norm(offset, axis=1)
     near, far = distance - found[-2], distance + found[-2]

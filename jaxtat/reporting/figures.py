@@ -36,7 +36,7 @@ def image(diagnosis: Diagnosis, unit: str | None) -> Figure:
 
 
 def constrained(diagnosis: Diagnosis, found: Constrained, unit: str | None) -> Figure:
-    """The direct image and that under constraints, in the same grey levels."""
+    """The direct image and the fitted one, in the same grey levels."""
     figure = new_figure(11, 5.2)
     outside = np.isnan(np.asarray(diagnosis.image))
     pair = diagnosis.image, np.where(outside, np.nan, np.asarray(found.image))
@@ -70,7 +70,7 @@ def geometry(diagnosis: Diagnosis, unit: str | None) -> Figure:
 
 
 def _places(diagnosis: Diagnosis) -> tuple[np.ndarray, float]:
-    """Points all over the region, and a radius for disks about them that do not touch."""
+    """Points spread over the region, and a radius at which disks about them do not touch."""
     boundary = np.asarray(diagnosis.setup.region.points)
     low, size = boundary.min(axis=0), np.ptp(boundary, axis=0)
     numbers = np.maximum(1, np.round(_DISKS * size / size.max())).astype(int)
@@ -100,7 +100,7 @@ def waves(accuracy: WaveAccuracy, unit: str | None) -> Figure:
 
 
 def _norm(low: float, high: float) -> Normalize:
-    """Logarithmic over more than a decade, of which three are shown."""
+    """Colour scale: logarithmic if values span more than a decade, of which three are shown."""
     return LogNorm(max(low, 1e-3 * high), high) if high > 10 * low else Normalize(0.0, high or 1.0)
 
 
@@ -111,7 +111,7 @@ def _bar(figure: Figure, shown: ScalarMappable, axes: Any, label: str, **options
 
 
 def sinograms(diagnosis: Diagnosis, unit: str | None) -> tuple[Figure, float]:
-    """Measured, modelled and what is left, and how much stronger the colours of that are."""
+    """Measured data, modelled data and residual, and how much the residual is amplified."""
     figure = new_figure(11, 4.6)
     panels = figure.subplots(1, 3, sharey=True)
     residual = diagnosis.residual

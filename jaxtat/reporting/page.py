@@ -12,7 +12,7 @@ from .verdicts import Finding, Level, findings
 Rows = Sequence[Sequence[str]]
 
 _MARKS = {Level.GOOD: ("✓", "good"), Level.CAUTION: ("!", "caution"), Level.BAD: ("✗", "bad")}
-# nothing but what stands in the file itself, whatever text may have found its way into it
+# nothing is loaded from elsewhere, whatever text the scan's file contains
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
@@ -139,8 +139,8 @@ def _constrained(diagnosis: Diagnosis, found: Constrained, unit: str | None) -> 
 def _choices(rows: Rows) -> list[Html]:
     text = element(
         "p",
-        "Sure is what was given, is in the file or follows from it; likely what the data show, by "
-        "a rule that may err; guessed what nothing shows: look at that first.",
+        "Sure: set by an option or the file, or a consequence of these. Likely: shown by the data, "
+        "by a rule that may fail. Guessed: nothing shows it, so check it first.",
     )
     return [text, _table(("", "value", "grade", "why"), rows)]
 
@@ -220,7 +220,7 @@ def _uncertainty(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
         "p",
         f"Computed at the {n} of {side} x {side} pixels that lie in the region, in "
         f"{_duration(found.seconds)}; all {wanted} of the image would take about "
-        f"{_duration(all_of_them)}. Unless a number is asked for, there are {most} x {most}, and "
+        f"{_duration(all_of_them)}. Unless a number is set, there are {most} x {most}, and "
         "fewer where they would take longer than half a minute.",
     )
     return [_figure(figures.uncertainty(diagnosis, unit), caption), cost]

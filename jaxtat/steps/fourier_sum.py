@@ -96,7 +96,7 @@ def fourier_inversion(
 def _between(
     fhat: Complex[Array, "images frequencies directions"], halves: np.ndarray
 ) -> Complex[Array, "images between directions"]:
-    """fhat half-way between its samples: of projections that end at ±2R, all that there is.
+    """fhat half-way between its samples, which determine it: projections end at ±2R.
 
     Their 2n samples give fhat(lambda) = Σ_k fhat_k D(lambda/d lambda - k), k = -n..n, with
     D(t) = sin(π t) / (2n tan(π t / 2n)), half of it at both ends, and fhat_-k the conjugate.

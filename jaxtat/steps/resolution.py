@@ -25,7 +25,7 @@ _TO_SPARE = 2.5  # boundary points over the fewest, one for half the shortest wa
 
 
 class AccuracyWarning(UserWarning):
-    """The image may be inaccurate: too few detectors or radii, or systems not solved."""
+    """The image may be inaccurate: too few detectors or radii, or unsolved linear systems."""
 
 
 def polar_grid(
