@@ -18,7 +18,7 @@ from .regions import Region
 
 
 class VisibilityWarning(UserWarning):
-    """Some lines through the region of interest meet no detector: edges along them are lost."""
+    """Some lines through the region meet no detector: edges at right angles to them are lost."""
 
 
 class Visibility(eqx.Module):
