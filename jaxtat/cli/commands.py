@@ -63,20 +63,20 @@ def reconstruct(options: argparse.Namespace) -> None:
         from ..interop.patato_files import require_patato
 
         require_patato(options.out, scan, inputs)
-    found = reconstruct_scan(scan, choices, plan=plan, progress=not options.quiet)
-    if found.report:
-        _report(options, found.report, start)
+    result = reconstruct_scan(scan, choices, plan=plan, progress=not options.quiet)
+    if result.report:
+        _report(options, result.report, start)
     settings = {name: value for name, value in vars(options).items() if name != "run"}
     if options.format == "patato":
-        return _to_patato(options, scan, found, plan, settings, inputs, start)
+        return _to_patato(options, scan, result, plan, settings, inputs, start)
     save_image(
         options.out,
-        found.image,
-        found.grid,
-        found.region,
+        result.image,
+        result.grid,
+        result.region,
         settings | choices.settings(),
-        frames=found.frames,
-        unit=options.length_unit or found.unit,
+        frames=result.frames,
+        unit=options.length_unit or result.unit,
         inputs=inputs,
     )
     _report(options, f"image written to {options.out}", start)
@@ -87,12 +87,12 @@ def _inputs(options: argparse.Namespace) -> list[str]:
     return [path for path in (options.file, options.plan) if path]
 
 
-def _to_patato(options, scan, found, plan, settings, inputs, start: float) -> None:
+def _to_patato(options, scan, result, plan, settings, inputs, start: float) -> None:
     from ..interop import save_patato
     from ..scans import standard_deviations
 
-    deviation = standard_deviations(scan, found.choices, plan=plan)
-    save_patato(options.out, scan, found, deviation=deviation, settings=settings, inputs=inputs)
+    deviation = standard_deviations(scan, result.choices, plan=plan)
+    save_patato(options.out, scan, result, deviation=deviation, settings=settings, inputs=inputs)
     without = "" if deviation is not None else "; no standard deviations: no part of it is quiet"
     _report(options, f"images are in {options.out}, for PATATO{without}", start)
 
@@ -127,11 +127,11 @@ def _sheet(options: argparse.Namespace, scan, choices, start: float) -> None:
     choice = choice_named(name)
     assert choice.shown is not None
     panels = []
-    for found in trials(scan, choices, given(options, scan), name, values):
-        title = choice.shown(found.choices)
-        inside = np.asarray(found.region.contains(found.grid.points))
-        image = np.reshape(found.image, found.grid.shape)
-        panels.append((np.where(inside, image, np.nan), found.grid, title))
+    for result in trials(scan, choices, given(options, scan), name, values):
+        title = choice.shown(result.choices)
+        inside = np.asarray(result.region.contains(result.grid.points))
+        image = np.reshape(result.image, result.grid.shape)
+        panels.append((np.where(inside, image, np.nan), result.grid, title))
         _report(options, f"{name} {title}", start)
     figure = contact_sheet(panels, unit=choices.units.length)
     now = choice.shown(choices)
@@ -177,7 +177,7 @@ def stream(options: argparse.Namespace) -> None:
     frames = frames_from(options.source, shape, dtype, options.follow)
     sink = sink_at(options.out, options.format, to_images.setup, choices)
     _report(options, "ready", start)
-    found = run_stream(
+    outcome = run_stream(
         to_images,
         frames,
         sink,
@@ -185,9 +185,9 @@ def stream(options: argparse.Namespace) -> None:
         drop=options.drop,
         note=lambda line: print(f"jaxtat: note: {line}", file=sys.stderr),
     )
-    _report(options, str(found), start)
-    if found.ended not in ("", "interrupted"):
-        raise ValueError(found.ended)
+    _report(options, str(outcome), start)
+    if outcome.ended not in ("", "interrupted"):
+        raise ValueError(outcome.ended)
 
 
 def view(options: argparse.Namespace) -> None:

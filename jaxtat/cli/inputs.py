@@ -202,10 +202,10 @@ def chosen(use: str | None, n: int, option: str = "--use", what: str = "detector
 
 def _piece(text: str, piece: slice, n: int, option: str, what: str) -> np.ndarray:
     """Indices of one slice; one that reaches beyond the n items is refused, not clipped."""
-    found = np.arange(n)[piece]
-    if found.size == 0 or any(abs(bound) > n for bound in (piece.start, piece.stop) if bound):
+    indices = np.arange(n)[piece]
+    if indices.size == 0 or any(abs(bound) > n for bound in (piece.start, piece.stop) if bound):
         raise ValueError(f"{option} {text}: there are {n} {what}, 0 to {n - 1}.")
-    return found
+    return indices
 
 
 def _positions(options: argparse.Namespace) -> np.ndarray | None:

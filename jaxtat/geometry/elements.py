@@ -205,8 +205,8 @@ def nodes_on_sphere(
     ring = ring * jnp.sqrt(2 - depth)
     first, second = across(units)
     turned = [np.cos(phi) * first + np.sin(phi) * second for phi in around]
-    found = [(1 - depth) * units + ring * direction for direction in turned]
-    return jnp.concatenate(found), np.tile(weights, 2 * n) / (2 * n)
+    nodes = [(1 - depth) * units + ring * direction for direction in turned]
+    return jnp.concatenate(nodes), np.tile(weights, 2 * n) / (2 * n)
 
 
 def across(e: Float[Array, "*n 3"]) -> tuple[Float[Array, "*n 3"], Float[Array, "*n 3"]]:

@@ -171,10 +171,10 @@ def reconstruct_stack(
             # one compiled size: the last batch is filled up
             part = np.pad(np.asarray(projections[:, :, here]), ((0, 0), (0, 0), (0, size - n)))
             weight = np.pad(weights[:, here], ((0, 0), (0, size - n)))
-            found = _invert(
+            inverted = _invert(
                 jnp.asarray(part), jnp.asarray(weight), scan, plan.grid, slices, inversion
             )
-            out[:, :, here] = np.asarray(found)[:, :, :n]
+            out[:, :, here] = np.asarray(inverted)[:, :, :n]
             bar.update(n)
     return out
 

@@ -58,12 +58,12 @@ class ChannelQuality(eqx.Module):
         return self.good.astype(float)
 
     def __str__(self) -> str:
-        found = [
+        reasons = [
             f"{int(mask.sum())} {name} ({ranges(np.flatnonzero(mask))})"
             for name in ("dead", "saturated", "noisy")
             if (mask := np.asarray(getattr(self, name))).any()
         ]
-        bad = "; ".join(found) or "all good"
+        bad = "; ".join(reasons) or "all good"
         return f"{self.noise.shape[0]} detectors: {bad}"
 
 

@@ -159,10 +159,10 @@ def _convert(
     records = pressure.reshape(-1, pressure.shape[-1])
     n_times, n_radii = times.shape[0], radii.shape[0]
     if records.shape[0] * (n_times + n_radii) < n_times * n_radii:
-        found = _integrals(records.T, times, radii, sound_speed, model, n_waves)
+        integrals = _integrals(records.T, times, radii, sound_speed, model, n_waves)
     else:  # the matrix of all records costs less
-        found = _integrals(None, times, radii, sound_speed, model, n_waves) @ records.T
-    return found.T.reshape(*pressure.shape[:-1], n_radii)
+        integrals = _integrals(None, times, radii, sound_speed, model, n_waves) @ records.T
+    return integrals.T.reshape(*pressure.shape[:-1], n_radii)
 
 
 def _integrals(
@@ -175,11 +175,11 @@ def _integrals(
 ) -> Float[Array, "radii records"]:
     """W p: cosine coefficients of the record, then the integral of each cosine; None gives W."""
 
-    def add(found: Array, m: Array) -> tuple[Array, None]:
+    def add(total: Array, m: Array) -> tuple[Array, None]:
         to_coefficients = cosine_coefficients(m, times, n_waves)
         integrals = integrals_of_cosines(m, times, radii, sound_speed, model)
         coefficients = to_coefficients if records is None else to_coefficients @ records
-        return found + integrals @ coefficients, None
+        return total + integrals @ coefficients, None
 
     # a block of waves at a time: all at once would take memory with the square of the samples
     blocks = jnp.arange(-(-n_waves // _WAVES_AT_A_TIME) * _WAVES_AT_A_TIME)

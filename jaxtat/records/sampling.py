@@ -81,14 +81,14 @@ class Supported(eqx.Module):
     def shortfalls(self) -> tuple[str, ...]:
         """What is not possible, each in a sentence with numbers; empty if everything is."""
         requested, detail = float(self.reach), np.pi / float(self.requested_frequency)
-        found = []
+        sentences = []
         if self.ends_early:
-            found.append(
+            sentences.append(
                 f"the record ends {-float(self.covered):.4g} before the far side of the region: a "
                 f"region of radius {requested:.4g} was requested, {_up_to(self.reach_of_end)}"
             )
         if float(self.free) < -1e-9 * requested:
-            found.append(
+            sentences.append(
                 f"the record starts {-float(self.free):.4g} after the near side of the region: a "
                 f"region of radius {requested:.4g} was requested, {_up_to(self.reach_of_start)}"
             )
@@ -97,13 +97,13 @@ class Supported(eqx.Module):
             ("samples are too slow", self.frequency_of_times, "a higher sampling rate"),
         ):
             if np.isfinite(detail) and detail and float(limit) < float(self.requested_frequency):
-                found.append(
+                sentences.append(
                     f"{name}: details of {detail:.4g} (lambda "
                     f"{float(self.requested_frequency):.4g}) were requested, "
                     f"{np.pi / float(limit):.4g} (lambda {float(limit):.4g}) are possible without "
                     f"{remedy}"
                 )
-        return tuple(found)
+        return tuple(sentences)
 
     def __str__(self) -> str:
         return self.in_words(Units())
@@ -156,8 +156,8 @@ def supported(
 
     >>> from jaxtat import circular_arc, disk
     >>> curve, region = circular_arc(1.3, 1.0, 500), disk(1.0, n_boundary=200)
-    >>> found = supported(curve, region, jnp.linspace(0.0, 2.0, 401), max_frequency=200.0)
-    >>> for sentence in found.shortfalls:
+    >>> possible = supported(curve, region, jnp.linspace(0.0, 2.0, 401), max_frequency=200.0)
+    >>> for sentence in possible.shortfalls:
     ...     print(sentence)
     the record ends 0.3 before the far side of the region: a region of radius 1 was requested, up \
 to 0.7 is possible

@@ -55,8 +55,8 @@ def record_power(
         overlap: how many times as many pieces of the same length, which overlap then.
         pieces: about how many without overlap; none has less than 16 samples.
 
-    >>> found = record_power(np.ones((2, 400)), np.arange(400.0), detrend=False)
-    >>> found.power.shape, float(found.times[0]), float(found.power.max())
+    >>> mean = record_power(np.ones((2, 400)), np.arange(400.0), detrend=False)
+    >>> mean.power.shape, float(mean.times[0]), float(mean.power.max())
     ((2, 25), 7.5, 1.0)
     """
     size = max(FEWEST, len(times) // pieces)
@@ -134,14 +134,14 @@ def faded(
     spread = float(np.median(np.abs(gain[working] - 1)))
     if spread > SPREAD:
         return none
-    found = working & (gain < 1 - max(FADED, SURELY * spread))
+    too_small = working & (gain < 1 - max(FADED, SURELY * spread))
     rows = np.flatnonzero(working)
     steps = np.abs(np.diff(gain[rows]))
     level = max(LEVEL * float(np.median(steps)), 1e-3)
     for along in (rows, rows[::-1]):
         for before, here, after in zip(along, along[1:], along[2:], strict=False):
-            found[here] |= found[before] and gain[after] - gain[here] > level
-    return found
+            too_small[here] |= too_small[before] and gain[after] - gain[here] > level
+    return too_small
 
 
 def muted_until(power: RecordPower) -> float:

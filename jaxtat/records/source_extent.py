@@ -67,8 +67,8 @@ def heard(power: RecordPower, pause: float, within: Within | None = None) -> Hea
 
     >>> times = np.arange(100.0)
     >>> power = np.where(abs(times - 40) < 10, 1.0, 1e-3) * np.ones((5, 1))
-    >>> found = heard(RecordPower(times, power), 5.0)
-    >>> float(found.first[0]), float(found.last[0]), bool(found.begins.all())
+    >>> when = heard(RecordPower(times, power), 5.0)
+    >>> float(when.first[0]), float(when.last[0]), bool(when.begins.all())
     (31.0, 49.0, True)
     """
     values = _with_neighbours(power.power)
@@ -138,8 +138,8 @@ def sounding_place(
     >>> theta = np.linspace(0.0, 2 * np.pi, 60, endpoint=False)
     >>> y = 40 * np.stack([np.cos(theta), np.sin(theta)], axis=1)
     >>> times, d = np.arange(0.0, 80.0), np.linalg.norm(y - [5.0, 2.0], axis=1)
-    >>> found = sounding_place(y, RecordPower(times, 1.0 * (abs(times - d[:, None]) < 9)), 1.0)
-    >>> found.mean(axis=0).round().tolist()
+    >>> area = sounding_place(y, RecordPower(times, 1.0 * (abs(times - d[:, None]) < 9)), 1.0)
+    >>> area.mean(axis=0).round().tolist()
     [5.0, 2.0]
     """
     from scipy.ndimage import label  # slow to import
@@ -229,8 +229,8 @@ def sounding_disk(
     >>> d, told = np.linalg.norm(y - [5.0, 2.0], axis=1), np.ones(60, bool)
     >>> first = d - 9.0
     >>> first[::4] = 20.0  # a quarter of the detectors
-    >>> found = sounding_disk(y, Heard(first, d + 9.0, told, told), 1.0, True)
-    >>> found.middle.round(1).tolist(), round(found.radius, 1), found.speed
+    >>> disk = sounding_disk(y, Heard(first, d + 9.0, told, told), 1.0, True)
+    >>> disk.middle.round(1).tolist(), round(disk.radius, 1), disk.speed
     ([5.0, 2.0], 9.0, 1.0)
     """
     size, n = float(np.median(np.linalg.norm(points, axis=1))), len(points)
@@ -238,11 +238,11 @@ def sounding_disk(
     told = np.concatenate([when.begins, when.ceases]) * (INDEPENDENT / n)
     supposed = np.full(points.shape[1] + 2, 1 / OFF_MIDDLE**2)
     supposed[-2:] = 0.0, 1 / SPEEDS**2
-    found = np.zeros(len(supposed))  # middle, radius, s - 1
-    found[-2] = max(float(np.median(last - first)) / 2, DEVIATION)
+    fit = np.zeros(len(supposed))  # middle, radius, s - 1
+    fit[-2] = max(float(np.median(last - first)) / 2, DEVIATION)
     one, stretched = np.ones(n), 0.0 if speed_known else 1.0
     for _ in range(STEPS):  # weighted least squares with weights 1/|difference|, linearised
-        away, difference = _differences(points, first, last, found)
+        away, difference = _differences(points, first, last, fit)
         slopes = np.concatenate(
             [
                 np.column_stack([away, -one, -stretched * first]),
@@ -251,21 +251,19 @@ def sounding_disk(
         )
         weights = told / (DEVIATION * (np.abs(difference) + DEVIATION / 4))
         system = slopes.T @ (weights[:, None] * slopes) + np.diag(supposed)
-        found -= np.linalg.lstsq(system, slopes.T @ (weights * difference) + supposed * found)[0]
-    left = np.abs(_differences(points, first, last, found)[1])[told > 0]
+        fit -= np.linalg.lstsq(system, slopes.T @ (weights * difference) + supposed * fit)[0]
+    left = np.abs(_differences(points, first, last, fit)[1])[told > 0]
     deviation = float(np.median(left)) if len(left) else 0.0
-    found[:-1] *= size
-    return SoundingDisk(
-        found[:-2], max(float(found[-2]), 0.0), float(1 + found[-1]), size * deviation
-    )
+    fit[:-1] *= size
+    return SoundingDisk(fit[:-2], max(float(fit[-2]), 0.0), float(1 + fit[-1]), size * deviation)
 
 
 def _differences(
-    points: np.ndarray, first: np.ndarray, last: np.ndarray, found: np.ndarray
+    points: np.ndarray, first: np.ndarray, last: np.ndarray, fit: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Directions from the detectors to m, and |y - m| ∓ a - s c t for onset and end times."""
-    offset = points - found[:-2]
+    offset = points - fit[:-2]
     distance = np.linalg.norm(offset, axis=1)
-    near, far = distance - found[-2], distance + found[-2]
-    difference = np.concatenate([near, far]) - (1 + found[-1]) * np.concatenate([first, last])
+    near, far = distance - fit[-2], distance + fit[-2]
+    difference = np.concatenate([near, far]) - (1 + fit[-1]) * np.concatenate([first, last])
     return -offset / distance[:, None], difference

@@ -35,11 +35,11 @@ def image(diagnosis: Diagnosis, unit: str | None) -> Figure:
     return picture(diagnosis.image, diagnosis.setup.grid, unit=unit)
 
 
-def constrained(diagnosis: Diagnosis, found: Constrained, unit: str | None) -> Figure:
+def constrained(diagnosis: Diagnosis, fitted_image: Constrained, unit: str | None) -> Figure:
     """The direct image and the fitted one, in the same grey levels."""
     figure = new_figure(11, 5.2)
     outside = np.isnan(np.asarray(diagnosis.image))
-    pair = diagnosis.image, np.where(outside, np.nan, np.asarray(found.image))
+    pair = diagnosis.image, np.where(outside, np.nan, np.asarray(fitted_image.image))
     limits = limits_of(*pair)
     for axes, image in zip(figure.subplots(1, 2), pair, strict=True):
         show_image(axes, image, diagnosis.setup.grid, limits=limits, unit=unit)
@@ -153,13 +153,15 @@ def detectors(residual: DataResidual) -> Figure:
 
 def uncertainty(diagnosis: Diagnosis, unit: str | None) -> Figure:
     """Standard deviations of pixels."""
-    found = diagnosis.uncertainty
-    assert found is not None
+    uncertainty = diagnosis.uncertainty
+    assert uncertainty is not None
     figure = new_figure(7.2, 5.6)
     axes = figure.subplots()
-    high = float(np.nanpercentile(np.asarray(found.deviation), 98))
-    low = float(np.nanmin(np.asarray(found.deviation)))
+    high = float(np.nanpercentile(np.asarray(uncertainty.deviation), 98))
+    low = float(np.nanmin(np.asarray(uncertainty.deviation)))
     limits = (low, max(high, 1.01 * low))
-    shown = show_image(axes, found.deviation, found.grid, limits=limits, cmap=SEQUENTIAL, unit=unit)
+    shown = show_image(
+        axes, uncertainty.deviation, uncertainty.grid, limits=limits, cmap=SEQUENTIAL, unit=unit
+    )
     _bar(figure, shown, axes, "standard deviation", shrink=0.9, extend="max")
     return figure

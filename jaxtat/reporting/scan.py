@@ -139,10 +139,10 @@ def _constrained(
     progress: bool,
 ) -> Constrained:
     """The frame's fitted image, beside the direct one."""
-    found = fitted(scan, choices, setup, frame, progress=progress)
-    both = compared(scan, choices, setup, frame, direct, found.image)
+    fit = fitted(scan, choices, setup, frame, progress=progress)
+    both = compared(scan, choices, setup, frame, direct, fit.image)
     how = f"{choices.penalty}, f >= 0" if choices.nonnegative else choices.penalty
-    return Constrained(found.image, how, both, bool(found.converged))
+    return Constrained(fit.image, how, both, bool(fit.converged))
 
 
 def _noise_alone(

@@ -40,15 +40,17 @@ def findings(
         unit: of length; None if it is not known.
         channels: number of every detector in its file; None if that is its number.
     """
-    found = [_visibility(diagnosis, unit)]
+    conclusions = [_visibility(diagnosis, unit)]
     if diagnosis.waves is not None:
         held = _held(diagnosis)
-        found += [_reached(diagnosis.waves, held, unit), _noise_gain(diagnosis.waves)]
-    found += [_explained(diagnosis), *_outside(diagnosis.residual)]
-    found.append(_unusual(diagnosis.residual, channels))
+        conclusions += [_reached(diagnosis.waves, held, unit), _noise_gain(diagnosis.waves)]
+    conclusions += [_explained(diagnosis), *_outside(diagnosis.residual)]
+    conclusions.append(_unusual(diagnosis.residual, channels))
     if diagnosis.uncertainty is not None:
-        found.append(_noise(diagnosis.noise, diagnosis.uncertainty, np.asarray(diagnosis.image)))
-    return found
+        conclusions.append(
+            _noise(diagnosis.noise, diagnosis.uncertainty, np.asarray(diagnosis.image))
+        )
+    return conclusions
 
 
 def _level(value: float, caution: float, bad: float) -> Level:
