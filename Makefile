@@ -19,7 +19,7 @@ help:
 	@echo "make test-interop   the adapters, with the checks of PACFISH and OME-Zarr, in an environment of theirs"
 	@echo "make test-deepinv   those with PyTorch, for DeepInverse and SIMPA, likewise"
 	@echo "make test-napari   those with napari, without a screen"
-	@echo "make bench   time, error and memory of everything, into benchmarks/results.json and .md"
+	@echo "make bench   time, error and memory of everything: results.json, .md and history.csv in benchmarks"
 	@echo "make peers   other packages on the same problems, each in an environment of its own"
 	@echo "make docs    the documentation, in out/site"
 	@echo "make pictures   the pictures in it, in docs/pictures"
@@ -55,7 +55,7 @@ bench: .venv/ready
 		--constraint constraints.txt --editable '.[bench]'
 	$(BIN)/python -m pytest benchmarks -c benchmarks/pytest.ini \
 		--benchmark-json=benchmarks/results.json
-	$(BIN)/python benchmarks/report.py benchmarks/results.json
+	$(BIN)/python benchmarks/report.py benchmarks/results.json docs/pictures/history.png
 
 # needs a network for pip. Clones of what is no package: TORCH_TAT=FOLDER FAST_HANKEL=FOLDER
 peers: .venv/ready

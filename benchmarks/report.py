@@ -1,21 +1,31 @@
-"""The table and the growth plot of a benchmark run: python report.py results.json."""
+"""Table, growth and history of a benchmark run: python report.py results.json history.png.
+
+The table, the picture of the growth and ``history.csv`` lie beside the results; the picture of the
+history lies where the documentation shows it.
+"""
 
 import json
 import re
 import sys
 from pathlib import Path
 
+import history
 import numpy as np
+
+from jaxtat.version import __version__
 
 HEADER = (
     "| benchmark | run per image | compile | max error | relative L2 | iterations | peak memory |"
 )
 
 
-def main(path: Path) -> None:
-    runs = json.loads(path.read_text())["benchmarks"]
+def main(path: Path, picture: Path) -> None:
+    results = json.loads(path.read_text())
+    runs = results["benchmarks"]
     path.with_suffix(".md").write_text(table(runs) + "\n")
     plot(runs, path.with_suffix(".png"))
+    rows = history.rows_of(results, __version__)
+    history.draw(history.append(rows, path.with_name("history.csv")), picture)
     print(table(runs))
 
 
@@ -41,12 +51,12 @@ def growth(runs: list[dict]) -> dict[str, tuple[np.ndarray, np.ndarray, float]]:
         if info["images"] == 1:
             name = re.sub(rf"(?<=[\[-]){info['n']}(?=[\]-])", "n", run["name"])
             series.setdefault(name, []).append((info["n"], info["median_s"]))
-    found = {}
+    grown = {}
     for name, points in series.items():
         n, seconds = np.array(sorted(points)).T
         if len(n) >= 3:
-            found[name] = n, seconds, float(np.polyfit(np.log(n[-3:]), np.log(seconds[-3:]), 1)[0])
-    return found
+            grown[name] = n, seconds, float(np.polyfit(np.log(n[-3:]), np.log(seconds[-3:]), 1)[0])
+    return grown
 
 
 def plot(runs: list[dict], path: Path) -> None:
@@ -59,7 +69,8 @@ def plot(runs: list[dict], path: Path) -> None:
         axes.loglog(n, seconds, "o-", label=label, ms=3)
     axes.set_xlabel("pixels per axis n")
     axes.set_ylabel("seconds per image (exponent of the last three sizes)")
-    axes.legend(fontsize=7)
+    if axes.lines:  # a run of a few benchmarks has no growth
+        axes.legend(fontsize=7)
     figure.savefig(path, dpi=130)
 
 
@@ -68,4 +79,4 @@ def _seconds(value: float) -> str:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(*map(Path, sys.argv[1:]))

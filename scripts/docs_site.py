@@ -80,7 +80,7 @@ def _public_names() -> list[str]:
 # modules: what they hold is shown
 _MODULES = {
     "__version__",
-    "constraints",
+    "fitting",
     "geometry",
     "io",
     "line_detectors",

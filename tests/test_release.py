@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from jaxtat.cli.parser import build_parser
+
 ROOT = Path(__file__).resolve().parents[1]
 PAPER = ROOT / "paper"
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
@@ -80,3 +82,26 @@ def test_the_paper_s_figure_and_counts_are_those_of_the_comparison():
         for found in errors.values()
     )
     assert f"with automatic choices in {behind} problems" in text
+
+
+def test_changes_begin_with_those_that_are_not_released():
+    headings = re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert headings[:1] == ["Unreleased"]
+    assert all(re.fullmatch(r"\d+\.\d+\.\d+", version) for version in headings[1:])
+
+
+def test_hooks_before_a_commit_are_the_checks_of_make():
+    tools = re.findall(r"\$\(BIN\)/(ruff \w+|pyright)", (ROOT / "Makefile").read_text())
+    hooks = re.findall(
+        r"entry: \.venv/bin/(ruff \w+|pyright)", (ROOT / ".pre-commit-config.yaml").read_text()
+    )
+    assert sorted(hooks) == sorted(tools)
+
+
+def test_bug_reports_ask_for_choices_and_versions():
+    """By commands that the parser takes."""
+    template = (ROOT / ".github" / "ISSUE_TEMPLATE" / "bug_report.md").read_text()
+    assert "jaxtat --version\n" in template
+    (line,) = re.findall(r"^jaxtat info .*$", template, re.M)
+    assert line == "jaxtat info FILE --json -"
+    assert callable(build_parser().parse_args(line.split()[1:]).run)

@@ -13,7 +13,7 @@ MOST_BYTES = 500e6  # of programs in the user's own folder; the oldest go
 def keep_programs(folder: str | None, *, off: bool = False) -> None:
     """Let JAX keep programs in ``folder``; by default the one it already uses, or `user_folder`.
 
-    A default folder that cannot be made or written is done without: no one has asked for it.
+    Without a default folder, if it cannot be made or written, programs are just not kept.
     """
     if off:
         jax.config.update("jax_enable_compilation_cache", False)
@@ -34,7 +34,7 @@ def keep_programs(folder: str | None, *, off: bool = False) -> None:
 
 
 def user_folder(environment: Mapping[str, str], platform: str) -> Path:
-    """The folder of the platform in which a user's programs keep what they can make again.
+    """The user's cache folder on this platform.
 
     >>> user_folder({"XDG_CACHE_HOME": "/scratch"}, "linux").as_posix()
     '/scratch/jaxtat'
@@ -49,7 +49,7 @@ def user_folder(environment: Mapping[str, str], platform: str) -> Path:
 
 
 def remove_oldest(folder: Path, most_bytes: float) -> None:
-    """Remove the files written first until the others have at most so many bytes."""
+    """Remove the oldest files until the others have at most so many bytes."""
     files = [(path, path.stat()) for path in folder.iterdir() if path.is_file()]
     files.sort(key=lambda item: item[1].st_mtime, reverse=True)
     total = 0

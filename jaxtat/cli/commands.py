@@ -52,7 +52,7 @@ def reconstruct(options: argparse.Namespace) -> None:
 
     start = time.perf_counter()
     require_suffix(options.out)  # and the package that writes it
-    scan, choices, plan, options = _asked(options, start)
+    scan, choices, plan, options = _prepared(options, start)
     if options.json:
         _write_json(options, choices)
     if options.trial:
@@ -63,20 +63,20 @@ def reconstruct(options: argparse.Namespace) -> None:
         from ..interop.patato_files import require_patato
 
         require_patato(options.out, scan, inputs)
-    found = reconstruct_scan(scan, choices, plan=plan, progress=not options.quiet)
-    if found.report:
-        _report(options, found.report, start)
+    result = reconstruct_scan(scan, choices, plan=plan, progress=not options.quiet)
+    if result.report:
+        _report(options, result.report, start)
     settings = {name: value for name, value in vars(options).items() if name != "run"}
     if options.format == "patato":
-        return _to_patato(options, scan, found, plan, settings, inputs, start)
+        return _to_patato(options, scan, result, plan, settings, inputs, start)
     save_image(
         options.out,
-        found.image,
-        found.grid,
-        found.region,
+        result.image,
+        result.grid,
+        result.region,
         settings | choices.settings(),
-        frames=found.frames,
-        unit=options.length_unit or found.unit,
+        frames=result.frames,
+        unit=options.length_unit or result.unit,
         inputs=inputs,
     )
     _report(options, f"image written to {options.out}", start)
@@ -87,12 +87,12 @@ def _inputs(options: argparse.Namespace) -> list[str]:
     return [path for path in (options.file, options.plan) if path]
 
 
-def _to_patato(options, scan, found, plan, settings, inputs, start: float) -> None:
+def _to_patato(options, scan, result, plan, settings, inputs, start: float) -> None:
     from ..interop import save_patato
     from ..scans import standard_deviations
 
-    deviation = standard_deviations(scan, found.choices, plan=plan)
-    save_patato(options.out, scan, found, deviation=deviation, settings=settings, inputs=inputs)
+    deviation = standard_deviations(scan, result.choices, plan=plan)
+    save_patato(options.out, scan, result, deviation=deviation, settings=settings, inputs=inputs)
     without = "" if deviation is not None else "; no standard deviations: no part of it is quiet"
     _report(options, f"images are in {options.out}, for PATATO{without}", start)
 
@@ -127,11 +127,11 @@ def _sheet(options: argparse.Namespace, scan, choices, start: float) -> None:
     choice = choice_named(name)
     assert choice.shown is not None
     panels = []
-    for found in trials(scan, choices, given(options, scan), name, values):
-        title = choice.shown(found.choices)
-        inside = np.asarray(found.region.contains(found.grid.points))
-        image = np.reshape(found.image, found.grid.shape)
-        panels.append((np.where(inside, image, np.nan), found.grid, title))
+    for result in trials(scan, choices, given(options, scan), name, values):
+        title = choice.shown(result.choices)
+        inside = np.asarray(result.region.contains(result.grid.points))
+        image = np.reshape(result.image, result.grid.shape)
+        panels.append((np.where(inside, image, np.nan), result.grid, title))
         _report(options, f"{name} {title}", start)
     figure = contact_sheet(panels, unit=choices.units.length)
     now = choice.shown(choices)
@@ -146,7 +146,7 @@ def report(options: argparse.Namespace) -> None:
     from ..reporting import report_scan
 
     start = time.perf_counter()
-    scan, choices, plan, options = _asked(options, start)
+    scan, choices, plan, options = _prepared(options, start)
     report_scan(
         options.out,
         scan,
@@ -170,14 +170,14 @@ def stream(options: argparse.Namespace) -> None:
     from .streaming import frames_from, sink_at, type_of
 
     start = time.perf_counter()
-    scan, choices, plan, options = _asked(options, start)
+    scan, choices, plan, options = _prepared(options, start)
     dtype = type_of(options.type, scan)
     to_images = live(scan, choices, plan=plan)
     shape = (scan.n_detectors, scan.n_samples)
     frames = frames_from(options.source, shape, dtype, options.follow)
     sink = sink_at(options.out, options.format, to_images.setup, choices)
     _report(options, "ready", start)
-    found = run_stream(
+    outcome = run_stream(
         to_images,
         frames,
         sink,
@@ -185,9 +185,9 @@ def stream(options: argparse.Namespace) -> None:
         drop=options.drop,
         note=lambda line: print(f"jaxtat: note: {line}", file=sys.stderr),
     )
-    _report(options, str(found), start)
-    if found.ended not in ("", "interrupted"):
-        raise ValueError(found.ended)
+    _report(options, str(outcome), start)
+    if outcome.ended not in ("", "interrupted"):
+        raise ValueError(outcome.ended)
 
 
 def view(options: argparse.Namespace) -> None:
@@ -203,7 +203,7 @@ def view(options: argparse.Namespace) -> None:
         raise ValueError("jaxtat view turns alpha, which a plan does not have: leave out --K.")
     if options.pixels is None and not options.repeat:
         options = changed(options, pixels=PIXELS)
-    scan, choices, _, options = _asked(options, start)
+    scan, choices, _, options = _prepared(options, start)
     facts = {name: getattr(options, name, None) for name in FACTS if name != "frames"}
     viewer = view_scan(
         scan, choices, facts=facts, source=options.file, folder=options.folder, port=options.port
@@ -226,10 +226,10 @@ def sample(options: argparse.Namespace) -> None:
     _report(options, f"scan written to {options.out}", start)
 
 
-def _asked(options: argparse.Namespace, start: float):
-    """The scan, its choices, the plan that is given or asked for, or None, and the options.
+def _prepared(options: argparse.Namespace, start: float):
+    """Scan, choices, plan (or None) and options of a command.
 
-    They are those of an earlier image where an option asks for them.
+    With --repeat they are those of an earlier image.
     """
     from ..io.plans import load_plan
     from ..scans import choose, estimate, integrals
@@ -250,11 +250,11 @@ def _asked(options: argparse.Namespace, start: float):
     plan = load_plan(options.plan) if options.plan else None
     scan, left = scan_of(options, plan)
     if choices is None:
-        asked = given(left, scan, plan)
-        choices = choose(scan, **asked)
+        options_set = given(left, scan, plan)
+        choices = choose(scan, **options_set)
         require_size(scan, choices)
         if plan is None:
-            choices = estimate(scan, choices, **asked)
+            choices = estimate(scan, choices, **options_set)
     _report(options, f"{options.file}\n{choices.table()}", start)
     if plan is not None:
         require_same(scan, choices, plan)

@@ -74,7 +74,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def _notes() -> Callable[..., None]:
-    """Shows each warning once, as a line."""
+    """A function that shows each warning once, as one line."""
     shown: set[str] = set()
 
     def show(message, category, filename, lineno, file=None, line=None) -> None:

@@ -28,7 +28,7 @@ def suggestions(options: argparse.Namespace, scan: Scan, choices: Choices) -> st
     """Up to three choices, least certain first, and commands that try or set other values."""
     names, reasons = to_look_at(choices), dict(choices.reasons)
     if not names:
-        return "Nothing is left to look at: everything is given."
+        return "Nothing is left to check: the file and the options set everything."
     lines = ["Look at these first"]
     for name in names:
         lines.append(f"{name}  {choices.grade(name)}  {reasons[name]}")
@@ -37,17 +37,17 @@ def suggestions(options: argparse.Namespace, scan: Scan, choices: Choices) -> st
 
 
 def _command(options: argparse.Namespace, scan: Scan, choices: Choices, name: str) -> list[str]:
-    """The command as it was given, with one choice changed."""
-    asked = ["jaxtat", "reconstruct", options.file, *_given(options)]
+    """The user's command with one choice changed."""
+    command = ["jaxtat", "reconstruct", options.file, *_given(options)]
     value = getattr(choices, name, None)
     if name in NUMBERS and value and not (wants_plan(options) or choices.in_space):
         tried = ",".join(f"{x:.4g}" for x in _values(scan, choices, name))
-        return [*asked, "--try", f"{name}={tried}", "--out", "sheet.png"]
-    return [*asked, *_otherwise(choices, name, value), "--out", "image.png"]
+        return [*command, "--try", f"{name}={tried}", "--out", "sheet.png"]
+    return [*command, *_otherwise(choices, name, value), "--out", "image.png"]
 
 
 def _values(scan: Scan, choices: Choices, name: str) -> list[float]:
-    """Values about the one that was chosen; a region stays as far from detectors as choices do."""
+    """Values around the chosen one; a region keeps its distance from the detectors."""
     value = float(getattr(choices, name))
     tried = [factor * value for factor in _FACTORS.get(name, _ANY)]
     if name != "region_radius":

@@ -1,4 +1,4 @@
-"""From command-line options to a scan, given choices, and plans."""
+"""From command-line options to a scan, fixed choices and plans."""
 
 import argparse
 from dataclasses import replace
@@ -18,7 +18,7 @@ from ..scans.frames import require_radii
 from ..steps import polar_grid
 from .option_checks import OF_PLANS, band, is_given, slices
 
-SAME = 1e-6  # of the size: places and radii that differ by less are the same
+SAME = 1e-6  # of the size: positions and radii that differ by less are the same
 FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use", "frames")
 _OPTIONS = (
     "file",
@@ -48,7 +48,7 @@ def scan_of(
     frames = getattr(options, "frames", None)
     if frames is not None:
         frames = chosen(frames, scan.n_frames, "--frames", "frames")
-    if duration is not None:  # it counts in place of what the file says
+    if duration is not None:  # it replaces what the file says
         clock = ("times", "sampling_rate")
         scan = replace(scan, known={k: v for k, v in scan.known.items() if k not in clock})
     facts = {"detectors": positions, "sampling_rate": rate, "frames": frames}
@@ -89,7 +89,7 @@ def given(
 
 
 def repeated(options: argparse.Namespace) -> tuple[Choices, argparse.Namespace]:
-    """The choices of an earlier image; its facts are used too, unless options replace them."""
+    """The choices of an earlier image, with its positions and times unless options replace them."""
     settings = load_settings(options.repeat)
     facts = {
         name: settings.get(name)
@@ -101,7 +101,7 @@ def repeated(options: argparse.Namespace) -> tuple[Choices, argparse.Namespace]:
 
 
 def setup_of_plan(options: argparse.Namespace) -> Setup:
-    """The problem for `jaxtat plan`."""
+    """The setup for `jaxtat plan`."""
     if options.detectors_from:
         scan, options = scan_of(changed(options, file=options.detectors_from))
     else:
@@ -123,13 +123,13 @@ def require_formula(choices: Choices) -> None:
     if choices.model_based:
         why = dict(choices.reasons)["model_based"]
         raise ValueError(
-            f"{why}. Images are fitted then, without densities: leave out what asks for them, or "
-            "take a smaller region."
+            f"{why}. Images are fitted then, without densities: leave out the options of "
+            "densities, or take a smaller region."
         )
 
 
 def plan_for(options: argparse.Namespace, setup: Setup) -> ReconstructionPlan:
-    """Build the plan that the options ask for, up to the frequency that was chosen."""
+    """Build the plan of the options, up to the chosen frequency."""
     return build_plan(
         setup,
         _rule(options),
@@ -152,7 +152,7 @@ def require_size(scan: Scan, choices: Choices) -> None:
 
 
 def require_same(scan: Scan, choices: Choices, plan: ReconstructionPlan) -> None:
-    """A plan made for other detectors or radii would give a wrong image without any warning."""
+    """Raise ValueError for a plan made for other detectors or radii: its image would be wrong."""
     points, planned = facts_of(scan).points[list(choices.channels)], np.asarray(plan.curve.points)
     if points.shape != planned.shape:
         raise ValueError(
@@ -201,11 +201,11 @@ def chosen(use: str | None, n: int, option: str = "--use", what: str = "detector
 
 
 def _piece(text: str, piece: slice, n: int, option: str, what: str) -> np.ndarray:
-    """Indices of one slice; what reaches beyond the n of them is refused, not clipped."""
-    found = np.arange(n)[piece]
-    if found.size == 0 or any(abs(bound) > n for bound in (piece.start, piece.stop) if bound):
+    """Indices of one slice; one that reaches beyond the n items is refused, not clipped."""
+    indices = np.arange(n)[piece]
+    if indices.size == 0 or any(abs(bound) > n for bound in (piece.start, piece.stop) if bound):
         raise ValueError(f"{option} {text}: there are {n} {what}, 0 to {n - 1}.")
-    return found
+    return indices
 
 
 def _positions(options: argparse.Namespace) -> np.ndarray | None:

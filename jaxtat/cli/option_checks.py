@@ -70,7 +70,7 @@ def is_given(options: argparse.Namespace, name: str) -> bool:
 
 
 def wants_plan(options: argparse.Namespace) -> bool:
-    """Whether an option asks for densities, and so for a plan."""
+    """Whether an option needs densities, and so a plan."""
     return any(is_given(options, name) for name in OF_PLANS)
 
 
@@ -80,7 +80,7 @@ def slices(use: str, option: str = "--use") -> list[slice]:
     >>> slices("904:1024,:616")
     [slice(904, 1024, None), slice(None, 616, None)]
     """
-    found = []
+    parsed = []
     for text in use.split(","):
         try:
             bounds = [int(bound) if bound else None for bound in text.split(":")]
@@ -88,8 +88,8 @@ def slices(use: str, option: str = "--use") -> list[slice]:
             bounds = []
         if not 2 <= len(bounds) <= 3 or bounds[2:] == [0]:
             raise ValueError(f"{option} {text}: expected slices such as 904:1024,0:616 or 0:500:2.")
-        found.append(slice(*bounds))
-    return found
+        parsed.append(slice(*bounds))
+    return parsed
 
 
 def trial(text: str) -> tuple[str, Sequence[float]]:
@@ -106,18 +106,18 @@ def trial(text: str) -> tuple[str, Sequence[float]]:
         raise ValueError(f"--try {text}: expected NAME=VALUES, NAME one of {', '.join(NUMBERS)}.")
     expected = f"--try {text}: expected {name}=START:STOP:STEP or {name}=FIRST,SECOND,..."
     try:
-        found = _steps(values) if ":" in values else [float(v) for v in values.split(",")]
+        numbers = _steps(values) if ":" in values else [float(v) for v in values.split(",")]
     except ValueError:
         raise ValueError(f"{expected}.") from None
-    if not 0 < len(found) <= MOST_TRIALS:
+    if not 0 < len(numbers) <= MOST_TRIALS:
         raise ValueError(f"{expected} of 1 to {MOST_TRIALS} values.")
-    for value in found:
+    for value in numbers:
         choice_named(name).require(value, f"--try {name}")
     if name == "pixels":
-        for value in found:
+        for value in numbers:
             require_pixels(value, f"--try {name}")
-        return name, [int(value) for value in found]
-    return name, found
+        return name, [int(value) for value in numbers]
+    return name, numbers
 
 
 def _steps(text: str) -> list[float]:
@@ -196,7 +196,7 @@ def _require_trial(options: argparse.Namespace) -> None:
 
 
 def _require_sink(options: argparse.Namespace) -> None:
-    """Raise ValueError for a place where a stream's images cannot go."""
+    """Raise ValueError for a destination to which a stream cannot write."""
     path, folder = Path(options.out), Path(options.out).resolve().parent
     if not folder.is_dir():
         raise ValueError(f"cannot write {options.out}: there is no folder {folder}.")
@@ -220,7 +220,7 @@ def _refuse(options: argparse.Namespace, names: tuple[str, ...], by: str, what: 
 
 
 def _require_folder(cache: str) -> None:
-    """Raise ValueError if programs cannot be kept there; JAX would only warn, at each of them."""
+    """Raise ValueError for an unusable cache folder; JAX would only warn, for each program."""
     folder = Path(cache)
     try:
         folder.mkdir(parents=True, exist_ok=True)

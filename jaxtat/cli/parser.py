@@ -279,7 +279,7 @@ def _add_sample(subparsers) -> None:
 
 
 def _add_choices(parser: argparse.ArgumentParser) -> None:
-    """What is chosen by the scan where no option is given."""
+    """Options for parameters that are otherwise chosen from the scan."""
     _add_options(parser, PLAIN)
     data = parser.add_argument_group("pressure records (default: by the record)")
     times = data.add_mutually_exclusive_group()

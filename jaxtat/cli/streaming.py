@@ -48,7 +48,7 @@ def _of_file(
 
 
 def sink_at(out: str, kind: str | None, setup: Setup, choices: Choices) -> Sink:
-    """A file that grows, or a folder of .npy or of the kind that is given."""
+    """A file that grows, or a folder of .npy files or of another format."""
     path, grid = Path(out), setup.grid
     assert isinstance(grid, ImageGrid)
     if path.suffix in STREAM_SUFFIXES:

@@ -62,8 +62,8 @@ def fit_arc(points: Float[np.ndarray, "detectors 2"]) -> ArcFit:
     span = 2 * np.pi if closed else abs(float(angles[-1] - angles[0]))
     opening = 0.0 if closed else float((angles[0] + angles[-1]) / 2 + np.pi)
     chord = np.inf if closed else radius * float(np.cos(np.pi - span / 2))
-    found = (float(center[0]), float(center[1]))
-    return ArcFit(found, radius, deviation, span, step, _principal(opening), chord)
+    centre = (float(center[0]), float(center[1]))
+    return ArcFit(centre, radius, deviation, span, step, _principal(opening), chord)
 
 
 def order_along_curve(points: Float[np.ndarray, "detectors 2"]) -> Int[np.ndarray, " detectors"]:
@@ -102,7 +102,7 @@ def order_along_curve(points: Float[np.ndarray, "detectors 2"]) -> Int[np.ndarra
 
 
 def _smooth(points: Float[np.ndarray, "detectors 2"]) -> bool:
-    """Whether a curve through points in order nowhere turns sharply: it has no corners."""
+    """Whether a curve through points in order has no corners."""
     steps = np.diff(points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     if lengths.min() == 0.0:

@@ -105,7 +105,7 @@ def ball(radius: Numbers, cut: Numbers | None = None, *, center: Numbers = (0.0,
 
 
 def enough_boundary(radius: float, cut: float, frequency: float) -> tuple[int, int]:
-    """Gauss points on both parts of a meridian that waves up to lambda need.
+    """Numbers of Gauss points on both parts of a meridian, enough for waves up to lambda.
 
     Products of two waves along a piece of length L take lambda L/2 Gauss points, and a few more.
 

@@ -1,4 +1,4 @@
-"""Where the detectors are: rings on a spherical cap, or any points about a centre.
+"""Detectors in space: rings on a spherical cap, or points at any positions about a centre.
 
 The axis of the cap is x_3, and it opens upwards. Its meridian section is an arc of the plane
 (x_3, rho), rho the signed distance from the axis, which opens towards x_3 as the paper's arcs do
@@ -69,12 +69,12 @@ class RoundElements(eqx.Module):
         return round_factor(n_degrees, self.element_radius / self.distance, n_nodes)
 
     def enough_nodes(self, highest_frequency: float) -> int:
-        """Number of nodes, as `elements.enough_nodes`, of concrete detectors."""
+        """Number of nodes on an element, as `elements.enough_nodes`; detectors are concrete."""
         radius = self.element_radius
         return enough_nodes(None if radius is None else 2 * radius, highest_frequency)
 
     def mean_over_elements(self, compute: Callable[[Array], T], n_nodes: int) -> T:
-        """Mean over every element of what is computed of points, (*detectors, 3).
+        """Mean over each element of a function of points, (*detectors, 3).
 
         Over n_nodes circles on it, of 2 n_nodes points each.
         """

@@ -1,4 +1,4 @@
-"""Whether a chain of points crosses or covers itself. NumPy: it looks at known positions only."""
+"""Whether a polyline crosses or overlaps itself; its vertices are concrete."""
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +11,7 @@ _COMMON = 1e-9  # of the size: least part that segments on one line have in comm
 def first_crossing(
     starts: Float[np.ndarray, "n 2"], ends: Float[np.ndarray, "n 2"]
 ) -> tuple[int, int] | None:
-    """The first two segments that cross or cover a part of each other; None if no two do.
+    """The first two segments that cross or overlap; None if no two do.
 
     Segments that share an end do not cross there.
 

@@ -1,4 +1,4 @@
-"""Acquisition curves: where the detectors are; the circular arc, and several curves as one."""
+"""Acquisition curves: detectors on a curve, the circular arc, several curves joined to one."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -89,7 +89,7 @@ class DetectorCurve(eqx.Module):
     def mean_over_elements(
         self, compute: Callable[[Float[Array, "detectors 2"]], T], n: int = NODES
     ) -> T:
-        """Means over all elements of what ``compute`` gives for one point of each.
+        """Means over the elements of ``compute``, a function of one point of each element.
 
         Args:
             compute: of positions, (detectors, 2), to arrays; called once, with the detectors
@@ -160,7 +160,7 @@ class CircularArc(DetectorCurve):
 
     @property
     def element_angle(self) -> Float[Array, "*one_or_detectors"] | None:
-        """D, the angle under which elements are seen from the centre; None of points [rad]."""
+        """D, the angle that an element subtends at the centre; None for point detectors [rad]."""
         return None if self.element_width is None else self.element_width / self.radius
 
     def _nodes(self, nodes: np.ndarray) -> Float[Array, "detectors nodes 2"]:
@@ -246,7 +246,7 @@ def with_elements(curve: C, width: Numbers | None) -> C:
 
 
 def one_after_another(curves: Sequence[DetectorCurve]) -> SampledCurve:
-    """Several curves as one, not checked, with normals away from the middle of all."""
+    """Several curves joined to one, unchecked; normals point away from their common middle."""
     parts = [part for curve in curves for part in (curve.points, curve.weights, curve.normals)]
     return SampledCurve(*by_library(_in_a_row, parts), False, _widths_of_all(curves))
 
@@ -260,7 +260,7 @@ def _in_a_row(xp: Any, *parts: Any) -> tuple[Any, Any, Any]:
 
 
 def _widths_of_all(curves: Sequence[DetectorCurve]) -> Float[Array, " detectors"] | None:
-    """Element widths one after the other, 0 for point detectors among others."""
+    """Element widths of all curves, 0 for point detectors; None if there are no elements."""
     if all(curve.element_width is None for curve in curves):
         return None
     return jnp.concatenate(

@@ -205,8 +205,8 @@ def nodes_on_sphere(
     ring = ring * jnp.sqrt(2 - depth)
     first, second = across(units)
     turned = [np.cos(phi) * first + np.sin(phi) * second for phi in around]
-    found = [(1 - depth) * units + ring * direction for direction in turned]
-    return jnp.concatenate(found), np.tile(weights, 2 * n) / (2 * n)
+    nodes = [(1 - depth) * units + ring * direction for direction in turned]
+    return jnp.concatenate(nodes), np.tile(weights, 2 * n) / (2 * n)
 
 
 def across(e: Float[Array, "*n 3"]) -> tuple[Float[Array, "*n 3"], Float[Array, "*n 3"]]:
@@ -223,13 +223,13 @@ def across(e: Float[Array, "*n 3"]) -> tuple[Float[Array, "*n 3"], Float[Array, 
 
 
 def touch_circle(normals: Any, outward: Any, rounding: float) -> bool:
-    """Whether known straight elements are at right angles to the radii to them, unit vectors."""
+    """Whether straight elements are at right angles to their radii, unit vectors; concrete."""
     across = np.abs(np.sum(np.asarray(normals) * outward, axis=1))
     return bool(across.min() > 1 - rounding)
 
 
 def mean_over_nodes(compute: Callable[[Any], T], nodes: Any, weights: Float[Array, " nodes"]) -> T:
-    """Σ_i c_i compute(nodes_i), one after the other, so that memory stays that of one.
+    """Σ_i c_i compute(nodes_i), one node after the other: the memory is that of one node.
 
     Args:
         compute: of one node of every element, to arrays.

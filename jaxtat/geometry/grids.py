@@ -1,4 +1,4 @@
-"""Grids of images and volumes: where the nodes are."""
+"""Grids of images and volumes."""
 
 from typing import Any, ClassVar
 
@@ -43,7 +43,7 @@ class Grid(eqx.Module):
         return by_library(_points, (self.half_width, self.center), self.shape)
 
     def finer(self, times: int) -> "Grid":
-        """A grid whose pixels are parts of these: each is split into ``times`` along each axis.
+        """The grid in which every pixel is divided into ``times`` parts along each axis.
 
         >>> grid = ImageGrid(5)
         >>> fine = grid.finer(2)
@@ -56,7 +56,7 @@ class Grid(eqx.Module):
         return type(self)(tuple((times * n).tolist()), half_width, self.center)
 
     def means(self, images: Numbers) -> Float[Array, "*batch_and_nodes"]:
-        """Means over the pixels of this grid of images on a finer one.
+        """Means of images on a finer grid over the pixels of this one.
 
         Args:
             images: on ``self.finer(times)``, (..., times x1, times x2[, times x3]).

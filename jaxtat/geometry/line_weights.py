@@ -1,4 +1,4 @@
-"""Transverse weight: how often, and how squarely, a line crosses the acquisition curve.
+"""Transverse weight: how often, and how nearly at right angles, a line crosses the curve.
 
 Along a piece of the curve that a line crosses under the angle of incidence alpha, the offset s of
 the line changes by ds = cos alpha dl. So the arc length per offset is the sum of 1/cos alpha over
@@ -63,7 +63,7 @@ def transverse_weight(
 
 
 def kernel_width(curve: DetectorCurve, width: Numbers | None) -> Float[Array, "*detectors"]:
-    """eps [length], checked, or those that suit the curve: one for each detector."""
+    """The width eps [length], checked; by default one for each detector, by their spacing."""
     if width is None:
         return _widths(curve)
     width = real_array("width", width, ())
@@ -73,11 +73,11 @@ def kernel_width(curve: DetectorCurve, width: Numbers | None) -> Float[Array, "*
 
 @jax.jit
 def _widths(curve: DetectorCurve) -> Float[Array, " detectors"]:
-    """One for all, unless that would show single detectors where they are sparse.
+    """One width for all detectors, or larger ones where detectors are sparse.
 
-    It is a lower bound only, and of a mean: widths that vary from one detector to the next give
-    weights that do. The one for all is a geometric mean, which a few sparse detectors hardly move;
-    a median would have no derivative where all arc lengths are equal, in every regular array.
+    Local spacings are means over neighbours, since widths that vary from one detector to the next
+    give weights that do. The common width is a geometric mean, which a few sparse detectors hardly
+    change; a median would have no derivative in a regular array, where all arc lengths are equal.
     """
     n = curve.n_detectors
     beside = np.arange(n)[:, None] + np.arange(-_BESIDE, _BESIDE + 1)
@@ -102,7 +102,7 @@ def _weights(curve: DetectorCurve, angles: Array, offsets: Array, width: Array) 
 def weight_of_line(
     curve: DetectorCurve, angle: Float[Array, ""], offset: Float[Array, "*n"], width: Array
 ) -> Float[Array, "*n"]:
-    """W of lines with one direction."""
+    """W of parallel lines."""
     along = curve.points[:, 0] * jnp.cos(angle) + curve.points[:, 1] * jnp.sin(angle)
     return weight_at(curve, offset[..., None] - along, width)
 

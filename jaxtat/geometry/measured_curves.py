@@ -26,7 +26,7 @@ from .curves import (
     with_elements,
 )
 
-_SAME = 1e-9  # of the size: detectors nearer to each other than that are at one place
+_SAME = 1e-9  # of the size: detectors closer to each other than that have the same position
 UNEVEN = 0.05  # of the length, which given weights may miss
 # steps like those beside it: farther apart, neighbours belong to separate pieces; where three of
 # equal ones are missing they do not yet
@@ -131,8 +131,8 @@ def _smoothed_curve(points: Array, closed: bool, smooth: int) -> SampledCurve:
     if is_concrete(smoothed):
         require_sorted(np.asarray(smoothed), closed)
         require_simple(np.asarray(smoothed), closed)
-    found = _sampled(smoothed, closed)
-    return SampledCurve(points, found.weights, found.normals, closed)
+    curve = _sampled(smoothed, closed)
+    return SampledCurve(points, curve.weights, curve.normals, closed)
 
 
 def _local_parabolas(n: int, smooth: int, closed: bool) -> Float[np.ndarray, "n n"]:
@@ -184,8 +184,8 @@ def keep_detectors(curve: DetectorCurve, keep: Numbers | np.ndarray) -> SampledC
     >>> from jaxtat import circular_arc
     >>> curve = circular_arc(1.3, 0.0, 100)
     >>> keep = np.arange(100) != 40
-    >>> found = keep_detectors(curve, keep).weights * (100 / (np.pi * 1.3))
-    >>> [round(float(w), 9) for w in found[37:43]]
+    >>> weights = keep_detectors(curve, keep).weights * (100 / (np.pi * 1.3))
+    >>> [round(float(w), 9) for w in weights[37:43]]
     [1.0, 1.0, 1.5, 1.5, 1.0, 1.0]
     """
     if not is_concrete(keep):
@@ -269,7 +269,7 @@ def in_plane(positions: Numbers) -> Float[Array, "detectors 2"]:
 
 
 def flat_axis(points: np.ndarray) -> int | None:
-    """The axis across the coordinate plane in which points lie; None of points in no such plane.
+    """The axis normal to the coordinate plane of the points; None if they lie in no such plane.
 
     Those of two coordinates lie in the first two axes.
     """

@@ -89,7 +89,7 @@ class RegionUnion(Region):
 
     @property
     def reach(self) -> Float[Array, ""]:
-        # boundary points are midpoints: what they stand for reaches half a piece farther
+        # boundary points are midpoints of pieces, which reach half a piece farther
         return by_library(_farthest, (self.points, self.weights, self.center))
 
     @property

@@ -1,8 +1,8 @@
 """Visibility: which lines through the region of interest meet the acquisition curve.
 
 An edge in the image sends a wave along its normal, both ways. It is recorded, and can be
-reconstructed stably, if the line along that normal meets the curve. The paper's theorem asks that
-every line through the region does.
+reconstructed stably, if the line along that normal meets the curve. The paper's theorem requires
+this of every line through the region.
 """
 
 import equinox as eqx
@@ -18,7 +18,7 @@ from .regions import Region
 
 
 class VisibilityWarning(UserWarning):
-    """Some lines through the region of interest meet no detector: edges along them are lost."""
+    """Some lines through the region meet no detector: edges at right angles to them are lost."""
 
 
 class Visibility(eqx.Module):
@@ -97,11 +97,11 @@ def visibility(
 
 def _covered(offsets: np.ndarray, parts: list[np.ndarray], w: np.ndarray) -> np.ndarray:
     """Which lines meet one of several connected parts."""
-    found = np.zeros(offsets.shape, bool)
+    covered = np.zeros(offsets.shape, bool)
     for part in parts:
         first, last = _shadow(part, w)
-        found |= (offsets >= first[:, None]) & (offsets <= last[:, None])
-    return found
+        covered |= (offsets >= first[:, None]) & (offsets <= last[:, None])
+    return covered
 
 
 def _shadow(points: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -110,7 +110,7 @@ def _shadow(points: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def connected_pieces(curve: DetectorCurve) -> list[np.ndarray]:
-    """Connected pieces of the curve, each with its two tips."""
+    """Connected pieces of the curve, each extended at its two ends."""
     points = np.asarray(curve.points)
     steps = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     wide = behind_gap(steps, curve.closed)

@@ -104,7 +104,7 @@ def to_jax(tensor: Any, dtype: Any = None) -> Array:
 
 
 def to_torch(array: Array, like: Any) -> Any:
-    """An array of JAX as a tensor of another one's precision."""
+    """An array of JAX as a tensor, in the precision of another tensor."""
     return torch.from_dlpack(array.block_until_ready()).to(like.dtype)
 
 

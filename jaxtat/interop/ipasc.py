@@ -92,7 +92,7 @@ class IpascAlgorithm:
         return image[0]
 
     def _speed_of_file(self) -> float | None:
-        """What their base class has read, if there is one."""
+        """The speed of sound that IPASC's base class has read, or None."""
         data = getattr(self, "ipasc_data", None)
         speed = None if data is None else data.get_speed_of_sound()
         return None if speed is None or not np.isfinite(speed) else float(np.mean(speed))

@@ -28,7 +28,7 @@ Layer = tuple[np.ndarray, dict[str, Any], str]
 
 
 def get_reader(path: str | Sequence[str]) -> Callable[[str | Sequence[str]], list[Layer]] | None:
-    """`read` for files that `save_image` has written, and None for all others, as napari asks.
+    """`read` for files that `save_image` has written, and None for all others, as napari expects.
 
     >>> get_reader("picture.png") is None
     True
@@ -44,7 +44,7 @@ def get_reader(path: str | Sequence[str]) -> Callable[[str | Sequence[str]], lis
 
 
 def read(path: str | Sequence[str]) -> list[Layer]:
-    """A layer for each file: array, where it lies, and that it is an image.
+    """A layer for each file: the array, its position, and the type of the layer.
 
     Raises:
         ValueError: for a file that is damaged, or none of `save_image`.
@@ -53,7 +53,7 @@ def read(path: str | Sequence[str]) -> list[Layer]:
 
 
 def reconstruction_panel() -> Any:
-    """A panel that asks for a scan and reconstructs it as `reconstruct_file`: a `magicgui` widget.
+    """A panel to choose a scan and reconstruct it as `reconstruct_file`: a `magicgui` widget.
 
     A number that is zero is chosen from the scan.
     """
@@ -65,10 +65,10 @@ def reconstruction_panel() -> Any:
     ) -> Any:
         given = {"sound_speed": sound_speed, "alpha": alpha, "model_based": model_based}
         with jax.enable_x64(True):
-            found = reconstruct_file(
+            result = reconstruct_file(
                 scan, **{name: value for name, value in given.items() if value}
             )
-        return [of_scan(found, scan.name)]
+        return [of_scan(result, scan.name)]
 
     # napari tells by its own type what to do with an answer
     reconstruct.__annotations__["return"] = list[layer]
@@ -78,18 +78,18 @@ def reconstruction_panel() -> Any:
     )
 
 
-def of_scan(found: ScanImages, name: str) -> Layer:
+def of_scan(result: ScanImages, name: str) -> Layer:
     """Images of a scan as a layer; outside the region they are NaN, which napari leaves blank.
 
     Args:
-        found: by `scans.reconstruct` or `reconstruct_file`.
+        result: by `scans.reconstruct` or `reconstruct_file`.
         name: of the layer.
     """
-    grid = found.grid
+    grid = result.grid
     axes = [np.asarray(grid.axis(k), float) for k in range(len(grid.shape))]
-    inside = np.asarray(found.region.contains(grid.points))
-    about = {"name": name, "metadata": {"settings": found.choices.settings()}}
-    return _layer(np.asarray(found.image), inside, axes, found.unit, about)
+    inside = np.asarray(result.region.contains(grid.points))
+    about = {"name": name, "metadata": {"settings": result.choices.settings()}}
+    return _layer(np.asarray(result.image), inside, axes, result.unit, about)
 
 
 def _of_file(path: Path) -> Layer:

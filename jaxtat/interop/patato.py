@@ -24,10 +24,10 @@ _HILBERT = "HILBERT_TRANSFORM"  # PATATO's mark of a record that was made comple
 
 
 class JaxtatReconstruction(recon.ReconstructionAlgorithm):
-    """Images by `reconstruct`, with what was chosen by the first record for all that follow.
+    """Images by `reconstruct`, with the choices of the first record for all records.
 
     The record is taken as PATATO's preprocessing left it, energies and impulse response divided out
-    if that was asked for; everything else is chosen as by `jaxtat reconstruct`. Outside the region
+    if that is requested; everything else is chosen as by `jaxtat reconstruct`. Outside the region
     of interest the image is zero.
 
     Args:

@@ -1,4 +1,4 @@
-"""Images into PATATO's HDF5, so that its unmixing, sO2 and regions of interest go on from there.
+"""Write images into PATATO's HDF5, for its unmixing, sO2 and regions of interest.
 
 ``/recons/jaxtat/N`` is (frames, wavelengths, z, y, x), x last, of the N-th reconstruction; its
 attributes say where it is: number of pixels, and first and last coordinate [m], along each axis.
@@ -34,26 +34,26 @@ NAME = "jaxtat"  # of the group of reconstructions
 def save_patato(
     path: str | Path,
     scan: Scan,
-    found: ScanImages,
+    result: ScanImages,
     *,
     deviation: np.ndarray | None = None,
     settings: Mapping[str, Any] | None = None,
     inputs: Sequence[str | Path] = (),
 ) -> None:
-    """Write images into a file of PATATO 0.7: one of the same scan is extended, else it is made.
+    """Write images into a file of PATATO 0.7; a file of the same scan is extended.
 
     A file that is there, or else the first of ``inputs`` if that is PATATO's, is copied, the images
-    are added to the copy, and the copy takes the file's place: nothing in it is lost, and it is
+    are added to the copy, and the copy replaces the file: nothing in it is lost, and it is
     never half written. A new file holds the time series too, so that PATATO's own reconstructions
     run on it: with the speed of sound that was chosen, a unit impulse for a response that is not
     known, and 1 for energies that are not.
 
     Args:
         path: the file, ending in .hdf5 or .h5.
-        scan: pressure of all frames that were asked for.
-        found: by `scans.reconstruct`; frames that it left out become NaN.
+        scan: pressure of all frames that were requested.
+        result: by `scans.reconstruct`; frames that it left out become NaN.
         deviation: of its pixels, by `scans.standard_deviations`.
-        settings: what else was chosen; those of ``found.choices`` are stored anyway.
+        settings: what else was chosen; those of ``result.choices`` are stored anyway.
         inputs: files from which the images were made; names and SHA-256 are stored.
 
     Raises:
@@ -63,18 +63,18 @@ def save_patato(
     Source: PATATO 0.7, patato.io.hdf.hdf5_interface.
     """
     base, wavelengths = require_patato(path, scan, inputs)
-    images = _all_frames(scan, found, found.image)
-    spread = None if deviation is None else _all_frames(scan, found, deviation)
+    images = _all_frames(scan, result, result.image)
+    spread = None if deviation is None else _all_frames(scan, result, deviation)
     about = {
-        "settings": as_json("settings", {**(settings or {}), **found.choices.settings()}),
-        "provenance": as_json("provenance", provenance_of(inputs, found.unit)),
+        "settings": as_json("settings", {**(settings or {}), **result.choices.settings()}),
+        "provenance": as_json("provenance", provenance_of(inputs, result.unit)),
     }
-    units = found.choices.units._replace(length=found.unit)
-    axes, flat = _axes(scan, found, units)
-    marks = _marks(found, axes, units, wavelengths)
+    units = result.choices.units._replace(length=result.unit)
+    axes, flat = _axes(scan, result, units)
+    marks = _marks(result, axes, units, wavelengths)
     with replacing(path) as temporary:
         if base is None:
-            _write_scan(temporary, scan, found, wavelengths, units)
+            _write_scan(temporary, scan, result, wavelengths, units)
         else:
             shutil.copyfile(base, temporary)
         with _extending(temporary) as file:
@@ -131,19 +131,19 @@ def _rounds(scan: Scan) -> np.ndarray:
     return every[:n]
 
 
-def _all_frames(scan: Scan, found: ScanImages, stack: Any) -> np.ndarray:
+def _all_frames(scan: Scan, result: ScanImages, stack: Any) -> np.ndarray:
     """One image for each frame of the scan; zero outside the region, NaN for frames left out."""
-    shape = found.grid.shape
-    inside = np.asarray(found.region.contains(found.grid.points))
-    asked = scan.known.get("frame_numbers", np.arange(scan.n_frames))
+    shape = result.grid.shape
+    inside = np.asarray(result.region.contains(result.grid.points))
+    requested = scan.known.get("frame_numbers", np.arange(scan.n_frames))
     images = np.full((scan.n_frames, *shape), np.nan)
-    kept = np.isin(asked, found.numbers)
+    kept = np.isin(requested, result.numbers)
     images[kept] = np.where(inside, np.reshape(stack, (-1, *shape)), 0.0)
     return images
 
 
 def _base(path: str | Path, inputs: Sequence[str | Path]) -> Path | None:
-    """The file to extend: what is there, else what the images were made from, if PATATO's."""
+    """The file to extend: an existing one, else the scan's own file if it is PATATO's."""
     there = Path(path)
     if there.exists():
         with refusing(f"cannot add to {name_of(there)}: "):
@@ -180,9 +180,9 @@ def _metres(units: Units) -> float:
     return 1.0 if units.length is None else 1e-3 * millimetres(units.length)
 
 
-def _axes(scan: Scan, found: ScanImages, units: Units) -> tuple[list[np.ndarray], int | None]:
+def _axes(scan: Scan, result: ScanImages, units: Units) -> tuple[list[np.ndarray], int | None]:
     """Nodes along x, y and z [m], and which of them a plane of detectors lies across, or None."""
-    detectors, grid = np.asarray(scan.known["detectors"], float), found.grid
+    detectors, grid = np.asarray(scan.known["detectors"], float), result.grid
     nodes = [np.asarray(grid.axis(k), float) for k in range(len(grid.shape))]
     flat = flat_axis(detectors)
     if flat is not None:
@@ -198,14 +198,14 @@ def _rows_of_x(stack: np.ndarray, flat: int | None) -> np.ndarray:
 
 
 def _marks(
-    found: ScanImages, axes: list[np.ndarray], units: Units, wavelengths: np.ndarray
+    result: ScanImages, axes: list[np.ndarray], units: Units, wavelengths: np.ndarray
 ) -> dict[str, Any]:
-    """What PATATO has as attributes of an image; the nodes along its axes are [m]."""
+    """PATATO's attributes of an image; positions of the nodes are in metres."""
     marks: dict[str, Any] = {
         "RECONSTRUCTION_ALGORITHM": np.bytes_(NAME),
-        "CorrectionFactorApplied": found.choices.laser_energy,
+        "CorrectionFactorApplied": result.choices.laser_energy,
         WAVELENGTHS: wavelengths,
-        SPEED: _speed(found, units),
+        SPEED: _speed(result, units),
     }
     for name, nodes in zip("XYZ", axes, strict=True):
         marks[f"RECONSTRUCTION_N{name}"] = len(nodes)
@@ -213,14 +213,14 @@ def _marks(
     return marks
 
 
-def _speed(found: ScanImages, units: Units) -> float:
-    """[m/s], or in the units of the scan if they are not known."""
+def _speed(result: ScanImages, units: Units) -> float:
+    """Speed of sound [m/s], or in the units of the scan if they are not known."""
     seconds = 1e-6 * MICROSECONDS[units.time] if units.time else 1.0
-    return found.choices.sound_speed * _metres(units) / seconds
+    return result.choices.sound_speed * _metres(units) / seconds
 
 
 def _write_scan(
-    path: Path, scan: Scan, found: ScanImages, wavelengths: np.ndarray, units: Units
+    path: Path, scan: Scan, result: ScanImages, wavelengths: np.ndarray, units: Units
 ) -> None:
     """Write everything that PATATO reads of a scan."""
     colours = len(wavelengths)
@@ -250,7 +250,7 @@ def _write_scan(
             file[name] = array
         file["water-absorption-coefficients"].attrs["pathlength"] = 0.0
         name = scan.about.get("name", NAME)
-        marks = {RATE: _rate(scan) / seconds, SPEED: _speed(found, units), "name": name}
+        marks = {RATE: _rate(scan) / seconds, SPEED: _speed(result, units), "name": name}
         raw.attrs.update(marks)
         file.attrs.update(marks | {"comment": scan.about.get("comment", "")})
         if "date" in scan.about:
@@ -288,5 +288,5 @@ def _extending(path: Path) -> Iterator[h5py.File]:
 
 
 def _free(*groups: h5py.Group) -> str:
-    """The first number that none of them has as a name."""
+    """The first number that is not yet a name in the group."""
     return next(name for k in itertools.count() if not any((name := str(k)) in g for g in groups))

@@ -67,12 +67,12 @@ class JaxtatAdapter(modules.ReconstructionAdapterBase):
         raise ValueError("there is no spacing of pixels: set Tags.SPACING_MM.")
 
     def _sampling_rate(self, geometry: Any) -> float:
-        """[Hz]."""
+        """Sampling rate [Hz]."""
         step = _of(self.global_settings, Tags.K_WAVE_SPECIFIC_DT)
         return 1 / float(step) if step else 1e6 * float(geometry.sampling_frequency_MHz)
 
     def _speed_of_sound(self) -> float | None:
-        """[m/s], None for that of the sharpest image."""
+        """Speed of sound [m/s], or None to estimate it."""
         name = Tags.DATA_FIELD_SPEED_OF_SOUND
         if _of(self.component_settings, name):
             return float(self.component_settings[name])

@@ -171,10 +171,10 @@ def reconstruct_stack(
             # one compiled size: the last batch is filled up
             part = np.pad(np.asarray(projections[:, :, here]), ((0, 0), (0, 0), (0, size - n)))
             weight = np.pad(weights[:, here], ((0, 0), (0, size - n)))
-            found = _invert(
+            inverted = _invert(
                 jnp.asarray(part), jnp.asarray(weight), scan, plan.grid, slices, inversion
             )
-            out[:, :, here] = np.asarray(found)[:, :, :n]
+            out[:, :, here] = np.asarray(inverted)[:, :, :n]
             bar.update(n)
     return out
 
@@ -191,13 +191,13 @@ def _invert(
     """Steps 4 and 5 for every v.
 
     The nodes u_i = axis + s_i lie anywhere between the offsets j h, j = -n..n-1 of step 4. They are
-    put to the nearest places about the middle, i - i_0, and the transform is turned by
+    moved to the nearest nodes about the middle, i - i_0, and the transform is turned by
     exp(-i lambda (s_i - (i - i_0) h)), the same for all i. Seen from the other side, s is -s and
     the transform its conjugate.
     """
     n_nodes, step = grid.shape[0], grid.spacing[0]
     middle = n_nodes // 2
-    n = 2 * middle  # as far again as the grid reaches, which step 5 asks for
+    n = 2 * middle  # as far again as the grid reaches, as step 5 needs it
     shift = grid.x1[0] - scan.axis + middle * step
     frequency_step = jnp.pi / (n * step)
     turn = jnp.exp(-1j * (shift * frequency_step) * jnp.arange(n + 1))

@@ -54,7 +54,7 @@ class Results:
 
 
 def run_case(case: Case, progress: bool) -> Results:
-    """Plan, plane wave, smooth phantom, disks with and without noise, classical yardstick."""
+    """Plan, plane wave, smooth phantom, disks with and without noise, classical FBP."""
     start = time.perf_counter()
     plan = build_plan(case.setup, NormBound(PAPER_K), progress=progress)
     results = Results(case, plan, {"plan_seconds": time.perf_counter() - start})

@@ -1,4 +1,4 @@
-"""The main job: all experiments, the table, the figures and metrics.json."""
+"""Run all experiments, and write the table, the figures and metrics.json."""
 
 import json
 from pathlib import Path
@@ -48,7 +48,7 @@ def run_paper(out: str | Path, *, progress: bool = True) -> Metrics:
 
 
 def paper_table(metrics: Metrics) -> str:
-    """Paper and here, a line each, as a Markdown table.
+    """The paper's numbers beside those of jaxtat, as a Markdown table.
 
     >>> print(paper_table({"geometry1": {"smooth_max_error": 4.5e-8}}))
     | quantity | geometry | paper | here |

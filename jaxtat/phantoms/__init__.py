@@ -1,4 +1,4 @@
-"""Images whose integrals are known in closed form, and noise; those in space: `phantoms.space`."""
+"""Phantoms: images with exact integrals, and noise. Those in space are in `phantoms.space`."""
 
 from .plane import Bells, Disks, Phantom, noise_like
 from .radial import RadialParts, gauss_legendre

@@ -204,7 +204,7 @@ def noise_like(key: Array, data: Array, level: float) -> Array:
 
 
 def _half_angle(distance: Array, r: Array, part_radius: Array) -> Array:
-    """Half the angle under which a circle (r, at ``distance``) runs inside a disk at the origin."""
+    """Half the angle of that part of a circle (r, at ``distance``) inside a disk at the origin."""
     product = 4 * distance * r
     # sin²(angle/2), in factors that do not cancel for a small part far away
     gap = distance - r

@@ -51,7 +51,7 @@ class SolidPhantom(RadialParts):
         """g(z, r) = ∫_{|x - z| = r} f dS, exact up to rounding.
 
         Args:
-            detectors: z, at any places.
+            detectors: z, at any positions.
             radii: r > 0, (radii,) [length].
             n_nodes: on round elements it is the mean over so many circles of twice as many points:
                 enough for smooth parts as wide as an element.
@@ -85,8 +85,8 @@ class SolidPhantom(RadialParts):
             return self._sum_over_parts(one)
 
         def of_points(points: Array) -> Array:
-            found = map_rows(of_detector, points.reshape(-1, 3), 256)
-            return found.reshape(*points.shape[:-1], -1)
+            integrals = map_rows(of_detector, points.reshape(-1, 3), 256)
+            return integrals.reshape(*points.shape[:-1], -1)
 
         return detectors.mean_over_elements(of_points, n_nodes)
 

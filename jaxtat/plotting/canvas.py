@@ -19,7 +19,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def label_axes(axes: Axes, title: str, horizontal: str, vertical: str) -> None:
-    """A title and the names of both axes, all of the sizes of every plot here."""
+    """Set a title and the names of both axes, in the sizes that all plots here share."""
     axes.set_title(title, fontsize=text_size(9))
     axes.set_xlabel(horizontal, fontsize=text_size(8))
     axes.set_ylabel(vertical, fontsize=text_size(8))
@@ -27,7 +27,7 @@ def label_axes(axes: Axes, title: str, horizontal: str, vertical: str) -> None:
 
 
 def text_size(points: float) -> float:
-    """Size of a text that has this many points where matplotlib's font size is 10."""
+    """Size of a text in points: this many at matplotlib's font size 10, else in proportion."""
     return points / 10 * float(rcParams["font.size"])
 
 

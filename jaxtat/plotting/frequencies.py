@@ -56,7 +56,7 @@ def show_frequency_plane(
     title: str = "",
     unit: str | None = None,
 ) -> ScalarMappable:
-    """Draw values at xi = lambda (cos theta, sin theta), where fhat lives, and the same at -xi.
+    """Draw values in the plane of frequencies, at xi = lambda (cos theta, sin theta) and at -xi.
 
     fhat(-xi) is the conjugate of fhat(xi), and found as accurately. Arguments as in
     `show_frequencies`.

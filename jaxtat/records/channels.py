@@ -58,12 +58,12 @@ class ChannelQuality(eqx.Module):
         return self.good.astype(float)
 
     def __str__(self) -> str:
-        found = [
+        reasons = [
             f"{int(mask.sum())} {name} ({ranges(np.flatnonzero(mask))})"
             for name in ("dead", "saturated", "noisy")
             if (mask := np.asarray(getattr(self, name))).any()
         ]
-        bad = "; ".join(found) or "all good"
+        bad = "; ".join(reasons) or "all good"
         return f"{self.noise.shape[0]} detectors: {bad}"
 
 
@@ -160,13 +160,13 @@ def _traced(arrays: tuple[Array, Array, Array], first: int) -> tuple[Array, ...]
 
 
 def _median_of(xp: Any, values: Any, counted: Any) -> Any:
-    """The median of those that are counted; infinite if none is."""
+    """Median of the values that count; infinite if none does."""
     ordered, n = xp.sort(xp.where(counted, values, np.inf)), xp.sum(counted)
     return (ordered[(n - 1) // 2] + ordered[n // 2]) / 2
 
 
 def _noise(xp: Any, record: Any) -> Any:
-    """Of each detector; a record is (frames, detectors, times), here and below."""
+    """Noise of each detector; a record is (frames, detectors, times), here and below."""
     n = record.shape[-1] - 4
     blocks = min(BLOCKS, n // SHORTEST_BLOCK)
     size = n // blocks
@@ -225,7 +225,7 @@ def _held(xp: Any, record: Any, count: Any, hidden: Any) -> Any:
 
 
 def _cut(xp: Any, below: Any, count: Any) -> Any:
-    """Whether more is cut off at the limit, where ``below`` is 0, than rounding does.
+    """Whether more samples are clipped at the limit, where ``below`` is 0, than by rounding.
 
     The crest h - κ t²/2 of a wave stays within a count of its height for L = √(8/κ) samples. In the
     L samples beside them it is 10/3 counts lower, in the mean; on both sides, since it is a crest.

@@ -56,8 +56,8 @@ def remove_impulse_response(
     >>> times, response = np.arange(200) / 40e6, np.array([0.2, 1.0, -0.4])
     >>> p = np.exp(-((np.arange(200) - 90) ** 2) / 50)[None]
     >>> y = np.convolve(p[0], response, mode="full")[None, 1:201]  # the second tap is time zero
-    >>> found = remove_impulse_response(y, times, response, regularization=1e-12, origin=1)
-    >>> bool(np.abs(np.asarray(found) - p).max() < 1e-9)
+    >>> pressure = remove_impulse_response(y, times, response, regularization=1e-12, origin=1)
+    >>> bool(np.abs(np.asarray(pressure) - p).max() < 1e-9)
     True
     """
     times = real_array("times", times, ("times",))

@@ -1,4 +1,4 @@
-"""Pressure records to circular integrals, and what a raw record needs before.
+"""From pressure records to circular integrals, and the conditioning of raw records.
 
 A record p(z_k, t) starts from p(., 0) = f, dp/dt(., 0) = 0, and is even in time. Sampled finely
 enough, it is the cosine series p(t) = Σ_m a_m cos(omega_m t), omega_m = m π/T, of its samples on
@@ -86,7 +86,7 @@ def condition_record(
     order: int = 3,
     baseline: bool = True,
 ) -> Float[Array, "*batch detectors times"]:
-    """Condition a raw record: silence the start, remove offset and drift, limit the band.
+    """Condition a raw record: set its start to zero, remove offset and drift, limit the band.
 
     Samples before ``dead_time`` (the laser's electrical artefact) are faded out over as long again
     as the dead time, capped at a tenth of the record. Offset and drift of each detector, a straight
@@ -159,10 +159,10 @@ def _convert(
     records = pressure.reshape(-1, pressure.shape[-1])
     n_times, n_radii = times.shape[0], radii.shape[0]
     if records.shape[0] * (n_times + n_radii) < n_times * n_radii:
-        found = _integrals(records.T, times, radii, sound_speed, model, n_waves)
+        integrals = _integrals(records.T, times, radii, sound_speed, model, n_waves)
     else:  # the matrix of all records costs less
-        found = _integrals(None, times, radii, sound_speed, model, n_waves) @ records.T
-    return found.T.reshape(*pressure.shape[:-1], n_radii)
+        integrals = _integrals(None, times, radii, sound_speed, model, n_waves) @ records.T
+    return integrals.T.reshape(*pressure.shape[:-1], n_radii)
 
 
 def _integrals(
@@ -175,11 +175,11 @@ def _integrals(
 ) -> Float[Array, "radii records"]:
     """W p: cosine coefficients of the record, then the integral of each cosine; None gives W."""
 
-    def add(found: Array, m: Array) -> tuple[Array, None]:
+    def add(total: Array, m: Array) -> tuple[Array, None]:
         to_coefficients = cosine_coefficients(m, times, n_waves)
         integrals = integrals_of_cosines(m, times, radii, sound_speed, model)
         coefficients = to_coefficients if records is None else to_coefficients @ records
-        return found + integrals @ coefficients, None
+        return total + integrals @ coefficients, None
 
     # a block of waves at a time: all at once would take memory with the square of the samples
     blocks = jnp.arange(-(-n_waves // _WAVES_AT_A_TIME) * _WAVES_AT_A_TIME)

@@ -1,4 +1,4 @@
-"""Circular integrals to pressure records: what the detectors would have recorded.
+"""From circular integrals to the pressure records that detectors would make.
 
 The inverse of `pressure_to_circular_integrals`. With cos(lambda c t) go the circular integrals
 2π r J_0(lambda r) of two-dimensional waves and r sin(lambda r) / lambda of the in-plane model; the
@@ -113,7 +113,7 @@ def pressure_matrix(
 
 @partial(jax.jit, static_argnames=("model", "n_panels"))
 def _simulation_matrix(radii: Array, paths: Array, model: str, n_panels: int) -> Array:
-    """``paths`` being c t: the transform over radii, then back at the paths."""
+    """The transform over the radii, then its inverse at ``paths``, c t."""
     step = (radii[-1] - radii[0]) / (radii.shape[0] - 1)
     width = jnp.pi / step / n_panels
     nodes, weights = gauss_legendre(_NODES)

@@ -1,4 +1,4 @@
-"""What a record and its detectors can support: how large a region, how fine a detail.
+"""The largest region and the finest detail that a record and its detectors permit.
 
 - A source x is in the record of detector z from |x - z|/c on. All circles about all detectors that
   meet the region must have been recorded.
@@ -34,7 +34,7 @@ class Supported(eqx.Module):
     """Requested and possible region radius and highest frequency.
 
     Attributes:
-        reach: radius of the region about its centre, as asked [length].
+        reach: radius of the region about its centre, as requested [length].
         end: c times end of the record [length].
         reach_of_end: the largest that the end of the record allows [length].
         reach_of_start: the largest that its start, or the nearest detector, allows [length].
@@ -42,7 +42,7 @@ class Supported(eqx.Module):
             record is too short for it [length].
         free: the nearest point of the region, less c times start of the record; below zero the
             record starts too late for it [length].
-        asked_frequency: lambda_max that was asked for; infinite if none was [rad/length].
+        requested_frequency: lambda_max that was requested; infinite if none was [rad/length].
         frequency_of_detectors: up to which detectors sample the waves of the region [rad/length].
         frequency_of_times: up to which samples in time do [rad/length].
     """
@@ -53,7 +53,7 @@ class Supported(eqx.Module):
     reach_of_start: Float[Array, ""]
     covered: Float[Array, ""]
     free: Float[Array, ""]
-    asked_frequency: Float[Array, ""]
+    requested_frequency: Float[Array, ""]
     frequency_of_detectors: Float[Array, ""]
     frequency_of_times: Float[Array, ""]
 
@@ -64,7 +64,7 @@ class Supported(eqx.Module):
 
     @property
     def max_frequency(self) -> Float[Array, ""]:
-        """The highest lambda that can be had [rad/length]."""
+        """The highest possible lambda [rad/length]."""
         return jnp.minimum(self.frequency_of_detectors, self.frequency_of_times)
 
     @property
@@ -74,41 +74,42 @@ class Supported(eqx.Module):
 
     @property
     def ends_early(self) -> bool:
-        """Whether the record ends before the far side of the region is heard."""
+        """Whether the record ends before sound from the far side of the region arrives."""
         return float(self.covered) < -1e-9 * float(self.reach)
 
     @property
     def shortfalls(self) -> tuple[str, ...]:
-        """What cannot be had, each in a sentence with numbers; empty if all is well."""
-        asked, detail = float(self.reach), np.pi / float(self.asked_frequency)
-        found = []
+        """What is not possible, each in a sentence with numbers; empty if everything is."""
+        requested, detail = float(self.reach), np.pi / float(self.requested_frequency)
+        sentences = []
         if self.ends_early:
-            found.append(
+            sentences.append(
                 f"the record ends {-float(self.covered):.4g} before the far side of the region: a "
-                f"region of radius {asked:.4g} was asked for, {_up_to(self.reach_of_end)}"
+                f"region of radius {requested:.4g} was requested, {_up_to(self.reach_of_end)}"
             )
-        if float(self.free) < -1e-9 * asked:
-            found.append(
+        if float(self.free) < -1e-9 * requested:
+            sentences.append(
                 f"the record starts {-float(self.free):.4g} after the near side of the region: a "
-                f"region of radius {asked:.4g} was asked for, {_up_to(self.reach_of_start)}"
+                f"region of radius {requested:.4g} was requested, {_up_to(self.reach_of_start)}"
             )
         for name, limit, remedy in (
             ("detectors are too few", self.frequency_of_detectors, "more detectors"),
             ("samples are too slow", self.frequency_of_times, "a higher sampling rate"),
         ):
-            if np.isfinite(detail) and detail and float(limit) < float(self.asked_frequency):
-                found.append(
-                    f"{name}: details of {detail:.4g} (lambda {float(self.asked_frequency):.4g}) "
-                    f"were asked for, {np.pi / float(limit):.4g} (lambda {float(limit):.4g}) can "
-                    f"be had without {remedy}"
+            if np.isfinite(detail) and detail and float(limit) < float(self.requested_frequency):
+                sentences.append(
+                    f"{name}: details of {detail:.4g} (lambda "
+                    f"{float(self.requested_frequency):.4g}) were requested, "
+                    f"{np.pi / float(limit):.4g} (lambda {float(limit):.4g}) are possible without "
+                    f"{remedy}"
                 )
-        return tuple(found)
+        return tuple(sentences)
 
     def __str__(self) -> str:
         return self.in_words(Units())
 
     def in_words(self, units: Units) -> str:
-        """What cannot be had, or else what can, with units of length where they are known."""
+        """The shortfalls, or else what is possible, with units of length where they are known."""
         reach, largest, detail = (
             units.of_length(float(x))
             for x in (self.reach, self.largest_reach, self.smallest_detail)
@@ -127,7 +128,7 @@ def supported(
     dead_time: Numbers = 0.0,
     max_frequency: Numbers | None = None,
 ) -> Supported:
-    """Region radius and lambda_max that record and detectors support, beside what is asked.
+    """Region radius and lambda_max that record and detectors permit, and those requested.
 
     With z_k the detectors and x_c the region's centre, the largest disk about x_c has the radius
     min(c t_end - max|z_k - x_c|, min|z_k - x_c| - c t_start), and stays clear of the detectors.
@@ -155,22 +156,22 @@ def supported(
 
     >>> from jaxtat import circular_arc, disk
     >>> curve, region = circular_arc(1.3, 1.0, 500), disk(1.0, n_boundary=200)
-    >>> found = supported(curve, region, jnp.linspace(0.0, 2.0, 401), max_frequency=200.0)
-    >>> for sentence in found.shortfalls:
+    >>> possible = supported(curve, region, jnp.linspace(0.0, 2.0, 401), max_frequency=200.0)
+    >>> for sentence in possible.shortfalls:
     ...     print(sentence)
-    the record ends 0.3 before the far side of the region: a region of radius 1 was asked for, up \
-to 0.7 can be had
+    the record ends 0.3 before the far side of the region: a region of radius 1 was requested, up \
+to 0.7 is possible
     """
     times = real_array("times", times, ("times",))
     require_equispaced(times)
     sound_speed = real_array("sound_speed", sound_speed, ())
     require_positive("sound_speed", sound_speed)
     dead_time = real_array("dead_time", dead_time, ())
-    asked = jax.device_put(np.inf)
+    requested = jax.device_put(np.inf)
     if max_frequency is not None:
-        asked = real_array("max_frequency", max_frequency, ())
-        require_positive("max_frequency", asked)
-    given = curve, region, times, sound_speed, dead_time, asked
+        requested = real_array("max_frequency", max_frequency, ())
+        require_positive("max_frequency", requested)
+    given = curve, region, times, sound_speed, dead_time, requested
     if not is_concrete(given):
         return Supported(*_traced(*given))
     with jax.ensure_compile_time_eval():  # no program for each number of detectors
@@ -196,8 +197,8 @@ def first_arrival(
 
 def _up_to(reach: Array) -> str:
     if float(reach) <= 0:
-        return "none about its centre can be had"
-    return f"up to {float(reach):.4g} can be had"
+        return "none about its centre is possible"
+    return f"up to {float(reach):.4g} is possible"
 
 
 @eqx.filter_jit
@@ -212,12 +213,14 @@ def _supported(
     times: Any,
     sound_speed: Any,
     dead_time: Any,
-    asked: Any,
+    requested: Any,
 ) -> tuple[Any, ...]:
     """The parts of `Supported`; xp is numpy or jax.numpy."""
     where = curve.points, region.points, region.center, region.reach
     points, boundary, center, reach = map(xp.asarray, where)
-    times, sound_speed, dead_time, asked = map(xp.asarray, (times, sound_speed, dead_time, asked))
+    times, sound_speed, dead_time, requested = map(
+        xp.asarray, (times, sound_speed, dead_time, requested)
+    )
     start = sound_speed * xp.maximum(times[0], dead_time)
     end = sound_speed * times[-1]
     lengths = _lengths(points[:, None] - boundary, xp)
@@ -230,7 +233,7 @@ def _supported(
         xp.minimum(nearest - start, _EDGE * nearest),
         end - xp.max(lengths),
         xp.min(lengths) - start,
-        asked,
+        requested,
         sampled_frequency(curve, region, xp),
         np.pi / (sound_speed * (times[1] - times[0])),
     )

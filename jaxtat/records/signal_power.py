@@ -1,4 +1,4 @@
-"""Properties of a record before reconstruction: artefact, silence, sound, and its band.
+"""Properties of a record before reconstruction: artefact, quiet part, sound, and band.
 
 Powers are variances about a straight line in short pieces of the record, which offset and drift do
 not enter. NumPy throughout: these are a few sums over one frame.
@@ -49,14 +49,14 @@ def record_power(
     overlap: int = 1,
     pieces: int = PIECES,
 ) -> RecordPower:
-    """Mean squares in pieces of the record, with or without a straight line taken off each.
+    """Mean squares over windows of the record; ``detrend`` first subtracts a line from each.
 
     Args:
         overlap: how many times as many pieces of the same length, which overlap then.
         pieces: about how many without overlap; none has less than 16 samples.
 
-    >>> found = record_power(np.ones((2, 400)), np.arange(400.0), detrend=False)
-    >>> found.power.shape, float(found.times[0]), float(found.power.max())
+    >>> mean = record_power(np.ones((2, 400)), np.arange(400.0), detrend=False)
+    >>> mean.power.shape, float(mean.times[0]), float(mean.power.max())
     ((2, 25), 7.5, 1.0)
     """
     size = max(FEWEST, len(times) // pieces)
@@ -101,7 +101,7 @@ def totals(
     in-plane model, where g = r ∫_0^r p.
 
     Args:
-        record: from time 0, or from a silent time on.
+        record: from time 0, or from a quiet time on.
         times: of its samples, the last of them T.
         model: "2d" or "in-plane".
     """
@@ -134,14 +134,14 @@ def faded(
     spread = float(np.median(np.abs(gain[working] - 1)))
     if spread > SPREAD:
         return none
-    found = working & (gain < 1 - max(FADED, SURELY * spread))
+    too_small = working & (gain < 1 - max(FADED, SURELY * spread))
     rows = np.flatnonzero(working)
     steps = np.abs(np.diff(gain[rows]))
     level = max(LEVEL * float(np.median(steps)), 1e-3)
     for along in (rows, rows[::-1]):
         for before, here, after in zip(along, along[1:], along[2:], strict=False):
-            found[here] |= found[before] and gain[after] - gain[here] > level
-    return found
+            too_small[here] |= too_small[before] and gain[after] - gain[here] > level
+    return too_small
 
 
 def muted_until(power: RecordPower) -> float:
@@ -176,7 +176,7 @@ def tail_share(record: Float[np.ndarray, "detectors times"]) -> float:
 
 
 def noise_before(power: RecordPower, arrival: float) -> float | None:
-    """Power of the noise over that of the sound; None without a time before the sound.
+    """Noise power over signal power; None if the record has no time before the sound.
 
     Args:
         power: of the record, without an artefact at its start.
@@ -209,12 +209,14 @@ def highest_frequency(
     if quiet.stop - quiet.start >= 16:
         part = _spectrum(record[:, quiet])
         noise = np.interp(frequencies, np.linspace(0, 0.5 / step, len(part)), part)
-    heard = whole > np.maximum(STANDS_OUT * noise, FAINT * whole[1:].max())
-    return float(frequencies[np.flatnonzero(heard)[-1]]) if heard.any() else float(frequencies[-1])
+    signal = whole > np.maximum(STANDS_OUT * noise, FAINT * whole[1:].max())
+    return (
+        float(frequencies[np.flatnonzero(signal)[-1]]) if signal.any() else float(frequencies[-1])
+    )
 
 
 def _spectrum(record: Float[np.ndarray, "detectors times"]) -> Float[np.ndarray, " frequencies"]:
-    """Median over detectors of the power in each frequency, for a record as long as it is."""
+    """Median over the detectors of the power spectrum, which is the same for longer records."""
     window = np.hanning(record.shape[1] + 2)[1:-1]
     power = np.abs(np.fft.rfft((record - record.mean(axis=1, keepdims=True)) * window)) ** 2
     return np.median(power, axis=0) / np.sum(window**2)

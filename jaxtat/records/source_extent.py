@@ -1,4 +1,4 @@
-"""Where the sound of a record comes from, by the first and last times at which it is recorded.
+"""Extent of the source of a record, from the onset and end times of sound at the detectors.
 
 Detector k records a body of radius a about m from (|y_k - m| - a)/c to (|y_k - m| + a)/c. Half the
 time between is a/c, which depends little on an error of c. The first times alone would give a wrong
@@ -18,25 +18,26 @@ ABOVE_NOISE, ABOVE_SCATTER = 2.0, 4.0  # times the quiet power, and times its sc
 CLEARLY = 0.5  # of the highest power, below which the least that counts has to be
 SILENCE, FAINTEST = 1e-10, 1e-4  # where quiet is less than that, the faintest share counts
 NEIGHBOURS, AT_MOST = 60, 8  # detectors over those to each side, with which one is averaged
-# what is supposed of the disk, over the radius on which the detectors lie
+# priors of the disk, over the radius on which the detectors lie
 OFF_MIDDLE, DEVIATION, SPEEDS = 0.2, 0.02, 0.03
-INDEPENDENT = 10  # detectors that err by themselves; others err as those beside them
+INDEPENDENT = 10  # detectors with independent errors; neighbours err alike
 STEPS = 60
-# of places, see `sounding_place`: of the detectors' radius; points across; shares of detectors
+# of areas, see `sounding_place`: over the detectors' radius; points across; shares of detectors
 RIM, ACROSS = 0.95, 51
-FEWEST, MOST = 0.2, 0.7  # that can hear a point at all, and that do, of those
-STANDS_OUT = 0.6  # share of all points from which sound comes, that the largest place has
-BESIDE = 0.12  # over the detectors' radius: as near to a place is near it
+FEWEST, MOST = 0.2, 0.7  # whose record covers a point at all; that record sound from it, of those
+STANDS_OUT = 0.6  # of all points from which sound comes, the share in the largest area
+BESIDE = 0.12  # over the detectors' radius: width of the surroundings of an area
 
 
 class Heard(NamedTuple):
-    """First and last times at which detectors record sound.
+    """Onset and end times of sound at the detectors.
 
     Attributes:
         first, last: (detectors,) [time].
-        begins, ceases: whether these are known: the record is silent before, and after.
+        begins, ceases: whether these are known: the record is quiet before the one and after
+            the other.
 
-    `tells` is whether one or the other is known for most detectors.
+    `tells` is whether one of the two is known for most detectors.
     """
 
     first: Float[np.ndarray, " detectors"]
@@ -53,7 +54,7 @@ Within = Bool[np.ndarray, "detectors pieces"]
 
 
 def heard(power: RecordPower, pause: float, within: Within | None = None) -> Heard:
-    """First and last time of a share of each detector's highest power, above its noise.
+    """Onset and end time at each detector: above its noise, and a share of its highest power.
 
     Fainter sound from holders, membranes and walls is ignored; in a record without noise all sound
     counts. Pauses divide the sound into parts, and parts after a pause are echoes: the last time is
@@ -66,8 +67,8 @@ def heard(power: RecordPower, pause: float, within: Within | None = None) -> Hea
 
     >>> times = np.arange(100.0)
     >>> power = np.where(abs(times - 40) < 10, 1.0, 1e-3) * np.ones((5, 1))
-    >>> found = heard(RecordPower(times, power), 5.0)
-    >>> float(found.first[0]), float(found.last[0]), bool(found.begins.all())
+    >>> when = heard(RecordPower(times, power), 5.0)
+    >>> float(when.first[0]), float(when.last[0]), bool(when.begins.all())
     (31.0, 49.0, True)
     """
     values = _with_neighbours(power.power)
@@ -86,7 +87,7 @@ def heard(power: RecordPower, pause: float, within: Within | None = None) -> Hea
 
 
 def _least(values: np.ndarray, counted: np.ndarray) -> list[Float[np.ndarray, " detectors"]]:
-    """The least power that counts as sound where it begins, and where it ceases.
+    """The least power that counts as sound, for onset and for end times.
 
     Args:
         values: of all pieces, among them quiet ones.
@@ -101,7 +102,7 @@ def _least(values: np.ndarray, counted: np.ndarray) -> list[Float[np.ndarray, " 
 
 
 def _end_of_loudest(values: Float[np.ndarray, " pieces"], least: float, pause: int) -> int:
-    """Number of the last piece of the part, between pauses, with the largest total power."""
+    """Number of the last window in the part between pauses that has the largest total power."""
     sounds = np.flatnonzero(values > least)
     if not len(sounds):
         return len(values) - 1
@@ -120,11 +121,11 @@ def _with_neighbours(
 def sounding_place(
     points: Float[np.ndarray, "detectors 2"], power: RecordPower, speed: float
 ) -> Float[np.ndarray, "places 2"] | None:
-    """The largest place from which most detectors hear sound; None if it does not stand out.
+    """The largest area from which sound reaches most detectors; None if it does not stand out.
 
-    A point x counts if 70 % of the detectors that can hear it do hear sound at |y_k - x|/c: from a
-    body, from a wall, but hardly from anywhere else. Of several places a loud one may be a wall;
-    the largest is taken for the body.
+    A point x counts if, of the detectors whose record covers the time |y_k - x|/c, 70 % record
+    sound then. That is so in a body and in a wall, but hardly elsewhere. Of several areas a wall
+    may be the strongest; the largest is taken for the body.
 
     Args:
         points: y_k, from the middle of the array [length].
@@ -137,8 +138,8 @@ def sounding_place(
     >>> theta = np.linspace(0.0, 2 * np.pi, 60, endpoint=False)
     >>> y = 40 * np.stack([np.cos(theta), np.sin(theta)], axis=1)
     >>> times, d = np.arange(0.0, 80.0), np.linalg.norm(y - [5.0, 2.0], axis=1)
-    >>> found = sounding_place(y, RecordPower(times, 1.0 * (abs(times - d[:, None]) < 9)), 1.0)
-    >>> found.mean(axis=0).round().tolist()
+    >>> area = sounding_place(y, RecordPower(times, 1.0 * (abs(times - d[:, None]) < 9)), 1.0)
+    >>> area.mean(axis=0).round().tolist()
     [5.0, 2.0]
     """
     from scipy.ndimage import label  # slow to import
@@ -171,7 +172,7 @@ def arriving_from(
     times: Float[np.ndarray, " pieces"],
     speed: float,
 ) -> Within:
-    """Which pieces of a record sound from a place, or from near it, reaches.
+    """Which windows of a record can hold sound from an area or its surroundings.
 
     Args:
         place: from `sounding_place`.
@@ -185,12 +186,12 @@ def arriving_from(
 
 
 class SoundingDisk(NamedTuple):
-    """A disk, or ball, from which sound comes.
+    """The disk, or ball, that holds the source of the sound.
 
     Attributes:
         middle, radius: [length].
         speed: fitted, over the assumed one.
-        deviation: median distance by which first and last times deviate from it [length].
+        deviation: median distance by which onset and end times deviate from it [length].
     """
 
     middle: Float[np.ndarray, " space"]
@@ -228,8 +229,8 @@ def sounding_disk(
     >>> d, told = np.linalg.norm(y - [5.0, 2.0], axis=1), np.ones(60, bool)
     >>> first = d - 9.0
     >>> first[::4] = 20.0  # a quarter of the detectors
-    >>> found = sounding_disk(y, Heard(first, d + 9.0, told, told), 1.0, True)
-    >>> found.middle.round(1).tolist(), round(found.radius, 1), found.speed
+    >>> disk = sounding_disk(y, Heard(first, d + 9.0, told, told), 1.0, True)
+    >>> disk.middle.round(1).tolist(), round(disk.radius, 1), disk.speed
     ([5.0, 2.0], 9.0, 1.0)
     """
     size, n = float(np.median(np.linalg.norm(points, axis=1))), len(points)
@@ -237,11 +238,11 @@ def sounding_disk(
     told = np.concatenate([when.begins, when.ceases]) * (INDEPENDENT / n)
     supposed = np.full(points.shape[1] + 2, 1 / OFF_MIDDLE**2)
     supposed[-2:] = 0.0, 1 / SPEEDS**2
-    found = np.zeros(len(supposed))  # middle, radius, s - 1
-    found[-2] = max(float(np.median(last - first)) / 2, DEVIATION)
+    fit = np.zeros(len(supposed))  # middle, radius, s - 1
+    fit[-2] = max(float(np.median(last - first)) / 2, DEVIATION)
     one, stretched = np.ones(n), 0.0 if speed_known else 1.0
     for _ in range(STEPS):  # weighted least squares with weights 1/|difference|, linearised
-        away, difference = _differences(points, first, last, found)
+        away, difference = _differences(points, first, last, fit)
         slopes = np.concatenate(
             [
                 np.column_stack([away, -one, -stretched * first]),
@@ -250,21 +251,19 @@ def sounding_disk(
         )
         weights = told / (DEVIATION * (np.abs(difference) + DEVIATION / 4))
         system = slopes.T @ (weights[:, None] * slopes) + np.diag(supposed)
-        found -= np.linalg.lstsq(system, slopes.T @ (weights * difference) + supposed * found)[0]
-    left = np.abs(_differences(points, first, last, found)[1])[told > 0]
+        fit -= np.linalg.lstsq(system, slopes.T @ (weights * difference) + supposed * fit)[0]
+    left = np.abs(_differences(points, first, last, fit)[1])[told > 0]
     deviation = float(np.median(left)) if len(left) else 0.0
-    found[:-1] *= size
-    return SoundingDisk(
-        found[:-2], max(float(found[-2]), 0.0), float(1 + found[-1]), size * deviation
-    )
+    fit[:-1] *= size
+    return SoundingDisk(fit[:-2], max(float(fit[-2]), 0.0), float(1 + fit[-1]), size * deviation)
 
 
 def _differences(
-    points: np.ndarray, first: np.ndarray, last: np.ndarray, found: np.ndarray
+    points: np.ndarray, first: np.ndarray, last: np.ndarray, fit: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Directions from the detectors to a middle, and |y - m| ∓ a - s c t of both times."""
-    offset = points - found[:-2]
+    """Directions from the detectors to m, and |y - m| ∓ a - s c t for onset and end times."""
+    offset = points - fit[:-2]
     distance = np.linalg.norm(offset, axis=1)
-    near, far = distance - found[-2], distance + found[-2]
-    difference = np.concatenate([near, far]) - (1 + found[-1]) * np.concatenate([first, last])
+    near, far = distance - fit[-2], distance + fit[-2]
+    difference = np.concatenate([near, far]) - (1 + fit[-1]) * np.concatenate([first, last])
     return -offset / distance[:, None], difference

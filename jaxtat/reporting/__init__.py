@@ -1,4 +1,4 @@
-"""A page about one reconstruction, for people: figures, numbers in words, and where it is from."""
+"""The report: a page on one reconstruction, with figures, conclusions and provenance."""
 
 from .scan import report_file, report_scan
 from .writing import report, write_report

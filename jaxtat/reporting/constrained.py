@@ -1,4 +1,4 @@
-"""The image under constraints, on a page beside the direct one."""
+"""The fitted image, on a page beside the direct one."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from ..fitting import Comparison
 
 
 class Constrained(NamedTuple):
-    """An image under constraints, and what the data say of it.
+    """A fitted image, and how well the data support it.
 
     Attributes:
         image: (x1, x2).
@@ -26,7 +26,7 @@ class Constrained(NamedTuple):
 
 
 def in_words(constrained: Constrained) -> str:
-    """The text about what the penalty and what the data decided."""
+    """Text on what the data and what the penalty determined."""
     both = constrained.comparison
     direct, fitted = (float(misfit) for misfit in both.misfits)
     differ, told = float(both.differ), float(both.told)

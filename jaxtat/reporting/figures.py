@@ -35,11 +35,11 @@ def image(diagnosis: Diagnosis, unit: str | None) -> Figure:
     return picture(diagnosis.image, diagnosis.setup.grid, unit=unit)
 
 
-def constrained(diagnosis: Diagnosis, found: Constrained, unit: str | None) -> Figure:
-    """The direct image and that under constraints, in the same grey levels."""
+def constrained(diagnosis: Diagnosis, fitted_image: Constrained, unit: str | None) -> Figure:
+    """The direct image and the fitted one, in the same grey levels."""
     figure = new_figure(11, 5.2)
     outside = np.isnan(np.asarray(diagnosis.image))
-    pair = diagnosis.image, np.where(outside, np.nan, np.asarray(found.image))
+    pair = diagnosis.image, np.where(outside, np.nan, np.asarray(fitted_image.image))
     limits = limits_of(*pair)
     for axes, image in zip(figure.subplots(1, 2), pair, strict=True):
         show_image(axes, image, diagnosis.setup.grid, limits=limits, unit=unit)
@@ -70,7 +70,7 @@ def geometry(diagnosis: Diagnosis, unit: str | None) -> Figure:
 
 
 def _places(diagnosis: Diagnosis) -> tuple[np.ndarray, float]:
-    """Points all over the region, and a radius for disks about them that do not touch."""
+    """Points spread over the region, and a radius at which disks about them do not touch."""
     boundary = np.asarray(diagnosis.setup.region.points)
     low, size = boundary.min(axis=0), np.ptp(boundary, axis=0)
     numbers = np.maximum(1, np.round(_DISKS * size / size.max())).astype(int)
@@ -100,7 +100,7 @@ def waves(accuracy: WaveAccuracy, unit: str | None) -> Figure:
 
 
 def _norm(low: float, high: float) -> Normalize:
-    """Logarithmic over more than a decade, of which three are shown."""
+    """Colour scale: logarithmic if values span more than a decade, of which three are shown."""
     return LogNorm(max(low, 1e-3 * high), high) if high > 10 * low else Normalize(0.0, high or 1.0)
 
 
@@ -111,7 +111,7 @@ def _bar(figure: Figure, shown: ScalarMappable, axes: Any, label: str, **options
 
 
 def sinograms(diagnosis: Diagnosis, unit: str | None) -> tuple[Figure, float]:
-    """Measured, modelled and what is left, and how much stronger the colours of that are."""
+    """Measured data, modelled data and residual, and how much the residual is amplified."""
     figure = new_figure(11, 4.6)
     panels = figure.subplots(1, 3, sharey=True)
     residual = diagnosis.residual
@@ -153,13 +153,15 @@ def detectors(residual: DataResidual) -> Figure:
 
 def uncertainty(diagnosis: Diagnosis, unit: str | None) -> Figure:
     """Standard deviations of pixels."""
-    found = diagnosis.uncertainty
-    assert found is not None
+    uncertainty = diagnosis.uncertainty
+    assert uncertainty is not None
     figure = new_figure(7.2, 5.6)
     axes = figure.subplots()
-    high = float(np.nanpercentile(np.asarray(found.deviation), 98))
-    low = float(np.nanmin(np.asarray(found.deviation)))
+    high = float(np.nanpercentile(np.asarray(uncertainty.deviation), 98))
+    low = float(np.nanmin(np.asarray(uncertainty.deviation)))
     limits = (low, max(high, 1.01 * low))
-    shown = show_image(axes, found.deviation, found.grid, limits=limits, cmap=SEQUENTIAL, unit=unit)
+    shown = show_image(
+        axes, uncertainty.deviation, uncertainty.grid, limits=limits, cmap=SEQUENTIAL, unit=unit
+    )
     _bar(figure, shown, axes, "standard deviation", shrink=0.9, extend="max")
     return figure

@@ -12,7 +12,7 @@ from .verdicts import Finding, Level, findings
 Rows = Sequence[Sequence[str]]
 
 _MARKS = {Level.GOOD: ("✓", "good"), Level.CAUTION: ("!", "caution"), Level.BAD: ("✗", "bad")}
-# nothing but what stands in the file itself, whatever text may have found its way into it
+# nothing is loaded from elsewhere, whatever text the scan's file contains
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
@@ -59,9 +59,9 @@ class Page(NamedTuple):
 
 def html_page(diagnosis: Diagnosis, page: Page) -> str:
     """The whole page as text."""
-    found = findings(diagnosis, page.unit, page.channels)
+    conclusions = findings(diagnosis, page.unit, page.channels)
     sections = [
-        _section("In short", _list(found)),
+        _section("In short", _list(conclusions)),
         _section("The picture", *_image(diagnosis, page.unit)),
         _section("With constraints", *_constrained(diagnosis, page.constrained, page.unit))
         if page.constrained
@@ -91,7 +91,7 @@ def _section(title: str, *parts: str) -> Html:
     return join(["\n", element("section", element("h2", title), *parts)])
 
 
-def _list(found: list[Finding]) -> Html:
+def _list(conclusions: list[Finding]) -> Html:
     def item(finding: Finding) -> Html:
         mark, name = _MARKS[finding.level]
         return element(
@@ -101,7 +101,7 @@ def _list(found: list[Finding]) -> Html:
             class_=name,
         )
 
-    return element("ul", *map(item, found), class_="findings")
+    return element("ul", *map(item, conclusions), class_="findings")
 
 
 def _table(titles: Sequence[str], rows: Rows) -> Html:
@@ -127,20 +127,20 @@ def _image(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
     return [_figure(figures.image(diagnosis, unit), caption)]
 
 
-def _constrained(diagnosis: Diagnosis, found: Constrained, unit: str | None) -> list[Html]:
+def _constrained(diagnosis: Diagnosis, fitted_image: Constrained, unit: str | None) -> list[Html]:
     caption = (
         "Left: the picture above. Right: the image that fits the data and costs least "
-        f"({found.how}). The same grey levels."
+        f"({fitted_image.how}). The same grey levels."
     )
-    figure = figures.constrained(diagnosis, found, unit)
-    return [element("p", in_words(found)), _figure(figure, caption)]
+    figure = figures.constrained(diagnosis, fitted_image, unit)
+    return [element("p", in_words(fitted_image)), _figure(figure, caption)]
 
 
 def _choices(rows: Rows) -> list[Html]:
     text = element(
         "p",
-        "Sure is what was given, is in the file or follows from it; likely what the data show, by "
-        "a rule that may err; guessed what nothing shows: look at that first.",
+        "Sure: set by an option or the file, or a consequence of these. Likely: shown by the data, "
+        "by a rule that may fail. Guessed: nothing shows it, so check it first.",
     )
     return [text, _table(("", "value", "grade", "why"), rows)]
 
@@ -204,23 +204,23 @@ def _residual(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
 
 
 def _uncertainty(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
-    found = diagnosis.uncertainty
-    if found is None:
+    uncertainty = diagnosis.uncertainty
+    if uncertainty is None:
         return [element("p", "Not computed.")]
     caption = (
         "Standard deviation of each pixel for independent noise of standard deviation "
-        f"{float(found.sigma):.3g} in every sample of the circular integrals, known by "
+        f"{float(uncertainty.sigma):.3g} in every sample of the circular integrals, known by "
         f"{diagnosis.noise.source.value}. Errors that are not noise are not in it."
     )
-    n = int((~_nan(found.deviation)).sum())
+    n = int((~_nan(uncertainty.deviation)).sum())
     wanted = int((~_nan(diagnosis.image)).sum())
-    side, most = found.grid.shape[0], UNCERTAINTY_PIXELS
-    all_of_them = max(1.0, found.seconds * wanted / max(n, 1))
+    side, most = uncertainty.grid.shape[0], UNCERTAINTY_PIXELS
+    all_of_them = max(1.0, uncertainty.seconds * wanted / max(n, 1))
     cost = element(
         "p",
         f"Computed at the {n} of {side} x {side} pixels that lie in the region, in "
-        f"{_duration(found.seconds)}; all {wanted} of the image would take about "
-        f"{_duration(all_of_them)}. Unless a number is asked for, there are {most} x {most}, and "
+        f"{_duration(uncertainty.seconds)}; all {wanted} of the image would take about "
+        f"{_duration(all_of_them)}. Unless a number is set, there are {most} x {most}, and "
         "fewer where they would take longer than half a minute.",
     )
     return [_figure(figures.uncertainty(diagnosis, unit), caption), cost]

@@ -1,4 +1,4 @@
-"""From a scan, and what was chosen for it, to a page."""
+"""The report on a scan and its choices."""
 
 import warnings
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ def report_file(
     progress: bool = False,
     **given: Any,
 ) -> Diagnosis:
-    """A page about the first image of a scan file, everything chosen that is not given.
+    """A page on the first image of a scan file; parameters that are not set are chosen.
 
     Args:
         path: a file that `load_scan` reads.
@@ -138,11 +138,11 @@ def _constrained(
     direct: Array,
     progress: bool,
 ) -> Constrained:
-    """The frame's image under constraints, beside the direct one."""
-    found = fitted(scan, choices, setup, frame, progress=progress)
-    both = compared(scan, choices, setup, frame, direct, found.image)
+    """The frame's fitted image, beside the direct one."""
+    fit = fitted(scan, choices, setup, frame, progress=progress)
+    both = compared(scan, choices, setup, frame, direct, fit.image)
     how = f"{choices.penalty}, f >= 0" if choices.nonnegative else choices.penalty
-    return Constrained(found.image, how, both, bool(found.converged))
+    return Constrained(fit.image, how, both, bool(fit.converged))
 
 
 def _noise_alone(

@@ -1,4 +1,4 @@
-"""Numbers in words: what can be trusted and what not."""
+"""Conclusions in words: what can be trusted and what not."""
 
 from collections.abc import Iterable, Sequence
 from enum import Enum
@@ -16,7 +16,7 @@ _NAMED = 12  # detectors, at most, that are listed by number
 
 
 class Level(Enum):
-    """How much a finding should worry the reader."""
+    """How serious a finding is."""
 
     GOOD = "good"
     CAUTION = "caution"
@@ -24,7 +24,7 @@ class Level(Enum):
 
 
 class Finding(NamedTuple):
-    """One sentence or two, and how much they should worry."""
+    """One or two sentences, and how serious they are."""
 
     level: Level
     text: str
@@ -40,15 +40,17 @@ def findings(
         unit: of length; None if it is not known.
         channels: number of every detector in its file; None if that is its number.
     """
-    found = [_visibility(diagnosis, unit)]
+    conclusions = [_visibility(diagnosis, unit)]
     if diagnosis.waves is not None:
         held = _held(diagnosis)
-        found += [_reached(diagnosis.waves, held, unit), _noise_gain(diagnosis.waves)]
-    found += [_explained(diagnosis), *_outside(diagnosis.residual)]
-    found.append(_unusual(diagnosis.residual, channels))
+        conclusions += [_reached(diagnosis.waves, held, unit), _noise_gain(diagnosis.waves)]
+    conclusions += [_explained(diagnosis), *_outside(diagnosis.residual)]
+    conclusions.append(_unusual(diagnosis.residual, channels))
     if diagnosis.uncertainty is not None:
-        found.append(_noise(diagnosis.noise, diagnosis.uncertainty, np.asarray(diagnosis.image)))
-    return found
+        conclusions.append(
+            _noise(diagnosis.noise, diagnosis.uncertainty, np.asarray(diagnosis.image))
+        )
+    return conclusions
 
 
 def _level(value: float, caution: float, bad: float) -> Level:
@@ -105,7 +107,7 @@ def _visibility(diagnosis: Diagnosis, unit: str | None) -> Finding:
 
 
 def _held(diagnosis: Diagnosis) -> np.ndarray:
-    """Energy of the image in each ring of wave numbers, (frequencies,)."""
+    """Energy of the image in each ring of frequencies, (frequencies,)."""
     assert diagnosis.waves is not None
     frequencies = np.asarray(diagnosis.waves.frequencies)
     image = np.nan_to_num(np.asarray(diagnosis.image))
@@ -124,7 +126,7 @@ def _held(diagnosis: Diagnosis) -> np.ndarray:
 def _reached(waves: WaveAccuracy, held: np.ndarray, unit: str | None) -> Finding:
     """Grade by the energy of the image: noise rightly removes the finest waves first."""
     error, frequencies = np.asarray(waves.residual), np.asarray(waves.frequencies)
-    area = np.broadcast_to(frequencies[:, None], error.shape)  # of the plane that a node stands for
+    area = np.broadcast_to(frequencies[:, None], error.shape)  # of the plane, for each node
     good = float(np.sum(area * (error < _REACHED)) / area.sum())
     of_ring = np.mean(error**2, axis=1)
     whole = float(held.sum())
@@ -165,7 +167,7 @@ def _noise_gain(waves: WaveAccuracy) -> Finding:
 
 
 def _explained(diagnosis: Diagnosis) -> Finding:
-    """Graded by what is left besides noise."""
+    """Finding on the part of the residual that is not noise."""
     residual, noise = diagnosis.residual, diagnosis.noise
     relative, of_noise = float(residual.relative), _relative_noise(diagnosis)
     text = (

@@ -95,7 +95,7 @@ def write_report(
     origin: dict[str, Any] | None = None,
     unit: str | None = None,
 ) -> None:
-    """Write the page about a diagnosis; the file is whole or untouched.
+    """Write the page on a diagnosis; after an error the file is as it was before.
 
     Args:
         path: the file to write.

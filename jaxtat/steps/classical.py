@@ -1,6 +1,6 @@
 """Classical filtered back-projection of Radon projections, by the same steps 4 and 5.
 
-It is the paper's yardstick: what steps 4 and 5 make of projections that were measured as such.
+The paper compares with it: steps 4 and 5 applied to projections that were measured as such.
 """
 
 import equinox as eqx

@@ -165,7 +165,7 @@ def project(
 def _add_up(
     coefficients: Array, spacing: Array, angles: Array, grid: ImageGrid, center: Array
 ) -> Float[Array, "x1 x2 images"]:
-    """`back_project` as it stands, one direction after the other."""
+    """`back_project`, one direction after the other."""
     n_nodes, n_images = coefficients.shape[1:]
     cells = _cells(n_nodes, spacing, grid, center)
 

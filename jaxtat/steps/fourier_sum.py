@@ -87,16 +87,16 @@ def fourier_inversion(
         return to_grid(flat, points, grid.shape, 10.0**-digits).real
 
     images = fhat.reshape(math.prod(batch), n_samples, n_directions)
-    found = in_groups(of_group, images, max(1, GROUP // factors.size))
+    values = in_groups(of_group, images, max(1, GROUP // factors.size))
     distance = jnp.hypot(*jnp.meshgrid(grid.x1 - center[0], grid.x2 - center[1], indexing="ij"))
-    found = jnp.where(distance <= jnp.pi / frequency_step, found, 0.0)
-    return found.reshape(*batch, *grid.shape)
+    values = jnp.where(distance <= jnp.pi / frequency_step, values, 0.0)
+    return values.reshape(*batch, *grid.shape)
 
 
 def _between(
     fhat: Complex[Array, "images frequencies directions"], halves: np.ndarray
 ) -> Complex[Array, "images between directions"]:
-    """fhat half-way between its samples: of projections that end at ±2R, all that there is.
+    """fhat half-way between its samples, which determine it: projections end at ±2R.
 
     Their 2n samples give fhat(lambda) = Σ_k fhat_k D(lambda/d lambda - k), k = -n..n, with
     D(t) = sin(π t) / (2n tan(π t / 2n)), half of it at both ends, and fhat_-k the conjugate.

@@ -42,6 +42,6 @@ def invert(
 
 
 def require_inversion(inversion: str) -> None:
-    """Raise ValueError for an unknown way."""
+    """Raise ValueError for an unknown name of an inversion."""
     if inversion not in INVERSIONS:
         raise ValueError(f"inversion is {inversion!r}, expected one of {', '.join(INVERSIONS)}.")

@@ -14,7 +14,7 @@ def polar_fourier(
     weights: Float[Array, " detectors"],
     mass: Float[Array, "*batch detectors"],
 ) -> Complex[Array, "*batch frequencies+1 directions"]:
-    """fhat(xi) = (1/2π) ∫_gamma (rho_J G_J + rho_Y G_Y) dl, at lambda = 0 and all others.
+    """fhat(xi) = (1/2π) ∫_gamma (rho_J G_J + rho_Y G_Y) dl, at lambda = 0 too.
 
     For f inside the region this is (1/2π) ∫ f(x) exp(-i xi·(x - c)) dx. The value at 0 is the
     total mass over 2π, taken as the mean of ∫ g dr over the curve.

@@ -72,7 +72,7 @@ def trapezoid_weights(nodes: Float[Array, " n"]) -> Float[Array, " n"]:
 
 
 def wave_error(radii: Float[np.ndarray, " radii"], frequency: float) -> float:
-    """Root mean square error with which a wave of one lambda is read at the equispaced radii.
+    """Root mean square error of a wave of one lambda interpolated at the equispaced radii.
 
     >>> wave_error(np.linspace(1.0, 2.0, 30), 60.0) < 1e-12
     True

@@ -40,11 +40,11 @@ def radial_transform(
 def transform_by(
     kernels: Float[Array, "frequencies 2 radii"], g: Float[Array, "*batch detectors radii"]
 ) -> Float[Array, "*batch frequencies 2 detectors"]:
-    """`radial_transform` by kernels that are known."""
+    """`radial_transform` with kernels computed beforehand."""
     images = jnp.moveaxis(g.reshape(-1, *g.shape[-2:]), 0, 1)
     # images last is how the product comes out, and what the matrix products of step 3 want
-    found = jnp.einsum("fjr,kir->fjki", kernels, images)
-    return jnp.moveaxis(found, -1, 0).reshape(*g.shape[:-2], *found.shape[:-1])
+    transforms = jnp.einsum("fjr,kir->fjki", kernels, images)
+    return jnp.moveaxis(transforms, -1, 0).reshape(*g.shape[:-2], *transforms.shape[:-1])
 
 
 @jax.jit

@@ -25,7 +25,7 @@ _TO_SPARE = 2.5  # boundary points over the fewest, one for half the shortest wa
 
 
 class AccuracyWarning(UserWarning):
-    """The image may be inaccurate: too few detectors or radii, or systems not solved."""
+    """The image may be inaccurate: too few detectors or radii, or unsolved linear systems."""
 
 
 def polar_grid(
@@ -116,18 +116,18 @@ def _warn_of_radii(radii: np.ndarray, highest: float) -> None:
         )
 
 
-def warn_of_detectors(highest: float, possible: float, found: str, stacklevel: int) -> None:
+def warn_of_detectors(highest: float, possible: float, where: str, stacklevel: int) -> None:
     """Warn of waves that the detectors do not sample, for curves and for detectors in space.
 
     Args:
         highest: max_frequency [rad/length].
         possible: up to which frequency they do [rad/length].
-        found: what was seen of it.
+        where: which detectors and which part of the region.
         stacklevel: of `warnings.warn`, counted from the caller.
     """
     warnings.warn(
         f"detectors are too few: they resolve frequencies up to {possible:.4g}, details of "
-        f"{np.pi / possible:.4g}, but max_frequency is {highest:.4g}; {found}: use more "
+        f"{np.pi / possible:.4g}, but max_frequency is {highest:.4g}; {where}: use more "
         f"detectors, a smaller region, or pass max_frequency={possible:.4g}.",
         AccuracyWarning,
         stacklevel=stacklevel + 1,

@@ -78,8 +78,8 @@ def test_first_sound_arrives_from_the_nearest_point():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"sound_speed": 0.9}, ["the record ends 0.14 before", "up to 0.86 can be had"]),
-        ({"dead_time": 0.5}, ["the record starts 0.2 after", "up to 0.8 can be had"]),
+        ({"sound_speed": 0.9}, ["the record ends 0.14 before", "up to 0.86 is possible"]),
+        ({"dead_time": 0.5}, ["the record starts 0.2 after", "up to 0.8 is possible"]),
         (
             {"max_frequency": 50.0},
             ["detectors are too few", "details of 0.06283", "more detectors"],

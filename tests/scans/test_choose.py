@@ -340,7 +340,7 @@ def test_a_record_that_ends_early_bounds_the_region_and_what_is_asked_beyond_is_
     asked = choose(short, region_radius=0.011)
     assert asked.model_based  # there is no formula for more than the record covers
     assert re.search(
-        r"ends 0.0026\d+ before .* up to 0.0083\d+ can be had", dict(asked.reasons)["model_based"]
+        r"ends 0.0026\d+ before .* up to 0.0083\d+ is possible", dict(asked.reasons)["model_based"]
     )
     with pytest.raises(ValueError, match=r"record ends .* before the far side .* fit each other"):
         choose(scan(short.data, sampling_rate=3 * RATE), region_radius=0.011)
