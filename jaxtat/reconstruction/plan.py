@@ -45,7 +45,7 @@ from ..regularization import (
     seen_once,
     unit_norms,
 )
-from ..steps import AccuracyWarning, require_boundary
+from ..steps import UnreachedWaves, require_boundary
 from .plane_bases import StoredDensities, of_plane
 from .setup import Setup, plane_of, require_complete
 from .sizes import PlaneSizes, systems_fit
@@ -217,7 +217,7 @@ def _warn_of_residuals(report: DensityReport) -> None:
         warnings.warn(
             f"{100 * failed:.0f} % of the plane waves are off by more than 30 % on the region's "
             "boundary: use more detectors, a larger K, a lower max_frequency or a smaller region.",
-            AccuracyWarning,
+            UnreachedWaves,
             stacklevel=3,
         )
 

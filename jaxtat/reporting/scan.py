@@ -18,7 +18,7 @@ from ..scans.constrained import compared, fitted
 from ..scans.deviations import draw, quiet_noise
 from ..scans.facts import facts_of
 from ..scans.frames import lit_frames
-from ..steps import AccuracyWarning
+from ..steps import UnreachedWaves
 from ..studies import Diagnosis
 from .constrained import Constrained
 from .writing import report
@@ -101,7 +101,7 @@ def report_scan(
     noise = _noise_alone(scan, choices, setup, recorded) if sigma is None else None
     if plan is None:
         with warnings.catch_warnings():  # of waves below the noise, which the page grades
-            warnings.filterwarnings("ignore", ".* of the plane waves are off", AccuracyWarning)
+            warnings.simplefilter("ignore", UnreachedWaves)
             plan = build_plan(setup, Tikhonov(choices.alpha), progress=progress)
     low_pass, inversion = choices.low_pass, choices.inversion
     image = reconstruct(plan, g, low_pass=low_pass, inversion=inversion)

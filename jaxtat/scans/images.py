@@ -17,7 +17,7 @@ from ..io.images import HasInside
 from ..reconstruction import Reconstruction, ReconstructionPlan, Setup, solve
 from ..reconstruction import reconstruct as reconstruct_by
 from ..records import ranges
-from ..steps import AccuracyWarning
+from ..steps import AccuracyWarning, TooFewDetectors
 from .choices import Choices
 from .choosing import choose, estimate
 from .constrained import fitted
@@ -205,8 +205,8 @@ def _room(shape: tuple[int, ...]) -> np.ndarray:
 
 def _solve(setup: Setup, g: Array, choices: Choices) -> Reconstruction:
     with warnings.catch_warnings():
-        if dict(choices.reasons).get("max_frequency") != "given":  # the table says what bounds it
-            warnings.filterwarnings("ignore", "detectors are too few", AccuracyWarning)
+        if "max_frequency" not in choices.user_set:  # the table says what bounds it
+            warnings.simplefilter("ignore", TooFewDetectors)
         low_pass, inversion = choices.low_pass, choices.inversion
         return solve(setup, g, choices.alpha, low_pass=low_pass, inversion=inversion)
 
