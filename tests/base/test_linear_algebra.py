@@ -94,7 +94,9 @@ def _attributes(path: Path) -> set[str]:
 
 def test_one_module_calls_lapack():
     """No other may factorise or solve by JAX: it could be in a batch. NumPy may."""
-    calls = re.compile(r"(jnp|jax\.numpy|xp|library)\.linalg\.(?!norm$)\w+|jax\.scipy\.linalg|lax\.linalg")
+    calls = re.compile(
+        r"(jnp|jax\.numpy|xp|library)\.linalg\.(?!norm$)\w+|jax\.scipy\.linalg|lax\.linalg"
+    )
     others = {
         str(path.relative_to(PACKAGE)): names
         for path in PACKAGE.rglob("*.py")
