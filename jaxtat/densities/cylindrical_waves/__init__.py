@@ -19,7 +19,7 @@ from .densities import (
 )
 from .free_disks import FreeWaves, free_densities, free_waves, wants_double
 from .orders import frequency_groups
-from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
+from .polar import PolarGeometry, harmonic_orders, polar_geometry, wave_offset, waves_reach
 from .table import WaveTable, compiled_wave_table, wave_table
 from .tikhonov import RuleInputs, solve_harmonics
 from .tikhonov_rows import DecomposedWaves, decomposed_waves, tikhonov_densities
@@ -53,6 +53,7 @@ __all__ = [
     "unexplained_share",
     "unfold",
     "wants_double",
+    "wave_offset",
     "wave_system",
     "wave_table",
     "waves_of",
