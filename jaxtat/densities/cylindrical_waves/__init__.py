@@ -17,7 +17,6 @@ from .densities import (
     unfold,
     wave_system,
 )
-from .free_disks import FreeWaves, free_densities, free_waves, wants_double
 from .linear_systems import cholesky_solve, conjugate_gradients
 from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
@@ -30,7 +29,6 @@ __all__ = [
     "Asked",
     "DecomposedWaves",
     "DensityGroup",
-    "FreeWaves",
     "HarmonicDensities",
     "PolarGeometry",
     "SolveReport",
@@ -43,8 +41,6 @@ __all__ = [
     "conjugate_gradients",
     "cross_validation",
     "decomposed_waves",
-    "free_densities",
-    "free_waves",
     "frequency_groups",
     "group_of",
     "harmonic_densities",
@@ -56,7 +52,6 @@ __all__ = [
     "unexplained",
     "unexplained_share",
     "unfold",
-    "wants_double",
     "wave_system",
     "wave_table",
     "waves_of",
