@@ -23,11 +23,9 @@ try:
 except ImportError:  # Windows
     resource = None
 
-MEMORY = 3 * 2**28  # [byte], beyond what the process has at its start
-SECONDS = 10  # of the processor, until the next part is handed back
-WAITING = 20 * SECONDS  # by the clock: of a disk that does not answer
 PIECE = 2**24  # [byte] of an array that are handed back at once, about
-LONGEST = 2**26  # [byte] of a message without its numbers
+_LONGEST = 2**26  # [byte] of a message without its numbers
+_WAITING = 20  # times longer than by the processor's clock a disk may take to answer
 
 Box = list[tuple[int, int]]  # first and last + 1 along each axis
 
@@ -99,7 +97,7 @@ def serve() -> None:
         process = os.fork() if hasattr(os, "fork") else 0
         if process == 0:
             try:
-                _limit_memory()
+                _limit_memory(request.pop("memory"))
                 _read(TASKS[request.pop("task")], request, requests, answers)
             except BaseException:
                 os._exit(1)
@@ -114,19 +112,20 @@ def _read(
 ) -> None:
     """Hand back what one file holds, and then the frames that are wanted."""
     try:
-        with refusing(""):
-            _limit_time()
+        with refusing("", "it is damaged, or too large for the memory that files may take"):
+            seconds = request.pop("seconds")
+            _limit_time(seconds)
             answer = task(Path(request.pop("path")), **request)
-            _hand_back(answers, answer)
+            _hand_back(answers, answer, seconds)
             while answer.frames and (numbers := receive(requests)):
-                _limit_time()
+                _limit_time(seconds)
                 frames = answer.frames.of(numbers["frames"])
-                _hand_back(answers, Answer(arrays={"frames": frames}))
+                _hand_back(answers, Answer(arrays={"frames": frames}), seconds)
     except (ValueError, PermissionError) as error:
         send(answers, {"refused": str(error)})
 
 
-def _hand_back(answers: BinaryIO, answer: Answer) -> None:
+def _hand_back(answers: BinaryIO, answer: Answer, seconds: float) -> None:
     """What the file says, then each array in pieces, each with its box."""
     arrays = {
         name: array if isinstance(array, Stored) else Stored.of(array)
@@ -143,27 +142,27 @@ def _hand_back(answers: BinaryIO, answer: Answer) -> None:
             send(answers, {"box": box})
             answers.write(content)
             answers.flush()
-            _limit_time()
+            _limit_time(seconds)
         send(answers, {"box": None})
-    _limit_time(0, 0)  # none while it waits
+    _limit_time(0)  # none while it waits
 
 
-def _limit_memory() -> None:
+def _limit_memory(most: int) -> None:
     """Of the address space, where the system says how large it is; and no image of a crash."""
-    size = Path("/proc/self/statm")
     if resource is None:
         return
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    size = Path("/proc/self/statm")
     if size.exists():
-        most = int(size.read_text().split()[0]) * resource.getpagesize() + MEMORY
+        most += int(size.read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 
-def _limit_time(processor: float = SECONDS, clock: float = WAITING) -> None:
+def _limit_time(seconds: float) -> None:
     """Set the clocks whose signals end the process, even within a library; 0 stops them."""
     if hasattr(signal, "setitimer"):
-        signal.setitimer(signal.ITIMER_PROF, processor)
-        signal.setitimer(signal.ITIMER_REAL, clock)
+        signal.setitimer(signal.ITIMER_PROF, seconds)
+        signal.setitimer(signal.ITIMER_REAL, _WAITING * seconds)
 
 
 def send(file: BinaryIO, message: Any) -> None:
@@ -175,23 +174,21 @@ def send(file: BinaryIO, message: Any) -> None:
 
 def receive(file: BinaryIO) -> Any:
     """The next message, or None at the end."""
-    start = read_exactly(file, 8)
-    if len(start) < 8:
+    start = bytearray(8)
+    if not fill(file, start):
         return None
-    length = int.from_bytes(start, "little")
-    if length > LONGEST:
+    if (length := int.from_bytes(start, "little")) > _LONGEST:
         raise ValueError(f"a message of {length} bytes.")
-    text = read_exactly(file, length)
-    return json.loads(text) if len(text) == length else None
+    text = bytearray(length)
+    return json.loads(text) if fill(file, text) else None
 
 
-def read_exactly(file: BinaryIO, n: int) -> bytearray:
-    """n bytes, or fewer at the end."""
-    content = bytearray(n)
-    view, filled = memoryview(content), 0
-    while filled < n and (more := file.readinto(view[filled:])):  # pyright: ignore
-        filled += more
-    return content if filled == n else content[:filled]
+def fill(file: Any, content: Any) -> bool:
+    """Fill a buffer with the next bytes; whether there were enough."""
+    rest = memoryview(content)
+    while len(rest) and (more := file.readinto(rest)):
+        rest = rest[more:]
+    return len(rest) == 0
 
 
 def _plain(value: Any) -> Any:

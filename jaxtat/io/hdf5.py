@@ -30,7 +30,7 @@ class Hdf5File:
     """A file open for reading, until the process ends."""
 
     def __init__(self, path: Path):
-        self._file = h5py.File(path, "r", rdcc_nbytes=_CACHE)
+        self._file = h5py.File(path, "r", rdcc_nbytes=_CACHE, locking=False)
 
     def names(self, group: str) -> list[str]:
         """Names in a group, if there is one."""

@@ -54,7 +54,7 @@ def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]
     for member in archive.infolist():
         archive.open(member).close()  # compares the two places where its name is written
         if member.compress_type not in _STORED or member.flag_bits & 1:
-            raise ValueError(f"{member.filename} is packed or encrypted as NumPy does not.")
+            raise ValueError(f"{member.filename} is compressed or encrypted as NumPy does not.")
     with path.open("rb") as file:
         file.seek(-22, os.SEEK_END)
         end = file.read()

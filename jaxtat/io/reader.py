@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.messages import name_of
-from .child import read_exactly, receive, send
+from .child import fill, receive, send
 from .frames import LazyFrames
 from .limits import Allowance, refusing
 
@@ -27,6 +27,8 @@ _PROGRAM = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from jaxtat.io.child import serve; serve()"
 )
+MEMORY = 3 * 2**28  # [byte], which reading may take beside the array, and the process itself
+SECONDS = 10  # of the processor, until the next part of an array is there
 _TYPES = "fiubcS"  # NumPy's kinds of what is handed back
 _SLOW = ("SIGPROF", "SIGALRM")  # by which the process ends itself
 
@@ -52,7 +54,8 @@ def read_file(task: str, path: Path, allowance: Allowance, **arguments: Any) -> 
         ValueError: with the reason, if the file is refused, or if it ends the process that reads
             it, takes too much of its memory or too long.
     """
-    request = {"task": task, "path": str(path.absolute()), **arguments}
+    limits = {"memory": MEMORY, "seconds": SECONDS}
+    request = {"task": task, "path": str(path.absolute()), **limits, **arguments}
     process = _Process.idle()
     header, arrays = process.ask(request, allowance)
     if header["frames"] is None:
@@ -60,7 +63,7 @@ def read_file(task: str, path: Path, allowance: Allowance, **arguments: Any) -> 
         return Content(header["about"], arrays, None)
     dtype, shape = _checked(*header["frames"])
     allowance.require("a frame", int(np.prod(shape[1:], dtype=float)) * dtype.itemsize)
-    frames = LazyFrames(shape, dtype, _Recording(process, request, path))
+    frames = LazyFrames(shape, dtype.newbyteorder("="), _Recording(process, request, path))
     return Content(header["about"], arrays, frames)
 
 
@@ -174,10 +177,10 @@ class _Process:
         while (box := self._next()["box"]) is not None:
             part = tuple(slice(int(start), int(stop)) for start, stop in box)
             into = array.reshape(-1)[part] if len(part) == 1 else array[part]
-            content = read_exactly(self._pipe("stdout"), into.nbytes)
-            if len(content) < into.nbytes:
+            piece = into if into.flags.c_contiguous else np.empty(into.shape, dtype)
+            if not fill(self._pipe("stdout"), piece.reshape(-1).view(np.uint8)):
                 raise ValueError(self._reason())
-            into[...] = np.frombuffer(content, dtype).reshape(into.shape)
+            into[...] = piece
         array = array.astype(dtype.newbyteorder("="), copy=False)  # JAX takes no foreign byte order
         return array.T if transposed else array
 
