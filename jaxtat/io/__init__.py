@@ -20,7 +20,15 @@ _MODULES = {
     "save_ipasc": "ipasc",
     "save_plan": "plans",
 }
-__all__ = ["Scan", "load_plan", "load_scan", "load_settings", "save_image", "save_ipasc", "save_plan"]
+__all__ = [
+    "Scan",
+    "load_plan",
+    "load_scan",
+    "load_settings",
+    "save_image",
+    "save_ipasc",
+    "save_plan",
+]
 
 
 def __getattr__(name: str) -> Any:

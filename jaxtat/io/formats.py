@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .child import Answer
-from .hdf5 import Hdf5File, is_hdf5
+from .hdf5 import is_hdf5, open_hdf5
 from .ipasc import is_ipasc, read_ipasc
 from .matlab import is_matlab5, read_matlab5
 from .msot import read_msot
@@ -72,7 +72,7 @@ def read_arrays(
             that are not there are left out.
         attributes: of the root.
     """
-    file = Hdf5File(path)
+    file = open_hdf5(path)
     each = [
         name
         for place in names

@@ -9,6 +9,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 class Hdf5File:
-    """A file open for reading, until the process ends."""
+    """A file open for reading, until the process ends; see `open_hdf5`."""
 
     def __init__(self, path: Path):
         self._file = h5py.File(path, "r", rdcc_nbytes=_CACHE, locking=False)
@@ -131,6 +132,9 @@ class Hdf5File:
             if (there := dataset.id.get_num_chunks()) < wanted:
                 raise ValueError(f"{name} has only {there} of its {wanted} pieces in this file.")
         return dataset
+
+
+open_hdf5 = cache(Hdf5File)
 
 
 @contextmanager

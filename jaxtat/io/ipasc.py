@@ -21,7 +21,7 @@ import numpy as np
 
 from ..base.atomic import replacing
 from .child import Answer
-from .hdf5 import Hdf5File, creating_hdf5
+from .hdf5 import Hdf5File, creating_hdf5, open_hdf5
 from .scan import Kind, Scan
 from .series import period, rate_of
 
@@ -40,7 +40,7 @@ _FURTHER = ("times", "radii", "impulse_response")
 
 def is_ipasc(path: Path) -> bool:
     """Whether an HDF5 file has IPASC's data."""
-    return Hdf5File(path).is_dataset(_DATA)
+    return open_hdf5(path).is_dataset(_DATA)
 
 
 def read_ipasc(path: Path, kind: Kind | None) -> Answer:
@@ -55,7 +55,7 @@ def read_ipasc(path: Path, kind: Kind | None) -> Answer:
     """
     if kind == "circular_integrals":
         raise ValueError("IPASC files hold pressure, expected circular integrals.")
-    file, about = Hdf5File(path), {"format": "IPASC"}
+    file, about = open_hdf5(path), {"format": "IPASC"}
     about |= {name: text for name, where in _ABOUT.items() if (text := file.text(where))}
     n, wavelengths = _wavelengths(file)
     shape = file.shape(_DATA)

@@ -108,7 +108,9 @@ def _positions(root: Element) -> np.ndarray:
     """Positions of the detectors [m] by their numbers."""
     positions: dict[int, list[float]] = {}
     for projection in root.findall("HARDWARE-DESC/FRAME-DESC/PROJECTION"):
-        values = {value.get("axis-ref", ""): _number(value) for value in projection.findall("VALUE")}
+        values = {
+            value.get("axis-ref", ""): _number(value) for value in projection.findall("VALUE")
+        }
         try:
             positions[int(projection.get("number", ""))] = [values["1"], values["2"], values["3"]]
         except (ValueError, KeyError):

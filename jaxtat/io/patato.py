@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from .child import Answer
-from .hdf5 import Hdf5File
+from .hdf5 import Hdf5File, open_hdf5
 from .scan import Kind
 
 RAW, GEOMETRY, WAVELENGTHS, RESPONSE = "raw_data", "GEOMETRY", "wavelengths", "irf"
@@ -26,7 +26,7 @@ RATE, SPEED = "fs", "speedofsound"
 
 def is_patato(path: Path) -> bool:
     """Whether an HDF5 file has PATATO's datasets."""
-    file = Hdf5File(path)
+    file = open_hdf5(path)
     return file.is_dataset(RAW) and file.is_dataset(GEOMETRY)
 
 
@@ -38,7 +38,7 @@ def read_patato(path: Path, kind: Kind | None) -> Answer:
     """
     if kind == "circular_integrals":
         raise ValueError("PATATO files hold pressure, expected circular integrals.")
-    file = Hdf5File(path)
+    file = open_hdf5(path)
     shape = file.shape(RAW)
     if len(shape) != 4:
         raise ValueError(

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from .child import Answer
-from .hdf5 import Hdf5File
+from .hdf5 import Hdf5File, open_hdf5
 from .named_arrays import NAMES_OF_DATA, chosen_names
 from .scan import Kind
 
@@ -30,12 +30,12 @@ def is_of_matlab(path: Path) -> bool:
     with path.open("rb") as handle:
         if handle.read(6) == b"MATLAB":
             return True
-    file = Hdf5File(path)
+    file = open_hdf5(path)
     return any(file.attribute(name, "MATLAB_class") for name in file.names("/")[:100])
 
 
 def _read(path: Path, kind: Kind | None, format: str) -> Answer:
-    file, reverse = Hdf5File(path), format != "HDF5"
+    file, reverse = open_hdf5(path), format != "HDF5"
     names = chosen_names(_Datasets(file), kind, file.contents())
     arrays, frames = {}, None
     for thing, name in names.items():

@@ -12,9 +12,10 @@ import signal
 import subprocess
 import sys
 import weakref
+from contextlib import suppress
 from pathlib import Path
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -107,7 +108,7 @@ class _Refused(ValueError):
 class _Process:
     """A process that runs `child.serve`."""
 
-    _idle: list["_Process"] = []
+    _idle: ClassVar[list["_Process"]] = []
 
     def __init__(self) -> None:
         root = str(Path(__file__).resolve().parents[2])
@@ -204,13 +205,11 @@ class _Process:
         return f"it is damaged: reading it ended with signal {code - 128} ({name})"
 
     def end(self) -> None:
-        if not self.is_alive:
-            return
-        if hasattr(os, "killpg"):
+        if self.is_alive and hasattr(os, "killpg"):
             os.killpg(self._popen.pid, signal.SIGKILL)
-        else:
+        elif self.is_alive:
             self._popen.kill()
-        with self._popen:  # closes its pipes and waits
+        with suppress(OSError), self._popen:  # closes its pipes and waits
             pass
 
     def _pipe(self, name: str) -> Any:

@@ -93,7 +93,7 @@ def test_damaged_and_foreign_files_have_no_settings(tmp_path):
     damages = {
         "their digest": whole[:at] + b'"cosinE"' + whole[at + 8 :],
         "it is damaged": whole[: len(whole) // 2],
-        "it is damaged": b"",
+        "file signature not": b"",
     }
     for reason, damaged in damages.items():
         path.write_bytes(damaged)

@@ -114,7 +114,7 @@ def test_false_claims_are_refused_before_any_memory_is_given(tmp_path, packed, c
 
 def test_an_element_that_claims_more_than_the_file_is_refused(tmp_path):
     content = struct.pack("<II", 14, 2**31) + matrix("raw", (6, 9), 9, NUMBERS)[8:]
-    with pytest.raises(ValueError, match="an element claims 2147483648 bytes, .* are left"):
+    with pytest.raises(ValueError, match=r"an element claims 2147483648 bytes, .* are left"):
         load_scan(write(tmp_path / "a.mat", content))
 
 

@@ -400,7 +400,7 @@ def test_another_version_is_refused(tiny_file, tmp_path, version):
 
 
 def altered(source, path, change):
-    """A copy of a file whose plan was changed, its text or its arrays, and that was sealed again."""
+    """A copy of a file whose plan was changed, text or arrays, and that was sealed again."""
     path.write_bytes(source.read_bytes())
     with h5py.File(path, "r+") as file:
         tree = json.loads(file["plan"][()])
