@@ -14,7 +14,7 @@ from .space import FactsInSpace, facts_in_space
 
 def describe(scan: Scan, choices: Choices) -> str:
     """Data, detectors, and what would be chosen for a reconstruction, as lines of text."""
-    facts = facts_in_space(scan, choices.order) if in_space(scan) else facts_of(scan)
+    facts = facts_in_space(scan, choices.channels) if in_space(scan) else facts_of(scan)
     lines = [f"{key}: {value}" for key, value in scan.about.items()]
     blank = blank_frames(scan, choices.channels)
     if blank.any():
