@@ -44,7 +44,7 @@ VOXELS = (17, 129)  # along an axis, if none are given
 SHOWN = 8  # rows, at most, that a message names
 LISTENED = 512  # detectors, at most, by which noise is judged
 UNKNOWN_NOISE = 1e-3  # alpha of a record that starts with sound
-_NOT_HERE = ("region_angle", "region_center", "model")
+_NOT_HERE = ("region_angle", "region_center", "region_size", "model")
 
 
 def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
@@ -61,7 +61,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     center = tuple(float(x) for x in np.asarray(facts.detectors.center))
     left_out = tuple(int(k) for k in silent)
     values = {"order": (*(int(k) for k in facts.order), *left_out), "left_out": left_out}
-    values |= {"region_center": center, "region_angle": 0.0}
+    values |= {"region_center": center, "region_angle": 0.0, "region_size": None}
     values["units"] = facts.units
     found = Found(given, values, {}, {}, set())
     if left_out:

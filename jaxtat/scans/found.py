@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ class Found(NamedTuple):
         given: options by name, None for those that are not.
         values, reasons, grades: by name of a choice.
         to_estimate: names of choices that images still have to tell.
+        follows: names of those options that follow from another one, and how.
     """
 
     given: Mapping[str, Any]
@@ -37,10 +39,11 @@ class Found(NamedTuple):
     reasons: dict[str, str]
     grades: dict[str, str]
     to_estimate: set[str]
+    follows: Mapping[str, str] = MappingProxyType({})
 
     def take(self, name: str, value: Any, reason: str, grade: str = SURE) -> Any:
         if self.given.get(name) is not None:
-            value, reason, grade = self.given[name], "given", SURE
+            value, reason, grade = self.given[name], self.follows.get(name, "given"), SURE
         self.values[name] = value
         self.explain(name, reason, grade)
         return value
@@ -126,10 +129,18 @@ class Found(NamedTuple):
         """All of them, once all were taken."""
         why = {"reasons": tuple(self.reasons.items()), "grades": tuple(self.grades.items())}
         names = {
-            "user_set": tuple(name for name, value in self.given.items() if value is not None),
+            "user_set": tuple(
+                name
+                for name, value in self.given.items()
+                if value is not None and name not in self.follows
+            ),
             "to_estimate": tuple(sorted(self.to_estimate)),
         }
         return Choices.from_settings(self.values | why | names | {"standard_errors": ()})
+
+
+class NoRegion(ValueError):
+    """The detectors do not tell where a region of interest could be."""
 
 
 class Limit(NamedTuple):
