@@ -97,7 +97,7 @@ def channel_quality(
         pressure: as recorded, before any filter, (..., detectors, times); frames are judged
             together.
         times: equispaced, (times,) [time].
-        dead_time: left out at the start, where a laser's artefact saturates all [time].
+        dead_time: before it all is left out, where a laser's artefact saturates [time].
         dead: share of the upper quartile below which a signal is none.
         noisy: multiple of the median noise.
 
@@ -127,8 +127,7 @@ def channel_quality(
     dead_time = real_array("dead_time", dead_time, ())
     if not is_concrete(times, dead_time):
         raise ValueError("times or dead_time are traced, expected concrete ones: trace pressure.")
-    since = np.asarray(times) - np.asarray(times)[0]
-    first = int(np.searchsorted(since, float(dead_time)))
+    first = int(np.searchsorted(np.asarray(times), float(dead_time)))
     if times.shape[0] - first < SHORTEST_BLOCK + 4:
         raise ValueError(
             f"{times.shape[0] - first} samples are left after dead_time, expected at least "

@@ -32,6 +32,7 @@ def report_file(
     detectors: Any = None,
     sampling_rate: float | None = None,
     times: Any = None,
+    start_time: float | None = None,
     progress: bool = False,
     **given: Any,
 ) -> Diagnosis:
@@ -40,7 +41,7 @@ def report_file(
     Args:
         path: a file that `load_scan` reads.
         out: the page to write.
-        scanner, detectors, sampling_rate, times: what the file lacks, see `with_facts`.
+        scanner, detectors, sampling_rate, times, start_time: what the file lacks, see `with_facts`.
         progress: show progress bars.
         given: choices by name, see `choose`.
 
@@ -51,6 +52,7 @@ def report_file(
         FileNotFoundError, ValueError: as `reconstruct_file` and `report`.
     """
     facts = {"detectors": detectors, "sampling_rate": sampling_rate, "times": times}
+    facts["start_time"] = start_time
     scan = with_facts(load_scan(path), scanner=scanner, **facts)
     choices = estimate(scan, choose(scan, **given), **given)
     return report_scan(out, scan, choices, title=Path(path).name, inputs=[path], progress=progress)

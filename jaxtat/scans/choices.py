@@ -53,7 +53,7 @@ class Choices(eqx.Module):
         model: acoustic model of a pressure record, "2d", "in-plane" or, of a volume, "in-space";
             "none" for circular or spherical integrals.
         sound_speed: c [length/time].
-        dead_time: the start of the record is silenced [time].
+        dead_time: before it the record is silenced [time].
         band: pass band (f_lo, f_hi), or None for no filter [cycles/time].
         impulse_response: whether the one in the file is divided out.
         laser_energy: whether frames are divided by the energy of their pulses.

@@ -111,7 +111,8 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     whole = np.where(np.isfinite(frame), frame, 0.0)
     power = record_power(whole, times, detrend)
     middle = facts.arc.radius / speed if facts.arc else float(times[-1]) / 2
-    end = artefact_end(power, middle)
+    fired = int(np.searchsorted(times, 0.0))
+    end = artefact_end(record_power(whole[:, fired:], times[fired:], detrend), middle)
     why = "the artefact at the start has died away" if end else "no artefact at the start"
     dead_time = float(found.take("dead_time", end, why, LIKELY))
     found.take(
@@ -131,7 +132,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         found.values["order"] = tuple(int(k) for k in facts.order)
     if facts.arc is not None:
         facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
-    begin = sound_begins(dead_time, muted, floor)
+    begin = sound_begins(float(times[0]), dead_time, muted, floor)
     power = power.after(begin)
     sound = sound_after(begin, whole[good], times, middle)
     region_of_sound(scan, facts, found, sound, speed, good)

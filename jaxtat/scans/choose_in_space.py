@@ -229,7 +229,8 @@ def _noise(facts: FactsInSpace, found: Found, record: np.ndarray | None) -> None
         found.take("low_pass", "none", "integrals over spheres are taken to be exact", GUESSED)
         return
     power = record_power(record, facts.times, detrend=False)
-    ratio = noise_before(power.after(2 * found.values["dead_time"]), _arrival(facts, found))
+    begin = 2 * found.values["dead_time"] or -np.inf
+    ratio = noise_before(power.after(begin), _arrival(facts, found))
     if ratio is None:
         how = "assumed: no silence in the record, by which it could be told"
         found.take_alpha(UNKNOWN_NOISE, how, GUESSED)

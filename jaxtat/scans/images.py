@@ -60,6 +60,7 @@ def reconstruct_file(
     detectors: Any = None,
     sampling_rate: float | None = None,
     times: Any = None,
+    start_time: float | None = None,
     frames: Any = None,
     out: Any = None,
     progress: bool = False,
@@ -70,8 +71,8 @@ def reconstruct_file(
 
     Args:
         path: a file that `load_scan` reads.
-        scanner, detectors, sampling_rate, times, frames: what the file lacks, and which
-            frames are wanted, see `with_facts`.
+        scanner, detectors, sampling_rate, times, start_time, frames: what the file lacks, and
+            which frames are wanted, see `with_facts`.
         out: as in `scans.reconstruct`.
         progress: whether to show a bar, if there is more than one frame.
         report: what to do with the table of choices, such as ``print``.
@@ -100,6 +101,7 @@ def reconstruct_file(
         detectors=detectors,
         sampling_rate=sampling_rate,
         times=times,
+        start_time=start_time,
         frames=frames,
     )
     choices = estimate(scan, choose(scan, **given), **given)

@@ -160,7 +160,7 @@ def test_noise_and_signal_have_derivatives(check_both_modes):
     [
         ({"pressure": np.zeros((3, 99))}, "pressure has shape"),
         ({"pressure": np.full((3, 400), np.nan)}, "NaN"),
-        ({"dead_time": 2.3}, "32 samples are left after dead_time"),
+        ({"dead_time": 2.3}, "33 samples are left after dead_time"),
         ({"dead": 0.0}, "dead is 0"),
         ({"noisy": -1.0}, "noisy is -1"),
     ],
