@@ -36,13 +36,14 @@ def info(options: argparse.Namespace) -> None:
     from ..scans import choose, describe
     from ..scans.found import NoRegion
     from ..scans.info import describe_without_region
+    from ..scans.speed import compare_sound_speed
     from .hints import suggestions
     from .inputs import given, scan_of
 
     scan, options = scan_of(options)
     asked = given(options, scan)
     try:
-        choices = choose(scan, **asked)
+        choices = compare_sound_speed(scan, choose(scan, **asked))
     except NoRegion as error:
         if options.json:
             raise

@@ -167,8 +167,7 @@ def radii_of(scan: Scan, found: Found) -> np.ndarray | None:
 def take_nominal_speed(scan: Scan, found: Found, units: Units) -> float:
     """Take the speed of the file, or water's until images tell it [length/time]."""
     if "sound_speed" in scan.known:
-        speed = float(np.mean(scan.known["sound_speed"]))
-        return float(found.take("sound_speed", speed, "from the file"))
+        return float(found.take("sound_speed", *_one_speed(scan.known["sound_speed"], units)))
     water = water_speed(units)
     if water is None:
         why = "none in the file, and sizes are not a scanner's: taken to be 1"
@@ -176,6 +175,17 @@ def take_nominal_speed(scan: Scan, found: Found, units: Units) -> float:
     found.estimate_later("sound_speed")
     why = "none in the file: about that of water, to be estimated"
     return float(found.take("sound_speed", water, why, GUESSED))
+
+
+def _one_speed(speeds: np.ndarray, units: Units) -> tuple[float, str, str]:
+    """The speed of a file, of a map or list its mean; with reason and grade."""
+    least, most = float(speeds.min()), float(speeds.max())
+    if least == most:
+        return most, "from the file", SURE
+    of_what = " x ".join(map(str, speeds.shape))
+    between = f"{units.of_speed(least)} to {units.of_speed(most)}"
+    why = f"the mean of {of_what} speeds in the file, {between}: images are made with one"
+    return float(speeds.mean()), why, GUESSED
 
 
 def slowest(found: Found) -> float:
