@@ -162,5 +162,5 @@ def deepest(
     total = of_bands.sum(axis=0)
     error = jackknife([summit(near, total - band) for band in of_bands])
     left = f"{np.exp(depth):.1f} times as much is left at most speeds"
-    why = f"an image explains the record best: {left}; none in the file"
+    why = f"an image explains the record best: {left}"
     return Dip(believed(summit(near, total), error, why, "edges"), depth)

@@ -109,7 +109,8 @@ class Session:
     @property
     def can_look(self) -> bool:
         """Whether a part of the region can be looked at alone: in whole disks."""
-        return self.choices.region_cut >= self.choices.region_radius
+        choices = self.choices
+        return choices.region_size is None and choices.region_cut >= choices.region_radius
 
     def choices_of(self, knobs: Knobs) -> Choices:
         """All choices of an image, with reasons: `scans.reconstruct` makes the same of them.
