@@ -120,6 +120,13 @@ def test_names_of_the_package_in_texts_exist(page):
             found = getattr(found, part)
 
 
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_files_that_texts_name_exist(page):
+    rooms = "jaxtat|tests|benchmarks|scripts|docs"
+    for path in re.findall(rf"`((?:{rooms})/[\w./-]+\.\w+)`", page.read_text()):
+        assert (ROOT / path).exists(), path
+
+
 def test_versions_are_said_alike():
     """In the package, citation and changes, and in the bounds that `make test-lowest` tests."""
     citation = (ROOT / "CITATION.cff").read_text()

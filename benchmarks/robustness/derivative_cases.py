@@ -356,7 +356,7 @@ def of_direct(rng: Rng) -> Cases:
                 ),
                 problem.moved,
             )
-    for options in ({"solver": "cg", "tolerance": 1e-13}, {"inversion": "fourier"}):
+    for options in ({"inversion": "fbp"}, {"inversion": "fourier"}):
         yield Case(
             f"solve, {problem.name}, {next(iter(options.values()))}",
             lambda scale, q=problem, o=options, **moved: q.direct(1e-3 * scale, **moved, **o),

@@ -19,7 +19,7 @@ from ..steps import polar_grid
 from .option_checks import OF_PLANS, band, is_given, slices
 
 SAME = 1e-6  # of the size: positions and radii that differ by less are the same
-FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "use", "frames")
+FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "start_time", "use", "frames")
 _OPTIONS = (
     "file",
     "out",
@@ -53,9 +53,9 @@ def scan_of(
         scan = replace(scan, known={k: v for k, v in scan.known.items() if k not in clock})
     facts = {"detectors": positions, "sampling_rate": rate, "frames": frames}
     scan = with_facts(scan, scanner=options.scanner, **facts)
-    if duration is not None:
-        scan = with_facts(scan, times=np.linspace(0.0, duration, scan.n_samples))
-    return scan, options
+    times = None if duration is None else np.linspace(0.0, duration, scan.n_samples)
+    start_time = getattr(options, "start_time", None)
+    return with_facts(scan, times=times, start_time=start_time), options
 
 
 def changed(options: argparse.Namespace, **new: Any) -> argparse.Namespace:

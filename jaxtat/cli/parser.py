@@ -285,6 +285,13 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
     times = data.add_mutually_exclusive_group()
     times.add_argument("--sampling-rate", type=float, metavar="F", help="samples at 0, 1/F, ...")
     times.add_argument("--duration", type=float, metavar="T", help="samples from 0 to T inclusive")
+    data.add_argument(
+        "--start-time",
+        type=float,
+        metavar="T",
+        help="time of the first sample, if that is not 0, when the laser fires; for one before it "
+        "--start-time=-1e-6",
+    )
     _add_options(data, RECORD)
     _add_geometry(parser)
 

@@ -55,6 +55,6 @@ def sink_at(out: str, kind: str | None, setup: Setup, choices: Choices) -> Sink:
         return GrowingFile(path, grid, choices.settings())
 
     def picture(file: Path, image: np.ndarray) -> None:
-        save_image(file, image, grid, setup.region, {}, unit=choices.units.length)
+        save_image(file, image, grid, setup.region, unit=choices.units.length)
 
     return Folder(path, picture if kind == "png" else np.save, f".{kind or 'npy'}")

@@ -6,8 +6,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 from jaxtyping import Array, Complex, Float
 
-from ..regularization import TikhonovRule
-from .cylindrical_waves import SolveReport
+from ..regularization import SolveReport, TikhonovRule
 
 
 class Basis(eqx.Module):

@@ -12,11 +12,9 @@ fewer. No basis is chosen, so none can be too small, and nothing stands between 
 derivatives with respect to positions and boundary.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.sharding import Mesh
@@ -25,11 +23,16 @@ from jaxtyping import Array, Complex, Float
 from ..base.parallel import map_shards
 from ..geometry import DetectorCurve, Region
 from ..geometry.elements import NODES
-from ..regularization import Problem, seen_once
-from .cylindrical_waves import Asked, SolveReport, cholesky_solve, conjugate_gradients
+from ..regularization import (
+    FrequencyData,
+    SolveReport,
+    relative_residual,
+    single_crossing,
+    tikhonov_solution,
+)
+from .cylindrical_waves import RuleInputs
 from .single_layer import plane_wave_traces, potential_matrix
 
-MAX_ITERATIONS = 2000  # of conjugate gradients
 # relative alpha: below it the rounding of A^T A, over alpha, is more than 1e-7 of the traces, and
 # derivatives lose more
 _CARRIED = 1e-10
@@ -41,9 +44,7 @@ def solve_on_boundary(
     frequencies: Float[Array, " frequencies"],
     angles: Float[Array, " directions"],
     transformed: Float[Array, "frequencies images 2 detectors"],
-    asked: Asked,
-    solver: str,
-    tolerance: Array | float,
+    inputs: RuleInputs,
     mesh: Mesh | None = None,
     n_nodes: int = NODES,
 ) -> tuple[Complex[Array, "images frequencies directions"], SolveReport]:
@@ -54,48 +55,46 @@ def solve_on_boundary(
         frequencies: lambda [rad/length].
         angles: theta [rad].
         transformed: (G_J, G_Y), frequencies first.
-        asked: noise, norm and rule of every frequency.
-        solver: "cholesky", or "cg": no matrix but A itself is formed.
-        tolerance: relative residual at which conjugate gradients stop.
+        inputs: noise, norm and rule of every frequency.
         mesh: devices that share the frequencies.
         n_nodes: on elements of finite width.
     """
 
     @jax.checkpoint
-    def at(common: Any, given: tuple[Array, Array, Asked]) -> tuple[Array, SolveReport]:
+    def at(common: Any, share: tuple[Array, Array, RuleInputs]) -> tuple[Array, SolveReport]:
         curve, region, angles = common
-        frequency, values, asked = given
+        frequency, values, inputs = share
         matrix = potential_matrix(frequency, curve, region, n_nodes)
         rhs = (jnp.sqrt(curve.weights) * values).reshape(-1, matrix.shape[1]).T
-        alpha = asked.rule.absolute(_problem(frequency, asked, matrix, rhs))
-        y, report = _traces(matrix, rhs, alpha, solver, tolerance)
+        alpha = inputs.rule.absolute(_frequency_data(frequency, inputs, matrix, rhs))
+        y, residual = _traces(matrix, rhs, alpha)
         waves = plane_wave_traces(frequency, angles, region)
         fhat = jax.lax.complex(y.T @ waves.real, y.T @ waves.imag) / (2 * jnp.pi)
-        relative = alpha / seen_once(frequency) ** 2
-        converged = report.converged & (relative >= _CARRIED * (1 - 1e-9))
-        return fhat, eqx.tree_at(
-            lambda tree: (tree.relative_alpha, tree.converged), report, (relative, converged)
-        )
+        relative = alpha / single_crossing(frequency) ** 2
+        converged = jnp.isfinite(residual) & (relative >= _CARRIED * (1 - 1e-9))
+        return fhat, SolveReport(alpha, relative, residual, converged)
 
     fhat, report = map_shards(
         lambda common, share: jax.lax.map(partial(at, common), share),
         (curve, region, angles),
-        (frequencies, transformed, asked),
+        (frequencies, transformed, inputs),
         mesh,
     )
     return jnp.moveaxis(fhat, 1, 0), report
 
 
-def _problem(frequency: Array, asked: Asked, matrix: Array, rhs: Array) -> Problem:
-    return Problem(
+def _frequency_data(
+    frequency: Array, inputs: RuleInputs, matrix: Array, rhs: Array
+) -> FrequencyData:
+    return FrequencyData(
         matrix=None,
         plane=None,
         diagonal=jnp.sum(matrix**2, axis=1)[None],
-        unit_norm=asked.unit_norm,
+        unit_norm=inputs.unit_norm,
         data_power=jnp.mean(rhs**2),
-        noise_power=asked.noise_power,
-        seen_once=seen_once(frequency),
-        unit=seen_once(frequency) ** 2,
+        noise_power=inputs.noise_power,
+        single_crossing=single_crossing(frequency),
+        unit=single_crossing(frequency) ** 2,
         n_data=matrix.shape[1],
     )
 
@@ -104,46 +103,10 @@ def _traces(
     matrix: Float[Array, "traces unknowns"],
     rhs: Float[Array, "unknowns images"],
     alpha: Array,
-    solver: str,
-    tolerance: Array | float,
-) -> tuple[Float[Array, "traces images"], SolveReport]:
-    """y = (A A^T + alpha)^-1 A √w G, by way of whichever side is the smaller."""
+) -> tuple[Float[Array, "traces images"], Array]:
+    """y = (A A^T + alpha)^-1 A √w G, by way of whichever side is the smaller, and the residual."""
     by_traces = matrix.shape[0] < matrix.shape[1]
     inner = matrix.T if by_traces else matrix  # the system is inner^T inner + alpha
     right = matrix @ rhs if by_traces else rhs
-    solve = _factorised if solver == "cholesky" else partial(_iterated, tolerance=tolerance)
-    x, steps = solve(inner, right, alpha)
-    misfit = inner.T @ (inner @ x) + alpha * x - right
-    size = jnp.sum(right**2, axis=0)
-    ratio = jnp.sum(misfit**2, axis=0) / jnp.where(size > 0, size, 1.0)
-    residual = jnp.sqrt(jax.lax.stop_gradient(ratio).max())
-    factorised = solver == "cholesky"
-    converged = jnp.isfinite(residual) if factorised else residual <= 10 * tolerance
-    report = SolveReport(alpha, alpha, residual, steps, converged)
-    return x if by_traces else matrix @ x, report
-
-
-def _factorised(inner: Array, right: Array, alpha: Array) -> tuple[Array, Array]:
-    gram = inner.T @ inner
-    shifted = gram + alpha * jnp.eye(gram.shape[0])
-    return cholesky_solve(shifted[None], right[None])[0], jnp.zeros((), int)
-
-
-def _iterated(
-    inner: Array, right: Array, alpha: Array, tolerance: Array | float
-) -> tuple[Array, Array]:
-    """Derivatives are one more solve each, not those of the iteration."""
-    diagonal = jax.lax.stop_gradient(jnp.sum(inner**2, axis=0) + alpha)
-
-    def system(x: Array) -> Array:  # (images, 1, unknowns)
-        return (x @ inner.T) @ inner + alpha * x
-
-    def solve(product: Callable[[Array], Array], right: Array) -> tuple[Array, Array]:
-        return conjugate_gradients(
-            product, lambda v: v / diagonal, right, tolerance, MAX_ITERATIONS
-        )
-
-    x, steps = jax.lax.custom_linear_solve(
-        system, right.T[:, None, :], solve, symmetric=True, has_aux=True
-    )
-    return x[:, 0].T, steps
+    x, squares = tikhonov_solution((inner.T @ inner)[None], alpha, right[None])
+    return x[0] if by_traces else matrix @ x[0], relative_residual(squares)

@@ -14,8 +14,9 @@ is not used: the weight that then follows from the misfit alone would be too sma
 
 import jax
 import jax.numpy as jnp
-import jax.scipy.linalg
 from jaxtyping import Array, Float
+
+from ..base.linear_algebra import lower_solve
 
 
 @jax.jit
@@ -38,4 +39,4 @@ def high_pass(
     half = cutoff * jnp.concatenate([steps[:1], steps]) / 2
     left = jnp.diag(1 + half) - jnp.diag(1 - half[1:], -1)
     change = jnp.eye(radii.shape[0]) - jnp.eye(radii.shape[0], k=-1)
-    return jax.scipy.linalg.solve_triangular(left, change, lower=True)
+    return lower_solve(left, change)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array
+from ..base.linear_algebra import lu_solve
 from .curves import CircularArc, DetectorCurve, require_detectors
 
 ROUNDING = 1e-9  # of the radius, within which detectors are called on a circle
@@ -58,7 +59,8 @@ def _fit_circle(points: Any, xp: Any) -> tuple[Any, Any, Any]:
     local = points - middle  # centred, so that the normal equations are well conditioned
     design = xp.concatenate([2 * local, xp.ones_like(local[:, :1])], axis=1)
     try:
-        solution = xp.linalg.solve(design.T @ design, design.T @ xp.sum(local**2, axis=1))
+        system = (design.T @ design)[None], (design.T @ xp.sum(local**2, axis=1))[None, :, None]
+        solution = (np.linalg.solve if xp is np else lu_solve)(*system)[0, :, 0]
     except np.linalg.LinAlgError:
         solution = np.full(3, np.inf)
     center = solution[:2]

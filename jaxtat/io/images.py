@@ -58,14 +58,14 @@ def save_image(
     path: str | Path,
     image: Numbers,
     grid: ImageGrid | VolumeGrid,
-    region: HasInside,
-    settings: dict[str, Any],
+    region: HasInside | None = None,
+    settings: dict[str, Any] | None = None,
     *,
     frames: Numbers | None = None,
     unit: str | None = None,
     inputs: Sequence[str | Path] = (),
 ) -> None:
-    """Write an image, a volume or a stack; outside the region it is blank (PNG) or zero.
+    """Write an image, a volume or a stack; outside a region it is blank (PNG) or zero.
 
     - ``.png``: a picture with axes, colour bar and, if the unit is known, a scale bar in
       millimetres; of a stack, up to 16 images evenly chosen; of a volume, three slices through its
@@ -83,8 +83,10 @@ def save_image(
     Args:
         path: the file.
         image: (x1, x2) or (frames, x1, x2), of a `VolumeGrid` with a last axis x3.
-        grid, region: where it is.
-        settings: names and values with which the image was made, whatever JSON can hold.
+        grid: its pixels.
+        region: where it means something; by default everywhere.
+        settings: names and values with which the image was made, whatever JSON can hold; by default
+            none.
         frames: a number for every image of a stack, such as time or wavelength, (frames,); by
             default 0, 1, 2...
         unit: of length in grid and region: "m", "cm", "mm" or "um"; None if it is not known.
@@ -102,6 +104,7 @@ def save_image(
     >>> save_image(path, np.ones((5, 5)), grid, disk(1.0, n_boundary=16), {"alpha": 1e-3})
     >>> load_settings(path)
     {'alpha': 0.001}
+    >>> save_image(path, np.ones((5, 5)), grid)
     """
     suffix = require_suffix(path)
     millimetres(unit)
@@ -112,14 +115,15 @@ def save_image(
             f"the image has shape {values.shape}, its grid has {grid.shape}: expected that, or a "
             "stack with one more axis in front."
         )
-    inside = np.asarray(region.contains(grid.points))
+    everywhere = np.ones(grid.shape, bool)
+    inside = everywhere if region is None else np.asarray(region.contains(grid.points))
     output = _Output(
         image=np.where(inside, values, 0.0),
         inside=inside,
         grid=grid,
         frames=_frames(frames, values.shape[:-d]),
         unit=unit,
-        settings=as_json("settings", settings),
+        settings=as_json("settings", settings or {}),
         provenance=as_json("provenance", provenance_of(inputs, unit)),
     )
     with replacing(path) as temporary:

@@ -13,6 +13,7 @@ from .msot import is_msot, load_msot
 from .numpy_files import is_npy, is_npz, load_npy, load_npz
 from .patato import is_patato, load_patato
 from .plain_hdf5 import is_plain_hdf5, load_plain_hdf5
+from .registered_formats import registered_reader
 from .scan import Kind, Scan, require_kind
 
 _START = 512  # [byte] from the beginning of a file, by which its format is recognised
@@ -42,7 +43,7 @@ SUFFIXES = tuple(dict.fromkeys(suffix for format in FORMATS for suffix in format
 
 
 def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MAX_BYTES) -> Scan:
-    """Read data, and what is known of them, from a file of one of `FORMATS`.
+    """Read data, and what is known of them, from a file of one of `FORMATS`, or a registered one.
 
     - .h5, .hdf5 of IPASC or PATATO, and iThera's .msot with its .bin and .irf: all that they say;
     - .npz, MATLAB's .mat, and .h5, .hdf5 with datasets at the root: data named
@@ -50,7 +51,9 @@ def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MA
       (detectors, times), of more frames
       (frames, detectors, any), in MATLAB (detectors, any, frames); beside them what `Scan.known`
       has a name for; `named_arrays.NAMES` lists other names that are understood;
-    - .npy: data alone.
+    - .npy: data alone;
+    - what other packages read that have registered a format (`registered_formats`): they are asked
+      first, and neither bounded nor checked, except for what a `Scan` checks.
 
     Nothing in a file is run, no other file is read than those named here, and no array is made
     before its size was compared with what the file can hold. Damage is found where the format has
@@ -78,7 +81,8 @@ def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MA
         require_kind(kind)
     require_file(path)
     with refusing(f"cannot read {name_of(path)}: "):
-        return _format_of(path).load(path, kind, allowance)
+        read = registered_reader(path)
+        return read(kind) if read else _format_of(path).load(path, kind, allowance)
 
 
 def _format_of(path: Path) -> Format:

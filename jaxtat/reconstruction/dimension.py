@@ -49,7 +49,7 @@ class Kind(NamedTuple):
             region with enough boundary points.
         require_fitting: (curve, region): raise ValueError where they do not go together.
         uncovered: (curve, region, radii) -> in words, which circles of the region have no data.
-        basis: (curve, region, radii, sizes, solver, tolerance, mesh) -> the waves to solve in.
+        basis: (curve, region, radii, sizes, mesh) -> the waves to solve in.
         default_rule: of sizes.
         tolerance: relative error of the non-uniform FFTs of the forward operator. In space the
             error of the image's band limit is larger, and digits cost more.
@@ -100,12 +100,6 @@ def _uncovered_in_space(curve: Any, region: Ball, radii: Array) -> str:
     return uncovered(curve.meridian, region.meridian, radii)
 
 
-def _spherical_basis(
-    curve: Any, region: Ball, radii: Array, sizes: Any, solver: str, tolerance: Array, mesh: Any
-) -> Basis:
-    return SphericalBasis(curve, region, radii, sizes, mesh)  # solved in one way
-
-
 PLANE = Kind(
     where="the plane",
     data="circular",
@@ -141,7 +135,7 @@ SPACE = Kind(
     sizes=space_sizes,
     require_fitting=_require_space,
     uncovered=_uncovered_in_space,
-    basis=_spherical_basis,
+    basis=SphericalBasis,
     default_rule=lambda sizes: Tikhonov(DEFAULT_ALPHA_IN_SPACE),
     tolerance=1e-7,
     fast_integrals=sphere_integrals,

@@ -9,11 +9,10 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float
 
-from ..base.checks import Numbers, data_array, is_concrete, real_array, require_x64
+from ..base.checks import Numbers, data_array, is_concrete, require_x64
 from ..base.parallel import checked_mesh, in_groups, map_shards, replicated
-from ..densities.cylindrical_waves import SolveReport
 from ..geometry import ImageGrid
-from ..regularization import tikhonov_rule
+from ..regularization import SolveReport, tikhonov_rule
 from ..steps import UNSAMPLED, AccuracyWarning, warn_of_detectors
 from ..steps.inversion import IMAGES, require_inversion
 from ..steps.radon import LowPass, low_pass_values
@@ -25,8 +24,6 @@ from .sizes import PlaneSizes
 
 FINER = 2  # waves that the detectors sample in the inner half of the region only
 MAGNIFIED = 3  # times as much detail as the data hold
-SOLVERS = ("auto", "cholesky", "cg")
-DEFAULT_TOLERANCE = 1e-10  # of conjugate gradients
 
 
 class Reconstruction(eqx.Module):
@@ -44,7 +41,7 @@ class Reconstruction(eqx.Module):
 
     @property
     def converged(self) -> Bool[Array, ""]:
-        """Whether every frequency was solved as accurately as was asked."""
+        """Whether every frequency has a solution that rounding does not spoil."""
         return self.report.converged.all()
 
 
@@ -106,8 +103,6 @@ def solve(
     *,
     low_pass: LowPass | None = None,
     inversion: str = "fourier",
-    solver: str = "auto",
-    tolerance: Numbers = DEFAULT_TOLERANCE,
     mesh: Mesh | None = None,
 ) -> Reconstruction:
     """The image f from its integrals g without a plan, and a report on the solution.
@@ -131,9 +126,6 @@ def solve(
             frequencies that they do not sample), and in space, else ``RelativeTikhonov(0.1)``, also
             where lines are missed.
         low_pass, inversion: as in `reconstruct`.
-        solver: "cholesky", "cg" (preconditioned conjugate gradients), or by size ("auto"). In space
-            there is one way.
-        tolerance: relative residual at which conjugate gradients stop.
         mesh: devices among which the frequencies are divided, see `jaxtat.base.parallel`.
 
     Returns:
@@ -160,8 +152,6 @@ def solve(
     require_setup(setup)
     require_complete(setup)
     require_inversion(inversion)
-    if solver not in SOLVERS:
-        raise ValueError(f"solver is {solver!r}, expected 'auto', 'cholesky' or 'cg'.")
     mesh = checked_mesh(mesh)
     kind = setup.kind
     data = data_array(g, *setup.data_shape, kind=kind.data)
@@ -169,9 +159,8 @@ def solve(
     used = kind.default_rule(setup.sizes) if automatic else rule
     used = tikhonov_rule(used, setup.sizes.n_frequencies)
     eta = low_pass_values(low_pass, setup.sizes.n_frequencies)
-    stop = real_array("tolerance", tolerance, ())
     where = setup.curve, setup.region, setup.radii, setup.sizes
-    basis = kind.basis(*where, solver, stop, mesh)
+    basis = kind.basis(*where, mesh)
     stack = data.reshape(-1, *setup.data_shape)
     basis, stack, grid, used, eta = replicated((basis, stack, setup.grid, used, eta), mesh)
     image, report, energies = images_of(basis, stack, grid, used, eta, inversion)
@@ -200,9 +189,8 @@ def _warn_of_solution(found: Reconstruction) -> None:
     bad = ~np.asarray(found.report.converged)
     if bad.any():
         warnings.warn(
-            f"{int(bad.sum())} of {bad.size} frequencies were not solved to the tolerance "
-            f"(worst residual {float(found.report.residual.max()):.1e}): use solver='cholesky' or "
-            "a larger alpha.",
+            f"alpha is so small that rounding spoils {int(bad.sum())} of {bad.size} frequencies "
+            f"(worst residual {float(found.report.residual.max()):.1e}): take a larger alpha.",
             AccuracyWarning,
             stacklevel=3,
         )

@@ -3,9 +3,8 @@
 from jaxtyping import Array, Float
 
 from ..densities import Basis
-from ..densities.cylindrical_waves import SolveReport
 from ..geometry import Grid
-from ..regularization import TikhonovRule
+from ..regularization import SolveReport, TikhonovRule
 
 
 def images_of(

@@ -42,10 +42,10 @@ from ..regularization import (
     Regularization,
     RelativeCutoff,
     per_frequency,
-    seen_once,
+    single_crossing,
     unit_norms,
 )
-from ..steps import AccuracyWarning, require_boundary
+from ..steps import UnreachedWaves, require_boundary
 from .plane_bases import StoredDensities, of_plane
 from .setup import Setup, plane_of, require_complete
 from .sizes import PlaneSizes, systems_fit
@@ -217,7 +217,7 @@ def _warn_of_residuals(report: DensityReport) -> None:
         warnings.warn(
             f"{100 * failed:.0f} % of the plane waves are off by more than 30 % on the region's "
             "boundary: use more detectors, a larger K, a lower max_frequency or a smaller region.",
-            AccuracyWarning,
+            UnreachedWaves,
             stacklevel=3,
         )
 
@@ -241,7 +241,7 @@ def _traced(
                 "the unit of alpha is measured in cylindrical waves: with method 'collocation' "
                 "Tikhonov needs a geometry that is not traced."
             )
-        units = seen_once(frequencies) ** 2
+        units = single_crossing(frequencies) ** 2
         rules = per_frequency(rule, len(frequencies)).in_units_of(units, frequencies)
         where = angles, curve, region
         values, report = collocation_densities(
@@ -311,7 +311,7 @@ def _collocation(
     rules = per_frequency(regularization, len(frequencies))
     with jax.ensure_compile_time_eval():
         mirror = find_mirror(curve, region)
-        units = seen_once(frequencies) ** 2
+        units = single_crossing(frequencies) ** 2
         if regularization.has_unit and sizes.reached:
             geometry = polar_geometry(curve, region, sizes.n_nodes)
             n_max = int(harmonic_orders(geometry, np.asarray(frequencies)).max())

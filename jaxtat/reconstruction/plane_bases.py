@@ -12,9 +12,8 @@ from jaxtyping import Array, Complex, Float
 from ..base.checks import is_concrete
 from ..densities import Basis, Densities, phases_from, solve_on_boundary
 from ..densities.cylindrical_waves import (
-    Asked,
     PolarGeometry,
-    SolveReport,
+    RuleInputs,
     WaveTable,
     circular_harmonics_at,
     polar_geometry,
@@ -25,6 +24,7 @@ from ..geometry import DetectorCurve, ImageGrid, Region
 from ..regularization import (
     DEFAULT_KAPPA,
     RelativeTikhonov,
+    SolveReport,
     Tikhonov,
     TikhonovRule,
     unit_norms,
@@ -39,7 +39,6 @@ from ..steps.radial_transforms import (
 )
 from .sizes import PlaneSizes
 
-MOST_ORDERS = 5000  # up to which Cholesky decompositions are faster: extrapolated, see benchmarks/
 DEFAULT_ALPHA = 1e-6  # of detectors on a circle that see all of the region
 # Where there are about as many data as unknown waves, a smaller one magnifies all errors: the
 # worst number of detectors is neither the least nor the largest.
@@ -49,7 +48,7 @@ UNSAMPLED_ALPHA = 1e-3
 class PlaneBasis(Basis):
     """Steps 2, 4 and 5 in the plane, which are the same for all densities.
 
-    Their programs are given arrays, not the basis: other curves, rules and solvers share them.
+    Their programs are given arrays, not the basis: other curves and rules share them.
 
     Attributes:
         curve, region, sizes: the problem.
@@ -90,26 +89,22 @@ class _Solved(PlaneBasis):
     """Densities by one solution per frequency for all directions; never formed.
 
     Attributes:
-        solver: "cholesky" or "cg".
-        tolerance: relative residual at which conjugate gradients stop.
         mesh: devices that share the frequencies.
     """
 
-    solver: str = eqx.field(static=True)
-    tolerance: Float[Array, ""]
     mesh: Mesh | None = eqx.field(static=True)
 
     def energies(self, transformed: Array, fhat: Array) -> Array | None:
         sampled = self.sizes.sampled == 1
         return None if sampled else _energies(transformed, fhat, self.sizes.frequencies)
 
-    def asked(self, rule: TikhonovRule) -> Asked:
+    def inputs(self, rule: TikhonovRule) -> RuleInputs:
         """What the rule depends on, and the rule."""
         sizes = self.sizes
-        norm = jax.device_put(np.ones(sizes.n_frequencies))  # not asked for
+        norm = jax.device_put(np.ones(sizes.n_frequencies))  # not used
         if rule.needs_matrix:
             norm = unit_norms(self.curve, self.region, sizes.frequencies, sizes.norm_orders)
-        return Asked(kernel_noise_power(self.kernels, self.curve.weights), norm, rule)
+        return RuleInputs(kernel_noise_power(self.kernels, self.curve.weights), norm, rule)
 
 
 class CylindricalWaves(_Solved):
@@ -125,12 +120,12 @@ class CylindricalWaves(_Solved):
     def fhat(self, transformed: Array, rule: TikhonovRule | None) -> tuple[Array, SolveReport]:
         assert rule is not None
         sizes, geometry = self.sizes, self.geometry
-        # Programs of their own: as one with the solutions, XLA has been seen to wait for ever with
-        # two devices on one CPU; and plans and all rules and numbers of images share the table's.
-        asked = self.asked(rule)
+        # programs of their own: plans and all rules and numbers of images share the table's
+        inputs = self.inputs(rule)
         table = wave_table(geometry, sizes.frequencies, sizes.groups[-1][-1])
-        how = self.solver, self.tolerance, self.mesh
-        harmonics, report = _harmonics(geometry, table, sizes.groups, transformed, asked, *how)
+        harmonics, report = _harmonics(
+            geometry, table, sizes.groups, transformed, inputs, self.mesh
+        )
         return _on_polar_grid(geometry, harmonics, sizes.frequencies, sizes.angles), report
 
 
@@ -141,7 +136,7 @@ class BoundaryTraces(_Solved):
 
     def fhat(self, transformed: Array, rule: TikhonovRule | None) -> tuple[Array, SolveReport]:
         assert rule is not None
-        return _on_boundary(self, transformed, self.asked(rule))
+        return _on_boundary(self, transformed, self.inputs(rule))
 
 
 def of_plane(
@@ -156,23 +151,17 @@ def plane_basis(
     region: Region,
     radii: Array,
     sizes: PlaneSizes,
-    solver: str,
-    tolerance: Array,
     mesh: Mesh | None,
 ) -> PlaneBasis:
     """Cylindrical waves if they reach, else the boundary; arguments as in `solve`, checked."""
     common = of_plane(curve, region, radii, sizes)
-    exact = "cholesky" if solver == "auto" else solver
     if not sizes.reached:
-        return BoundaryTraces(*common, exact, tolerance, mesh)
+        return BoundaryTraces(*common, mesh)
     # of a known geometry known inside jax.jit too
     known = is_concrete(curve, region)
     with jax.ensure_compile_time_eval() if known else nullcontext():
         geometry = polar_geometry(curve, region, sizes.n_nodes)
-    rows = sizes.groups[-1][-1] * (1 if geometry.mirror else 2)
-    if solver == "auto" and geometry.on_circle and geometry.disk and rows > MOST_ORDERS:
-        exact = "cg"
-    return CylindricalWaves(*common, exact, tolerance, mesh, geometry)
+    return CylindricalWaves(*common, mesh, geometry)
 
 
 def default_rule(sizes: PlaneSizes) -> TikhonovRule:
@@ -211,14 +200,12 @@ def _harmonics(
     table: WaveTable,
     groups: tuple[tuple[int, int, int], ...],
     transformed: Array,
-    asked: Asked,
-    solver: str,
-    tolerance: Array,
+    inputs: RuleInputs,
     mesh: Mesh | None,
 ) -> tuple[Float[Array, "images frequencies 2 orders"], SolveReport]:
     """The circular harmonics of fhat."""
     transformed = jnp.moveaxis(transformed, 1, 0)
-    return solve_harmonics(geometry, table, groups, transformed, asked, solver, tolerance, mesh)
+    return solve_harmonics(geometry, table, groups, transformed, inputs, mesh)
 
 
 @eqx.filter_jit
@@ -235,7 +222,7 @@ def _on_polar_grid(
 
 @eqx.filter_jit
 def _on_boundary(
-    basis: BoundaryTraces, transformed: Array, asked: Asked
+    basis: BoundaryTraces, transformed: Array, inputs: RuleInputs
 ) -> tuple[Complex[Array, "images frequencies directions"], SolveReport]:
     sizes = basis.sizes
     return solve_on_boundary(
@@ -244,9 +231,7 @@ def _on_boundary(
         sizes.frequencies,
         sizes.angles,
         jnp.moveaxis(transformed, 1, 0),
-        asked,
-        basis.solver,
-        basis.tolerance,
+        inputs,
         basis.mesh,
         sizes.n_nodes,
     )

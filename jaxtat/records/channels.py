@@ -27,6 +27,7 @@ FEWEST_COUNTS = 64  # from lowest to highest sample: coarser signals rest wherev
 HIDDEN = 1.0  # counts of noise, rounding included, up to which a quiet record rests by chance
 CUT_OFF = 5.0  # counts by which a record leaves its limit; beside a crest it is 10/3, see `_cut`
 SILENT = 1e-3  # of the typical signal: noise below it (-60 dB) is not worth a detector
+RESTS = 0.02  # of a channel's range: as near to its median lies the level at which it is silent
 
 
 class ChannelQuality(eqx.Module):
@@ -86,16 +87,17 @@ def channel_quality(
     *Dead*: a signal below a twentieth of the upper quartile of all detectors. Different distances
     within a scanner explain a factor of about 4, no more.
     *Saturated*: held at one level, the highest, the lowest or any other, for three in a thousand
-    samples and 5 times as often as the median. The level at which all channels begin is excluded,
-    since exact data stay there; signals of less than 64 counts are not judged. A record whose noise
-    is less than a count rests wherever it is silent, and at its crests: there only the highest and
-    the lowest level count, if more than a crest is cut off.
+    samples and 5 times as often as the median. Silence is no such level: neither the one at which
+    all channels begin, nor zero between both signs, nor, in a record without noise, a channel's
+    median; signals of less than 64 counts are not judged. A record whose noise is less than a count
+    rests wherever it is silent, and at its crests: there only the highest and the lowest level
+    count, if more than a crest is cut off.
 
     Args:
         pressure: as recorded, before any filter, (..., detectors, times); frames are judged
             together.
         times: equispaced, (times,) [time].
-        dead_time: left out at the start, where a laser's artefact saturates all [time].
+        dead_time: before it all is left out, where a laser's artefact saturates [time].
         dead: share of the upper quartile below which a signal is none.
         noisy: multiple of the median noise.
 
@@ -125,8 +127,7 @@ def channel_quality(
     dead_time = real_array("dead_time", dead_time, ())
     if not is_concrete(times, dead_time):
         raise ValueError("times or dead_time are traced, expected concrete ones: trace pressure.")
-    since = np.asarray(times) - np.asarray(times)[0]
-    first = int(np.searchsorted(since, float(dead_time)))
+    first = int(np.searchsorted(np.asarray(times), float(dead_time)))
     if times.shape[0] - first < SHORTEST_BLOCK + 4:
         raise ValueError(
             f"{times.shape[0] - first} samples are left after dead_time, expected at least "
@@ -146,7 +147,7 @@ def _quality(xp: Any, record: Any, dead: Any, noisy: Any, first: int) -> tuple[A
     usual = _median_of(xp, noise, ~is_dead)
     count = _count(xp, record)
     loudest = xp.maximum(noisy * xp.maximum(usual, count / 12**0.5), SILENT * typical)  # rounding
-    held = _held(xp, record, count, usual < HIDDEN * count)
+    held = _held(xp, record, count, usual < HIDDEN * count, usual < SILENT * typical)
     least = max(SATURATED, FEWEST_HELD / record.shape[-1])
     fine = xp.max(xp.ptp(record, axis=-1), axis=0) > FEWEST_COUNTS * count
     is_saturated = ~is_dead & fine & (held >= least) & (held > 5 * xp.median(held))
@@ -194,19 +195,21 @@ def _signal(xp: Any, record: Any) -> Any:
     return root(xp.mean(rest**2, axis=(0, -1)), xp)
 
 
-def _held(xp: Any, record: Any, count: Any, hidden: Any) -> Any:
+def _held(xp: Any, record: Any, count: Any, hidden: Any, exact: Any) -> Any:
     """Share of samples of each detector that repeat one value.
 
     At the channel's own highest and lowest level a sample counts if it equals the one before. At
     other levels it must equal all of the eight before, and not be the level at which the channel
-    begins: noise of few counts repeats itself by chance, and quiet parts are constant. Levels that
-    channels share, such as the zeros of exact data, do not count.
+    begins: noise of few counts repeats itself by chance, and quiet parts are constant. Levels of
+    silence do not count: those that channels share, zero in a channel of both signs, and what is
+    near the median of a channel without noise.
 
     Args:
         xp, record: as above.
         count: the least step.
         hidden: whether counts hide the noise. Then drift makes a staircase of the quiet parts, and
             waves rest at their crests.
+        exact: whether there is hardly any noise, so that a silent channel stands still.
     """
     least, most = xp.min(record, axis=-1, keepdims=True), xp.max(record, axis=-1, keepdims=True)
     same = record[..., 1:] == record[..., :-1]
@@ -221,7 +224,10 @@ def _held(xp: Any, record: Any, count: Any, hidden: Any) -> Any:
     at_rails = same[..., 7:] & (limits[0] | limits[1])[..., 8:]
     run = run & ~hidden & (xp.abs(here - record[..., :1]) > 2 * count)
     shared = (here == xp.median(record[..., 0])) | (here == xp.median(record))
-    return xp.mean((run | at_rails) & ~shared, axis=(0, -1))
+    middle = xp.median(record, axis=-1, keepdims=True)
+    at_rest = exact & (xp.abs(here - middle) < RESTS * (most - least))
+    silent = shared | at_rest | ((here == 0) & (least < 0) & (most > 0))
+    return xp.mean((run | at_rails) & ~silent, axis=(0, -1))
 
 
 def _cut(xp: Any, below: Any, count: Any) -> Any:

@@ -39,12 +39,12 @@ def pressure_to_circular_integrals(
     ``model="2d"`` is exact for two-dimensional waves (integrating line detectors, simulations in
     the plane): g = 4 r ∫_0^r p / √(r² - tau²) dtau. ``model="in-plane"`` is for point-like
     detectors focused into a thin slab (ring and arc arrays): g = r ∫_0^r p dtau, up to one
-    constant that the slab's thickness and the detectors' gain decide. Before its first sample a
-    record counts as zero.
+    constant that the slab's thickness and the detectors' gain decide. A record counts as zero
+    before its first sample, and before time 0.
 
     Args:
         pressure: (..., detectors, times), any unit.
-        times: equispaced from t >= 0, concrete, (times,) [time].
+        times: equispaced, 0 when the laser fires, concrete, (times,) [time].
         radii: r > 0, (radii,) [length].
         sound_speed: c [length/time], traced.
         model: "2d" or "in-plane".
@@ -97,7 +97,7 @@ def condition_record(
     Args:
         pressure: raw counts or pascals, (..., detectors, times).
         times: equispaced, (times,) [time].
-        dead_time: [time]; 0 silences nothing.
+        dead_time: after time 0, when the laser fires; 0 silences nothing [time].
         band: (f_lo, f_hi) [cycles/time], or None for none; f_lo may be 0.
         order: n >= 1.
         baseline: whether to subtract offset and drift; not for records whose slow tail is signal,
@@ -145,7 +145,7 @@ def _condition(
     duration = times[-1] - times[0]
     since = times - times[0]
     fade = jnp.clip(dead_time, 2 * (times[1] - times[0]), duration / 10)
-    begun = pressure * jnp.where(dead_time > 0, _rise((since - dead_time) / fade), 1.0)
+    begun = pressure * jnp.where(dead_time > 0, _rise((times - dead_time) / fade), 1.0)
     if band is None:
         return begun
     tapered = begun * _rise((duration - since) / (duration / 20))
@@ -191,17 +191,17 @@ def _integrals(
 def cosine_coefficients(
     m: Int[Array, " waves"], times: Float[Array, " times"], n_waves: int
 ) -> Float[Array, "waves times"]:
-    """From a record to a_m, by the trapezoid rule on [0, T]; before a late start it is zero.
+    """From a record to a_m, by the trapezoid rule on [0, T]; before 0 or a late start it is zero.
 
     Args:
         m: from 0; those from ``n_waves`` on count nothing.
         times: of the record, equispaced [time].
         n_waves: of `samples_from_zero`.
     """
-    j, n_times = jnp.arange(times.shape[0]), times.shape[0]
     step, end = times[1] - times[0], times[-1]
-    halved = (j == n_times - 1) | ((j == 0) & (times[0] < step / 2))
-    weights = jnp.where(halved, 0.5, 1.0) * (2 * step / end)
+    halved = (jnp.abs(times) < step / 2) | (times == end)
+    counted = jnp.where(times <= -step / 2, 0.0, jnp.where(halved, 0.5, 1.0))
+    weights = counted * (2 * step / end)
     ends = (m == 0) | (m == n_waves - 1)
     share = jnp.where(m < n_waves, jnp.where(ends, 0.5, 1.0), 0.0)
     return jnp.cos(jnp.pi / end * m[:, None] * times) * weights * share[:, None]
@@ -222,7 +222,7 @@ def integrals_of_cosines(
 
 
 def samples_from_zero(times: Array) -> int:
-    """How many samples [0, T] would have, also when the record starts late: one cosine for each."""
+    """How many samples [0, T] would have, whenever the record starts: one cosine for each."""
     if not is_concrete(times):
         raise ValueError("times are traced, expected concrete ones: trace sound_speed instead.")
     values = np.asarray(times)
@@ -272,7 +272,7 @@ def _band_pass(record: Array, step: Array, low: Array, high: Array, order: int) 
 
 
 def require_equispaced(times: Array) -> None:
-    """Raise ValueError unless concrete times have equal steps and start at 0 or later."""
+    """Raise ValueError unless concrete times have equal steps and end after 0."""
     if times.shape[0] < 8:
         raise ValueError(f"got {times.shape[0]} time samples, expected at least 8.")
     if not is_concrete(times):
@@ -284,8 +284,10 @@ def require_equispaced(times: Array) -> None:
             f"times have steps from {steps.min():.6g} to {steps.max():.6g}, expected equal "
             "positive steps: resample the record."
         )
-    if values[0] < 0:
-        raise ValueError(f"times start at {values[0]:.6g}: drop the samples before t = 0.")
+    if values[-1] <= 0:
+        raise ValueError(
+            f"times end at {values[-1]:.6g}, expected samples after t = 0, when the laser fires."
+        )
 
 
 def _require_units(times: Array, dead_time: Array, band: tuple[Array, Array] | None) -> None:
@@ -294,9 +296,9 @@ def _require_units(times: Array, dead_time: Array, band: tuple[Array, Array] | N
         return
     values = np.asarray(times)
     duration, step = values[-1] - values[0], values[1] - values[0]
-    if not 0 <= float(dead_time) < duration:
+    if not 0 <= float(dead_time) < values[-1]:
         raise ValueError(
-            f"dead_time is {float(dead_time):.6g}, expected 0 to the record's {duration:.6g}, in "
+            f"dead_time is {float(dead_time):.6g}, expected 0 to the record's {values[-1]:.6g}, in "
             "the same unit as times."
         )
     if band is None:

@@ -51,7 +51,7 @@ def circular_integrals_to_pressure(
     Args:
         integrals: g, (..., detectors, radii) [length times the unit of f].
         radii: equispaced, r > 0, concrete, (radii,) [length].
-        times: t >= 0, concrete, (times,) [time].
+        times: concrete, (times,); before t = 0 nothing is recorded [time].
         sound_speed: c [length/time]; traced by `jax.jit`, c t may be up to 4 times the largest
             radius (else the record is NaN).
         model: "2d" or "in-plane".
@@ -60,8 +60,8 @@ def circular_integrals_to_pressure(
         (..., detectors, times) [unit of f; in-plane that over length].
 
     Raises:
-        ValueError: for shapes that do not fit, radii that are not equispaced or traced, negative
-            times, NaN, or an unknown model.
+        ValueError: for shapes that do not fit, radii that are not equispaced or traced, no time
+            after 0, NaN, or an unknown model.
 
     Warns:
         AccuracyWarning: if g does not vanish at the first or last radius.
@@ -131,7 +131,7 @@ def _simulation_matrix(radii: Array, paths: Array, model: str, n_panels: int) ->
     start = jnp.zeros((paths.shape[0], radii.shape[0]))
     matrix = jax.lax.scan(jax.checkpoint(add), start, jnp.arange(n_panels))[0]
     resolved = jnp.pi / step * (radii[-1] + paths.max()) <= 1.01 * n_panels * _PHASE
-    return jnp.where(resolved, step * matrix, jnp.nan)
+    return jnp.where(paths[:, None] < 0, 0.0, jnp.where(resolved, step * matrix, jnp.nan))
 
 
 def _n_panels(radii: np.ndarray, times: np.ndarray, sound_speed: Array) -> int:
@@ -160,9 +160,9 @@ def _require_radii(radii: Array) -> None:
 def _require_times(times: Array) -> None:
     if not is_concrete(times):
         raise ValueError("times are traced, expected concrete ones: trace sound_speed instead.")
-    if not times.size or np.asarray(times).min() < 0:
-        first = f"{np.asarray(times).min():.6g} first" if times.size else "none"
-        raise ValueError(f"times are {first}, expected one or more from 0 on.")
+    if not times.size or np.asarray(times).max() < 0:
+        last = f"{np.asarray(times).max():.6g} at most" if times.size else "none"
+        raise ValueError(f"times are {last}, expected one or more from 0 on.")
 
 
 def _warn_of_ends(integrals: Array) -> None:

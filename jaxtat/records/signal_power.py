@@ -145,7 +145,7 @@ def faded(
 
 
 def muted_until(power: RecordPower) -> float:
-    """End of the muted part at the start of a record; 0 if there is none.
+    """End of the muted part at the start of a record; minus infinity if there is none.
 
     That is the end of the first piece that is not silent: the step in it, from zero to the offset
     of each detector, is no sound.
@@ -157,7 +157,7 @@ def muted_until(power: RecordPower) -> float:
     """
     silent = power.typical <= MUTED * power.typical.max()
     if not silent[0] or silent.all():
-        return 0.0
+        return -np.inf
     first, piece = int(np.argmin(silent)), power.times[1] - power.times[0]
     return float(power.times[first] + piece / 2)
 

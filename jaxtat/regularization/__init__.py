@@ -1,8 +1,8 @@
 """How much to keep: rules, what they mean for singular values and alpha, and norms."""
 
 from .alpha import (
+    FrequencyData,
     NoiseLevel,
-    Problem,
     RelativeTikhonov,
     ResidualTarget,
     Tikhonov,
@@ -19,29 +19,35 @@ from .rules import (
     RelativeCutoff,
     SingularValueCutoff,
     per_frequency,
-    seen_once,
+    single_crossing,
 )
+from .solutions import SolveReport, relative_residual, report_of, spectrum, tikhonov_solution
 from .unit_norm import microlocal_norm, unit_norms
 
 __all__ = [
     "DEFAULT_KAPPA",
     "SINGULAR",
     "FixedRank",
+    "FrequencyData",
     "NoiseLevel",
     "NormBound",
-    "Problem",
     "Regularization",
     "RelativeCutoff",
     "RelativeTikhonov",
     "ResidualTarget",
     "SingularValueCutoff",
+    "SolveReport",
     "Tikhonov",
     "TikhonovNormBound",
     "TikhonovRule",
     "microlocal_norm",
     "per_frequency",
-    "seen_once",
+    "relative_residual",
+    "report_of",
+    "single_crossing",
     "singular_components",
+    "spectrum",
     "tikhonov_rule",
+    "tikhonov_solution",
     "unit_norms",
 ]

@@ -3,7 +3,7 @@
 One family for plans and for `solve`. A plan takes alpha as filter factors of singular components;
 `solve` asks for `absolute`, with a look at the system and the data. A number is relative to
 `table.alpha_unit` of the cylindrical waves at its frequency, or, on boundary traces, to 8/lambda²
-(`seen_once`, squared). A new rule is a class with the methods `factors` and `absolute`.
+(`single_crossing`, squared). A new rule is a class with the methods `factors` and `absolute`.
 """
 
 from abc import abstractmethod
@@ -17,10 +17,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, real_array, require_positive
-from .rules import Excess, Regularization, Truncation, not_negative, per_frequency, seen_once
+from .rules import Excess, Regularization, Truncation, not_negative, per_frequency, single_crossing
+from .solutions import spectrum
 
 
-class Problem(eqx.Module):
+class FrequencyData(eqx.Module):
     """The data of one frequency that rules may use.
 
     Attributes:
@@ -30,8 +31,8 @@ class Problem(eqx.Module):
         unit_norm: N(lambda) of the full circle [1/length^(1/2)].
         data_power: of √w (G_J, G_Y), mean square over detectors and images.
         noise_power: the same for white noise of unit standard deviation in g.
-        seen_once: singular value of a wave that the detectors see once and squarely, in the plane
-            `rules.seen_once`, in space `spherical.alpha.seen_once`.
+        single_crossing: singular value of a wave that crosses the detectors once and squarely, by
+            `rules.single_crossing`, in space by `spherical.alpha.single_crossing_in_space`.
         unit: what a number as alpha is relative to.
         n_data: how many numbers √w (G_J, G_Y) are.
     """
@@ -42,7 +43,7 @@ class Problem(eqx.Module):
     unit_norm: Float[Array, ""]
     data_power: Float[Array, ""]
     noise_power: Float[Array, ""]
-    seen_once: Float[Array, ""]
+    single_crossing: Float[Array, ""]
     unit: Float[Array, ""]
     n_data: int = eqx.field(static=True)
 
@@ -53,7 +54,7 @@ class TikhonovRule(Regularization):
     needs_matrix: ClassVar[bool] = False  # whether `absolute` asks for matrix and plane
 
     @abstractmethod
-    def absolute(self, problem: Problem) -> Float[Array, ""]:
+    def absolute(self, data: FrequencyData) -> Float[Array, ""]:
         """alpha, in the unit of A A^T."""
 
 
@@ -87,8 +88,8 @@ class Tikhonov(TikhonovRule):
     def in_units_of(self, square: Array, frequency: Array) -> "Tikhonov":
         return Tikhonov(self.alpha * square)
 
-    def absolute(self, problem: Problem) -> Array:
-        return self.alpha * problem.unit
+    def absolute(self, data: FrequencyData) -> Array:
+        return self.alpha * data.unit
 
 
 class RelativeTikhonov(TikhonovRule):
@@ -103,10 +104,10 @@ class RelativeTikhonov(TikhonovRule):
         raise ValueError("RelativeTikhonov needs the frequency: call in_units_of beforehand.")
 
     def in_units_of(self, square: Array, frequency: Array) -> "Tikhonov":
-        return Tikhonov((self.kappa * seen_once(frequency)) ** 2)
+        return Tikhonov((self.kappa * single_crossing(frequency)) ** 2)
 
-    def absolute(self, problem: Problem) -> Array:
-        return (self.kappa * problem.seen_once) ** 2
+    def absolute(self, data: FrequencyData) -> Array:
+        return (self.kappa * data.single_crossing) ** 2
 
 
 class NoiseLevel(TikhonovRule):
@@ -132,11 +133,11 @@ class NoiseLevel(TikhonovRule):
             "NoiseLevel(sigma)), or build_plan with Tikhonov(found.report.relative_alpha) of it."
         )
 
-    def absolute(self, problem: Problem) -> Array:
-        noise = self.sigma**2 * problem.noise_power
+    def absolute(self, data: FrequencyData) -> Array:
+        noise = self.sigma**2 * data.noise_power
         # where noise drowns the data a hundredth of it may still be signal
-        signal = jnp.maximum(problem.data_power - noise, 0.01 * noise)
-        return noise / signal * jnp.sum(problem.diagonal) / problem.n_data
+        signal = jnp.maximum(data.data_power - noise, 0.01 * noise)
+        return noise / signal * jnp.sum(data.diagonal) / data.n_data
 
 
 class ByPlaneWaves(TikhonovRule):
@@ -173,9 +174,9 @@ class TikhonovNormBound(ByPlaneWaves):
         square = jnp.mean((self.K * unit_norm) ** 2) - excess.norm
         return Tikhonov(alpha_where(NORM, sigma**2, weights, square))
 
-    def absolute(self, problem: Problem) -> Array:
-        matrix, plane = _matrices(self, problem)
-        square = (self.K * problem.unit_norm) ** 2
+    def absolute(self, data: FrequencyData) -> Array:
+        matrix, plane = _matrices(self, data)
+        square = (self.K * data.unit_norm) ** 2
         return _alphas_of_matrix((NORM,), matrix, plane, square[None])[0]
 
 
@@ -211,10 +212,10 @@ class ResidualTarget(ByPlaneWaves):
         wanted = alpha_where(RESIDUAL, sigma**2, weights, of_residual)
         return Tikhonov(jnp.maximum(wanted, alpha_where(NORM, sigma**2, weights, of_norm)))
 
-    def absolute(self, problem: Problem) -> Array:
-        matrix, plane = _matrices(self, problem)
+    def absolute(self, data: FrequencyData) -> Array:
+        matrix, plane = _matrices(self, data)
         total = jnp.sum(jnp.trace(plane, axis1=-2, axis2=-1))
-        squares = self.residual**2 * total, (self.K * problem.unit_norm) ** 2
+        squares = self.residual**2 * total, (self.K * data.unit_norm) ** 2
         return _alphas_of_matrix((RESIDUAL, NORM), matrix, plane, jnp.stack(squares)).max()
 
 
@@ -266,15 +267,15 @@ RESIDUAL = Measure(
 """||A A^T (A A^T + alpha)^-1 u - u||²."""
 
 
-def _matrices(rule: TikhonovRule, problem: Problem) -> tuple[Array, Array]:
+def _matrices(rule: TikhonovRule, data: FrequencyData) -> tuple[Array, Array]:
     """A A^T and the mean of u u^H."""
-    if problem.matrix is None or problem.plane is None:
+    if data.matrix is None or data.plane is None:
         raise ValueError(
             f"{type(rule).__name__} needs the matrix of every frequency in cylindrical waves: use "
-            "solver='cholesky' and a region that they reach, or build_plan, or take a number, "
-            "NoiseLevel(sigma) or RelativeTikhonov(kappa)."
+            "a region that they reach, or build_plan, or take a number, NoiseLevel(sigma) or "
+            "RelativeTikhonov(kappa)."
         )
-    return problem.matrix, problem.plane
+    return data.matrix, data.plane
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -345,9 +346,8 @@ def _alphas_of_matrix(
 
     With matrix = V diag(s) V^T the trace is Σ_j f(s_j, alpha) (V^T plane V)_jj.
     """
-    eigenvalues, vectors = jnp.linalg.eigh(matrix)
-    weights = jnp.einsum("bij,bik,bkj->bj", vectors, plane, vectors)
-    known = jnp.maximum(eigenvalues, 0.0), weights
+    eigenvalues, vectors = spectrum(matrix)
+    known = eigenvalues, jnp.einsum("bij,bik,bkj->bj", vectors, plane, vectors)
     found = (alpha_where(of, *known, square) for of, square in zip(measures, squares, strict=True))
     return jnp.stack(list(found))
 
@@ -360,7 +360,7 @@ def _(measures: tuple[Measure, ...], primals: tuple[Array, ...], tangents: tuple
     matrix, plane, squares = primals
     matrix_dot, plane_dot, squares_dot = tangents
     alphas = _alphas_of_matrix(measures, *primals)
-    eigenvalues, vectors = jnp.linalg.eigh(matrix)
+    eigenvalues, vectors = spectrum(matrix)
 
     def turned(matrix: Array) -> Array:
         return jnp.swapaxes(vectors, -1, -2) @ matrix @ vectors
@@ -368,7 +368,6 @@ def _(measures: tuple[Measure, ...], primals: tuple[Array, ...], tangents: tuple
     def diagonal(matrix: Array) -> Array:
         return jnp.diagonal(matrix, axis1=-2, axis2=-1)
 
-    eigenvalues = jnp.maximum(eigenvalues, 0.0)
     rows, columns = eigenvalues[:, :, None], eigenvalues[:, None, :]
     here, matrix_dot, plane_dot = turned(plane), turned(matrix_dot), diagonal(turned(plane_dot))
 

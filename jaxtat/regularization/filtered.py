@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array, Complex, Float, Int
 
+from ..base.linear_algebra import svd
 from ..special import root
 from .rules import Excess, Regularization
 
@@ -103,9 +104,7 @@ def singular_components(
     ([1.0, 2.0, 2.0], [2.5])
     """
     n_blocks, n_rhs = blocks.shape[0], rhs.shape[-1]
-    left, sigma, right = (
-        checkpoint_name(part, SINGULAR) for part in jnp.linalg.svd(blocks, full_matrices=False)
-    )
+    left, sigma, right = (checkpoint_name(part, SINGULAR) for part in svd(blocks))
     floor = n_blocks * max(blocks.shape[1:]) * jnp.finfo(sigma.dtype).eps * sigma.max()
     inverse = jnp.where(sigma > floor, 1 / jnp.where(sigma > floor, sigma, 1.0), 0.0)
     amplitudes = inverse[..., None] * _real_times(jnp.swapaxes(left, -1, -2), rhs)

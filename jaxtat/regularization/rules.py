@@ -243,7 +243,7 @@ DEFAULT_KAPPA = 0.1
 """The default kappa of `RelativeCutoff` where the paper's assumptions fail, see `build_plan`."""
 
 
-def seen_once(frequency: Array) -> Array:
+def single_crossing(frequency: Array) -> Array:
     """2 √2 / lambda: the singular value of a wave that crosses the curve once and squarely.
 
     A wave packet on lines of transverse weight W has 2 √(2 W) / lambda: its traces on the boundary
@@ -273,7 +273,7 @@ class RelativeCutoff(Truncation):
         raise ValueError("RelativeCutoff needs the frequency: call in_units_of beforehand.")
 
     def in_units_of(self, square: Array, frequency: Array) -> "SingularValueCutoff":
-        return SingularValueCutoff(self.kappa * seen_once(frequency))
+        return SingularValueCutoff(self.kappa * single_crossing(frequency))
 
 
 _Rule = TypeVar("_Rule", bound=eqx.Module | None)

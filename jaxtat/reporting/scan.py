@@ -18,7 +18,7 @@ from ..scans.constrained import compared, fitted
 from ..scans.deviations import draw, quiet_noise
 from ..scans.facts import facts_of
 from ..scans.frames import lit_frames
-from ..steps import AccuracyWarning
+from ..steps import UnreachedWaves
 from ..studies import Diagnosis
 from .constrained import Constrained
 from .writing import report
@@ -32,6 +32,7 @@ def report_file(
     detectors: Any = None,
     sampling_rate: float | None = None,
     times: Any = None,
+    start_time: float | None = None,
     progress: bool = False,
     **given: Any,
 ) -> Diagnosis:
@@ -40,7 +41,7 @@ def report_file(
     Args:
         path: a file that `load_scan` reads.
         out: the page to write.
-        scanner, detectors, sampling_rate, times: what the file lacks, see `with_facts`.
+        scanner, detectors, sampling_rate, times, start_time: what the file lacks, see `with_facts`.
         progress: show progress bars.
         given: choices by name, see `choose`.
 
@@ -51,6 +52,7 @@ def report_file(
         FileNotFoundError, ValueError: as `reconstruct_file` and `report`.
     """
     facts = {"detectors": detectors, "sampling_rate": sampling_rate, "times": times}
+    facts["start_time"] = start_time
     scan = with_facts(load_scan(path), scanner=scanner, **facts)
     choices = estimate(scan, choose(scan, **given), **given)
     return report_scan(out, scan, choices, title=Path(path).name, inputs=[path], progress=progress)
@@ -101,7 +103,7 @@ def report_scan(
     noise = _noise_alone(scan, choices, setup, recorded) if sigma is None else None
     if plan is None:
         with warnings.catch_warnings():  # of waves below the noise, which the page grades
-            warnings.filterwarnings("ignore", ".* of the plane waves are off", AccuracyWarning)
+            warnings.simplefilter("ignore", UnreachedWaves)
             plan = build_plan(setup, Tikhonov(choices.alpha), progress=progress)
     low_pass, inversion = choices.low_pass, choices.inversion
     image = reconstruct(plan, g, low_pass=low_pass, inversion=inversion)

@@ -12,6 +12,8 @@ from ..studies import DataNoise, DataResidual, Diagnosis, NoiseSource, Uncertain
 
 _REACHED = 0.1  # error up to which a plane wave counts as reached
 _HALF = 0.5  # up to which it counts as there
+_LITTLE = 0.03  # relative residual that does no harm, whatever it comes from
+_ABOVE_NOISE = 5.0  # times the noise, from which on a residual is not that
 _NAMED = 12  # detectors, at most, that are listed by number
 
 
@@ -167,7 +169,7 @@ def _noise_gain(waves: WaveAccuracy) -> Finding:
 
 
 def _explained(diagnosis: Diagnosis) -> Finding:
-    """Finding on the part of the residual that is not noise."""
+    """Graded by what is left besides noise, and by whether noise can be what is left."""
     residual, noise = diagnosis.residual, diagnosis.noise
     relative, of_noise = float(residual.relative), _relative_noise(diagnosis)
     text = (
@@ -177,10 +179,12 @@ def _explained(diagnosis: Diagnosis) -> Finding:
     if noise.source is NoiseSource.UNKNOWN:
         return Finding(_level(relative, 0.15, 0.5), f"{text}, noise and errors of the model.")
     model = float(np.sqrt(max(0.0, relative**2 - of_noise**2)))
+    more = relative > max(_LITTLE, _ABOVE_NOISE * of_noise)
+    times = f", {relative / of_noise:.2g} times the noise" if more and of_noise > 0 else ""
     return Finding(
-        _level(model, 0.15, 0.5),
-        f"{text}. Noise has {min(of_noise, relative):.2g}, known by {noise.source.value}; the "
-        f"rest, {model:.2g}, is what model and image get wrong or leave out: sound speed, "
+        _level(model, 0.0 if more else 0.15, 0.5),
+        f"{text}{times}. Noise has {min(of_noise, relative):.2g}, known by {noise.source.value}; "
+        f"the rest, {model:.2g}, is what model and image get wrong or leave out: sound speed, "
         "positions, sources outside the plane or the region, details finer than the image.",
     )
 

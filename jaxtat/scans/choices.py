@@ -42,7 +42,7 @@ class Choices(eqx.Module):
         model: acoustic model of a pressure record, "2d", "in-plane" or, of a volume, "in-space";
             "none" for circular or spherical integrals.
         sound_speed: c [length/time].
-        dead_time: the start of the record is silenced [time].
+        dead_time: before it the record is silenced [time].
         band: pass band (f_lo, f_hi), or None for no filter [cycles/time].
         impulse_response: whether the one in the file is divided out.
         laser_energy: whether frames are divided by the energy of their pulses.
@@ -61,6 +61,8 @@ class Choices(eqx.Module):
             nothing shows.
         standard_errors: pairs of a name above and the standard error of its number, where there is
             one [unit of the number].
+        user_set: names of the options that were given, as in `choose`.
+        to_estimate: names of choices that images of the scan still have to tell, see `estimate`.
         units: of positions and record, for the words.
         model_based: whether images are fitted under constraints, see `constrained`.
         penalty, nonnegative, weight: of these.
@@ -89,6 +91,8 @@ class Choices(eqx.Module):
     reasons: tuple[tuple[str, str], ...] = eqx.field(static=True)
     grades: tuple[tuple[str, str], ...] = eqx.field(static=True, default=())
     standard_errors: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
+    user_set: tuple[str, ...] = eqx.field(static=True, default=())
+    to_estimate: tuple[str, ...] = eqx.field(static=True, default=())
     units: Units = eqx.field(static=True, default=Units())
     laser_energy: bool = eqx.field(static=True, default=False)
     model_based: bool = eqx.field(static=True, default=False)
@@ -156,13 +160,14 @@ class Choices(eqx.Module):
     def with_reason(
         self, name: str, reason: str, grade: str, standard_error: float | None = None
     ) -> "Choices":
-        """The same, with another reason and grade for one of them."""
+        """The same, with another reason and grade for one of them, which is estimated then."""
         errors = {**dict(self.standard_errors), name: standard_error}
         return dataclasses.replace(
             self,
             reasons=tuple({**dict(self.reasons), name: reason}.items()),
             grades=tuple({**dict(self.grades), name: grade}.items()),
             standard_errors=tuple((n, error) for n, error in errors.items() if error is not None),
+            to_estimate=tuple(n for n in self.to_estimate if n != name),
         )
 
     def rows(self) -> list[tuple[str, str, str, str]]:
@@ -209,6 +214,7 @@ class Choices(eqx.Module):
             grades = tuple((str(name), str(grade)) for name, grade in settings["grades"])
             errors = tuple((str(n), float(error)) for n, error in settings["standard_errors"])
             values |= {"reasons": reasons, "grades": grades, "standard_errors": errors}
+            values |= {n: tuple(map(str, settings[n])) for n in ("user_set", "to_estimate")}
             values["units"] = Units(*settings["units"])
         except (TypeError, ValueError) as error:
             raise ValueError(f"the settings cannot be read ({error}).") from error

@@ -47,13 +47,15 @@ from .found import (
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
     RIM,
-    TO_BE_ESTIMATED,
     Found,
+    Limit,
     covered,
+    least,
     radii_of,
     require_detail,
     require_middle,
     slowest,
+    take_nominal_speed,
 )
 from .hearing import muted_start, noise_floor, sound_after, sound_begins
 from .region_in_plane import (
@@ -74,9 +76,6 @@ CUT_OFF = 5e-3  # share of samples with the highest or lowest value, which waves
 FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
 OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
 TAIL = 0.1  # of `tail_share`: less is no tail of two-dimensional waves
-# images tell better, see `model`
-NO_TAIL = "a scanner's size and rate, and no tail of two-dimensional waves"
-WAVES = "a scanner's size and rate, but neither counts nor an offset, and a slow tail"
 SPACING = "the detectors' spacing in the inner half of the region"
 BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequency
 
@@ -90,9 +89,8 @@ def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
         )
     facts = facts_of(scan, given.get("use"))
     facts = facts._replace(units=facts.units.in_length(given.get("length_unit")))
-    found = Found(
-        given, {"order": tuple(int(k) for k in facts.order), "units": facts.units}, {}, {}
-    )
+    values = {"order": tuple(int(k) for k in facts.order), "units": facts.units}
+    found = Found(given, values, {}, {}, set())
     if scan.kind == "pressure":
         _from_record(scan, facts, found)
     else:
@@ -106,13 +104,14 @@ def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
 def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     assert facts.times is not None
     times, frame = facts.times, typical_frame(scan)[facts.order]
-    model = found.take("model", *_model(facts, frame))
-    speed = _nominal_speed(scan, facts, found)
+    model = _model(facts, frame, found)
+    speed = take_nominal_speed(scan, found, facts.units)
     detrend = model == "in-plane"
     whole = np.where(np.isfinite(frame), frame, 0.0)
     power = record_power(whole, times, detrend)
     middle = facts.arc.radius / speed if facts.arc else float(times[-1]) / 2
-    end = artefact_end(power, middle)
+    fired = int(np.searchsorted(times, 0.0))
+    end = artefact_end(record_power(whole[:, fired:], times[fired:], detrend), middle)
     why = "the artefact at the start has died away" if end else "no artefact at the start"
     dead_time = float(found.take("dead_time", end, why, LIKELY))
     found.take(
@@ -132,7 +131,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
         found.values["order"] = tuple(int(k) for k in facts.order)
     if facts.arc is not None:
         facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
-    begin = sound_begins(dead_time, muted, floor)
+    begin = sound_begins(float(times[0]), dead_time, muted, floor)
     power = power.after(begin)
     sound = sound_after(begin, whole[good], times, middle)
     region_of_sound(scan, facts, found, sound, speed, good)
@@ -147,31 +146,25 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     _noise(found, RecordPower(power.times, power.power[good]), arrival, floor)
 
 
-def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"]) -> tuple[str, str, str]:
-    """The acoustic model by size, sampling rate, counts and tail; with reason and grade."""
+def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"], found: Found) -> str:
+    """Take the acoustic model by size, sampling rate, counts and tail, or leave it to images."""
     if water_speed(facts.units) is None:
-        return "2d", "sizes are not a scanner's: two-dimensional waves", LIKELY
+        why = "sizes are not a scanner's: two-dimensional waves"
+        return found.take("model", "2d", why, LIKELY)
     if facts.in_space:
         why = "detectors in space, of a scanner's size: focused into the plane"
-        return "in-plane", why, LIKELY
+        return found.take("model", "in-plane", why, LIKELY)
     known = np.where(np.isfinite(frame), frame, 0.0)
     offset = np.median(np.abs(np.median(known, axis=1)))
     if (known == np.round(known)).all() or offset > OFFSET * np.median(known.std(axis=1)):
-        return "in-plane", "a scanner's size, rate and counts: focused into the plane", LIKELY
+        why = "a scanner's size, rate and counts: focused into the plane"
+        return found.take("model", "in-plane", why, LIKELY)
+    found.estimate_later("model")  # images tell better, see `model`
     if tail_share(known) < TAIL:
-        return "in-plane", NO_TAIL, GUESSED
-    return "2d", WAVES, GUESSED
-
-
-def _nominal_speed(scan: Scan, facts: Facts, found: Found) -> float:
-    if "sound_speed" in scan.known:
-        speed = float(np.mean(scan.known["sound_speed"]))
-        return float(found.take("sound_speed", speed, "from the file"))
-    water = water_speed(facts.units)
-    if water is not None:
-        return float(found.take("sound_speed", water, TO_BE_ESTIMATED, GUESSED))
-    why = "none in the file, and sizes are not a scanner's: taken to be 1"
-    return float(found.take("sound_speed", 1.0, why, GUESSED))
+        why = "a scanner's size and rate, and no tail of two-dimensional waves"
+        return found.take("model", "in-plane", why, GUESSED)
+    why = "a scanner's size and rate, but neither counts nor an offset, and a slow tail"
+    return found.take("model", "2d", why, GUESSED)
 
 
 def _channels(
@@ -280,28 +273,25 @@ def _resolution(
     require_middle(support, speed_at_least)
     if support.ends_early:
         found.expect(support.shortfalls[0])
-    limits = {
-        SPACING: float(support.frequency_of_detectors) / SAMPLED,
-        "what the record holds above its noise": 2 * np.pi * highest / speed,
-    }
-    _frequency_and_pixels(found, limits)
+    _frequency_and_pixels(
+        found,
+        Limit(float(support.frequency_of_detectors) / SAMPLED, SPACING, SURE),
+        Limit(2 * np.pi * highest / speed, "what the record holds above its noise", LIKELY),
+    )
 
 
-def _frequency_and_pixels(found: Found, limits: dict[str, float]) -> None:
+def _frequency_and_pixels(found: Found, *limits: Limit) -> None:
     half_width, units = float(found.values["half_width"]), found.values["units"]
     most, pixels = found.given.get("pixels"), "the pixels given"
     if most is None:
-        most = FITTED if "model_based" in found.reasons else PIXELS[1]
+        most = FITTED if found.values.get("model_based") else PIXELS[1]
         pixels = f"{most} pixels, the most that are taken"
-    limits[pixels] = np.pi * max(most - 1, 1) / (2 * half_width)
-    limit = min(limits, key=lambda name: limits[name])
-    highest = found.take(
-        "max_frequency", limits[limit], limit, SURE if limit == SPACING else LIKELY
-    )
-    if highest > limits[limit]:
-        supports = units.of_wave_number(limits[limit])
-        found.reasons["max_frequency"] = f"given; {limit} supports {supports}"
-    require_detail(found, highest, limit)
+    limit = least(*limits, Limit(np.pi * max(most - 1, 1) / (2 * half_width), pixels, LIKELY))
+    highest = found.take("max_frequency", *limit)
+    if highest > limit.frequency:
+        supports = units.of_wave_number(limit.frequency)
+        found.reasons["max_frequency"] = f"given; {limit.why} supports {supports}"
+    require_detail(found, highest, limit.why)
     across = 2 * half_width * highest / np.pi * PIXELS_PER_DETAIL
     n = int(np.clip(2 * (int(np.ceil(across)) // 2) + 1, PIXELS[0], most))
     per_detail = (n - 1) * PIXELS_PER_DETAIL / across
@@ -397,10 +387,8 @@ def _own_radii(scan: Scan, facts: Facts, found: Found) -> None:
         found.expect(uncovered(*where, jax.device_put(own)))
     radii = np.asarray(data_radii(*where, step)) if own is None else own
     support = supported(*where, np.arange(8.0))  # times are not asked for
-    limits = {
-        "pixel and radial step": np.pi / max(step, float(np.diff(radii).max())),
-        SPACING: float(support.frequency_of_detectors) / SAMPLED,
-    }
-    limit = min(limits, key=lambda name: limits[name])
-    found.take("max_frequency", limits[limit], limit)
+    of_step = np.pi / max(step, float(np.diff(radii).max()))
+    of_detectors = float(support.frequency_of_detectors) / SAMPLED
+    limit = least(Limit(of_step, "pixel and radial step"), Limit(of_detectors, SPACING))
+    found.take("max_frequency", *limit)
     found.take_radii(radii)

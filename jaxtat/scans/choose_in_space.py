@@ -19,20 +19,22 @@ from ..records.source_extent import sounding_disk
 from ..spherical import cap_radii
 from ..spherical.sizes import resolved_frequency
 from .choices import IN_SPACE, Choices
-from .facts import typical_frame, water_speed
+from .facts import typical_frame
 from .found import (
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
     RIM,
     SHARES,
-    TO_BE_ESTIMATED,
     Found,
+    Limit,
     covered,
+    least,
     radii_of,
     require_detail,
     require_end,
     require_scale,
     slowest,
+    take_nominal_speed,
 )
 from .hearing import heard_after
 from .space import MOST_POINTS, FactsInSpace, facts_in_space
@@ -60,7 +62,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     center = tuple(float(x) for x in np.asarray(facts.detectors.center))
     values = {"order": tuple(int(k) for k in facts.order), "left_out": ()}
     values |= {"region_center": center, "region_angle": 0.0, "units": facts.units}
-    found = Found(given, values, {"channels": facts.arrangement}, {"channels": SURE})
+    found = Found(given, values, {"channels": facts.arrangement}, {"channels": SURE}, set())
     _sound(scan, facts, found)
     _region(scan, facts, found, frame)
     record = None if facts.times is None else frame[:: -(-len(frame) // LISTENED)]
@@ -94,14 +96,7 @@ def _sound(scan: Scan, facts: FactsInSpace, found: Found) -> None:
         found.values["impulse_response"] = False
         return
     found.take("model", IN_SPACE, "detectors in space, around a volume")
-    if "sound_speed" in scan.known:
-        speed, why, grade = float(np.mean(scan.known["sound_speed"])), "from the file", SURE
-    elif (water := water_speed(facts.units)) is not None:
-        speed, why, grade = water, TO_BE_ESTIMATED, GUESSED
-    else:
-        why = "none in the file, and sizes are not a scanner's: taken to be 1"
-        speed, grade = 1.0, GUESSED
-    found.take("sound_speed", speed, why, grade)
+    take_nominal_speed(scan, found, facts.units)
     found.take("dead_time", 0.0, "the record is taken as it is", LIKELY)
     if found.given.get("band") == "none":
         found.values["band"] = None
@@ -151,7 +146,7 @@ def _sounding(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) 
         return None
     points = np.asarray(scan.known["detectors"], float)[facts.order]
     center = np.asarray(facts.detectors.center)
-    known = found.reasons["sound_speed"] != TO_BE_ESTIMATED
+    known = "sound_speed" not in found.to_estimate
     body = sounding_disk(points - center, when, found.values["sound_speed"], known)
     return body.reach
 
@@ -168,21 +163,20 @@ def _resolution(scan: Scan, facts: FactsInSpace, found: Found, record: np.ndarra
         possible = max(np.sqrt(len(facts.order)) - 1, 1.0) / radius
     else:
         possible = resolved_frequency(facts.detectors, radius)[0]
-    limits = {"the detectors' spacing": possible}
+    limits = [Limit(float(possible), "the detectors' spacing")]
     if record is not None and facts.times is not None:
         quiet = slice(0, max(int(np.searchsorted(facts.times, _arrival(facts, found))), 0))
         highest = highest_frequency(record, facts.times, quiet)
-        limits["what the record holds above its noise"] = (
-            2 * np.pi * highest / found.values["sound_speed"]
-        )
+        of_record = 2 * np.pi * highest / found.values["sound_speed"]
+        limits.append(Limit(of_record, "what the record holds above its noise"))
     elif "radii" in scan.known:
-        limits["the radii's spacing"] = np.pi / float(np.diff(scan.known["radii"]).max())
+        of_radii = np.pi / float(np.diff(scan.known["radii"]).max())
+        limits.append(Limit(of_radii, "the radii's spacing"))
     asked = found.given.get("pixels")
     most, why = (asked, "the pixels given") if asked else (VOXELS[1], f"{VOXELS[1]} voxels")
-    limits[why] = np.pi * (most - 1) / (2 * half_width)
-    limit = min(limits, key=lambda name: limits[name])
-    highest = float(found.take("max_frequency", limits[limit], limit))
-    require_detail(found, highest, limit)
+    limit = least(*limits, Limit(np.pi * (most - 1) / (2 * half_width), why))
+    highest = float(found.take("max_frequency", *limit))
+    require_detail(found, highest, limit.why)
     across = int(np.ceil(2 * half_width * highest / np.pi - 1e-6))
     pixels = int(np.clip(2 * -(-across // 2) + 1, *VOXELS))
     found.take("pixels", pixels, f"details of {facts.units.of_length(np.pi / highest, 3)}")
@@ -222,7 +216,8 @@ def _noise(facts: FactsInSpace, found: Found, record: np.ndarray | None) -> None
         found.take("low_pass", "none", "integrals over spheres are taken to be exact", GUESSED)
         return
     power = record_power(record, facts.times, detrend=False)
-    ratio = noise_before(power.after(2 * found.values["dead_time"]), _arrival(facts, found))
+    begin = 2 * found.values["dead_time"] or -np.inf
+    ratio = noise_before(power.after(begin), _arrival(facts, found))
     if ratio is None:
         how = "assumed: no silence in the record, by which it could be told"
         found.take_alpha(UNKNOWN_NOISE, how, GUESSED)

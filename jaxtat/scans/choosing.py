@@ -62,9 +62,7 @@ def estimate(scan: Scan, choices: Choices, **given: Any) -> Choices:
 
 
 def _require_options(choices: Choices, given: Mapping[str, Any]) -> None:
-    options = {"channels": "use"}
-    asked = [options.get(name, name) for name, why in choices.reasons if why.startswith("given")]
-    missing = [name for name in asked if given.get(name) is None]
+    missing = [name for name in choices.user_set if given.get(name) is None]
     if missing:
         raise ValueError(
             f"the choices were made with {', '.join(missing)} given: give estimate the same "

@@ -69,7 +69,9 @@ def quiet_noise(
     times = times_of(scan)
     if times is None:
         return None
-    start = 2 * choices.dead_time  # what is silenced is faded in over as long again
+    start = 2 * choices.dead_time or float(
+        times[0]
+    )  # what is silenced is faded in over as long again
     points, center = np.asarray(setup.curve.points), np.asarray(setup.region.center)
     nearest = np.linalg.norm(points - center, axis=1).min()
     arrival = float(nearest - setup.region.reach) / choices.sound_speed

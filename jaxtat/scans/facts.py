@@ -58,6 +58,7 @@ def with_facts(
     detectors: Any = None,
     sampling_rate: float | None = None,
     times: Any = None,
+    start_time: float | None = None,
     frames: Any = None,
 ) -> Scan:
     """The scan with facts that its file lacks, or has wrongly.
@@ -70,6 +71,8 @@ def with_facts(
         sampling_rate: of a record that starts at time 0 [1/time]; it or times replace both of the
             file.
         times: of the record, (samples,) [time].
+        start_time: of the first sample, in place of 0 or of the file's; below zero where samples
+            were taken before the laser fired [time].
         frames: numbers of those that are wanted, from 0, (some,).
 
     Raises:
@@ -92,7 +95,18 @@ def with_facts(
     known |= {name: np.asarray(value) for name, value in clock.items() if value is not None}
     scan = replace(scan, known=known)
     require_one_rate(scan)
+    if start_time is not None:
+        scan = _starting_at(scan, float(real_array("start_time", start_time, ())))
     return scan if frames is None else some_frames(scan, frames)
+
+
+def _starting_at(scan: Scan, start: float) -> Scan:
+    """The scan with times from ``start`` on, in place of a sampling rate too."""
+    times = times_of(scan)
+    if times is None:
+        raise ValueError("start_time is of pressure records, and the data are integrals.")
+    others = {name: value for name, value in scan.known.items() if name != "sampling_rate"}
+    return replace(scan, known=others | {"times": times - times[0] + start})
 
 
 def some_frames(scan: Scan, frames: Any) -> Scan:

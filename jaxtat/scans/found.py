@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
+from ..base.units import Units
 from ..io import Scan
 from ..records import Supported
 from .choices import Choices
-from .facts import SLOWEST
+from .facts import SLOWEST, water_speed
 
-TO_BE_ESTIMATED = "none in the file: about that of water, to be estimated"
 DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not show it
 SHARES = (0.1, 0.9)  # least and largest region radius over the arc's
 LONGEST = 100.0  # radii of the arc: no record of a scanner is that long
@@ -24,12 +24,19 @@ OF_FORMULA = ("alpha", "low_pass", "inversion")  # choices that mean nothing to 
 
 
 class Found(NamedTuple):
-    """Choices while they are made; given ones are kept."""
+    """Choices while they are made; given ones are kept.
+
+    Attributes:
+        given: options by name, None for those that are not.
+        values, reasons, grades: by name of a choice.
+        to_estimate: names of choices that images still have to tell.
+    """
 
     given: Mapping[str, Any]
     values: dict[str, Any]
     reasons: dict[str, str]
     grades: dict[str, str]
+    to_estimate: set[str]
 
     def take(self, name: str, value: Any, reason: str, grade: str = SURE) -> Any:
         if self.given.get(name) is not None:
@@ -40,6 +47,11 @@ class Found(NamedTuple):
 
     def explain(self, name: str, reason: str, grade: str = SURE) -> None:
         self.reasons[name], self.grades[name] = reason, grade
+
+    def estimate_later(self, name: str) -> None:
+        """Leave a choice to `estimate`, unless it is given."""
+        if self.given.get(name) is None:
+            self.to_estimate.add(name)
 
     def take_alpha(self, ratio: float, how: str, grade: str = LIKELY) -> None:
         """alpha and low pass by the power of the noise over that of the sound, and how it is known.
@@ -80,6 +92,7 @@ class Found(NamedTuple):
     def expect(self, missing: str) -> None:
         """Images are fitted where data are missing, in words; "" for none."""
         if missing:
+            self.values["model_based"] = True
             self.explain("model_based", f"there is no formula: {missing}")
 
     def take_constraints(self) -> None:
@@ -88,10 +101,11 @@ class Found(NamedTuple):
         if self.given.get("weight") == 0:
             asked.append("weight")
         defaults: dict[str, Any] = {"penalty": "tv", "nonnegative": False, "weight": None}
+        fitted = self.values.get("model_based", False)
         if asked:
             why = "given" if "model_based" in asked else f"{asked[0]} is given"
-            self.explain("model_based", self.reasons.get("model_based", why))
-        fitted = "model_based" in self.reasons
+            self.explain("model_based", self.reasons["model_based"] if fitted else why)
+            fitted = True
         self.values.update(defaults, model_based=fitted)
         if not fitted:
             return
@@ -111,7 +125,24 @@ class Found(NamedTuple):
     def choices(self) -> Choices:
         """All of them, once all were taken."""
         why = {"reasons": tuple(self.reasons.items()), "grades": tuple(self.grades.items())}
-        return Choices.from_settings(self.values | why | {"standard_errors": ()})
+        names = {
+            "user_set": tuple(name for name, value in self.given.items() if value is not None),
+            "to_estimate": tuple(sorted(self.to_estimate)),
+        }
+        return Choices.from_settings(self.values | why | names | {"standard_errors": ()})
+
+
+class Limit(NamedTuple):
+    """A highest lambda that can be had [rad/length], what bounds it, and how sure that is."""
+
+    frequency: float
+    why: str
+    grade: str = SURE
+
+
+def least(*limits: Limit) -> Limit:
+    """The limit that decides."""
+    return min(limits, key=lambda limit: limit.frequency)
 
 
 def radii_of(scan: Scan, found: Found) -> np.ndarray | None:
@@ -122,9 +153,23 @@ def radii_of(scan: Scan, found: Found) -> np.ndarray | None:
     return None if own is None else np.asarray(own, float)
 
 
+def take_nominal_speed(scan: Scan, found: Found, units: Units) -> float:
+    """Take the speed of the file, or water's until images tell it [length/time]."""
+    if "sound_speed" in scan.known:
+        speed = float(np.mean(scan.known["sound_speed"]))
+        return float(found.take("sound_speed", speed, "from the file"))
+    water = water_speed(units)
+    if water is None:
+        why = "none in the file, and sizes are not a scanner's: taken to be 1"
+        return float(found.take("sound_speed", 1.0, why, GUESSED))
+    found.estimate_later("sound_speed")
+    why = "none in the file: about that of water, to be estimated"
+    return float(found.take("sound_speed", water, why, GUESSED))
+
+
 def slowest(found: Found) -> float:
     """The least speed to search, over the nominal one, for which the record is long enough."""
-    return SLOWEST if found.reasons["sound_speed"] == TO_BE_ESTIMATED else 1.0
+    return SLOWEST if "sound_speed" in found.to_estimate else 1.0
 
 
 def covered(

@@ -5,6 +5,7 @@ from typing import Any
 from ..base.choice_table import CHOICES, GRADES
 from .choices import Choices
 
+CHOICE_OF = {"use": "channels"}  # which an option of another name decides
 LOOKED_AT = (
     "sound_speed",
     "model",
@@ -64,5 +65,6 @@ def to_look_at(choices: Choices, n: int = 3) -> list[str]:
     Given ones are not among them.
     """
     reasons = dict(choices.reasons)
-    open_ones = [name for name in LOOKED_AT if not reasons.get(name, "given").startswith("given")]
+    fixed = {CHOICE_OF.get(name, name) for name in choices.user_set}
+    open_ones = [name for name in LOOKED_AT if name in reasons and name not in fixed]
     return sorted(open_ones, key=lambda name: -GRADES.index(choices.grade(name)))[:n]

@@ -32,9 +32,9 @@ CLEAR = 0.6  # of a piece: later ones hold nothing of what is before them
 
 
 def muted_start(power: RecordPower, times: Float[np.ndarray, " times"]) -> float:
-    """End of a muted start; 0 where too little of the record would be left to judge by."""
+    """End of a muted start; minus infinity where too little of the record would be left."""
     muted = muted_until(power)
-    return muted if np.count_nonzero(times >= muted) >= LEFT_TO_JUDGE else 0.0
+    return muted if np.count_nonzero(times >= muted) >= LEFT_TO_JUDGE else -np.inf
 
 
 def noise_floor(quality: ChannelQuality, good: Bool[np.ndarray, " detectors"]) -> float:
@@ -43,12 +43,17 @@ def noise_floor(quality: ChannelQuality, good: Bool[np.ndarray, " detectors"]) -
     return float(np.median((noise / np.maximum(signal, 1e-300)) ** 2))
 
 
-def sound_begins(dead_time: float, muted: float, floor: float) -> float:
+def sound_begins(first: float, dead_time: float, muted: float, floor: float) -> float:
     """Earliest time of sound: the record is faded in over as long again as the dead time.
 
     In a record without noise a silent start is no mute.
+
+    Args:
+        first: time of the first sample.
+        dead_time, muted: ends of the artefact, 0 without one, and of a muted start [time].
+        floor: power of the noise over that of the signal.
     """
-    return max(2 * dead_time, muted if floor > EXACT else 0.0)
+    return max(first, 2 * dead_time or first, muted if floor > EXACT else first)
 
 
 def heard_after(
@@ -167,7 +172,7 @@ def speed_heard(scan: Scan, choices: Choices) -> float | None:
     muted = muted_start(power, facts.times)
     quality = channel_quality(record, facts.times, dead_time=max(choices.dead_time, muted))
     floor = noise_floor(quality, np.ones(len(record), bool))
-    begin = sound_begins(choices.dead_time, muted, floor)
+    begin = sound_begins(float(facts.times[0]), choices.dead_time, muted, floor)
     points = facts.points[list(choices.channels)] - np.array(choices.region_center)
     middle = float(np.median(np.hypot(*points.T))) / choices.sound_speed
     sound = sound_after(begin, np.asarray(record), facts.times, middle)

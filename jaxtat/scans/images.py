@@ -17,7 +17,7 @@ from ..io.images import HasInside
 from ..reconstruction import Reconstruction, ReconstructionPlan, Setup, solve
 from ..reconstruction import reconstruct as reconstruct_by
 from ..records import ranges
-from ..steps import AccuracyWarning
+from ..steps import AccuracyWarning, TooFewDetectors
 from .choices import Choices
 from .choosing import choose, estimate
 from .constrained import fitted
@@ -60,6 +60,7 @@ def reconstruct_file(
     detectors: Any = None,
     sampling_rate: float | None = None,
     times: Any = None,
+    start_time: float | None = None,
     frames: Any = None,
     out: Any = None,
     progress: bool = False,
@@ -70,8 +71,8 @@ def reconstruct_file(
 
     Args:
         path: a file that `load_scan` reads.
-        scanner, detectors, sampling_rate, times, frames: what the file lacks, and which
-            frames are wanted, see `with_facts`.
+        scanner, detectors, sampling_rate, times, start_time, frames: what the file lacks, and
+            which frames are wanted, see `with_facts`.
         out: as in `scans.reconstruct`.
         progress: whether to show a bar, if there is more than one frame.
         report: what to do with the table of choices, such as ``print``.
@@ -100,6 +101,7 @@ def reconstruct_file(
         detectors=detectors,
         sampling_rate=sampling_rate,
         times=times,
+        start_time=start_time,
         frames=frames,
     )
     choices = estimate(scan, choose(scan, **given), **given)
@@ -205,8 +207,8 @@ def _room(shape: tuple[int, ...]) -> np.ndarray:
 
 def _solve(setup: Setup, g: Array, choices: Choices) -> Reconstruction:
     with warnings.catch_warnings():
-        if dict(choices.reasons).get("max_frequency") != "given":  # the table says what bounds it
-            warnings.filterwarnings("ignore", "detectors are too few", AccuracyWarning)
+        if "max_frequency" not in choices.user_set:  # the table says what bounds it
+            warnings.simplefilter("ignore", TooFewDetectors)
         low_pass, inversion = choices.low_pass, choices.inversion
         return solve(setup, g, choices.alpha, low_pass=low_pass, inversion=inversion)
 

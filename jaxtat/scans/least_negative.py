@@ -19,7 +19,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..io import Scan
-from ..reconstruction.direct import DEFAULT_TOLERANCE
 from ..reconstruction.plane_bases import plane_basis
 from ..reconstruction.setup import plane_of
 from ..regularization import tikhonov_rule
@@ -75,7 +74,7 @@ def positive_by_speed(scan: Scan, choices: Choices) -> Float[np.ndarray, " speed
     sounding = jax.device_put(distance[:, None] + body * np.array([-1.0, 1.0]))
     g = integrals(scan, coarse, setup, typical_frame(scan)) * faded(radii, sounding)
     data = data_by_speed(g, radii, jax.device_put(SPEEDS), sizes.frequencies)
-    basis = plane_basis(*where, "auto", jax.device_put(DEFAULT_TOLERANCE), None)
+    basis = plane_basis(*where, None)
     rule = tikhonov_rule(max(choices.alpha, LEAST_ALPHA), sizes.n_frequencies)
     relative = np.arange(sizes.n_frequencies + 1) / sizes.n_frequencies
     eta = jax.device_put(relative * np.cos(np.pi / 2 * relative))

@@ -8,13 +8,13 @@ bright on one side and dark on the other, and less of the image is positive.
 """
 
 import warnings
+from dataclasses import replace
 
 from ..base.choice_table import GUESSED, LIKELY
 from ..io import Scan
 from ..steps import AccuracyWarning
 from .best_explained import DEEP, dip_of
 from .choices import Choices
-from .choose_in_plane import NO_TAIL, WAVES
 from .least_negative import positive_by_speed
 from .one_side import seen_once
 
@@ -26,7 +26,7 @@ WHAT = {"2d": "two-dimensional waves", "in-plane": "sound in the plane"}
 
 def in_doubt(choices: Choices) -> bool:
     """Whether the record alone did not tell the model."""
-    return dict(choices.reasons).get("model") in (WAVES, NO_TAIL)
+    return "model" in choices.to_estimate
 
 
 def better_model(scan: Scan, choices: Choices, other: Choices) -> Choices:
@@ -48,7 +48,8 @@ def better_model(scan: Scan, choices: Choices, other: Choices) -> Choices:
     model, why, grade = told or (choices.model, dict(choices.reasons)["model"], GUESSED)
     if (model, grade) == ("2d", GUESSED):
         warnings.warn(f"{why}; a scanner's record needs model in-plane.", AccuracyWarning, 4)
-    return by_model[model].with_reason("model", why, grade)
+    better = replace(by_model[model], user_set=choices.user_set, to_estimate=choices.to_estimate)
+    return better.with_reason("model", why, grade)
 
 
 def _by_dips(scan: Scan, by_model: dict[str, Choices]) -> tuple[str, str, str] | None:

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.choice_table import LIKELY, SURE
+from ..base.choice_table import LIKELY
 from ..densities.cylindrical_waves import cross_validation, polar_geometry, waves_of
 from ..io import Scan
 from ..reconstruction import Setup
@@ -56,7 +56,7 @@ def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
     alpha = float(alphas[np.argmin(_prediction_error(setup, g, jax.device_put(alphas)))])
     why = "by cross-validation: what no image explains is noise"
     found = replace(choices, alpha=alpha).with_reason("alpha", why, LIKELY)
-    if choices.grade("low_pass") == SURE:
+    if "low_pass" in choices.user_set:
         return found
     why = "alpha keeps the noise of two-dimensional waves out"
     return replace(found, low_pass="none").with_reason("low_pass", why, LIKELY)
@@ -65,7 +65,7 @@ def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
 def wants_alpha(choices: Choices) -> bool:
     """Whether alpha can be estimated and is not given."""
     of_formula = choices.model == "2d" and not choices.model_based
-    return of_formula and choices.grade("alpha") != SURE
+    return of_formula and "alpha" not in choices.user_set
 
 
 def _prediction_error(setup: Setup, g: Array, alphas: Array) -> Float[np.ndarray, " alphas"]:

@@ -9,7 +9,7 @@ from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import ArcFit, detector_curve, visible_disk
 from ..io import Scan
 from .facts import Facts
-from .found import SHARES, TO_BE_ESTIMATED, Found, covered, require_scale, slowest
+from .found import SHARES, Found, covered, require_scale, slowest
 from .hearing import Sound, body_heard, near_side_heard
 
 MARGIN, SPREAD = 1.1, 2.0  # of the region: times as far as sound comes from, and deviations
@@ -34,7 +34,7 @@ def region_of_sound(
     assert facts.times is not None
     center = center_within(arc, found)
     points = facts.points[facts.order][good] - np.array(arc.center)
-    known = found.reasons["sound_speed"] != TO_BE_ESTIMATED
+    known = "sound_speed" not in found.to_estimate
     heard = body_heard(sound, points, speed, known)
     body, tells = heard.disk, heard.when.tells
     path = float(facts.times[-1]) * speed

@@ -17,7 +17,6 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.choice_table import GUESSED
 from ..io import Scan
-from ..reconstruction.direct import DEFAULT_TOLERANCE
 from ..reconstruction.plane_bases import plane_basis
 from ..reconstruction.setup import plane_of
 from ..regularization import tikhonov_rule
@@ -26,7 +25,6 @@ from .all_speeds import data_by_speed
 from .best_explained import speed_best_explained
 from .choices import Choices
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
-from .found import TO_BE_ESTIMATED
 from .frames import integrals, setup_of
 from .hearing import speed_heard
 from .least_negative import speed_least_negative
@@ -54,18 +52,30 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
     where there are detectors opposite each other, these must agree on that speed: at a wrong one
     the parts of a regular object may fall onto each other's places.
     """
-    if dict(choices.reasons).get("sound_speed") != TO_BE_ESTIMATED:
+    if "sound_speed" not in choices.to_estimate:
         return choices
     found = (_speed_in_space if choices.in_space else _speed_in_plane)(scan, choices)
-    stretch = found.stretch
-    stretched = replace(
+    error = None if found.standard_error is None else choices.sound_speed * found.standard_error
+    stretched = at_speed(choices, found.stretch)
+    return stretched.with_reason("sound_speed", found.why, found.grade, error)
+
+
+def at_speed(choices: Choices, stretch: float) -> Choices:
+    """Choices at another speed of sound: radii for the same times, no farther apart than before.
+
+    Args:
+        choices: of a pressure record.
+        stretch: the other speed over that of the choices.
+    """
+    n_steps = choices.n_radii - 1
+    n_more = max(n_steps, int(np.ceil(n_steps * stretch - 1e-9)))
+    return replace(
         choices,
         sound_speed=choices.sound_speed * stretch,
         first_radius=choices.first_radius * stretch,
-        radial_step=choices.radial_step * stretch,
+        radial_step=choices.radial_step * stretch * n_steps / n_more,
+        n_radii=n_more + 1,
     )
-    error = None if found.standard_error is None else choices.sound_speed * found.standard_error
-    return stretched.with_reason("sound_speed", found.why, found.grade, error)
 
 
 def _speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
@@ -159,7 +169,7 @@ def sharpness_by_speed(
         return None
     g = integrals(scan, coarse, setup, frame)
     *_, radii, sizes = where = plane_of(setup)
-    basis = plane_basis(*where, "auto", jax.device_put(DEFAULT_TOLERANCE), None)
+    basis = plane_basis(*where, None)
     rule = tikhonov_rule(coarse.alpha, sizes.n_frequencies)
     eta = low_pass_values(coarse.low_pass, sizes.n_frequencies)[1:]
 

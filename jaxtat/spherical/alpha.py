@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..regularization.alpha import Problem, TikhonovRule
+from ..regularization.alpha import FrequencyData, TikhonovRule
 
 
-def seen_once(frequency: Array) -> Array:
+def single_crossing_in_space(frequency: Array) -> Array:
     """2√2 π/lambda²: the singular value of a wave that crosses the cap once, at right angles.
 
     On the whole sphere A A^T has the eigenvalues (4π R R_g)² (j_l² + j_l'²)(lambda R) (j_l² + y_l²)
@@ -21,7 +21,7 @@ def seen_once(frequency: Array) -> Array:
     twice, so one that crosses the cap once has half of it. `RelativeTikhonov` takes alpha =
     (kappa sigma_1)². For the weights of a cap; those of `DetectorPoints` must be areas.
 
-    >>> print(f"{(0.1 * seen_once(jnp.array(50.0))) ** 2:.4e}")
+    >>> print(f"{(0.1 * single_crossing_in_space(jnp.array(50.0))) ** 2:.4e}")
     1.2633e-07
     """
     return 2 * jnp.sqrt(2.0) * jnp.pi / frequency**2
@@ -50,7 +50,7 @@ def absolute_alpha(
         rule: one entry per frequency.
         frequencies: lambda [rad/length].
         degree_powers: mean over m of the diagonal entries of each degree l.
-        data_power, noise_power, n_data: as in `Problem`.
+        data_power, noise_power, n_data: as in `FrequencyData`.
     """
     degrees = np.arange(degree_powers.shape[-1])
     all_orders = np.repeat(degrees, 2 * degrees + 1)
@@ -58,18 +58,18 @@ def absolute_alpha(
     def at(
         rule: TikhonovRule, frequency: Array, powers: Array, data: Array, noise: Array
     ) -> tuple[Array, Array]:
-        problem = Problem(
+        known = FrequencyData(
             matrix=None,
             plane=None,
             diagonal=powers[all_orders][None],
             unit_norm=jnp.ones(()),
             data_power=data,
             noise_power=noise,
-            seen_once=seen_once(frequency),
+            single_crossing=single_crossing_in_space(frequency),
             unit=powers.max(),
             n_data=n_data,
         )
-        alpha = rule.absolute(problem)
-        return alpha, alpha / problem.unit
+        alpha = rule.absolute(known)
+        return alpha, alpha / known.unit
 
     return jax.vmap(at)(rule, frequencies, degree_powers, data_power, noise_power)

@@ -7,11 +7,10 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float
 
 from ..densities import Basis
-from ..densities.cylindrical_waves.tikhonov import SolveReport
 from ..geometry import VolumeGrid
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, Detectors, SphericalCap
-from ..regularization.alpha import TikhonovRule
+from ..regularization import SolveReport, TikhonovRule
 from ..steps.radial_transforms import total_integrals
 from .alpha import require_no_matrix
 from .inversion import meridian_projections, slices_of_projections

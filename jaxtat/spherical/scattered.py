@@ -15,10 +15,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from ..densities.cylindrical_waves import SolveReport, cholesky_solve
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints
-from ..regularization.alpha import TikhonovRule
+from ..regularization import SolveReport, TikhonovRule, relative_residual, tikhonov_solution
 from ..special import legendre_functions
 from ..steps.radial_transforms import kernel_noise_power
 from .alpha import absolute_alpha
@@ -72,10 +71,7 @@ def solve_points(
         u, back, right, alpha = given
         n = right.shape[1]
         rhs = right.reshape(2 * n, -1)
-        matrix = _gram(u, units) + alpha * jnp.eye(2 * n)
-        v = cholesky_solve(matrix[None], rhs[None])[0]
-        square, size = jnp.sum((matrix @ v - rhs) ** 2, axis=0), jnp.sum(rhs**2, axis=0)
-        residual = jnp.sqrt(jnp.max(square / jnp.where(size > 0, size, 1.0)))
+        v, squares = tikhonov_solution(_gram(u, units)[None], alpha, rhs[None])
         strengths = jnp.einsum("jkl,jki->lki", u * back, v.reshape(2, n, -1))
         strengths = jnp.pad(strengths, ((0, l_max + 1), (0, 0), (0, 0)))
 
@@ -86,11 +82,10 @@ def solve_points(
             return synthesis(order, coefficients[None], functions_at_polar)[0]
 
         found = jnp.moveaxis(jax.lax.map(of_order, (m, legendre, powers, at_polar)), 0, -1)
-        return found, jax.lax.stop_gradient(residual)
+        return found, relative_residual(squares)
 
     spectrum, residual = jax.lax.map(at, (magnitudes, _back(waves), data, alpha))
-    steps, finite = jnp.zeros(residual.shape, int), jnp.isfinite(residual)
-    report = SolveReport(alpha, relative, residual, steps, finite)
+    report = SolveReport(alpha, relative, residual, jnp.isfinite(residual))
     return jnp.moveaxis(spectrum, 1, 0), report
 
 

@@ -21,11 +21,11 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float, Int
 
 from ..base.parallel import map_shards
-from ..densities.cylindrical_waves import SolveReport, cholesky_solve
-from ..densities.cylindrical_waves.table import RegionFactor, gram_matrix, triangle
+from ..densities.cylindrical_waves.normal_equations import scaled_gram
+from ..densities.cylindrical_waves.table import RegionFactor, triangle
 from ..geometry.balls import Ball, Boundary
 from ..geometry.caps import SphericalCap
-from ..regularization.alpha import TikhonovRule
+from ..regularization import SolveReport, TikhonovRule, relative_residual, tikhonov_solution
 from ..special import legendre_functions
 from ..steps.radial_transforms import kernel_noise_power
 from .alpha import absolute_alpha
@@ -80,8 +80,8 @@ def solve_rings(
         number, frequencies, rule = given
         shared, relative = _shared(cap, region, radii, stack, rule, sizes, frequencies)
         spectrum, residual = _solve_group(shared, number, sizes)
-        steps, finite = jnp.zeros(residual.shape, int), jnp.isfinite(residual)
-        return spectrum, SolveReport(shared.alpha, relative, residual, steps, finite)
+        report = SolveReport(shared.alpha, relative, residual, jnp.isfinite(residual))
+        return spectrum, report
 
     numbers, rules = jnp.arange(len(sizes.groups)), jax.tree.map(by_group, rule)
     spectrum, report = map_shards(
@@ -129,8 +129,8 @@ def _solve_group(
     spectrum, squares = jax.lax.map(
         partial(of_piece, shared, jnp.concatenate(points)), jnp.arange(sizes.n_pieces)
     )
-    left, size = jnp.sum(squares, axis=(0, 1))  # (residual|right-hand side, frequencies, images)
-    residual = jnp.sqrt(jnp.max(left / jnp.where(size > 0, size, 1.0), axis=-1))
+    # (residual|right-hand side, frequencies, images)
+    residual = relative_residual(jnp.sum(squares, axis=(0, 1)))
     spectrum = spectrum.reshape(-1, *spectrum.shape[2:])[: sizes.n_orders]
     return jnp.moveaxis(spectrum, 0, -1), residual
 
@@ -223,16 +223,14 @@ def _solve_order(
             sliced = jnp.swapaxes(order_slice(radial, order, size), -1, -2)
             traces = boundary_traces(order, at_boundary, sliced, shared.boundary)
             factor = RegionFactor(triangle(traces[None]))
-        matrix = gram_matrix(a[None], b[None], gram[None], factor)
-        matrix += alpha * jnp.eye(matrix.shape[-1])
+        matrix = factor.around(scaled_gram(a[None], b[None], gram[None]))
         columns = a[:, None] * moment[:, 0].reshape(size, -1)
         columns += b[:, None] * moment[:, 1].reshape(size, -1)
         rhs = factor.matrix_times(columns[None])
-        y = cholesky_solve(matrix, rhs)
-        squares = jnp.stack([(matrix[0] @ y[0] - rhs[0]) ** 2, rhs[0] ** 2])
-        squares = squares.reshape(2, -1, *moment.shape[2:]).sum(axis=(1, 3))
+        y, squares = tikhonov_solution(matrix, alpha, rhs)
+        squares = squares.reshape(2, *moment.shape[2:]).sum(axis=-1)  # of real and imaginary part
         found = order_slice(scale, order, size)[:, None] * factor.transposed_matrix_times(y)[0]
-        return found, jax.lax.stop_gradient(squares)
+        return found, squares
 
     given = (waves.at_detectors, waves.norms, shared.scale, shared.radial, shared.alpha, moments)
     found, squares = jax.lax.map(at, given)

@@ -10,6 +10,8 @@ from .radon import cosine_filter, offset_step, polar_fourier_of_projections, rad
 from .resolution import (
     UNSAMPLED,
     AccuracyWarning,
+    TooFewDetectors,
+    UnreachedWaves,
     enough_boundary,
     polar_grid,
     require_boundary,
@@ -22,6 +24,8 @@ from .universal import universal_back_projection
 __all__ = [
     "UNSAMPLED",
     "AccuracyWarning",
+    "TooFewDetectors",
+    "UnreachedWaves",
     "classical_fbp",
     "cosine_filter",
     "delayed_transform",

@@ -28,6 +28,14 @@ class AccuracyWarning(UserWarning):
     """The image may be inaccurate: too few detectors or radii, or unsolved linear systems."""
 
 
+class TooFewDetectors(AccuracyWarning):
+    """The image holds waves that the detectors do not sample."""
+
+
+class UnreachedWaves(AccuracyWarning):
+    """Densities do not make the plane waves that the image is of."""
+
+
 def polar_grid(
     region: Region,
     grid: Grid,
@@ -129,7 +137,7 @@ def warn_of_detectors(highest: float, possible: float, where: str, stacklevel: i
         f"detectors are too few: they resolve frequencies up to {possible:.4g}, details of "
         f"{np.pi / possible:.4g}, but max_frequency is {highest:.4g}; {where}: use more "
         f"detectors, a smaller region, or pass max_frequency={possible:.4g}.",
-        AccuracyWarning,
+        TooFewDetectors,
         stacklevel=stacklevel + 1,
     )
 

@@ -33,6 +33,7 @@ from ..base.checks import (
     require_positive,
     require_x64,
 )
+from ..base.linear_algebra import lu_solve
 from ..base.rows import map_rows
 from ..densities.cylindrical_waves import (
     PolarGeometry,
@@ -362,7 +363,7 @@ def _(primals: tuple[Free, _Given], tangents: tuple[Any, Any]) -> tuple[Any, Any
 
     _, (least, change) = eqx.filter_jvp(lambda given: slope(flat, given), (given,), (moved,))
     curvature = jax.jacfwd(lambda flat: slope(flat, given)[1])(flat)
-    change = unravel(-jnp.linalg.solve(curvature, change))
+    change = unravel(-lu_solve(curvature[None], change[None, :, None])[0, :, 0])
     return (found, *rest), (change, least, None, None)
 
 
@@ -421,7 +422,7 @@ def _standard_errors(problem: _Problem, free: Free) -> Parameters:
         return left, change
 
     left, (curvature, mixed) = map_rows(along, jnp.eye(flat.size), AT_ONCE)
-    change = jnp.linalg.solve(curvature, mixed.reshape(flat.size, -1))
+    change = lu_solve(curvature[None], mixed.reshape(1, flat.size, -1))[0]
     errors = jnp.linalg.norm(jax.jacfwd(physical)(flat) @ change, axis=1)
     noise = jax.random.normal(jax.random.key(0), problem.g.shape)
     errors *= jnp.sqrt(left[0] / squares(flat, noise))

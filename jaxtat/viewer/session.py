@@ -178,6 +178,8 @@ class Session:
         for name in kept:
             if name in before:
                 moved = moved.with_reason(name, before[name], self.choices.grade(name))
+        start = self.choices
+        moved = replace(moved, user_set=start.user_set, to_estimate=start.to_estimate)
         return Session(self.scan, moved, self.facts)
 
     def frame_number(self, frame: int) -> int:

@@ -695,6 +695,8 @@ def test_what_is_given_replaces_the_files_clock(jaxtat_command, capsys):
     for clock, said in (("--sampling-rate 20", "0 to 4.45, 20"), ("--duration 4.45", "0 to 4.45")):
         assert jaxtat_command(f"info data.npz {ARC} {REGION} {clock}") == 0
         assert f"times: {said}" in capsys.readouterr().out
+        assert jaxtat_command(f"info data.npz {ARC} {REGION} {clock} --start-time=-0.45") == 0
+        assert "times: -0.45 to 4" in capsys.readouterr().out
 
 
 def test_a_reader_that_leaves_ends_it_quietly(jaxtat_command, capfd, monkeypatch):

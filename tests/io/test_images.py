@@ -36,12 +36,26 @@ def names(folder):
 
 
 def test_npy_holds_the_image_with_zeros_outside_the_region(tmp_path):
-    save_image(tmp_path / "a.npy", IMAGE, GRID, REGION, {})
+    save_image(tmp_path / "a.npy", IMAGE, GRID, REGION)
     stored = np.load(tmp_path / "a.npy", allow_pickle=False)
     assert stored.dtype == np.float64
     assert np.array_equal(stored, np.where(INSIDE, IMAGE, 0.0))
     assert 0 < INSIDE.sum() < INSIDE.size
     assert names(tmp_path) == ["a.npy"]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".npy", ".h5", ".nii", ".tif"])
+def test_an_image_is_saved_without_region_and_settings(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    save_image(path, IMAGE, GRID)
+    assert path.stat().st_size > 0
+    if suffix == ".npy":
+        assert np.array_equal(np.load(path), IMAGE)
+    if suffix == ".h5":
+        assert load_settings(path) == {}
+        with h5py.File(path) as file:
+            assert np.array_equal(file["image"][()], IMAGE)
+            assert file["inside"][()].all()
 
 
 STACK = IMAGE + np.arange(3.0)[:, None, None]
@@ -77,7 +91,7 @@ def test_hdf5_holds_image_coordinates_settings_and_where_they_come_from(tmp_path
 
 
 def test_hdf5_holds_stacks_with_a_number_for_every_frame(tmp_path):
-    save_image(tmp_path / "a.hdf5", STACK, GRID, REGION, {}, frames=FRAMES)
+    save_image(tmp_path / "a.hdf5", STACK, GRID, REGION, frames=FRAMES)
     with h5py.File(tmp_path / "a.hdf5", "r") as file:
         assert np.array_equal(file["image"][()], np.where(INSIDE, STACK, 0.0))
         assert [axis.label for axis in file["image"].dims] == ["frames", "x1", "x2"]
@@ -127,7 +141,7 @@ def test_settings_are_in_no_heap(tmp_path):
 
 def test_a_damaged_pixel_is_an_error_and_not_another_image(tmp_path):
     path = tmp_path / "a.h5"
-    save_image(path, IMAGE, GRID, disk(2.0, n_boundary=16), {})
+    save_image(path, IMAGE, GRID, disk(2.0, n_boundary=16))
     whole = path.read_bytes()
     at = whole.index(IMAGE.tobytes())
     path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
@@ -156,7 +170,7 @@ def test_nifti_holds_positions_in_millimetres(tmp_path):
 
 def test_nifti_stacks_as_their_bytes_stand_in_the_file(tmp_path):
     """Offsets of the NIfTI-1 standard, without a library."""
-    save_image(tmp_path / "a.nii", STACK, GRID, REGION, {}, frames=FRAMES, unit="um")
+    save_image(tmp_path / "a.nii", STACK, GRID, REGION, frames=FRAMES, unit="um")
     data = (tmp_path / "a.nii").read_bytes()
     assert struct.unpack_from("<8h", data, 40) == (4, 9, 12, 1, 3, 1, 1, 1)
     assert struct.unpack_from("<h", data, 70) == (64,)  # float64
@@ -192,7 +206,7 @@ def test_tiff_is_imagejs_with_x2_upwards(tmp_path):
 
 
 def test_tiff_stacks_are_pages_with_labels(tmp_path):
-    save_image(tmp_path / "a.tiff", STACK, GRID, REGION, {}, frames=FRAMES)
+    save_image(tmp_path / "a.tiff", STACK, GRID, REGION, frames=FRAMES)
     with tifffile.TiffFile(tmp_path / "a.tiff") as file:
         assert file.imagej_metadata["frames"] == 3
         assert file.imagej_metadata["Labels"] == ["700", "750", "800"]
@@ -204,7 +218,7 @@ def test_tiff_stacks_are_pages_with_labels(tmp_path):
 
 
 def test_npy_stacks_are_stacks(tmp_path):
-    save_image(tmp_path / "a.npy", STACK, GRID, REGION, {})
+    save_image(tmp_path / "a.npy", STACK, GRID, REGION)
     assert np.array_equal(np.load(tmp_path / "a.npy"), np.where(INSIDE, STACK, 0.0))
 
 
@@ -213,7 +227,7 @@ def test_png_is_a_picture_with_x1_to_the_right_and_x2_upwards(tmp_path):
     x1, x2 = np.moveaxis(np.asarray(grid.points), -1, 0)
     dark_at_upper_left = np.where((x1 < 0) & (x2 > 0), 0.0, 1.0)
     path = tmp_path / "a.png"
-    save_image(path, dark_at_upper_left, grid, disk(1.0, n_boundary=16), {})
+    save_image(path, dark_at_upper_left, grid, disk(1.0, n_boundary=16))
     assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
     picture = matplotlib.image.imread(path)
     height, width, _ = picture.shape
@@ -230,8 +244,8 @@ def test_png_is_blank_outside_the_region_and_shows_the_range_inside(tmp_path):
     grid = ImageGrid(40)
     outside = ~np.asarray(REGION.contains(grid.points))
     image = np.where(outside, -1e9, np.linspace(0, 1, 1600).reshape(40, 40))
-    save_image(tmp_path / "a.png", image, grid, REGION, {})
-    save_image(tmp_path / "b.png", np.where(outside, 7.0, image), grid, REGION, {})
+    save_image(tmp_path / "a.png", image, grid, REGION)
+    save_image(tmp_path / "b.png", np.where(outside, 7.0, image), grid, REGION)
     a, b = (matplotlib.image.imread(tmp_path / name) for name in ("a.png", "b.png"))
     assert np.array_equal(a, b)
 
@@ -241,7 +255,7 @@ def test_png_is_blank_outside_the_region_and_shows_the_range_inside(tmp_path):
 )
 @pytest.mark.parametrize("suffix", [".png", ".npy", ".h5"])
 def test_constant_single_precision_and_whole_numbers_are_written(tmp_path, values, suffix):
-    save_image(tmp_path / f"a{suffix}", values, GRID, REGION, {})
+    save_image(tmp_path / f"a{suffix}", values, GRID, REGION)
     assert names(tmp_path) == [f"a{suffix}"]
     if suffix == ".npy":
         assert np.array_equal(np.load(tmp_path / "a.npy"), np.where(INSIDE, values, 0))
@@ -250,17 +264,17 @@ def test_constant_single_precision_and_whole_numbers_are_written(tmp_path, value
 @pytest.mark.parametrize("name", ["a.jpg", "a", "a.png.bak", ".png", "a.PNG"])
 def test_other_suffixes_are_refused(tmp_path, name):
     with pytest.raises(ValueError, match=r"expected a name ending in \.png, \.npy, \.h5"):
-        save_image(tmp_path / name, IMAGE, GRID, REGION, {})
+        save_image(tmp_path / name, IMAGE, GRID, REGION)
     assert names(tmp_path) == []
 
 
 @pytest.mark.parametrize("suffix", [".png", ".npy", ".h5"])
 def test_missing_folders_and_folders_in_the_way_are_refused(tmp_path, suffix):
     with pytest.raises(ValueError, match="no folder"):
-        save_image(tmp_path / "nowhere" / f"a{suffix}", IMAGE, GRID, REGION, {})
+        save_image(tmp_path / "nowhere" / f"a{suffix}", IMAGE, GRID, REGION)
     (tmp_path / f"b{suffix}").mkdir()
     with pytest.raises(ValueError, match="it is a folder"):
-        save_image(tmp_path / f"b{suffix}", IMAGE, GRID, REGION, {})
+        save_image(tmp_path / f"b{suffix}", IMAGE, GRID, REGION)
     assert names(tmp_path) == [f"b{suffix}"]
 
 
@@ -313,7 +327,7 @@ def test_a_picture_of_a_stack_shows_some_of_it_in_the_same_colours():
 @pytest.mark.parametrize("shape", [(12, 9), (2, 12, 9), (1, 1, 9, 12), (0, 9, 12), (9,), ()])
 def test_images_of_another_grid_are_refused(tmp_path, shape):
     with pytest.raises(ValueError, match=r"shape .* its grid has \(9, 12\)"):
-        save_image(tmp_path / "a.npy", np.ones(shape), GRID, REGION, {})
+        save_image(tmp_path / "a.npy", np.ones(shape), GRID, REGION)
     assert names(tmp_path) == []
 
 
@@ -346,13 +360,13 @@ def test_a_missing_package_is_named_before_anything_is_done(tmp_path, monkeypatc
 
     monkeypatch.setattr(importlib, "import_module", absent)
     with pytest.raises(ValueError, match=rf"needs {package} .*: pip install 'jaxtat\[io\]'"):
-        save_image(tmp_path / name, IMAGE, GRID, REGION, {})
+        save_image(tmp_path / name, IMAGE, GRID, REGION)
     assert names(tmp_path) == []
 
 
 def test_a_failing_write_leaves_the_old_image(tmp_path, monkeypatch):
     path = tmp_path / "a.npy"
-    save_image(path, IMAGE, GRID, REGION, {})
+    save_image(path, IMAGE, GRID, REGION)
     before = path.read_bytes()
 
     def failing(file, array):
@@ -361,7 +375,7 @@ def test_a_failing_write_leaves_the_old_image(tmp_path, monkeypatch):
 
     monkeypatch.setattr(np, "save", failing)
     with pytest.raises(OSError, match="no space"):
-        save_image(path, 2 * IMAGE, GRID, REGION, {})
+        save_image(path, 2 * IMAGE, GRID, REGION)
     assert path.read_bytes() == before
     assert names(tmp_path) == ["a.npy"]
 

@@ -7,7 +7,6 @@ import pytest
 from exact import data_of, filtered, inside, turned
 
 from jaxtat import (
-    AccuracyWarning,
     ImageGrid,
     NormBound,
     Setup,
@@ -19,8 +18,7 @@ from jaxtat import (
     reconstruct,
     solve,
 )
-from jaxtat.reconstruction import plane_bases as bases
-from jaxtat.reconstruction.setup import plane_of, require_setup
+from jaxtat.reconstruction.setup import require_setup
 
 BELL = phantoms.Bells([[0.08, 0.03], [-0.05, -0.06]], [0.9, 0.9], [1.0, 0.7])
 
@@ -69,7 +67,7 @@ def test_measured_positions_with_jitter(arc):
 
 
 def test_the_same_image_by_other_means(arc, data):
-    """Millimetres, float32 data, gradients instead of factors, filtered back-projection."""
+    """Millimetres, float32 data, filtered back-projection."""
     image = np.asarray(solve(arc, data).image)
     assert np.array_equal(reconstruct(arc, data), image)
     small = Setup(circular_arc(1.3e-3, 1e-3, 80), disk(1e-3), ImageGrid(21, 1e-3))
@@ -77,8 +75,6 @@ def test_the_same_image_by_other_means(arc, data):
     single = solve(arc, data.astype(jnp.float32)).image
     assert single.dtype == jnp.float64
     assert abs(single - image).max() < 1e-6
-    iterated = solve(arc, data, solver="cg")
-    assert iterated.converged and abs(iterated.image - image).max() < 1e-9
     classical = solve(arc, data, inversion="fbp").image
     assert np.abs(classical - image)[inside(arc)].max() < 2e-5
 
@@ -109,25 +105,15 @@ def test_low_pass_acts_on_the_fourier_transform(arc, data):
     assert jnp.abs(BELL.image(arc.grid) - expected)[inside(arc)].max() > 1e-2
 
 
-def test_systems_not_solved_are_reported(arc, data):
-    """Asked for what rounding forbids: a warning, and converged is False."""
-    with pytest.warns(AccuracyWarning, match="not solved"):
-        found = solve(arc, data, solver="cg", tolerance=1e-20)
-    assert not found.converged
-    assert found.report.residual.max() > 1e-19
-
-
 # ---- refusals
 
 BAD = {
-    "solver": ({"solver": "lu"}, "solver is 'lu'"),
     "inversion": ({"inversion": "radon"}, "inversion is 'radon'"),
     "alpha of zero": ({"rule": 0.0}, "above zero"),
     "negative alpha": ({"rule": -1e-3}, "above zero"),
     "alpha of NaN": ({"rule": np.nan}, "NaN"),
     "alpha per detector": ({"rule": np.full(80, 1e-6)}, "one per frequency"),
     "rule of plans": ({"rule": NormBound(2.0)}, r"build_plan\(setup, NormBound.*TikhonovNormBound"),
-    "tolerance of many": ({"tolerance": [1e-9, 1e-10]}, "tolerance has shape"),
 }
 
 
@@ -158,20 +144,7 @@ def test_detectors_too_near_for_waves(arc):
     assert jnp.abs(found.image - BELL.image(near.grid))[inside(near)].max() < 1e-3
 
 
-# ---- solvers and derivatives
-
-
-def basis_of(setup):
-    return bases.plane_basis(*plane_of(setup), "auto", jnp.array(1e-10), None)
-
-
-def test_solver_follows_from_the_size(arc, half_arc, monkeypatch):
-    """Conjugate gradients for very many orders, where they are cheap: disks and circles."""
-    assert basis_of(arc).solver == "cholesky"
-    monkeypatch.setattr("jaxtat.reconstruction.plane_bases.MOST_ORDERS", 10)
-    assert basis_of(arc).solver == "cg"
-    assert basis_of(half_arc).solver == "cholesky"
-
+# ---- derivatives
 
 # a small problem, whose parameters are all changed at once
 WIDTH = 0.2  # of elements
@@ -203,7 +176,7 @@ PARAMETERS = {
 }
 
 
-def energy_of(kind, solver):
+def energy_of(kind):
     """A weighted sum of squared pixels; value and slopes."""
     weights = inside(SMALL) * np.random.default_rng(1).uniform(0.5, 1, SMALL.grid.shape)
     setup = SETUPS[kind]
@@ -221,7 +194,7 @@ def energy_of(kind, solver):
             grid=ImageGrid(9, parameters["half width"]),
             radii=parameters["sound speed"] * parameters["times"],
         )
-        found = solve(moved, parameters["g"], parameters["alpha"], solver=solver)
+        found = solve(moved, parameters["g"], parameters["alpha"])
         return jnp.sum(weights * found.image**2)
 
     return energy
@@ -235,13 +208,13 @@ def step_along(name, value):
     return size * jnp.asarray(np.random.default_rng(2).uniform(-1, 1, value.shape))
 
 
-@pytest.mark.parametrize(("kind", "solver"), [("arc", "cg"), ("positions", "cholesky")])
-def test_derivatives_of_the_image(kind, solver):
+@pytest.mark.parametrize("kind", SETUPS)
+def test_derivatives_of_the_image(kind):
     """Reverse mode equals forward mode, and finite differences in every parameter.
 
     Of wide elements on an arc around a disk, and anywhere beside a part of one.
     """
-    energy, parameters = energy_of(kind, solver), PARAMETERS[kind]
+    energy, parameters = energy_of(kind), PARAMETERS[kind]
     steps = {name: step_along(name, value) for name, value in parameters.items()}
 
     @jax.jit  # one program for all, of one linearisation

@@ -49,6 +49,27 @@ def test_coarse_counts_raise_no_alarm(count):
     assert np.all(channel_quality(np.round(whole / count), TIMES).good)
 
 
+@pytest.mark.parametrize("rest", [slice(280, 400), slice(20, 110)])
+def test_channels_that_are_exactly_silent_are_not_saturated(rest):
+    """A third of a simulated record rests at its baseline where the others hold faint sound."""
+    rng = np.random.default_rng(8)
+    loud = np.abs(exact_record()).max()
+    faint = 1e-4 * loud * np.sin(40 * TIMES + rng.uniform(0, 6, (60, 1)))
+    record = exact_record() + faint
+    record[::3, rest] = 0.0
+    quality = channel_quality(record + rng.normal(7, 1, (60, 1)), TIMES)
+    assert np.all(quality.good), str(quality)
+
+
+def test_zeros_in_a_noisy_record_are_silence_and_another_level_is_not():
+    rng = np.random.default_rng(9)
+    loud = np.abs(exact_record()).max()
+    record = exact_record() + 0.01 * loud * (TIMES + rng.standard_normal((60, 400)))
+    record[5, 300:] = record[9, 20:60] = 0.0
+    record[14, 300:] = 0.3 * loud
+    assert numbers(channel_quality(record, TIMES).saturated) == [14]
+
+
 def test_each_kind_of_broken_channel_is_found_and_no_other():
     rng = np.random.default_rng(0)
     record = counts(exact_record(), rng)
@@ -139,7 +160,7 @@ def test_noise_and_signal_have_derivatives(check_both_modes):
     [
         ({"pressure": np.zeros((3, 99))}, "pressure has shape"),
         ({"pressure": np.full((3, 400), np.nan)}, "NaN"),
-        ({"dead_time": 2.3}, "32 samples are left after dead_time"),
+        ({"dead_time": 2.3}, "33 samples are left after dead_time"),
         ({"dead": 0.0}, "dead is 0"),
         ({"noisy": -1.0}, "noisy is -1"),
     ],

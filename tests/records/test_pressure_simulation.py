@@ -11,6 +11,7 @@ import jaxtat
 from jaxtat import AccuracyWarning
 from jaxtat.forward import integrate_over_circles
 from jaxtat.records import circular_integrals_to_pressure, pressure_to_circular_integrals
+from jaxtat.records.pressure_simulation import pressure_matrix
 
 RADII = 0.025 * (1 + np.arange(90))
 MODELS = ["2d", "in-plane"]
@@ -128,6 +129,16 @@ def test_missing_ends_are_said():
         circular_integrals_to_pressure(gaussian_integrals(RADII)[None, :50], RADII[:50], [1.0])
 
 
+@pytest.mark.parametrize("model", MODELS)
+def test_before_the_laser_fires_nothing_is_recorded(model):
+    """The waves are even in time, the record is not."""
+    radii, times = np.linspace(0.1, 2.0, 40), np.linspace(-1.0, 2.0, 31)
+    matrix = np.asarray(pressure_matrix(radii, times, model=model))
+    assert not matrix[times < 0].any()
+    wanted = pressure_matrix(radii, times[times >= 0], model=model)
+    np.testing.assert_allclose(matrix[times >= 0], wanted, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -136,7 +147,7 @@ def test_missing_ends_are_said():
         ({"radii": RADII - 0.025}, "radii is"),
         ({"radii": RADII**2}, "radii have steps"),
         ({"radii": RADII[:4], "integrals": np.zeros((3, 4))}, "got 4 radii"),
-        ({"times": [-1.0, 2.0]}, "times are -1 first"),
+        ({"times": [-2.0, -1.0]}, "times are -1 at most"),
         ({"times": np.zeros(0)}, "times are none"),
         ({"sound_speed": 0.0}, "sound_speed is 0"),
         ({"model": "3d"}, "expected '2d' or 'in-plane'"),

@@ -236,6 +236,29 @@ def test_noise_is_told_from_what_the_model_gets_wrong():
     assert "sound speed, positions, sources outside" in explained[2][1]
 
 
+def test_what_is_left_is_not_good_where_it_is_many_times_the_noise():
+    """Data of the image's own integrals, and 1 % and 10 % of them besides what is told as noise."""
+    clean = diagnosed()
+    size = float(np.sqrt(np.mean(np.asarray(clean.g)[np.asarray(clean.residual.meets)] ** 2)))
+
+    def explained(left, noise):
+        known = DataNoise(jnp.asarray(noise * size), NoiseSource.RECORD)
+        grown = eqx.tree_at(
+            lambda tree: (tree.residual.relative, tree.noise),
+            clean,
+            (jnp.asarray(left), known),
+            is_leaf=lambda leaf: isinstance(leaf, DataNoise),
+        )
+        return levels(grown)[1]
+
+    level, text = explained(0.1, 0.1 / 35)
+    assert level is Level.CAUTION
+    assert "35 times the noise" in text
+    assert explained(0.1, 0.08)[0] is explained(0.01, 1e-5)[0] is Level.GOOD
+    assert "times the noise" not in explained(0.1, 0.08)[1]
+    assert explained(0.6, 1e-3)[0] is Level.BAD
+
+
 @pytest.mark.parametrize(
     ("sigma", "source", "level", "says"),
     [

@@ -158,8 +158,10 @@ def test_what_is_least_sure_is_looked_at_first_and_then_what_decides_most():
     grades = dict.fromkeys(dict(reasons), "sure") | {"alpha": "likely", "band": "guessed"}
     found = dataclasses.replace(CHOICES, reasons=reasons, grades=tuple(grades.items()))
     assert to_look_at(found) == ["band", "alpha", "sound_speed"]
-    given = found.with_reason("sound_speed", "given", "sure")
+    given = found.with_reason("sound_speed", "by hand", "sure")
+    given = dataclasses.replace(given, user_set=("sound_speed", "use"))
     assert to_look_at(given) == ["band", "alpha", "model"]
+    assert to_look_at(given, 9).count("channels") == 0  # decided by the option use
     assert dict(given.standard_errors) == dict(found.standard_errors)
     assert given.grade("sound_speed") == "sure" and given.grade("pixels") == "guessed"
 
@@ -173,7 +175,7 @@ def test_what_is_least_sure_is_looked_at_first_and_then_what_decides_most():
     ],
 )
 def test_alpha_says_what_it_means(ratio, alpha, why):
-    found = Found({}, {}, {}, {})
+    found = Found({}, {}, {}, {}, set())
     found.take_alpha(ratio, "by hand")
     assert (found.values["alpha"], found.reasons["alpha"]) == (alpha, why)
 

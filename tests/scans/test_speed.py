@@ -1,25 +1,37 @@
 """The search for the speed of sound: data of all speeds at once, and sharpness without images."""
 
+import warnings
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_scans import RATE, positions, record
+from made_scans import RATE, positions, record, scan
 
 from jaxtat import ImageGrid, Setup, circular_arc, disk, phantoms
-from jaxtat.io import Scan
+from jaxtat.io import Scan, load_scan
+from jaxtat.io.datasets import sample_scan
 from jaxtat.reconstruction.plane_bases import plane_basis
 from jaxtat.reconstruction.setup import plane_of
 from jaxtat.regularization import tikhonov_rule
 from jaxtat.scans import choose, estimate_sound_speed
 from jaxtat.scans.all_speeds import data_by_speed
-from jaxtat.scans.speed import _sharpness, by_both, sharpest
+from jaxtat.scans.facts import FASTEST, SLOWEST
+from jaxtat.scans.speed import _sharpness, at_speed, by_both, sharpest
 from jaxtat.scans.speed_found import SpeedFound, unknown
-from jaxtat.steps import radial_transform
+from jaxtat.steps import AccuracyWarning, polar_grid, radial_transform
 from jaxtat.studies import sharpness
 
 SETUP = Setup(circular_arc(1.3, 1.3, 96), disk(0.8), ImageGrid(41, 0.8), max_frequency=50.0)
 FREQUENCIES, RADII = SETUP.frequencies, SETUP.radii
 STRETCHES = jnp.array([0.94, 1.0, 1.05])
+
+
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory):
+    """The scan that the package writes to try things on."""
+    path = tmp_path_factory.mktemp("sample") / "scan.npz"
+    sample_scan(path)
+    return load_scan(path)
 
 
 def data(bells):
@@ -37,7 +49,7 @@ def test_data_of_all_speeds_are_those_of_stretched_radii():
 def test_sharpness_without_an_image_is_the_images():
     """Up to a factor, of bells of two sizes; fhat² itself would be half as large. Times speed²."""
     wide, narrow = (phantoms.Bells([[0.1, -0.15]], [size]) for size in (0.6, 0.45))
-    basis = plane_basis(*plane_of(SETUP), "auto", jnp.array(1e-10), None)
+    basis = plane_basis(*plane_of(SETUP), None)
     rule, eta = tikhonov_rule(1e-8, len(FREQUENCIES)), jnp.ones(len(FREQUENCIES))
     values, exact = [], []
     for bells in (wide, narrow):
@@ -143,3 +155,27 @@ def test_noise_alone_agrees_on_no_speed():
     )
     found = estimate_sound_speed(made, choose(made, region_radius=0.011))
     assert dict(found.reasons)["sound_speed"].startswith("water's: ")
+
+
+def test_another_speed_keeps_the_times_of_the_radii_and_their_steps_or_shorter_ones():
+    chosen = choose(scan(record()), pixels=33)
+    last = chosen.first_radius + chosen.radial_step * (chosen.n_radii - 1)
+    for stretch in (SLOWEST, 1.0, 1.003, FASTEST):
+        moved = at_speed(chosen, stretch)
+        assert moved.sound_speed == stretch * chosen.sound_speed
+        assert moved.first_radius == stretch * chosen.first_radius
+        assert moved.radial_step <= chosen.radial_step * (1 + 1e-9)
+        end = moved.first_radius + moved.radial_step * (moved.n_radii - 1)
+        assert end == pytest.approx(stretch * last, rel=1e-12)
+    assert at_speed(chosen, 1.0).n_radii == chosen.n_radii
+
+
+@pytest.mark.parametrize("pixels", [17, *range(33, 434, 50), 64, 129, 433])
+def test_choices_of_pixels_do_not_cause_an_alarm(sample, pixels):
+    """At any speed of sound that may be estimated: the radii sample the shortest wave."""
+    chosen = choose(sample, pixels=pixels)
+    for stretch in (SLOWEST, 1.0007, FASTEST):
+        moved = at_speed(chosen, stretch)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", AccuracyWarning)
+            polar_grid(moved.region, moved.grid, moved.radii, moved.max_frequency, None)

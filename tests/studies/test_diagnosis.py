@@ -21,7 +21,7 @@ from jaxtat import (
     phantoms,
     reconstruct,
 )
-from jaxtat.densities.cylindrical_waves import SolveReport
+from jaxtat.regularization import SolveReport
 from jaxtat.studies import (
     NoiseSource,
     affordable_pixels,
@@ -78,7 +78,7 @@ def test_the_plan_of_a_reconstruction_has_its_alphas(plan, monkeypatch, basis, k
 
     monkeypatch.setattr("jaxtat.studies.diagnosis.build_plan", build)
     alphas = jnp.array([1e-3, 2e-3, 4e-3, 8e-3])
-    solved = SolveReport(2 * alphas, alphas, 0 * alphas, jnp.zeros(4, int), jnp.ones(4, bool))
+    solved = SolveReport(2 * alphas, alphas, 0 * alphas, jnp.ones(4, bool))
     assert plan_of(SETUP, Reconstruction(jnp.zeros(GRID.shape), solved, basis)) is plan
     setup, rule = asked["arguments"]
     assert setup is SETUP and isinstance(rule, kind) and asked["options"]["method"] == method

@@ -18,29 +18,25 @@ from .densities import (
     wave_system,
 )
 from .free_disks import FreeWaves, free_densities, free_waves, wants_double
-from .linear_systems import cholesky_solve, conjugate_gradients
 from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
 from .table import WaveTable, compiled_wave_table, wave_table
-from .tikhonov import Asked, SolveReport, solve_harmonics
+from .tikhonov import RuleInputs, solve_harmonics
 from .tikhonov_rows import DecomposedWaves, decomposed_waves, tikhonov_densities
 from .waves import circular_harmonics_at
 
 __all__ = [
-    "Asked",
     "DecomposedWaves",
     "DensityGroup",
     "FreeWaves",
     "HarmonicDensities",
     "PolarGeometry",
-    "SolveReport",
+    "RuleInputs",
     "WaveTable",
     "Waves",
     "alpha_units",
-    "cholesky_solve",
     "circular_harmonics_at",
     "compiled_wave_table",
-    "conjugate_gradients",
     "cross_validation",
     "decomposed_waves",
     "free_densities",

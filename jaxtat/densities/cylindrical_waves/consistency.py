@@ -16,20 +16,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .linear_systems import cholesky_solve
+from ...regularization import spectrum, tikhonov_solution
+from .normal_equations import moments, normal_equations, summed_over_detectors
 from .polar import PolarGeometry
-from .table import (
-    RegionFactor,
-    WaveTable,
-    alpha_unit,
-    circle_gram,
-    detector_matrix,
-    detector_powers,
-    region_factor,
-    wave_table,
-    with_matrix,
-)
-from .tikhonov import moments, normal_matrix, summed_over_detectors
+from .table import WaveTable, circle_gram, detector_matrix, wave_table, with_matrix
 
 
 class Waves(eqx.Module):
@@ -85,13 +75,12 @@ def unexplained(
     def at(given: tuple[WaveTable, Array, Array]) -> tuple[Array, Array]:
         wave, data, sums = given
         wave = with_matrix(geometry, wave)
-        factor, matrix, unit = _system(geometry, wave, waves.gram)
-        absolute = alpha * unit
-        rhs = factor.times(moments(geometry, wave, sums[None]))
-        shifted = matrix + absolute * jnp.eye(matrix.shape[-1])
-        y = cholesky_solve(shifted, jnp.moveaxis(rhs, 0, -1))[..., 0]
+        equations = normal_equations(geometry, wave, waves.gram)
+        absolute = alpha * equations.unit
+        rhs = equations.rhs(moments(geometry, wave, sums[None]))
+        y = tikhonov_solution(equations.matrix, absolute, rhs)[0][..., 0]
         matrices = detector_matrix(geometry, wave)
-        explained = jnp.einsum("jbrk,br->jk", matrices, factor.transposed_times(y))
+        explained = jnp.einsum("jbrk,br->jk", matrices, equations.factor.transposed_times(y))
         return root * (data - explained), jnp.sqrt(absolute) * y
 
     values = transformed * geometry.weights
@@ -121,9 +110,9 @@ def unexplained_share(
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
         wave = with_matrix(geometry, wave)
-        factor, matrix, unit = _system(geometry, wave, waves.gram)
-        rhs = jnp.moveaxis(factor.times(moments(geometry, wave, sums)), 0, -1)
-        y = cholesky_solve(matrix + alpha * unit * jnp.eye(matrix.shape[-1]), rhs)
+        equations = normal_equations(geometry, wave, waves.gram)
+        rhs = equations.rhs(moments(geometry, wave, sums))
+        y, _ = tikhonov_solution(equations.matrix, alpha * equations.unit, rhs)
         return jnp.maximum(1 - jnp.sum(rhs * y, axis=(0, 1)) / power, jnp.finfo(power.dtype).eps)
 
     values = jnp.moveaxis(transformed, 1, 0) * geometry.weights
@@ -160,11 +149,11 @@ def cross_validation(
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
         wave = with_matrix(geometry, wave)
-        factor, matrix, unit = _system(geometry, wave, waves.gram)
-        absolute = alphas * unit
-        eigenvalues, vectors = jnp.linalg.eigh(matrix)
-        seen = jnp.maximum(eigenvalues, 0.0).ravel()[:, None]
-        rhs = factor.times(moments(geometry, wave, sums[None]))[0]
+        equations = normal_equations(geometry, wave, waves.gram)
+        absolute = alphas * equations.unit
+        eigenvalues, vectors = spectrum(equations.matrix)
+        seen = eigenvalues.ravel()[:, None]
+        rhs = equations.rhs(moments(geometry, wave, sums[None]))[..., 0]
         squares = jnp.einsum("bij,bi->bj", vectors, rhs).ravel()[:, None] ** 2
         explained = jnp.sum(squares * (seen + 2 * absolute) / (seen + absolute) ** 2, axis=0)
         rounding = jnp.finfo(power.dtype).eps * power
@@ -175,12 +164,3 @@ def cross_validation(
     power = jnp.sum(values * transformed, axis=(1, 2))
     sums = summed_over_detectors(geometry, values, waves.table.n_max)
     return jax.lax.map(at, (waves.table, power, sums))
-
-
-def _system(
-    geometry: PolarGeometry, wave: WaveTable, gram: Float[Array, "blocks r r"] | None
-) -> tuple[RegionFactor, Float[Array, "blocks m m"], Float[Array, ""]]:
-    """R and A A^T of one frequency, and the unit of alpha."""
-    factor = region_factor(geometry, wave)
-    unit = alpha_unit(factor.powers, detector_powers(geometry, wave))
-    return factor, normal_matrix(geometry, wave, factor, gram), unit

@@ -11,8 +11,6 @@ where a and b hold the Bessel functions of the frequency, and T none. Of element
 waves are averaged: on a circle elements that are alike make a factor for each order in a and b.
 """
 
-from collections.abc import Callable
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -20,11 +18,11 @@ import numpy as np
 from jaxtyping import Array, Float, Inexact
 
 from ...base.checks import is_concrete
+from ...base.linear_algebra import qr
 from ...geometry.elements import element_factor, mean_over_nodes
 from ...special import known_decay_steps
 from .cut_disks import CutDisk, cut_disk_gram
 from .known_waves import known_at_detectors, known_disk_norms
-from .linear_systems import product_of_blocks
 from .polar import PolarGeometry
 from .waves import angular, at_detectors, boundary_traces, disk_norms, scales, twice, wave_steps
 
@@ -247,37 +245,6 @@ class RegionFactor(eqx.Module):
             return self.values[:, :, None] * matrix * self.values[:, None, :]
         return self.values @ matrix @ jnp.swapaxes(self.values, -1, -2)
 
-    def inverse_around(
-        self, diagonal: Float[Array, "blocks r"], alpha: Float[Array, ""]
-    ) -> Callable[[Array], Array]:
-        """v -> (R diag R^T + alpha)^-1 v."""
-        if self.is_diagonal:
-            inverse = 1 / (self.values**2 * diagonal + alpha)
-            return lambda v: inverse * v
-        scaled = self.values * jnp.sqrt(diagonal)[:, None, :]
-        matrix = scaled @ jnp.swapaxes(scaled, -1, -2) + alpha * jnp.eye(self.values.shape[1])
-        triangle = jnp.linalg.cholesky(jax.lax.stop_gradient(matrix), symmetrize_input=False)
-        return lambda v: jax.scipy.linalg.cho_solve((triangle, True), v[..., None])[..., 0]
-
-
-def gram_matrix(
-    a: Float[Array, "blocks r"],
-    b: Float[Array, "blocks r"],
-    gram: Float[Array, "blocks r r"],
-    factor: RegionFactor,
-) -> Float[Array, "blocks m m"]:
-    """R [(a a^T + b b^T) ∘ T] R^T."""
-    if factor.is_diagonal:
-        return scaled_gram(factor.times(a), factor.times(b), gram)
-    return factor.around(scaled_gram(a, b, gram))
-
-
-def scaled_gram(
-    a: Float[Array, "blocks r"], b: Float[Array, "blocks r"], gram: Float[Array, "blocks r r"]
-) -> Float[Array, "blocks r r"]:
-    """(a a^T + b b^T) ∘ T."""
-    return (a[:, :, None] * a[:, None, :] + b[:, :, None] * b[:, None, :]) * gram
-
 
 def region_factor(geometry: PolarGeometry, wave: WaveTable) -> RegionFactor:
     """R of one frequency: norms on a disk, else from a QR decomposition of the traces."""
@@ -298,29 +265,10 @@ def region_gram(
     return jnp.stack([part.T @ part for part in parts])
 
 
-def product_of_grams(
-    geometry: PolarGeometry, inner: Float[Array, "blocks r r"], outer: Float[Array, "blocks r r"]
-) -> Float[Array, "blocks r r"]:
-    """K G of one frequency.
-
-    On half a circle the cosines of even orders are orthogonal, being even about its quarters, and
-    so are those of odd ones, and sines: of K only the diagonal and every second one beside it are
-    not zero, which halves the product. (Sums over n detectors do as integrals up to the order n.)
-    """
-    r = inner.shape[-1]
-    if not (geometry.half_turn and geometry.mirror and r <= geometry.detector_angles.shape[0]):
-        return product_of_blocks(inner, outer)
-    even = product_of_blocks(inner[:, 0::2, 1::2], outer[:, 1::2])
-    odd = product_of_blocks(inner[:, 1::2, 0::2], outer[:, 0::2])
-    odd = jnp.pad(odd, [(0, 0), (0, r % 2), (0, 0)])
-    mixed = jnp.stack([even, odd], axis=2).reshape(inner.shape[0], -1, r)[:, :r]
-    return mixed + jnp.diagonal(inner, axis1=-2, axis2=-1)[..., None] * outer
-
-
 @jax.custom_jvp
 def triangle(traces: Float[Array, "blocks traces r"]) -> Float[Array, "blocks m r"]:
     """R of B = Q R, which may be singular."""
-    return jnp.linalg.qr(traces, mode="r")
+    return qr(traces)[1]
 
 
 @triangle.defjvp
@@ -330,7 +278,7 @@ def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     # leads out of the span of Q meets neither densities nor images to first order, since both see
     # B through B^T f(B K B^T) B, in which it is multiplied with parts of B that are zero.
     # (Second derivatives would see it, and are not correct with respect to the region's shape.)
-    q, r = jnp.linalg.qr(primals[0])
+    q, r = qr(primals[0])
     return r, jnp.swapaxes(q, -1, -2) @ tangents[0]
 
 

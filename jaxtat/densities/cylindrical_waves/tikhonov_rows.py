@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ...regularization import RelativeTikhonov, Tikhonov, per_frequency
+from ...base.linear_algebra import product_of_blocks
+from ...regularization import RelativeTikhonov, Tikhonov, per_frequency, spectrum
 from ..single_layer import phases_from
 from .densities import (
     DensityGroup,
@@ -26,7 +27,6 @@ from .densities import (
     plane_scales,
     rows_alone,
 )
-from .linear_systems import product_of_blocks
 from .polar import PolarGeometry
 from .table import WaveTable, alpha_unit, region_factor, wave_table
 
@@ -118,7 +118,7 @@ def _decomposed(
         matrix = factor.matrix_times(columns)
         transposed = jnp.swapaxes(matrix, -1, -2)
         wide = matrix.shape[-2] <= matrix.shape[-1]
-        eigenvalues, vectors = jnp.linalg.eigh(
+        eigenvalues, vectors = spectrum(
             product_of_blocks(*((matrix, transposed) if wide else (transposed, matrix)))
         )
         back = jnp.swapaxes(vectors, -1, -2)
@@ -131,7 +131,7 @@ def _decomposed(
         return Decomposed(
             left.astype(dtype),
             right.astype(dtype),
-            jnp.maximum(eigenvalues, 0.0),
+            eigenvalues,
             alpha_unit(factor.powers, jnp.sum(columns**2, axis=-1)),
         )
 

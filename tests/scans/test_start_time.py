@@ -1,0 +1,97 @@
+"""Records whose first sample is not at the time at which the laser fires."""
+
+import numpy as np
+import pytest
+from made_scans import RATE, SPEED, TIMES, positions, raw_counts, record
+
+from jaxtat import reconstruct_file
+from jaxtat.io import Scan, load_scan, save_ipasc
+from jaxtat.scans import choose, estimate_sound_speed, integrals, reconstruct, setup_of, with_facts
+
+GIVEN = {"region_radius": 0.011, "pixels": 33, "max_frequency": 3000.0, "alpha": 1e-3}
+EARLY = 40  # samples before the laser fires
+SHIFTED = TIMES[0] - EARLY / RATE
+
+
+def made(pressure, **known):
+    return Scan("pressure", pressure, {"detectors": positions(), "sampling_rate": RATE} | known)
+
+
+def with_early_samples(pressure, noise=0.0):
+    rng = np.random.default_rng(1)
+    before = noise * np.abs(pressure).max() * rng.standard_normal((len(pressure), EARLY))
+    return np.concatenate([before, pressure], axis=1)
+
+
+def data(scan, **options):
+    chosen = choose(scan, sound_speed=SPEED, band="none", dead_time=0.0, **GIVEN, **options)
+    return np.asarray(integrals(scan, chosen, setup_of(scan, chosen), scan.frame(0)))
+
+
+def test_samples_before_the_laser_fires_change_nothing():
+    """By the option, by times in the file, and after a journey through a file."""
+    wanted = data(made(record()))
+    early = with_early_samples(record(), noise=1.0)
+    by_option = with_facts(made(early), start_time=SHIFTED)
+    times = SHIFTED + np.arange(early.shape[1]) / RATE
+    by_file = Scan("pressure", early, {"detectors": positions(), "times": times})
+    for scan in (by_option, by_file):
+        np.testing.assert_allclose(data(scan), wanted, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_all_is_chosen_as_without_early_samples():
+    """The artefact is where the laser fires, and what is before it is noise."""
+    counts = raw_counts(record()).astype(float)
+    rng = np.random.default_rng(2)
+    quiet = counts[:, -1:] + 5 * rng.standard_normal((len(counts), EARLY))
+    early = np.round(np.concatenate([quiet, counts], axis=1))
+    wanted = choose(made(counts), sound_speed=SPEED)
+    chosen = choose(with_facts(made(early), start_time=SHIFTED), sound_speed=SPEED)
+    assert chosen.model == wanted.model and chosen.channels == wanted.channels
+    assert chosen.dead_time == pytest.approx(wanted.dead_time, abs=1e-9)
+    assert chosen.region_radius == pytest.approx(wanted.region_radius, rel=0.1)
+    assert chosen.max_frequency == pytest.approx(wanted.max_frequency, rel=0.3)
+    assert 0.3 < chosen.alpha / wanted.alpha < 3
+
+
+def test_a_late_first_sample_gives_the_true_speed_once_it_is_said():
+    noisy = record() + 0.01 * record().max() * np.random.default_rng(0).standard_normal((90, 230))
+    late = with_facts(made(noisy[:, 8:]), start_time=8 / RATE)
+    assert late.known["times"][0] == pytest.approx(8 / RATE)
+    found = estimate_sound_speed(late, choose(late, model="in-plane"))
+    assert found.sound_speed == pytest.approx(SPEED, rel=2e-3)
+
+
+def test_images_under_constraints_of_early_samples():
+    """Their model is of the whole record, and nothing of it is before time 0."""
+    options = GIVEN | {"model_based": True, "penalty": "ridge", "sound_speed": SPEED}
+    del options["alpha"]
+    plain = made(record())
+    early = with_facts(made(with_early_samples(record())), start_time=SHIFTED)
+    images = [
+        reconstruct(scan, choose(scan, **options, band="none", dead_time=0.0)).image
+        for scan in (plain, early)
+    ]
+    assert np.linalg.norm(images[1] - images[0]) < 1e-3 * np.linalg.norm(images[0])
+
+
+def test_start_times_that_cannot_be_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="times end at"):
+        choose(with_facts(made(record()), start_time=-1.0))
+    with pytest.raises(ValueError, match="start_time"):
+        with_facts(made(record()), start_time=np.nan)
+    g = Scan("circular_integrals", np.ones((9, 20)), {"radii": np.arange(1.0, 21)})
+    with pytest.raises(ValueError, match="start_time is of pressure records"):
+        with_facts(g, start_time=1.0)
+
+
+def test_the_start_time_stays_in_a_file(tmp_path):
+    path = tmp_path / "scan.hdf5"
+    save_ipasc(path, with_facts(made(record()), start_time=SHIFTED))
+    assert load_scan(path).known["times"][0] == pytest.approx(SHIFTED)
+    options = {"region_radius": 0.011, "pixels": 9, "sound_speed": SPEED, "band": "none"}
+    by_file = reconstruct_file(path, **options)
+    other = tmp_path / "plain.hdf5"
+    save_ipasc(other, made(record()))
+    by_option = reconstruct_file(other, start_time=SHIFTED, **options)
+    np.testing.assert_allclose(by_file.image, by_option.image, rtol=1e-9)
