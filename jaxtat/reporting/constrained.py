@@ -31,24 +31,22 @@ def in_words(constrained: Constrained) -> str:
     direct, fitted = (float(misfit) for misfit in both.misfits)
     differ, told = float(both.differ), float(both.told)
     text = (
-        f"The direct image leaves {direct:.0%} of the data unexplained, the image under "
-        f"constraints {fitted:.0%}. They differ by {differ:.0%} of the image; {told:.0%} of the "
-        "data tells them apart. "
+        f"The direct image leaves {direct:.0%} of the data unexplained, the fitted image "
+        f"{fitted:.0%}. They differ by {differ:.0%} of the image, and their data by {told:.0%}. "
     )
     if told < min(direct, fitted):
         text += (
-            "That is less than either leaves unexplained: the data hardly speak of the difference, "
-            "so it is the penalty's. What is in one image only should not be relied on."
+            "That is less than either leaves unexplained: the data do not decide between them, and "
+            "the difference is due to the penalty. Do not rely on what is in one image only."
         )
     elif fitted <= direct:
         text += (
-            "The data speak for the image under constraints: what the formula left out or made "
-            "wrong, such as low frequencies that the band took away, has been filled in. Thin and "
-            "faint things that are only in the direct image may still have been removed by the "
-            "penalty."
+            "The data favour the fitted image: it restores what the direct formula misses, such as "
+            "low frequencies outside the record's band. Thin and faint details that are only in "
+            "the direct image may still be real: the penalty can remove them."
         )
     else:
-        text += "The data speak for the direct image: the constraints are too strong, or not true."
+        text += "The data favour the direct image: the constraints are too strong, or wrong."
     return text if constrained.converged else f"{text} The iterations did not converge."
 
 

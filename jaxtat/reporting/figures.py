@@ -31,7 +31,7 @@ _DISKS = 7  # across the region, of edges that are seen
 
 
 def image(diagnosis: Diagnosis, unit: str | None) -> Figure:
-    """The picture."""
+    """The image."""
     return picture(diagnosis.image, diagnosis.setup.grid, unit=unit)
 
 

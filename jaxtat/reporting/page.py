@@ -46,7 +46,7 @@ class Page(NamedTuple):
         provenance: rows of (name, value).
         unit: of length, "m", "cm", "mm" or "um"; None if it is not known.
         channels: number of every detector in the file; None if that is its number.
-        constrained: the image under constraints; None if there is none.
+        constrained: the fitted image; None if there is none.
     """
 
     title: str
@@ -61,18 +61,18 @@ def html_page(diagnosis: Diagnosis, page: Page) -> str:
     """The whole page as text."""
     conclusions = findings(diagnosis, page.unit, page.channels)
     sections = [
-        _section("In short", _list(conclusions)),
-        _section("The picture", *_image(diagnosis, page.unit)),
-        _section("With constraints", *_constrained(diagnosis, page.constrained, page.unit))
+        _section("Summary", _list(conclusions)),
+        _section("Image", *_image(diagnosis, page.unit)),
+        _section("Fitted image", *_constrained(diagnosis, page.constrained, page.unit))
         if page.constrained
         else Html(),
-        _section("What was chosen", *_choices(page.choices)) if page.choices else Html(),
-        _section("What can be seen from where the detectors are", *_geometry(diagnosis, page.unit)),
-        _section("How well plane waves are reached", *_waves(diagnosis, page.unit)),
-        _section("What the image does not explain", *_residual(diagnosis, page.unit)),
-        _section("How far noise moves a pixel", *_uncertainty(diagnosis, page.unit)),
-        _section("What this page cannot tell", *_limits()),
-        _section("Where it comes from", _table(("", ""), page.provenance)),
+        _section("Choices", *_choices(page.choices)) if page.choices else Html(),
+        _section("Visible edges", *_geometry(diagnosis, page.unit)),
+        _section("Accuracy of plane waves", *_waves(diagnosis, page.unit)),
+        _section("Residual", *_residual(diagnosis, page.unit)),
+        _section("Standard deviations", *_uncertainty(diagnosis, page.unit)),
+        _section("Limits of this report", *_limits()),
+        _section("Provenance", _table(("", ""), page.provenance)),
     ]
     head = element(
         "head",
@@ -129,7 +129,7 @@ def _image(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
 
 def _constrained(diagnosis: Diagnosis, fitted_image: Constrained, unit: str | None) -> list[Html]:
     caption = (
-        "Left: the picture above. Right: the image that fits the data and costs least "
+        "Left: the direct image. Right: the image of least misfit plus penalty "
         f"({fitted_image.how}). The same grey levels."
     )
     figure = figures.constrained(diagnosis, fitted_image, unit)
@@ -166,8 +166,8 @@ def _waves(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
         return [element("p", "Not known: the image was made without densities of plane waves.")]
     text = element(
         "p",
-        "The image is a sum of plane waves, each approximated by waves that the detectors can "
-        "tell. Where the error is near 1 the image holds nothing of a wave; where the noise gain "
+        "The image is a sum of plane waves, each approximated by potentials of the detectors. "
+        "Where the error is near 1 the image does not contain the wave; where the noise gain "
         "is high, noise in the data is amplified. High frequencies are fine details; the "
         "direction is that of the wave's normal.",
     )
@@ -183,11 +183,11 @@ def _waves(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
 def _residual(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
     text = element(
         "p",
-        "From the image its own data are computed and taken from the measured ones. A perfect "
-        "image leaves noise. Whole columns are bad channels; curves that run out of the dashed "
-        "lines are sources outside the region of interest; edges left double, dark beside bright, "
-        "are a wrong speed of sound or wrong positions. What the reconstruction left out on "
-        "purpose, high frequencies above all, is in it too.",
+        "The data of the image are computed and subtracted from the measured data. For a perfect "
+        "image only noise remains. Whole columns show bad channels; curves that leave the dashed "
+        "lines show sources outside the region of interest; double edges, dark beside bright, "
+        "show a wrong speed of sound or wrong positions. What the reconstruction leaves out by "
+        "design, mostly high frequencies, remains too.",
     )
     data, amplified = figures.sinograms(diagnosis, unit)
     colours = "the same colours" if amplified == 1 else f"colours {amplified:g} times as strong"
@@ -197,8 +197,8 @@ def _residual(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
     )
     each = (
         "Above: norm of the difference for each detector, relative to that of a typical detector's "
-        "data. Below: gain with which the image's data fit each detector's best, 1 for a perfect "
-        "channel, 0 for a dead one. Crosses: detectors that stand out from the others."
+        "data. Below: the factor by which the image's data fit each detector's best, 1 for a "
+        "perfect channel, 0 for a dead one. Crosses: detectors that differ from the others."
     )
     return [text, _figure(data, caption), _figure(figures.detectors(diagnosis.residual), each)]
 
@@ -210,7 +210,7 @@ def _uncertainty(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
     caption = (
         "Standard deviation of each pixel for independent noise of standard deviation "
         f"{float(uncertainty.sigma):.3g} in every sample of the circular integrals, known by "
-        f"{diagnosis.noise.source.value}. Errors that are not noise are not in it."
+        f"{diagnosis.noise.source.value}. Other errors are not included."
     )
     n = int((~_nan(uncertainty.deviation)).sum())
     wanted = int((~_nan(diagnosis.image)).sum())
@@ -248,20 +248,20 @@ def _limits() -> list[Html]:
             "ul",
             element(
                 "li",
-                "Whether the speed of sound is right to better than the difference shows. In "
+                "The speed of sound may be wrong by more than the residual shows. In "
                 "simulations of smooth objects a speed that is 1 % off leaves some per cent of the "
                 "norm of the data unexplained; noise or other errors of that size hide it. "
                 "Calibrate, or compare with a known object.",
             ),
             element(
                 "li",
-                "Errors of the model: sound that leaves the plane, varying speed, damping, the "
-                "size and response of detectors, unless they show in the residual.",
+                "Errors of the model appear only if they increase the residual: sound from outside "
+                "the plane, varying speed, absorption of sound, size and response of detectors.",
             ),
             element(
                 "li",
-                "What a quantity means: the image is proportional to absorbed energy only as far "
-                "as the data are to pressure.",
+                "Grey levels are proportional to absorbed energy only if the data are proportional "
+                "to pressure.",
             ),
         )
     ]

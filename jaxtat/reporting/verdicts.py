@@ -95,14 +95,14 @@ def _visibility(diagnosis: Diagnosis, unit: str | None) -> Finding:
     x1, x2 = (_length(float(x), unit) for x in np.asarray(diagnosis.setup.grid.points)[worst])
     most = (
         f"At {_percent(partly)} of the pixels some edge directions are not, or hardly, recorded: "
-        f"such edges are missing or smeared there. The least is seen at ({x1}, {x2}), "
+        f"such edges are missing or blurred there. The fewest are recorded at ({x1}, {x2}), "
         f"{_percent(float(seen[worst]))} of the directions; on average "
         f"{_percent(float(seen[inside].mean()))}."
     )
     if missed == 0:
         return Finding(
             Level.GOOD if seen[inside].mean() > 0.95 else Level.CAUTION,
-            f"Every line through the region meets the curve, though some do so at its ends. {most}",
+            f"Every line through the region meets the curve, but some only at its ends. {most}",
         )
     lines = f" {_percent(missed)} of the lines through the region miss the detectors."
     return Finding(_level(1 - float(seen[inside].mean()), 0.0, 0.05), most + lines)
@@ -126,7 +126,7 @@ def _held(diagnosis: Diagnosis) -> np.ndarray:
 
 
 def _reached(waves: WaveAccuracy, held: np.ndarray, unit: str | None) -> Finding:
-    """Grade by the energy of the image: noise rightly removes the finest waves first."""
+    """Finding on the error of plane waves, weighted by the image: noise hides the finest first."""
     error, frequencies = np.asarray(waves.residual), np.asarray(waves.frequencies)
     area = np.broadcast_to(frequencies[:, None], error.shape)  # of the plane, for each node
     good = float(np.sum(area * (error < _REACHED)) / area.sum())
@@ -136,23 +136,23 @@ def _reached(waves: WaveAccuracy, held: np.ndarray, unit: str | None) -> Finding
     half = np.sqrt(of_ring) < _HALF
     finest = _length(np.pi / float(frequencies[-1]), unit)
     text = (
-        "Weighted with what the image holds, its plane waves are reached to "
+        "Weighted by the energy of the image, its plane waves have an error of "
         f"{_percent(lost)} (root mean square). Of all waves down to details of {finest} (half a "
-        f"wave) {_percent(good)} are reached to better than {_percent(_REACHED)}"
+        f"wave) {_percent(good)} have an error below {_percent(_REACHED)}"
     )
     if not half.all():
         resolved = np.flatnonzero(half)
         text += (
-            f"; those to better than a half end at details of "
+            f"; errors are below a half down to details of "
             f"{_length(np.pi / float(frequencies[resolved[-1]]), unit)}"
             if resolved.size
-            else "; none to better than a half"
+            else "; none has an error below a half"
         )
     text += "."
     eta = np.asarray(waves.low_pass)
     if eta.min() < 0.99:
         halved = frequencies[np.argmin(np.abs(eta - 0.5))]
-        text += f" The low pass halves those of {_length(np.pi / float(halved), unit)}."
+        text += f" The low-pass halves waves of details of {_length(np.pi / float(halved), unit)}."
     return Finding(_level(lost, 0.15, 0.5), text)
 
 
@@ -162,9 +162,9 @@ def _noise_gain(waves: WaveAccuracy) -> Finding:
     mean = float(np.sqrt(np.sum(area * gain**2) / area.sum()))
     return Finding(
         _level(mean, 3.0, 8.0),
-        f"Noise in the image's plane waves is {mean:.2g} times (root mean square) what it is for "
-        f"waves that are recorded on both sides of the region, {float(gain.max()):.2g} times at "
-        "worst; waves that are recorded on one side only have about 1.4.",
+        f"Noise in the image's plane waves is {mean:.2g} times (root mean square) that of waves "
+        f"recorded on both sides of the region, {float(gain.max()):.2g} times at worst; waves "
+        "recorded on one side only have about 1.4.",
     )
 
 
@@ -204,8 +204,8 @@ def _outside(residual: DataResidual) -> list[Finding]:
         Finding(
             Level.CAUTION,
             f"{_percent(share)} of the data's energy lies on circles that miss the region of "
-            "interest: sources outside it, or noise. They do no harm as long as the data hold "
-            "all circles that meet them, and do harm if those are cut off.",
+            "interest: sources outside it, or noise. Such sources cause no error in the region if "
+            "the data contain all circles that meet them, and errors if not.",
         )
     ]
 
@@ -213,7 +213,7 @@ def _outside(residual: DataResidual) -> list[Finding]:
 def _unusual(residual: DataResidual, channels: Sequence[int] | None) -> Finding:
     unusual = residual.unusual
     if not unusual.size:
-        text = "No detector's data differ from the image's more than those of the others."
+        text = "No detector differs from the image's data more than the others do."
         return Finding(Level.GOOD, text)
     one = unusual.size == 1
     in_file = ""
@@ -224,8 +224,8 @@ def _unusual(residual: DataResidual, channels: Sequence[int] | None) -> Finding:
     return Finding(
         _level(unusual.size / residual.gains.shape[0], 0.0, 0.05),
         f"{'Detector' if one else 'Detectors'} {_listed(unusual)}{in_file} "
-        f"{'stands' if one else 'stand'} out, counted from 0: look at the data, and leave them out "
-        "if they are bad.",
+        f"{'differs' if one else 'differ'} from the others (counted from 0): check the data, and "
+        "leave bad detectors out.",
     )
 
 
@@ -241,8 +241,8 @@ def _noise(noise: DataNoise, uncertainty: Uncertainty, image: np.ndarray) -> Fin
     middle, most = float(np.nanmedian(deviation)), float(np.nanmax(deviation))
     share = middle / (high - low) if high > low else np.inf
     text = (
-        f"Noise moves a pixel by {middle:.2g} (median of the standard deviations; {most:.2g} at "
-        f"worst), that is {_percent(share)} of the range of the picture."
+        f"The standard deviation of a pixel by noise is {middle:.2g} (median; {most:.2g} at "
+        f"worst), {_percent(share)} of the range of the image."
     )
     if noise.source is NoiseSource.GIVEN:
         return Finding(_level(share, 0.05, 0.2), text)

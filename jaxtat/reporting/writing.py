@@ -40,7 +40,7 @@ def report(
         setup, g, image: the problem, in the plane, the data of one image, and the image.
         path: the file to write.
         plan, sigma, noise, low_pass, inversion, uncertainty_pixels, progress: as in `diagnose`.
-        constrained: the image under constraints, to be shown beside it.
+        constrained: the fitted image, to be shown beside it.
         title: of the page.
         choices: what was chosen for the reconstruction, rows of (name, value, grade, why).
         channels: number of every detector in the file, if it is not its number along the curve.

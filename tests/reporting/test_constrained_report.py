@@ -21,9 +21,9 @@ def of(direct, fitted, differ, told, converged=True):
 @pytest.mark.parametrize(
     ("numbers", "said"),
     [
-        ((0.2, 0.1, 0.3, 0.15), "The data speak for the image under constraints"),
-        ((0.2, 0.3, 0.3, 0.25), "The data speak for the direct image"),
-        ((0.2, 0.2, 0.3, 0.05), "so it is the penalty's"),
+        ((0.2, 0.1, 0.3, 0.15), "The data favour the fitted image"),
+        ((0.2, 0.3, 0.3, 0.25), "The data favour the direct image"),
+        ((0.2, 0.2, 0.3, 0.05), "the difference is due to the penalty"),
     ],
 )
 def test_who_decided_is_said(numbers, said):
@@ -49,6 +49,6 @@ def test_the_command_puts_them_side_by_side(tmp_path, monkeypatch):
     )
     assert main([*line.split(), "--model-based", "--nonnegative"]) == 0
     page = (tmp_path / "page.html").read_text()
-    assert "With constraints" in page and "f >= 0" in page.replace("&gt;", ">")
+    assert "Fitted image" in page and "f >= 0" in page.replace("&gt;", ">")
     assert "of the data unexplained" in page
-    assert any("fits the data and costs least (tv, f >= 0)" in caption for caption in shown)
+    assert any("least misfit plus penalty (tv, f >= 0)" in caption for caption in shown)

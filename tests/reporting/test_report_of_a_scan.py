@@ -89,7 +89,7 @@ def test_the_command_writes_a_page(tmp_path, monkeypatch, few_figures, capsys):
     text = (tmp_path / "page.html").read_text()
     assert "<title>a&amp;b.npz</title>" in text
     row = int(np.flatnonzero(order == 10)[0])
-    assert re.search(rf"Detector (10|13) \(row {row} of the file\) stands out", text)
+    assert re.search(rf"Detector (10|13) \(row {row} of the file\) differs", text)
     assert "a&b" not in text
 
 
