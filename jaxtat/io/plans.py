@@ -58,7 +58,7 @@ from .hdf5 import LONGEST_TEXT, Hdf5File, creating_hdf5, open_hdf5
 from .limits import Allowance, refusing
 from .scan import REAL
 
-FORMAT, VERSION = "jaxtat plan", 6
+FORMAT, VERSION = "jaxtat plan", 7
 _BLOCK = 512  # [byte], the least HDF5 allows
 _KINDS: dict[str, type[eqx.Module]] = {
     kind.__name__: kind
