@@ -75,7 +75,7 @@ class Session:
             choices = _given(choices, {"inversion": "the viewer's"})
         self.scan, self.choices, self.facts = scan, choices, dict(facts or {})
         self.start = Knobs(choices.sound_speed, choices.alpha, choices.low_pass)
-        self._live, self._made = live(scan, choices, few_frames=True), self.start
+        self._live, self._made = live(scan, choices), self.start
         self._frame = 0, self._lit(0)
         grid = self._live.setup.grid
         self.inside = np.asarray(self._live.setup.region.contains(grid.points))
