@@ -26,7 +26,6 @@ from ..densities.cylindrical_waves import (
     HarmonicDensities,
     PolarGeometry,
     alpha_units,
-    compiled_wave_table,
     frequency_groups,
     group_of,
     harmonic_densities,
@@ -288,7 +287,7 @@ def _cylindrical(
         geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
         orders = harmonic_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
-        table = compiled_wave_table(geometry, frequencies, int(orders.max()))
+        table = wave_table(geometry, frequencies, int(orders.max()))
         offset = region.center - geometry.center
         local = jax.device_put(np.asarray(angles) - np.asarray(geometry.axis))
     each = _divisible((table, norms, per_frequency(regularization, len(frequencies))))
