@@ -36,8 +36,9 @@ def losses(n, n_detectors):
     return by_plan, direct
 
 def scanned(loss, steps):
-    slope = jax.grad(loss)
-    return jax.jit(lambda q: jax.lax.scan(lambda q, _: (q - slope(q), None), q, None, steps)[0])(1.0)
+    def step(q, _):
+        return q - jax.grad(loss)(q), None
+    return jax.jit(lambda q: jax.lax.scan(step, q, None, steps)[0])(1.0)
 """
 PROGRAMS = {
     "a descent at the paper's size": """
