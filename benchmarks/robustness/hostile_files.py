@@ -189,7 +189,7 @@ import jax; jax.config.update("jax_enable_x64", True)
 import numpy as np
 from jaxtat import *
 region, grid = disk(0.8, n_boundary=48), ImageGrid(5)
-for name, arc, method in (("h", circular_arc(1.3, 1.0, 16), "harmonic"),
+for name, arc, method in (("h", circular_arc(1.3, 1.0, 16), "cylindrical"),
                           ("s", circular_arc(1.3, 1.3, 16), "series")):
     radii = data_radii(arc, region, 0.5)
     setup = Setup(arc, region, grid, radii, max_frequency=5, n_directions=4)

@@ -26,7 +26,6 @@ from ..densities.cylindrical_waves import (
     HarmonicDensities,
     PolarGeometry,
     alpha_units,
-    compiled_wave_table,
     frequency_groups,
     group_of,
     harmonic_densities,
@@ -46,11 +45,11 @@ from ..regularization import (
     unit_norms,
 )
 from ..steps import UnreachedWaves, require_boundary
-from .plane_bases import StoredDensities, of_plane
+from .plane_bases import StoredDensities, data_kernels
 from .setup import Setup, plane_of, require_complete
 from .sizes import PlaneSizes, systems_fit
 
-METHODS = ("auto", "harmonic", "collocation", "series")
+METHODS = ("auto", "cylindrical", "collocation", "series")
 _FREQUENCIES_AT_A_TIME = 4
 _GROUPS = 4  # of frequencies with as many orders; each is compiled by itself
 
@@ -66,12 +65,16 @@ class ReconstructionPlan(eqx.Module):
         densities: (rho_J, rho_Y) of all directions and frequencies.
         regularization: the one that was used; None where the densities are in closed form.
         report: accuracy and norm of the densities.
+        kernels: of step 2, from the radii of data to the frequencies.
+        totals: by which data are summed to the total mass.
     """
 
     setup: Setup
     densities: Densities
     regularization: Regularization | None
     report: DensityReport
+    kernels: Float[Array, "frequencies 2 radii"]
+    totals: Float[Array, " radii"]
 
     @property
     def curve(self) -> DetectorCurve:
@@ -112,7 +115,8 @@ class ReconstructionPlan(eqx.Module):
     @property
     def basis(self) -> StoredDensities:
         """The densities, as `images_of` takes them."""
-        return StoredDensities(*of_plane(*plane_of(self.setup)), self.densities)
+        curve, region, _, sizes = plane_of(self.setup)
+        return StoredDensities(curve, region, sizes, self.kernels, self.totals, self.densities)
 
 
 def build_plan(
@@ -134,7 +138,7 @@ def build_plan(
             on a circle (within 5 % of its radius) that see all of the region. Else
             ``RelativeCutoff(0.1)``: it asks for no norm, and leaves out what no detector records
             instead of magnifying it.
-        method: "harmonic": singular value decomposition in cylindrical waves, for detectors that
+        method: "cylindrical": singular value decomposition in cylindrical waves, for detectors that
             are all farther from some centre than the region; "collocation": of the potentials on
             the boundary, as in the paper, for any geometry, slower; "auto": the first if it can,
             else the second; "series": the closed form for a full circle of equispaced detectors.
@@ -172,15 +176,15 @@ def build_plan(
     curve, region, _, sizes = plane_of(setup)
     require_complete(setup)
     if method == "auto":
-        method = "harmonic" if sizes.reached else "collocation"
+        method = "cylindrical" if sizes.reached else "collocation"
     rule = _rule(method, rule, sizes.as_in_the_paper)
     if is_concrete(setup):
         # inside jax.jit too: only the rule's number may be traced
         with jax.ensure_compile_time_eval():
-            if method != "harmonic":
+            if method != "cylindrical":
                 require_boundary(region, sizes.max_frequency)
             polar = sizes.frequencies, sizes.angles
-            systems_fit(curve, region, setup.radii, polar, method == "harmonic", plan=True)
+            systems_fit(curve, region, setup.radii, polar, method == "cylindrical", plan=True)
             norms = unit_norms(
                 curve, region, sizes.frequencies, sizes.norm_orders, angles=sizes.angles
             )
@@ -192,7 +196,7 @@ def build_plan(
         densities = densities.in_single_precision() if precision == "single" else densities
     if all(leaf.ndim == 0 for leaf in jax.tree.leaves(rule)):
         _warn_of_residuals(report)  # a rule made for every frequency leaves out what it wants to
-    return ReconstructionPlan(setup, densities, rule, report)
+    return ReconstructionPlan(setup, densities, rule, report, *data_kernels(setup.radii, sizes))
 
 
 def _rule(
@@ -231,10 +235,10 @@ def _traced(
         raise ValueError("method 'series' needs a geometry that is not traced.")
     frequencies, angles = sizes.frequencies, sizes.angles
     norms = unit_norms(curve, region, frequencies, sizes.norm_orders, angles)
-    if method == "harmonic":
+    if method == "cylindrical":
         geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
         offset = region.center - geometry.center
-        values, report = _traced_harmonic(geometry, offset, norms, rule, sizes)
+        values, report = _traced_cylindrical(geometry, offset, norms, rule, sizes)
     else:
         if rule.has_unit and sizes.reached:
             raise ValueError(
@@ -251,7 +255,7 @@ def _traced(
 
 
 @eqx.filter_jit
-def _traced_harmonic(
+def _traced_cylindrical(
     geometry: PolarGeometry,
     offset: Array,
     norms: Array,
@@ -273,7 +277,7 @@ def _traced_harmonic(
     return jnp.concatenate(pieces) * phases[..., None, None], _joined(reports)
 
 
-def _harmonic(
+def _cylindrical(
     setup: Setup, norms: Array, regularization: Regularization, single: bool, bar: tqdm
 ) -> tuple[Densities, DensityReport]:
     """Groups of frequencies with the same number of orders; within a group a few at a time."""
@@ -283,7 +287,7 @@ def _harmonic(
         geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
         orders = harmonic_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
-        table = compiled_wave_table(geometry, frequencies, int(orders.max()))
+        table = wave_table(geometry, frequencies, int(orders.max()))
         offset = region.center - geometry.center
         local = jax.device_put(np.asarray(angles) - np.asarray(geometry.axis))
     each = _divisible((table, norms, per_frequency(regularization, len(frequencies))))
@@ -348,7 +352,7 @@ def _series(
 
 
 _BUILD: dict[str, Callable[..., tuple[Densities, DensityReport]]] = {
-    "harmonic": _harmonic,
+    "cylindrical": _cylindrical,
     "collocation": _collocation,
     "series": _series,
 }
@@ -359,7 +363,7 @@ def _full_circle(curve: DetectorCurve) -> Circle:
     if curve.element_width is not None:
         raise ValueError(
             "method 'series' is for point detectors, this curve has an element_width: use method "
-            "'harmonic'."
+            "'cylindrical'."
         )
     circle = fit_circle(curve.points)
     off = jnp.abs(jnp.linalg.norm(curve.points - circle.center, axis=1) / circle.radius - 1)

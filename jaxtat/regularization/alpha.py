@@ -20,6 +20,8 @@ from ..base.checks import Numbers, real_array, require_positive
 from .rules import Excess, Regularization, Truncation, not_negative, per_frequency, single_crossing
 from .solutions import spectrum
 
+_HALVINGS = 60  # of an interval of 48, for the logarithm of alpha
+
 
 class FrequencyData(eqx.Module):
     """The data of one frequency that rules may use.
@@ -298,20 +300,16 @@ def alpha_where(
     lower, upper = jnp.log(1e-15 * largest), jnp.log(1e6 * largest)
     aim = jnp.maximum(square, jnp.finfo(square.dtype).tiny)
 
-    def excess(log_alpha: Array, _: None) -> Array:
-        reached = jnp.sum(measure.f(eigenvalues, jnp.exp(log_alpha)) * weights)
-        # at the bounds the sign is given, so that a bound is found where the aim is never reached
-        edge = jnp.where(log_alpha <= lower, 1.0, 0.0) - jnp.where(log_alpha >= upper, 1.0, 0.0)
-        return jnp.where(edge == 0, measure.sign * jnp.log(reached / aim), edge)
+    def halved(_: int, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+        below, above = bounds
+        middle = (below + above) / 2
+        reached = jnp.sum(measure.f(eigenvalues, jnp.exp(middle)) * weights)
+        too_small = measure.sign * (reached - aim) > 0
+        return jnp.where(too_small, middle, below), jnp.where(too_small, above, middle)
 
-    import optimistix as optx  # slow to import
-
-    solver = optx.Bisection(rtol=1e-12, atol=1e-12)
-    options = {"lower": lower, "upper": upper}
-    found = optx.root_find(
-        excess, solver, (lower + upper) / 2, options=options, max_steps=64, throw=False
-    )
-    return jnp.exp(found.value)
+    # to the last bit; no call of Python, by which libraries check bounds and for which threads wait
+    below, above = jax.lax.fori_loop(0, _HALVINGS, halved, (lower, upper))
+    return jnp.exp((below + above) / 2)
 
 
 @alpha_where.defjvp
