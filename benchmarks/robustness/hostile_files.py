@@ -188,6 +188,7 @@ import warnings; warnings.simplefilter("ignore")
 import jax; jax.config.update("jax_enable_x64", True)
 import numpy as np
 from jaxtat import *
+from jaxtat.io import save_image, save_plan
 region, grid = disk(0.8, n_boundary=48), ImageGrid(5)
 for name, arc, method in (("h", circular_arc(1.3, 1.0, 16), "harmonic"),
                           ("s", circular_arc(1.3, 1.3, 16), "series")):
