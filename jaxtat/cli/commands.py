@@ -255,6 +255,8 @@ def _asked(options: argparse.Namespace, start: float):
         require_size(scan, choices)
         if plan is None:
             choices = estimate(scan, choices, **asked)
+    else:
+        require_size(scan, choices)
     _report(options, f"{options.file}\n{choices.table()}", start)
     if plan is not None:
         require_same(scan, choices, plan)
