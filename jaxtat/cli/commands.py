@@ -268,6 +268,8 @@ def _prepared(options: argparse.Namespace, start: float):
         require_size(scan, choices)
         if plan is None:
             choices = estimate(scan, choices, **options_set)
+    else:
+        require_size(scan, choices)
     if plan is not None or wants_plan(options):
         choices = choices.regularised_by_plan()
     _report(options, f"{options.file}\n{choices.table()}", start)

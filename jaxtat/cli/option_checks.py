@@ -37,8 +37,7 @@ _SUFFIXES = {"reconstruct": IMAGE_SUFFIXES, "report": (".html",)}
 
 def require_options(options: argparse.Namespace) -> None:
     """Raise ValueError for options that are impossible, alone or together, for any data."""
-    _require_numbers(options)
-    _require_detectors(options)
+    require_values(options)
     _require_together(options)
     suffixes = _SUFFIXES.get(options.run.__name__, ("",))
     if is_given(options, "format") and options.format in FORMATS:
@@ -53,6 +52,12 @@ def require_options(options: argparse.Namespace) -> None:
     if options.cache is not None:
         _require_folder(options.cache)
     _require_files(options)
+
+
+def require_values(options: argparse.Namespace) -> None:
+    """Raise ValueError for a value that is impossible alone."""
+    _require_numbers(options)
+    _require_detectors(options)
 
 
 def _require_files(options: argparse.Namespace) -> None:
@@ -178,7 +183,7 @@ def _require_together(options: argparse.Namespace) -> None:
         _require_trial(options)
     if is_given(options, "repeat"):
         every = tuple(choice.name for choice in OPTIONS)
-        decided = (*every, *OF_PLANS, "plan", "length_unit")
+        decided = (*every, *OF_PLANS, "length_unit")
         _refuse(options, decided, "repeat", "the earlier image")
     if is_given(options, "plan"):
         _refuse(options, (*OF_REGION, "max_frequency", "alpha", *OF_PLANS), "plan", "the plan")
