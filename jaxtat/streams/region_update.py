@@ -30,7 +30,7 @@ def wider_setup(setup: Setup, reach: Numbers, n_groups: int) -> Setup:
     curve, region, radii, sizes = plane_of(setup)
     around = disk(_reach_of(reach, region), center=region.center)
     highest = sizes.max_frequency
-    return Setup(curve, around, setup.grid, radii, max_frequency=highest, n_groups=n_groups)
+    return Setup(curve, around, setup.grid, radii, max_frequency=highest, _n_groups=n_groups)
 
 
 def wider_choices(choices: Choices, reach: Numbers, points: np.ndarray | None) -> Choices:
