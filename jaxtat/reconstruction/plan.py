@@ -12,7 +12,15 @@ import numpy as np
 from jaxtyping import Array, Float
 from tqdm import tqdm
 
-from ..base.checks import is_concrete, require_x64
+from ..base.checks import (
+    is_concrete,
+    is_number,
+    named,
+    real_array,
+    require_positive,
+    require_x64,
+)
+from ..base.threads import one_blas_thread
 from ..densities import (
     Densities,
     DensityReport,
@@ -40,6 +48,7 @@ from ..regularization import (
     NormBound,
     Regularization,
     RelativeCutoff,
+    Tikhonov,
     per_frequency,
     single_crossing,
     unit_norms,
@@ -119,9 +128,17 @@ class ReconstructionPlan(eqx.Module):
         return StoredDensities(curve, region, sizes, self.kernels, self.totals, self.densities)
 
 
+def require_plan(plan: Any) -> None:
+    """Raise ValueError for what is no `ReconstructionPlan`."""
+    if not isinstance(plan, ReconstructionPlan):
+        raise ValueError(
+            f"plan is {named(plan)}, expected a ReconstructionPlan: build_plan(setup, rule)."
+        )
+
+
 def build_plan(
     setup: Setup,
-    rule: Regularization | None = None,
+    rule: Any = None,
     *,
     method: str = "auto",
     precision: str = "double",
@@ -133,11 +150,11 @@ def build_plan(
         setup: detectors, region, grid and radii, in the plane.
         rule: which singular components are kept: `NormBound`, `FixedRank`, `SingularValueCutoff` or
             `RelativeCutoff`, or one of Tikhonov's, `Tikhonov`, `RelativeTikhonov`,
-            `TikhonovNormBound` or `ResidualTarget`, with a number or one for each frequency. By
-            default the paper's bound, ``NormBound(PAPER_K)``, where its assumptions hold: detectors
-            on a circle (within 5 % of its radius) that see all of the region. Else
-            ``RelativeCutoff(0.1)``: it asks for no norm, and leaves out what no detector records
-            instead of magnifying it.
+            `TikhonovNormBound` or `ResidualTarget`, with a number or one for each frequency; a
+            number without a rule is the alpha of `Tikhonov`, as in `solve`. By default the paper's
+            bound, ``NormBound(PAPER_K)``, where its assumptions hold: detectors on a circle (within
+            5 % of its radius) that see all of the region. Else ``RelativeCutoff(0.1)``: it asks for
+            no norm, and leaves out what no detector records instead of magnifying it.
         method: "cylindrical": singular value decomposition in cylindrical waves, for detectors that
             are all farther from some centre than the region; "collocation": of the potentials on
             the boundary, as in the paper, for any geometry, slower; "auto": the first if it can,
@@ -169,8 +186,7 @@ def build_plan(
     require_x64()
     if precision not in ("double", "single"):
         raise ValueError(f"precision is {precision!r}, expected 'double' or 'single'.")
-    if not (rule is None or isinstance(rule, Regularization)):
-        raise ValueError(f"rule is {rule!r}, expected one such as NormBound(4.0).")
+    rule = _checked(rule)
     if method not in METHODS:
         raise ValueError(f"method is {method!r}, expected one of {', '.join(METHODS)}.")
     curve, region, _, sizes = plane_of(setup)
@@ -189,14 +205,28 @@ def build_plan(
                 curve, region, sizes.frequencies, sizes.norm_orders, angles=sizes.angles
             )
         bar = tqdm(total=sizes.n_frequencies, desc="densities", unit="freq", disable=not progress)
-        with bar:
-            densities, report = _BUILD[method](setup, norms, rule, precision == "single", bar)
+        with bar, one_blas_thread():
+            built = _BUILD[method](setup, norms, rule, precision == "single", bar)
+            densities, report = jax.block_until_ready(built)
     else:
         densities, report = _traced(setup, method, rule)
         densities = densities.in_single_precision() if precision == "single" else densities
     if all(leaf.ndim == 0 for leaf in jax.tree.leaves(rule)):
         _warn_of_residuals(report)  # a rule made for every frequency leaves out what it wants to
     return ReconstructionPlan(setup, densities, rule, report, *data_kernels(setup.radii, sizes))
+
+
+def _checked(rule: Any) -> Regularization | None:
+    """What a user passes as the rule of a plan, a number as Tikhonov's alpha."""
+    if rule is None or isinstance(rule, Regularization):
+        return rule
+    if not is_number(rule):
+        raise ValueError(
+            f"rule is {named(rule)}, expected one such as NormBound(4.0), or a number, alpha."
+        )
+    alpha = real_array("alpha", rule, None)
+    require_positive("alpha", alpha)
+    return Tikhonov(alpha)
 
 
 def _rule(

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, real_array, require_positive
+from ..base.checks import Numbers, is_number, named, real_array, require_positive
 from .rules import Excess, Regularization, Truncation, not_negative, per_frequency, single_crossing
 from .solutions import spectrum
 
@@ -227,6 +227,16 @@ def tikhonov_rule(rule: Any, n_frequencies: int) -> TikhonovRule:
         raise ValueError(
             f"{type(rule).__name__} keeps or drops singular components, which only a plan forms: "
             f"use build_plan(setup, {type(rule).__name__}(...)), or {rule.counterpart} here."
+        )
+    if isinstance(rule, Regularization) and not isinstance(rule, TikhonovRule):
+        raise ValueError(
+            f"{type(rule).__name__} is a rule for plans: reconstruct(build_plan(setup, rule), g). "
+            "Without a plan a rule is a TikhonovRule, with `absolute`."
+        )
+    if not isinstance(rule, TikhonovRule) and not is_number(rule):
+        raise ValueError(
+            f"rule is {named(rule)}, expected alpha, a number or one for each frequency, or a rule "
+            "such as NoiseLevel(sigma) or RelativeTikhonov(0.1)."
         )
     if not isinstance(rule, TikhonovRule):
         value = real_array("alpha", rule, None)
