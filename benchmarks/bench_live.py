@@ -22,8 +22,8 @@ OTHERS = {
     "sound_speed": (1490.0, 1500.0, 1510.0),
     "rule": (1e-2, 2e-2, 3e-2),
     "low_pass": ("none", "cosine"),
-    "region_center": ([5e-4, 0.0], [0.0, 5e-4], [5e-4, 5e-4]),
 }
+CENTERS = [5e-4, 0.0], [0.0, 5e-4], [5e-4, 5e-4]
 
 
 @pytest.fixture(scope="module")
@@ -81,26 +81,12 @@ def bench_live(measure, scan, images, wanted, frames, dtype):
 
 @pytest.mark.parametrize("name", OTHERS)
 def bench_live_changed(measure, images, name):
-    """``region_center`` leaves the disk that was solved for."""
     values, to_images = cycle(OTHERS[name]), images(np.float32)
 
     def changed():
         return jax.tree.leaves(to_images.replace(**{name: next(values)}))
 
     measure(changed, n=PIXELS, rounds=3)
-
-
-def bench_live_moved(measure, scan, images):
-    """What images take at another centre, where nothing is symmetric."""
-    to_images = images(np.float32).replace(region_center=OTHERS["region_center"][0])
-    stack = np.stack([scan.frame(0)] * BATCH)
-    measure(lambda: to_images(stack), n=PIXELS, images=BATCH, rounds=9)
-
-
-def bench_live_moved_rule(measure, scan, images):
-    values = cycle(OTHERS["rule"])
-    to_images = images(np.float32).replace(region_center=OTHERS["region_center"][0])
-    measure(lambda: jax.tree.leaves(to_images.replace(rule=next(values))), n=PIXELS, rounds=3)
 
 
 @pytest.mark.parametrize("part", ["offset and drift", "samples", "densities", "inversion"])
@@ -127,7 +113,7 @@ def bench_live_part(measure, scan, images, part):
 
 
 def bench_live_changed_within_reach(measure, images, choices):
-    values, to_images = cycle(OTHERS["region_center"]), images(np.float32, reach=reach_of(choices))
+    values, to_images = cycle(CENTERS), images(np.float32, reach=reach_of(choices))
     measure(
         lambda: jax.tree.leaves(to_images.replace(region_center=next(values))), n=PIXELS, rounds=3
     )

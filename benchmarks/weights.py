@@ -26,11 +26,11 @@ from matplotlib.path import Path
 from matplotlib.textpath import TextPath
 
 import jaxtat
-from jaxtat.fitting import Ridge, SecondOrderVariation, TotalVariation, Wavelets
+from jaxtat.fitting import Ridge, SecondOrderVariation, TotalVariation
 
 FINER = 4  # the phantom's pixels in one of the image's, along an axis
 EDGE = 0.95  # of the region's radius: phantoms end there
-PENALTIES = TotalVariation, SecondOrderVariation, Wavelets, Ridge
+PENALTIES = TotalVariation, SecondOrderVariation, Ridge
 WORDS = ("photo acoustic", "open curve", "single layer", "cylindrical wave", "limited view")
 Picture = Callable[[np.random.Generator, np.ndarray, int], np.ndarray]  # points, seed -> values
 

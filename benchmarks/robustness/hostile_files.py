@@ -15,16 +15,15 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "io"))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from hdf5_checksums import SIGNATURES, mended  # noqa: E402
 from scan_writers import write_everything, write_matlab73, write_msot, write_named  # noqa: E402
 
 Rng = np.random.Generator
 KINDS = ("npz", "npy", "matlab 5", "matlab 7.3", "hdf5", "ipasc", "patato", "msot", "image", "plan")
 # what HDF5 begins its structures with
-_OF_HDF5 = (
-    *(b"TREE", b"SNOD", b"HEAP", b"GCOL", b"OHDR", b"OCHK", b"BTHD", b"BTLF", b"BTIN"),
-    *(b"FRHP", b"FHDB", b"FHIB", b"FSHD", b"FSSE", b"FAHD", b"FADB", b"EAHD", b"EAIB"),
-)
-_SIGNATURES = (*_OF_HDF5, b"\x89HDF", b"PK\1\2", b"PK\3\4", b"PK\5\6", b"\x93NUMPY")
+_OF_HDF5 = (b"TREE", b"SNOD", b"HEAP", b"GCOL", *SIGNATURES)
+_SIGNATURES = (*_OF_HDF5, b"PK\1\2", b"PK\3\4", b"PK\5\6", b"\x93NUMPY")
 _NUMBERS = (0, 1, 2, 3, 4, 7, 8, 255, 256, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**32,
             2**40, 2**62, 2**63 - 1, 2**63, 2**64 - 1)  # fmt: skip
 _TEXTS = ("", "0", "-1", "1e308", "nan", "inf", "1e-320", "0x10", "None", "9" * 400, "1,5", "\x07",
@@ -52,9 +51,11 @@ class Case(NamedTuple):
             name = first if rng.random() < 0.8 else list(files)[rng.integers(len(files))]
             other = self.seeds[rng.integers(len(self.seeds))].get(name, b"")
             changes = _CHANGES if self.changes is None else self.changes
+            whole = files[name]
             for _ in range(rng.integers(1, 4) if changes else 0):
                 change = changes[rng.integers(len(changes))]
                 files[name] = change(files[name], rng, other)
+            files[name] = mended(files[name], whole)
         if self.seal is not None and rng.random() < 0.9:
             files[first] = self.seal(files[first])
         for name, content in files.items():
@@ -94,24 +95,23 @@ def seeds_of(folder: Path, names: Sequence[str]) -> list[Case]:
             for path in paths
         ]
 
+    def of_hdf5(name: str, *paths: Path) -> Case:
+        """Each file as it is, and in the library's newest version, with its checksums."""
+        newest = [in_newest_version(path) for path in paths]
+        return Case(name, whole(*paths, *newest), [edited_hdf5, looped])
+
     cases = {
         "npz": lambda: Case("npz", whole(paths["npz"], archive), [repacked, bomb_archive]),
         "npy": lambda: Case("npy", whole(paths["npy"], foreign, fortran), [lying_header]),
         "matlab 5": lambda: Case(
             "matlab 5", whole(paths["matlab 5"], matrix, plain), [repacked_matrices]
         ),
-        "matlab 7.3": lambda: Case(
-            "matlab 7.3", whole(paths["matlab 7.3"], v73), [edited_hdf5, looped]
-        ),
+        "matlab 7.3": lambda: of_hdf5("matlab 7.3", paths["matlab 7.3"], v73),
         "hdf5": lambda: Case("hdf5", whole(*hdf5_of_all_kinds(folder)), [edited_hdf5, looped]),
-        "ipasc": lambda: Case(
-            "ipasc", whole(paths["ipasc"], foreign_ipasc(folder)), [edited_hdf5, looped]
-        ),
-        "patato": lambda: Case("patato", whole(paths["patato"]), [edited_hdf5, looped]),
+        "ipasc": lambda: of_hdf5("ipasc", paths["ipasc"], foreign_ipasc(folder)),
+        "patato": lambda: of_hdf5("patato", paths["patato"]),
         "msot": lambda: Case("msot", whole(paths["msot"], msot), [edited_xml, bomb_xml]),
-        "image": lambda: Case(
-            "image", whole(*sorted(folder.glob("image *"))), [edited_hdf5, looped]
-        ),
+        "image": lambda: of_hdf5("image", *sorted(folder.glob("image *"))),
         "plan": lambda: Case(
             "plan", whole(*sorted(folder.glob("plan *"))), [edited_hdf5, looped], sealed
         ),
@@ -151,6 +151,18 @@ def hdf5_of_all_kinds(folder: Path) -> list[Path]:
                 for k in range(20 * (number % 2)):  # many names are indexed in another way
                     file.create_group(f"more{k}")
     return paths
+
+
+def in_newest_version(path: Path) -> Path:
+    """A copy with all structures of version 2, and attributes enough to be indexed."""
+    copy = path.with_name(f"newest {path.name}")
+    with h5py.File(path) as old, h5py.File(copy, "w", libver="latest") as new:
+        for name in old:
+            old.copy(name, new)
+        new.attrs.update(old.attrs)
+        for k in range(12):
+            new.attrs[f"further {k}"] = k
+    return copy
 
 
 def foreign_ipasc(folder: Path) -> Path:
@@ -268,14 +280,14 @@ def looped(files: dict[str, bytes], rng: Rng) -> None:
     if targets:
         at = targets[rng.integers(len(targets))]
         new = places[rng.integers(len(places))].to_bytes(8, "little")
-        files[name] = content[:at] + new + content[at + 8 :]
+        files[name] = mended(content[:at] + new + content[at + 8 :], content)
 
 
 def _all(content: bytes, part: bytes) -> list[int]:
-    found, at = [], -1
-    while (at := content.find(part, at + 1)) >= 0 and len(found) < 100:
-        found.append(at)
-    return found
+    places, at = [], -1
+    while (at := content.find(part, at + 1)) >= 0 and len(places) < 100:
+        places.append(at)
+    return places
 
 
 def edited_hdf5(files: dict[str, bytes], rng: Rng) -> None:

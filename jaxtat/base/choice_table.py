@@ -159,6 +159,14 @@ CHOICES = (
         quantity="angle",
     ),
     Choice(
+        "region_size",
+        _pair,
+        lambda c: " x ".join(c.units.of_length(x) for x in c.region_size or ()),
+        REGION,
+        _NUMBER | {"nargs": 2, "metavar": ("W", "H"), "help": "of a rectangle in place of a disk"},
+        quantity="length",
+    ),
+    Choice(
         "region_center",
         _numbers,
         lambda c: c.units.of_place(c.region_center, c.region_radius),

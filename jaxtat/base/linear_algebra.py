@@ -14,7 +14,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jax.custom_batching import sequential_vmap
+from jax.custom_batching import custom_vmap, sequential_vmap
 from jaxtyping import Array, Float
 
 
@@ -121,6 +121,23 @@ def _of_blocks(factors: Callable, matrix: Array) -> tuple[Array, ...]:
     return tuple(jnp.stack(part) for part in each)
 
 
+def _one_matrix_at_a_time(solve: Callable) -> Callable:
+    """``solve(*factors, right)``, under `jax.vmap` with all columns of one matrix together."""
+    in_turn, alone = sequential_vmap(solve), custom_vmap(solve)
+
+    @alone.def_vmap
+    def _(size: int, batched: list[bool], *arguments: Array) -> tuple[Array, bool]:
+        *factors, right = arguments
+        if any(batched[:-1]):
+            axes = [0 if each else None for each in batched]
+            return jax.vmap(in_turn, axes, axis_size=size)(*arguments), True
+        columns = jnp.moveaxis(right, 0, -1)
+        found = alone(*factors, columns.reshape(columns.shape[0], -1)).reshape(columns.shape)
+        return jnp.moveaxis(found, -1, 0), True
+
+    return alone
+
+
 @sequential_vmap
 def _cholesky(matrix: Array) -> Array:
     # LAPACK wants columns in order, XLA has rows: turned, a symmetric matrix needs no copy
@@ -128,33 +145,8 @@ def _cholesky(matrix: Array) -> Array:
 
 
 @sequential_vmap
-def _by_both(triangle: Array, right: Array) -> Array:
-    return jax.scipy.linalg.cho_solve((triangle, True), right)
-
-
-@sequential_vmap
 def _lu_of_transposed(matrix: Array) -> tuple[Array, Array]:
     return jax.scipy.linalg.lu_factor(matrix.T)  # turned, as above
-
-
-@sequential_vmap
-def _by_lu(factors: Array, pivots: Array, right: Array) -> Array:
-    return jax.scipy.linalg.lu_solve((factors, pivots), right)
-
-
-@sequential_vmap
-def _by_transposed_lu(factors: Array, pivots: Array, right: Array) -> Array:
-    return jax.scipy.linalg.lu_solve((factors, pivots), right, trans=1)
-
-
-@sequential_vmap
-def _by_lower(triangle: Array, right: Array) -> Array:
-    return jax.scipy.linalg.solve_triangular(triangle, right, lower=True)
-
-
-@sequential_vmap
-def _by_transposed_lower(triangle: Array, right: Array) -> Array:
-    return jax.scipy.linalg.solve_triangular(triangle, right, lower=True, trans=1)
 
 
 @sequential_vmap
@@ -170,3 +162,28 @@ def _svd(matrix: Array) -> tuple[Array, Array, Array]:
 @sequential_vmap
 def _qr(matrix: Array) -> tuple[Array, Array]:
     return tuple(jnp.linalg.qr(matrix))
+
+
+@_one_matrix_at_a_time
+def _by_both(triangle: Array, right: Array) -> Array:
+    return jax.scipy.linalg.cho_solve((triangle, True), right)
+
+
+@_one_matrix_at_a_time
+def _by_lu(factors: Array, pivots: Array, right: Array) -> Array:
+    return jax.scipy.linalg.lu_solve((factors, pivots), right)
+
+
+@_one_matrix_at_a_time
+def _by_transposed_lu(factors: Array, pivots: Array, right: Array) -> Array:
+    return jax.scipy.linalg.lu_solve((factors, pivots), right, trans=1)
+
+
+@_one_matrix_at_a_time
+def _by_lower(triangle: Array, right: Array) -> Array:
+    return jax.scipy.linalg.solve_triangular(triangle, right, lower=True)
+
+
+@_one_matrix_at_a_time
+def _by_transposed_lower(triangle: Array, right: Array) -> Array:
+    return jax.scipy.linalg.solve_triangular(triangle, right, lower=True, trans=1)

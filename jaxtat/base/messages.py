@@ -17,9 +17,14 @@ def name_of(path: str | Path) -> str:
 
 
 def require_file(path: str | Path) -> None:
-    """Raise FileNotFoundError where there is no file to read."""
-    if not Path(path).is_file():
+    """Raise FileNotFoundError where there is nothing to read, ValueError for what is no file."""
+    place = Path(path)
+    if not place.exists():
         raise FileNotFoundError(f"there is no file {name_of(path)}.")
+    if not place.is_file():
+        what = "a folder" if place.is_dir() else "a pipe or a device"
+        raise ValueError(f"{name_of(path)} is {what}, expected a file.")
+    place.open("rb").close()  # PermissionError where it may not be read
 
 
 def one_line(before: str, reason: str, after: str = "") -> str:

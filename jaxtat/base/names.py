@@ -2,7 +2,7 @@
 
 MODELS = ("2d", "in-plane")  # of sound, see `pressure`
 INVERSIONS = ("fourier", "fbp")  # see `steps.inversion`; the first is the default
-PENALTIES = ("tv", "second-order", "wavelets", "ridge", "none")  # see `scans.constrained`
+PENALTIES = ("tv", "second-order", "ridge", "none")  # see `scans.constrained`
 LOW_PASSES = ("none", "cosine")  # see `reconstruction.radon`
 IMAGE_SUFFIXES: tuple[str, ...] = (
     ".png",

@@ -34,11 +34,23 @@ def plan(options: argparse.Namespace) -> None:
 def info(options: argparse.Namespace) -> None:
     """``jaxtat info``."""
     from ..scans import choose, describe
+    from ..scans.found import NoRegion
+    from ..scans.info import describe_without_region
+    from ..scans.speed import compare_sound_speed
     from .hints import suggestions
     from .inputs import given, scan_of
 
     scan, options = scan_of(options)
-    choices = choose(scan, **given(options, scan))
+    asked = given(options, scan)
+    try:
+        choices = compare_sound_speed(scan, choose(scan, **asked))
+    except NoRegion as error:
+        if options.json:
+            raise
+        print(f"{describe_without_region(scan, asked['length_unit'])}\n\nNo image yet: {error}")
+        return
+    if wants_plan(options):
+        choices = choices.regularised_by_plan()
     if options.json:
         _write_json(options, choices)
     if options.json != "-":
@@ -255,6 +267,8 @@ def _prepared(options: argparse.Namespace, start: float):
         require_size(scan, choices)
         if plan is None:
             choices = estimate(scan, choices, **options_set)
+    if plan is not None or wants_plan(options):
+        choices = choices.regularised_by_plan()
     _report(options, f"{options.file}\n{choices.table()}", start)
     if plan is not None:
         require_same(scan, choices, plan)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..base.choice_table import OPTIONS
-from ..geometry import Disk, circular_arc, in_plane
+from ..geometry import Disk, Region, circular_arc, in_plane
 from ..io import Scan, load_scan, load_settings
 from ..io.frames import LazyFrames
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
@@ -74,17 +74,32 @@ def given(
         made["band"] = band(made["band"])
     if plan is None:
         return made
-    region, grid = plan.region, plan.grid
+    grid = plan.grid
     return made | {
         "use": _rows_of(plan, scan) if made["use"] is None else made["use"],
-        "region_radius": float(region.reach),
-        "region_cut": float(getattr(region, "cut", region.reach)),
-        "region_angle": float(np.degrees(getattr(region, "angle", 0.0))),
-        "region_center": tuple(float(x) for x in region.center),
+        **_region_of(plan.region),
         "pixels": grid.shape[0],
         "half_width": float(grid.half_width[0]),
         "max_frequency": float(plan.frequencies[-1]),
         "radii": np.asarray(plan.radii),
+    }
+
+
+def _region_of(region: Region) -> dict[str, Any]:
+    """A plan's region as choices: a disk, or the rectangle about what is no disk."""
+    if isinstance(region, Disk):
+        return {
+            "region_radius": float(region.radius),
+            "region_cut": float(region.cut),
+            "region_angle": float(np.degrees(region.angle)),
+            "region_center": tuple(float(x) for x in region.center),
+        }
+    corners = np.asarray(getattr(region, "vertices", region.points))
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    center = (low + high) / 2
+    return {
+        "region_size": tuple(float(x) for x in high - low),
+        "region_center": tuple(float(x) for x in center),
     }
 
 

@@ -8,7 +8,6 @@ from .penalties import (
     Ridge,
     SecondOrderVariation,
     TotalVariation,
-    Wavelets,
 )
 
 __all__ = [
@@ -19,7 +18,6 @@ __all__ = [
     "Ridge",
     "SecondOrderVariation",
     "TotalVariation",
-    "Wavelets",
     "compare_fits",
     "model_based",
 ]

@@ -17,7 +17,7 @@ from .radial_filter import high_pass
 Pressure = tuple[Any, Any, str, Any]  # times, sound speed, model, conditioning
 
 
-def data_fit(
+def data_fits(
     setup: Setup,
     pressure: Pressure | None,
     nonnegative: bool,
@@ -25,36 +25,50 @@ def data_fit(
     mask: Any,
     everywhere: bool,
     dtype: Any,
-) -> DataFit:
-    """The operators of the fit: forward operator, conditioning of the record, W and C."""
-    operator = forward_operator(setup, dtype=dtype)
+    grids: list[Any],
+) -> list[DataFit]:
+    """The operators of the fit on each grid: A up to what was recorded, W, H and C.
+
+    With noise W is 1 where the noise is least, so that B keeps the size of A.
+    """
     record, shape = None, setup.data_shape
-    whitening = jnp.broadcast_to(1 / jnp.sqrt(setup.radii), shape)
+    whitening, least = jnp.broadcast_to(1 / jnp.sqrt(setup.radii), shape), None
     if pressure is not None:
-        record = _record(setup, *pressure).astype(operator.dtype)
+        record = _record(setup, *pressure)
         shape = (*setup.detectors_shape, record.shape[0])
         whitening = jnp.ones(shape)
     if noise is not None:
         noise = real_array("noise", noise, None)
         require_positive("noise", noise)
-        whitening = 1 / _spread("noise", noise, shape)
+        least = jax.lax.stop_gradient(jnp.min(noise))
+        whitening = least / _spread("noise", noise, shape)
     if mask is not None:
         whitening = jnp.where(_mask(mask, shape), whitening, 0.0)
+    return [
+        _on_grid(setup, grid, record, whitening, least, nonnegative, everywhere, dtype)
+        for grid in grids
+    ]
+
+
+def _on_grid(
+    setup: Setup,
+    grid: Any,
+    record: Float[Array, "times radii"] | None,
+    whitening: Array,
+    noise: Float[Array, ""] | None,
+    nonnegative: bool,
+    everywhere: bool,
+    dtype: Any,
+) -> DataFit:
+    operator = forward_operator(setup, dtype=dtype, grid=grid)
+    if record is not None:
+        operator = operator.followed_by(record)
     radial = None
-    if noise is not None and setup.grid.dimension == 3:
-        radial = high_pass(setup.radii, 1 / setup.grid.spacing.max()).astype(operator.dtype)
-    support = jnp.ones(setup.grid.shape, bool)
-    if not everywhere:
-        support = setup.region.contains(setup.grid.points)
-    return DataFit(
-        operator,
-        record,
-        whitening.astype(operator.dtype),
-        radial,
-        support,
-        bool(nonnegative),
-        noise is not None,
-    )
+    if noise is not None and grid.dimension == 3:
+        radial = high_pass(setup.radii, 1 / grid.spacing.max()).astype(operator.dtype)
+    support = jnp.ones(grid.shape, bool) if everywhere else setup.region.contains(grid.points)
+    whitening = whitening.astype(operator.dtype)
+    return DataFit(operator, whitening, radial, support, noise, bool(nonnegative))
 
 
 def _record(
@@ -83,11 +97,25 @@ def checked_data(
     values = jnp.asarray(data)
     if values.ndim >= len(shape) and values.shape[values.ndim - len(shape) :] == shape:
         values = jnp.where(fit.whitening > 0, values, 0)  # what is left out may be NaN
-    values = real_array("data", values, ("...", *shape), fit.operator.dtype)
+    values = real_array("data", values, ("...", *shape))
     if not values.size:
         raise ValueError(f"data have shape {values.shape}: a stack of no images at all.")
     whitened = values * fit.whitening
     return whitened.reshape(-1, *shape), values.shape[: values.ndim - len(shape)]
+
+
+def size_of(data: Float[Array, "stack *data"], dtype: Any) -> Float[Array, ""]:
+    """The power of two below the largest number, by which data are divided.
+
+    So that no square is too large or too small, and images are in proportion to their data.
+    """
+    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(data)))
+    if is_concrete(largest) and dtype == jnp.float32 and not 1e-30 < largest < 1e30 and largest > 0:
+        raise ValueError(
+            f"data are as large as {float(largest):.3g}, which float32 cannot hold: leave out "
+            "dtype, or change the unit."
+        )
+    return jnp.where(largest > 0, jnp.ldexp(1.0, jnp.frexp(largest)[1] - 1), 1.0)
 
 
 def checked_penalty(penalty: Any) -> Any:
@@ -99,7 +127,7 @@ def checked_penalty(penalty: Any) -> Any:
     ):
         raise ValueError(
             f"penalty is {named(penalty)}, expected TotalVariation(), SecondOrderVariation(), "
-            "Wavelets(), Ridge(), NoPenalty() or a function (images, step) -> images."
+            "Ridge(), NoPenalty() or a function (images, step) -> images."
         )
     return penalty
 

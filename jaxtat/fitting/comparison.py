@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, real_array
 from ..reconstruction import Setup
 from ..reconstruction.setup import require_setup
-from .arguments import checked_data, data_fit
+from .arguments import checked_data, data_fits
 from .data_fit import DataFit
 
 
@@ -67,7 +67,7 @@ def compare_fits(
     """
     require_setup(setup)
     pressure = None if times is None else (times, sound_speed, model, conditioning)
-    fit = data_fit(setup, pressure, False, noise, mask, False, None)
+    (fit,) = data_fits(setup, pressure, False, noise, mask, False, None, [setup.grid])
     wanted, _ = checked_data(data, fit)
     if len(wanted) != 1:
         raise ValueError(f"data are those of {len(wanted)} images, expected one.")

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from tqdm import tqdm
 
@@ -24,18 +25,24 @@ from .arguments import (
     checked_data,
     checked_penalty,
     checked_weight,
-    data_fit,
+    data_fits,
     require_numbers,
     require_pressure,
     require_prox,
+    size_of,
 )
 from .data_fit import DataFit
 from .fista import Scale, State, first, scale_of, step
 from .implicit import Problem, with_derivatives
+from .ladder import between_nodes, ladder, same_on_all_grids, weight_on
 from .penalties import NoPenalty, Penalty, Ridge
 from .relative_cg import RelativeCG
 
+# Where to stop: the duality gap over half the data's energy; of a user's proximal map, and of linear
+# equations, what a step changes. Ten times less for an incomplete setup: last steps count.
+GAP, CHANGE = 2e-4, 1e-4
 _AT_A_TIME = 10  # steps between two looks at the progress
+_BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed} gone, {remaining} left{postfix}"
 
 
 class ModelBased(eqx.Module):
@@ -146,29 +153,30 @@ def model_based(
     if times is None:
         require_pressure(sound_speed, model, conditioning)
     pressure = None if times is None else (times, sound_speed, model, conditioning)
-    fit = data_fit(setup, pressure, nonnegative, noise, mask, everywhere, dtype)
-    data, batch = checked_data(data, fit)
+    if unrolled != (steps is not None):
+        raise ValueError("steps= and unrolled=True go together; max_steps bounds the others.")
+    count = whole_number("steps", steps, 1) if unrolled else whole_number("max_steps", max_steps, 1)
+    by_gap = same_on_all_grids(penalty) and not _quadratic(penalty, nonnegative, weight)
+    grids = [setup.grid]
+    if by_gap and initial is None and not unrolled:
+        grids = ladder(setup.grid)
+    fits = data_fits(setup, pressure, nonnegative, noise, mask, everywhere, dtype, grids)
+    data, batch = checked_data(data, fits[-1])
     space = setup.grid.shape
     start = jnp.zeros(space) if initial is None else real_array("initial", initial, ("...", *space))
-    start = jnp.broadcast_to(start, (*batch, *space)).astype(data.dtype).reshape(-1, *space)
-    weight = checked_weight(weight, penalty, data.dtype)
-    require_prox(penalty, start[:1], jnp.ones((), data.dtype))
+    start = jnp.broadcast_to(start, (*batch, *space)).reshape(-1, *space)
+    weight = checked_weight(weight, penalty, float)
+    require_prox(penalty, start[:1].astype(fits[-1].operator.dtype), jnp.ones(()))
     if tolerance is None:
-        tolerance = 1e-4 if setup.complete else 1e-5
+        tolerance = (GAP if by_gap else CHANGE) / (1 if setup.complete else 10)
     stop = real_array("tolerance", tolerance, ())
     require_positive("tolerance", stop)
     joint = isinstance(penalty, Penalty) and penalty.joint
     parts = (
         [(data, start)] if joint else [(d[None], s[None]) for d, s in zip(data, start, strict=True)]
     )
-    if unrolled != (steps is not None):
-        raise ValueError("steps= and unrolled=True go together; max_steps bounds the others.")
-    if unrolled:
-        count = whole_number("steps", steps, 1)
-        found = [_unrolled(fit, d, penalty, weight, s, count) for d, s in parts]
-    else:
-        count = whole_number("max_steps", max_steps, 1)
-        found = [_found(fit, d, penalty, weight, s, stop, count, progress) for d, s in parts]
+    given = penalty, weight, stop, count, unrolled, progress
+    found = [_in_units(fits, d, s, *given) for d, s in parts]
     answer = jax.tree.map(lambda *each: jnp.stack(each), *found)
     if joint:
         answer = jax.tree.map(lambda leaf: leaf[0], answer)
@@ -178,8 +186,49 @@ def model_based(
     return eqx.tree_at(lambda answer: answer.image, answer, image)
 
 
-def _found(
-    fit: DataFit,
+def _quadratic(penalty: Any, nonnegative: bool, weight: Any) -> bool:
+    """Whether the minimum solves linear equations."""
+    if nonnegative or not isinstance(penalty, Ridge | NoPenalty):
+        return False
+    return weight is not None or isinstance(penalty, NoPenalty)
+
+
+def _in_units(
+    fits: list[DataFit],
+    data: Float[Array, "stack *data"],
+    start: Float[Array, "stack *space"],
+    penalty: Any,
+    weight: Float[Array, ""] | None,
+    stop: Float[Array, ""],
+    count: int,
+    unrolled: bool,
+    progress: bool,
+) -> ModelBased:
+    """One image, or the images of one joint stack, found in units in which data are about 1.
+
+    Half the squared misfit is multiplied by noise²/size², a penalty of degree p by size^-p.
+    """
+    dtype = fits[-1].operator.dtype
+    convex = same_on_all_grids(penalty)
+    size = size_of(data, dtype) if convex else jnp.ones(())
+    noise = jnp.ones(()) if fits[-1].noise is None else fits[-1].noise
+    unit = noise * (noise if isinstance(penalty, Ridge) or not convex else noise / size)
+    data, start = ((values / size).astype(dtype) for values in (data, start))
+    if weight is not None:
+        weight = (weight * unit).astype(dtype)
+    if fits[-1].noise is not None:
+        level = (noise / size).astype(dtype)
+        fits = [eqx.tree_at(lambda fit: fit.noise, fit, level) for fit in fits]
+    if unrolled:
+        answer = _unrolled(fits[-1], data, penalty, weight, start, count)
+    else:
+        answer = _fitted(fits, data, penalty, weight, start, stop, count, progress)
+    parts = answer.image * size.astype(dtype), answer.weight / unit
+    return eqx.tree_at(lambda answer: (answer.image, answer.weight), answer, parts)
+
+
+def _fitted(
+    fits: list[DataFit],
     data: Float[Array, "stack *data"],
     penalty: Any,
     weight: Float[Array, ""] | None,
@@ -188,27 +237,48 @@ def _found(
     max_steps: int,
     progress: bool,
 ) -> ModelBased:
-    """One image, or the images of one joint stack, with derivatives."""
+    """From level to level, with derivatives on the last one."""
+    fit, space = fits[-1], start.shape[1:]
     scale = _scale(fit, data)
-    if isinstance(penalty, Ridge | NoPenalty) and not fit.nonnegative and weight is not None:
+    if weight is not None and _quadratic(penalty, fit.nonnegative, weight):
         most = jnp.asarray(max_steps)  # another number needs no other program
         state = _conjugate_gradients(fit, data, penalty, weight, start, scale, tolerance, most)
         answer = _report(fit, data, penalty, scale, weight, state, tolerance)
         none = jnp.full(max_steps, jnp.nan, data.dtype)
         return eqx.tree_at(lambda answer: answer.history, answer, none)
-    state = _started(fit, penalty, start, scale, weight, max_steps)
-    follows = fit, data, penalty, scale, weight is None
-    with tqdm(total=max_steps, unit="step", disable=not progress) as bar:
-        if progress and is_concrete(data, start):
-            for until in range(_AT_A_TIME, max_steps, _AT_A_TIME):
-                state = _advance(*follows, state, tolerance, jnp.asarray(until))
-                bar.set_postfix(change=f"{float(state.change):.1e}")
-                bar.update(int(state.step) - bar.n)
-                if float(state.change) <= tolerance:
-                    break
-        state = _advance(*follows, state, tolerance, jnp.asarray(max_steps))
-    require_numbers(penalty, state.change, state.step)
+    if fits[1:]:
+        start = jnp.zeros((len(data), *fits[0].support.shape), data.dtype)
+    for level in fits:
+        shape = level.support.shape
+        here = scale if level is fit else _scale(level, data)
+        at = None if weight is None else weight_on(shape, space, penalty, weight)
+        state = _started(level, penalty, between_nodes(start, shape), here, at, max_steps)
+        follows = level, data, penalty, here, at is None
+        state = _until(follows, state, tolerance, max_steps, progress)
+        start = state.image
+    require_numbers(penalty, state.gap, state.step)
     return _report(fit, data, penalty, scale, weight, state, tolerance)
+
+
+def _until(
+    follows: tuple, state: State, tolerance: Array, max_steps: int, progress: bool
+) -> State:
+    """Steps on one grid; the bar counts how much of the way, in orders of magnitude, is gone."""
+    if not (progress and is_concrete(state.image)):
+        return _advance(*follows, state, tolerance, jnp.asarray(max_steps))
+    level = " x ".join(map(str, state.image.shape[1:]))
+    with tqdm(total=100, desc=level, bar_format=_BAR) as bar:
+        first = None
+        for until in (*range(_AT_A_TIME, max_steps, _AT_A_TIME), max_steps):
+            state = _advance(*follows, state, tolerance, jnp.asarray(until))
+            gap, goal = float(state.gap), float(tolerance)
+            first = max(gap, 2 * goal) if first is None else first
+            gone = 100 if gap <= goal else np.log(first / gap) / np.log(first / goal) * 100
+            bar.set_postfix(step=int(state.step), gap=f"{gap:.1e}")
+            bar.update(max(0, int(gone) - bar.n))
+            if gap <= goal:
+                break
+    return state
 
 
 @eqx.filter_jit
@@ -243,7 +313,7 @@ def _advance(
     fit, data, penalty, scale, state = constants((fit, data, penalty, scale, state))
 
     def unfinished(state: State) -> Array:
-        return (state.change > tolerance) & (state.step < until)
+        return (state.gap > tolerance) & (state.step < until)
 
     def advance(state: State) -> State:
         return step(fit, data, penalty, scale, find_weight, state)
@@ -275,9 +345,9 @@ def _conjugate_gradients(
     start = fit.allowed(start)
     wanted = fit.transposed(data) / scale.square - normal(start)
     found = lx.linear_solve(operator, wanted, RelativeCG(tolerance, max_steps), throw=False)
-    change = jnp.where(found.result == lx.RESULTS.successful, 0.0, jnp.inf).astype(data.dtype)
+    gap = jnp.where(found.result == lx.RESULTS.successful, 0.0, jnp.inf).astype(data.dtype)
     state = first(fit, penalty, start + found.value, scale, weight, 0)
-    return state._replace(step=jnp.asarray(found.stats["num_steps"]), change=change)
+    return state._replace(step=jnp.asarray(found.stats["num_steps"]), gap=gap)
 
 
 @eqx.filter_jit
@@ -309,7 +379,7 @@ def _report(
     """The image with derivatives, at a fixed weight."""
     used = jax.lax.stop_gradient(state.weight) if weight is None else weight
     image = with_derivatives(Problem(fit, data, penalty, used, scale), state.image)
-    return _answer(fit, data, image, state._replace(weight=used), state.change <= tolerance)
+    return _answer(fit, data, image, state._replace(weight=used), state.gap <= tolerance)
 
 
 def _answer(fit: DataFit, data: Array, image: Array, state: State, converged: Array) -> ModelBased:

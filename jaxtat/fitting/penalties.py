@@ -1,9 +1,8 @@
 """Penalties P(f), which are added to the misfit of the data.
 
-All but `Ridge` are P(f) = Σ_i h(|(D f)_i|), with D a linear map to differences or wavelet
-coefficients, (D f)_i all of them at pixel i, and h(t) = t beyond a small delta and
-t²/2 delta + delta/2 below (Huber's function): so the image that minimises is a smooth function of
-the data.
+All but `Ridge` are P(f) = Σ_i h(|(D f)_i|), with D a linear map to differences, (D f)_i all of them
+at pixel i, and h(t) = t beyond a small delta and t²/2 delta + delta/2 below (Huber's function): so
+the image that minimises is a smooth function of the data.
 """
 
 import abc
@@ -13,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..base.checks import real_array, require_positive, whole_number
+from ..base.checks import real_array, require_positive
 from ..special import root
 
 
@@ -27,9 +26,11 @@ class Penalty(eqx.Module):
         smoothing: delta, as a fraction of the image's size (`model_based` says which).
         joint: whether the images of a stack share their edges: |.| goes over all of them.
         needs_floor: of a kind; whether a weight that is found must not fall with the noise.
+        order: of a kind, of its differences.
     """
 
     needs_floor: ClassVar[bool] = True
+    order: ClassVar[int] = 1
     smoothing: Float[Array, ""] = eqx.field(
         converter=lambda value: real_array("smoothing", value, ()), default=1e-3, kw_only=True
     )
@@ -57,6 +58,13 @@ class Penalty(eqx.Module):
         sizes = self.sizes(self.parts(images))
         below = sizes**2 / (2 * delta) + delta / 2
         return jnp.sum(jnp.where(sizes > delta, sizes, below))
+
+
+    def conjugate(
+        self, dual: Float[Array, "parts stack *space"], delta: Float[Array, ""] | float
+    ) -> Float[Array, ""]:
+        """P*(D^T p) or more: the largest <p, D f> - P(f), for |p_i| <= 1."""
+        return jnp.sum(delta / 2 * (self.sizes(dual) ** 2 - 1))
 
 
 class TotalVariation(Penalty):
@@ -90,6 +98,7 @@ class SecondOrderVariation(Penalty):
     """
 
     needs_floor: ClassVar[bool] = False
+    order: ClassVar[int] = 2
 
     def parts(self, images: Array) -> Array:
         axes = range(1, images.ndim)
@@ -106,58 +115,19 @@ class SecondOrderVariation(Penalty):
         return 16.0 * dimension**2
 
 
-class Wavelets(Penalty):
-    """P(f) = Σ |c|, c the Haar wavelet coefficients of f, mean over all shifts of the grid.
-
-    For textures and small details on a smooth ground.
-
-    Attributes:
-        levels: j = 1 .. levels, of details 2^j pixels wide.
-
-    Source: Coifman and Donoho, Translation-invariant de-noising, in: Wavelets and Statistics,
-    Springer 1995, 125-150.
-    """
-
-    levels: int = eqx.field(static=True, default=3)
-
-    def __check_init__(self) -> None:
-        whole_number("levels", self.levels, 1)
-
-    def parts(self, images: Array) -> Array:
-        """Each coefficient by itself: their sizes are not added up under one root."""
-        dimension = images.ndim - 1
-        smooth, details = images, []
-        for level in range(self.levels):
-            bands = [smooth]
-            for axis in range(1, images.ndim):
-                turned = [jnp.roll(band, -(2**level), axis) for band in bands]
-                bands = [
-                    (band + sign * other) / 2
-                    for sign in (1, -1)
-                    for band, other in zip(bands, turned, strict=True)
-                ]
-            smooth = bands[0]
-            details += [band / 2 ** ((level + 1) * dimension / 2) for band in bands[1:]]
-        return jnp.stack(details)
-
-    def sizes(self, parts: Array) -> Array:
-        if self.joint:
-            return root(jnp.sum(parts**2, axis=1, keepdims=True))
-        return jnp.abs(parts)
-
-    def bound(self, dimension: int) -> float:
-        return 2.0**-dimension
-
-
 class Ridge(eqx.Module):
     """P(f) = ||f||² / 2, for images of least norm.
 
     Source: Hoerl and Kennard, Technometrics 12 (1970) 55-67.
     """
 
+    order: ClassVar[int] = 0
+
 
 class NoPenalty(eqx.Module):
     """P(f) = 0: the data alone, with f >= 0 if asked."""
+
+    order: ClassVar[int] = 0
 
 
 def _forward(images: Array, axis: int) -> Array:

@@ -19,8 +19,7 @@ import numpy as np
 from ..base.optional_packages import optional
 from ..base.units import millimetres
 from ..io import load_settings
-from ..io.hdf5 import open_hdf5
-from ..io.limits import MAX_BYTES, Allowance
+from ..io.images import read_parts
 from ..scans import ScanImages, reconstruct_file
 
 SUFFIXES = (".h5", ".hdf5")
@@ -94,11 +93,10 @@ def of_scan(result: ScanImages, name: str) -> Layer:
 
 def _of_file(path: Path) -> Layer:
     settings = load_settings(path)
-    with open_hdf5(path, Allowance()) as file:
-        names = [name for name in ("x1", "x2", "x3") if file.has_numbers(name)]
-        axes = [file.read(name).astype(float) for name in names]
-        image, inside = file.read("image"), file.read("inside", "b")
-        made = json.loads(file.text("provenance", MAX_BYTES) or "{}")
+    texts, arrays = read_parts(path, "image", "inside", "x1", "x2", "x3")
+    axes = [arrays[name].astype(float) for name in ("x1", "x2", "x3") if name in arrays]
+    image, inside = arrays["image"], arrays["inside"]
+    made = json.loads(texts["provenance"] or "{}")
     about = {"name": path.stem, "metadata": {"settings": settings}}
     return _layer(image, inside, axes, made.get("length_unit"), about)
 

@@ -21,9 +21,10 @@ from ..base.names import IMAGE_SUFFIXES
 from ..base.optional_packages import optional
 from ..base.units import millimetres
 from ..geometry import ImageGrid, VolumeGrid
-from .hdf5 import creating_hdf5, open_hdf5
-from .limits import MAX_BYTES, Allowance, refusing
+from .hdf5 import creating_hdf5
+from .limits import Allowance, refusing
 from .provenance import as_json, provenance_of
+from .reader import read_file
 
 FORMAT, VERSION = "jaxtat image", 2
 
@@ -156,20 +157,36 @@ def load_settings(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     require_file(path)
-    with (
-        refusing(f"cannot read {name_of(path)}: ", "damaged, or no HDF5 file"),
-        open_hdf5(path, Allowance()) as file,
-    ):
-        kind, version = file.mark("/", "format"), file.mark("/", "version")
-        if (kind, version) != (FORMAT, str(VERSION)):
-            raise ValueError(
-                f"it is of format {kind!r}, version {version}, expected {FORMAT!r}, version "
-                f"{VERSION}: settings are in .h5 images written by save_image."
-            )
-        text = file.text("settings", MAX_BYTES) or ""
-        if _digest(text) != file.mark("/", "settings_sha256"):
-            raise ValueError("its settings are damaged (their digest does not match).")
-        return json.loads(text)
+    with refusing(f"cannot read {name_of(path)}: "):
+        return _settings_of(read_parts(path)[0])
+
+
+def read_parts(path: Path, *names: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Settings, provenance and marks of an HDF5 image, and those of its arrays that are wanted."""
+    content = read_file(
+        "arrays",
+        path,
+        Allowance(),
+        texts=["settings", "provenance"],
+        names=names,
+        attributes=["format", "version", "settings_sha256"],
+    )
+    return content.about, content.arrays
+
+
+def _settings_of(about: dict[str, Any]) -> dict[str, Any]:
+    if (about["format"], about["version"]) != (FORMAT, str(VERSION)):
+        raise ValueError(
+            f"it is of format {about['format']!r:.40}, version {about['version']!r:.20}, expected "
+            f"{FORMAT!r}, version {VERSION}: settings are in .h5 images written by save_image."
+        )
+    text = about["settings"] or ""
+    if _digest(text) != about["settings_sha256"]:
+        raise ValueError("its settings are damaged (their digest does not match).")
+    settings = json.loads(text)
+    if not isinstance(settings, dict):
+        raise ValueError(f"its settings are {text:.40}, expected names and values.")
+    return settings
 
 
 def _digest(text: str) -> str:

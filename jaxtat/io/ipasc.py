@@ -13,7 +13,6 @@ photoacoustic imaging, Photoacoustics 26 (2022) 100339.
 
 import re
 import uuid
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,8 @@ import h5py
 import numpy as np
 
 from ..base.atomic import replacing
-from .hdf5 import Hdf5File, creating_hdf5, is_hdf5, open_hdf5, read_part
-from .limits import Allowance
+from .child import Answer
+from .hdf5 import Hdf5File, creating_hdf5, open_hdf5
 from .scan import Kind, Scan
 from .series import period, rate_of
 
@@ -39,18 +38,13 @@ _ABOUT = {
 _FURTHER = ("times", "radii", "impulse_response")
 
 
-def is_ipasc(path: Path, start: bytes) -> bool:
-    if not is_hdf5(path):
-        return False
-    try:
-        with open_hdf5(path, Allowance()) as file:
-            return _DATA in file.datasets()
-    except (OSError, RuntimeError, LookupError):
-        return False  # damaged: whoever reads it next says how
+def is_ipasc(path: Path) -> bool:
+    """Whether an HDF5 file has IPASC's data."""
+    return open_hdf5(path).is_dataset(_DATA)
 
 
-def load_ipasc(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
-    """Pressure with all that `Scan.known` has a name for; of many frames those asked for are read.
+def read_ipasc(path: Path, kind: Kind | None) -> Answer:
+    """Pressure with all that `Scan.known` has a name for; of many frames those that are wanted.
 
     Zero, NaN and "None" stand for an unknown sampling rate or speed of sound. Wavelengths, metres
     by the standard, are often nanometres: those below 1 mm are taken for metres, those from 100 up
@@ -61,36 +55,42 @@ def load_ipasc(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
     """
     if kind == "circular_integrals":
         raise ValueError("IPASC files hold pressure, expected circular integrals.")
-    with open_hdf5(path, allowance) as file:
-        about = {"format": "IPASC"}
-        about |= {name: text for name, where in _ABOUT.items() if (text := file.text(where))}
-        n, wavelengths = _wavelengths(file)
-        shape = file.shape(_DATA)
-        if not 2 <= len(shape) <= 4:
-            raise ValueError(
-                f"{_DATA} has shape {shape}, expected (detectors, samples, wavelengths, "
-                "measurements)."
-            )
-        if len(shape) == 3 and shape[2] != n:  # measurements
-            shape = (*shape[:2], 1, shape[2])
-        rows, columns, colours, measurements = (*shape, 1, 1)[:4]
-        known = _detectors(file, rows)
-        for name in _FURTHER:
-            known |= _optional(name, file, f"{_META}/{name}")
-        for name, tag in (("sampling_rate", "ad_sampling_rate"), ("sound_speed", "speed_of_sound")):
-            found = _optional(name, file, f"{_META}/{tag}")
-            if found and np.isfinite(found[name]).all() and found[name].any():
-                known[name] = found[name].reshape(()) if found[name].size == 1 else found[name]
-        known |= _optional("field_of_view", file, f"{_DEVICE}/general/field_of_view")
-        if wavelengths is not None and n == colours:
-            known["wavelengths"] = np.tile(wavelengths, measurements)
-        elif n:
-            about["wavelengths"] = f"{n} left out: no wavelengths, or not of these data"
-        known |= _energies(file, colours, measurements)
-        read = partial(_read_frames, (rows, columns, colours, measurements))
-        data = file.frames(_DATA, (colours * measurements, rows, columns), read)
-    # a single frame is an image's data, which the format does not distinguish from a series of one
-    return Scan("pressure", data[0] if len(data) == 1 else data, known, about)
+    file, about = open_hdf5(path), {"format": "IPASC"}
+    about |= {name: text for name, where in _ABOUT.items() if (text := file.text(where))}
+    n, wavelengths = _wavelengths(file)
+    shape = file.shape(_DATA)
+    if not 2 <= len(shape) <= 4:
+        raise ValueError(
+            f"{_DATA} has shape {shape}, expected (detectors, samples, wavelengths, measurements)."
+        )
+    axes = len(shape)
+    if axes == 3 and shape[2] != n:  # measurements
+        shape = (*shape[:2], 1, shape[2])
+    rows, columns, colours, measurements = (*shape, 1, 1)[:4]
+    known = _detectors(file, rows)
+    for name in _FURTHER:
+        known |= _optional(name, file, f"{_META}/{name}")
+    for name, tag in (("sampling_rate", "ad_sampling_rate"), ("sound_speed", "speed_of_sound")):
+        value = _optional(name, file, f"{_META}/{tag}").get(name)
+        if value is not None and np.isfinite(value).all() and value.any():
+            known[name] = value.reshape(()) if value.size == 1 else value
+    known |= _optional("field_of_view", file, f"{_DEVICE}/general/field_of_view")
+    if wavelengths is not None and n == colours:
+        known["wavelengths"] = np.tile(wavelengths, measurements)
+    elif n:
+        about["wavelengths"] = f"{n} left out: no wavelengths, or not of these data"
+    known |= _energies(file, colours, measurements)
+
+    def part(number: int) -> tuple[Any, ...]:
+        """Of a frame, in the order of measurements, and of wavelengths within each."""
+        measurement, colour = divmod(number, colours)
+        last = (colour, measurement)
+        if axes < 4:  # the axis that is not there has size 1
+            last = last[:1] if measurements == 1 else last[1:]
+        return (slice(None), slice(None), *last)[:axes]
+
+    frames = file.frames(_DATA, (colours * measurements, rows, columns), part)
+    return Answer(about, known, frames)
 
 
 def save_ipasc(path: str | Path, scan: Scan) -> None:
@@ -167,10 +167,10 @@ def _detectors(file: Hdf5File, rows: int) -> dict[str, np.ndarray]:
         places = [f"{folder}/{name}/{tag}" for name in names]
         there = [file.has_numbers(place) for place in places]
         if all(there):
-            found = [file.read(place) for place in places]
-            shapes = {array.shape for array in found}
-            if len(shapes) == 1 and (thing == "detectors" or found[0].ndim == 2):
-                known[thing] = np.stack(found)
+            arrays = [file.read(place) for place in places]
+            shapes = {array.shape for array in arrays}
+            if len(shapes) == 1 and (thing == "detectors" or arrays[0].ndim == 2):
+                known[thing] = np.stack(arrays)
             elif thing == "detectors":
                 raise ValueError(f"its detector positions have shapes {sorted(shapes)}.")
         elif any(there) and thing == "detectors":
@@ -190,8 +190,10 @@ def _number(name: str) -> int:
 
 def _wavelengths(file: Hdf5File) -> tuple[int, np.ndarray | None]:
     """How many wavelengths are named, and which [nm], or None."""
-    found = _optional("wavelengths", file, f"{_META}/acquisition_wavelengths")
-    values = found["wavelengths"].reshape(-1).astype(float) if found else np.empty(0)
+    values = _optional("wavelengths", file, f"{_META}/acquisition_wavelengths").get(
+        "wavelengths", np.empty(0)
+    )
+    values = values.reshape(-1).astype(float)
     if (values > 0).all() and (values < 1e-3).all():
         return len(values), np.round(values * 1e9, 6)  # 700 was written as 7e-7: 700 again
     usable = (values >= 100).all() and np.isfinite(values).all()
@@ -200,36 +202,20 @@ def _wavelengths(file: Hdf5File) -> tuple[int, np.ndarray | None]:
 
 def _energies(file: Hdf5File, colours: int, measurements: int) -> dict[str, np.ndarray]:
     """Pulse energies [mJ], one for each frame or wavelength; empty if any is unknown."""
-    found = _optional("laser_energy", file, f"{_META}/pulse_energy").get(
+    energies = _optional("laser_energy", file, f"{_META}/pulse_energy").get(
         "laser_energy", np.empty(0)
     )
     n = colours * measurements
-    if found.size == colours < n:
-        found = np.tile(found.reshape(-1), measurements)
-    elif found.shape == (colours, measurements) != (measurements, colours):
-        found = found.T
-    usable = found.size == n and np.isfinite(found).all() and (found > 0).all()
-    return {"laser_energy": 1e3 * found.reshape(-1)} if usable else {}
+    if energies.size == colours < n:
+        energies = np.tile(energies.reshape(-1), measurements)
+    elif energies.shape == (colours, measurements) != (measurements, colours):
+        energies = energies.T
+    usable = energies.size == n and np.isfinite(energies).all() and (energies > 0).all()
+    return {"laser_energy": 1e3 * energies.reshape(-1)} if usable else {}
 
 
 def _optional(name: str, file: Hdf5File, where: str) -> dict[str, np.ndarray]:
     return {name: file.read(where)} if file.has_numbers(where) else {}
-
-
-def _read_frames(
-    shape: tuple[int, int, int, int], dataset: h5py.Dataset, numbers: np.ndarray
-) -> np.ndarray:
-    """Frames in the order of measurements, and of wavelengths within each."""
-    rows, columns, colours, measurements = shape
-    found = np.empty((len(numbers), rows, columns), dataset.dtype.newbyteorder("="))
-    for place, number in enumerate(numbers.tolist()):
-        measurement, colour = divmod(number, colours)
-        ends = (slice(colour, colour + 1), slice(measurement, measurement + 1))
-        if dataset.ndim < 4:  # the axis that is not there has size 1
-            ends = ends[:1] if measurements == 1 else ends[1:]
-        box = (slice(0, rows), slice(0, columns), *ends)[: dataset.ndim]
-        found[place] = read_part(_DATA, dataset, box).reshape(rows, columns)
-    return found
 
 
 def _write_device(file: h5py.File, scan: Scan) -> None:

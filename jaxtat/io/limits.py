@@ -1,4 +1,4 @@
-"""Limits of memory: sizes that a file states are compared with its length before allocation."""
+"""Limits of memory for what files hold, and messages about files that are refused."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,8 +1,7 @@
-"""MATLAB's files: version 5 to 7 (a format of its own), and 7.3 (HDF5).
+"""MATLAB's files of versions 5 to 7, a format of its own (7.3 is HDF5, see `plain_hdf5`).
 
-Matrices have MATLAB's axes: data are (detectors, samples) or (detectors, samples, frames), or with
-the first two exchanged where positions, times or radii show it. Only matrices of real numbers are
-read.
+Only matrices of real numbers are read. SciPy reads these files too, but takes longer to import than
+all else that the process which opens files needs, and all of a matrix twice in memory.
 """
 
 import math
@@ -15,11 +14,9 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from .hdf5 import is_hdf5, open_hdf5
-from .limits import DEFLATE, Allowance, require_held
-from .named_arrays import NAMES_OF_DATA, chosen_names, scan_of
-from .plain_hdf5 import read_lazily
-from .scan import Kind, Scan
+from .child import PIECE, Answer, Box, Stored
+from .named_arrays import chosen_names
+from .scan import Kind
 
 _HEADER = 128  # [byte]
 _MATRIX, _COMPRESSED = 14, 15
@@ -47,45 +44,19 @@ def is_matlab5(path: Path, start: bytes) -> bool:
     return start[124:128] in (b"\0\1IM", b"\1\0MI")
 
 
-def is_matlab73(path: Path, start: bytes) -> bool:
-    return start.startswith(b"MATLAB 7.3 MAT-file") and is_hdf5(path)
-
-
-def load_matlab73(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
-    """Matrices by the names of `named_arrays.NAMES`, in HDF5 with their axes reversed.
-
-    Of many frames those asked for are read. MATLAB packs by gzip, whose checksum detects damage.
-    """
-    arrays = {}
-    with open_hdf5(path, allowance) as file:
-        for thing, name in chosen_names(file.datasets(), kind).items():
-            what = file.mark(name, "MATLAB_class")
-            if what in ("char", "logical", "cell", "struct"):
-                raise ValueError(f"{name} is a {what}, expected real numbers.")
-            if thing in NAMES_OF_DATA:
-                arrays[thing] = read_lazily(file, name).swapaxes(-2, -1)
-            else:
-                arrays[thing] = file.read(name).T
-    return scan_of(arrays, {"format": "MATLAB 7.3"})
-
-
-def load_matlab5(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
-    """Matrices by the names of `named_arrays.NAMES`, read at once.
+def read_matlab5(path: Path, kind: Kind | None) -> Answer:
+    """Matrices by the names of `named_arrays.NAMES`.
 
     Compressed ones (MATLAB's default) have a checksum, so that damage is found; in others a wrong
     number cannot be told.
     """
-    with path.open("rb") as file:
-        matrices = {matrix.name: matrix for matrix in _matrices(file)}
-        names = chosen_names(matrices, kind)
-        for name in set(matrices).difference(names.values()):
-            # its name may be what is damaged
-            matrices[name].content(file).require_whole(name, allowance)
-        arrays = {thing: _numbers(file, matrices[name], allowance) for thing, name in names.items()}
-    for name in NAMES_OF_DATA:
-        if name in arrays and arrays[name].ndim == 3:
-            arrays[name] = np.moveaxis(arrays[name], -1, 0)
-    return scan_of(arrays, {"format": "MATLAB 5 to 7"})
+    file = path.open("rb")
+    matrices = {matrix.name: matrix for matrix in _matrices(file)}
+    names = chosen_names(matrices, kind, [_named(file, matrix) for matrix in matrices.values()])
+    for name in set(matrices).difference(names.values()):
+        matrices[name].content(file).require_whole()  # its name may be what is damaged
+    arrays = {name: _stored(file, matrices[name]) for name in names.values()}
+    return Answer({"format": "MATLAB 5 to 7", "names": names, "reversed": True}, arrays)
 
 
 class _Matrix(NamedTuple):
@@ -100,35 +71,40 @@ class _Matrix(NamedTuple):
     compressed: bool
     order: str
 
+    @property
+    def what(self) -> str:
+        """What it is where it is no matrix of real numbers, else an empty text."""
+        if self.flags & _COMPLEX:
+            return "complex matrix"
+        if self.flags & _LOGICAL:
+            return "logical"
+        known = "" if self.kind in _CLASSES else "matrix of an unknown kind"
+        return _OTHERS.get(self.kind, known)
+
     def content(self, file: BinaryIO) -> "_Stream":
         return _Stream(file, self.start, self.size, self.compressed)
 
 
 class _Stream:
-    """The content of one element, inflated if it is compressed, read as asked for."""
+    """The content of one element, inflated if it is compressed, read from its beginning on."""
 
     def __init__(self, file: BinaryIO, start: int, size: int, compressed: bool):
-        self._file, self._left = file, size
+        self._file, self._at, self._left = file, start, size
         self._inflate = zlib.decompressobj() if compressed else None
-        file.seek(start)
 
     def read(self, n: int) -> bytes:
-        """Exactly n bytes, which the caller knows to be no false claim."""
-        found = bytearray()
-        while len(found) < n:
+        """Exactly n bytes."""
+        content = bytearray()
+        while len(content) < n:
             if self._inflate is None:
-                part = self._take(n - len(found))
+                part = packed = self._take(n - len(content))
             else:
                 packed = self._inflate.unconsumed_tail or self._take(2**16)
-                part = self._inflate.decompress(packed, n - len(found))
-                if not part and not packed:
-                    break
-            if not part and self._inflate is None:
-                break
-            found += part
-        if len(found) < n:
-            raise ValueError(f"an element ends after {len(found)} of {n} bytes.")
-        return bytes(found)
+                part = self._inflate.decompress(packed, n - len(content))
+            if not part and not packed:
+                raise ValueError(f"an element ends after {len(content)} of {n} bytes.")
+            content += part
+        return bytes(content)
 
     def require_end(self) -> None:
         """Raise ValueError unless a compressed element ends here; its checksum is compared."""
@@ -139,20 +115,17 @@ class _Stream:
         if len(rest) > 8 or not self._inflate.eof:
             raise ValueError("a compressed element does not end where it should.")
 
-    def require_whole(self, name: str, allowance: Allowance) -> None:
+    def require_whole(self) -> None:
         """Raise ValueError or zlib.error unless a compressed element is undamaged to its end."""
-        inflated = 0
         while self._inflate is not None and not self._inflate.eof:
             packed = self._inflate.unconsumed_tail or self._take(2**16)
-            part = self._inflate.decompress(packed, 2**18)
-            if not part and not packed:
+            if not self._inflate.decompress(packed, PIECE) and not packed:
                 raise ValueError("a compressed element is cut off.")
-            inflated += len(part)
-            allowance.require(name, inflated)  # time, not memory, is what it takes
 
     def _take(self, n: int) -> bytes:
+        self._file.seek(self._at)
         part = self._file.read(min(n, self._left))
-        self._left -= len(part)
+        self._at, self._left = self._at + len(part), self._left - len(part)
         return part
 
 
@@ -168,7 +141,8 @@ def _matrices(file: BinaryIO) -> Iterator[_Matrix]:
         at += 8
         if kind not in (_MATRIX, _COMPRESSED):
             raise ValueError(f"it has an element of type {kind} at byte {at - 8}: it is damaged.")
-        require_held("an element", at + size, end)
+        if at + size > end:
+            raise ValueError(f"an element claims {size} bytes, {end - at} are left: it is cut off.")
         yield _beginning(_Stream(file, at, size, kind == _COMPRESSED), at, size, kind, order)
         at += size
 
@@ -176,10 +150,9 @@ def _matrices(file: BinaryIO) -> Iterator[_Matrix]:
 def _beginning(stream: _Stream, start: int, size: int, kind: int, order: str) -> _Matrix:
     """Flags, shape and name of a matrix."""
     if kind == _COMPRESSED:
-        inner, claimed = _tag(stream.read(8), order)
+        inner, _ = _tag(stream.read(8), order)
         if inner != _MATRIX:
             raise ValueError(f"a compressed element holds type {inner}, expected a matrix.")
-        require_held("a compressed element", claimed, size, DEFLATE)
     flags, _ = struct.unpack(f"{order}II", _part(stream, order, 8))
     sizes = _part(stream, order, 4 * 32)
     shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
@@ -189,35 +162,54 @@ def _beginning(stream: _Stream, start: int, size: int, kind: int, order: str) ->
     return _Matrix(name, shape, flags & 0xFF, flags, start, size, kind == _COMPRESSED, order)
 
 
-def _numbers(file: BinaryIO, matrix: _Matrix, allowance: Allowance) -> np.ndarray:
-    """The content of a matrix of real numbers, or ValueError."""
-    name, order = matrix.name, matrix.order
-    what = _OTHERS.get(matrix.kind, "matrix of an unknown kind")
-    if matrix.flags & _LOGICAL:
-        what = "logical"
-    if matrix.kind not in _CLASSES or matrix.flags & (_COMPLEX | _LOGICAL):
-        what = "complex matrix" if matrix.flags & _COMPLEX else what
-        raise ValueError(f"{name} is a {what}, expected real numbers.")
+def _inside(file: BinaryIO, matrix: _Matrix) -> _Stream:
+    """The content of a matrix behind its flags, shape and name."""
     stream = matrix.content(file)
     if matrix.compressed:
         stream.read(8)
-    for longest in (8, 4 * 32, 256):  # flags, shape and name
-        _part(stream, order, longest)
-    tag = stream.read(8)
-    kind, size, inside = _small_tag(tag, order)
-    stored = np.dtype(order + _STORED[kind]) if kind in _STORED else None
-    if stored is None or size != math.prod(matrix.shape) * stored.itemsize:
+    for _ in range(3):
+        _part(stream, matrix.order, 256)
+    return stream
+
+
+def _named(file: BinaryIO, matrix: _Matrix) -> str:
+    """A matrix for people; of a struct, the names of its fields."""
+    if matrix.what != "struct":
+        return f"{matrix.name} (a {matrix.what})" if matrix.what else matrix.name
+    stream = _inside(file, matrix)
+    (longest,) = struct.unpack(f"{matrix.order}i", _part(stream, matrix.order, 4))
+    names = _part(stream, matrix.order, 2**16)
+    fields = [names[at : at + longest].split(b"\0")[0] for at in range(0, len(names), longest)]
+    return f"{matrix.name} (a struct of {', '.join(each.decode('ascii') for each in fields)})"
+
+
+def _stored(file: BinaryIO, matrix: _Matrix) -> Stored:
+    """The content of a matrix of real numbers, or ValueError."""
+    name, order = matrix.name, matrix.order
+    if matrix.what:
+        raise ValueError(f"{name} is a {matrix.what}, expected real numbers.")
+    stream = _inside(file, matrix)
+    kind, size, inside = _small_tag(stream.read(8), order)
+    stored = np.dtype(order + _STORED.get(kind, "V1"))
+    if kind not in _STORED or size != math.prod(matrix.shape) * stored.itemsize:
         raise ValueError(
             f"{name} has {size} bytes of type {kind} for {matrix.shape}: it is damaged."
         )
-    require_held(name, size, matrix.size, DEFLATE if matrix.compressed else 1)
-    wanted = np.dtype(_CLASSES[matrix.kind])
-    allowance.require(name, size)
-    allowance.take(name, math.prod(matrix.shape) * wanted.itemsize)
-    content = inside if inside is not None else stream.read(size)
+    pieces = _pieces(stream, inside, math.prod(matrix.shape), stored)
+    return Stored(matrix.shape[::-1], np.dtype(_CLASSES[matrix.kind]), pieces, transposed=True)
+
+
+def _pieces(
+    stream: _Stream, inside: bytes | None, size: int, stored: np.dtype
+) -> Iterator[tuple[Box, np.ndarray]]:
+    """Numbers one after the other, which end with the element."""
+    start = 0
+    while start < size:
+        stop = min(size, start + PIECE // 8)
+        content = inside or stream.read((stop - start) * stored.itemsize)
+        yield [(start, stop)], np.frombuffer(content, stored)
+        start = stop
     stream.require_end()
-    array = np.frombuffer(content, stored).reshape(matrix.shape, order="F")
-    return array.astype(wanted, copy=False)
 
 
 def _part(stream: _Stream, order: str, longest: int) -> bytes:

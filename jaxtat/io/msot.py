@@ -2,16 +2,16 @@
 
 import math
 from pathlib import Path
-from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
+from typing import Any
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 import numpy as np
 
-from .frames import LazyFrames, in_native_order
-from .limits import Allowance, require_held
-from .scan import Kind, Scan
+from .child import Answer
+from .limits import require_held
+from .scan import Kind
 
-_XML_MEMORY = 64  # bytes of memory for one of XML, at most
 _SAMPLE = np.dtype("<u2")
 _PREFIXES = {"none": 1.0, "G": 1e9, "M": 1e6, "k": 1e3, "c": 1e-2, "m": 1e-3, "u": 1e-6, "n": 1e-9}
 _ENERGIES = ("POWER", "OverallCorrectionFactor")  # with which frames are corrected
@@ -29,12 +29,8 @@ _ABOUT = {
 }
 
 
-def is_msot(path: Path, start: bytes) -> bool:
-    return start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<")
-
-
-def load_msot(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
-    """Pressure (raw counts) as a memory map of NAME.bin, with positions, rate and wavelengths.
+def read_msot(path: Path, kind: Kind | None) -> Answer:
+    """Positions, rate, wavelengths, and where the pressure (raw counts) is in NAME.bin.
 
     Frames are in the order of the XML file, which has the place of each in NAME.bin. NAME.irf need
     not be there. The speed of sound is not stored. NAME.bin has no checksum: a wrong number cannot
@@ -42,68 +38,63 @@ def load_msot(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
     """
     if kind == "circular_integrals":
         raise ValueError("MSOT files hold pressure, expected circular integrals.")
-    allowance.require("the XML file", _XML_MEMORY * path.stat().st_size)
     root = _parse(path)
     positions = _positions(root)
-    samples = _number(_found(root, "MEASUREMENT-DESC/RECORDED-LENGTH"))
+    samples = _number(_element(root, "MEASUREMENT-DESC/RECORDED-LENGTH"))
     if not (samples >= 1 and samples.is_integer()):
         raise ValueError(f"RECORDED-LENGTH is {samples:g}, expected a whole number above zero.")
-    frames = _all(root, "ScanNode/ScanFrames/DataModelScanFrame")
-    data = _samples(path.with_suffix(".bin"), _places(frames), len(positions), int(samples))
+    frames = root.findall("ScanNode/ScanFrames/DataModelScanFrame")
+    wavelengths = [1e9 * _number(_element(frame, "Frame/WAVELENGTH")) for frame in frames]
     known = {
         "detectors": positions,
-        "sampling_rate": _number(_found(root, "HARDWARE-DESC/SAMPLING-FREQUENCY")),
-        "wavelengths": np.array(
-            [1e9 * _number(_found(frame, "Frame/WAVELENGTH")) for frame in frames]
-        ),
+        "sampling_rate": _number(_element(root, "HARDWARE-DESC/SAMPLING-FREQUENCY")),
+        "wavelengths": np.round(wavelengths, 6),  # 1e9 * 1e-9 is not 1
     }
     known |= _laser_energy(frames)
-    known["wavelengths"] = np.round(known["wavelengths"], 6)  # 1e9 * 1e-9 is not 1
     response = path.with_suffix(".irf")
     if response.is_file():
-        known["impulse_response"] = _response(response, allowance)
-    about = {"format": "iThera MSOT"}
+        known["impulse_response"] = _response(response)
+    about: dict[str, Any] = {"format": "iThera MSOT"}
     for name, where in _ABOUT.items():
-        element = _first(root, where)
+        element = root.find(where)
         if element is not None and element.text and element.text.strip():
             about[name] = _shortened(element.text.strip())
-    return Scan("pressure", data[0] if len(data) == 1 else data, known, about)
-
-
-class _Builder(ElementTree.TreeBuilder):
-    """Refuses a document type where it begins, before any entity is defined."""
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise ValueError("it declares a document type, which scans have not: refused.")
+    about["map"] = _samples(path, _places(frames), len(positions), int(samples))
+    return Answer(about, known)
 
 
 def _parse(path: Path) -> Element:
-    """The root of an XML file without a document type, in which entities could be defined."""
-    root = ElementTree.parse(path, ElementTree.XMLParser(target=_Builder())).getroot()
+    """The root of an XML file, whose tags are as they are written, without namespaces.
+
+    A namespace may be of any length and would be copied into every tag. A document type, in which
+    entities could be defined, is refused where it begins.
+    """
+    builder, parser = TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler = lambda tag, of_it: builder.start(tag.rpartition(":")[2], of_it)
+    parser.EndElementHandler = lambda tag: builder.end(tag.rpartition(":")[2])
+    parser.CharacterDataHandler, parser.buffer_text = builder.data, True
+    parser.StartDoctypeDeclHandler = _refuse_doctype
+    parser.Parse(path.read_bytes(), True)
+    root = builder.close()
     if root.tag != "DataModelMsotProject":
         raise ValueError(f"its root is {root.tag!r:.60}, expected DataModelMsotProject.")
     return root
 
 
-def _all(element: Element, where: str) -> list[Element]:
-    """Elements at the end of a path of names, in whatever namespace."""
-    return element.findall("/".join(f"{{*}}{step}" for step in where.split("/")))
+def _refuse_doctype(*_: Any) -> None:
+    raise ValueError("it declares a document type, which scans have not: refused.")
 
 
-def _first(element: Element, where: str) -> Element | None:
-    return next(iter(_all(element, where)), None)
-
-
-def _found(element: Element, where: str) -> Element:
-    found = _first(element, where)
-    if found is None:
+def _element(element: Element, where: str) -> Element:
+    first = element.find(where)
+    if first is None:
         raise ValueError(f"its XML has no {where}.")
-    return found
+    return first
 
 
 def _number(element: Element) -> float:
     """A finite number in its unit without prefix: 40 with unit-modifier M is 4e7."""
-    name, prefix = element.tag.rpartition("}")[2], element.get("unit-modifier", "none")
+    name, prefix = element.tag, element.get("unit-modifier", "none")
     try:
         number = float(element.text or "") * _PREFIXES[prefix]
     except (ValueError, KeyError):
@@ -115,24 +106,27 @@ def _number(element: Element) -> float:
 
 def _positions(root: Element) -> np.ndarray:
     """Positions of the detectors [m] by their numbers."""
-    found: dict[int, list[float]] = {}
-    for projection in _all(root, "HARDWARE-DESC/FRAME-DESC/PROJECTION"):
-        values = {value.get("axis-ref", ""): _number(value) for value in _all(projection, "VALUE")}
+    positions: dict[int, list[float]] = {}
+    for projection in root.findall("HARDWARE-DESC/FRAME-DESC/PROJECTION"):
+        values = {
+            value.get("axis-ref", ""): _number(value) for value in projection.findall("VALUE")
+        }
         try:
-            found[int(projection.get("number", ""))] = [values["1"], values["2"], values["3"]]
+            positions[int(projection.get("number", ""))] = [values["1"], values["2"], values["3"]]
         except (ValueError, KeyError):
             raise ValueError(
                 f"detector number {projection.get('number')!r:.20} has coordinates on axes "
                 f"{sorted(values)}, expected 1, 2 and 3."
             ) from None
-    if sorted(found) != list(range(1, len(found) + 1)) or not found:
-        raise ValueError(f"its XML has {len(found)} detectors whose numbers are not 1, 2, 3 ...")
-    return np.array([found[number] for number in sorted(found)])
+    n = len(positions)
+    if sorted(positions) != list(range(1, n + 1)) or n == 0:
+        raise ValueError(f"its XML has {n} detectors whose numbers are not 1, 2, 3 ...")
+    return np.array([positions[number] for number in sorted(positions)])
 
 
 def _places(frames: list[Element]) -> list[int]:
     """Position of each frame in the file of samples, counted in frames."""
-    offsets = [_first(frame, "IDOffset") for frame in frames]
+    offsets = [frame.find("IDOffset") for frame in frames]
     places = [number if at is None else _number(at) for number, at in enumerate(offsets)]
     if len(set(places)) < len(places) or any(place < 0 or place % 1 for place in places):
         raise ValueError("the places of its frames (IDOffset) are not different whole numbers.")
@@ -141,49 +135,45 @@ def _places(frames: list[Element]) -> list[int]:
     return [int(place) for place in places]
 
 
-def _samples(path: Path, places: list[int], rows: int, columns: int) -> np.ndarray | LazyFrames:
-    """Frames (frames, detectors, samples) of the file of samples."""
-    if not path.is_file():
-        raise ValueError(f"there is no {path.name} beside it, which holds its samples.")
-    size, frame = path.stat().st_size, rows * columns * _SAMPLE.itemsize
-    require_held(path.name, (max(places) + 1) * frame, size)
+def _samples(path: Path, places: list[int], rows: int, columns: int) -> dict[str, Any]:
+    """Where frames (frames, detectors, samples) are in the file of samples."""
+    samples = path.with_suffix(".bin")
+    if not samples.is_file():
+        raise ValueError(f"there is no {samples.name} beside it, which holds its samples.")
+    size, frame = samples.stat().st_size, rows * columns * _SAMPLE.itemsize
+    require_held(samples.name, (max(places) + 1) * frame, size)
     if size % frame:
         raise ValueError(
-            f"{path.name} has {size} bytes, no whole number of frames of {rows} detectors and "
+            f"{samples.name} has {size} bytes, no whole number of frames of {rows} detectors and "
             f"{columns} samples ({frame} bytes)."
         )
-    data = np.memmap(path, _SAMPLE, "r", shape=(size // frame, rows, columns))
-    if places == list(range(len(places))):
-        return in_native_order(data[: len(places)])
-    where, native = np.array(places), _SAMPLE.newbyteorder("=")
-    shape = (len(places), rows, columns)
-    return LazyFrames(shape, native, lambda chosen: data[where[chosen]].astype(native, copy=False))
+    shape = (size // frame, rows, columns)
+    return {"suffix": ".bin", "dtype": _SAMPLE.str, "shape": shape, "places": places}
 
 
 def _laser_energy(frames: list[Element]) -> dict[str, np.ndarray]:
     """Pulse energy of each frame [mJ], by the first name that all frames have; empty if none."""
     for name in _ENERGIES:
-        elements = [_first(frame, f"Frame/{name}") for frame in frames]
-        found = [np.nan if element is None else _energy(element) for element in elements]
-        if all(value > 0 for value in found):
-            return {"laser_energy": np.array(found)}
+        elements = [frame.find(f"Frame/{name}") for frame in frames]
+        energies = [np.nan if element is None else _energy(element) for element in elements]
+        if all(value > 0 for value in energies):
+            return {"laser_energy": np.array(energies)}
     return {}
 
 
 def _energy(element: Element) -> float:
     """A number [mJ], NaN where there is none; a factor without unit as it is."""
     try:
-        found = _number(element)
+        number = _number(element)
     except ValueError:
         return np.nan
-    return 1e3 * found if element.get("unit") == "J" else found
+    return 1e3 * number if element.get("unit") == "J" else number
 
 
-def _response(path: Path, allowance: Allowance) -> np.ndarray:
+def _response(path: Path) -> np.ndarray:
     size = path.stat().st_size
     if size == 0 or size % 8:
         raise ValueError(f"{path.name} has {size} bytes, expected numbers of 8 bytes.")
-    allowance.take(path.name, size)
     response = np.fromfile(path, "<f8").astype(float)
     if response[0] >= _MARK:
         response[0] -= _MARK

@@ -1,6 +1,6 @@
 """From arrays with names, as NumPy, MATLAB and plain HDF5 files hold them, to a scan."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Mapping, Sequence
 from typing import Any, get_args
 
 import numpy as np
@@ -27,33 +27,36 @@ _LISTS = ("times", "radii", "wavelengths", "laser_energy", "field_of_view", "imp
 NAMES_OF_DATA = ("circular_integrals", "pressure")
 
 
-def chosen_names(names: Iterable[str], kind: Kind | None) -> dict[str, str]:
+def chosen_names(
+    names: Container[str], kind: Kind | None, contents: Sequence[str]
+) -> dict[str, str]:
     """The thing and its name in the file, for data of one kind and what belongs to them.
 
     Args:
-        names: of all that the file holds.
+        names: of all arrays that the file holds.
         kind: the data wanted; by default circular integrals, else pressure.
+        contents: what the file holds, for people.
 
     Raises:
         ValueError: if the file has no such data.
 
-    >>> chosen_names(["fs", "raw", "comment"], None)
+    >>> chosen_names(["fs", "raw", "comment"], None, [])
     {'pressure': 'raw', 'sampling_rate': 'fs'}
     """
-    there = set(names)
-    found = {
-        thing: next(name for name in alternatives if name in there)
+    chosen = {
+        thing: name
         for thing, alternatives in NAMES.items()
-        if there.intersection(alternatives)
+        if (name := next((name for name in alternatives if name in names), None))
     }
-    kinds = [name for name in NAMES_OF_DATA if name in found and kind in (None, name)]
+    kinds = [name for name in NAMES_OF_DATA if name in chosen and kind in (None, name)]
     if not kinds:
         wanted = [name for data in ([kind] if kind else NAMES_OF_DATA) for name in NAMES[data]]
         raise ValueError(
-            f"it holds {sorted(there)}, expected data under one of {', '.join(wanted)}."
+            f"it holds {', '.join(contents) or 'nothing'}, expected data under one of "
+            f"{', '.join(wanted)}."
         )
-    return {kinds[0]: found[kinds[0]]} | {
-        thing: name for thing, name in found.items() if thing not in NAMES_OF_DATA
+    return {kinds[0]: chosen[kinds[0]]} | {
+        thing: name for thing, name in chosen.items() if thing not in NAMES_OF_DATA
     }
 
 

@@ -10,66 +10,53 @@ Source: PATATO 0.7, patato.io.attribute_tags and patato.io.hdf; T. R. Else, J. G
 S. E. Bohndiek, PATATO, J. Open Source Softw. 9 (2024) 5686.
 """
 
-from functools import partial
 from pathlib import Path
+from typing import Any
 
-import h5py
 import numpy as np
 
-from .hdf5 import Hdf5File, is_hdf5, open_hdf5, read_part
-from .limits import Allowance
-from .scan import Kind, Scan
+from .child import Answer
+from .hdf5 import Hdf5File, open_hdf5
+from .scan import Kind
 
 RAW, GEOMETRY, WAVELENGTHS, RESPONSE = "raw_data", "GEOMETRY", "wavelengths", "irf"
 ENERGIES = ("OverallCorrectionFactor", "POWER")
 RATE, SPEED = "fs", "speedofsound"
 
 
-def is_patato(path: Path, start: bytes) -> bool:
-    if not is_hdf5(path):
-        return False
-    try:
-        with open_hdf5(path, Allowance()) as file:
-            return {RAW, GEOMETRY} <= set(file.datasets())
-    except (OSError, RuntimeError, LookupError):
-        return False  # damaged: whoever reads it next says how
+def is_patato(path: Path) -> bool:
+    """Whether an HDF5 file has PATATO's datasets."""
+    file = open_hdf5(path)
+    return file.is_dataset(RAW) and file.is_dataset(GEOMETRY)
 
 
-def load_patato(path: Path, kind: Kind | None, allowance: Allowance) -> Scan:
-    """Pressure with positions, rate, wavelengths, energies and response; frames when asked for.
+def read_patato(path: Path, kind: Kind | None) -> Answer:
+    """Pressure with positions, rate, wavelengths, energies and response; frames when wanted.
 
     Energies that are not all above zero count as unknown, as does a speed of sound that is no
     number. PATATO writes no checksums: wrong numbers are not detected.
     """
     if kind == "circular_integrals":
         raise ValueError("PATATO files hold pressure, expected circular integrals.")
-    with open_hdf5(path, allowance) as file:
-        shape = file.shape(RAW)
-        if len(shape) != 4:
-            raise ValueError(
-                f"{RAW} has shape {shape}, expected (frames, wavelengths, detectors, samples)."
-            )
-        frames, colours, rows, columns = shape
-        known = {"detectors": file.read(GEOMETRY), "sampling_rate": file.attribute(RAW, RATE)}
-        speed = _number(file, SPEED)
-        if speed is not None:
-            known["sound_speed"] = speed
-        if file.has_numbers(RESPONSE):
-            known["impulse_response"] = file.read(RESPONSE).reshape(-1)
-        known |= _of_frames(file, frames, colours)
-        data = file.frames(RAW, (frames * colours, rows, columns), partial(_read_frames, colours))
-    single = len(data) == 1
-    return Scan("pressure", data[0] if single else data, known, {"format": "PATATO"})
-
-
-def _number(file: Hdf5File, name: str) -> float | None:
-    """An attribute of the data if it is a number above zero."""
-    try:
-        value = file.attribute(RAW, name)
-    except ValueError:
-        return None
-    usable = isinstance(value, int | float) and np.isfinite(value) and value > 0
-    return float(value) if usable else None
+    file = open_hdf5(path)
+    shape = file.shape(RAW)
+    if len(shape) != 4:
+        raise ValueError(
+            f"{RAW} has shape {shape}, expected (frames, wavelengths, detectors, samples)."
+        )
+    frames, colours, rows, columns = shape
+    rate = file.attribute(RAW, RATE)
+    if not isinstance(rate, int | float):
+        raise ValueError(f"{RAW} has the sampling rate {rate!r:.40} ({RATE}), expected a number.")
+    known: dict[str, Any] = {"detectors": file.read(GEOMETRY), "sampling_rate": rate}
+    speed = file.attribute(RAW, SPEED)
+    if isinstance(speed, int | float) and np.isfinite(speed) and speed > 0:
+        known["sound_speed"] = speed
+    if file.has_numbers(RESPONSE):
+        known["impulse_response"] = file.read(RESPONSE).reshape(-1)
+    known |= _of_frames(file, frames, colours)
+    data = file.frames(RAW, (frames * colours, rows, columns), lambda n: divmod(n, colours))
+    return Answer({"format": "PATATO"}, known, data)
 
 
 def _of_frames(file: Hdf5File, frames: int, colours: int) -> dict[str, np.ndarray]:
@@ -87,14 +74,3 @@ def _of_frames(file: Hdf5File, frames: int, colours: int) -> dict[str, np.ndarra
             if energies.shape == (frames, colours) and (energies > 0).all():
                 return known | {"laser_energy": energies.reshape(-1)}
     return known
-
-
-def _read_frames(colours: int, dataset: h5py.Dataset, numbers: np.ndarray) -> np.ndarray:
-    _, _, rows, columns = dataset.shape
-    found = np.empty((len(numbers), rows, columns), dataset.dtype.newbyteorder("="))
-    for place, number in enumerate(numbers.tolist()):
-        frame, colour = divmod(number, colours)
-        ends = (slice(frame, frame + 1), slice(colour, colour + 1))
-        box = (*ends, slice(0, rows), slice(0, columns))
-        found[place] = read_part(RAW, dataset, box)[0, 0]
-    return found

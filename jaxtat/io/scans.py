@@ -1,49 +1,22 @@
-"""Scans in: the formats that are read, and which of them a file has."""
+"""Scans in: from what a file holds to a scan."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
+
+import numpy as np
 
 from ..base.checks import whole_number
 from ..base.messages import name_of, require_file
-from .ipasc import is_ipasc, load_ipasc
+from .frames import LazyFrames, in_native_order
 from .limits import MAX_BYTES, Allowance, refusing
-from .matlab import is_matlab5, is_matlab73, load_matlab5, load_matlab73
-from .msot import is_msot, load_msot
-from .numpy_files import is_npy, is_npz, load_npy, load_npz
-from .patato import is_patato, load_patato
-from .plain_hdf5 import is_plain_hdf5, load_plain_hdf5
+from .named_arrays import NAMES_OF_DATA, scan_of
+from .reader import Content, read_file
 from .registered_formats import registered_reader
 from .scan import Kind, Scan, require_kind
 
-_START = 512  # [byte] from the beginning of a file, by which its format is recognised
-
-
-class Format(NamedTuple):
-    """A format of scans: how it is recognised, by path and first bytes, and read."""
-
-    name: str
-    suffixes: tuple[str, ...]
-    has_it: Callable[[Path, bytes], bool]
-    load: Callable[[Path, Kind | None, Allowance], Scan]
-
-
-# where two share a suffix, the one that asks more of a file comes first
-FORMATS = (
-    Format("NumPy archive", (".npz",), is_npz, load_npz),
-    Format("NumPy array", (".npy",), is_npy, load_npy),
-    Format("MATLAB 7.3", (".mat",), is_matlab73, load_matlab73),
-    Format("MATLAB 5 to 7", (".mat",), is_matlab5, load_matlab5),
-    Format("IPASC", (".h5", ".hdf5"), is_ipasc, load_ipasc),
-    Format("PATATO", (".h5", ".hdf5"), is_patato, load_patato),
-    Format("HDF5", (".h5", ".hdf5"), is_plain_hdf5, load_plain_hdf5),
-    Format("iThera MSOT", (".msot",), is_msot, load_msot),
-)
-SUFFIXES = tuple(dict.fromkeys(suffix for format in FORMATS for suffix in format.suffixes))
-
 
 def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MAX_BYTES) -> Scan:
-    """Read data, and what is known of them, from a file of one of `FORMATS`, or a registered one.
+    """Read data, and what is known of them, from a file of any of `formats`, or a registered one.
 
     - .h5, .hdf5 of IPASC or PATATO, and iThera's .msot with its .bin and .irf: all that they say;
     - .npz, MATLAB's .mat, and .h5, .hdf5 with datasets at the root: data named
@@ -55,25 +28,25 @@ def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MA
     - what other packages read that have registered a format (`registered_formats`): they are asked
       first, and neither bounded nor checked, except for what a `Scan` checks.
 
-    Nothing in a file is run, no other file is read than those named here, and no array is made
-    before its size was compared with what the file can hold. Damage is found where the format has
-    a checksum; each format's own function says where it has none. What is read when asked for must
-    stay as it is until then.
+    The format is that of the content, whatever the file's name. The file is opened in a process of
+    its own with limits of memory and time (`reader`), nothing in it is run, and no other file is
+    read than those named here. Damage is found where the format has a checksum; each format's own
+    function says where it has none. What is read when asked for must stay as it is until then.
 
     Args:
         path: of the file.
         kind: "pressure" or "circular_integrals", of a file that holds both (the latter by default)
             or does not say which (.npy, by default pressure).
         max_bytes: the most that its arrays may take in memory [byte]; those that are read when
-            asked for do not count. Reading may take three times as much for a while.
+            asked for do not count.
 
     Returns:
         Scan.
 
     Raises:
         FileNotFoundError: if there is no such file.
-        ValueError: for a file that is damaged, of another format than its suffix says, without
-            data, or that would take more memory; the reason is named.
+        ValueError: for a file that is damaged, of another format, without data, or that would take
+            more memory; the reason is named.
     """
     path = Path(path)
     allowance = Allowance(whole_number("max_bytes", max_bytes, 1))
@@ -82,22 +55,62 @@ def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MA
     require_file(path)
     with refusing(f"cannot read {name_of(path)}: "):
         read = registered_reader(path)
-        return read(kind) if read else _format_of(path).load(path, kind, allowance)
+        if read:
+            return read(kind)
+        content = read_file("scan", path, allowance, kind=kind)
+        return _scan_of(content, path, allowance)
 
 
-def _format_of(path: Path) -> Format:
-    """The format that suffix and content agree on, or ValueError."""
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise ValueError(f"expected a name ending in {', '.join(SUFFIXES)}.")
-    with path.open("rb") as file:
-        start = file.read(_START)
-    found = [format for format in FORMATS if format.has_it(path, start)]
-    for format in found:
-        if suffix in format.suffixes:
-            return format
-    if found:
-        raise ValueError(
-            f"its content is {found[0].name}: give it a name ending in {found[0].suffixes[0]}."
-        )
-    raise ValueError(f"it is no {suffix} file, or its beginning is damaged.")
+def _scan_of(content: Content, path: Path, allowance: Allowance) -> Scan:
+    """A scan of named arrays, or of a format that says what is what."""
+    about, data = dict(content.about), content.frames
+    names, reverse = about.pop("names", None), about.pop("reversed", False)
+    if "map" in about:
+        data = _mapped(path, allowance, **about.pop("map"))
+    if names is None:
+        assert data is not None
+        # a single frame is an image's data, which no format distinguishes from a series of one
+        return Scan("pressure", data[0] if len(data) == 1 else data, content.arrays, about)
+    arrays: dict[str, Any] = {
+        thing: content.arrays[name] for thing, name in names.items() if name in content.arrays
+    }
+    (kind,) = set(names) & {*NAMES_OF_DATA}
+    if kind not in arrays:
+        assert data is not None
+        arrays[kind] = data.swapaxes(-2, -1) if reverse and isinstance(data, LazyFrames) else data
+    elif reverse and arrays[kind].ndim == 3:
+        arrays[kind] = np.moveaxis(arrays[kind], -1, 0)
+    return scan_of(arrays, about)
+
+
+def _mapped(
+    path: Path,
+    allowance: Allowance,
+    dtype: str,
+    shape: list[int],
+    offset: int = 0,
+    fortran: bool = False,
+    suffix: str | None = None,
+    places: list[int] | None = None,
+) -> np.ndarray | LazyFrames:
+    """A memory map of the numbers in a file, or in that beside it with another suffix.
+
+    Args:
+        path: of the file.
+        allowance: memory, of which a single frame counts.
+        dtype, shape, offset, fortran: of the numbers.
+        suffix: of the file beside it.
+        places: of the frames, if they are not all of them in their order.
+    """
+    part = shape[1:] if len(shape) == 3 else shape
+    allowance.take("the array", int(np.prod(part, dtype=float)) * np.dtype(dtype).itemsize)
+    where = path if suffix is None else path.with_suffix(suffix)
+    data = np.memmap(where, dtype, "r", offset, tuple(shape), "F" if fortran else "C")
+    if places is None or places == list(range(len(places))):
+        return in_native_order(data if places is None else data[: len(places)])
+    rows, native = np.array(places), data.dtype.newbyteorder("=")
+    return LazyFrames(
+        (len(places), *data.shape[1:]),
+        native,
+        lambda chosen: data[rows[chosen]].astype(native, copy=False),
+    )

@@ -232,7 +232,7 @@ def _traced(
     frequencies, angles = sizes.frequencies, sizes.angles
     norms = unit_norms(curve, region, frequencies, sizes.norm_orders, angles)
     if method == "harmonic":
-        geometry = polar_geometry(curve, region, sizes.n_nodes)
+        geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
         offset = region.center - geometry.center
         values, report = _traced_harmonic(geometry, offset, norms, rule, sizes)
     else:
@@ -280,18 +280,20 @@ def _harmonic(
     curve, region, _, sizes = plane_of(setup)
     frequencies, angles = sizes.frequencies, sizes.angles
     with jax.ensure_compile_time_eval():
-        geometry = polar_geometry(curve, region, sizes.n_nodes)
+        geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
         orders = harmonic_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
         table = compiled_wave_table(geometry, frequencies, int(orders.max()))
         offset = region.center - geometry.center
         local = jax.device_put(np.asarray(angles) - np.asarray(geometry.axis))
     each = _divisible((table, norms, per_frequency(regularization, len(frequencies))))
+    # of a traced rule one loop for each group, or its program would be written once for each piece
+    at_a_time = _FREQUENCIES_AT_A_TIME if is_concrete(regularization) else len(frequencies)
     groups, reports = [], []
     for part, n_max in frequency_groups(orders, _GROUPS):
         steps = []
-        for start in range(part.start, part.stop, _FREQUENCIES_AT_A_TIME):
-            chosen = slice(start, min(start + _FREQUENCIES_AT_A_TIME, part.stop))
+        for start in range(part.start, part.stop, at_a_time):
+            chosen = slice(start, min(start + at_a_time, part.stop))
             few, its_norms, rules = _part(each, chosen)
             step, report = harmonic_densities(geometry, few, n_max, its_norms, local, rules)
             steps.append(step)
@@ -313,7 +315,7 @@ def _collocation(
         mirror = find_mirror(curve, region)
         units = single_crossing(frequencies) ** 2
         if regularization.has_unit and sizes.reached:
-            geometry = polar_geometry(curve, region, sizes.n_nodes)
+            geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
             n_max = int(harmonic_orders(geometry, np.asarray(frequencies)).max())
             units = alpha_units(geometry, wave_table(geometry, frequencies, n_max))
         rules = rules.in_units_of(units, frequencies)

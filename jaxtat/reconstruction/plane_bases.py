@@ -160,7 +160,7 @@ def plane_basis(
     # of a known geometry known inside jax.jit too
     known = is_concrete(curve, region)
     with jax.ensure_compile_time_eval() if known else nullcontext():
-        geometry = polar_geometry(curve, region, sizes.n_nodes)
+        geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
     return CylindricalWaves(*common, mesh, geometry)
 
 

@@ -13,6 +13,7 @@ from ..densities.cylindrical_waves import (
     frequency_groups,
     harmonic_orders,
     polar_geometry,
+    wave_offset,
     waves_reach,
 )
 from ..forward import CircleSizes, circle_sizes, default_points
@@ -46,6 +47,7 @@ class PlaneSizes(eqx.Module):
         n_frequencies, n_directions: of the polar grid.
         groups: (first frequency, last + 1, orders) of frequencies that are solved alike; none
             where cylindrical waves do not reach.
+        wave_offset: of the waves' centre, see `cylindrical_waves.wave_offset`.
         norm_orders: that N(lambda) needs; 0 for detectors off a circle, see `unit_norm`.
         operator: of the forward operator.
         n_quadrature: points on a circle by which the integrals of an image are taken by quadrature.
@@ -61,6 +63,7 @@ class PlaneSizes(eqx.Module):
     n_frequencies: int = eqx.field(static=True)
     n_directions: int = eqx.field(static=True)
     groups: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
+    wave_offset: tuple[float, float] = eqx.field(static=True)
     norm_orders: int = eqx.field(static=True)
     operator: CircleSizes
     n_quadrature: int = eqx.field(static=True)
@@ -132,6 +135,7 @@ def plane_sizes(
             n_frequencies=frequencies.shape[0],
             n_directions=angles.shape[0],
             groups=groups,
+            wave_offset=wave_offset(curve, region),
             norm_orders=enough_orders(1.1 * farthest) if on_quadrature else 0,
             operator=circle_sizes(curve, grid),
             n_quadrature=default_points(grid),

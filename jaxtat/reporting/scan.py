@@ -105,6 +105,8 @@ def report_scan(
         with warnings.catch_warnings():  # of waves below the noise, which the page grades
             warnings.simplefilter("ignore", UnreachedWaves)
             plan = build_plan(setup, Tikhonov(choices.alpha), progress=progress)
+    else:
+        choices = choices.regularised_by_plan()
     low_pass, inversion = choices.low_pass, choices.inversion
     image = reconstruct(plan, g, low_pass=low_pass, inversion=inversion)
     constrained = None

@@ -117,7 +117,8 @@ def share_by_speed(
     n = min(sizes.n_frequencies, FREQUENCIES)
     some = np.round(np.linspace(0, sizes.n_frequencies - 1, n)).astype(int)
     frequencies = jax.device_put(np.asarray(sizes.frequencies)[some])
-    geometry, alpha = polar_geometry(curve, region, sizes.n_nodes), jax.device_put(ALPHA)
+    geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
+    alpha = jax.device_put(ALPHA)
     waves = waves_of(geometry, frequencies, sizes.groups[-1][-1])
     distance = np.hypot(*(np.asarray(curve.points) - np.asarray(choices.region_center)).T)
     reach = choices.region_radius * np.array([-1.0, 1.0])
@@ -161,5 +162,5 @@ def deepest(
     total = of_bands.sum(axis=0)
     error = jackknife([summit(near, total - band) for band in of_bands])
     left = f"{np.exp(depth):.1f} times as much is left at most speeds"
-    why = f"an image explains the record best: {left}; none in the file"
+    why = f"an image explains the record best: {left}"
     return Dip(believed(summit(near, total), error, why, "edges"), depth)

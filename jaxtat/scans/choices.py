@@ -15,12 +15,13 @@ from ..base.names import PENALTIES
 from ..base.units import Units
 from ..geometry import (
     DetectorCurve,
-    Disk,
     ImageGrid,
+    Region,
     VolumeGrid,
     detector_curve,
     disk,
     keep_detectors,
+    rectangle,
 )
 from ..geometry.balls import Ball, ball
 from ..records import MODELS
@@ -28,6 +29,16 @@ from ..steps.inversion import require_inversion
 from ..steps.radon import LOW_PASSES
 
 IN_SPACE = "in-space"  # the model of point-like detectors around a volume
+
+
+def plane_region(values: Mapping[str, Any]) -> Region:
+    """The region of interest of choices by name, a disk or a rectangle."""
+    center = jax.device_put(np.array(values["region_center"]))
+    if values["region_size"] is not None:
+        return rectangle(np.array(values["region_size"]) / 2, center=center)
+    radius, cut = values["region_radius"], values["region_cut"]
+    angle = math.radians(values["region_angle"])
+    return disk(radius, cut if cut < radius else None, center=center, angle=angle)
 
 
 class Choices(eqx.Module):
@@ -46,6 +57,8 @@ class Choices(eqx.Module):
         band: pass band (f_lo, f_hi), or None for no filter [cycles/time].
         impulse_response: whether the one in the file is divided out.
         laser_energy: whether frames are divided by the energy of their pulses.
+        region_size: (width, height) of a rectangle about the centre, which is the region then, with
+            its corners at the radius; None for a disk [length].
         region_center, region_radius, region_cut, region_angle: of `disk`, angle in degrees; a cut
             at or beyond the radius leaves the whole disk. Of a volume, with a centre in space, of
             `spherical.ball` [length].
@@ -79,6 +92,7 @@ class Choices(eqx.Module):
     region_radius: float
     region_cut: float
     region_angle: float
+    region_size: tuple[float, float] | None
     pixels: int = eqx.field(static=True)
     half_width: float
     first_radius: float
@@ -128,14 +142,13 @@ class Choices(eqx.Module):
         return len(self.region_center) == 3
 
     @property
-    def region(self) -> Disk | Ball:
+    def region(self) -> Region | Ball:
         """The region of interest."""
-        cut = self.region_cut if self.region_cut < self.region_radius else None
-        center = jax.device_put(np.array(self.region_center))
         if self.in_space:
+            cut = self.region_cut if self.region_cut < self.region_radius else None
+            center = jax.device_put(np.array(self.region_center))
             return ball(self.region_radius, cut, center=center)
-        angle = math.radians(self.region_angle)
-        return disk(self.region_radius, cut, center=center, angle=angle)
+        return plane_region(self.settings())
 
     @property
     def grid(self) -> ImageGrid | VolumeGrid:
@@ -168,6 +181,12 @@ class Choices(eqx.Module):
             grades=tuple({**dict(self.grades), name: grade}.items()),
             standard_errors=tuple((n, error) for n, error in errors.items() if error is not None),
             to_estimate=tuple(n for n in self.to_estimate if n != name),
+        )
+
+    def regularised_by_plan(self) -> "Choices":
+        """The same where a plan's own rule decides: the table and the page show no alpha."""
+        return dataclasses.replace(
+            self, reasons=tuple((name, why) for name, why in self.reasons if name != "alpha")
         )
 
     def rows(self) -> list[tuple[str, str, str, str]]:

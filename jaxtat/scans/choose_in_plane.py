@@ -13,7 +13,7 @@ from jaxtyping import Float
 from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import (
     DetectorCurve,
-    Disk,
+    Region,
     data_radii,
     detector_curve,
     disk,
@@ -33,7 +33,7 @@ from ..records.signal_power import (
     tail_share,
     totals,
 )
-from .choices import IN_SPACE, Choices
+from .choices import IN_SPACE, Choices, plane_region
 from .facts import (
     FEWEST,
     Facts,
@@ -63,6 +63,7 @@ from .region_in_plane import (
     circle_without_detectors,
     cut_at_opening,
     distances_of,
+    found_with_rectangle,
     region_of_sound,
     seen_region,
 )
@@ -90,7 +91,7 @@ def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
     facts = facts_of(scan, given.get("use"))
     facts = facts._replace(units=facts.units.in_length(given.get("length_unit")))
     values = {"order": tuple(int(k) for k in facts.order), "units": facts.units}
-    found = Found(given, values, {}, {}, set())
+    found = found_with_rectangle(given, values)
     if scan.kind == "pressure":
         _from_record(scan, facts, found)
     else:
@@ -240,26 +241,22 @@ def _left_out(quality: Any, blank: np.ndarray, order: np.ndarray) -> str:
 
 def _first_arrival(facts: Facts, found: Found, speed: float) -> float:
     """When sound from the region first reaches a detector [time]."""
-    points, center = facts.points[facts.order], np.array(found.values["region_center"])
-    nearest = float(np.hypot(*(points - center).T).min())
-    return max(nearest - found.values["region_radius"], 0.0) / speed
+    offset = np.abs(facts.points[facts.order] - np.array(found.values["region_center"]))
+    size, radius = found.values["region_size"], found.values["region_radius"]
+    off = np.hypot(*offset.T) - radius
+    if size is not None:
+        off = np.hypot(*np.maximum(offset - np.array(size) / 2, 0.0).T)
+    return max(float(off.min()), 0.0) / speed
 
 
-_Where = tuple[DetectorCurve, Disk]
+_Where = tuple[DetectorCurve, Region]
 
 
 def _where(facts: Facts, found: Found, good: np.ndarray | None = None) -> _Where:
     """Curve of the detectors that are used, and region."""
-    values, curve = found.values, detector_curve(facts.points[facts.order])
+    curve, region = detector_curve(facts.points[facts.order]), plane_region(found.values)
     if good is not None and not good.all():
         curve = keep_detectors(curve, good)
-    radius = values["region_radius"]
-    region = disk(
-        radius,
-        min(values["region_cut"], radius),
-        center=np.array(values["region_center"]),
-        angle=np.radians(values["region_angle"]),
-    )
     require_outside(curve, region)
     return curve, region
 

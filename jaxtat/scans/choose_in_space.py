@@ -1,7 +1,7 @@
 """The automatic choices for a scan in space, fewer than in the plane.
 
-The region is a ball about the sphere's centre, or its part that the cap sees; no channel is left
-out, since rings must be whole.
+The region is a ball about the sphere's centre, or its part that the cap sees. Detectors without
+data are left out where the others are on whole rings, or few enough to lie anywhere.
 """
 
 from collections.abc import Mapping
@@ -10,10 +10,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..base.choice_table import GUESSED, LIKELY, SURE
+from ..base.choice_table import GUESSED, LIKELY
 from ..geometry import DetectorPoints, ball, uncovered
 from ..io import Scan
-from ..records import supported
+from ..records import ranges, supported
 from ..records.signal_power import highest_frequency, noise_before, record_power
 from ..records.source_extent import sounding_disk
 from ..spherical import cap_radii
@@ -44,7 +44,7 @@ VOXELS = (17, 129)  # along an axis, if none are given
 SHOWN = 8  # rows, at most, that a message names
 LISTENED = 512  # detectors, at most, by which noise is judged
 UNKNOWN_NOISE = 1e-3  # alpha of a record that starts with sound
-_NOT_HERE = ("region_angle", "region_center", "model")
+_NOT_HERE = ("region_angle", "region_center", "region_size", "model")
 
 
 def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
@@ -55,14 +55,20 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
                 f"--{name.replace('_', '-')}: the detectors lie in space, around a ball about "
                 "their own centre; there is no choice."
             )
-    facts = facts_in_space(scan, given.get("use"))
+    facts, silent = _facts_with_sound(scan, given.get("use"))
     facts = facts._replace(units=facts.units.in_length(given.get("length_unit")))
     frame = typical_frame(scan)[facts.order]
-    _require_sound(frame, facts)
     center = tuple(float(x) for x in np.asarray(facts.detectors.center))
-    values = {"order": tuple(int(k) for k in facts.order), "left_out": ()}
-    values |= {"region_center": center, "region_angle": 0.0, "units": facts.units}
-    found = Found(given, values, {"channels": facts.arrangement}, {"channels": SURE}, set())
+    left_out = tuple(int(k) for k in silent)
+    values = {"order": (*(int(k) for k in facts.order), *left_out), "left_out": left_out}
+    values |= {"region_center": center, "region_angle": 0.0, "region_size": None}
+    values["units"] = facts.units
+    found = Found(given, values, {}, {}, set())
+    if left_out:
+        why = f"{facts.arrangement}; left out: {ranges(silent)} recorded nothing, or NaN"
+        found.explain("channels", why, LIKELY)
+    else:
+        found.explain("channels", facts.arrangement)
     _sound(scan, facts, found)
     _region(scan, facts, found, frame)
     record = None if facts.times is None else frame[:: -(-len(frame) // LISTENED)]
@@ -75,19 +81,29 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     return found.choices()
 
 
-def _require_sound(frame: np.ndarray, facts: FactsInSpace) -> None:
-    """Raise ValueError for detectors without data: on a ring no other can stand in for one."""
+def _facts_with_sound(scan: Scan, use: Any) -> tuple[FactsInSpace, np.ndarray]:
+    """Facts of the detectors with data, and the rows of the others.
+
+    Raises:
+        ValueError: where the detectors with data are on no whole rings and too many to be anywhere.
+    """
+    facts = facts_in_space(scan, use)
+    frame = typical_frame(scan)[facts.order]
     known = np.isfinite(frame)
     silent = ~known.all(axis=1) | (np.ptp(np.where(known, frame, 0.0), axis=1) == 0)
-    if silent.any():
-        rows = np.sort(facts.order[silent])
+    if not silent.any():
+        return facts, np.array([], int)
+    rows = np.sort(facts.order[silent])
+    try:
+        return facts_in_space(scan, np.sort(facts.order[~silent])), rows
+    except ValueError as error:
         shown = ", ".join(map(str, rows[:SHOWN])) + (", ..." if len(rows) > SHOWN else "")
         raise ValueError(
             f"{len(rows)} of {len(frame)} detectors recorded nothing, or NaN (rows {shown}), and "
-            "in space none is left out by itself. Fill their rows by interpolation along their "
+            "the others are on no whole rings. Fill their rows by interpolation along their "
             "rings, or choose detectors without them with --use: whole rings, or any up to "
             f"{MOST_POINTS}."
-        )
+        ) from error
 
 
 def _sound(scan: Scan, facts: FactsInSpace, found: Found) -> None:
@@ -159,10 +175,7 @@ def _arrival(facts: FactsInSpace, found: Found) -> float:
 def _resolution(scan: Scan, facts: FactsInSpace, found: Found, record: np.ndarray | None) -> None:
     """lambda_max by detectors, samples and voxels, whichever is least, and the voxels by it."""
     radius, half_width = found.values["region_radius"], found.values["half_width"]
-    if isinstance(facts.detectors, DetectorPoints):  # as many waves as detectors
-        possible = max(np.sqrt(len(facts.order)) - 1, 1.0) / radius
-    else:
-        possible = resolved_frequency(facts.detectors, radius)[0]
+    possible = resolved_frequency(facts.detectors, radius)
     limits = [Limit(float(possible), "the detectors' spacing")]
     if record is not None and facts.times is not None:
         quiet = slice(0, max(int(np.searchsorted(facts.times, _arrival(facts, found))), 0))

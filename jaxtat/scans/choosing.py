@@ -13,7 +13,7 @@ from .choose_in_space import choices_in_space
 from .facts import in_space
 from .model import OTHER, better_model, in_doubt
 from .noise import estimate_alpha
-from .speed import estimate_sound_speed
+from .speed import compare_sound_speed, estimate_sound_speed
 
 
 def choose(scan: Scan, **given: Any) -> Choices:
@@ -43,7 +43,8 @@ def choose(scan: Scan, **given: Any) -> Choices:
 def estimate(scan: Scan, choices: Choices, **given: Any) -> Choices:
     """Choices with those estimated from images that are not known: model, speed of sound, alpha.
 
-    See `better_model`, `estimate_sound_speed` and `noise.estimate_alpha`.
+    A speed from the file is compared with that of the sharpest image. See `better_model`,
+    `estimate_sound_speed`, `compare_sound_speed` and `noise.estimate_alpha`.
 
     Args:
         scan: as for `choose`.
@@ -58,7 +59,8 @@ def estimate(scan: Scan, choices: Choices, **given: Any) -> Choices:
         _require_options(choices, given)
         other = choose(scan, **given | {"model": OTHER[choices.model]})
         choices = better_model(scan, choices, other)
-    return estimate_alpha(scan, estimate_sound_speed(scan, choices))
+    choices = compare_sound_speed(scan, estimate_sound_speed(scan, choices))
+    return estimate_alpha(scan, choices)
 
 
 def _require_options(choices: Choices, given: Mapping[str, Any]) -> None:

@@ -18,7 +18,6 @@ from ..fitting import (
     Ridge,
     SecondOrderVariation,
     TotalVariation,
-    Wavelets,
     compare_fits,
     model_based,
 )
@@ -33,7 +32,6 @@ from .frames import has_baseline, in_band, integrals
 PENALTIES = {
     "tv": TotalVariation,
     "second-order": SecondOrderVariation,
-    "wavelets": Wavelets,
     "ridge": Ridge,
     "none": NoPenalty,
 }

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ class Found(NamedTuple):
         given: options by name, None for those that are not.
         values, reasons, grades: by name of a choice.
         to_estimate: names of choices that images still have to tell.
+        follows: names of those options that follow from another one, and how.
     """
 
     given: Mapping[str, Any]
@@ -37,10 +39,11 @@ class Found(NamedTuple):
     reasons: dict[str, str]
     grades: dict[str, str]
     to_estimate: set[str]
+    follows: Mapping[str, str] = MappingProxyType({})
 
     def take(self, name: str, value: Any, reason: str, grade: str = SURE) -> Any:
         if self.given.get(name) is not None:
-            value, reason, grade = self.given[name], "given", SURE
+            value, reason, grade = self.given[name], self.follows.get(name, "given"), SURE
         self.values[name] = value
         self.explain(name, reason, grade)
         return value
@@ -126,10 +129,18 @@ class Found(NamedTuple):
         """All of them, once all were taken."""
         why = {"reasons": tuple(self.reasons.items()), "grades": tuple(self.grades.items())}
         names = {
-            "user_set": tuple(name for name, value in self.given.items() if value is not None),
+            "user_set": tuple(
+                name
+                for name, value in self.given.items()
+                if value is not None and name not in self.follows
+            ),
             "to_estimate": tuple(sorted(self.to_estimate)),
         }
         return Choices.from_settings(self.values | why | names | {"standard_errors": ()})
+
+
+class NoRegion(ValueError):
+    """The detectors do not tell where a region of interest could be."""
 
 
 class Limit(NamedTuple):
@@ -156,8 +167,7 @@ def radii_of(scan: Scan, found: Found) -> np.ndarray | None:
 def take_nominal_speed(scan: Scan, found: Found, units: Units) -> float:
     """Take the speed of the file, or water's until images tell it [length/time]."""
     if "sound_speed" in scan.known:
-        speed = float(np.mean(scan.known["sound_speed"]))
-        return float(found.take("sound_speed", speed, "from the file"))
+        return float(found.take("sound_speed", *_one_speed(scan.known["sound_speed"], units)))
     water = water_speed(units)
     if water is None:
         why = "none in the file, and sizes are not a scanner's: taken to be 1"
@@ -165,6 +175,17 @@ def take_nominal_speed(scan: Scan, found: Found, units: Units) -> float:
     found.estimate_later("sound_speed")
     why = "none in the file: about that of water, to be estimated"
     return float(found.take("sound_speed", water, why, GUESSED))
+
+
+def _one_speed(speeds: np.ndarray, units: Units) -> tuple[float, str, str]:
+    """The speed of a file, of a map or list its mean; with reason and grade."""
+    least, most = float(speeds.min()), float(speeds.max())
+    if least == most:
+        return most, "from the file", SURE
+    of_what = " x ".join(map(str, speeds.shape))
+    between = f"{units.of_speed(least)} to {units.of_speed(most)}"
+    why = f"the mean of {of_what} speeds in the file, {between}: images are made with one"
+    return float(speeds.mean()), why, GUESSED
 
 
 def slowest(found: Found) -> float:

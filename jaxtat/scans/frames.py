@@ -29,7 +29,7 @@ def setup_of(scan: Scan, choices: Choices, *, n_groups: int = GROUPS) -> Setup:
     own = scan.known.get("radii") if scan.kind == "circular_integrals" else None
     radii = choices.radii if own is None else real_array("radii", own, ("radii",))
     if choices.in_space:
-        curve = facts_in_space(scan, choices.order).detectors
+        curve = facts_in_space(scan, choices.channels).detectors
     else:
         curve = choices.curve(facts_of(scan).points)
     return Setup(

@@ -147,7 +147,7 @@ def reconstruct(
     out = out if room is None else room[: scan.n_frames]
     if tuple(out.shape) != images:
         raise ValueError(f"out has shape {tuple(out.shape)}, expected {images}.")
-    flipped = choices.in_space and facts_in_space(scan, choices.order).upside_down
+    flipped = choices.in_space and facts_in_space(scan, choices.channels).upside_down
     with tqdm(total=scan.n_frames, unit="image", disable=not progress or scan.n_frames == 1) as bar:
         for start in range(0, scan.n_frames, size):
             frames = _frames(scan, choices, start, size)

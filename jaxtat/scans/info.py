@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ..geometry import Disk, visibility
+from ..geometry import visibility
+from ..geometry.regions import Region
 from ..io import Scan
 from ..records import ranges, supported
 from .choices import Choices
@@ -11,12 +12,33 @@ from .model import in_doubt
 from .noise import wants_alpha
 from .space import FactsInSpace, facts_in_space
 
+STRAIGHT = 1e-3  # extent across over extent along, of a line
+
 
 def describe(scan: Scan, choices: Choices) -> str:
     """Data, detectors, and what would be chosen for a reconstruction, as lines of text."""
-    facts = facts_in_space(scan, choices.order) if in_space(scan) else facts_of(scan)
+    facts = facts_in_space(scan, choices.channels) if in_space(scan) else facts_of(scan)
+    lines = _of_data(scan, facts, choices.channels)
+    if isinstance(facts, FactsInSpace):
+        lines += _of_sphere(facts)
+    else:
+        lines += [*_of_curve(facts, list(choices.channels)), *_of_region(facts, choices)]
+    estimated = ", the model by which an image explains more" if in_doubt(choices) else ""
+    estimated += ", alpha and filter by cross-validation" if wants_alpha(choices) else ""
+    return "\n".join([*lines, "", f"A reconstruction would use{estimated}", choices.table()])
+
+
+def describe_without_region(scan: Scan, length_unit: str | None) -> str:
+    """Data and detectors of a scan in the plane for which no region can be chosen."""
+    facts = facts_of(scan)
+    facts = facts._replace(units=facts.units.in_length(length_unit))
+    every = tuple(int(k) for k in facts.order)
+    return "\n".join([*_of_data(scan, facts, every), *_of_curve(facts, list(every))])
+
+
+def _of_data(scan: Scan, facts: Facts | FactsInSpace, channels: tuple[int, ...]) -> list[str]:
     lines = [f"{key}: {value}" for key, value in scan.about.items()]
-    blank = blank_frames(scan, choices.channels)
+    blank = blank_frames(scan, channels)
     if blank.any():
         lines.append(f"left out: frames {ranges(frame_numbers(scan)[blank])} hold NaN or infinity")
     lines.append(
@@ -37,10 +59,7 @@ def describe(scan: Scan, choices: Choices) -> str:
     if "wavelengths" in scan.known:
         shown = np.unique(np.asarray(scan.known["wavelengths"]))
         lines.append("wavelengths: " + ", ".join(f"{w:g}" for w in shown))
-    more = _of_sphere(facts) if isinstance(facts, FactsInSpace) else _of_curve(facts, choices)
-    estimated = ", the model by which an image explains more" if in_doubt(choices) else ""
-    estimated += ", alpha and filter by cross-validation" if wants_alpha(choices) else ""
-    return "\n".join([*lines, *more, "", f"A reconstruction would use{estimated}", choices.table()])
+    return lines
 
 
 def _of_sphere(facts: FactsInSpace) -> list[str]:
@@ -49,27 +68,29 @@ def _of_sphere(facts: FactsInSpace) -> list[str]:
     return [f"detectors: {facts.arrangement}, radius {radius} about {center}"]
 
 
-def _of_curve(facts: Facts, choices: Choices) -> list[str]:
-    arc, lines = arc_through(facts.points[list(choices.channels)]), []
+def _of_curve(facts: Facts, channels: list[int]) -> list[str]:
+    arc, units = arc_through(facts.points[channels]), facts.units
     if arc is None:
-        lines.append("detectors: not on a circle")
-    else:
-        radius, units = arc.radius, facts.units
-        towards = round(float(np.degrees(arc.opening)), 1) + 0.0  # no -0.0
-        opening = "closed" if arc.closed else f"opens towards {towards:.1f} degrees"
-        off = (
-            ""
-            if arc.deviation < 1e-6 * radius
-            else (f", off it by {units.of_length(arc.deviation, 1)}")
-        )
-        lines.append(
-            f"detectors: arc of {np.degrees(arc.span):.1f} degrees, radius "
-            f"{units.of_length(radius, 6)} about {units.of_place(arc.center, radius, 3)}{off}; "
-            f"{opening}"
-        )
+        offset = facts.points[channels] - facts.points[channels].mean(axis=0)
+        _, (most, least), axes = np.linalg.svd(offset, full_matrices=False)
+        shape = "on a straight line" if least < STRAIGHT * most else "not on a circle"
+        return [f"detectors: {shape}, {units.of_length(float(np.ptp(offset @ axes[0])), 3)} long"]
+    radius = arc.radius
+    towards = round(float(np.degrees(arc.opening)), 1) + 0.0  # no -0.0
+    opening = "closed" if arc.closed else f"opens towards {towards:.1f} degrees"
+    near = arc.deviation < 1e-6 * radius
+    off = "" if near else f", off it by {units.of_length(arc.deviation, 1)}"
+    return [
+        f"detectors: arc of {np.degrees(arc.span):.1f} degrees, radius "
+        f"{units.of_length(radius, 6)} about {units.of_place(arc.center, radius, 3)}{off}; "
+        f"{opening}"
+    ]
+
+
+def _of_region(facts: Facts, choices: Choices) -> list[str]:
     curve, region = choices.curve(facts.points), choices.region
-    assert isinstance(region, Disk)
-    lines.append(f"region of interest: {visibility(curve, region)}")
+    assert isinstance(region, Region)
+    lines = [f"region of interest: {visibility(curve, region)}"]
     if facts.times is not None:
         speed = choices.sound_speed
         support = supported(curve, region, facts.times, sound_speed=speed)

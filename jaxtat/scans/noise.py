@@ -73,7 +73,7 @@ def _prediction_error(setup: Setup, g: Array, alphas: Array) -> Float[np.ndarray
     curve, region, radii, sizes = plane_of(setup)
     n = min(sizes.n_frequencies, FREQUENCIES)
     some = np.round(np.linspace(0, sizes.n_frequencies - 1, n)).astype(int)
-    geometry = polar_geometry(curve, region, sizes.n_nodes)
+    geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
     frequencies = jax.device_put(np.asarray(sizes.frequencies)[some])
     transformed = radial_transform(g, radii, frequencies)
     waves = waves_of(geometry, frequencies, sizes.groups[-1][-1])

@@ -63,7 +63,7 @@ def speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
     displaced = record.displaced(choices.sound_speed)
     speed = best.speed / (1 + displaced)
     error = float(np.hypot(best.error, FITS * displaced * speed))
-    why = f"opposite detectors agree best, to {best.agreement:.0%}; none in the file"
+    why = f"opposite detectors agree best, to {best.agreement:.0%}"
     return believed(speed, error, why, "detectors")
 
 

@@ -1,15 +1,17 @@
 """The region of interest of a scan in the plane: where sound comes from, or what all sides see."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from ..base.checks import real_array, require_positive
 from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import ArcFit, detector_curve, visible_disk
 from ..io import Scan
 from .facts import Facts
-from .found import SHARES, Found, covered, require_scale, slowest
+from .found import SHARES, Found, NoRegion, covered, require_scale, slowest
 from .hearing import Sound, body_heard, near_side_heard
 
 MARGIN, SPREAD = 1.1, 2.0  # of the region: times as far as sound comes from, and deviations
@@ -88,6 +90,30 @@ def center_within(arc: ArcFit, found: Found) -> Any:
     return center
 
 
+def found_with_rectangle(given: Mapping[str, Any], values: dict[str, Any]) -> Found:
+    """Nothing taken yet but the size of a rectangle, and the options that follow from it.
+
+    Raises:
+        ValueError: for a size that is not above zero, or one beside the radius of a disk.
+    """
+    size = given.get("region_size")
+    if size is None:
+        return Found(given, values | {"region_size": None}, {}, {}, set())
+    for name in ("region_radius", "region_cut"):
+        if given.get(name) is not None:
+            raise ValueError(f"region_size is of a rectangle and {name} of a disk: give one.")
+    sides = real_array("region_size", size, (2,))
+    require_positive("region_size", sides)
+    sides = np.asarray(sides)
+    follows = {"region_radius": "half the rectangle's diagonal"}
+    implied = {"region_radius": float(np.hypot(*sides)) / 2}
+    if given.get("half_width") is None:
+        follows["half_width"], implied["half_width"] = "the rectangle", float(sides.max()) / 2
+    found = Found({**given, **implied}, values, {}, {}, set(), follows)
+    found.take("region_size", size, "given")
+    return found
+
+
 def seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) -> None:
     """Around detectors on no circle: the largest disk that they see from all sides.
 
@@ -98,15 +124,17 @@ def seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) -> 
     if center is None or radius is None:
         seen = visible_disk(detector_curve(facts.points[facts.order]), center=center)
         if seen is None:
-            raise ValueError(
+            raise NoRegion(
                 "the detectors lie on no circle, and see no point from all sides: give "
-                "--region-radius and --region-center; jaxtat warns of what is not seen."
+                "--region-center and --region-size (or --region-radius); jaxtat warns of what is "
+                "not seen."
             )
         center, radius = tuple(float(x) for x in seen[0]), seen[1]
     center = found.take("region_center", center, "the middle of the largest disk that is seen")
     radius, why = covered(found, radius, "that disk", radii, distances_of(facts, found))
     radius = float(found.take("region_radius", radius, why, LIKELY))
-    cut_at_opening(circle_without_detectors(facts, center), found, radius)
+    found.take("region_cut", radius, "all of the disk")
+    found.take("region_angle", 0.0, "nothing is cut off")
     found.take("half_width", radius, "the region", LIKELY)
 
 

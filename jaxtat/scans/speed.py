@@ -56,8 +56,36 @@ def estimate_sound_speed(scan: Scan, choices: Choices) -> Choices:
         return choices
     found = (_speed_in_space if choices.in_space else _speed_in_plane)(scan, choices)
     error = None if found.standard_error is None else choices.sound_speed * found.standard_error
-    stretched = at_speed(choices, found.stretch)
-    return stretched.with_reason("sound_speed", found.why, found.grade, error)
+    why = found.why if error is None else f"{found.why}; none in the file"
+    return at_speed(choices, found.stretch).with_reason("sound_speed", why, found.grade, error)
+
+
+def compare_sound_speed(scan: Scan, choices: Choices) -> Choices:
+    """The same speed of sound where it is the file's, and a guess if the sharpest image is another.
+
+    Where edges are seen twice, and unless opposite detectors agree on the file's: a body that
+    differs from the water around it is sharpest at a speed between them.
+    """
+    own = "sound_speed" in choices.to_estimate + choices.user_set
+    if own or choices.in_space or not (scan.kind == "pressure" and "sound_speed" in scan.known):
+        return choices
+    points = facts_of(scan).points[list(choices.channels)]
+    if span(points, np.asarray(choices.region_center)) < SEEN_TWICE:
+        return choices
+    sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
+    if sharpness_at is None or _is_same(sharp := sharpest(sharpness_at)):
+        return choices
+    agreed = speed_from_both_sides(scan, choices)
+    if agreed.standard_error is not None and _is_same(agreed):
+        return choices
+    speed = choices.units.of_speed(choices.sound_speed * sharp.stretch)
+    why = f"{dict(choices.reasons)['sound_speed']}; but {sharp.why}, at {speed}: try that"
+    return choices.with_reason("sound_speed", why, GUESSED)
+
+
+def _is_same(found: SpeedFound) -> bool:
+    """Whether no other speed of sound is known to be better."""
+    return found.standard_error is None or abs(found.stretch - 1) <= UNSURE
 
 
 def at_speed(choices: Choices, stretch: float) -> Choices:
@@ -210,7 +238,7 @@ def sharpest(
     total = fine.sum(axis=1)
     speed = summit(near, total)
     error = jackknife([summit(near, total - part) for part in fine.T])
-    why = f"the image is sharpest, by {height - 1:.0%}; none in the file"
+    why = f"the image is sharpest, by {height - 1:.0%}"
     return believed(speed, error, why, "edges")
 
 

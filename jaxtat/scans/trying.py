@@ -17,6 +17,7 @@ _OF_IMAGE = (
     "region_radius",
     "region_cut",
     "region_angle",
+    "region_size",
     "region_center",
     "half_width",
     "max_frequency",
@@ -69,7 +70,9 @@ def _kept(scan: Scan, choices: Choices, name: str) -> dict[str, Any]:
     """The choices that stay as they are when one of them is tried."""
     fixed = (*_OF_IMAGE, *(_OF_RECORD if scan.kind == "pressure" else ()))
     fixed += () if choices.model_based else OF_FORMULA
-    kept = {key: getattr(choices, key) for key in fixed if key not in _FOLLOW.get(name, ())}
+    of_disk = ("region_radius", "region_cut") if choices.region_size else ()
+    follow = (*_FOLLOW.get(name, ()), *of_disk)
+    kept = {key: getattr(choices, key) for key in fixed if key not in follow}
     if "band" in kept and kept["band"] is None:
         kept["band"] = "none"
     return kept

@@ -14,7 +14,7 @@ from ..geometry import VolumeGrid, data_radii, require_outside, require_radii
 from ..geometry.balls import Ball, enough_boundary
 from ..geometry.caps import DetectorPoints, Detectors, SphericalCap
 from ..steps import polar_grid, require_pixels, warn_of_detectors
-from .visible import warn_of_visibility
+from .visible import covered_share, warn_of_visibility
 
 MOST_GROUPS = 4  # of frequencies: one table of detectors' moments is in memory for each
 MOST_SIZES = 10  # of systems; each is compiled by itself, which small problems do not repay
@@ -121,8 +121,8 @@ def space_sizes(
             )
         orders = highest_orders(ends, reach, distance)
         n_orders = int(orders[-1]) + 1
+        _warn_of_sampling(detectors, highest, reach)
         if isinstance(detectors, SphericalCap):
-            _warn_of_sampling(detectors, highest, reach)
             n_orders = min(n_orders, detectors.n_azimuths // 2)
     n_degrees, points = int(orders[-1]) + 1, max(detectors.shape[0], len(angles) // 2 + 1)
     n_sizes = min(MOST_SIZES, max(1, n_degrees // 24 - 4))
@@ -201,18 +201,34 @@ def _require_nodes(region: Ball, grid: VolumeGrid) -> None:
         )
 
 
-def resolved_frequency(cap: SphericalCap, reach: float) -> tuple[float, float]:
+def resolved_frequency(detectors: Detectors, reach: float) -> float:
     """The lambda up to which the detectors sample waves from within ``reach`` [rad/length].
 
-    And the widest gap between rings, or from the lowest one to the end of its area [rad].
+    Rings by their azimuths and the widest gap between them. Detectors off rings by their number,
+    which must be that of the waves, (lambda reach + 1)² on the whole sphere.
     """
+    if isinstance(detectors, DetectorPoints):
+        on_sphere = detectors.shape[0] / covered_share(detectors)
+        return max(np.sqrt(on_sphere) - 1, 1.0) / reach
+    return min(detectors.n_azimuths / (2 * reach), 1.1 * np.pi / (_widest_gap(detectors) * reach))
+
+
+def _widest_gap(cap: SphericalCap) -> float:
+    """Between rings, or from the lowest one to the end of its area [rad]."""
     theta = np.append(float(cap.lowest_angle), np.arccos(np.asarray(cap.cosines)))
-    gap = float(np.abs(np.diff(theta)).max())
-    return min(cap.n_azimuths / (2 * reach), 1.1 * np.pi / (gap * reach)), gap
+    return float(np.abs(np.diff(theta)).max())
 
 
-def _warn_of_sampling(cap: SphericalCap, highest: float, reach: float) -> None:
-    possible, gap = resolved_frequency(cap, reach)
-    if highest > possible * (1 + 1e-3):  # the bound is not as sharp as that
-        found = f"rings are up to {gap:.3g} rad apart, with {cap.n_azimuths} azimuths"
-        warn_of_detectors(highest, possible, found, stacklevel=6)
+def _warn_of_sampling(detectors: Detectors, highest: float, reach: float) -> None:
+    possible, waves = resolved_frequency(detectors, reach), highest * reach
+    if highest <= possible * (1 + 1e-3):  # the bound is not as sharp as that
+        return
+    if isinstance(detectors, DetectorPoints):
+        n_wanted = int(np.ceil(covered_share(detectors) * (waves + 1) ** 2))
+        found = f"here are {detectors.shape[0]}, and {n_wanted} are needed for that"
+    else:
+        found = (
+            f"rings are up to {_widest_gap(detectors):.3g} rad apart, with {detectors.n_azimuths} "
+            f"azimuths, and {1.1 * np.pi / waves:.3g} rad with {int(np.ceil(2 * waves))} are needed"
+        )
+    warn_of_detectors(highest, possible, found, stacklevel=6)

@@ -1,6 +1,7 @@
 """Whether the detectors see the region: in a meridian plane of a cap, along sample lines else."""
 
 import warnings
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, Detectors
 
 _FAR = 4  # median distances between neighbours
+_AMONG = 1.5  # median distances from a detector, within which a direction is among them
 _DIRECTIONS = 200  # over half the sphere
 _RINGS = ((0.0, 1), (0.5, 6), (0.9, 12))  # lines of one direction: distance over R, and how many
 
@@ -42,25 +44,53 @@ def missed_share(detectors: DetectorPoints, region: Ball) -> float:
     >>> [missed_share(DetectorPoints(1.3 * z), ball(1.0)) > 0.01 for z in (unit, below)]
     [False, True]
     """
+    tree, spacing, radius = _directions_of(detectors)
+    feet, along = _lines()
+    feet = feet * (float(region.radius) / radius)  # the sphere's radius is 1
+    half = np.sqrt(1 - np.sum(feet**2, axis=1, keepdims=True))
+    off = np.minimum(*(tree.query(feet + sign * half * along)[0] for sign in (1, -1)))
+    return float(np.mean(off > min(_FAR * spacing, 1.0)))
+
+
+def covered_share(detectors: DetectorPoints) -> float:
+    """Share of all directions from the centre that lie among the detectors.
+
+    Those within 1.5 median distances of neighbours: all for even detectors, 79 % for detectors at
+    random, which makes up for the rim where they end.
+
+    >>> unit = _spiral(400)
+    >>> round(covered_share(DetectorPoints(unit)), 2)
+    1.0
+    >>> round(covered_share(DetectorPoints(unit[unit[:, 2] < 0])), 1)
+    0.6
+    """
+    tree, spacing, _ = _directions_of(detectors)
+    off = tree.query(_spiral(_DIRECTIONS))[0]
+    return max(float(np.mean(off < _AMONG * spacing)), 1 / _DIRECTIONS)
+
+
+def _directions_of(detectors: DetectorPoints) -> tuple[Any, float, float]:
+    """Tree of the detectors' directions, their median distance [rad], and their mean radius."""
     from scipy.spatial import KDTree  # slow to import
 
     local = np.asarray(detectors.points) - np.asarray(detectors.center)
     distance = np.linalg.norm(local, axis=1, keepdims=True)
     tree = KDTree(local / distance)
-    nearest = tree.query(tree.data, k=2)[0][:, 1]
-    feet, along = _lines()
-    feet = feet * (float(region.radius) / distance.mean())  # the sphere's radius is 1
-    half = np.sqrt(1 - np.sum(feet**2, axis=1, keepdims=True))
-    off = np.minimum(*(tree.query(feet + sign * half * along)[0] for sign in (1, -1)))
-    return float(np.mean(off > min(_FAR * np.median(nearest), 1.0)))
+    return tree, float(np.median(tree.query(tree.data, k=2)[0][:, 1])), float(distance.mean())
+
+
+def _spiral(n: int) -> np.ndarray:
+    """Fibonacci's spiral of n directions, evenly over the sphere, (n, 3)."""
+    k = np.arange(n) + 0.5
+    cosine, phi = 1 - 2 * k / n, np.pi * (1 + np.sqrt(5)) * k
+    sine = np.sqrt(1 - cosine**2)
+    return np.stack([sine * np.cos(phi), sine * np.sin(phi), cosine], axis=1)
 
 
 def _lines() -> tuple[np.ndarray, np.ndarray]:
     """Lines through the unit ball: their points nearest to the centre, and directions."""
-    k = np.arange(_DIRECTIONS) + 0.5
-    cosine, phi = k / _DIRECTIONS, np.pi * (1 + np.sqrt(5)) * k  # Fibonacci's spiral
-    sine = np.sqrt(1 - cosine**2)
-    along = np.stack([sine * np.cos(phi), sine * np.sin(phi), cosine], axis=1)
+    along = _spiral(2 * _DIRECTIONS)[:_DIRECTIONS]  # a line has two
+    phi = np.arctan2(along[:, 1], along[:, 0])
     first = np.stack([-np.sin(phi), np.cos(phi), 0 * phi], axis=1)
     second = np.cross(along, first)
     turns = [(s, 2 * np.pi * i / n) for s, n in _RINGS for i in range(n)]

@@ -21,6 +21,9 @@ from .quadrature import wave_error
 
 UNSAMPLED = 0.05  # of the data that is too fine for the detectors without a word
 _SHORTEST = 0.2  # error of the shortest wave, read between the radii; longer ones are much better
+_FEWEST_DETAILS = 8  # radial steps within the region's reach: with fewer, images are wrong by 20 %
+_COARSE = 2  # pixels between radii, above which there is detail that they miss
+_BOUNDED = 0.9  # of the frequency that radii sample: a lower highest one was wanted for itself
 _TO_SPARE = 2.5  # boundary points over the fewest, one for half the shortest wave
 
 
@@ -73,7 +76,11 @@ def polar_grid(
     require_room(cost, max(grid.shape))
     highest, n_frequencies, n_directions = sizes(1.0)
     if is_concrete(radii):
-        _warn_of_radii(np.asarray(radii), highest)
+        few = max_frequency is None or step > float(reach) / _FEWEST_DETAILS
+        why = _unsampled_waves(np.asarray(radii), highest)
+        why = why or (_too_few_radii(np.asarray(radii), highest, pixel) if few else "")
+        if why:
+            warnings.warn(why, AccuracyWarning, stacklevel=6)
     frequencies = highest / n_frequencies * np.arange(1, n_frequencies + 1)
     angles = np.arange(n_directions) * (np.pi / n_directions)
     return jax.device_put(frequencies), jax.device_put(angles)
@@ -106,22 +113,35 @@ def require_pixels(grid: Grid, reach: float) -> None:
         )
 
 
-def _warn_of_radii(radii: np.ndarray, highest: float) -> None:
-    """Warn of waves that the radii do not sample."""
+def _unsampled_waves(radii: np.ndarray, highest: float) -> str:
+    """In words, that the radii do not sample the shortest wave; "" if they do."""
     steps = np.diff(radii)
     error = 0.0
     if highest > (1 + 1e-3) * np.pi / steps.mean():
         error = 2.0  # waves that are alike on the radii may be opposite between them
     elif np.ptp(steps) > 1e-6 * steps.mean():
         error = wave_error(radii, highest)
-    if error > _SHORTEST:
-        warnings.warn(
-            f"radii {steps.mean():.4g} apart (up to {steps.max():.4g}) do not sample waves of "
-            f"lambda = {highest:.4g}, they come out wrong by {100 * error:.0f} %: pass a lower "
-            "max_frequency, or data on equispaced radii.",
-            AccuracyWarning,
-            stacklevel=7,
-        )
+    if error <= _SHORTEST:
+        return ""
+    return (
+        f"radii {steps.mean():.4g} apart (up to {steps.max():.4g}) do not sample waves of "
+        f"lambda = {highest:.4g}, they come out wrong by {100 * error:.0f} %: pass a lower "
+        "max_frequency, or data on equispaced radii."
+    )
+
+
+def _too_few_radii(radii: np.ndarray, highest: float, pixel: float) -> str:
+    """In words, that not the pixels bound the detail but radii much farther apart; "" if not."""
+    step = float(np.diff(radii).max())
+    if step <= _COARSE * pixel or highest * step < _BOUNDED * np.pi:
+        return ""
+    n_wanted = int(np.ceil(np.ptp(radii) / pixel - 1e-6)) + 1
+    return (
+        f"radii are too few: {len(radii)}, up to {step:.4g} apart, for pixels {pixel:.4g} apart. "
+        f"The image has details of {np.pi / highest:.4g} at best, and finer ones in the data "
+        f"falsify it: record at {n_wanted} radii, or pass a lower max_frequency for data that are "
+        "smooth."
+    )
 
 
 def warn_of_detectors(highest: float, possible: float, where: str, stacklevel: int) -> None:

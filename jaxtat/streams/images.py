@@ -7,10 +7,13 @@
 Only the offset and drift of a detector are not linear in its record: medians, found by NumPy, which
 selects without sorting, while the rest is one compiled function.
 
-Everything is found in double precision, also where JAX is in single: only here, and only meanwhile.
+All matrices are computed in double precision, also where JAX is in single: 64 bits are on while a
+function of this module runs, and in its thread alone.
 """
 
 import dataclasses
+import threading
+from concurrent.futures import Future
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -24,15 +27,11 @@ from ..base.double import in_double
 from ..densities import Densities, in_precision
 from ..densities.cylindrical_waves import (
     DecomposedWaves,
-    FreeWaves,
     decomposed_waves,
-    free_densities,
-    free_waves,
     polar_geometry,
     tikhonov_densities,
-    wants_double,
 )
-from ..geometry import Disk, Region
+from ..geometry import Region
 from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..reconstruction.plane_bases import default_rule
@@ -44,10 +43,9 @@ from ..steps.fourier_sum import fourier_inversion
 from ..steps.polar_transform import with_origin
 from ..steps.radon import low_pass_values
 from .live_settings import of_scan, of_setup, speed_of
-from .region_update import another_disk, placed
-from .samples import Pressure, integrals_to_waves, samples_to_waves
+from .moving_region import moved_disk, setup_showing
+from .samples import Pressure, integrals_to_waves, record_end, samples_to_waves
 
-Waves = DecomposedWaves | FreeWaves
 PRECISIONS = (np.float32, np.float64)
 
 
@@ -86,11 +84,10 @@ class Live(eqx.Module):
     dtype: np.dtype = eqx.field(static=True)
     energy: float = eqx.field(static=True)
     _rows: tuple[int, ...] | None = eqx.field(static=True)  # of the frame, None for all in order
-    _in_factors: bool = eqx.field(static=True)  # densities, for few frames of each setting
     _leveled: bool = eqx.field(static=True)  # whether offset and drift are taken off
     _pressure: Pressure | None
     _kernels: Float[Array, "rows radii"]  # of the radii
-    _waves: Waves | None
+    _waves: DecomposedWaves | None
     _ready: _Ready
 
     @in_double
@@ -124,46 +121,46 @@ class Live(eqx.Module):
         region_center: Numbers | None = None,
         region_radius: Numbers | None = None,
     ) -> "Live":
-        """The same with other settings: what depends on them is recomputed, nothing is compiled.
+        """The same with other settings: only what depends on them is recomputed.
+
+        Nothing is compiled, but for a disk that leaves the one which is solved for. That takes as
+        long as `live` did: see `replace_in_background`.
 
         Args:
             sound_speed: c [length/time].
             rule: a number as `alpha`, or `Tikhonov` or `RelativeTikhonov`.
             low_pass: "none", "cosine" or a function.
             region_center: of region and grid, (x1, x2) [length]. Within ``reach`` of `live` only
-                pixels change. Beyond it the disk that is solved for is moved: its systems are
-                solved anew, and the first images compile a program unless ``movable``.
+                pixels change, beyond it systems are solved for a disk about this centre.
             region_radius: of the region, and the grid as many times larger, up to ``reach``.
 
         Raises:
             ValueError: for a speed that makes the record too short, a rule for the densities of a
                 plan, and a region that does not fit.
         """
-        setup, waves, densities = self.setup, self._waves, self._ready.densities
-        samples, speed, region = self._ready.samples, self.sound_speed, self.region
-        radii, kernels = self.radii, self._kernels
-        rule, solved_anew = self.rule if rule is None else _rule_of(rule, setup), False
-        if region_center is not None or region_radius is not None:
-            region = another_disk(region, region_center, region_radius)
-            free = self._pressure is not None
-            setup, solved_anew = placed(setup, self.region, region, free)
+        waves, densities, samples = self._waves, self._ready.densities, self._ready.samples
+        radii, kernels, speed = self.radii, self._kernels, self.sound_speed
+        setup, region, solved_anew = self.setup, self.region, False
         if sound_speed is not None:
             if self._pressure is None:
                 raise ValueError("sound_speed: circular integrals are made at one; change radii.")
             speed = speed_of(sound_speed)
-        if sound_speed is not None or solved_anew:
+        if region_center is not None or region_radius is not None:
+            region = moved_disk(region, region_center, region_radius)
+            end = record_end(self._pressure, speed)
+            setup, solved_anew = setup_showing(setup, self.region, region, end)
+        rule = self.rule if rule is None else _rule_of(rule, setup)
+        if self.rule is None and (rule is not None or solved_anew):
+            raise ValueError("densities of a plan: its rule and geometry cannot be changed.")
+        if solved_anew or speed != self.sound_speed:
             radii = _radii(self._pressure, setup, speed)
-            others = not np.array_equal(radii, self.radii)
-            if others:
+            if solved_anew or not np.array_equal(radii, self.radii):
                 kernels = _kernels(self._pressure, radii, setup, self.dtype)
-            if others or speed != self.sound_speed:
-                # begun here, and done while numpy works below
-                samples = _samples(kernels, self._pressure, radii, speed)
+            # begun here, and done while numpy works below
+            samples = _samples(kernels, self._pressure, radii, speed)
         if rule is not self.rule or solved_anew:
-            if self.rule is None:
-                raise ValueError("densities of a plan: its rule and geometry cannot be changed.")
-            waves = _waves_of(setup, self.dtype, free=True) if solved_anew else waves
-            densities = _densities(setup, waves, rule, self.dtype, self._in_factors)
+            waves = _waves_of(setup, self.dtype) if solved_anew else waves
+            densities = _densities(setup, waves, rule, self.dtype)
         low_pass = self.low_pass if low_pass is None else low_pass
         return dataclasses.replace(
             self,
@@ -177,6 +174,27 @@ class Live(eqx.Module):
             _waves=waves,
             _ready=_ready(setup, samples, densities, low_pass, self.dtype),
         )
+
+    def replace_in_background(self, **settings: Any) -> "Future[Live]":
+        """`replace` in a thread of its own, while this one makes images until the other is ready.
+
+        Args:
+            settings: of `replace`.
+
+        Returns:
+            Future: ``done()`` says whether it is ready, ``result()`` waits for it, and raises what
+                `replace` raises.
+        """
+        future: Future[Live] = Future()
+
+        def work() -> None:
+            try:
+                future.set_result(self.replace(**settings))
+            except Exception as error:
+                future.set_exception(error)
+
+        threading.Thread(target=work).start()
+        return future
 
     def _checked(self, frames: Any) -> tuple[np.ndarray, tuple[int, ...]]:
         """Frames as a stack of the rows that are used, and the shape of the stack."""
@@ -228,8 +246,6 @@ def live(
     low_pass: Any = None,
     plan: ReconstructionPlan | None = None,
     reach: Numbers | None = None,
-    movable: bool = False,
-    few_frames: bool = False,
     dtype: Any = np.float32,
 ) -> Live:
     """A fast function from raw frames to images: for streams and for sliders.
@@ -253,10 +269,6 @@ def live(
         reach: radius of the disk about the region's centre that is solved for, at least the
             region's [length]: within it the region is moved at once. Images are those of this disk
             as the region, and take longer, like its radius to the power of 2 to 3.
-        movable: whether the first other centre too shall compile nothing. A whole disk is then
-            solved without its symmetry from the start: made in a second instead of many, images
-            take somewhat longer, and another rule a few times as long.
-        few_frames: of each setting, as with sliders: another rule takes less time, an image more.
         dtype: float32, or float64 at half the speed.
 
     Returns:
@@ -288,8 +300,8 @@ def live(
     waves, used = None, None
     if plan is None:
         used = _rule_of(asked.rule, setup)
-        waves = _waves_of(setup, dtype, movable)
-        densities = _densities(setup, waves, used, dtype, few_frames)
+        waves = _waves_of(setup, dtype)
+        densities = _densities(setup, waves, used, dtype)
     else:
         densities = in_precision(plan.densities, dtype)
     radii = _radii(asked.pressure, setup, asked.sound_speed)
@@ -306,7 +318,6 @@ def live(
         dtype=dtype,
         energy=asked.energy,
         _rows=asked.rows,
-        _in_factors=few_frames,
         _leveled=asked.leveled,
         _pressure=asked.pressure,
         _kernels=kernels,
@@ -336,7 +347,7 @@ def _images(
     fhat = densities.polar_fourier(transformed, ready.weights)
     fhat = with_origin(fhat, mass, ready.weights)
     images = fourier_inversion(fhat, step, sizes.angles, setup.grid, region.center, ready.eta)
-    return images.astype(ready.samples.dtype)  # densities of a small alpha are in double precision
+    return images.astype(ready.samples.dtype)
 
 
 def _ready(
@@ -377,30 +388,21 @@ def _radii(pressure: Pressure | None, setup: Setup, speed: float) -> Float[Array
         raise ValueError(f"with sound_speed {speed:.6g} {error}") from error
 
 
-def _waves_of(setup: Setup, dtype: np.dtype, free: bool) -> Waves | None:
-    """None where no cylindrical waves reach; of a disk that moves without its symmetry."""
+def _waves_of(setup: Setup, dtype: np.dtype) -> DecomposedWaves | None:
+    """None where no cylindrical waves reach the detectors."""
     curve, region, _, sizes = plane_of(setup)
     if not sizes.reached:
         return None
-    if free and isinstance(region, Disk) and region.whole:
-        where = sizes.frequencies, sizes.angles, sizes.groups, sizes.n_nodes
-        return free_waves(curve, region, *where, dtype)
     geometry = polar_geometry(curve, region, sizes.n_nodes)
     return decomposed_waves(geometry, sizes.frequencies, sizes.angles, sizes.groups, dtype)
 
 
 def _densities(
-    setup: Setup, waves: Waves | None, rule: Any, dtype: np.dtype, in_factors: bool
+    setup: Setup, waves: DecomposedWaves | None, rule: Any, dtype: np.dtype
 ) -> Densities:
     if waves is None:
         return in_precision(build_plan(setup, rule, method="collocation").densities, dtype)
-    if isinstance(waves, FreeWaves):
-        if wants_double(waves, rule) and dtype == np.float32:
-            return _densities(
-                setup, _waves_of(setup, np.dtype(float), True), rule, np.dtype(float), in_factors
-            )
-        return free_densities(waves, rule)
-    return tikhonov_densities(waves, rule, in_factors=in_factors)
+    return tikhonov_densities(waves, rule)
 
 
 def _rule_of(rule: Any, setup: Setup) -> Tikhonov | RelativeTikhonov:

@@ -12,12 +12,10 @@ from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup
 from ..reconstruction.setup import plane_of, require_complete
 from ..scans import Choices, choose, estimate, setup_of
-from ..scans.facts import facts_of, times_of
+from ..scans.facts import times_of
 from ..scans.frames import conditioned, has_baseline
-from .region_update import wider_choices, wider_setup
-from .samples import Pressure, pressure_of
-
-N_GROUPS = 8  # of frequencies that have as many orders: the fewer, the more rows are zero
+from .moving_region import N_GROUPS, setup_within_reach
+from .samples import Pressure, pressure_of, record_end
 
 
 class Asked(NamedTuple):
@@ -40,7 +38,7 @@ def of_setup(setup: Setup, rule: Any, low_pass: Any, reach: Numbers | None) -> A
     require_complete(setup)
     n_detectors, n_radii = setup.data_shape
     if reach is not None:
-        setup = wider_setup(setup, reach, N_GROUPS)
+        setup = setup_within_reach(setup, reach, None)
     return Asked(setup, region, rule, low_pass, (int(n_detectors), int(n_radii)))
 
 
@@ -49,20 +47,19 @@ def of_scan(
 ) -> Asked:
     choices = estimate(scan, choose(scan)) if choices is None else choices
     _require_formula(choices)
-    wider = choices
-    if reach is not None:
-        points = facts_of(scan).points[list(choices.channels)]
-        wider = wider_choices(choices, reach, points if scan.kind == "pressure" else None)
-    setup = setup_of(scan, wider, n_groups=N_GROUPS) if plan is None else plan.setup
+    setup = setup_of(scan, choices, n_groups=N_GROUPS) if plan is None else plan.setup
     require_complete(setup)
     pressure, leveled = _pressure_of(scan, choices)
+    speed, region = speed_of(choices.sound_speed), setup.region
+    if reach is not None:
+        setup = setup_within_reach(setup, reach, record_end(pressure, speed))
     return Asked(
         setup=setup,
-        region=setup.region if reach is None else choices.region,  # pyright: ignore[reportArgumentType]
+        region=region,
         rule=choices.alpha,
         low_pass=choices.low_pass,
         frame_shape=(scan.n_detectors, scan.n_samples),
-        sound_speed=speed_of(choices.sound_speed),
+        sound_speed=speed,
         energy=float(np.mean(scan.known["laser_energy"])) if choices.laser_energy else 1.0,
         rows=_rows_of(choices, scan.n_detectors),
         pressure=pressure,

@@ -44,6 +44,11 @@ def pressure_of(
     return Pressure(coefficients @ conditioned.T, times, model)
 
 
+def record_end(pressure: Pressure | None, sound_speed: float) -> float | None:
+    """The largest radius that a record holds [length]; None for circular integrals."""
+    return None if pressure is None else sound_speed * float(pressure.times[-1])
+
+
 @eqx.filter_jit
 def integrals_to_waves(
     radii: Float[Array, " radii"],

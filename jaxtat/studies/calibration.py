@@ -171,7 +171,8 @@ def calibrate(
         most = sizes.max_frequency
         sizes = plane_of(Setup(placed, region, setup.grid, radii, max_frequency=most))[3]
     require_waves(sizes)
-    geometry, waves = polar_geometry(placed, region, sizes.n_nodes), None
+    geometry = polar_geometry(placed, region, sizes.n_nodes, sizes.wave_offset)
+    waves = None
     if not _MOVING & set(unknown):
         waves = waves_of(geometry, sizes.frequencies, sizes.groups[-1][-1])
     problem = _Problem(
@@ -268,7 +269,8 @@ def _geometry(problem: _Problem, free: Free, found: Parameters) -> PolarGeometry
     # elements that keep their width are seen under other angles from other radii
     if "center" in free or problem.curve.element_width is not None:
         placed = turned_views(_moved(problem.curve, found), problem.turns)
-        return polar_geometry(placed, problem.region, problem.sizes.n_nodes)
+        sizes = problem.sizes
+        return polar_geometry(placed, problem.region, sizes.n_nodes, sizes.wave_offset)
     factor = 1 + free["radius"]
     return eqx.tree_at(
         lambda tree: (tree.detector_radius, tree.weights),

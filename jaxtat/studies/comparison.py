@@ -124,7 +124,7 @@ def compare_regularizations(
     if not is_concrete(setup, frequency):
         raise ValueError("compare_regularizations measures time: nothing of it can be traced.")
     _, angles = polar_grid(region, grid, radii, frequency, n_directions)
-    geometry = polar_geometry(curve, region, sizes.n_nodes)
+    geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
     n_max = int(harmonic_orders(geometry, np.asarray(frequency)[None]).max())
     # parts and sums by numpy: nothing is traced, and each would be a program
     alone, unit_vectors = jax.device_put(np.asarray(frequency)[None]), _unit(np.asarray(angles))

@@ -127,7 +127,9 @@ def choose_regularization(
     require_positive("sigma", sigma)
     require_positive("power", power)
     norms = unit_norms(curve, region, sizes.frequencies, sizes.norm_orders, _directions())
-    spectra = _spectra(polar_geometry(curve, region, sizes.n_nodes), norms, sizes)
+    spectra = _spectra(
+        polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset), norms, sizes
+    )
     gain = sigma**2 * noise_power(radii, sizes.frequencies, curve.weights) / (4 * jnp.pi**2)
     starts = jax.device_put(_STARTS[kind])
     values, converged = _descended(kind, starts, spectra, power, gain)

@@ -92,6 +92,8 @@ def _is_said(name: str, group: str | None, choices: Choices) -> bool:
     if group == CONSTRAINTS or name in OF_FORMULA:
         return choices.model_based == (group == CONSTRAINTS)
     whole = choices.region_cut >= choices.region_radius
+    if choices.region_size and name == "region_radius":
+        return False
     return not (whole and name in ("region_cut", "region_angle"))
 
 

@@ -34,6 +34,7 @@ from .session import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED, Knobs, Sessi
 from .zoom_controls import Looking, lengths
 
 WIDTH, WHOLE = 400, 1080  # of the column of knobs, and of the page [pixel]
+TAKE_REGION, TAKING_REGION = "Take this region", "Computing this region, up to a minute ..."
 CHOICES_LATER = 100  # [ms] than the picture, which a browser would otherwise draw after them
 
 
@@ -54,7 +55,7 @@ class Page:
         self._document, self._session = document, session
         self._source, self._folder = source, folder
         self._shown: _Seen | None = None
-        self._images, self._curves = Latest(self._later), Latest(self._later)
+        self._images, self._curves, self._regions = (Latest(self._later) for _ in range(3))
         self.picture = Picture(session)
         self._make_knobs()
         self._make_rest(name)
@@ -103,7 +104,7 @@ class Page:
             Spinner(title=name + unit, value=round(scale * value, 3), step=0.5, width=110)
             for name, value in values.items()
         ]
-        self.move = Button(label="Take this region")
+        self.move = Button(label=TAKE_REGION)
 
     def _make_curve(self, low: float, high: float) -> None:
         """Sharpness by speed of sound, as wide as the slider below it."""
@@ -228,9 +229,9 @@ class Page:
         if error:
             self.status.text = f"<span style='color:#c0392b'>{escape(error)}</span>"
             return
+        if seen.session is not self._session:  # of the region before
+            return
         self._document.hold("combine")
-        if seen.session is not self._session:
-            self._take_session(seen.session)
         self.picture.show(seen.image, seen.grid)
         self.status.text = f"image in {1e3 * seen.seconds:.0f} ms"
         self._document.unhold()
@@ -268,6 +269,7 @@ class Page:
             self._ask_for_curve()
 
     def _take_region(self) -> None:
+        """Make the session of another region, while the page goes on with this one."""
         session = self._session
         scale, knobs = lengths(session)[0], replace(self.knobs, disk=None)
         radius, *center = (float(spinner.value or 0.0) / scale for spinner in self.region)
@@ -275,8 +277,16 @@ class Page:
         def work() -> _Seen:
             return self._seen(session.with_region(radius, (center[0], center[1]), knobs), knobs)
 
-        self.status.text = "another region is another problem: this takes up to a minute ..."
-        self._images.must(work, self._show)
+        def show(seen: Any, error: str) -> None:
+            self.move.update(label=TAKE_REGION, disabled=False)
+            if not error:
+                self._take_session(seen.session)
+            self._show(seen, error)
+            if not error and knobs != self.knobs:  # controls that were moved meanwhile
+                self._turned()
+
+        self.move.update(label=TAKING_REGION, disabled=True)
+        self._regions.must(work, show)
 
     def _ask_for_curve(self) -> None:
         session, knobs = self._session, self.knobs
@@ -320,8 +330,8 @@ class Page:
         self._document.add_next_tick_callback(work)
 
     def _close(self, _: Any) -> None:
-        self._images.close()
-        self._curves.close()
+        for worker in (self._images, self._curves, self._regions):
+            worker.close()
 
 
 class _Seen(NamedTuple):

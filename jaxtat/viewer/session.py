@@ -75,7 +75,7 @@ class Session:
             choices = _given(choices, {"inversion": "the viewer's"})
         self.scan, self.choices, self.facts = scan, choices, dict(facts or {})
         self.start = Knobs(choices.sound_speed, choices.alpha, choices.low_pass)
-        self._live, self._made = live(scan, choices, few_frames=True), self.start
+        self._live, self._made = live(scan, choices), self.start
         self._frame = 0, self._lit(0)
         grid = self._live.setup.grid
         self.inside = np.asarray(self._live.setup.region.contains(grid.points))
@@ -109,7 +109,8 @@ class Session:
     @property
     def can_look(self) -> bool:
         """Whether a part of the region can be looked at alone: in whole disks."""
-        return self.choices.region_cut >= self.choices.region_radius
+        choices = self.choices
+        return choices.region_size is None and choices.region_cut >= choices.region_radius
 
     def choices_of(self, knobs: Knobs) -> Choices:
         """All choices of an image, with reasons: `scans.reconstruct` makes the same of them.

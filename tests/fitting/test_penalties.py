@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
-from jaxtat.fitting import SecondOrderVariation, TotalVariation, Wavelets
+from jaxtat.fitting import SecondOrderVariation, TotalVariation
 from jaxtat.fitting.proximal import prox
 
 RNG = np.random.default_rng(0)
@@ -15,14 +15,12 @@ IMAGES = jnp.asarray(RNG.standard_normal((2, 9, 8)))
 PENALTIES = [
     TotalVariation(),
     SecondOrderVariation(),
-    Wavelets(2),
     TotalVariation(joint=True),
-    Wavelets(joint=True),
 ]
-NAMES = ["tv", "second order", "wavelets", "joint tv", "joint wavelets"]
+NAMES = ["tv", "second order", "joint tv"]
 
 
-@pytest.mark.parametrize("penalty", PENALTIES[:3], ids=NAMES[:3])
+@pytest.mark.parametrize("penalty", PENALTIES[:2], ids=NAMES[:2])
 @pytest.mark.parametrize("shape", [(1, 12, 10), (1, 4, 5, 6)])
 def test_the_bound_is_one_and_not_far(penalty, shape):
     """Joint ones have the same parts."""
@@ -58,22 +56,10 @@ def test_values_are_those_of_the_formulas():
     assert_allclose(np.linalg.norm(parts, axis=0), np.sqrt(2**2 + 2 * 3**2), rtol=1e-12)
 
 
-def test_wavelets_are_means_over_shifts_of_orthonormal_ones():
-    """The finest Haar details of all four shifts of the grid of pairs, each a quarter."""
-    f = np.asarray(IMAGES[0, :8, :8])
-    total = 0.0
-    for shift in np.ndindex(2, 2):
-        p = np.roll(f, shift, (0, 1)).reshape(4, 2, 4, 2)
-        low, high = (p[:, 0] + p[:, 1]) / np.sqrt(2), (p[:, 0] - p[:, 1]) / np.sqrt(2)
-        for band, signs in ((low, [-1]), (high, [1, -1])):
-            total += sum(np.abs(band[..., 0] + s * band[..., 1]).sum() / np.sqrt(2) for s in signs)
-    assert_allclose(Wavelets(1).value(jnp.asarray(f)[None], 1e-12), total / 4, rtol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("penalty", "nonnegative"),
-    [*((penalty, False) for penalty in PENALTIES), (PENALTIES[0], True), (PENALTIES[2], True)],
-    ids=[*NAMES, "tv, nonnegative", "wavelets, nonnegative"],
+    [*((penalty, False) for penalty in PENALTIES), (PENALTIES[0], True)],
+    ids=[*NAMES, "tv, nonnegative"],
 )
 def test_proximal_maps_minimise(penalty, nonnegative):
     """Beside L-BFGS-B, which knows nothing of duals."""
@@ -109,5 +95,3 @@ def test_proximal_maps_minimise(penalty, nonnegative):
 def test_what_a_penalty_is_made_of_is_checked():
     with pytest.raises(ValueError, match="smoothing is 0"):
         TotalVariation(smoothing=0.0)
-    with pytest.raises(ValueError, match="levels is 0"):
-        Wavelets(0)

@@ -8,7 +8,6 @@ import pytest
 
 from jaxtat.io import load_scan
 from jaxtat.io.frames import LazyFrames
-from jaxtat.io.hdf5 import _checksums
 
 DATA = np.random.default_rng(3).standard_normal((4, 6, 9))
 
@@ -75,19 +74,26 @@ def test_what_inflates_to_much_needs_leave(tmp_path):
     assert (tmp_path / "a.h5").stat().st_size < 1e5
     with pytest.raises(ValueError, match=r"raw takes 40000000 bytes.*allow more"):
         load_scan(tmp_path / "a.h5", max_bytes=10**7)
-    with pytest.raises(ValueError, match="a piece of raw takes 4000000 bytes"):
-        load_scan(tmp_path / "a.h5", max_bytes=10**6)
     assert load_scan(tmp_path / "a.h5").data.shape == (100, 50_000)
 
 
+def bomb(nbytes):
+    """Zeros packed by gzip, without ever being in memory."""
+    pack = zlib.compressobj(9)
+    start = pack.compress(b"0") + pack.flush(zlib.Z_FULL_FLUSH)
+    block = pack.compress(bytes(2**24)) + pack.flush(zlib.Z_FULL_FLUSH)
+    return start + nbytes // 2**24 * block + pack.flush()
+
+
 @pytest.mark.parametrize("frames", [1, 2])
-def test_a_piece_with_more_than_its_bytes_is_refused(tmp_path, frames):
-    """HDF5 itself would inflate all of it."""
+def test_a_piece_that_inflates_without_end_is_refused(tmp_path, frames):
+    """HDF5 inflates all of it; the process that reads it may not."""
     shape = (2, 6, 9) if frames == 2 else (6, 9)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         data = file.create_dataset("raw", shape, "f8", chunks=shape, compression="gzip")
-        data.id.write_direct_chunk((0,) * len(shape), zlib.compress(bytes(200_000)))
-    with pytest.raises(ValueError, match=r"the piece at .* has more than its"):
+        data.id.write_direct_chunk((0,) * len(shape), bomb(2**32))
+    assert (tmp_path / "a.h5").stat().st_size < 2**23
+    with pytest.raises(ValueError, match=r"cannot read .*a\.h5: "):
         np.asarray(load_scan(tmp_path / "a.h5").data)
 
 
@@ -99,14 +105,12 @@ def test_a_missing_piece_is_refused(tmp_path, options):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         data = file.create_dataset("raw", (4, 6, 9), "f8", **options)
         data[:3] = DATA[:3]
-    scan = load_scan(tmp_path / "a.h5")
-    assert np.array_equal(scan.frame(2), DATA[2])
-    with pytest.raises(ValueError, match=r"the piece at \(3, 0, 0\) is missing"):
-        scan.frame(3)
+    with pytest.raises(ValueError, match=r"raw has only \d+ of its \d+ pieces in this file"):
+        load_scan(tmp_path / "a.h5")
 
 
 def twice_packed(path):
-    """Pieces that gzip went over two times, which could give a million times their size."""
+    """Pieces that gzip went over two times."""
     creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     creation.set_chunk((1, 6, 9))
     creation.set_deflate(4)
@@ -118,15 +122,14 @@ def twice_packed(path):
     return path
 
 
-@pytest.mark.parametrize("options", [{"compression": "lzf"}, {"scaleoffset": 3}, "twice"])
-def test_other_filters_are_refused(tmp_path, options):
+@pytest.mark.parametrize("options", [{"compression": "lzf"}, {"scaleoffset": 9}, "twice"])
+def test_every_filter_of_the_library_is_read(tmp_path, options):
     path = tmp_path / "a.h5"
     if options == "twice":
         twice_packed(path)
     else:
         write(path, chunks=(1, 6, 9), **options)
-    with pytest.raises(ValueError, match=r"raw has filters .*expected gzip or none"):
-        load_scan(path)
+    assert np.allclose(np.asarray(load_scan(path).data), DATA, rtol=0, atol=1e-9)
 
 
 def test_a_piece_that_was_not_worth_packing_is_read(tmp_path):
@@ -178,28 +181,16 @@ def test_a_piece_shorter_than_its_checksum_is_refused(tmp_path, stored):
     (tmp_path / "a.h5").write_bytes(damaged)
     scan = load_scan(tmp_path / "a.h5")
     assert np.array_equal(scan.frame(0), DATA[0])
-    with pytest.raises(ValueError, match=r"the piece at \(1, 0, 0\) is missing or damaged"):
+    with pytest.raises(ValueError, match=r"cannot read .*a\.h5: it is damaged"):
         scan.frame(1)
+    assert np.array_equal(scan.frame(2), DATA[2])  # the file is opened again
 
 
-@pytest.mark.parametrize("size", [1, 2, 3, 8, 1001, 2**18 + 1])
-@pytest.mark.parametrize("value", [None, 0, 255])
-def test_checksums_are_those_of_hdf5(tmp_path, size, value):
-    """Of noise, of zeros, and of ones, whose sums are multiples of 2^16 - 1."""
-    noise = np.random.default_rng(size).integers(0, 256, size, np.uint8)
-    content = noise if value is None else np.full(size, value, np.uint8)
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        data = file.create_dataset("raw", data=content, chunks=(size,), fletcher32=True)
-        stored = data.id.read_direct_chunk((0,))[1]
-    assert _checksums(content.tobytes())[0] == int.from_bytes(stored[-4:], "little")
-
-
-def test_numbers_of_an_unusual_kind_are_refused(tmp_path):
+def test_numbers_of_an_unusual_kind_are_read(tmp_path):
     """Of 12 bits in 16, for instance, which only the library can tell apart."""
     kind = h5py.h5t.STD_U16LE.copy()
     kind.set_precision(12)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         h5py.h5d.create(file.id, b"raw", kind, h5py.h5s.create_simple((6, 9)))
         file["raw"][...] = 1
-    with pytest.raises(ValueError, match="raw has numbers of an unusual kind, expected uint16"):
-        load_scan(tmp_path / "a.h5")
+    assert np.array_equal(load_scan(tmp_path / "a.h5").data, np.ones((6, 9)))

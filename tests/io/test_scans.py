@@ -14,11 +14,12 @@ from hypothesis.extra import numpy as arrays
 from scan_writers import write_everything
 
 from jaxtat.io import load_scan
-from jaxtat.io.scans import FORMATS, SUFFIXES
+from jaxtat.io.formats import FORMATS
 
 NAMES = ("npz", "npy", "hdf5", "ipasc", "patato", "matlab 5", "matlab 7.3", "msot")
 # every byte of these is under a checksum, or must be as it is
 CHECKED = ("npz", "matlab 5")
+SUFFIXES = (".npz", ".npy", ".h5", ".hdf5", ".mat", ".msot", ".dat", "")
 RATE = 4e7
 DATA = np.random.default_rng(0).integers(0, 2**16, (3, 5, 8), np.uint16)
 POSITIONS = np.random.default_rng(1).standard_normal((5, 3))
@@ -55,7 +56,6 @@ def is_whole(scan, name):
 
 def test_the_formats_are_those_of_the_tests():
     assert len(FORMATS) == len(NAMES)
-    assert set(SUFFIXES) == {".npz", ".npy", ".h5", ".hdf5", ".mat", ".msot"}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -155,21 +155,19 @@ def test_a_wrong_digit_in_the_data_of_an_ipasc_file_of_ours_is_told(files, place
     )
     scan = load_scan(path)
     assert np.array_equal(scan.frame(0), DATA[0])
-    with pytest.raises(ValueError, match="cannot read binary_time_series_data of"):
+    with pytest.raises(ValueError, match=r"cannot read .*a\.hdf5: "):
         scan.frame(1)
     restore(files)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_format_under_another_name_is_refused_with_its_own(files, tmp_path, name):
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_the_content_decides_and_not_the_name(files, tmp_path, name, suffix):
     path, content = files[name]
-    own = next(form for form in FORMATS if form.has_it(path, content[:512]))
-    assert path.suffix in own.suffixes
-    for suffix in set(SUFFIXES).difference(own.suffixes):
-        (tmp_path / f"a{suffix}").write_bytes(content)
-        message = rf"cannot read .*a\{suffix}: its content is {own.name}: .* in \{own.suffixes[0]}"
-        with pytest.raises(ValueError, match=message):
-            load_scan(tmp_path / f"a{suffix}")
+    (tmp_path / f"a{suffix}").write_bytes(content)
+    if name == "msot":
+        (tmp_path / "a.bin").write_bytes(path.with_suffix(".bin").read_bytes())
+    assert is_whole(load_scan(tmp_path / f"a{suffix}"), name)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -179,17 +177,18 @@ def test_a_format_under_another_name_is_refused_with_its_own(files, tmp_path, na
 def test_other_files_are_refused(tmp_path, suffix, content):
     path = tmp_path / f"a{suffix}"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=rf"cannot read .*a\{suffix}"):
+    with pytest.raises(ValueError, match=rf"cannot read .*a{re.escape(suffix)}"):
         load_scan(path)
 
 
-def test_missing_files_folders_and_suffixes(tmp_path):
-    for path in (tmp_path / "nowhere.npz", tmp_path):
-        with pytest.raises(FileNotFoundError, match=path.name):
-            load_scan(path)
-    (tmp_path / "a.csv").write_text("1, 2")
-    with pytest.raises(ValueError, match=r"a\.csv: expected a name ending in \.npz, \.npy, \.mat"):
-        load_scan(tmp_path / "a.csv")
+def test_missing_files_folders_and_pipes(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"there is no file .*nowhere\.npz"):
+        load_scan(tmp_path / "nowhere.npz")
+    with pytest.raises(ValueError, match=f"{tmp_path.name} is a folder, expected a file"):
+        load_scan(tmp_path)
+    os.mkfifo(tmp_path / "a.npy")  # which would be waited for without end
+    with pytest.raises(ValueError, match=r"a\.npy is a pipe or a device, expected a file"):
+        load_scan(tmp_path / "a.npy")
 
 
 @pytest.mark.parametrize("name", NAMES)

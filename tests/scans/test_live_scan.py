@@ -79,7 +79,7 @@ def test_another_center_is_that_of_other_choices(frames, dtype, limit):
     """With the same radii, which cover it too; and so are speed, alpha and low-pass after it."""
     made, center = scan(frames), (4e-4, -7e-4)
     choices = choose(made, **GIVEN | {"region_radius": 0.009})
-    moved = live(made, choices, dtype=dtype, movable=True).replace(region_center=center)
+    moved = live(made, choices, dtype=dtype).replace(region_center=center)
     there = replace(choices, region_center=center)
     assert relative(moved(frames), reconstruct(made, there).image) < limit
     turned = moved.replace(sound_speed=1520.0, rule=0.1, low_pass="none")

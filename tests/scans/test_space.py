@@ -247,6 +247,22 @@ def test_detectors_without_data_are_named():
     assert "9 rings of 80" in choose(scan, use=whole).table()
 
 
+def test_scattered_detectors_without_data_are_left_out(integrals):
+    """Twenty of 364 on rings, dead or NaN: the others lie anywhere, the volume is as good."""
+    radii, g, wanted = integrals
+    data = np.array(g.reshape(-1, len(radii)))
+    bad = np.sort(np.random.default_rng(3).choice(len(data), 20, replace=False))
+    data[bad[:15]], data[bad[15:], 4] = 0.0, np.nan
+    known = {"detectors": np.asarray(CAP.points).reshape(-1, 3), "radii": radii}
+    scan = Scan("circular_integrals", data, known)
+    choices = choose(scan, region_radius=RADIUS, pixels=9, max_frequency=MAX_FREQUENCY)
+    assert choices.left_out == tuple(bad) and len(choices.channels) == 344
+    assert "344 of 364" in choices.table() and f"left out: {bad[0]}" in choices.table()
+    assert "on no rings" in describe(scan, choices)
+    image = np.where(np.asarray(REGION.contains(GRID.points)), reconstruct(scan, choices).image, 0)
+    assert np.abs(image - wanted).max() < 0.02 * wanted.max()
+
+
 def test_contradictions_in_space_are_refused():
     """Times, radii, sampling and sizes that do not fit each other, as in the plane."""
     points = shuffled()[0]

@@ -1,6 +1,8 @@
 """The search for the speed of sound: data of all speeds at once, and sharpness without images."""
 
+import re
 import warnings
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +18,7 @@ from jaxtat.regularization import tikhonov_rule
 from jaxtat.scans import choose, estimate_sound_speed
 from jaxtat.scans.all_speeds import data_by_speed
 from jaxtat.scans.facts import FASTEST, SLOWEST
-from jaxtat.scans.speed import _sharpness, at_speed, by_both, sharpest
+from jaxtat.scans.speed import _sharpness, at_speed, by_both, compare_sound_speed, sharpest
 from jaxtat.scans.speed_found import SpeedFound, unknown
 from jaxtat.steps import AccuracyWarning, polar_grid, radial_transform
 from jaxtat.studies import sharpness
@@ -73,7 +75,7 @@ def test_no_speed_is_believed_that_hardly_stands_out():
     assert "none within 10 %" in found.why
     found = sharpest(lambda speeds: bump(speeds, 0.9837))
     assert found.stretch == pytest.approx(0.9837, abs=1e-5)
-    assert (found.why, found.grade) == ("the image is sharpest, by 30%; none in the file", "likely")
+    assert (found.why, found.grade) == ("the image is sharpest, by 30%", "likely")
 
 
 def test_a_peak_counts_beside_a_slow_rise_to_an_end_of_the_range():
@@ -155,6 +157,34 @@ def test_noise_alone_agrees_on_no_speed():
     )
     found = estimate_sound_speed(made, choose(made, region_radius=0.011))
     assert dict(found.reasons)["sound_speed"].startswith("water's: ")
+
+
+def of_speed(sample, speed):
+    return replace(sample, known=dict(sample.known) | {"sound_speed": np.asarray(speed)})
+
+
+def test_a_speed_in_the_file_is_compared_with_that_of_the_sharpest_image(sample):
+    """The sample was made with 1510 m/s."""
+    right = of_speed(sample, 1510.0)
+    assert choose(right) == compare_sound_speed(right, choose(right))
+    assert choose(right).grade("sound_speed") == "sure"
+    wrong = of_speed(sample, 1480.0)
+    found = compare_sound_speed(wrong, choose(wrong))
+    assert (found.sound_speed, found.grade("sound_speed")) == (1480.0, "guessed")
+    why = dict(found.reasons)["sound_speed"]
+    said = re.fullmatch(r"from the file; but the image is sharpest, by \d+%, at (.*) m/s: .*", why)
+    assert said and float(said[1]) == pytest.approx(1510.0, rel=0.003)
+    given = choose(wrong, sound_speed=1480.0)
+    assert compare_sound_speed(wrong, given) is given
+
+
+def test_a_map_of_speeds_is_said_to_be_one_and_never_sure(sample):
+    chosen = choose(of_speed(sample, np.full((3, 4), 1510.0)))
+    assert (chosen.sound_speed, chosen.grade("sound_speed")) == (1510.0, "sure")
+    chosen = choose(of_speed(sample, np.repeat([[1500.0, 1560.0]], 6, axis=0)))
+    assert (chosen.sound_speed, chosen.grade("sound_speed")) == (1530.0, "guessed")
+    why = dict(chosen.reasons)["sound_speed"]
+    assert "the mean of 6 x 2 speeds in the file, 1500 m/s to 1560 m/s" in why
 
 
 def test_another_speed_keeps_the_times_of_the_radii_and_their_steps_or_shorter_ones():

@@ -125,8 +125,7 @@ def test_a_bowl_without_a_bottom_is_flagged_and_keeps_its_frequencies():
         problem(curve=rings, region=ball(0.9))
     assert len(caught) == 1  # and none of sampling
     step = 1.4 / 39
-    possible, gap = resolved_frequency(rings, 0.5)
-    assert np.isclose(gap, step) and np.isclose(possible, min(96, 2.2 * np.pi / step))
+    assert np.isclose(resolved_frequency(rings, 0.5), 96)  # by azimuths; by the hole 3.6
     weights = np.asarray(rings.meridian.weights)
     np.testing.assert_allclose(weights, 1.5 * step)
     # down to the pole the lowest ring stands for what is below it, and its distance counts
@@ -135,6 +134,21 @@ def test_a_bowl_without_a_bottom_is_flagged_and_keeps_its_frequencies():
     )
     assert np.isclose(down.rings.lowest_angle, np.pi)
     problem(curve=down.rings, max_frequency=20.0)
+
+
+def spiral(n):
+    """n detectors evenly over a sphere."""
+    k = np.arange(n) + 0.5
+    turn, height = np.pi * (1 + 5**0.5) * k, 1 - 2 * k / n
+    ring = np.sqrt(1 - height**2)
+    return 1.5 * np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=1)
+
+
+def test_too_few_points_are_flagged_with_how_many_are_needed():
+    """Of waves up to degree l there are (l + 1)², here 100 within lambda R = 9."""
+    problem(curve=DetectorPoints(spiral(110)), max_frequency=9.0)
+    with pytest.warns(AccuracyWarning, match="too few: .*here are 30, and 100 are needed"):
+        problem(curve=DetectorPoints(spiral(30)), max_frequency=9.0)
 
 
 def test_points_that_see_half_of_the_lines_are_flagged():

@@ -49,6 +49,26 @@ def test_more_detectors_are_not_worse():
     assert error(more, bells(5 / 16)) < 1.1 * error(few, bells(5 / 16))
 
 
+def test_too_few_radii_for_the_pixels():
+    """Images of bells by 5 radii are wrong, by as many as pixels right; smooth data are said so."""
+    curve, radii = circular_arc(1.3, 1.0, 80), np.linspace(0.3, 2.3, 5)
+    said = "radii are too few: 5, up to 0.5 apart, for pixels 0.0625 apart.* record at 33 radii"
+    with pytest.warns(AccuracyWarning, match=said):
+        few = Setup(curve, DISK, GRID, radii, n_groups=1)
+    with pytest.warns(AccuracyWarning, match=said):
+        Setup(curve, DISK, GRID, radii, max_frequency=np.pi / 0.5)  # as choices for a scan do
+    Setup(curve, DISK, GRID, radii, max_frequency=2.0)
+    inside, phantom = np.asarray(DISK.contains(GRID.points)), bells(0.45)
+    exact = np.asarray(phantom.image(GRID))[inside]
+
+    def off(setup):
+        image = reconstruct(setup, phantom.circular_integrals(curve, setup.radii))
+        return np.linalg.norm(np.asarray(image)[inside] - exact) / np.linalg.norm(exact)
+
+    assert off(few) > 0.3
+    assert off(Setup(curve, DISK, GRID, np.linspace(0.3, 2.3, 33), n_groups=1)) < 0.03
+
+
 def test_frequencies_that_radii_do_not_sample():
     curve = circular_arc(1.3, 1.0, 80)
     with pytest.warns(AccuracyWarning, match="do not sample waves of lambda = 500"):

@@ -1,5 +1,6 @@
 """Live images of circular integrals against `solve`, which takes another way to the densities."""
 
+import threading
 from contextlib import contextmanager
 
 import equinox as eqx
@@ -9,7 +10,7 @@ import pytest
 
 import jaxtat
 from jaxtat import RelativeTikhonov, Tikhonov, phantoms, solve
-from jaxtat.streams import live
+from jaxtat.streams import images, live
 
 BELL = phantoms.Bells([[-0.3, 0.2], [-0.2, -0.3]], [0.4, 0.3], [1.0, -0.6])
 ALPHA = 1e-4
@@ -64,15 +65,12 @@ def test_other_rules_and_filters(arc):
     assert relative(by_default(g), expected(arc, g, None)) < 1e-10
 
 
-def test_densities_in_factors_are_those_in_rows(arc):
-    g = frames_of(arc)
-    rows = live(arc, rule=1e-3, dtype=np.float64)
-    few = live(arc, rule=1e-3, few_frames=True, dtype=np.float64)
-    assert relative(few(g), rows(g)) < 1e-12
-    few, rows = few.replace(rule=1e-5), rows.replace(rule=1e-5)
-    assert relative(few(g), rows(g)) < 1e-12
-    one, other = (of_one_frequency(of._ready.densities, arc.curve.weights) for of in (few, rows))
-    assert relative(one, other) < 1e-12
+def test_the_density_of_one_frequency_is_that_of_a_plan(arc):
+    rule = Tikhonov(1e-3)
+    one = live(arc, rule=rule, dtype=np.float64)._ready.densities
+    other = jaxtat.build_plan(arc, rule).densities
+    weights = arc.curve.weights
+    assert relative(of_one_frequency(one, weights), of_one_frequency(other, weights)) < 1e-8
 
 
 @pytest.fixture(scope="module")
@@ -109,14 +107,13 @@ CURVES = {  # arcs on a circle, which all sides of the disk see; straight pieces
 def test_another_center(name, center):
     """That leaves the disk which is solved for: the systems of the moved one, as `solve` has them.
 
-    Whether those of the first disk are decomposed, or solved like them.
     Alpha counts in the unit of `solve`, which is another for detectors on a circle and off it.
     """
     curve, center = CURVES[name], np.array(center)
     radii = jaxtat.data_radii(curve, jaxtat.disk(1.1), 0.06)
     setup = jaxtat.Setup(curve, jaxtat.disk(0.6), jaxtat.ImageGrid(21, 0.6), radii)
     g, there = data_of(setup), moved_setup(setup, center)
-    first = live(setup, rule=ALPHA, dtype=np.float64, movable=name == "ellipse")
+    first = live(setup, rule=ALPHA, dtype=np.float64)
     moved = first.replace(region_center=center)
     assert relative(moved(g), expected(there, g)) < 1e-10
     other = moved.replace(rule=1e-2, low_pass="cosine")
@@ -125,40 +122,51 @@ def test_another_center(name, center):
     assert relative(back(g), first.replace(rule=1e-6, low_pass="cosine")(g)) < 1e-10
 
 
-@pytest.mark.filterwarnings("ignore::jaxtat.VisibilityWarning")
-@pytest.mark.parametrize("alpha", [1e-1, 5e-3, 4e-4, 1e-5])
-def test_another_center_in_single_precision(alpha):
-    """Also where many lines are not seen, and alpha decides what becomes of them."""
-    curve, center = jaxtat.circular_arc(1.3, -0.8, 60), np.array([0.1, -0.05])
-    radii = jaxtat.data_radii(curve, jaxtat.disk(0.8), 0.06)
-    setup = jaxtat.Setup(curve, jaxtat.disk(0.6), jaxtat.ImageGrid(21, 0.6), radii)
-    g = data_of(setup)
-    g = g + 0.01 * np.abs(g).max() * np.random.default_rng(0).standard_normal(g.shape)
-    single, double = (
-        live(setup, rule=alpha, movable=True, dtype=dtype).replace(region_center=center)(g)
-        for dtype in (np.float32, np.float64)
+def test_a_cut_disk_moves(half_arc):
+    first = live(half_arc, rule=1e-2, dtype=np.float64)
+    moved = first.replace(region_center=[-0.05, 0.02])
+    region = jaxtat.disk(1.0, 0.0, center=[-0.05, 0.02])
+    there = jaxtat.Setup(
+        half_arc.curve,
+        region,
+        jaxtat.ImageGrid(half_arc.grid.shape, center=[-0.05, 0.02]),
+        half_arc.radii,
+        max_frequency=half_arc.sizes.max_frequency,
     )
-    assert single.dtype == np.float32
-    assert relative(single, double) < 1e-4
+    g = data_of(half_arc)
+    assert relative(moved(g), expected(there, g, 1e-2)) < 1e-10
 
 
-def test_a_movable_region_is_the_same_image(small):
-    g = data_of(small)
-    first = live(small, rule=ALPHA, dtype=np.float64, movable=True)
-    usual = live(small, rule=ALPHA, dtype=np.float64)
-    assert relative(first(g), usual(g)) < 1e-10
-    one, other = (of_one_frequency(x._ready.densities, small.curve.weights) for x in (first, usual))
-    assert relative(one, other) < 1e-8
-    by_share = RelativeTikhonov(0.1)
-    assert relative(first.replace(rule=by_share)(g), usual.replace(rule=by_share)(g)) < 1e-10
-    with pytest.raises(ValueError, match="radii run from"):
-        first.replace(region_center=[0.9, 0.0])
+def test_images_go_on_until_another_center_is_ready(small, monkeypatch):
+    g, center, go = data_of(small), [0.1, -0.05], threading.Event()
+    first = live(small, rule=ALPHA)
+    before, showing = first(g), images.setup_showing
+
+    def later(*arguments):
+        assert go.wait(60)
+        return showing(*arguments)
+
+    monkeypatch.setattr(images, "setup_showing", later)
+    future = first.replace_in_background(region_center=center)
+    assert np.array_equal(first(2 * g), 2 * before) and not future.done()
+    go.set()
+    assert np.array_equal(future.result(60)(g), first.replace(region_center=center)(g))
+    with pytest.raises(ValueError, match="expected a value above zero"):
+        first.replace_in_background(rule=-1.0).result(60)
+
+
+@pytest.mark.filterwarnings("ignore::jaxtat.VisibilityWarning")
+@pytest.mark.parametrize(("center", "said"), [([0.5, 0.0], "radii run from"), ([9.0, 9.0], "unit")])
+def test_a_center_without_data_is_refused(small, center, said):
+    with pytest.raises(ValueError, match=rf"a disk of radius 0.6 about \({center[0]:g}, .*{said}"):
+        live(small, rule=ALPHA).replace(region_center=center)
 
 
 def test_another_center_within_reach_is_the_same_function_at_other_pixels(small):
     g, center, radius = data_of(small), np.array([0.1, -0.2]), 0.5
     first = live(small, rule=ALPHA, dtype=np.float64, reach=0.85)
     moved = first.replace(region_center=center, region_radius=radius)
+    assert moved._waves is first._waves  # nothing is solved again
     grid = jaxtat.ImageGrid(21, radius, center=center)
     highest = small.sizes.max_frequency
     wide = jaxtat.Setup(small.curve, jaxtat.disk(0.85), grid, small.radii, max_frequency=highest)
@@ -178,8 +186,9 @@ def test_the_densities_of_a_plan(arc, arc_plan):
     wanted = jaxtat.reconstruct(arc_plan, g, inversion="fourier")
     assert relative(planned(g), wanted) < 1e-10
     assert relative(live(arc, plan=arc_plan)(g), wanted) < 1e-4
-    with pytest.raises(ValueError, match="densities of a plan"):
-        planned.replace(rule=1e-3)
+    for changed in ({"rule": 1e-3}, {"region_center": [0.001, 0.0]}):
+        with pytest.raises(ValueError, match="densities of a plan"):
+            planned.replace(**changed)
 
 
 @contextmanager
@@ -206,20 +215,6 @@ def test_nothing_is_compiled_for_another_number(arc):
     with compiled() as programs:
         first.replace(rule=3e-3, low_pass="none")(2 * g)
         first.replace(region_center=[0.1, -0.2], region_radius=0.6)(g, energy=3.0)
-    assert not programs
-
-
-def test_nothing_is_compiled_for_another_center(small):
-    """Not for the first one if that was asked for, else for the second one."""
-    g = data_of(small)
-    movable = live(small, rule=1e-2, movable=True)
-    movable(g)
-    usual = live(small, rule=1e-2).replace(region_center=[0.02, 0.03])
-    usual(g)
-    with compiled() as programs:
-        movable.replace(region_center=[0.1, -0.05])(g)
-        usual.replace(region_center=[-0.1, 0.1])(g)
-        usual.replace(region_center=[0.0, 0.05], rule=2e-2)(g)
     assert not programs
 
 

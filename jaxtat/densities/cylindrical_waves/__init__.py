@@ -17,9 +17,8 @@ from .densities import (
     unfold,
     wave_system,
 )
-from .free_disks import FreeWaves, free_densities, free_waves, wants_double
 from .orders import frequency_groups
-from .polar import PolarGeometry, harmonic_orders, polar_geometry, waves_reach
+from .polar import PolarGeometry, harmonic_orders, polar_geometry, wave_offset, waves_reach
 from .table import WaveTable, compiled_wave_table, wave_table
 from .tikhonov import RuleInputs, solve_harmonics
 from .tikhonov_rows import DecomposedWaves, decomposed_waves, tikhonov_densities
@@ -28,7 +27,6 @@ from .waves import circular_harmonics_at
 __all__ = [
     "DecomposedWaves",
     "DensityGroup",
-    "FreeWaves",
     "HarmonicDensities",
     "PolarGeometry",
     "RuleInputs",
@@ -39,8 +37,6 @@ __all__ = [
     "compiled_wave_table",
     "cross_validation",
     "decomposed_waves",
-    "free_densities",
-    "free_waves",
     "frequency_groups",
     "group_of",
     "harmonic_densities",
@@ -52,7 +48,7 @@ __all__ = [
     "unexplained",
     "unexplained_share",
     "unfold",
-    "wants_double",
+    "wave_offset",
     "wave_system",
     "wave_table",
     "waves_of",

@@ -23,7 +23,6 @@ from ...base.checks import is_concrete
 from ...regularization import SINGULAR, Regularization, per_frequency, singular_components
 from ...regularization.filtered import filtered_solve
 from ..stored import Densities, DensityReport, in_precision, mean_norm
-from .cholesky import Cholesky
 from .polar import PolarGeometry, half_weights
 from .table import (
     RegionFactor,
@@ -42,7 +41,7 @@ _SIZES = 16  # orders and components are kept in multiples of this, as far as th
 
 
 class Factors(eqx.Module):
-    """left diag(kept) right, which is applied without being formed: less work for few images."""
+    """left diag(kept) right, applied without being formed: another rule is another ``kept``."""
 
     left: Float[Array, "*f blocks r k"]
     kept: Float[Array, "*f blocks k"]
@@ -63,40 +62,6 @@ class Factors(eqx.Module):
         return self.left.dtype
 
 
-class Solved(eqx.Module):
-    """scale (A A^T + alpha)^-1 A, not formed.
-
-    Attributes:
-        scale, matrix: rows of order 0, 0, 1, 1, ...: of cosine and sine; in products all cosines
-            come first, as elsewhere.
-        factor: of A A^T + alpha, or of A^T A + alpha where that is smaller.
-    """
-
-    scale: Float[Array, "*f blocks r"]
-    matrix: Float[Array, "*f blocks r columns"]
-    factor: Cholesky
-
-    def __matmul__(self, columns: Array) -> Array:
-        if self.factor.size == self.matrix.shape[-2]:
-            found = self.factor.solve(self.matrix @ columns)
-        else:
-            found = self.matrix @ self.factor.solve(columns)
-        found = self.scale[..., None] * found
-        of_orders = found.reshape(*found.shape[:-2], -1, 2, found.shape[-1])
-        return jnp.swapaxes(of_orders, -3, -2).reshape(found.shape)
-
-    def formed(self) -> Float[Array, "*f blocks r columns"]:
-        return self @ jnp.eye(self.shape[-1], dtype=self.dtype)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return self.matrix.shape
-
-    @property
-    def dtype(self) -> np.dtype:
-        return self.matrix.dtype
-
-
 class DensityGroup(eqx.Module):
     """Rows of frequencies that have the same number of orders; one precision for all.
 
@@ -106,7 +71,7 @@ class DensityGroup(eqx.Module):
         extra: their factors (phi_j - min phi_j) p_j·u_xi / sigma_j.
     """
 
-    rows: Float[Array, "*f blocks r columns"] | Factors | Solved
+    rows: Float[Array, "*f blocks r columns"] | Factors
     extra_rows: Float[Array, "*f blocks extra columns"]
     extra: Complex[Array, "*f blocks extra directions"]
 
@@ -115,7 +80,7 @@ class DensityGroup(eqx.Module):
         return self.rows.shape[-3] * self.rows.shape[-2] // 2
 
 
-def rows_alone(rows: Array | Factors | Solved, n_directions: int) -> DensityGroup:
+def rows_alone(rows: Factors, n_directions: int) -> DensityGroup:
     """A group without components of single directions."""
     none = np.empty((*rows.shape[:2], 0, rows.shape[-1]), rows.dtype)
     extra = np.empty((*rows.shape[:2], 0, n_directions), np.result_type(none, np.complex64))
@@ -164,7 +129,7 @@ class HarmonicDensities(Densities):
         bounds = np.cumsum([0, *(group.rows.shape[0] for group in self.groups)])
         which = int(np.searchsorted(bounds, number, side="right")) - 1
         group = jax.tree.map(lambda leaf: leaf[number - bounds[which]], self.groups[which])
-        rows = group.rows.formed() if isinstance(group.rows, Factors | Solved) else group.rows
+        rows = group.rows.formed() if isinstance(group.rows, Factors) else group.rows
         n_max = pairs(rows[..., 0]).shape[-1] - 1
         waves = angular(n_max, self.angles) * minus_i_powers(n_max)[:, None]
         waves = waves.reshape(*rows.shape[:2], -1)

@@ -12,10 +12,8 @@ TOLERANCE = 1e-12  # of the potential of one detector, relative to its largest o
 WORTH_A_GROUP = 1.5e8  # Σ N³: what the paper's size has six times, compiled in a second or two
 
 
-def highest_orders(
-    frequencies: np.ndarray, reach: float, distance: float, tolerance: float = TOLERANCE
-) -> np.ndarray:
-    """N(lambda): |J_n(lambda reach) H_n(lambda distance)| < tolerance of its maximum for n > N.
+def highest_orders(frequencies: np.ndarray, reach: float, distance: float) -> np.ndarray:
+    """N(lambda): |J_n(lambda reach) H_n(lambda distance)| < 1e-12 of its maximum for n > N.
 
     From Debye's expansions (DLMF 10.19.3), J_n(n sech a) ~ exp(n (tanh a - a)) / sqrt(2 π n tanh a)
     and |Y_n| alike with the other sign: the term is exp(-decay) / (π n). The largest of
@@ -25,7 +23,6 @@ def highest_orders(
         frequencies: lambda > 0 [rad/length].
         reach: largest |x| in the region [length].
         distance: least |z| of a detector, above ``reach`` [length].
-        tolerance: relative to the largest order.
 
     >>> highest_orders(np.array([1.57, 201.0]), 1.0, 1.3)
     array([ 93, 258])
@@ -36,7 +33,7 @@ def highest_orders(
         decay = _exponent(n, frequencies * reach) - _exponent(n, frequencies * distance)
         largest = np.maximum(1.0, frequencies * np.sqrt(reach * distance) / 2)
         # a factor of three covers what the expansions leave open around the turning points
-        needed = decay + np.log(n / largest) < np.log(3 / tolerance)
+        needed = decay + np.log(n / largest) < np.log(3 / TOLERANCE)
         if not needed[-1].any():
             return needed.sum(axis=0) + 1
         last *= 2

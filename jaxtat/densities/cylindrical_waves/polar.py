@@ -145,51 +145,63 @@ def half_weights(weights: Float[Array, " detectors"]) -> Float[Array, " half"]:
     return weights[: len(kept)] * np.where(2 * kept == n - 1, 1.0, 2.0)
 
 
-def polar_geometry(curve: DetectorCurve, region: Region, n_nodes: int = NODES) -> PolarGeometry:
-    """The best centre and axis that curve and region allow.
+def wave_offset(curve: DetectorCurve, region: Region) -> tuple[float, float]:
+    """Where waves are best centred, counted from the centre of the region [length].
 
-    For detectors on a circle the centre is that of the circle, so that radial factors are the same
-    for all of them. For others it is the centre of the region, or, if a detector is hardly farther
-    from it than the region reaches, the point for which the ratio of these distances is best.
-    Traced positions have no symmetry, since a derivative may move any of them; a `CircularArc`
-    remains an arc when its radius or opening is traced.
+    For detectors on a circle at its centre, so that radial factors are the same for all of them.
+    For others at the centre of the region, or, if a detector is hardly farther from it than the
+    region reaches, at the point for which the ratio of these distances is best.
+
+    A size, which is decided once: images depend on the centre by the unit of alpha, so that one
+    chosen anew for each position would make them jump.
+
+    Args:
+        curve, region: concrete.
+    """
+    circle = circle_through(curve)
+    center = _best_center(curve, region) if circle is None else np.asarray(circle.center)
+    x, y = center - np.asarray(region.center)
+    near = max(abs(x), abs(y)) <= _ROUNDING * float(region.reach)
+    return (0.0, 0.0) if near else (float(x), float(y))
+
+
+def polar_geometry(
+    curve: DetectorCurve,
+    region: Region,
+    n_nodes: int = NODES,
+    offset: tuple[float, float] | None = None,
+) -> PolarGeometry:
+    """Curve and region about the centre of the waves.
+
+    Symmetries are looked for in concrete geometries alone, since a derivative may move any position
+    off them; they save time, and change results by rounding. A `CircularArc` remains an arc when
+    its radius or opening is traced.
 
     Args:
         curve, region: the geometry.
         n_nodes: on elements of finite width, where they are no arcs about the centre.
+        offset: `wave_offset`; by default that of a concrete geometry.
     """
+    offset = wave_offset(curve, region) if offset is None else offset
     if isinstance(curve, CircularArc) and is_concrete(curve.center, region.center):
         angle = curve.element_angle
-        if angle is None or angle.ndim == 0:
-            return _about_arc(curve, region)
+        away = np.asarray(region.center) + np.array(offset) - np.asarray(curve.center)
+        size = float(curve.radius) if is_concrete(curve.radius) else np.abs(offset).max()
+        centred = np.abs(away).max() <= _ROUNDING * size
+        if centred and (angle is None or angle.ndim == 0):
+            return _about_arc(curve, region, offset)
     if is_concrete(curve.points, curve.weights, curve.normals, region):
         with jax.ensure_compile_time_eval():  # the width may be traced
-            geometry = _about_points(curve, region)
-        return _with_nodes(geometry, curve, n_nodes)
-    center = _best_center(curve, region, jnp)
-    local = curve.points - center
-    geometry = PolarGeometry(
-        center=center,
-        axis=jnp.zeros(()),
-        detector_radius=jnp.linalg.norm(local, axis=1),
-        detector_angles=jnp.arctan2(local[:, 1], local[:, 0]),
-        weights=curve.weights,
-        region=region,
-        mirror=False,
-        disk=_is_whole_disk(region),
-        rim=0,
-        halved=False,
-        half_turn=False,
-    )
+            geometry = _with_symmetry(curve, region, offset)
+    else:
+        geometry = _about_center(curve, region, offset)
     return _with_nodes(geometry, curve, n_nodes)
 
 
-def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
+def _about_arc(arc: CircularArc, region: Region, offset: tuple[float, float]) -> PolarGeometry:
     """An arc is symmetric for all its parameters; whether the region is too is checked."""
-    offset = np.abs(np.asarray(region.center) - np.asarray(arc.center)).max()
-    near = _ROUNDING * float(arc.radius) if is_concrete(arc.radius) else 0.0
-    concentric = isinstance(region, Disk) and bool(offset <= near)
-    disk = concentric and _is_whole_disk(region)
+    concentric = isinstance(region, Disk) and offset == (0.0, 0.0)
+    disk = concentric and region.whole
     half = None
     if not disk and is_concrete(arc.points, arc.weights, region):
         with jax.ensure_compile_time_eval():
@@ -211,38 +223,60 @@ def _about_arc(arc: CircularArc, region: Region) -> PolarGeometry:
     )
 
 
-def _about_points(curve: DetectorCurve, region: Region) -> PolarGeometry:
-    """Measured positions: on a circle and mirrored if they are to rounding."""
-    center, radius = _circle(curve, region)
-    local = np.asarray(curve.points) - np.asarray(center)
-    angles = np.unwrap(np.arctan2(local[:, 1], local[:, 0]))
+def _about_center(
+    curve: DetectorCurve, region: Region, offset: tuple[float, float]
+) -> PolarGeometry:
+    """Any positions, each detector by itself; the axis is between the first and the last."""
+    center = region.center if offset == (0.0, 0.0) else region.center + np.array(offset)
+    radius, angles, axis = by_library(_in_polar_coordinates, (curve.points, center))
+    return PolarGeometry(
+        center=center,
+        axis=axis,
+        detector_radius=radius,
+        detector_angles=angles,
+        weights=curve.weights,
+        region=region,
+        mirror=False,
+        disk=_is_whole_disk(region) and offset == (0.0, 0.0),
+        rim=0,
+        halved=False,
+        half_turn=False,
+    )
+
+
+def _in_polar_coordinates(xp: Any, points: Any, center: Any) -> tuple[Any, Any, Any]:
+    local = points - center
+    angles = xp.unwrap(xp.arctan2(local[:, 1], local[:, 0]))
     axis = (angles[0] + angles[-1]) / 2
-    angles = angles - axis
-    weights, distance = np.asarray(curve.weights), np.linalg.norm(local, axis=1)
-    offset = float(np.abs(np.asarray(region.center) - np.asarray(center)).max())
-    concentric = isinstance(region, Disk) and offset <= _ROUNDING * float(region.reach)
-    disk = concentric and _is_whole_disk(region)
+    return xp.linalg.norm(local, axis=1), angles - axis, axis
+
+
+def _with_symmetry(
+    curve: DetectorCurve, region: Region, offset: tuple[float, float]
+) -> PolarGeometry:
+    """Concrete positions: on a circle and mirrored if they are to rounding."""
+    geometry = _about_center(curve, region, offset)
+    center, axis = np.asarray(geometry.center), float(geometry.axis)
+    distance, angles = np.asarray(geometry.detector_radius), np.asarray(geometry.detector_angles)
+    weights = np.asarray(curve.weights)
+    direction = np.array([np.cos(axis), np.sin(axis)])
     mirrored = (
         np.abs(angles + angles[::-1]).max() < _ROUNDING
         and np.abs(weights - weights[::-1]).max() < _ROUNDING * weights.max()
         and np.abs(distance - distance[::-1]).max() < _ROUNDING * distance.max()
-        and elements_mirrored(curve, np.asarray(center), np.array([np.cos(axis), np.sin(axis)]))
+        and elements_mirrored(curve, center, direction)
     )
-    if not _elements_alike(curve, local / distance[:, None]):
-        radius = None
-    half = _one_side(region, center, float(axis)) if mirrored and not disk else None
-    return PolarGeometry(
-        center=center,
-        axis=jax.device_put(axis),
-        detector_radius=jax.device_put(distance) if radius is None else radius,
-        detector_angles=jax.device_put(angles),
-        weights=curve.weights,
+    outward = (np.asarray(curve.points) - center) / distance[:, None]
+    on_circle = np.ptp(distance) <= _ROUNDING * distance.max() and _elements_alike(curve, outward)
+    half = _one_side(region, center, axis) if mirrored and not geometry.disk else None
+    concentric = isinstance(region, Disk) and offset == (0.0, 0.0)
+    return replace(
+        geometry,
+        detector_radius=jax.device_put(distance.mean()) if on_circle else geometry.detector_radius,
         region=region if half is None else half,
-        mirror=bool(mirrored and disk) or half is not None,
-        disk=disk,
+        mirror=bool(mirrored and geometry.disk) or half is not None,
         rim=_rim(region, half) if concentric else 0,
         halved=concentric and _through_center(region),
-        half_turn=False,
     )
 
 
@@ -270,37 +304,28 @@ def _with_nodes(geometry: PolarGeometry, curve: DetectorCurve, n: int) -> PolarG
     return replace(geometry, nodes=ElementNodes(distance, angles, weights))
 
 
-def _circle(curve: DetectorCurve, region: Region) -> tuple[Array, Array | None]:
-    """Centre of the waves, and the detectors' common radius about it if they have one."""
-    circle = circle_through(curve)
-    if circle is None:
-        return jax.device_put(_best_center(curve, region, np)), None
-    return circle.center, circle.radius
-
-
-def _best_center(curve: DetectorCurve, region: Region, xp: Any) -> Any:
+def _best_center(curve: DetectorCurve, region: Region) -> Float[np.ndarray, "2"]:
     """c with the largest min |z_k - c| / max |x - c|, or the region's centre if that is enough.
 
-    Images depend on c only by rounding and by the unit of alpha. The best centre of a disk is its
-    own: if c moves by d, detectors are at most d farther off, and the rim is d farther off.
-
-    Args:
-        xp: numpy, or jax.numpy for what is traced.
+    The best centre of a disk is its own: if c moves by d, detectors are at most d farther off, and
+    the rim is d farther off.
     """
+    own = np.asarray(region.center)
     if _is_whole_disk(region):
-        return region.center
-    points = curve.points, region.points, region.center
-    detectors, boundary, own = (xp.asarray(part) for part in points)
+        return own
+    detectors, boundary = np.asarray(curve.points), np.asarray(region.points)
 
-    def ratio(c: Any) -> Any:
-        nearest = xp.linalg.norm(detectors - c[:, None], axis=-1).min(axis=-1)
-        return nearest / xp.linalg.norm(boundary - c[:, None], axis=-1).max(axis=-1)
+    def ratio(c: np.ndarray) -> np.ndarray:
+        nearest = np.linalg.norm(detectors - c[:, None], axis=-1).min(axis=-1)
+        return nearest / np.linalg.norm(boundary - c[:, None], axis=-1).max(axis=-1)
 
-    best, step = own, xp.linalg.norm(boundary - own, axis=-1).max()
+    if ratio(own[None])[0] >= FARTHER:
+        return own
+    best, step = own, np.linalg.norm(boundary - own, axis=-1).max()
     for _ in range(4):
-        candidates = best + step * xp.concatenate([_CANDIDATES, np.zeros((1, 2))])
-        best, step = candidates[xp.argmax(ratio(candidates))], step / 6
-    return xp.where(ratio(own[None]) >= FARTHER, own, best)
+        candidates = best + step * np.concatenate([_CANDIDATES, np.zeros((1, 2))])
+        best, step = candidates[np.argmax(ratio(candidates))], step / 6
+    return best
 
 
 def _is_whole_disk(region: Region) -> bool:
@@ -322,7 +347,7 @@ def _through_center(region: Region) -> bool:
     return bool(abs(float(region.cut)) <= _ROUNDED * float(region.radius))
 
 
-def _one_side(region: Region, center: Array, axis: float) -> Region | None:
+def _one_side(region: Region, center: Any, axis: float) -> Region | None:
     """One side of a mirrored boundary, counted twice; None if it is not mirrored."""
     direction = np.array([np.cos(axis), np.sin(axis)])
     points, weights, normals = map(np.asarray, (region.points, region.weights, region.normals))

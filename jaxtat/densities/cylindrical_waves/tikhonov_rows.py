@@ -4,8 +4,8 @@ With the eigenvalues l of A A^T = U diag(l) U^T, or of A^T A = V diag(l) V^T whe
 
     (A A^T + alpha)^-1 A = U diag(1 / (l + alpha)) U^T A = A V diag(1 / (l + alpha)) V^T:
 
-the rows of another alpha are one product of two matrices that are kept. `tikhonov` has the same of
-one image's data, with no decomposition.
+another alpha is another diagonal between two matrices that are kept. `tikhonov` has the same of one
+image's data, with no decomposition.
 """
 
 from typing import Any
@@ -20,7 +20,6 @@ from ...base.linear_algebra import product_of_blocks
 from ...regularization import RelativeTikhonov, Tikhonov, per_frequency, spectrum
 from ..single_layer import phases_from
 from .densities import (
-    DensityGroup,
     Factors,
     HarmonicDensities,
     detector_columns,
@@ -90,20 +89,22 @@ def decomposed_waves(
 
 
 def tikhonov_densities(
-    waves: DecomposedWaves, rule: Tikhonov | RelativeTikhonov, *, in_factors: bool = False
+    waves: DecomposedWaves, rule: Tikhonov | RelativeTikhonov
 ) -> HarmonicDensities:
     """The densities of all plane waves by a rule, a number or one for each frequency.
 
     Args:
         waves: of the geometry.
         rule: gives alpha.
-        in_factors: leave out the product of matrices, for images so few that it takes longer.
     """
     unit = np.concatenate([np.asarray(group.unit) for group in waves.groups])
-    alphas, start, groups = alphas_of(rule, unit, waves.frequencies), 0, []
+    alphas, start, groups = np.asarray(_alphas_of(rule, unit, waves.frequencies)), 0, []
     for group in waves.groups:
         stop = start + len(group.left)
-        groups.append(_group(group, alphas[start:stop], waves.angles.shape[0], in_factors))
+        kept = 1 / (np.asarray(group.eigenvalues) + alphas[start:stop, None, None])
+        kept = jax.device_put(kept.astype(group.right.dtype))
+        rows = Factors(group.left, kept, group.right)
+        groups.append(rows_alone(rows, waves.angles.shape[0]))
         start = stop
     return HarmonicDensities(tuple(groups), waves.angles, waves.phases, waves.mirror)
 
@@ -138,37 +139,8 @@ def _decomposed(
     return jax.lax.map(at, jax.tree.map(lambda leaf: leaf[start:stop], table))
 
 
-def alphas_of(
-    rule: Tikhonov | RelativeTikhonov,
-    unit: Float[np.ndarray, " f"],
-    frequencies: Float[Array, " f"],
-) -> Float[np.ndarray, " f"]:
-    """alpha of a rule at each frequency, by one program for all numbers [length²]."""
-    return np.asarray(_alphas_of(rule, unit, frequencies))
-
-
 @eqx.filter_jit
-def _alphas_of(rule: Any, unit: Any, frequencies: Array) -> Array:
+def _alphas_of(rule: Any, unit: Any, frequencies: Float[Array, " f"]) -> Float[Array, " f"]:
+    """alpha of a rule at each frequency, by one program for all numbers [length²]."""
     rules = per_frequency(rule, unit.shape[0])
     return jax.vmap(lambda each, *here: each.in_units_of(*here).alpha)(rules, unit, frequencies)
-
-
-def _group(
-    group: Decomposed, alphas: Float[np.ndarray, " f"], n_directions: int, in_factors: bool
-) -> DensityGroup:
-    kept = 1 / (np.asarray(group.eigenvalues) + alphas[:, None, None])
-    kept = jax.device_put(kept.astype(group.right.dtype))
-    # factors as they are: what goes through a compiled function is copied
-    rows = Factors(group.left, kept, group.right) if in_factors else _product(group, kept)
-    return rows_alone(rows, n_directions)
-
-
-@eqx.filter_jit
-def _product(
-    group: Decomposed, kept: Float[Array, "frequencies blocks k"]
-) -> Float[Array, "frequencies blocks r columns"]:
-    def at(factors: tuple[Array, Array, Array]) -> Array:
-        left, kept, right = factors
-        return product_of_blocks(left, kept[..., None] * right)
-
-    return jax.lax.map(at, (group.left, kept, group.right))

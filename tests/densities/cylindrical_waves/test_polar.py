@@ -98,6 +98,9 @@ def test_a_straight_line_of_detectors():
     np.testing.assert_allclose(positions(polar), curve.points, atol=1e-12)
 
 
+CENTRED = (0.0, 0.0)  # of waves about the centre of the region
+
+
 def test_traced_parameters():
     """A traced radius leaves an arc what it is; traced positions are taken one by one."""
     region = disk(1.0, n_boundary=80, **PLACE)
@@ -105,12 +108,12 @@ def test_traced_parameters():
     seen = []
 
     def of_radius(radius):
-        polar = polar_geometry(circular_arc(radius, 1.0, 40, **PLACE), region)
+        polar = polar_geometry(circular_arc(radius, 1.0, 40, **PLACE), region, offset=CENTRED)
         seen.append(kind(polar))
         return positions(polar)
 
     def of_positions(points):
-        polar = polar_geometry(detector_curve(points, closed=False), region)
+        polar = polar_geometry(detector_curve(points, closed=False), region, offset=CENTRED)
         seen.append(kind(polar))
         return positions(polar)
 
@@ -126,7 +129,7 @@ def test_halves_are_halves_only_where_no_derivative_moves_them():
     """Half a circle, and a chord through the centre: what is zero there has a derivative."""
 
     def halves(curve, region):
-        polar = polar_geometry(curve, region)
+        polar = polar_geometry(curve, region, offset=CENTRED)
         return polar.half_turn, polar.halved
 
     def arc(cut):
