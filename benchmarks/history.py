@@ -14,8 +14,8 @@ PANELS = {
     "peak_mb": "peak memory [MB]",
 }
 DRAWN = {
-    "direct[129-cholesky]": "direct, 129 x 129",
-    "direct[513-cholesky]": "direct, 513 x 513",
+    "direct[129]": "direct, 129 x 129",
+    "direct[513]": "direct, 513 x 513",
     "plan[harmonic]": "a plan, 129 x 129",
     "with_plan[1-fourier-double]": "with a plan, 129 x 129",
 }

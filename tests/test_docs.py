@@ -127,6 +127,14 @@ def test_files_that_texts_name_exist(page):
         assert (ROOT / path).exists(), path
 
 
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_names_are_in_the_files_where_texts_say_they_are(page):
+    said = re.findall(r"`(\w+)` in `((?:jaxtat|tests)/[\w/]+\.py)`", page.read_text())
+    said += [pair[::-1] for pair in re.findall(r"`([\w/]+\.py)` \(`(\w+)`", page.read_text())]
+    for name, path in said:
+        assert re.search(rf"\b{name}\b", (ROOT / path).read_text()), (name, path)
+
+
 def test_versions_are_said_alike():
     """In the package, citation and changes, and in the bounds that `make test-lowest` tests."""
     citation = (ROOT / "CITATION.cff").read_text()

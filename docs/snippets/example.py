@@ -1,6 +1,6 @@
 import jax
 
-jax.config.update("jax_enable_x64", True)  # jaxtat computes in double precision, and asks for it
+jax.config.update("jax_enable_x64", True)  # jaxtat computes in double precision
 import jaxtat
 
 curve = jaxtat.circular_arc(radius=1.3, cut=1.0, n_detectors=80)  # three quarters of a circle

@@ -260,9 +260,7 @@ def _fitted(
     return _report(fit, data, penalty, scale, weight, state, tolerance)
 
 
-def _until(
-    follows: tuple, state: State, tolerance: Array, max_steps: int, progress: bool
-) -> State:
+def _until(follows: tuple, state: State, tolerance: Array, max_steps: int, progress: bool) -> State:
     """Steps on one grid; the bar counts how much of the way, in orders of magnitude, is gone."""
     if not (progress and is_concrete(state.image)):
         return _advance(*follows, state, tolerance, jnp.asarray(max_steps))

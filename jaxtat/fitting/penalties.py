@@ -59,7 +59,6 @@ class Penalty(eqx.Module):
         below = sizes**2 / (2 * delta) + delta / 2
         return jnp.sum(jnp.where(sizes > delta, sizes, below))
 
-
     def conjugate(
         self, dual: Float[Array, "parts stack *space"], delta: Float[Array, ""] | float
     ) -> Float[Array, ""]:
