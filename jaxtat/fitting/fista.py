@@ -173,4 +173,3 @@ def nearest(
     elif not isinstance(penalty, NoPenalty):
         images = penalty(images, weight)
     return fit.allowed(images), dual
-

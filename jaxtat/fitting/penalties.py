@@ -19,8 +19,8 @@ from ..special import root
 class Penalty(eqx.Module):
     """P(f), of images (..., x1, x2) or volumes (..., x1, x2, x3).
 
-    P is a sum of norms of D f: a subclass has ``parts``, the linear map D, and ``bound``, a number
-    >= ||D||².
+    P is a sum of norms of D f: a subclass has ``parts``, the linear map D, ``bound``, a number
+    >= ||D||², and ``order``, of the differences in D.
 
     Attributes:
         smoothing: delta, as a fraction of the image's size (`model_based` says which).
@@ -58,7 +58,6 @@ class Penalty(eqx.Module):
         sizes = self.sizes(self.parts(images))
         below = sizes**2 / (2 * delta) + delta / 2
         return jnp.sum(jnp.where(sizes > delta, sizes, below))
-
 
     def conjugate(
         self, dual: Float[Array, "parts stack *space"], delta: Float[Array, ""] | float
