@@ -102,7 +102,7 @@ def _solve_group(
     """F and residuals of neighbouring frequencies, some orders at a time.
 
     One loop over all pieces of the orders, in which the program for the number of degrees is
-    chosen: as loops side by side XLA may run them at once, see `cylindrical_waves.tikhonov`.
+    chosen: loops side by side may run at once, and take the memory of all.
     """
     distinct = sorted({size for row in sizes.degrees for size in row})
     chosen = jnp.asarray(np.searchsorted(distinct, sizes.degrees))[number]

@@ -310,12 +310,19 @@ def wave_system(
     Float[Array, ""],
 ]:
     """A and u_xi of one frequency, theta counted from the axis, R, and the unit of alpha."""
-    factor = region_factor(geometry, wave)
+    matrix, factor, unit = wave_matrix(geometry, wave)
     plane = _plane_waves(geometry, wave, angles)
     rhs = jax.lax.complex(factor.matrix_times(plane.real), factor.matrix_times(plane.imag))
-    waves = detector_columns(geometry, wave)
+    return matrix, rhs, factor, unit
+
+
+def wave_matrix(
+    geometry: PolarGeometry, wave: WaveTable
+) -> tuple[Float[Array, "blocks m columns"], RegionFactor, Float[Array, ""]]:
+    """A of one frequency, R, and the unit of alpha."""
+    factor, waves = region_factor(geometry, wave), detector_columns(geometry, wave)
     unit = alpha_unit(factor.powers, jnp.sum(waves**2, axis=-1))
-    return factor.matrix_times(waves), rhs, factor, unit
+    return factor.matrix_times(waves), factor, unit
 
 
 def plane_scales(geometry: PolarGeometry, wave: WaveTable) -> Float[Array, "blocks r"]:
