@@ -133,8 +133,8 @@ def _one_matrix_at_a_time(solve: Callable) -> Callable:
             axes = [0 if each else None for each in batched]
             return jax.vmap(in_turn, axes, axis_size=size)(*arguments), True
         columns = jnp.moveaxis(right, 0, -1)
-        found = alone(*factors, columns.reshape(columns.shape[0], -1)).reshape(columns.shape)
-        return jnp.moveaxis(found, -1, 0), True
+        solution = alone(*factors, columns.reshape(columns.shape[0], -1)).reshape(columns.shape)
+        return jnp.moveaxis(solution, -1, 0), True
 
     return alone
 

@@ -83,9 +83,9 @@ def decomposed_waves(
     table = wave_table(geometry, frequencies, max(orders for *_, orders in groups))
     offset = geometry.region.center - geometry.center
     phases = phases_from(frequencies, angles, offset)
-    found = tuple(_decomposed(geometry, table, *group, dtype) for group in groups)
+    decomposed = tuple(_decomposed(geometry, table, *group, dtype) for group in groups)
     phases = phases.astype(jnp.result_type(dtype, jnp.complex64))
-    return DecomposedWaves(found, frequencies, angles - geometry.axis, phases, geometry.mirror)
+    return DecomposedWaves(decomposed, frequencies, angles - geometry.axis, phases, geometry.mirror)
 
 
 def tikhonov_densities(
