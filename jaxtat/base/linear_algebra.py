@@ -11,6 +11,7 @@ forward mode alone: what needs others has a rule of its own.
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -116,7 +117,7 @@ def product_of_blocks(
     return jnp.stack([block @ part for block, part in zip(matrix, columns, strict=True)])
 
 
-def _of_blocks(factors: Callable, matrix: Array) -> tuple[Array, ...]:
+def _of_blocks(factors: Callable, matrix: Array) -> Any:
     each = zip(*(factors(block) for block in matrix), strict=True)
     return tuple(jnp.stack(part) for part in each)
 
@@ -132,8 +133,8 @@ def _one_matrix_at_a_time(solve: Callable) -> Callable:
             axes = [0 if each else None for each in batched]
             return jax.vmap(in_turn, axes, axis_size=size)(*arguments), True
         columns = jnp.moveaxis(right, 0, -1)
-        found = alone(*factors, columns.reshape(columns.shape[0], -1)).reshape(columns.shape)
-        return jnp.moveaxis(found, -1, 0), True
+        solution = alone(*factors, columns.reshape(columns.shape[0], -1)).reshape(columns.shape)
+        return jnp.moveaxis(solution, -1, 0), True
 
     return alone
 
@@ -161,7 +162,8 @@ def _svd(matrix: Array) -> tuple[Array, Array, Array]:
 
 @sequential_vmap
 def _qr(matrix: Array) -> tuple[Array, Array]:
-    return tuple(jnp.linalg.qr(matrix))
+    q, r = jnp.linalg.qr(matrix)
+    return q, r
 
 
 @_one_matrix_at_a_time

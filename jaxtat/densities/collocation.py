@@ -11,7 +11,7 @@ from ..regularization import Regularization, per_frequency
 from ..regularization.filtered import filtered_solve
 from .full_circle import full_circle_densities
 from .single_layer import phases_from, plane_wave_traces, potential_matrix
-from .stored import DensityReport, mean_norm
+from .stored import DensityReport, density_report
 from .symmetry import Mirror
 
 
@@ -66,12 +66,10 @@ def collocation_densities(
         else:
             half = potential_matrix(frequency, curve, mirror.half_region(region), n_nodes)
             blocks, rhs = mirror.fold_matrix(half), mirror.fold_rhs(traces)
-        found = filtered_solve(blocks, rhs, rule, unit_norm)
-        solution = found.q[0] if mirror is None else mirror.unfold(found.q)
+        solved = filtered_solve(blocks, rhs, rule, unit_norm)
+        solution = solved.q[0] if mirror is None else mirror.unfold(solved.q)
         unknowns = solution.T.reshape(angles.shape[0], 2, curve.n_detectors)
-        report = DensityReport(
-            found.singular_values, found.terms, found.norm, found.residual, mean_norm(unit_norm)
-        )
+        report = density_report(solved, unit_norm)
         return unknowns / jnp.sqrt(curve.weights), report
 
     rules = per_frequency(regularization, frequencies.shape[0])

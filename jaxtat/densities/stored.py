@@ -8,6 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
+from ..regularization.filtered import Components, Solution
+
 T = TypeVar("T")
 
 
@@ -77,6 +79,9 @@ class DensityReport(eqx.Module):
     unit_norm: Float[Array, "*frequencies"]
 
 
-def mean_norm(unit_norm: Float[Array, "*one_or_directions"]) -> Float[Array, ""]:
-    """Root mean square over directions."""
-    return unit_norm if unit_norm.ndim == 0 else jnp.sqrt(jnp.mean(unit_norm**2))
+def density_report(
+    solved: Components | Solution, unit_norm: Float[Array, "*one_or_directions"]
+) -> DensityReport:
+    """The report on one frequency; of N(lambda) the root mean square over directions."""
+    mean = unit_norm if unit_norm.ndim == 0 else jnp.sqrt(jnp.mean(unit_norm**2))
+    return DensityReport(solved.singular_values, solved.terms, solved.norm, solved.residual, mean)

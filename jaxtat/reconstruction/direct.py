@@ -146,8 +146,8 @@ def solve(
     >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
     >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
     >>> bell = phantoms.Bells([[0.1, 0.2]], [0.7])
-    >>> found = solve(setup, bell.circular_integrals(setup.curve, setup.radii), 1e-10)
-    >>> bool(found.converged), found.basis
+    >>> result = solve(setup, bell.circular_integrals(setup.curve, setup.radii), 1e-10)
+    >>> bool(result.converged), result.basis
     (True, 'cylindrical')
     """
     require_x64()
@@ -171,14 +171,14 @@ def solve(
         )
     assert report is not None
     batch = data.shape[: data.ndim - len(setup.data_shape)]
-    found = Reconstruction(image.reshape(*batch, *setup.grid.shape), report, basis.name)
-    if is_concrete(found):
-        _require_finite(found.image)
-        _warn_of_solution(found)
+    result = Reconstruction(image.reshape(*batch, *setup.grid.shape), report, basis.name)
+    if is_concrete(result):
+        _require_finite(result.image)
+        _warn_of_solution(result)
         if energies is not None:
             assert isinstance(setup.sizes, PlaneSizes)
             _warn_of_detail(setup.sizes, np.asarray(energies))
-    return found
+    return result
 
 
 def _require_finite(image: Array) -> None:
@@ -190,12 +190,12 @@ def _require_finite(image: Array) -> None:
         )
 
 
-def _warn_of_solution(found: Reconstruction) -> None:
-    bad = ~np.asarray(found.report.converged)
+def _warn_of_solution(result: Reconstruction) -> None:
+    bad = ~np.asarray(result.report.converged)
     if bad.any():
         warnings.warn(
             f"alpha is so small that rounding spoils {int(bad.sum())} of {bad.size} frequencies "
-            f"(worst residual {float(found.report.residual.max()):.1e}): take a larger alpha.",
+            f"(worst residual {float(result.report.residual.max()):.1e}): take a larger alpha.",
             AccuracyWarning,
             stacklevel=3,
         )

@@ -356,8 +356,8 @@ def _alphas_of_matrix(
     """
     eigenvalues, vectors = spectrum(matrix)
     known = eigenvalues, jnp.einsum("bij,bik,bkj->bj", vectors, plane, vectors)
-    found = (alpha_where(of, *known, square) for of, square in zip(measures, squares, strict=True))
-    return jnp.stack(list(found))
+    alphas = (alpha_where(of, *known, square) for of, square in zip(measures, squares, strict=True))
+    return jnp.stack(list(alphas))
 
 
 @_alphas_of_matrix.defjvp

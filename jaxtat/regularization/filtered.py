@@ -99,8 +99,8 @@ def singular_components(
     >>> from jaxtat import FixedRank
     >>> a = jnp.diag(jnp.array([4.0, 2.0, 1.0]))[None]
     >>> u = jnp.array([[[4.0], [4.0], [4.0]]]) + 0j
-    >>> found = singular_components(a, u, FixedRank(2.5), jnp.array(1.0))
-    >>> found.solution[0, :, 0].real.tolist(), found.terms.tolist()
+    >>> components = singular_components(a, u, FixedRank(2.5), jnp.array(1.0))
+    >>> components.solution[0, :, 0].real.tolist(), components.terms.tolist()
     ([1.0, 2.0, 2.0], [2.5])
     """
     n_blocks, n_rhs = blocks.shape[0], rhs.shape[-1]
@@ -169,13 +169,18 @@ def filtered_solve(
     >>> from jaxtat import FixedRank
     >>> u = jnp.array([[[4.0], [4.0], [4.0]]]) + 0j
     >>> def length(scale):  # all three singular values are the same
-    ...     found = filtered_solve(scale * jnp.eye(3)[None], u, FixedRank(3), jnp.array(1.0))
-    ...     return found.norm[0]
+    ...     components = filtered_solve(scale * jnp.eye(3)[None], u, FixedRank(3), jnp.array(1.0))
+    ...     return components.norm[0]
     >>> round(float(jax.jit(jax.grad(length))(2.0)), 6)  # d/ds 4 √3 / s
     -1.732051
     """
-    found = singular_components(blocks, rhs, regularization, unit_norm)
-    return Solution(found.solution, found.singular_values, found.terms, found.norm, found.residual)
+    components = singular_components(blocks, rhs, regularization, unit_norm)
+    return _without_vectors(components, components.solution)
+
+
+def _without_vectors(components: Components, q: Array) -> Solution:
+    report = components.singular_values, components.terms, components.norm, components.residual
+    return Solution(q, *report)
 
 
 @filtered_solve.defjvp
@@ -196,31 +201,31 @@ def _(primals: tuple, tangents: tuple) -> tuple[Solution, Solution]:
     # Noferini, SIAM J. Matrix Anal. Appl. 38 (2017) 436-457.
     blocks, rhs, rule, unit_norm = primals
     d_blocks, d_rhs, d_rule, d_unit_norm = tangents
-    found = singular_components(blocks, rhs, rule, unit_norm)
-    change = _Change(found, blocks, rhs, d_blocks, d_rhs)
-    q, chooses = found.solution, found.rule is not rule
-    d_used = jax.tree.map(jnp.zeros_like, found.rule) if chooses else d_rule
-    d_factors = _factors_change(found, change, unit_norm, d_used, d_unit_norm)
-    d_q = change.at_fixed_factors() + found.combined(d_factors)
+    components = singular_components(blocks, rhs, rule, unit_norm)
+    change = _Change(components, blocks, rhs, d_blocks, d_rhs)
+    q, chooses = components.solution, components.rule is not rule
+    d_used = jax.tree.map(jnp.zeros_like, components.rule) if chooses else d_rule
+    d_factors = _factors_change(components, change, unit_norm, d_used, d_unit_norm)
+    d_q = change.at_fixed_factors() + components.combined(d_factors)
     misfit = _real_times(blocks, q) - rhs
     d_misfit = _real_times(d_blocks, q) - d_rhs  # beside A dq
     if chooses:  # by the norm and residual that dq above, with the choice kept, would lead to
         kept = (q, d_q), (misfit, d_misfit + _real_times(blocks, d_q)), (rhs, d_rhs)
         d_excess = Excess(*(jnp.mean(jax.jvp(_square_norm, (x,), (dx,))[1]) for x, dx in kept))
-        d_used = _choice_change(found, rhs, (rule, unit_norm), (d_rule, d_unit_norm), d_excess)
-        more = _factors_change(found, None, unit_norm, d_used, jnp.zeros_like(d_unit_norm))
-        d_factors, d_q = d_factors + more, d_q + found.combined(more)
+        d_used = _choice_change(components, rhs, (rule, unit_norm), (d_rule, d_unit_norm), d_excess)
+        more = _factors_change(components, None, unit_norm, d_used, jnp.zeros_like(d_unit_norm))
+        d_factors, d_q = d_factors + more, d_q + components.combined(more)
     d_misfit += _real_times(blocks, d_q)
     size, d_size = jax.jvp(_column_norm, (rhs,), (d_rhs,))
     tangent = Solution(
         q=d_q,
-        singular_values=found.ordered(change.d_sigma),
+        singular_values=components.ordered(change.d_sigma),
         terms=jnp.sum(d_factors, axis=(0, 1)),
         norm=jax.jvp(_column_norm, (q,), (d_q,))[1],
         residual=jax.jvp(_column_norm, (misfit,), (d_misfit,))[1] / size
-        - found.residual * d_size / size,
+        - components.residual * d_size / size,
     )
-    primal = Solution(q, found.singular_values, found.terms, found.norm, found.residual)
+    primal = _without_vectors(components, q)
     return primal, tangent
 
 
@@ -228,15 +233,15 @@ class _Change:
     """First-order change of the singular value decomposition and of P^T u."""
 
     def __init__(
-        self, found: Components, blocks: Array, rhs: Array, d_blocks: Array, d_rhs: Array
+        self, components: Components, blocks: Array, rhs: Array, d_blocks: Array, d_rhs: Array
     ) -> None:
         transposed = partial(jnp.swapaxes, axis1=-1, axis2=-2)
-        left, right = found.left, transposed(found.right)
-        self.found, self.transposed, self.d_blocks = found, transposed, d_blocks
+        left, right = components.left, transposed(components.right)
+        self.components, self.transposed, self.d_blocks = components, transposed, d_blocks
         turned = d_blocks @ right
         self.inner = transposed(left) @ turned  # C
         back = transposed(d_blocks) @ left
-        self.out_of_right = back - right @ (found.right @ back)
+        self.out_of_right = back - right @ (components.right @ back)
         self.coefficients = _real_times(transposed(left), rhs)  # β
         self.direct = _real_times(transposed(left), d_rhs)
         # What of u lies outside of P, unless it is rounding, which would be divided by sigma².
@@ -244,7 +249,9 @@ class _Change:
         rounding = max(blocks.shape[1:]) * jnp.finfo(blocks.dtype).eps * _column_norm(rhs)
         outside = jnp.where(_column_norm(outside) > rounding, outside, 0.0)
         self.outward = _real_times(transposed(turned), outside)
-        self.sigma = jnp.where(found.inverse > 0, found.sigma, 0.0)  # those below rounding are 0
+        self.sigma = jnp.where(
+            components.inverse > 0, components.sigma, 0.0
+        )  # those below rounding are 0
         square = self.sigma**2
         gap = square[..., :, None] - square[..., None, :]
         larger = jnp.maximum(square[..., :, None], square[..., None, :])
@@ -258,7 +265,7 @@ class _Change:
 
     def d_amplitudes(self) -> Array:
         """Change of β / sigma, for one choice of singular vectors."""
-        sigma, inverse = self.sigma, self.found.inverse[..., None]
+        sigma, inverse = self.sigma, self.components.inverse[..., None]
         turn = self.gamma * (
             self.transposed(self.inner) * sigma[..., :, None] + self.inner * sigma[..., None, :]
         )
@@ -271,60 +278,63 @@ class _Change:
 
     def at_fixed_factors(self) -> Array:
         """dq, as if every component kept its factor."""
-        found, beta = self.found, self.coefficients
-        inverse, phi = found.inverse[..., None], found.factors
-        sigma, null = self.sigma, found.inverse == 0
+        components, beta = self.components, self.coefficients
+        inverse, phi = components.inverse[..., None], components.factors
+        sigma, null = self.sigma, components.inverse == 0
         # the smaller over the larger
         ratio = jnp.minimum(sigma[..., :, None], sigma[..., None, :]) * jnp.where(
             sigma[..., :, None] >= sigma[..., None, :],
-            found.inverse[..., :, None],
-            found.inverse[..., None, :],
+            components.inverse[..., :, None],
+            components.inverse[..., None, :],
         )
         both = self.transposed(self.inner) + ratio * self.inner
         mixed = self.gamma * both
         inside = phi * _real_times(mixed, beta) - _real_times(mixed, phi * beta)
         # equal ones; those below rounding with themselves too, others are in `_factors_change`
         pairs = self.alike & (~jnp.eye(phi.shape[-2], dtype=bool) | null[..., None])
-        slope = found.rule.slope(sigma)[..., None]
+        slope = components.rule.slope(sigma)[..., None]
         inside += _real_times(jnp.where(pairs, both, 0.0), slope * beta)
         inside -= inverse * _real_times(jnp.triu(self.inner), phi * inverse * beta)
         inside -= phi * inverse * _real_times(jnp.tril(self.inner, -1), inverse * beta)
         # phi / sigma², or what that tends to
         weight = jnp.where(null[..., None], slope, phi * inverse**2)
         inside += phi * inverse * self.direct + self.not_faint(weight) * self.outward
-        within = _real_times(self.transposed(found.right), inside)
+        within = _real_times(self.transposed(components.right), inside)
         return within + _real_times(self.out_of_right, weight * beta)
 
 
 def _factors_change(
-    found: Components,
+    components: Components,
     change: _Change | None,
     unit_norm: Array,
     d_rule: Regularization,
     d_unit_norm: Array,
 ) -> Float[Array, "blocks k rhs"]:
     """dphi through singular values and sizes (if they change), N(lambda) and the rule's numbers."""
-    rule, size = found.rule, jnp.abs(found.amplitudes)
-    d_sigma, d_size = jnp.zeros_like(found.sigma), jnp.zeros_like(size)
+    rule, size = components.rule, jnp.abs(components.amplitudes)
+    d_sigma, d_size = jnp.zeros_like(components.sigma), jnp.zeros_like(size)
     if change is not None:
         d_sigma = change.d_sigma
         if rule.by_direction:
-            product = jnp.conj(found.amplitudes) * change.d_amplitudes()
+            product = jnp.conj(components.amplitudes) * change.d_amplitudes()
             d_size = jnp.where(size > 0, product.real / jnp.where(size > 0, size, 1.0), 0.0)
-    arguments = (found.ordered(found.sigma), found.ordered(size), unit_norm)
-    d_arguments = (found.ordered(d_sigma), found.ordered(d_size), d_unit_norm)
+    arguments = (components.ordered(components.sigma), components.ordered(size), unit_norm)
+    d_arguments = (components.ordered(d_sigma), components.ordered(d_size), d_unit_norm)
     _, found_change = jax.jvp(
         lambda rule, *given: rule.factors(*given), (rule, *arguments), (d_rule, *d_arguments)
     )
-    found_change *= found.ordered(found.inverse > 0)[:, None]
-    return found_change[jnp.argsort(found.order)].reshape(found.factors.shape)
+    found_change *= components.ordered(components.inverse > 0)[:, None]
+    return found_change[jnp.argsort(components.order)].reshape(components.factors.shape)
 
 
 def _choice_change(
-    found: Components, rhs: Array, given: tuple, d_given: tuple, d_excess: Excess
+    components: Components, rhs: Array, given: tuple, d_given: tuple, d_excess: Excess
 ) -> Regularization:
     """Change of the chosen rule's numbers, where the mean squares change by d_excess."""
-    sigma, size = found.ordered(found.sigma), found.ordered(jnp.abs(found.amplitudes))
+    sigma, size = (
+        components.ordered(components.sigma),
+        components.ordered(jnp.abs(components.amplitudes)),
+    )
     _, change = jax.jvp(
         lambda rule, unit_norm, excess: rule.chosen(sigma, size, unit_norm, excess),
         (*given, _outside(sigma, size, rhs)),

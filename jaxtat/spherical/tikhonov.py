@@ -102,7 +102,7 @@ def _solve_group(
     """F and residuals of neighbouring frequencies, some orders at a time.
 
     One loop over all pieces of the orders, in which the program for the number of degrees is
-    chosen: as loops side by side XLA may run them at once, see `cylindrical_waves.tikhonov`.
+    chosen: loops side by side may run at once, and take the memory of all.
     """
     distinct = sorted({size for row in sizes.degrees for size in row})
     chosen = jnp.asarray(np.searchsorted(distinct, sizes.degrees))[number]
@@ -122,9 +122,11 @@ def _solve_group(
         table = legendre_functions(orders, distinct[-1] + 1, cosines, highest)
         at_rings, at_polar, *at_boundary = jnp.split(table, ends, axis=-1)
         given = orders, jnp.moveaxis(data, 1, 0), at_rings, at_boundary
-        found, squares = jax.lax.switch(chosen[piece], programs, shared, given)
-        found = jax.lax.map(lambda item: synthesis(*item), (orders, found, at_polar[:, :-1]))
-        return found, squares
+        coefficients, squares = jax.lax.switch(chosen[piece], programs, shared, given)
+        spectrum = jax.lax.map(
+            lambda item: synthesis(*item), (orders, coefficients, at_polar[:, :-1])
+        )
+        return spectrum, squares
 
     spectrum, squares = jax.lax.map(
         partial(of_piece, shared, jnp.concatenate(points)), jnp.arange(sizes.n_pieces)
@@ -186,16 +188,16 @@ def _solve_orders(
     """c_lm of some orders m, of which degrees l = m .. m + size - 1 are solved for."""
     n_orders, (n_frequencies, n_images) = given[0].shape[0], shared.data.shape[2:5:2]
     if size == 0:
-        found = jnp.zeros((n_orders, n_frequencies, n_degrees, n_images), complex)
-        return found, jnp.zeros((n_orders, 2, n_frequencies, n_images))
+        coefficients = jnp.zeros((n_orders, n_frequencies, n_degrees, n_images), complex)
+        return coefficients, jnp.zeros((n_orders, 2, n_frequencies, n_images))
 
     def of_order(given: tuple[Array, Array, Array, list[Array]]) -> tuple[Array, Array]:
         order, data, at_rings, at_boundary = given
         at_boundary = at_boundary[0][: size + 1] if at_boundary else None
         return _solve_order(shared, order, data, at_rings[:size], at_boundary)
 
-    found, squares = jax.lax.map(of_order, given)
-    return jnp.pad(found, ((0, 0), (0, 0), (0, n_degrees - size), (0, 0))), squares
+    coefficients, squares = jax.lax.map(of_order, given)
+    return jnp.pad(coefficients, ((0, 0), (0, 0), (0, n_degrees - size), (0, 0))), squares
 
 
 def _solve_order(
@@ -229,10 +231,12 @@ def _solve_order(
         rhs = factor.matrix_times(columns[None])
         y, squares = tikhonov_solution(matrix, alpha, rhs)
         squares = squares.reshape(2, *moment.shape[2:]).sum(axis=-1)  # of real and imaginary part
-        found = order_slice(scale, order, size)[:, None] * factor.transposed_matrix_times(y)[0]
-        return found, squares
+        coefficients = (
+            order_slice(scale, order, size)[:, None] * factor.transposed_matrix_times(y)[0]
+        )
+        return coefficients, squares
 
     given = (waves.at_detectors, waves.norms, shared.scale, shared.radial, shared.alpha, moments)
-    found, squares = jax.lax.map(at, given)
-    parts = found.reshape(*found.shape[:2], -1, 2)
+    coefficients, squares = jax.lax.map(at, given)
+    parts = coefficients.reshape(*coefficients.shape[:2], -1, 2)
     return jax.lax.complex(parts[..., 0], parts[..., 1]), jnp.moveaxis(squares, 1, 0)

@@ -43,8 +43,8 @@ def transform_by(
     """`radial_transform` with kernels computed beforehand."""
     images = jnp.moveaxis(g.reshape(-1, *g.shape[-2:]), 0, 1)
     # images last is how the product comes out, and what the matrix products of step 3 want
-    transforms = jnp.einsum("fjr,kir->fjki", kernels, images)
-    return jnp.moveaxis(transforms, -1, 0).reshape(*g.shape[:-2], *transforms.shape[:-1])
+    transformed = jnp.einsum("fjr,kir->fjki", kernels, images)
+    return jnp.moveaxis(transformed, -1, 0).reshape(*g.shape[:-2], *transformed.shape[:-1])
 
 
 @jax.jit

@@ -80,7 +80,7 @@ def unexplained(
         rhs = equations.rhs(moments(geometry, wave, sums[None]))
         y = tikhonov_solution(equations.matrix, absolute, rhs)[0][..., 0]
         matrices = detector_matrix(geometry, wave)
-        explained = jnp.einsum("jbrk,br->jk", matrices, equations.factor.transposed_times(y))
+        explained = jnp.einsum("jbrk,br->jk", matrices, equations.coefficients(y[..., None])[0])
         return root * (data - explained), jnp.sqrt(absolute) * y
 
     values = transformed * geometry.weights

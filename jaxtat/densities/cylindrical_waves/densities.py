@@ -22,7 +22,7 @@ from jaxtyping import Array, Complex, Float
 from ...base.checks import is_concrete
 from ...regularization import SINGULAR, Regularization, per_frequency, singular_components
 from ...regularization.filtered import filtered_solve
-from ..stored import Densities, DensityReport, in_precision, mean_norm
+from ..stored import Densities, DensityReport, density_report, in_precision
 from .polar import PolarGeometry, half_weights
 from .table import (
     RegionFactor,
@@ -104,15 +104,15 @@ class HarmonicDensities(Densities):
 
     def polar_fourier(self, transformed: Array, weights: Array) -> Array:
         *batch, n_frequencies, _, _ = transformed.shape
-        found = []
+        pieces = []
         for group, part in self._parts(transformed, weights):
             harmonics = pairs(jnp.moveaxis(group.rows @ part, -1, 0))
             fhat = circular_harmonics_at(harmonics, self.angles.astype(part.dtype))
             if group.extra.shape[-2]:
                 extra = group.extra_rows @ part
                 fhat += jnp.einsum("fbed,fbei->ifd", group.extra, extra) / (2 * jnp.pi)
-            found.append(fhat)
-        fhat = jnp.concatenate(found, axis=-2) * self.phases
+            pieces.append(fhat)
+        fhat = jnp.concatenate(pieces, axis=-2) * self.phases
         return fhat.reshape(*batch, n_frequencies, -1)
 
     def _parts(self, transformed: Array, weights: Array) -> Iterator[tuple[DensityGroup, Array]]:
@@ -135,8 +135,8 @@ class HarmonicDensities(Densities):
         waves = waves.reshape(*rows.shape[:2], -1)
         folded = jnp.einsum("brc,brd->dbc", rows, waves)
         folded += jnp.einsum("bec,bed->dbc", group.extra_rows, group.extra)
-        found = unfold(jnp.moveaxis(folded, 0, -1), weights, self.mirror)
-        return found * self.phases[number][:, None, None] / weights
+        densities = unfold(jnp.moveaxis(folded, 0, -1), weights, self.mirror)
+        return densities * self.phases[number][:, None, None] / weights
 
     def in_single_precision(self) -> "HarmonicDensities":
         groups = in_precision(self.groups, jnp.float32)
@@ -210,19 +210,17 @@ def harmonic_densities(
         wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
         matrix, rhs, factor, unit = wave_system(geometry, wave, angles)
         rule = rule.in_units_of(unit, wave.frequencies)
-        found = singular_components(matrix, rhs, rule, unit_norm)
-        common = found.factors.min(axis=-1) * found.inverse
-        outward = factor.transposed_matrix_times(found.left)
+        components = singular_components(matrix, rhs, rule, unit_norm)
+        common = components.factors.min(axis=-1) * components.inverse
+        outward = factor.transposed_matrix_times(components.left)
         scale = plane_scales(geometry, wave)
-        beyond = found.factors - found.factors.min(axis=-1, keepdims=True)
+        beyond = components.factors - components.factors.min(axis=-1, keepdims=True)
         step = Step(
-            rows=scale[..., None] * (outward @ (common[..., None] * found.right)),
-            right=found.right,
-            extra=beyond * found.amplitudes,
+            rows=scale[..., None] * (outward @ (common[..., None] * components.right)),
+            right=components.right,
+            extra=beyond * components.amplitudes,
         )
-        report = DensityReport(
-            found.singular_values, found.terms, found.norm, found.residual, mean_norm(unit_norm)
-        )
+        report = density_report(components, unit_norm)
         return step, report
 
     return jax.lax.map(at, (table, unit_norms, per_frequency(regularization, unit_norms.shape[0])))
@@ -291,11 +289,9 @@ def sampled_harmonic_densities(
         wave, unit_norm, rule = arguments[0].up_to(n_max), *arguments[1:]
         matrix, rhs, _, unit = wave_system(geometry, wave, angles)
         rule = rule.in_units_of(unit, wave.frequencies)
-        found = filtered_solve(matrix, rhs, rule, unit_norm)
-        densities = unfold(found.q, geometry.weights, geometry.mirror) / geometry.weights
-        report = DensityReport(
-            found.singular_values, found.terms, found.norm, found.residual, mean_norm(unit_norm)
-        )
+        solution = filtered_solve(matrix, rhs, rule, unit_norm)
+        densities = unfold(solution.q, geometry.weights, geometry.mirror) / geometry.weights
+        report = density_report(solution, unit_norm)
         return densities, report
 
     return jax.lax.map(at, (table, unit_norms, per_frequency(regularization, unit_norms.shape[0])))
@@ -310,12 +306,19 @@ def wave_system(
     Float[Array, ""],
 ]:
     """A and u_xi of one frequency, theta counted from the axis, R, and the unit of alpha."""
-    factor = region_factor(geometry, wave)
+    matrix, factor, unit = wave_matrix(geometry, wave)
     plane = _plane_waves(geometry, wave, angles)
     rhs = jax.lax.complex(factor.matrix_times(plane.real), factor.matrix_times(plane.imag))
-    waves = detector_columns(geometry, wave)
+    return matrix, rhs, factor, unit
+
+
+def wave_matrix(
+    geometry: PolarGeometry, wave: WaveTable
+) -> tuple[Float[Array, "blocks m columns"], RegionFactor, Float[Array, ""]]:
+    """A of one frequency, R, and the unit of alpha."""
+    factor, waves = region_factor(geometry, wave), detector_columns(geometry, wave)
     unit = alpha_unit(factor.powers, jnp.sum(waves**2, axis=-1))
-    return factor.matrix_times(waves), rhs, factor, unit
+    return factor.matrix_times(waves), factor, unit
 
 
 def plane_scales(geometry: PolarGeometry, wave: WaveTable) -> Float[Array, "blocks r"]:

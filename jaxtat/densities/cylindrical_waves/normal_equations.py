@@ -57,10 +57,14 @@ class NormalEquations(eqx.Module):
         """R^T y, and the squares of `tikhonov_solution`."""
         symmetric = self.factor is not None
         y, squares = tikhonov_solution(self.matrix, alpha, self.rhs(moments), symmetric=symmetric)
+        return self.coefficients(y), squares
+
+    def coefficients(self, y: Float[Array, "blocks m images"]) -> Float[Array, "images blocks r"]:
+        """R^T y, or G x."""
         if self.factor is None:
             assert self.outer is not None
-            return jnp.moveaxis(product_of_blocks(self.outer, y), -1, 0), squares
-        return self.factor.transposed_times(jnp.moveaxis(y, -1, 0)), squares
+            return jnp.moveaxis(product_of_blocks(self.outer, y), -1, 0)
+        return self.factor.transposed_times(jnp.moveaxis(y, -1, 0))
 
 
 def normal_equations(

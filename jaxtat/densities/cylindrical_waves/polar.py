@@ -212,7 +212,7 @@ def _polar_geometry(
 def _about_arc(arc: CircularArc, region: Region, offset: tuple[float, float]) -> PolarGeometry:
     """An arc is symmetric for all its parameters; whether the region is too is checked."""
     concentric = isinstance(region, Disk) and offset == (0.0, 0.0)
-    disk = concentric and region.whole
+    disk = concentric and _is_whole_disk(region)
     half = None
     if not disk and is_concrete(arc.points, arc.weights, region):
         with jax.ensure_compile_time_eval():

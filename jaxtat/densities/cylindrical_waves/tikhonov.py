@@ -116,8 +116,8 @@ def solve_harmonics(
             shared = None if tables.region is None else tables.region.up_to(orders)
             equations = unsymmetric_equations(geometry, wave, gram, shared)
         alpha = data.inputs.rule.absolute(_frequency_data(geometry, wave, data, equations))
-        found, squares = equations.solve(alpha, moments(geometry, wave, data.values))
-        harmonics = wave.plane_scale * pairs(found)
+        coefficients, squares = equations.solve(alpha, moments(geometry, wave, data.values))
+        harmonics = wave.plane_scale * pairs(coefficients)
         report = report_of(alpha, equations.unit, relative_residual(squares))
         return jnp.pad(harmonics, [(0, 0)] * 2 + [(0, n_max - orders)]), report
 

@@ -22,12 +22,12 @@ from ..single_layer import phases_from
 from .densities import (
     Factors,
     HarmonicDensities,
-    detector_columns,
     plane_scales,
     rows_alone,
+    wave_matrix,
 )
 from .polar import PolarGeometry
-from .table import WaveTable, alpha_unit, region_factor, wave_table
+from .table import WaveTable, wave_table
 
 
 class Decomposed(eqx.Module):
@@ -83,9 +83,9 @@ def decomposed_waves(
     table = wave_table(geometry, frequencies, max(orders for *_, orders in groups))
     offset = geometry.region.center - geometry.center
     phases = phases_from(frequencies, angles, offset)
-    found = tuple(_decomposed(geometry, table, *group, dtype) for group in groups)
+    decomposed = tuple(_decomposed(geometry, table, *group, dtype) for group in groups)
     phases = phases.astype(jnp.result_type(dtype, jnp.complex64))
-    return DecomposedWaves(found, frequencies, angles - geometry.axis, phases, geometry.mirror)
+    return DecomposedWaves(decomposed, frequencies, angles - geometry.axis, phases, geometry.mirror)
 
 
 def tikhonov_densities(
@@ -115,8 +115,7 @@ def _decomposed(
 ) -> Decomposed:
     def at(wave: WaveTable) -> Decomposed:
         wave = wave.up_to(orders)
-        factor, columns = region_factor(geometry, wave), detector_columns(geometry, wave)
-        matrix = factor.matrix_times(columns)
+        matrix, factor, unit = wave_matrix(geometry, wave)
         transposed = jnp.swapaxes(matrix, -1, -2)
         wide = matrix.shape[-2] <= matrix.shape[-1]
         eigenvalues, vectors = spectrum(
@@ -133,7 +132,7 @@ def _decomposed(
             left.astype(dtype),
             right.astype(dtype),
             eigenvalues,
-            alpha_unit(factor.powers, jnp.sum(columns**2, axis=-1)),
+            unit,
         )
 
     return jax.lax.map(at, jax.tree.map(lambda leaf: leaf[start:stop], table))
