@@ -4,8 +4,8 @@
           -> fhat: the densities, a matrix for each frequency and parity
           -> image: a non-uniform FFT (`steps.fourier_sum`)
 
-Only the offset and drift of a detector are not linear in its record: medians, found by NumPy, which
-selects without sorting, while the rest is one compiled function.
+Only the offset and drift of a detector are not linear in its record: medians, which NumPy computes
+without sorting, while the rest is one compiled function.
 
 All matrices are computed in double precision, also where JAX is in single: 64 bits are on while a
 function of this module runs, and in its thread alone.
@@ -60,7 +60,7 @@ class _Ready(NamedTuple):
 
 
 class Live(eqx.Module):
-    """Map from raw frames to images, see `live`; `replace` changes settings.
+    """The map from raw frames to images that `live` makes; `replace` changes its settings.
 
     Attributes:
         setup: detectors that are used, disk or other region that is solved for, grid and radii.
@@ -94,7 +94,7 @@ class Live(eqx.Module):
     def __call__(self, frames: Any, energy: Numbers | None = None) -> Num[Array, "*batch x1 x2"]:
         """The images of frames (..., detectors, samples), of any real type.
 
-        Outside of `jax.jit`, which it calls itself: medians are found by NumPy.
+        Outside of `jax.jit`, which it calls itself: medians are computed by NumPy.
 
         Args:
             frames: raw, as they come.
@@ -176,7 +176,7 @@ class Live(eqx.Module):
         )
 
     def replace_in_background(self, **settings: Any) -> "Future[Live]":
-        """`replace` in a thread of its own, while this one makes images until the other is ready.
+        """Start `replace` in a thread; images of this one go on until the other is ready.
 
         Args:
             settings: of `replace`.
@@ -215,23 +215,26 @@ class Live(eqx.Module):
                 f"frames hold {int((~np.isfinite(values)).sum())} NaN or infinite values in "
                 "detectors that are used: leave out the frame."
             )
+        if dtype.kind == "f":
+            _require_scale("frames", np.abs(values).max(axis=(-2, -1)), self.dtype)
         return values.reshape(-1, *values.shape[-2:]), values.shape[:-2]
 
     def _energies(self, energy: Numbers | None, batch: tuple[int, ...]) -> Array:
-        """One for each frame of the stack."""
-        asked = real_array("energy", self.energy if energy is None else energy, None)
-        require_positive("energy", asked)
-        energies = np.asarray(asked)
+        """The energy of the pulse of each frame in the stack."""
+        energies = real_array("energy", self.energy if energy is None else energy, None)
+        require_positive("energy", energies)
+        energies = np.asarray(energies)
         if energies.shape not in ((), batch):
             raise ValueError(
                 f"energy has shape {energies.shape}, expected one number or {batch}, one for each "
                 "frame."
             )
+        _require_scale("energy", energies, self.dtype)
         stack = np.broadcast_to(energies, batch).reshape(-1)
         return jax.device_put(stack.astype(self.dtype))
 
     def _lines(self, frames: np.ndarray) -> np.ndarray:
-        """Offset at the middle of the first third, and rise to that of the last."""
+        """The offset of each record in its first third, and how much it rises to the last third."""
         third = frames.shape[-1] // 3
         first, last = _median(frames[..., :third]), _median(frames[..., -third:])
         return np.stack([first, last - first], axis=-1).astype(self.dtype)
@@ -291,38 +294,38 @@ def live(
     if plan is not None and reach is not None:
         raise ValueError("reach is for densities that are made here: leave it out with a plan.")
     if isinstance(scan, Setup):
-        asked = of_setup(scan, rule, low_pass, reach)
+        settings = of_setup(scan, rule, low_pass, reach)
     else:
         if rule is not None or low_pass is not None:
             raise ValueError("rule and low_pass are for a Setup: a scan's are in its choices.")
-        asked = of_scan(scan, choices, plan, reach)
-    setup = asked.setup
+        settings = of_scan(scan, choices, plan, reach)
+    setup = settings.setup
     waves, used = None, None
     if plan is None:
-        used = _rule_of(asked.rule, setup)
+        used = _rule_of(settings.rule, setup)
         waves = _waves_of(setup, dtype)
         densities = _densities(setup, waves, used, dtype)
     else:
         densities = in_precision(plan.densities, dtype)
-    radii = _radii(asked.pressure, setup, asked.sound_speed)
-    kernels = _kernels(asked.pressure, radii, setup, dtype)
-    samples = _samples(kernels, asked.pressure, radii, asked.sound_speed)
+    radii = _radii(settings.pressure, setup, settings.sound_speed)
+    kernels = _kernels(settings.pressure, radii, setup, dtype)
+    samples = _samples(kernels, settings.pressure, radii, settings.sound_speed)
     return Live(
         setup=setup,
-        region=asked.region,
+        region=settings.region,
         radii=radii,
-        frame_shape=asked.frame_shape,
-        sound_speed=asked.sound_speed,
+        frame_shape=settings.frame_shape,
+        sound_speed=settings.sound_speed,
         rule=used,
-        low_pass=asked.low_pass,
+        low_pass=settings.low_pass,
         dtype=dtype,
-        energy=asked.energy,
-        _rows=asked.rows,
-        _leveled=asked.leveled,
-        _pressure=asked.pressure,
+        energy=settings.energy,
+        _rows=settings.rows,
+        _leveled=settings.leveled,
+        _pressure=settings.pressure,
         _kernels=kernels,
         _waves=waves,
-        _ready=_ready(setup, samples, densities, asked.low_pass, dtype),
+        _ready=_ready(setup, samples, densities, settings.low_pass, dtype),
     )
 
 
@@ -363,15 +366,15 @@ def _ready(
 def _kernels(
     pressure: Pressure | None, radii: Array, setup: Setup, dtype: np.dtype
 ) -> Float[Array, "rows radii"]:
-    """For pressure of equispaced radii, see `_radii`."""
-    found = integrals_to_waves(radii, setup.frequencies, equispaced=pressure is not None)
-    return found.astype(dtype)  # here, so that both precisions have one program
+    """The matrix from integrals to transformed data; radii of pressure are equispaced."""
+    kernels = integrals_to_waves(radii, setup.frequencies, equispaced=pressure is not None)
+    return kernels.astype(dtype)  # here, so that both precisions have one program
 
 
 def _samples(
     kernels: Array, pressure: Pressure | None, radii: Array, speed: float
 ) -> Float[Array, "rows samples"]:
-    """Of circular integrals the kernels alone."""
+    """The matrix from a record to transformed data; of circular integrals the kernels alone."""
     if pressure is None:
         return kernels
     return samples_to_waves(kernels, pressure, radii, jnp.asarray(speed))
@@ -381,6 +384,12 @@ def _radii(pressure: Pressure | None, setup: Setup, speed: float) -> Float[Array
     radii = np.asarray(setup.radii)
     if pressure is None:
         return setup.radii
+    apart, reach = speed * float(pressure.times[1] - pressure.times[0]), float(setup.region.reach)
+    if apart > reach / 2:
+        raise ValueError(
+            f"with sound_speed {speed:.6g} samples of the record are {apart:.6g} apart, for a "
+            f"region of radius {reach:.6g}: check its unit."
+        )
     end = min(radii[-1], speed * float(pressure.times[-1]))
     try:
         return setup.replace(radii=np.linspace(radii[0], end, len(radii))).radii
@@ -389,7 +398,7 @@ def _radii(pressure: Pressure | None, setup: Setup, speed: float) -> Float[Array
 
 
 def _waves_of(setup: Setup, dtype: np.dtype) -> DecomposedWaves | None:
-    """None where no cylindrical waves reach the detectors."""
+    """Decomposed systems, or None where no cylindrical waves reach the detectors."""
     curve, region, _, sizes = plane_of(setup)
     if not sizes.reached:
         return None
@@ -414,6 +423,18 @@ def _rule_of(rule: Any, setup: Setup) -> Tikhonov | RelativeTikhonov:
             "RelativeTikhonov, or a plan of any rule."
         )
     return used
+
+
+def _require_scale(name: str, sizes: Any, dtype: np.dtype) -> None:
+    """Raise ValueError for numbers whose images could overflow, or vanish, in their precision."""
+    least, most = (float(x) ** 0.8 for x in (np.finfo(dtype).tiny, np.finfo(dtype).max))
+    sizes = np.ravel(sizes)
+    wrong = sizes[(sizes > most) | (sizes < least) & (sizes > 0)]
+    if wrong.size:
+        raise ValueError(
+            f"{name} of {float(wrong[0]):.3g}: images are in {dtype}, and expected are sizes from "
+            f"{least:.0e} to {most:.0e}. Multiply them by a constant, or take dtype=np.float64."
+        )
 
 
 def _precision(dtype: Any) -> np.dtype:

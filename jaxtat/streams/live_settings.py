@@ -18,8 +18,8 @@ from .moving_region import N_GROUPS, setup_within_reach
 from .samples import Pressure, pressure_of, record_end
 
 
-class Asked(NamedTuple):
-    """What a scan and its choices, or a setup, say of a `Live`; the names are its own."""
+class LiveSettings(NamedTuple):
+    """Settings of a `Live`, with the names of its attributes."""
 
     setup: Setup
     region: Region
@@ -33,18 +33,18 @@ class Asked(NamedTuple):
     leveled: bool = False
 
 
-def of_setup(setup: Setup, rule: Any, low_pass: Any, reach: Numbers | None) -> Asked:
+def of_setup(setup: Setup, rule: Any, low_pass: Any, reach: Numbers | None) -> LiveSettings:
     _, region, _, _ = plane_of(setup)  # not in space
     require_complete(setup)
     n_detectors, n_radii = setup.data_shape
     if reach is not None:
         setup = setup_within_reach(setup, reach, None)
-    return Asked(setup, region, rule, low_pass, (int(n_detectors), int(n_radii)))
+    return LiveSettings(setup, region, rule, low_pass, (int(n_detectors), int(n_radii)))
 
 
 def of_scan(
     scan: Scan, choices: Choices | None, plan: ReconstructionPlan | None, reach: Numbers | None
-) -> Asked:
+) -> LiveSettings:
     choices = estimate(scan, choose(scan)) if choices is None else choices
     _require_formula(choices)
     setup = setup_of(scan, choices, n_groups=N_GROUPS) if plan is None else plan.setup
@@ -53,7 +53,7 @@ def of_scan(
     speed, region = speed_of(choices.sound_speed), setup.region
     if reach is not None:
         setup = setup_within_reach(setup, reach, record_end(pressure, speed))
-    return Asked(
+    return LiveSettings(
         setup=setup,
         region=region,
         rule=choices.alpha,

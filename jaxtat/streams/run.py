@@ -11,7 +11,7 @@ import numpy as np
 from ..base.messages import one_line
 from .images import Live
 from .sinks import Sink
-from .sources import Waiting
+from .sources import FrameQueue
 
 BATCH = 8  # frames of an image each: together they take half the time
 ENDING = [signal.SIGINT, signal.SIGTERM]  # Ctrl-C, `kill`
@@ -67,7 +67,7 @@ def stream(
     Returns:
         Streamed.
     """
-    waiting = Waiting(frames, room, drop)
+    waiting = FrameQueue(frames, room, drop)
     written = refused = 0
     ended = ""
     with _interrupting(waiting.stop) as interrupted:
@@ -94,7 +94,7 @@ def stream(
 
 @contextmanager
 def _interrupting(stop: Callable[[], None]) -> Iterator[list[int]]:
-    """Ctrl-C, or an end by the system, calls ``stop`` and fills the list; a second one raises."""
+    """Call ``stop`` at the first Ctrl-C or signal to end, and add it to the list."""
     interrupted: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield interrupted  # signals are the main thread's
@@ -131,7 +131,7 @@ def _images(to_images: Live, taken: list[tuple[int, Any]]) -> Iterator[tuple[int
 
 
 def _image(to_images: Live, frame: Any) -> Any:
-    """The image of one frame, or the error: that of its source, or why it cannot be."""
+    """The image of one frame, or the error by which it has none."""
     if isinstance(frame, ValueError):
         return frame
     try:

@@ -77,7 +77,7 @@ class GrowingFile:
         self._file.close()
 
     def _reserve(self, end: int) -> None:
-        """Have room for one image behind the end of the data."""
+        """Fill the file with zeros behind its data, so that there is room for one image."""
         try:
             with self._path.open("r+b") as file:
                 file.seek(end)
@@ -88,7 +88,7 @@ class GrowingFile:
 
 
 class Folder:
-    """Files 00000000.npy or .png, by the frames' numbers, each there when it is whole."""
+    """A folder with a file for each image, 00000000.npy or .png by the frames' numbers."""
 
     def __init__(self, path: Path, save: Callable[[Path, np.ndarray], None], suffix: str):
         path.mkdir(exist_ok=True)

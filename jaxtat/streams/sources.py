@@ -55,7 +55,7 @@ def frames_of_bytes(
 def frames_of_folder(
     folder: Path, shape: tuple[int, int], more: Callable[[], bool]
 ) -> Iterator[Any]:
-    """Frames of `.npy` files; a file that another program still writes is taken when it is whole.
+    """Frames of the `.npy` files in a folder, each read when it is completely written.
 
     A file that cannot be read, or holds no frames, comes as the error: once there is a later one or
     an end.
@@ -107,8 +107,8 @@ def _each(stack: Any) -> Iterator[Any]:
         yield frame
 
 
-class Waiting:
-    """Frames between a reader in a thread of its own and whoever takes them.
+class FrameQueue:
+    """A queue of frames, which a thread of its own reads.
 
     Args:
         frames: read to its end; an error of it comes out of `take` behind all frames.
@@ -125,7 +125,7 @@ class Waiting:
         threading.Thread(target=self._read, daemon=True).start()
 
     def take(self, most: int) -> list[tuple[int, Any]]:
-        """The oldest frames and numbers: ``most`` if they are there, else one; at the end []."""
+        """Take the oldest frames with their numbers: ``most`` if there are so many, else one."""
         with self._change:
             while not self._held and not self._ended:
                 self._change.wait(0.1)  # Ctrl-C is heard in between

@@ -12,7 +12,7 @@ Work = Callable[[], Any]
 Show = Callable[[Any, str], Any]  # of a result, or of an error in words
 
 
-class Latest:
+class LatestOnlyWorker:
     """Computes the latest request, and skips those that came before it in the meantime.
 
     Args:
@@ -36,7 +36,7 @@ class Latest:
         self._begin()
 
     def close(self) -> None:
-        """Begin nothing more."""
+        """Start no further computation."""
         self._closed = True
         self._thread.shutdown(wait=False, cancel_futures=True)
 
@@ -54,7 +54,7 @@ class Latest:
         future.add_done_callback(lambda done: self._done(done, show))
 
     def _done(self, future: Future, show: Show) -> None:
-        """Compute, in the other thread."""
+        """Hand the result over to the page's thread."""
         if not self._closed and not future.cancelled():
             self._later(lambda: self._take(future, show))
 

@@ -1,4 +1,4 @@
-"""The page: knobs and choices beside the picture. What it shows is computed by `Session`."""
+"""The page: controls and choices beside the picture. What it shows is computed by `Session`."""
 
 import math
 import time
@@ -28,17 +28,17 @@ from bokeh.plotting import figure
 from ..base.names import LOW_PASSES
 from ..geometry import ImageGrid
 from .export import command_line, keep
-from .latest_only_worker import Latest
+from .latest_only_worker import LatestOnlyWorker
 from .picture import Picture
 from .session import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED, Knobs, Session
-from .zoom_controls import Looking, lengths
+from .zoom_controls import ZoomControls, lengths
 
 WIDTH, WHOLE = 400, 1080  # of the column of knobs, and of the page [pixel]
 TAKE_REGION, TAKING_REGION = "Take this region", "Computing this region, up to a minute ..."
 CHOICES_LATER = 100  # [ms] than the picture, which a browser would otherwise draw after them
 
 
-class Page:
+class ViewerPage:
     """One person's page.
 
     Args:
@@ -54,8 +54,10 @@ class Page:
     ):
         self._document, self._session = document, session
         self._source, self._folder = source, folder
-        self._shown: _Seen | None = None
-        self._images, self._curves, self._regions = (Latest(self._later) for _ in range(3))
+        self._shown: _ShownImage | None = None
+        self._images, self._curves, self._regions = (
+            LatestOnlyWorker(self._later) for _ in range(3)
+        )
         self.picture = Picture(session)
         self._make_knobs()
         self._make_rest(name)
@@ -97,7 +99,7 @@ class Page:
         )
         self._make_curve(low, high)
         scale, unit = lengths(session)
-        self.looking = Looking(session, WIDTH, self._turned)
+        self.looking = ZoomControls(session, WIDTH, self._turned)
         radius, center = session.choices.region_radius, session.choices.region_center
         values = {"region's radius": radius, "its x₁": center[0], "its x₂": center[1]}
         self.region = [
@@ -204,26 +206,26 @@ class Page:
             self._look()
 
     def _look(self) -> None:
-        """Ask for the image of the knobs as they stand."""
+        """Ask for the image of the controls as they stand."""
         knobs, session = self.knobs, self._session
         self._name_knobs()
         if knobs.method == MODEL_BASED:
             self.status.text = "fitting (total variation, f ≥ 0) ..."
         self._images.want(lambda: self._seen(session, knobs), self._show)
 
-    def _seen(self, session: Session, knobs: Knobs) -> "_Seen":
+    def _seen(self, session: Session, knobs: Knobs) -> "_ShownImage":
         """Compute an image, in the other thread."""
         start = time.perf_counter()
         image = session.image(knobs)
         taken, grid = time.perf_counter() - start, session.grid(knobs)
         if knobs.method == BACK_PROJECTION:
-            return _Seen(
+            return _ShownImage(
                 session, image, grid, "only the viewer shows it, to compare with", None, taken
             )
         choices = session.choices_of(knobs)
         facts = session.frame_facts(knobs.frame)
         command = command_line(choices, facts, str(self._source or "FILE"))
-        return _Seen(session, image, grid, command, choices.rows(), taken)
+        return _ShownImage(session, image, grid, command, choices.rows(), taken)
 
     def _show(self, seen: Any, error: str) -> None:
         if error:
@@ -238,8 +240,8 @@ class Page:
         self._shown = seen
         self._document.add_timeout_callback(lambda: self._tell(seen), CHOICES_LATER)
 
-    def _tell(self, seen: "_Seen") -> None:
-        """The choices of an image, unless there is another by now."""
+    def _tell(self, seen: "_ShownImage") -> None:
+        """Show the choices of an image, unless there is another image by now."""
         if seen is not self._shown:
             return
         self._document.hold("combine")
@@ -259,7 +261,7 @@ class Page:
         self._ask_for_curve()
 
     def _take_wavelength(self) -> None:
-        """The nearest frame of that wavelength."""
+        """Show the nearest frame of the chosen wavelength."""
         assert self.wavelengths is not None
         name = self.wavelength.value
         alike = np.flatnonzero([f"{wavelength:g}" == name for wavelength in self.wavelengths])
@@ -274,7 +276,7 @@ class Page:
         scale, knobs = lengths(session)[0], replace(self.knobs, disk=None)
         radius, *center = (float(spinner.value or 0.0) / scale for spinner in self.region)
 
-        def work() -> _Seen:
+        def work() -> _ShownImage:
             return self._seen(session.with_region(radius, (center[0], center[1]), knobs), knobs)
 
         def show(seen: Any, error: str) -> None:
@@ -293,10 +295,10 @@ class Page:
         if session.scan.kind == "pressure":
             self._curves.want(lambda: session.sharpness(knobs), self._show_curve)
 
-    def _show_curve(self, found: Any, error: str) -> None:
-        if error or found is None:  # the picture's own message says why
+    def _show_curve(self, curve: Any, error: str) -> None:
+        if error or curve is None:  # the picture's own message says why
             return
-        speeds, sharpness = found
+        speeds, sharpness = curve
         self.curve.data = {"speed": self.scale * speeds, "sharpness": sharpness}
         least = float(sharpness.min())
         self.curve_plot.y_range.update(start=least - 0.05 * (1 - least), end=1 + 0.1 * (1 - least))
@@ -334,8 +336,8 @@ class Page:
             worker.close()
 
 
-class _Seen(NamedTuple):
-    """An image and the texts about it."""
+class _ShownImage(NamedTuple):
+    """An image, its pixels and the texts about it."""
 
     session: Session
     image: np.ndarray
@@ -350,7 +352,7 @@ def _on_change(widget: Any, its: str, do: Callable[[], Any]) -> None:
 
 
 def _as_code(command: str) -> str:
-    """Lines end between words only, not at a hyphen."""
+    """A command as HTML, whose lines end between words only."""
     words = (f"<span style='white-space: nowrap'>{escape(word)}</span>" for word in command.split())
     return f"<code>{' '.join(words)}</code>"
 

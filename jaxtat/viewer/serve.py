@@ -86,9 +86,10 @@ class Viewer:
 
     async def _serve(self, port: int) -> None:
         from bokeh.server.server import BaseServer
-        from bokeh.server.tornado import BokehTornado
         from tornado.httpserver import HTTPServer
         from tornado.ioloop import IOLoop
+
+        from .own_pages import OwnPages
 
         try:
             listening = socket.create_server((HOST, port))
@@ -98,12 +99,7 @@ class Viewer:
         listening.setblocking(False)
         origin = f"{HOST}:{listening.getsockname()[1]}"
         path = f"/{secrets.token_urlsafe(24)}"
-        application = BokehTornado(
-            {path: lambda document: self._fill(document, origin)},
-            extra_websocket_origins=[origin],  # pages of others cannot connect
-            use_index=False,  # else the root tells the path
-            redirect_root=False,
-        )
+        application = OwnPages(lambda document: self._fill(document, origin), path, origin)
         http = HTTPServer(application)
         http.add_socket(listening)
         server = BaseServer(IOLoop.current(), application, http)
@@ -116,12 +112,12 @@ class Viewer:
         await http.close_all_connections()
 
     def _fill(self, document: Any, origin: str) -> None:
-        """The page of one more person."""
-        from .page import Page
+        """Make the page of one more person."""
+        from .page import ViewerPage
 
         session, name, source, folder = self._what
         document.template = _TEMPLATE.format(policy=_POLICY.format(origin=origin))
-        Page(document, session.copy(), name, source, folder)
+        ViewerPage(document, session.copy(), name, source, folder)
 
 
 def view(
@@ -142,8 +138,8 @@ def view(
         choices: with which it begins; by default of `scans.choose`, with 257 x 257 pixels and the
             speed of sound of the sharpest image where none is known.
         facts: what options of the command said of the scan, by their names; for the commands shown.
-        source: the scan's file, if it is not given itself.
-        folder: where images are kept that are asked for.
+        source: the scan's file, if the scan is no path.
+        folder: where images are kept.
         port: of the server; by default any that is free.
 
     Returns:

@@ -2,7 +2,8 @@
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +16,7 @@ from ..geometry import ImageGrid, fit_circle
 from ..io import Scan
 from ..scans import Choices, choose, integrals
 from ..scans.constrained import fitted
-from ..scans.facts import FASTEST, SLOWEST, frame_numbers, water_speed
+from ..scans.facts import FASTEST, SLOWEST, facts_of, frame_numbers, water_speed
 from ..scans.frames import per_energy
 from ..scans.speed import SPEEDS, sharpness_by_speed
 from ..steps import universal_back_projection
@@ -72,7 +73,7 @@ class Session:
     def __init__(self, scan: Scan, choices: Choices, facts: Mapping[str, Any] | None = None):
         if choices.inversion != "fourier":
             choices = replace(choices, inversion="fourier")
-            choices = _given(choices, {"inversion": "the viewer's"})
+            choices = _with_reasons(choices, {"inversion": "the viewer's"})
         self.scan, self.choices, self.facts = scan, choices, dict(facts or {})
         self.start = Knobs(choices.sound_speed, choices.alpha, choices.low_pass)
         self._live, self._made = live(scan, choices), self.start
@@ -108,7 +109,7 @@ class Session:
 
     @property
     def can_look(self) -> bool:
-        """Whether a part of the region can be looked at alone: in whole disks."""
+        """Whether a part of the region can be shown alone, which needs a whole disk."""
         choices = self.choices
         return choices.region_size is None and choices.region_cut >= choices.region_radius
 
@@ -126,8 +127,10 @@ class Session:
         turned = self._turned(knobs)
         if knobs.method == MODEL_BASED:
             turned = replace(turned, model_based=True, penalty="tv", nonnegative=True)
-            said = "asked for in the viewer"
-            turned = _given(turned, dict.fromkeys(("model_based", "penalty", "nonnegative"), said))
+            said = "chosen in the viewer"
+            turned = _with_reasons(
+                turned, dict.fromkeys(("model_based", "penalty", "nonnegative"), said)
+            )
         return turned
 
     def speeds(self) -> tuple[float, float]:
@@ -159,13 +162,14 @@ class Session:
         return speeds, values / values.max()
 
     def with_region(self, radius: float, center: tuple[float, float], knobs: Knobs) -> "Session":
-        """A session of another region, whose radius and centre are given [length].
+        """A session of another region, by its radius and centre [length].
 
         That is another problem, with programs of its own: it takes as long as the first one did.
 
         Raises:
             ValueError: for a region that does not fit the detectors or the record.
         """
+        self._require_room(radius, center)
         kept = {c.name: getattr(self.choices, c.name) for c in OPTIONS if c.group in _KEPT}
         kept |= {"sound_speed": knobs.sound_speed, "alpha": knobs.alpha}
         kept |= {"low_pass": knobs.low_pass, "pixels": self.choices.pixels}
@@ -174,14 +178,37 @@ class Session:
         else:
             kept["band"] = kept["band"] or "none"
         kept |= {"use": np.array(self.choices.channels), "inversion": "fourier"}
-        moved = choose(self.scan, **kept, region_radius=radius, region_center=center)
+        with self._naming_unit():
+            moved = choose(self.scan, **kept, region_radius=radius, region_center=center)
         before = dict(self.choices.reasons)
         for name in kept:
             if name in before:
                 moved = moved.with_reason(name, before[name], self.choices.grade(name))
         start = self.choices
         moved = replace(moved, user_set=start.user_set, to_estimate=start.to_estimate)
-        return Session(self.scan, moved, self.facts)
+        with self._naming_unit():
+            return Session(self.scan, moved, self.facts)
+
+    @contextmanager
+    def _naming_unit(self) -> Iterator[None]:
+        """Name the unit of lengths in errors of other rooms: the page itself has millimetres."""
+        try:
+            yield
+        except ValueError as error:
+            unit = self.choices.units.length
+            raise ValueError(f"{error} (lengths in {unit})" if unit else str(error)) from error
+
+    def _require_room(self, radius: float, center: tuple[float, float]) -> None:
+        """Raise ValueError for a region at the detectors, in millimetres as the page has them."""
+        units, points = self.choices.units, facts_of(self.scan).points
+        apart = points[list(self.choices.channels)] - np.array(center)
+        nearest = float(np.hypot(*apart.T).min())
+        if not 0 < radius < nearest:
+            raise ValueError(
+                f"a region of radius {units.of_length(radius)} about "
+                f"{units.of_place(center, radius)}: the nearest detector is "
+                f"{units.of_length(nearest)} from there, expected a smaller radius."
+            )
 
     def frame_number(self, frame: int) -> int:
         """Number of a frame in its file."""
@@ -217,16 +244,18 @@ class Session:
         if disk != self._made.disk:
             turned |= self._looked_at(disk)
         if turned:
-            self._live, self._made = self._live.replace(**turned), knobs
+            with self._naming_unit():
+                self._live, self._made = self._live.replace(**turned), knobs
 
     def _looked_at(self, disk: Shown | None) -> dict[str, Any]:
         choices = self.choices
         radius, center = disk or (choices.region_radius, choices.region_center)
         off = math.dist(center, choices.region_center)
         if off + radius > choices.region_radius * (1 + ROUNDING):
+            size, apart, whole = map(choices.units.of_length, (radius, off, choices.region_radius))
             raise ValueError(
-                f"a disk of {radius:.6g} that is {off:.6g} off the middle leaves the region, whose "
-                f"radius is {choices.region_radius:.6g}: take it as the region."
+                f"a disk of radius {size} that is {apart} off the middle leaves the region, whose "
+                f"radius is {whole}: take it as the region."
             )
         return {"region_radius": radius, "region_center": center}
 
@@ -245,7 +274,7 @@ class Session:
                 first_radius=float(radii[0]),
                 radial_step=float(radii[-1] - radii[0]) / (len(radii) - 1),
             )
-        return _given(replace(start, alpha=knobs.alpha, low_pass=knobs.low_pass), said)
+        return _with_reasons(replace(start, alpha=knobs.alpha, low_pass=knobs.low_pass), said)
 
     def _back_projected(self, knobs: Knobs) -> Any:
         choices, setup = self._turned(knobs), self._live.setup.replace(radii=self._live.radii)
@@ -262,7 +291,7 @@ class Session:
         return fitted(self.scan, choices, setup, self._read(knobs.frame)).image
 
 
-def _given(choices: Choices, reasons: Mapping[str, str]) -> Choices:
+def _with_reasons(choices: Choices, reasons: Mapping[str, str]) -> Choices:
     """Choices with these reasons, graded sure: those that the controls decide."""
     for name, reason in reasons.items():
         choices = choices.with_reason(name, reason, SURE)

@@ -1,4 +1,4 @@
-"""Which disk within the region is looked at: three sliders."""
+"""Three sliders for the disk within the region that is shown."""
 
 import math
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from .session import Session, Shown
 LEAST = 0.1  # of the region's radius, that a disk has
 
 
-class Looking:
+class ZoomControls:
     """Sliders for radius and centre; a centre off the region's leaves the largest disk that fits.
 
     Args:
@@ -31,7 +31,7 @@ class Looking:
             slider.on_change("value", lambda attr, old, new: changed())
 
     def take(self, session: Session) -> None:
-        """The region of a session, all of it."""
+        """Set the sliders to the whole region of a session."""
         scale, unit = lengths(session)
         choices = session.choices
         self._scale, self._region = scale, (choices.region_radius, *choices.region_center)

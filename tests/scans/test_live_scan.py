@@ -104,6 +104,8 @@ def test_another_speed_is_that_of_other_choices(frames):
         assert relative(first.replace(sound_speed=speed)(frames), other.image) < 1e-10
     with pytest.raises(ValueError, match="with sound_speed 500 radii run"):
         first.replace(sound_speed=500.0)
+    with pytest.raises(ValueError, match=r"with sound_speed 1e\+09 samples of the record are"):
+        first.replace(sound_speed=1e9)
     with pytest.raises(ValueError, match="sound_speed is -1"):
         first.replace(sound_speed=-1.0)
 

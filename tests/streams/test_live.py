@@ -235,6 +235,30 @@ def test_frames_that_cannot_be_are_refused(arc, frames, said):
         to_images(frames)
 
 
+@pytest.mark.parametrize("size", [1e38, 1e-40])
+def test_sizes_that_single_precision_does_not_hold_are_refused(arc, size):
+    """In double precision they are as good as others; an image is of any other size, or refused."""
+    g = data_of(arc)
+    single, double = live(arc, rule=ALPHA), live(arc, rule=ALPHA, dtype=np.float64)
+    frame = size * g / np.abs(g).max()
+    with pytest.raises(ValueError, match=r"frames of 1e.[0-9]+: images are in float32"):
+        single(np.stack([g, frame]))
+    assert relative(double(frame) / size, double(g) / np.abs(g).max()) < 1e-12
+    with pytest.raises(ValueError, match="energy of"):
+        single(g, energy=size)
+    with pytest.raises(ValueError, match="images are in float64"):
+        double(frame * (1e250 if size > 1 else 1e-210))
+    assert not np.asarray(single(0 * g)).any()
+
+
+@pytest.mark.parametrize("rule", [1e-300, 1e-18, RelativeTikhonov(1e-12)])
+def test_alpha_below_rounding_is_refused(arc, rule):
+    with pytest.raises(ValueError, match="less than rounding, 1e-15: take a larger alpha"):
+        live(arc, rule=rule)
+    with pytest.raises(ValueError, match="less than rounding, 1e-15: take a larger alpha"):
+        live(arc, rule=ALPHA).replace(rule=rule)
+
+
 def test_settings_that_cannot_be_are_refused(arc, half_arc, arc_plan, cap):
     with pytest.raises(ValueError, match="expected float32 or float64"):
         live(arc, dtype=np.float16)

@@ -20,7 +20,7 @@ from jaxtat.streams import (
     live,
     stream,
 )
-from jaxtat.streams.sources import Waiting
+from jaxtat.streams.sources import FrameQueue
 
 SHAPE, TYPE = (3, 4), np.dtype(np.uint16)
 FRAMES = np.arange(36, dtype=TYPE).reshape(3, *SHAPE)
@@ -125,7 +125,7 @@ def test_a_file_that_is_not_whole_yet_is_waited_for(tmp_path):
 
 
 def test_the_oldest_are_dropped_where_there_is_no_room():
-    waiting = Waiting(iter(range(10)), room=3, drop=True)
+    waiting = FrameQueue(iter(range(10)), room=3, drop=True)
     while not waiting._ended:
         time.sleep(0.01)
     assert waiting.take(8) == [(7, 7)] and waiting.dropped == 7
@@ -134,7 +134,7 @@ def test_the_oldest_are_dropped_where_there_is_no_room():
 
 def test_or_the_reader_waits():
     read = []
-    waiting = Waiting((read.append(k) or k for k in range(10)), room=3, drop=False)
+    waiting = FrameQueue((read.append(k) or k for k in range(10)), room=3, drop=False)
     taken = []
     while part := waiting.take(1):
         taken += part

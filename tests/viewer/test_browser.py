@@ -234,6 +234,26 @@ def test_without_the_token_there_is_nothing(viewer):
         assert status(origin + path) == 404
 
 
+@pytest.mark.parametrize(
+    ("header", "value"),
+    [
+        ("Host", "elsewhere.example:{port}"),  # a name that leads to this machine
+        ("Host", "127.0.0.1:1"),
+        ("Host", ""),
+        ("Origin", "http://elsewhere.example"),
+        ("Origin", "http://127.0.0.1:1"),
+        ("Origin", "null"),
+    ],
+)
+def test_other_names_and_pages_of_others_are_refused(viewer, header, value):
+    """Even by those who know the token, of the page and of what it loads."""
+    origin, _, token = viewer.address.rpartition("/")
+    headers = {header: value.format(port=origin.rpartition(":")[2])}
+    for path in (f"/{token}", "/static/js/bokeh.min.js"):
+        assert status(urllib.request.Request(origin + path, headers=headers)) == 403
+        assert status(urllib.request.Request(origin + path, headers={"Origin": origin})) == 200
+
+
 def test_pages_from_elsewhere_cannot_connect(viewer):
     address = viewer.address.replace("http", "ws") + "/ws"
     request = HTTPRequest(address, headers={"Origin": "http://elsewhere.example"})

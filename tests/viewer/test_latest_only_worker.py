@@ -4,7 +4,7 @@ import threading
 
 import jax.numpy as jnp
 
-from jaxtat.viewer.latest_only_worker import Latest
+from jaxtat.viewer.latest_only_worker import LatestOnlyWorker
 
 
 class Loop:
@@ -24,7 +24,7 @@ class Loop:
 
 def test_what_came_meanwhile_is_left_out_but_for_the_last_and_what_must_be():
     loop, shown, go = Loop(), [], threading.Event()
-    latest = Latest(loop.later)
+    latest = LatestOnlyWorker(loop.later)
 
     def show(found, error):
         shown.append(found or error)
@@ -44,7 +44,7 @@ def test_what_came_meanwhile_is_left_out_but_for_the_last_and_what_must_be():
 
 def test_errors_are_lines_and_the_next_goes_on(capsys):
     loop, shown = Loop(), []
-    latest = Latest(loop.later)
+    latest = LatestOnlyWorker(loop.later)
 
     def fails(kind):
         raise kind("not\nso")
@@ -60,7 +60,7 @@ def test_errors_are_lines_and_the_next_goes_on(capsys):
 
 def test_the_work_is_in_double_precision():
     loop, shown = Loop(), []
-    latest = Latest(loop.later)
+    latest = LatestOnlyWorker(loop.later)
     latest.want(lambda: jnp.zeros(1).dtype, lambda found, error: shown.append(found))
     loop.turn()
     assert shown == ["float64"]

@@ -11,7 +11,7 @@ from viewed import GIVEN, relative, write_scan
 from jaxtat.io import load_scan
 from jaxtat.scans import choose
 from jaxtat.viewer import Session
-from jaxtat.viewer.page import Page
+from jaxtat.viewer.page import ViewerPage
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +28,8 @@ def session(path):
 @pytest.fixture
 def page(session, path, monkeypatch):
     waiting = queue.Queue()
-    monkeypatch.setattr(Page, "_later", lambda self, work: waiting.put(work))
-    page = Page(Document(), session.copy(), "scan.h5", path, path.parent)
+    monkeypatch.setattr(ViewerPage, "_later", lambda self, work: waiting.put(work))
+    page = ViewerPage(Document(), session.copy(), "scan.h5", path, path.parent)
     page.waiting = waiting
     until(page, lambda: page.status.text.startswith("image in"))
     return page

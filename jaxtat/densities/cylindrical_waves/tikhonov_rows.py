@@ -29,6 +29,8 @@ from .densities import (
 from .polar import PolarGeometry
 from .table import WaveTable, wave_table
 
+ROUNDING = 1e-15  # of eigenvalues, relative to the largest
+
 
 class Decomposed(eqx.Module):
     """A of frequencies that have as many orders.
@@ -96,9 +98,17 @@ def tikhonov_densities(
     Args:
         waves: of the geometry.
         rule: gives alpha.
+
+    Raises:
+        ValueError: for alpha below rounding.
     """
     unit = np.concatenate([np.asarray(group.unit) for group in waves.groups])
     alphas, start, groups = np.asarray(_alphas_of(rule, unit, waves.frequencies)), 0, []
+    if (alphas < ROUNDING * unit).any():
+        raise ValueError(
+            f"alpha is {float((alphas / unit).min()):.3g} of the largest entry of a system, which "
+            f"is less than rounding, {ROUNDING:.0e}: take a larger alpha; 1e-12 suits exact data."
+        )
     for group in waves.groups:
         stop = start + len(group.left)
         kept = 1 / (np.asarray(group.eigenvalues) + alphas[start:stop, None, None])
