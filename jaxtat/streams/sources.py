@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from ..io import load_scan
+
 PAUSE = 0.02  # [s] between two looks at a file or folder that may have grown
 
 
@@ -60,13 +62,13 @@ def frames_of_folder(folder: Path, more: Callable[[], bool]) -> Iterator[Any]:
         new = sorted(path for path in folder.glob("*.npy") if path.name not in done)
         for path in new:
             try:
-                values = np.load(path, allow_pickle=False)
-            except (ValueError, OSError, EOFError) as error:
+                values = load_scan(path).data
+            except (ValueError, OSError) as error:
                 if path == new[-1] and not last:
                     break  # it may not be whole yet
-                values = ValueError(f"cannot read {path.name}: {error}")
+                values = [ValueError(str(error))]
             done.add(path.name)
-            yield from (values if isinstance(values, np.ndarray) and values.ndim == 3 else [values])
+            yield from (values if np.ndim(values) != 2 else [values])
         if last:
             return
         if not new:

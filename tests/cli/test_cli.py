@@ -852,8 +852,9 @@ def test_the_oldest_programs_go(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["3", "4"]
 
 
-HOSTILE = (None, True, -1, 0, 7, 2.5, 1e300, 10**400, np.inf, np.nan, "", "none", "a:b", [],
-           [1], [1, 2], [1, 2, 3], ["a", "b", "c"], [[]], {}, {"a": 1}, [2**70], "/dev/zero")  # fmt: skip
+NUMBERS = (True, -1, 0, 7, 2.5, 1e300, 10**400, np.inf, np.nan)
+LISTS = ([], [1], [1, 2], [1, 2, 3], ["a", "b", "c"], [[]], [2**70])
+HOSTILE = (None, *NUMBERS, *LISTS, "", "none", "a:b", {}, {"a": 1}, "/dev/zero")
 
 
 def test_settings_of_strangers_are_used_or_refused(jaxtat_command, capsys):
