@@ -84,6 +84,13 @@ def _numbers(values: Any) -> tuple[float, ...]:
     return tuple(_number(x) for x in values)
 
 
+def _so_many(n: int, values: Any) -> list[float]:
+    numbers = list(_numbers(values))
+    if len(numbers) != n:
+        raise TypeError
+    return numbers
+
+
 def _text(value: Any) -> str:
     if not isinstance(value, str):
         raise TypeError
@@ -311,8 +318,8 @@ CHOICES = (
 """All choices, in the order of the printed table."""
 
 BESIDES = (
-    Choice("arc", lambda values: list(_numbers(values))),
-    Choice("ring", lambda values: list(_numbers(values))),
+    Choice("arc", lambda values: _so_many(3, values)),
+    Choice("ring", lambda values: _so_many(2, values)),
     *(Choice(name, _text) for name in ("scanner", "use", "frames")),
     *(Choice(name, _number, bound=POSITIVE) for name in ("sampling_rate", "duration")),
     Choice("start_time", _number),

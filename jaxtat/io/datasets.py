@@ -80,8 +80,8 @@ def _made_of(measurements: str) -> str:
 
 
 DATA_SETS = {
-    found.name: found
-    for found in (
+    dataset.name: dataset
+    for dataset in (
         DataSet(
             name="msot_scan9",
             what="measured cross-section of an animal, one frame at 700 nm: 256 detectors focused "
@@ -199,14 +199,14 @@ def fetch(name: str, *, quiet: bool = False) -> Path:
     """
     if name not in DATA_SETS:
         raise ValueError(f"there is no data set {name!r}, expected one of {', '.join(DATA_SETS)}.")
-    found = DATA_SETS[name]
+    dataset = DATA_SETS[name]
     if not quiet:
-        print(found, file=sys.stderr)
-    if found.record is not None:
-        return _record(found, found.record)
-    paths = [_local(file) for file in found.files]
+        print(dataset, file=sys.stderr)
+    if dataset.record is not None:
+        return _record(dataset, dataset.record)
+    paths = [_local(file) for file in dataset.files]
     if None in paths:  # readers expect the files of a set in one folder
-        paths = [_downloaded(found, file) for file in found.files]
+        paths = [_downloaded(dataset, file) for file in dataset.files]
     return Path(paths[0] or "")
 
 
@@ -230,12 +230,12 @@ def checksum(path: str | Path) -> str:
     return digest.hexdigest()
 
 
-def _record(found: DataSet, number: int) -> Path:
+def _record(dataset: DataSet, number: int) -> Path:
     """Its folder in JAXTAT_DATA, or in the cache."""
     folder = os.environ.get(FOLDER)
-    if folder and (path := Path(folder) / found.name).is_dir():
+    if folder and (path := Path(folder) / dataset.name).is_dir():
         return path
-    path = Path(optional("pooch", "downloading data").os_cache("jaxtat")) / found.name
+    path = Path(optional("pooch", "downloading data").os_cache("jaxtat")) / dataset.name
     download_record(number, path)
     return path
 
@@ -245,26 +245,26 @@ def _local(file: DataFile) -> Path | None:
     folder = os.environ.get(FOLDER)
     if not folder or not (path := Path(folder) / file.path).is_file():
         return None
-    if (found := checksum(path)) != file.sha256:
+    if (own := checksum(path)) != file.sha256:
         raise ValueError(
-            f"{path} is not the file it should be (SHA-256 {found}, expected {file.sha256}): "
+            f"{path} is not the file it should be (SHA-256 {own}, expected {file.sha256}): "
             "replace or remove it."
         )
     return path
 
 
-def _downloaded(found: DataSet, file: DataFile) -> Path:
+def _downloaded(dataset: DataSet, file: DataFile) -> Path:
     place = f"put it at {file.path} in a folder of yours and name the folder in {FOLDER}"
     if file.url is None:
         folder = os.environ.get(FOLDER)
         raise FileNotFoundError(
             f"{file.path} is not published as such, and {FOLDER} is "
-            f"{f'{folder}, without it' if folder else 'not set'}. It comes from {found.page} "
-            f"({found.licence}). {found.recipe} Then {place}. It is checked: SHA-256 "
+            f"{f'{folder}, without it' if folder else 'not set'}. It comes from {dataset.page} "
+            f"({dataset.licence}). {dataset.recipe} Then {place}. It is checked: SHA-256 "
             f"{file.sha256}{' of its arrays' if file.path.endswith('.npz') else ''}."
         )
     pooch = optional("pooch", "downloading data")
-    folder, known = Path(pooch.os_cache("jaxtat")) / found.name, f"sha256:{file.sha256}"
+    folder, known = Path(pooch.os_cache("jaxtat")) / dataset.name, f"sha256:{file.sha256}"
     try:
         return Path(pooch.retrieve(file.url, known, Path(file.path).name, folder))
     except OSError as error:  # what requests raises is one

@@ -260,15 +260,15 @@ def _nifti(output: _Output) -> Any:
     affine = np.eye(4)
     affine[range(d), range(d)] = scale * np.asarray(output.grid.spacing)
     affine[:d, 3] = [scale * float(output.grid.axis(k)[0]) for k in range(d)]
-    found = nifti1.Nifti1Image(data if output.frames is not None else data[..., 0], affine)
-    found.header.set_xyzt_units("unknown" if output.unit is None else "mm")
-    found.header["descrip"] = "i along x1, j along x2, k along x3; no anatomical orientation"
+    nifti = nifti1.Nifti1Image(data if output.frames is not None else data[..., 0], affine)
+    nifti.header.set_xyzt_units("unknown" if output.unit is None else "mm")
+    nifti.header["descrip"] = "i along x1, j along x2, k along x3; no anatomical orientation"
     if output.frames is not None and len(output.frames) > 1:
         steps = np.diff(output.frames)
         if np.allclose(steps, steps[0]) and steps[0] > 0:
-            found.header["pixdim"][4], found.header["toffset"] = steps[0], output.frames[0]
-    found.header.extensions.append(nifti1.Nifti1Extension("comment", output.text.encode()))
-    return found
+            nifti.header["pixdim"][4], nifti.header["toffset"] = steps[0], output.frames[0]
+    nifti.header.extensions.append(nifti1.Nifti1Extension("comment", output.text.encode()))
+    return nifti
 
 
 def _write_tiff(path: Path, output: _Output) -> None:

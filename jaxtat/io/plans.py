@@ -200,15 +200,15 @@ def _require_sizes(plan: ReconstructionPlan) -> None:
     sizes = plan.setup.sizes
     assert isinstance(sizes, PlaneSizes)
     require_types(sizes)
-    found, shape = (sizes.n_frequencies, sizes.n_directions), np.shape(plan.report.residual)
-    if found != shape:
-        raise ValueError(f"{found} frequencies and directions, but residuals of shape {shape}.")
+    counts, shape = (sizes.n_frequencies, sizes.n_directions), np.shape(plan.report.residual)
+    if counts != shape:
+        raise ValueError(f"{counts} frequencies and directions, but residuals of shape {shape}.")
     if not 1 <= sizes.n_nodes <= MOST_NODES:
         raise ValueError(f"{sizes.n_nodes} nodes on an element, expected 1 to {MOST_NODES}.")
     ends = [0, *(stop for _, stop, _ in sizes.groups)]
-    starts = [*(start for start, _, _ in sizes.groups), found[0]]
+    starts = [*(start for start, _, _ in sizes.groups), counts[0]]
     if sizes.groups and (starts != ends or sorted({*ends}) != ends):
-        raise ValueError(f"groups {sizes.groups} that are not of its {found[0]} frequencies.")
+        raise ValueError(f"groups {sizes.groups} that are not of its {counts[0]} frequencies.")
 
 
 def _require_one_precision(plan: ReconstructionPlan) -> None:

@@ -219,8 +219,8 @@ def test_options_are_not_changed_and_an_image_of_a_repeated_one_repeats_too(jaxt
     lines = [
         f"plan {ARC} {REGION} --out plan.h5",
         "reconstruct data.npz --plan plan.h5 --use 0:24 --quiet --out a.h5",
-        "reconstruct data.npz --repeat a.h5 --quiet --out b.h5",
-        "reconstruct data.npz --repeat b.h5 --quiet --out c.h5",
+        "reconstruct data.npz --repeat a.h5 --plan plan.h5 --quiet --out b.h5",
+        "reconstruct data.npz --repeat b.h5 --plan plan.h5 --quiet --out c.h5",
     ]
     for line in lines:
         options = build_parser().parse_args(shlex.split(line))
@@ -863,9 +863,9 @@ def test_the_oldest_programs_go(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["3", "4"]
 
 
-HOSTILE = (None, True, -1, 0, 7, 2.5, 1e300, 10**400, float("inf"), float("nan"), "", "none")
-HOSTILE += ("a:b", [], [1], [1, 2], [1, 2, 3], ["a", "b", "c"], [[]], {}, {"a": 1}, [2**70])
-HOSTILE += ("/dev/zero",)
+NUMBERS = (True, -1, 0, 7, 2.5, 1e300, 10**400, np.inf, np.nan)
+LISTS = ([], [1], [1, 2], [1, 2, 3], ["a", "b", "c"], [[]], [2**70])
+HOSTILE = (None, *NUMBERS, *LISTS, "", "none", "a:b", {}, {"a": 1}, "/dev/zero")
 
 
 def test_settings_of_strangers_are_used_or_refused(jaxtat_command, capsys):
@@ -873,7 +873,9 @@ def test_settings_of_strangers_are_used_or_refused(jaxtat_command, capsys):
     np.savez("data.npz", circular_integrals=INTEGRALS)
     assert jaxtat_command(f"reconstruct data.npz {ARC} {REGION} --out a.h5") == 0
     settings = load_settings("a.h5")
-    options = build_parser().parse_args(["reconstruct", "data.npz", "--repeat", "a.h5"])
+    options = build_parser().parse_args(
+        ["reconstruct", "data.npz", "--repeat", "a.h5", "--out", "b.h5"]
+    )
     refused = 0
     for name, value in itertools.product(settings, HOSTILE):
         with pytest.MonkeyPatch.context() as patch:

@@ -23,7 +23,8 @@ from spectral_scans import (
 )
 
 from jaxtat.cli import main
-from jaxtat.interop import require_patato, save_patato
+from jaxtat.interop import save_patato
+from jaxtat.interop.patato_files import require_patato
 from jaxtat.io import Scan, load_scan
 from jaxtat.io.frames import LazyFrames
 from jaxtat.scans import choose, reconstruct, standard_deviations, with_facts

@@ -162,3 +162,29 @@ def test_texts_of_version_7_3_are_no_data(tmp_path):
         file["raw"].attrs["MATLAB_class"] = np.bytes_("char")
     with pytest.raises(ValueError, match="raw is a char, expected real numbers"):
         load_scan(path)
+
+
+def test_version_7_3_is_known_by_its_marks_where_the_header_is_not_matlab_s(tmp_path):
+    path = write_matlab73(tmp_path / "a.mat", raw=DATA, positions=POSITIONS)
+    path.write_bytes(bytes(512) + path.read_bytes()[512:])
+    scan = load_scan(path)
+    assert scan.about["format"] == "MATLAB 7.3"
+    assert np.array_equal(scan.data, DATA)
+    assert np.array_equal(scan.known["detectors"], POSITIONS)
+
+
+def test_hdf5_of_another_program_under_matlab_s_name_is_read(tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "a.mat", "w") as file:
+        file["raw"], file["positions"] = DATA, POSITIONS
+    scan = load_scan(tmp_path / "a.mat")
+    assert scan.about["format"] == "HDF5"
+    assert np.array_equal(scan.data, DATA)
+
+
+def test_what_a_struct_holds_is_said(tmp_path):
+    scipy.io.savemat(tmp_path / "a.mat", {"scan": {"raw": DATA, "fs": 4e7}, "note": "text"})
+    message = r"it holds scan \(a struct of raw, fs\), note \(a char\), expected data under"
+    with pytest.raises(ValueError, match=message):
+        load_scan(tmp_path / "a.mat")

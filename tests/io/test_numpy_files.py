@@ -143,3 +143,14 @@ def test_the_header_of_others_is_read(tmp_path):
     start = b"\x93NUMPY\1\0" + len(header).to_bytes(2, "little")
     (tmp_path / "a.npy").write_bytes(start + header + DATA.tobytes())
     assert np.array_equal(load_scan(tmp_path / "a.npy").data, DATA)
+
+
+def test_a_sparse_array_larger_than_memory_is_refused_at_once(tmp_path):
+    """A terabyte of which nothing is on the disk."""
+    for shape in ((10**6, 131_072), (1, 10**6, 131_072)):
+        start = npy("<f8", shape, b"")
+        with (tmp_path / "a.npy").open("wb") as file:
+            file.write(start)
+            file.truncate(len(start) + 8 * 10**6 * 131_072)
+        with pytest.raises(ValueError, match=r"the array takes 1048576000000 bytes.*allow more"):
+            load_scan(tmp_path / "a.npy")

@@ -194,3 +194,16 @@ def test_numbers_of_an_unusual_kind_are_read(tmp_path):
         h5py.h5d.create(file.id, b"raw", kind, h5py.h5s.create_simple((6, 9)))
         file["raw"][...] = 1
     assert np.array_equal(load_scan(tmp_path / "a.h5").data, np.ones((6, 9)))
+
+
+def test_what_a_group_holds_is_said(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["scan/raw"], file["scan/fs"], file["empty"] = DATA, 4e7, h5py.SoftLink("/nothing")
+        file["note"], file["values"] = "text", DATA
+        file.create_group("struct").attrs["MATLAB_class"] = np.bytes_("struct")
+    words = (
+        r"it holds empty \(a link\), note \(text\), scan \(a group of fs, raw\), "
+        r"struct \(a struct of nothing\), values, expected data under one of"
+    )
+    with pytest.raises(ValueError, match=words):
+        load_scan(tmp_path / "a.h5")
