@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
@@ -154,7 +155,7 @@ def radii_of(scan: Scan, found: Found) -> np.ndarray | None:
     if own is None:
         return None
     own = np.asarray(own, float)
-    require_radii(own)
+    require_radii(jax.device_put(own))
     return own
 
 
