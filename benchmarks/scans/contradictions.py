@@ -21,7 +21,7 @@ SHARES = (0.1, 0.2, 0.3, 0.5)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--half", choices=HALVES, default="held-out")
     half = parser.parse_args().half
     said: dict[str, list[bool]] = {}

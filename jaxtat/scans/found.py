@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
@@ -165,7 +166,7 @@ def radii_of(scan: Scan, found: Found) -> np.ndarray | None:
     if own is None:
         return None
     own = np.asarray(own, float)
-    require_radii(own)
+    require_radii(jax.device_put(own))
     return own
 
 

@@ -6,6 +6,7 @@ once, and sharpness (`jaxtat.studies.sharpness`) needs no image: by Parseval's f
     ∫ |grad f|² dx = (1/2π)² ∫ |xi|² |fhat(xi)|² dxi.
 """
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -19,6 +20,7 @@ from ..io import Scan
 from ..reconstruction.plane_bases import plane_basis
 from ..reconstruction.setup import plane_of
 from ..regularization import tikhonov_rule
+from ..steps import AccuracyWarning
 from ..steps.radon import low_pass_values
 from .all_speeds import data_by_speed
 from .best_explained import speed_best_explained
@@ -147,9 +149,12 @@ def by_both(sharp: SpeedFound, agreed: SpeedFound) -> SpeedFound | None:
     That of the sharpest image if the others confirm it. Else it is a guess: by the detectors, if
     these know one, since sharpness has been misled more often.
 
+    Warns:
+        AccuracyWarning: for two speeds that contradict each other.
+
     >>> sharp = SpeedFound(1.02, "the image is sharpest", "likely", 1e-4)
-    >>> by_both(sharp, SpeedFound(0.99, "opposite detectors agree best", "likely", 1e-4)).why
-    'opposite detectors agree best; but the image is sharpest at 3.0% more'
+    >>> by_both(sharp, unknown("opposite detectors agree on none")).why
+    'the image is sharpest; but opposite detectors agree on none'
     """
     if agreed.standard_error is None:
         return None if sharp.standard_error is None else _guessed(sharp, f"but {agreed.why}")
@@ -159,6 +164,13 @@ def by_both(sharp: SpeedFound, agreed: SpeedFound) -> SpeedFound | None:
     if abs(apart) <= UNSURE:
         return sharp
     more = f"{abs(apart):.1%} {'more' if apart > 0 else 'less'}"
+    warnings.warn(
+        f"the image is sharpest at a speed of sound {more} than that by which opposite detectors "
+        "agree: the body's may differ from the water's, or the record does not start when its file "
+        "says (see --start-time), or positions or the sampling rate are wrong.",
+        AccuracyWarning,
+        stacklevel=5,
+    )
     return _guessed(agreed, f"but the image is sharpest at {more}")
 
 

@@ -80,8 +80,9 @@ def is_of_words(node):
     if isinstance(node, ast.Subscript):
         return is_of_words(node.value)
     if isinstance(node, ast.Call):
-        lookup = isinstance(node.func, ast.Attribute) and node.func.attr == "get"
-        parts = [node.func.value] if lookup else node.args
+        called = node.func
+        lookup = isinstance(called, ast.Attribute) and called.attr == "get"
+        parts = [called.value] if lookup else node.args
         return any(is_of_words(part) for part in parts)
     if isinstance(node, ast.Attribute):
         return node.attr in WORDS
