@@ -146,7 +146,8 @@ def judge(problem: Problem) -> Outcome:
         # one group of frequencies compiles soonest
         setup = Setup(p.curve, p.region, p.grid, p.radii, max_frequency=p.max_frequency, n_groups=1)
         found = solve(setup, g, p.alpha)
-    warned = {w.category for w in caught} & {AccuracyWarning, VisibilityWarning}
+    kinds = AccuracyWarning, VisibilityWarning
+    warned = {kind for kind in kinds if any(issubclass(w.category, kind) for w in caught)}
     frequencies, angles = setup.frequencies, setup.sizes.angles
     fhat = p.phantom.fourier(np.append(0.0, frequencies), angles)
     eta = jax.numpy.ones(len(frequencies) + 1)
