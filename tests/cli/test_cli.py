@@ -426,6 +426,7 @@ def bad_input(tmp_path, monkeypatch):
     np.savez("complex.npz", g=INTEGRALS + 0j)
     np.savez("nothing.npz", x=INTEGRALS)
     np.savez("radii.npz", g=INTEGRALS, r=1.01 * RADII)
+    np.savez("falling.npz", g=INTEGRALS[:, ::-1], r=RADII[::-1])
     np.savez("moved.npz", g=INTEGRALS, detectors=points + 0.01)
     np.savez("some.npz", g=INTEGRALS, detectors=points[:-1])
     np.savez("angles.npz", g=INTEGRALS, detectors=np.arange(N))
@@ -458,6 +459,14 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"fewer.npz {GEOMETRY} --out a.png", "the data have 23 detectors"),
         (f"short.npz {GEOMETRY} --out a.png", f"radii, the geometry has {len(RADII)}"),
         (f"flat.npz {GEOMETRY} --out a.png", "expected (detectors, samples)"),
+        (
+            f"falling.npz {GEOMETRY} --out a.png",
+            "values in increasing order: sort them and the data alike",
+        ),
+        (
+            f"falling.npz {ARC} --out a.png",
+            "values in increasing order: sort them and the data alike",
+        ),
         (f"text.npz {GEOMETRY} --out a.png", "expected real numbers"),
         (f"complex.npz {GEOMETRY} --out a.png", "expected real numbers"),
         (f"nothing.npz {GEOMETRY} --out a.png", "holds ['x'], expected data under one of"),
