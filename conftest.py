@@ -118,7 +118,7 @@ def unoptimised(monkeypatch, unoptimised_flags):
 
 @pytest.fixture(scope="module", autouse=True)
 def few_programs():
-    """Modules share programs, until these take about 3 GB: 16000 maps of memory.
+    """Modules share programs, until these are 16000 maps of memory: 5 to 6 GB with all else.
 
     Linux grants a process 65530 maps; a module's programs take 1000 to 4000.
     """

@@ -36,6 +36,12 @@ def test_detectors_in_no_order_are_refused(script):
         script.draw(7)
 
 
+def test_what_is_seen_nowhere_has_no_verdict(script):
+    """Two arcs that record some edges of every pixel, and all of none."""
+    with pytest.raises(ValueError, match="nowhere in the region"):
+        script.judge(script.draw(2011))
+
+
 def test_what_fails_is_announced(script):
     """An image by 8 scattered detectors, compared where all of it is seen."""
     outcome = script.judge(script.draw(1004))

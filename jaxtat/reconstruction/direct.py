@@ -25,6 +25,7 @@ from .setup import Setup, require_complete, require_setup
 from .sizes import PlaneSizes
 
 FINER = 2  # waves that the detectors sample in the inner half of the region only
+TOO_FINE = 0.1  # of the data that is finer than that: images of less were right, to 5 %
 MAGNIFIED = 3  # times as much detail as the data hold
 
 
@@ -213,7 +214,7 @@ def _warn_of_detail(sizes: PlaneSizes, energies: np.ndarray) -> None:
     beyond = frequencies > possible
     finer = np.sqrt(of_data[frequencies > FINER * possible].sum())
     in_data, in_image = np.sqrt([of_data[beyond].sum(), of_image[beyond].sum()])
-    if finer > UNSAMPLED:
+    if finer > TOO_FINE:
         said = f"{100 * finer:.0f} % of what the data hold is at least {FINER} times as fine"
         warn_of_detectors(highest, possible, said, stacklevel=3)
     elif in_image > MAGNIFIED * in_data + UNSAMPLED:

@@ -92,7 +92,6 @@ class Choices(eqx.Module):
     region_radius: float
     region_cut: float
     region_angle: float
-    region_size: tuple[float, float] | None
     pixels: int = eqx.field(static=True)
     half_width: float
     first_radius: float
@@ -108,6 +107,7 @@ class Choices(eqx.Module):
     user_set: tuple[str, ...] = eqx.field(static=True, default=())
     to_estimate: tuple[str, ...] = eqx.field(static=True, default=())
     units: Units = eqx.field(static=True, default=Units())
+    region_size: tuple[float, float] | None = None
     laser_energy: bool = eqx.field(static=True, default=False)
     model_based: bool = eqx.field(static=True, default=False)
     penalty: str = eqx.field(static=True, default="tv")

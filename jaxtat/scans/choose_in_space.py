@@ -60,7 +60,8 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     frame = typical_frame(scan)[facts.order]
     center = tuple(float(x) for x in np.asarray(facts.detectors.center))
     left_out = tuple(int(k) for k in silent)
-    values = {"order": (*(int(k) for k in facts.order), *left_out), "left_out": left_out}
+    values: dict[str, Any] = {"order": (*(int(k) for k in facts.order), *left_out)}
+    values["left_out"] = left_out
     values |= {"region_center": center, "region_angle": 0.0, "region_size": None}
     values["units"] = facts.units
     found = Found(given, values, {}, {}, set())
