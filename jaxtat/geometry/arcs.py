@@ -62,8 +62,8 @@ def fit_arc(points: Float[np.ndarray, "detectors 2"]) -> ArcFit:
     span = 2 * np.pi if closed else abs(float(angles[-1] - angles[0]))
     opening = 0.0 if closed else float((angles[0] + angles[-1]) / 2 + np.pi)
     chord = np.inf if closed else radius * float(np.cos(np.pi - span / 2))
-    found = (float(center[0]), float(center[1]))
-    return ArcFit(found, radius, deviation, span, step, _principal(opening), chord)
+    middle = (float(center[0]), float(center[1]))
+    return ArcFit(middle, radius, deviation, span, step, _principal(opening), chord)
 
 
 def order_along_curve(points: Float[np.ndarray, "detectors 2"]) -> Int[np.ndarray, " detectors"]:

@@ -205,8 +205,8 @@ def nodes_on_sphere(
     ring = ring * jnp.sqrt(2 - depth)
     first, second = across(units)
     turned = [np.cos(phi) * first + np.sin(phi) * second for phi in around]
-    found = [(1 - depth) * units + ring * direction for direction in turned]
-    return jnp.concatenate(found), np.tile(weights, 2 * n) / (2 * n)
+    placed = [(1 - depth) * units + ring * direction for direction in turned]
+    return jnp.concatenate(placed), np.tile(weights, 2 * n) / (2 * n)
 
 
 def across(e: Float[Array, "*n 3"]) -> tuple[Float[Array, "*n 3"], Float[Array, "*n 3"]]:
@@ -237,8 +237,8 @@ def mean_over_nodes(compute: Callable[[Any], T], nodes: Any, weights: Float[Arra
         weights: c_i.
     """
 
-    def add(total: T, given: tuple[Any, Array]) -> tuple[T, None]:
-        node, weight = given
+    def add(total: T, node_and_weight: tuple[Any, Array]) -> tuple[T, None]:
+        node, weight = node_and_weight
         return jax.tree.map(lambda t, v: t + weight * v, total, compute(node)), None
 
     one = jax.eval_shape(compute, jax.tree.map(lambda leaf: leaf[0], nodes))

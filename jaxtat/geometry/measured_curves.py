@@ -102,10 +102,10 @@ def detector_curve(
         parts = [_smoothed_curve(points[a:b], closed, smooth) for a, b in pairwise(bounds)]
         curve = one_after_another(parts)
     if weights is not None:
-        given = real_array("weights", weights, (points.shape[0],))
-        require_positive("weights", given)
-        _require_length(given, curve.weights)
-        curve = SampledCurve(points, given, curve.normals, closed)
+        checked = real_array("weights", weights, (points.shape[0],))
+        require_positive("weights", checked)
+        _require_length(checked, curve.weights)
+        curve = SampledCurve(points, checked, curve.normals, closed)
     return with_elements(curve, element_width)
 
 
@@ -131,8 +131,8 @@ def _smoothed_curve(points: Array, closed: bool, smooth: int) -> SampledCurve:
     if is_concrete(smoothed):
         require_sorted(np.asarray(smoothed), closed)
         require_simple(np.asarray(smoothed), closed)
-    found = _sampled(smoothed, closed)
-    return SampledCurve(points, found.weights, found.normals, closed)
+    fitted = _sampled(smoothed, closed)
+    return SampledCurve(points, fitted.weights, fitted.normals, closed)
 
 
 def _local_parabolas(n: int, smooth: int, closed: bool) -> Float[np.ndarray, "n n"]:
@@ -184,8 +184,8 @@ def keep_detectors(curve: DetectorCurve, keep: Numbers | np.ndarray) -> SampledC
     >>> from jaxtat import circular_arc
     >>> curve = circular_arc(1.3, 0.0, 100)
     >>> keep = np.arange(100) != 40
-    >>> found = keep_detectors(curve, keep).weights * (100 / (np.pi * 1.3))
-    >>> [round(float(w), 9) for w in found[37:43]]
+    >>> result = keep_detectors(curve, keep).weights * (100 / (np.pi * 1.3))
+    >>> [round(float(w), 9) for w in result[37:43]]
     [1.0, 1.0, 1.5, 1.5, 1.0, 1.0]
     """
     if not is_concrete(keep):

@@ -39,8 +39,8 @@ class DetectorRings(SphericalCap):
     @property
     def meridian(self) -> SampledCurve:
         """All rings, on both sides of the axis: where they leave a hole nothing is seen."""
-        given = self.polar_angles, self.half_opening, self.radius
-        return SampledCurve(*by_library(_meridian, given), self.closed)
+        shape_of_rings = self.polar_angles, self.half_opening, self.radius
+        return SampledCurve(*by_library(_meridian, shape_of_rings), self.closed)
 
     def _rings(self) -> tuple[Array, Array]:
         return by_library(_cosines_and_areas, (self.polar_angles, self.half_opening))
@@ -96,8 +96,8 @@ def find_rings(positions: Numbers) -> FoundRings:
 
     >>> from jaxtat.geometry import spherical_cap
     >>> points = spherical_cap(1.3, 0.5, 6, 8, center=(0.0, 0.1, 0.2)).points.reshape(-1, 3)
-    >>> found = find_rings(points[::-1])
-    >>> found.rings.shape, round(float(found.rings.radius), 9), found.upside_down
+    >>> result = find_rings(points[::-1])
+    >>> result.rings.shape, round(float(result.rings.radius), 9), result.upside_down
     ((6, 8), 1.3, False)
     """
     points = np.asarray(real_array("positions", positions, ("detectors", 3)))
@@ -146,10 +146,10 @@ def fit_sphere(points: Float[np.ndarray, "detectors 3"]) -> tuple[np.ndarray, fl
     middle = points.mean(axis=0)
     local = points - middle
     design = np.column_stack([2 * local, np.ones(len(local))])
-    found, _, rank, _ = np.linalg.lstsq(design, np.sum(local**2, axis=1), rcond=1e-9)
+    solution, _, rank, _ = np.linalg.lstsq(design, np.sum(local**2, axis=1), rcond=1e-9)
     if rank < 4:
         raise ValueError("the detectors lie in a plane: no sphere is known by them.")
-    return middle + found[:3], float(np.sqrt(found[3] + found[:3] @ found[:3]))
+    return middle + solution[:3], float(np.sqrt(solution[3] + solution[:3] @ solution[:3]))
 
 
 def _by_rings(

@@ -97,11 +97,11 @@ def visibility(
 
 def _covered(offsets: np.ndarray, parts: list[np.ndarray], w: np.ndarray) -> np.ndarray:
     """Which lines meet one of several connected parts."""
-    found = np.zeros(offsets.shape, bool)
+    meets = np.zeros(offsets.shape, bool)
     for part in parts:
         first, last = _shadow(part, w)
-        found |= (offsets >= first[:, None]) & (offsets <= last[:, None])
-    return found
+        meets |= (offsets >= first[:, None]) & (offsets <= last[:, None])
+    return meets
 
 
 def _shadow(points: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -22,7 +22,7 @@ _NAMES = ("x1", "x2", "x3")
 
 
 def to_xarray(
-    found: ScanImages,
+    result: ScanImages,
     *,
     deviation: np.ndarray | None = None,
     wavelengths: np.ndarray | None = None,
@@ -33,7 +33,7 @@ def to_xarray(
     Needs xarray: ``pip install 'jaxtat[xarray]'``.
 
     Args:
-        found: by `scans.reconstruct` or `reconstruct_file`.
+        result: by `scans.reconstruct` or `reconstruct_file`.
         deviation: of its pixels, by `scans.standard_deviations`.
         wavelengths: of the frames, (frames,) [nm], such as ``scan.known["wavelengths"]``.
         inputs: files from which the images were made; names and SHA-256 are stored.
@@ -47,34 +47,34 @@ def to_xarray(
         ValueError: without xarray, and for another number of wavelengths than frames.
     """
     xarray = optional("xarray", "to_xarray", "xarray")
-    scale, unit = _metres(found)
-    axes = [scale * along for along in _nodes(found)]
-    names, several = _NAMES[: len(axes)], found.frames is not None
+    scale, unit = _metres(result)
+    axes = [scale * along for along in _nodes(result)]
+    names, several = _NAMES[: len(axes)], result.frames is not None
     dims = ("frame", *names) if several else names
-    inside = np.asarray(found.region.contains(found.grid.points))
+    inside = np.asarray(result.region.contains(result.grid.points))
     coordinates: dict[str, Any] = {
         name: (name, along, {"units": unit}) for name, along in zip(names, axes, strict=True)
     }
     if several:
-        coordinates["frame"] = np.asarray(found.numbers)
+        coordinates["frame"] = np.asarray(result.numbers)
     if wavelengths is not None:
         along = np.asarray(wavelengths, float)
-        if along.shape != found.numbers.shape:
+        if along.shape != result.numbers.shape:
             raise ValueError(
-                f"wavelengths have shape {along.shape}, but there are {len(found.numbers)} images."
+                f"wavelengths have shape {along.shape}, but there are {len(result.numbers)} images."
             )
         dimension = ("frame", along) if several else ((), along[0])
         coordinates["wavelength"] = (*dimension, {"units": "nm"})
-    variables = {"image": (dims, np.where(inside, found.image, np.nan))}
+    variables = {"image": (dims, np.where(inside, result.image, np.nan))}
     if deviation is not None:
         spread = deviation if several else np.asarray(deviation)[0]
         variables["standard_deviation"] = (dims, np.where(inside, spread, np.nan))
-    return xarray.Dataset(variables, coordinates, _texts(found, inputs))
+    return xarray.Dataset(variables, coordinates, _texts(result, inputs))
 
 
 def save_ome_zarr(
     path: str | Path,
-    found: ScanImages,
+    result: ScanImages,
     *,
     wavelengths: np.ndarray | None = None,
     inputs: Sequence[str | Path] = (),
@@ -87,7 +87,7 @@ def save_ome_zarr(
 
     Args:
         path: a folder that is not there yet, such as ``scan.ome.zarr``; it appears when whole.
-        found: by `scans.reconstruct` or `reconstruct_file`.
+        result: by `scans.reconstruct` or `reconstruct_file`.
         wavelengths: of the frames, (frames,) [nm]: names of the channels.
         inputs: files from which the images were made; names and SHA-256 are stored.
 
@@ -102,12 +102,15 @@ def save_ome_zarr(
         raise ValueError(f"cannot write {path}: it is there already.")
     if not target.parent.is_dir():
         raise ValueError(f"cannot write {path}: there is no folder {target.parent}.")
-    shape, d = found.grid.shape, len(found.grid.shape)
-    inside = np.asarray(found.region.contains(found.grid.points))
-    images = np.where(inside, found.image, np.nan).reshape(-1, *shape, *(1,) * (3 - d))
+    shape, d = result.grid.shape, len(result.grid.shape)
+    inside = np.asarray(result.region.contains(result.grid.points))
+    images = np.where(inside, result.image, np.nan).reshape(-1, *shape, *(1,) * (3 - d))
     data = images.transpose(0, 3, 2, 1).astype(np.float32)
-    labels = found.numbers if wavelengths is None else [f"{w:g} nm" for w in wavelengths]
-    marks = {"ome": _ome(found, [str(label) for label in labels]), "jaxtat": _texts(found, inputs)}
+    labels = result.numbers if wavelengths is None else [f"{w:g} nm" for w in wavelengths]
+    marks = {
+        "ome": _ome(result, [str(label) for label in labels]),
+        "jaxtat": _texts(result, inputs),
+    }
     made = Path(mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
         group = zarr.create_group(made, attributes=json.loads(as_json("attributes", marks)))
@@ -125,11 +128,11 @@ def save_ome_zarr(
         shutil.rmtree(made, ignore_errors=True)
 
 
-def _ome(found: ScanImages, labels: Sequence[str]) -> dict[str, Any]:
+def _ome(result: ScanImages, labels: Sequence[str]) -> dict[str, Any]:
     """The meta data of an image with one resolution."""
-    unit = None if found.unit is None else "millimeter"
-    scale = millimetres(found.unit)
-    nodes = [*_nodes(found), np.zeros(1)][:3][::-1]  # z, y, x
+    unit = None if result.unit is None else "millimeter"
+    scale = millimetres(result.unit)
+    nodes = [*_nodes(result), np.zeros(1)][:3][::-1]  # z, y, x
     steps = [scale * float(along[1] - along[0]) if len(along) > 1 else 1.0 for along in nodes]
     first = [scale * float(along[0]) for along in nodes]
     space: list[dict[str, Any]] = [
@@ -144,7 +147,7 @@ def _ome(found: ScanImages, labels: Sequence[str]) -> dict[str, Any]:
         "datasets": [{"path": "0", "coordinateTransformations": where}],
         "name": "jaxtat",
     }
-    low, high = float(np.nanmin(found.image)), float(np.nanmax(found.image))
+    low, high = float(np.nanmin(result.image)), float(np.nanmax(result.image))
     window = {"min": low, "max": high, "start": low, "end": high}
     shown = [
         {"label": label, "active": k == 0, "color": "FFFFFF", "window": window}
@@ -153,17 +156,17 @@ def _ome(found: ScanImages, labels: Sequence[str]) -> dict[str, Any]:
     return {"version": OME_VERSION, "multiscales": [multiscale], "omero": {"channels": shown}}
 
 
-def _nodes(found: ScanImages) -> list[np.ndarray]:
-    return [np.asarray(found.grid.axis(k), float) for k in range(len(found.grid.shape))]
+def _nodes(result: ScanImages) -> list[np.ndarray]:
+    return [np.asarray(result.grid.axis(k), float) for k in range(len(result.grid.shape))]
 
 
-def _metres(found: ScanImages) -> tuple[float, str]:
+def _metres(result: ScanImages) -> tuple[float, str]:
     """The unit of length in metres, and what lengths are in then."""
-    return (1.0, "unknown") if found.unit is None else (1e-3 * millimetres(found.unit), "m")
+    return (1.0, "unknown") if result.unit is None else (1e-3 * millimetres(result.unit), "m")
 
 
-def _texts(found: ScanImages, inputs: Sequence[str | Path]) -> Mapping[str, str]:
+def _texts(result: ScanImages, inputs: Sequence[str | Path]) -> Mapping[str, str]:
     return {
-        "settings": as_json("settings", found.choices.settings()),
-        "provenance": as_json("provenance", provenance_of(inputs, found.unit)),
+        "settings": as_json("settings", result.choices.settings()),
+        "provenance": as_json("provenance", provenance_of(inputs, result.unit)),
     }

@@ -63,12 +63,12 @@ def reconstruction_panel() -> Any:
     def reconstruct(
         scan: Path, sound_speed: float = 0.0, alpha: float = 0.0, model_based: bool = False
     ) -> Any:
-        given = {"sound_speed": sound_speed, "alpha": alpha, "model_based": model_based}
+        options = {"sound_speed": sound_speed, "alpha": alpha, "model_based": model_based}
         with jax.enable_x64(True):
-            found = reconstruct_file(
-                scan, **{name: value for name, value in given.items() if value}
+            result = reconstruct_file(
+                scan, **{name: value for name, value in options.items() if value}
             )
-        return [of_scan(found, scan.name)]
+        return [of_scan(result, scan.name)]
 
     # napari tells by its own type what to do with an answer
     reconstruct.__annotations__["return"] = list[layer]
@@ -78,18 +78,18 @@ def reconstruction_panel() -> Any:
     )
 
 
-def of_scan(found: ScanImages, name: str) -> Layer:
+def of_scan(result: ScanImages, name: str) -> Layer:
     """Images of a scan as a layer; outside the region they are NaN, which napari leaves blank.
 
     Args:
-        found: by `scans.reconstruct` or `reconstruct_file`.
+        result: by `scans.reconstruct` or `reconstruct_file`.
         name: of the layer.
     """
-    grid = found.grid
+    grid = result.grid
     axes = [np.asarray(grid.axis(k), float) for k in range(len(grid.shape))]
-    inside = np.asarray(found.region.contains(grid.points))
-    about = {"name": name, "metadata": {"settings": found.choices.settings()}}
-    return _layer(np.asarray(found.image), inside, axes, found.unit, about)
+    inside = np.asarray(result.region.contains(grid.points))
+    about = {"name": name, "metadata": {"settings": result.choices.settings()}}
+    return _layer(np.asarray(result.image), inside, axes, result.unit, about)
 
 
 def _of_file(path: Path) -> Layer:

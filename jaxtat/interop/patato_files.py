@@ -34,7 +34,7 @@ NAME = "jaxtat"  # of the group of reconstructions
 def save_patato(
     path: str | Path,
     scan: Scan,
-    found: ScanImages,
+    result: ScanImages,
     *,
     deviation: np.ndarray | None = None,
     settings: Mapping[str, Any] | None = None,
@@ -51,9 +51,9 @@ def save_patato(
     Args:
         path: the file, ending in .hdf5 or .h5.
         scan: pressure of all frames that were asked for.
-        found: by `scans.reconstruct`; frames that it left out become NaN.
+        result: by `scans.reconstruct`; frames that it left out become NaN.
         deviation: of its pixels, by `scans.standard_deviations`.
-        settings: what else was chosen; those of ``found.choices`` are stored anyway.
+        settings: what else was chosen; those of ``result.choices`` are stored anyway.
         inputs: files from which the images were made; names and SHA-256 are stored.
 
     Raises:
@@ -63,18 +63,18 @@ def save_patato(
     Source: PATATO 0.7, patato.io.hdf.hdf5_interface.
     """
     base, wavelengths = require_patato(path, scan, inputs)
-    images = _all_frames(scan, found, found.image)
-    spread = None if deviation is None else _all_frames(scan, found, deviation)
+    images = _all_frames(scan, result, result.image)
+    spread = None if deviation is None else _all_frames(scan, result, deviation)
     about = {
-        "settings": as_json("settings", {**(settings or {}), **found.choices.settings()}),
-        "provenance": as_json("provenance", provenance_of(inputs, found.unit)),
+        "settings": as_json("settings", {**(settings or {}), **result.choices.settings()}),
+        "provenance": as_json("provenance", provenance_of(inputs, result.unit)),
     }
-    units = found.choices.units._replace(length=found.unit)
-    axes, flat = _axes(scan, found, units)
-    marks = _marks(found, axes, units, wavelengths)
+    units = result.choices.units._replace(length=result.unit)
+    axes, flat = _axes(scan, result, units)
+    marks = _marks(result, axes, units, wavelengths)
     with replacing(path) as temporary:
         if base is None:
-            _write_scan(temporary, scan, found, wavelengths, units)
+            _write_scan(temporary, scan, result, wavelengths, units)
         else:
             shutil.copyfile(base, temporary)
         with _extending(temporary) as file:
@@ -131,13 +131,13 @@ def _rounds(scan: Scan) -> np.ndarray:
     return every[:n]
 
 
-def _all_frames(scan: Scan, found: ScanImages, stack: Any) -> np.ndarray:
+def _all_frames(scan: Scan, result: ScanImages, stack: Any) -> np.ndarray:
     """One image for each frame of the scan; zero outside the region, NaN for frames left out."""
-    shape = found.grid.shape
-    inside = np.asarray(found.region.contains(found.grid.points))
+    shape = result.grid.shape
+    inside = np.asarray(result.region.contains(result.grid.points))
     asked = scan.known.get("frame_numbers", np.arange(scan.n_frames))
     images = np.full((scan.n_frames, *shape), np.nan)
-    kept = np.isin(asked, found.numbers)
+    kept = np.isin(asked, result.numbers)
     images[kept] = np.where(inside, np.reshape(stack, (-1, *shape)), 0.0)
     return images
 
@@ -180,9 +180,9 @@ def _metres(units: Units) -> float:
     return 1.0 if units.length is None else 1e-3 * millimetres(units.length)
 
 
-def _axes(scan: Scan, found: ScanImages, units: Units) -> tuple[list[np.ndarray], int | None]:
+def _axes(scan: Scan, result: ScanImages, units: Units) -> tuple[list[np.ndarray], int | None]:
     """Nodes along x, y and z [m], and which of them a plane of detectors lies across, or None."""
-    detectors, grid = np.asarray(scan.known["detectors"], float), found.grid
+    detectors, grid = np.asarray(scan.known["detectors"], float), result.grid
     nodes = [np.asarray(grid.axis(k), float) for k in range(len(grid.shape))]
     flat = flat_axis(detectors)
     if flat is not None:
@@ -198,14 +198,14 @@ def _rows_of_x(stack: np.ndarray, flat: int | None) -> np.ndarray:
 
 
 def _marks(
-    found: ScanImages, axes: list[np.ndarray], units: Units, wavelengths: np.ndarray
+    result: ScanImages, axes: list[np.ndarray], units: Units, wavelengths: np.ndarray
 ) -> dict[str, Any]:
     """What PATATO has as attributes of an image; the nodes along its axes are [m]."""
     marks: dict[str, Any] = {
         "RECONSTRUCTION_ALGORITHM": np.bytes_(NAME),
-        "CorrectionFactorApplied": found.choices.laser_energy,
+        "CorrectionFactorApplied": result.choices.laser_energy,
         WAVELENGTHS: wavelengths,
-        SPEED: _speed(found, units),
+        SPEED: _speed(result, units),
     }
     for name, nodes in zip("XYZ", axes, strict=True):
         marks[f"RECONSTRUCTION_N{name}"] = len(nodes)
@@ -213,14 +213,14 @@ def _marks(
     return marks
 
 
-def _speed(found: ScanImages, units: Units) -> float:
+def _speed(result: ScanImages, units: Units) -> float:
     """[m/s], or in the units of the scan if they are not known."""
     seconds = 1e-6 * MICROSECONDS[units.time] if units.time else 1.0
-    return found.choices.sound_speed * _metres(units) / seconds
+    return result.choices.sound_speed * _metres(units) / seconds
 
 
 def _write_scan(
-    path: Path, scan: Scan, found: ScanImages, wavelengths: np.ndarray, units: Units
+    path: Path, scan: Scan, result: ScanImages, wavelengths: np.ndarray, units: Units
 ) -> None:
     """Write everything that PATATO reads of a scan."""
     colours = len(wavelengths)
@@ -250,7 +250,7 @@ def _write_scan(
             file[name] = array
         file["water-absorption-coefficients"].attrs["pathlength"] = 0.0
         name = scan.about.get("name", NAME)
-        marks = {RATE: _rate(scan) / seconds, SPEED: _speed(found, units), "name": name}
+        marks = {RATE: _rate(scan) / seconds, SPEED: _speed(result, units), "name": name}
         raw.attrs.update(marks)
         file.attrs.update(marks | {"comment": scan.about.get("comment", "")})
         if "date" in scan.about:

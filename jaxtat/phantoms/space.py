@@ -87,8 +87,8 @@ class SolidPhantom(RadialParts):
             return self._sum_over_parts(one)
 
         def of_points(points: Array) -> Array:
-            found = map_rows(of_detector, points.reshape(-1, 3), 256)
-            return found.reshape(*points.shape[:-1], -1)
+            values = map_rows(of_detector, points.reshape(-1, 3), 256)
+            return values.reshape(*points.shape[:-1], -1)
 
         return detectors.mean_over_elements(of_points, n_nodes)
 
