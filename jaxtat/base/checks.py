@@ -43,9 +43,9 @@ def by_library(compute: Callable[..., T], arrays: Any, *sizes: Any) -> T:
     """
     if not is_concrete(arrays):
         return compute(jnp, *arrays, *sizes)
-    found = compute(np, *jax.tree.map(np.asarray, tuple(arrays)), *sizes)
+    computed = compute(np, *jax.tree.map(np.asarray, tuple(arrays)), *sizes)
     with jax.ensure_compile_time_eval():
-        return jax.device_put(found)
+        return jax.device_put(computed)
 
 
 def require_x64() -> None:

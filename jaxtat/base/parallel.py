@@ -93,5 +93,5 @@ def in_groups(work: Callable[[Array], Array], stack: Array, size: int) -> Array:
         return work(stack)
     size = -(-n // n_groups)
     padded = jnp.pad(stack, ((0, n_groups * size - n), (0, 0), (0, 0)))
-    found = jax.lax.map(work, padded.reshape(n_groups, size, *stack.shape[1:]))
-    return found.reshape(-1, *found.shape[2:])[:n]
+    groups = jax.lax.map(work, padded.reshape(n_groups, size, *stack.shape[1:]))
+    return groups.reshape(-1, *groups.shape[2:])[:n]

@@ -35,5 +35,5 @@ def map_rows(function: Callable[[Any], Any], rows: Any, at_once: int) -> Any:
         filled = jnp.concatenate([leaf, jnp.broadcast_to(leaf[-1:], missing)])
         return filled.reshape(n_groups, size, *leaf.shape[1:])
 
-    found = jax.lax.map(jax.vmap(function), jax.tree.map(grouped, rows))
-    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:])[:n], found)
+    groups = jax.lax.map(jax.vmap(function), jax.tree.map(grouped, rows))
+    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:])[:n], groups)

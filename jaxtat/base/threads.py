@@ -10,26 +10,21 @@ from threading import Lock
 
 from threadpoolctl import threadpool_limits
 
+_LIMITED = Lock()
 
-class _OneThread:
-    """Sets the limit while any thread of the program is inside, and then what was before."""
 
-    def __init__(self) -> None:
-        self._lock, self._inside, self._limits = Lock(), 0, None
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Sets the limit, and afterwards what was before.
 
-    @contextmanager
-    def __call__(self) -> Iterator[None]:
-        with self._lock:
-            if self._inside == 0:
-                self._limits = threadpool_limits(1, user_api="blas")
-            self._inside += 1
-        try:
+    It is one for the whole process: where another thread of the program, or a block around this
+    one, has set it, that one ends it too.
+    """
+    if not _LIMITED.acquire(blocking=False):
+        yield
+        return
+    try:
+        with threadpool_limits(1, user_api="blas"):
             yield
-        finally:
-            with self._lock:
-                self._inside -= 1
-                if self._limits is not None and self._inside == 0:
-                    self._limits.restore_original_limits()
-
-
-one_blas_thread = _OneThread()
+    finally:
+        _LIMITED.release()

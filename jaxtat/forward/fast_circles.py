@@ -150,12 +150,12 @@ class CircleIntegrals(eqx.Module):
             table = _products(positions, frequency, orders)
             return jnp.einsum("bm,md->bd", _real_pairs(one), table)
 
-        found = map_rows(
+        values = map_rows(
             lambda item: at(self.positions, *item),
             (frequencies, jnp.moveaxis(harmonics, 1, 0)),
             TOGETHER,
         )
-        return jnp.moveaxis(found, 0, 1)
+        return jnp.moveaxis(values, 0, 1)
 
 
 def circle_integrals(

@@ -97,17 +97,17 @@ class PointWaves(eqx.Module):
                 chunk = jax.tree.map(lambda leaf: leaf.astype(float), tables)
                 tables = _point_tables(chunk, self.frequencies.astype(float), bands[-1])
             functions, radial = tables.functions.astype(dtype), tables.radial.astype(dtype)
-            found = []
+            values = []
             for part, band in zip(coefficients, bands, strict=True):
                 table = functions[: band.degrees, :, : band.orders]
                 sums = jnp.einsum("lcmbk,lcmd->lbkd", part, table)
                 waves = radial[: band.degrees, None, band.first : band.last]
-                found.append(jnp.sum(sums * waves, axis=0))
-            return jnp.concatenate(found, axis=1)
+                values.append(jnp.sum(sums * waves, axis=0))
+            return jnp.concatenate(values, axis=1)
 
         chunks = (self.local, self.factor) if self.tables is None else self.tables
-        found = jnp.moveaxis(jax.lax.map(lambda chunk: at(chunk, coefficients), chunks), 0, -2)
-        return found.reshape(*found.shape[:2], -1)[..., : self.n_detectors]
+        values = jnp.moveaxis(jax.lax.map(lambda chunk: at(chunk, coefficients), chunks), 0, -2)
+        return values.reshape(*values.shape[:2], -1)[..., : self.n_detectors]
 
 
 @eqx.filter_jit

@@ -237,8 +237,8 @@ def mean_over_nodes(compute: Callable[[Any], T], nodes: Any, weights: Float[Arra
         weights: c_i.
     """
 
-    def add(total: T, given: tuple[Any, Array]) -> tuple[T, None]:
-        node, weight = given
+    def add(total: T, node_and_weight: tuple[Any, Array]) -> tuple[T, None]:
+        node, weight = node_and_weight
         return jax.tree.map(lambda t, v: t + weight * v, total, compute(node)), None
 
     one = jax.eval_shape(compute, jax.tree.map(lambda leaf: leaf[0], nodes))

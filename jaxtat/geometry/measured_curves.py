@@ -102,10 +102,10 @@ def detector_curve(
         parts = [_smoothed_curve(points[a:b], closed, smooth) for a, b in pairwise(bounds)]
         curve = one_after_another(parts)
     if weights is not None:
-        given = real_array("weights", weights, (points.shape[0],))
-        require_positive("weights", given)
-        _require_length(given, curve.weights)
-        curve = SampledCurve(points, given, curve.normals, closed)
+        checked = real_array("weights", weights, (points.shape[0],))
+        require_positive("weights", checked)
+        _require_length(checked, curve.weights)
+        curve = SampledCurve(points, checked, curve.normals, closed)
     return with_elements(curve, element_width)
 
 

@@ -39,8 +39,8 @@ class DetectorRings(SphericalCap):
     @property
     def meridian(self) -> SampledCurve:
         """All rings, on both sides of the axis; a hole between rings is a gap of this curve."""
-        given = self.polar_angles, self.half_opening, self.radius
-        return SampledCurve(*by_library(_meridian, given), self.closed)
+        shape_of_rings = self.polar_angles, self.half_opening, self.radius
+        return SampledCurve(*by_library(_meridian, shape_of_rings), self.closed)
 
     def _rings(self) -> tuple[Array, Array]:
         return by_library(_cosines_and_areas, (self.polar_angles, self.half_opening))

@@ -168,11 +168,11 @@ def join_curves(*curves: DetectorCurve) -> SampledCurve:
     return _checked(one_after_another(curves))
 
 
-def require_several(name: str, kind: type, given: Sequence[Any]) -> None:
+def require_several(name: str, kind: type, objects: Sequence[Any]) -> None:
     """Raise ValueError for no arguments, and for a list in place of separate arguments."""
-    if not given:
+    if not objects:
         raise ValueError(f"got no {name}s, expected at least one.")
-    for one in given:
+    for one in objects:
         if not isinstance(one, kind):
             raise ValueError(
                 f"got a {type(one).__name__} for a {name}: expected each {name} as an argument of "

@@ -62,10 +62,10 @@ def reconstruction_panel() -> Any:
     def reconstruct(
         scan: Path, sound_speed: float = 0.0, alpha: float = 0.0, model_based: bool = False
     ) -> Any:
-        given = {"sound_speed": sound_speed, "alpha": alpha, "model_based": model_based}
+        options = {"sound_speed": sound_speed, "alpha": alpha, "model_based": model_based}
         with jax.enable_x64(True):
             result = reconstruct_file(
-                scan, **{name: value for name, value in given.items() if value}
+                scan, **{name: value for name, value in options.items() if value}
             )
         return [of_scan(result, scan.name)]
 

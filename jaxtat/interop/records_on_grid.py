@@ -21,7 +21,7 @@ def images_on_grid(
     sampling_rate: float,
     sound_speed: float | None,
     axes: list[Float[np.ndarray, " nodes"]],
-    given: Mapping[str, Any],
+    choices: Mapping[str, Any],
     chosen: Choices | None = None,
 ) -> tuple[Float[np.ndarray, "frames x y z"], Choices]:
     """Images (frames, x, y, z) of records, zero outside the region of interest, and its choices.
@@ -33,7 +33,7 @@ def images_on_grid(
         sampling_rate: [Hz].
         sound_speed: [m/s]; None to find that of the sharpest image.
         axes: equispaced nodes along x, y and z [m], one across the plane of the detectors.
-        given: choices by name, as in `scans.choose`.
+        choices: choices by name, as in `scans.choose`.
         chosen: in place of new choices: those of an earlier call with these positions.
 
     Raises:
@@ -53,7 +53,7 @@ def images_on_grid(
     ends = np.array([along[[0, -1]] for along in nodes])
     with jax.enable_x64(True):
         if chosen is None:
-            chosen = estimate(scan, choose(scan, **given), **given)
+            chosen = estimate(scan, choose(scan, **choices), **choices)
         if chosen.model_based:
             raise ValueError("images under constraints are not made here: use jaxtat reconstruct.")
         grid = ImageGrid(tuple(map(len, nodes)), np.ptp(ends, axis=1) / 2, ends.mean(axis=1))

@@ -156,8 +156,8 @@ def calibrate(
     >>> r = 0.2 + 0.1 * jnp.arange(24)
     >>> setup = Setup(circular_arc(1.3, 1.0, 40), disk(1.0), ImageGrid(13), r)
     >>> g = phantoms.Bells([[0.3, 0.2]], [0.6]).circular_integrals(setup.curve, r / 0.98)
-    >>> found = calibrate(setup, g, sound_speed=1470.0)
-    >>> round(float(found.parameters.sound_speed))  # r = c t, so c is 1470 / 0.98
+    >>> result = calibrate(setup, g, sound_speed=1470.0)
+    >>> round(float(result.parameters.sound_speed))  # r = c t, so c is 1470 / 0.98
     1500
     """
     require_x64()
@@ -192,15 +192,15 @@ def calibrate(
         # an optimum does not change with the start: so all stages share programs of derivatives too
         free, stage = _fit(problem, jax.lax.stop_gradient(free), highest)
         stages.append(stage)
-    found, corrected = _finish(problem, free)
+    estimate, corrected = _finish(problem, free)
     # third derivatives of the residuals would be needed for theirs
     errors = _standard_errors(*jax.lax.stop_gradient((problem, free)))
-    moved = _moved(curve, found)
+    moved = _moved(curve, estimate)
     return Calibration(
-        parameters=found,
+        parameters=estimate,
         standard_errors=errors,
         curve=moved if turns is None else turned_views(moved, views),
-        radii=radii * found.sound_speed / problem.sound_speed,
+        radii=radii * estimate.sound_speed / problem.sound_speed,
         g=corrected,
         stages=jax.tree.map(lambda *parts: jnp.stack(parts), *stages),
     )
@@ -226,7 +226,7 @@ class _Problem(eqx.Module):
 
 
 Free = dict[str, Array]  # corrections of the unknowns, relative, lengths over the distance
-_Given = tuple[_Problem, Float[Array, " frequencies"]]  # and weights
+_Fixed = tuple[_Problem, Float[Array, " frequencies"]]  # and weights
 
 
 def _start(problem: _Problem, unknown: tuple[str, ...]) -> Free:
@@ -256,19 +256,21 @@ def _of_all(values: Float[Array, " some"], zeros: Float[Array, " n"]) -> Float[A
     return values if values.shape == zeros.shape else jnp.append(values, -jnp.sum(values))
 
 
-def _moved(curve: DetectorCurve, found: Parameters) -> DetectorCurve:
+def _moved(curve: DetectorCurve, estimate: Parameters) -> DetectorCurve:
     if not isinstance(curve, CircularArc):
         return curve
-    return eqx.tree_at(lambda arc: (arc.radius, arc.center), curve, (found.radius, found.center))
+    return eqx.tree_at(
+        lambda arc: (arc.radius, arc.center), curve, (estimate.radius, estimate.center)
+    )
 
 
-def _geometry(problem: _Problem, free: Free, found: Parameters) -> PolarGeometry:
+def _geometry(problem: _Problem, free: Free, estimate: Parameters) -> PolarGeometry:
     """The geometry; only unknowns are traced, so that the symmetry of the rest is kept."""
     if not free.keys() & _MOVING:
         return problem.geometry
     # elements that keep their width are seen under other angles from other radii
     if "center" in free or problem.curve.element_width is not None:
-        placed = turned_views(_moved(problem.curve, found), problem.turns)
+        placed = turned_views(_moved(problem.curve, estimate), problem.turns)
         sizes = problem.sizes
         return polar_geometry(placed, problem.region, sizes.n_nodes, sizes.wave_offset)
     factor = 1 + free["radius"]
@@ -280,30 +282,30 @@ def _geometry(problem: _Problem, free: Free, found: Parameters) -> PolarGeometry
 
 
 def _transformed(
-    problem: _Problem, free: Free, found: Parameters, frequencies: Array
+    problem: _Problem, free: Free, estimate: Parameters, frequencies: Array
 ) -> Float[Array, "frequencies 2 detectors"]:
     """(G_J, G_Y) of the data without gains and delays, over the stretch of dr."""
     views = problem.turns.shape[0]
-    stretch = found.sound_speed / problem.sound_speed
+    stretch = estimate.sound_speed / problem.sound_speed
     radii = stretch * problem.radii
     if "delays" in free:
-        delays = jnp.tile(found.sound_speed * found.delays, views)
+        delays = jnp.tile(estimate.sound_speed * estimate.delays, views)
         raw = delayed_transform(problem.g, radii, frequencies, delays)
     else:
         raw = radial_transform(problem.g, radii, frequencies)
-    return raw / (stretch * jnp.tile(found.gains, views))
+    return raw / (stretch * jnp.tile(estimate.gains, views))
 
 
-def _residual(free: Free, given: _Given) -> tuple[Array, Array]:
+def _residual(free: Free, fixed: _Fixed) -> tuple[Array, Array]:
     """The residuals of the best image, weighted by frequency."""
-    problem, weight = given
+    problem, weight = fixed
     frequencies = problem.sizes.frequencies
-    found = _parameters(problem, free)
-    geometry = _geometry(problem, free, found)
+    estimate = _parameters(problem, free)
+    geometry = _geometry(problem, free, estimate)
     known = problem.waves
     if known is None:
         known = waves_of(geometry, frequencies, problem.sizes.groups[-1][-1])
-    transformed = _transformed(problem, free, found, frequencies)
+    transformed = _transformed(problem, free, estimate, frequencies)
     left, penalty = unexplained(geometry, known, transformed, problem.alpha)
     return weight[:, None, None] * left, weight[:, None, None] * penalty
 
@@ -326,14 +328,14 @@ def _weights(problem: _Problem, highest: Array) -> Float[Array, " frequencies"]:
 def _fit(problem: _Problem, free: Free, highest: Array) -> tuple[Free, Stage]:
     """One stage. The same program serves all: frequencies not yet used have weight zero."""
     weights = _weights(problem, highest)
-    found, least, steps, converged = _least(free, (problem, weights))
+    estimate, least, steps, converged = _least(free, (problem, weights))
     n_data = 2 * problem.g.shape[0] * weights.shape[0]
     misfit = 2 * least / (n_data * jnp.mean(weights > 0))
-    return found, Stage(highest, jnp.sqrt(misfit), steps, converged)
+    return estimate, Stage(highest, jnp.sqrt(misfit), steps, converged)
 
 
-def _squares(free: Free, given: _Given) -> Array:
-    return _half_sum(_residual(free, given))
+def _squares(free: Free, fixed: _Fixed) -> Array:
+    return _half_sum(_residual(free, fixed))
 
 
 def _half_sum(residuals: tuple[Array, ...]) -> Array:
@@ -342,49 +344,54 @@ def _half_sum(residuals: tuple[Array, ...]) -> Array:
 
 
 @eqx.filter_custom_jvp
-def _least(start: Free, given: _Given) -> tuple[Free, Array, Array, Array]:
+def _least(start: Free, fixed: _Fixed) -> tuple[Free, Array, Array, Array]:
     """Where `_squares` are least, how large, the number of steps, and whether they came to rest."""
     solver = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-7, linear_solver=lx.QR())
-    found = optx.least_squares(
-        _with_columns, solver, start, given, max_steps=MAX_STEPS, throw=False
+    estimate = optx.least_squares(
+        _with_columns, solver, start, fixed, max_steps=MAX_STEPS, throw=False
     )
     # the residuals of the last step that was taken: computed again they were half the program
-    least = _half_sum(found.state.f_info.residual)
-    return found.value, least, found.stats["num_steps"], found.result == optx.RESULTS.successful
+    least = _half_sum(estimate.state.f_info.residual)
+    return (
+        estimate.value,
+        least,
+        estimate.stats["num_steps"],
+        estimate.result == optx.RESULTS.successful,
+    )
 
 
 @_least.def_jvp  # pyright: ignore[reportFunctionMemberAccess]
-def _(primals: tuple[Free, _Given], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
-    # The slope s(p, given) stays zero: ds/dp dp = -ds/dgiven dgiven. The start does not matter.
-    (start, given), (_, moved) = primals, tangents
-    found, *rest = _least(start, given)
-    flat, unravel = ravel_pytree(found)
+def _(primals: tuple[Free, _Fixed], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
+    # The slope s(p, fixed) stays zero: ds/dp dp = -ds/dfixed dfixed. The start does not matter.
+    (start, fixed), (_, moved) = primals, tangents
+    estimate, *rest = _least(start, fixed)
+    flat, unravel = ravel_pytree(estimate)
 
-    def slope(flat: Array, given: _Given) -> tuple[Array, Array]:
-        return jax.value_and_grad(lambda flat: _squares(unravel(flat), given))(flat)
+    def slope(flat: Array, fixed: _Fixed) -> tuple[Array, Array]:
+        return jax.value_and_grad(lambda flat: _squares(unravel(flat), fixed))(flat)
 
-    _, (least, change) = eqx.filter_jvp(lambda given: slope(flat, given), (given,), (moved,))
-    curvature = jax.jacfwd(lambda flat: slope(flat, given)[1])(flat)
+    _, (least, change) = eqx.filter_jvp(lambda fixed: slope(flat, fixed), (fixed,), (moved,))
+    curvature = jax.jacfwd(lambda flat: slope(flat, fixed)[1])(flat)
     change = unravel(-lu_solve(curvature[None], change[None, :, None])[0, :, 0])
-    return (found, *rest), (change, least, None, None)
+    return (estimate, *rest), (change, least, None, None)
 
 
 @eqx.filter_custom_jvp
-def _with_columns(free: Free, given: _Given) -> tuple[Array, Array]:
+def _with_columns(free: Free, fixed: _Fixed) -> tuple[Array, Array]:
     """The residuals, whose derivatives are the columns of a matrix.
 
     Steps keep the derivatives from one to the next: by JAX's own rules, all numbers that these are
     computed from, of which there are hundreds.
     """
-    return _residual(free, given)
+    return _residual(free, fixed)
 
 
 @_with_columns.def_jvp  # pyright: ignore[reportFunctionMemberAccess]
-def _(primals: tuple[Free, _Given], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
+def _(primals: tuple[Free, _Fixed], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
     # kept in the loop over steps: what XLA moves out of it, it writes operation by operation
-    free, given = jax.lax.optimization_barrier(primals)
+    free, fixed = jax.lax.optimization_barrier(primals)
     flat, unravel = ravel_pytree(free)
-    value, along = jax.linearize(lambda flat: _residual(unravel(flat), given), flat)
+    value, along = jax.linearize(lambda flat: _residual(unravel(flat), fixed), flat)
     columns = jax.vmap(along)(jnp.eye(flat.size))
     direction, _ = ravel_pytree(tangents[0])
     return value, jax.tree.map(lambda part: jnp.tensordot(direction, part, 1), columns)
@@ -393,8 +400,8 @@ def _(primals: tuple[Free, _Given], tangents: tuple[Any, Any]) -> tuple[Any, Any
 @eqx.filter_jit
 def _finish(problem: _Problem, free: Free) -> tuple[Parameters, Float[Array, "detectors radii"]]:
     """Parameters, and the data without gains and delays."""
-    found = _parameters(problem, free)
-    return found, _corrected(problem, found)
+    estimate = _parameters(problem, free)
+    return estimate, _corrected(problem, estimate)
 
 
 @eqx.filter_jit
@@ -431,7 +438,7 @@ def _standard_errors(problem: _Problem, free: Free) -> Parameters:
     return ravel_pytree(_parameters(problem, free))[1](errors)
 
 
-def _corrected(problem: _Problem, found: Parameters) -> Float[Array, "detectors radii"]:
+def _corrected(problem: _Problem, estimate: Parameters) -> Float[Array, "detectors radii"]:
     """Data read c delay farther out, by a phase of their Fourier transform, over the gain.
 
     At equispaced radii, and from there back at those of the data.
@@ -439,11 +446,11 @@ def _corrected(problem: _Problem, found: Parameters) -> Float[Array, "detectors 
     views, radii = problem.turns.shape[0], problem.radii
     n = radii.shape[0]
     nodes = jnp.linspace(radii[0], radii[-1], n)
-    samples = jnp.tile(found.delays * problem.sound_speed, views) / (nodes[1] - nodes[0])
+    samples = jnp.tile(estimate.delays * problem.sound_speed, views) / (nodes[1] - nodes[0])
     phase = 2j * jnp.pi * jnp.fft.rfftfreq(2 * n) * samples[:, None]
     g = problem.g @ interpolation_matrix(radii, nodes).T
     read = jnp.fft.irfft(jnp.fft.rfft(g, 2 * n) * jnp.exp(phase), 2 * n)[:, :n]
-    return read @ interpolation_matrix(nodes, radii).T / jnp.tile(found.gains, views)[:, None]
+    return read @ interpolation_matrix(nodes, radii).T / jnp.tile(estimate.gains, views)[:, None]
 
 
 def _cutoffs(sizes: PlaneSizes) -> list[Array]:

@@ -63,7 +63,7 @@ class TradeOff(eqx.Module):
     converged: Bool[Array, " values"]
 
 
-class Comparison(eqx.Module):
+class RuleComparison(eqx.Module):
     """Three curves.
 
     Attributes:
@@ -89,7 +89,7 @@ def compare_regularizations(
     n_directions: int | None = None,
     tolerance: float = 1e-6,
     max_steps: int = 1000,
-) -> Comparison:
+) -> RuleComparison:
     """Error of plane waves and image against norm of densities, for three ways of regularising.
 
     The part of the image at frequency lambda, per unit of frequency, is
@@ -108,7 +108,7 @@ def compare_regularizations(
         tolerance, max_steps: of the iterations, see `ridge.ridge`.
 
     Returns:
-        Comparison.
+        RuleComparison.
 
     Raises:
         ValueError: for parameters that are not positive, and detectors that cylindrical waves do
@@ -117,8 +117,8 @@ def compare_regularizations(
     >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
     >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(21))
     >>> bell = phantoms.Bells([[0.2, 0.1]], [0.6])
-    >>> found = compare_regularizations(setup, bell, 12.0, K=[2.0, 4.0], alpha=[1e-2, 1e-3])
-    >>> bool(jnp.all(jnp.diff(found.truncation.residual) < 0)), found.iterative.converged.tolist()
+    >>> result = compare_regularizations(setup, bell, 12.0, K=[2.0, 4.0], alpha=[1e-2, 1e-3])
+    >>> bool(jnp.all(jnp.diff(result.truncation.residual) < 0)), result.iterative.converged.tolist()
     (True, [True, True])
     """
     require_x64()
@@ -156,7 +156,7 @@ def compare_regularizations(
     def iterated(judge: _Judge, alpha: Array) -> tuple[Array, Array, Array]:
         return _iterated(judge, alpha, tolerance, max_steps)
 
-    return Comparison(
+    return RuleComparison(
         judge.trade_off(_truncated, bounds),
         judge.trade_off(_damped, alphas),
         judge.trade_off(iterated, alphas),
@@ -221,15 +221,15 @@ def _system(
 
 @eqx.filter_jit
 def _truncated(judge: _Judge, bound: Array) -> tuple[Array, Array, Array]:
-    found = filtered_solve(judge.matrix, judge.rhs, NormBound(bound), judge.unit_norm)
-    return found.q, jnp.zeros((), int), jnp.ones((), bool)
+    solution = filtered_solve(judge.matrix, judge.rhs, NormBound(bound), judge.unit_norm)
+    return solution.q, jnp.zeros((), int), jnp.ones((), bool)
 
 
 @eqx.filter_jit
 def _damped(judge: _Judge, alpha: Array) -> tuple[Array, Array, Array]:
     rule = Tikhonov(alpha * judge.unit)
-    found = filtered_solve(judge.matrix, judge.rhs, rule, judge.unit_norm)
-    return found.q, jnp.zeros((), int), jnp.ones((), bool)
+    solution = filtered_solve(judge.matrix, judge.rhs, rule, judge.unit_norm)
+    return solution.q, jnp.zeros((), int), jnp.ones((), bool)
 
 
 @eqx.filter_jit
@@ -237,8 +237,8 @@ def _iterated(
     judge: _Judge, alpha: Array, tolerance: float, max_steps: int
 ) -> tuple[Array, Array, Array]:
     alpha = alpha * judge.unit
-    found = ridge(judge.matrix, judge.rhs, alpha, tolerance=tolerance, max_steps=max_steps)
-    return found.q, found.iterations, found.converged
+    solution = ridge(judge.matrix, judge.rhs, alpha, tolerance=tolerance, max_steps=max_steps)
+    return solution.q, solution.iterations, solution.converged
 
 
 def _square(columns: Complex[Array, "blocks n c"]) -> Float[Array, " c"]:

@@ -67,8 +67,8 @@ def noise_of_residual(setup: Setup, residual: DataResidual) -> DataNoise:
     >>> noise = 0.1 * np.random.default_rng(0).standard_normal((90, len(radii)))
     >>> far = phantoms.Bells([[0.5, 0.4]], [0.4]).circular_integrals(curve, radii)  # unexplained
     >>> residual = data_residual(setup, far + noise, np.zeros((33, 33)))
-    >>> found = noise_of_residual(setup, residual)
-    >>> found.source.name, abs(float(found.sigma) - 0.1) < 0.01, bool(residual.typical > 0.12)
+    >>> result = noise_of_residual(setup, residual)
+    >>> result.source.name, abs(float(result.sigma) - 0.1) < 0.01, bool(residual.typical > 0.12)
     ('INCOHERENT', True, True)
     """
     curve, _, radii, _ = plane_of(setup)

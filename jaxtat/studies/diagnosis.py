@@ -125,8 +125,8 @@ def diagnose(
     >>> setup = Setup(circular_arc(1.3, 0.2, 12), disk(1.0, 0.0), ImageGrid(41), max_frequency=10.0)
     >>> bell = phantoms.Bells([[-0.5, 0.0]], [0.5])
     >>> g = bell.circular_integrals(setup.curve, setup.radii)
-    >>> found = diagnose(setup, g, bell.image(setup.grid))
-    >>> bool(found.residual.relative < 2e-3), bool(found.lines.invisible_fraction == 0)
+    >>> result = diagnose(setup, g, bell.image(setup.grid))
+    >>> bool(result.residual.relative < 2e-3), bool(result.lines.invisible_fraction == 0)
     (True, True)
     """
     require_x64()
@@ -139,14 +139,14 @@ def diagnose(
     residual = data_residual(setup, g, image)
     if noise is not None:
         noise = real_array("noise", noise, residual.values.shape)
-    found = _noise(setup, residual, sigma, noise)
+    data_noise = _noise(setup, residual, sigma, noise)
     inside = region.contains(setup.grid.points)
     uncertainty = None
     if uncertainty_pixels is None:
         uncertainty_pixels = 0 if plan is None else affordable_pixels(plan)
     if plan is not None and uncertainty_pixels:
         options = {"low_pass": low_pass, "inversion": inversion, "progress": progress}
-        uncertainty = _uncertainty(plan, found, noise, uncertainty_pixels, options)
+        uncertainty = _uncertainty(plan, data_noise, noise, uncertainty_pixels, options)
     return Diagnosis(
         setup=setup,
         g=jnp.asarray(g, float),
@@ -154,7 +154,7 @@ def diagnose(
         lines=visibility(curve, region),
         visible=jnp.where(inside, visibility_map(setup), jnp.nan),
         residual=residual,
-        noise=found,
+        noise=data_noise,
         waves=None if plan is None else wave_accuracy(plan, low_pass),
         uncertainty=uncertainty,
     )
@@ -192,7 +192,9 @@ def _affordable(n_detectors: int, n_radii: int, n: int, n_directions: int) -> in
     return BLOCK * int(np.clip(blocks, 1, UNCERTAINTY_PIXELS // BLOCK))
 
 
-def plan_of(setup: Setup, found: Reconstruction, *, progress: bool = False) -> ReconstructionPlan:
+def plan_of(
+    setup: Setup, solution: Reconstruction, *, progress: bool = False
+) -> ReconstructionPlan:
     """The plan with the same images as `solve`.
 
     `solve` never forms densities, and so cannot report their accuracy and norm. A plan with its
@@ -200,11 +202,11 @@ def plan_of(setup: Setup, found: Reconstruction, *, progress: bool = False) -> R
 
     Args:
         setup: of the reconstruction.
-        found: from `solve`.
+        solution: from `solve`.
         progress: show a progress bar.
     """
-    relative = found.report.relative_alpha
-    cylindrical = found.basis == "cylindrical"
+    relative = solution.report.relative_alpha
+    cylindrical = solution.basis == "cylindrical"
     rule = Tikhonov(relative) if cylindrical else RelativeTikhonov(jnp.sqrt(relative))
     method = "cylindrical" if cylindrical else "collocation"
     return build_plan(setup, rule, method=method, progress=progress)

@@ -65,10 +65,10 @@ def predict_noise(
     >>> from jaxtat import circular_arc, disk
     >>> full = circular_arc(1.3, 1.3, 500)
     >>> setup = Setup(full, disk(1.0), ImageGrid(129))
-    >>> found = predict_noise(setup, 0.01, grid=ImageGrid(5, 0.5), kappa=0.0)
+    >>> result = predict_noise(setup, 0.01, grid=ImageGrid(5, 0.5), kappa=0.0)
     >>> highest, h, w = 64 * np.pi, 1 / 64, 2 * np.pi * 1.3 / 500
     >>> middle = 0.01 * np.sqrt(h * highest**3 / (12 * np.pi**3) * np.pi * w / (2 * 1.3))  # W = 2
-    >>> bool(abs(found[2, 2] / middle - 1) < 1e-3)
+    >>> bool(abs(result[2, 2] / middle - 1) < 1e-3)
     True
     """
     curve, _, radii, sizes = plane_of(setup)

@@ -84,8 +84,8 @@ def data_residual(setup: Setup, g: Numbers, image: Numbers) -> DataResidual:
     >>> setup = Setup(circular_arc(1.3, 1.0, 12), disk(1.0), ImageGrid(33), max_frequency=10.0)
     >>> bell = phantoms.Bells([[0.1, 0.2]], [0.6])
     >>> g = bell.circular_integrals(setup.curve, setup.radii).at[3].set(0.0)  # one dead channel
-    >>> found = data_residual(setup, g, bell.image(setup.grid))
-    >>> found.unusual.tolist(), bool(jnp.abs(found.gains[4] - 1) < 1e-3)
+    >>> result = data_residual(setup, g, bell.image(setup.grid))
+    >>> result.unusual.tolist(), bool(jnp.abs(result.gains[4] - 1) < 1e-3)
     ([3], True)
     """
     curve, region, radii, _ = plane_of(setup)

@@ -62,8 +62,8 @@ def ridge(
     35 (2022), "Efficient and modular implicit differentiation".
 
     >>> u = jnp.array([[[4.0], [2.0]]]) + 0j
-    >>> found = ridge(jnp.diag(jnp.array([2.0, 1.0]))[None], u, 1.0)
-    >>> [round(float(q), 5) for q in found.q.real[0, :, 0]], bool(found.converged)
+    >>> result = ridge(jnp.diag(jnp.array([2.0, 1.0]))[None], u, 1.0)
+    >>> [round(float(q), 5) for q in result.q.real[0, :, 0]], bool(result.converged)
     ([1.6, 1.0], True)
     """
     alpha = real_array("alpha", alpha, ())
@@ -75,8 +75,8 @@ def ridge(
     columns = jnp.concatenate([rhs.real, rhs.imag], axis=-1)  # real: jaxopt's solvers know no other
     size = jax.lax.stop_gradient(jnp.linalg.norm(_transposed(matrix) @ columns))
     size = jnp.where(size > 0, size, 1.0)
-    found, steps, error = _minimiser(matrix, columns / size, damping, tolerance, max_steps)
-    real, imaginary = jnp.split(found * (size / unit), 2, axis=-1)
+    solution, steps, error = _minimiser(matrix, columns / size, damping, tolerance, max_steps)
+    real, imaginary = jnp.split(solution * (size / unit), 2, axis=-1)
     return RidgeSolution(jax.lax.complex(real, imaginary), steps, error, error <= tolerance)
 
 
@@ -95,20 +95,20 @@ def _minimiser(
         objective, maxiter=max_steps, tol=tolerance, max_stepsize=1e3, implicit_diff=False
     )
     start = jnp.zeros((matrix.shape[0], matrix.shape[2], columns.shape[-1]))
-    given = matrix, columns, damping
-    found, state = solver.run(start, *jax.lax.stop_gradient(given))
+    system = matrix, columns, damping
+    solution, state = solver.run(start, *jax.lax.stop_gradient(system))
 
     # Where the gradient vanishes, dq = -H^-1 d(gradient), H = A^T A + alpha: a change of zero with
     # this derivative. jaxopt's own implicit derivatives are for reverse mode alone.
-    gradient = jax.grad(objective)(found, *given)
+    gradient = jax.grad(objective)(solution, *system)
     no_change = jaxopt.linear_solve.solve_cg(
         lambda q: _transposed(matrix) @ (matrix @ q) + damping * q,
         gradient - jax.lax.stop_gradient(gradient),
         tol=1e-14,
         maxiter=10 * matrix.shape[-1],
     )
-    found = found - no_change
-    return found, state.iter_num, state.error
+    solution = solution - no_change
+    return solution, state.iter_num, state.error
 
 
 def _jaxopt() -> ModuleType:

@@ -129,17 +129,17 @@ def _map(
     """Standard deviations block by block; blocks without a wanted pixel are skipped."""
     blocks = [-(-n // BLOCK) for n in grid.shape]
     if is_concrete(wanted, grid):
-        found = _some_blocks(of_block, grid, np.asarray(wanted), blocks, progress)
+        spreads = _some_blocks(of_block, grid, np.asarray(wanted), blocks, progress)
     else:
         places = BLOCK * np.argwhere(np.ones(blocks))
-        found = jax.lax.map(lambda place: of_block(_block(grid, place)), places)
-    return by_library(_joined, (found, wanted), blocks)
+        spreads = jax.lax.map(lambda place: of_block(_block(grid, place)), places)
+    return by_library(_joined, (spreads, wanted), blocks)
 
 
-def _joined(xp: Any, found: Any, wanted: Any, blocks: list[int]) -> Any:
+def _joined(xp: Any, spreads: Any, wanted: Any, blocks: list[int]) -> Any:
     """The image of blocks, NaN where it is not wanted."""
     rows, columns = wanted.shape
-    image = xp.stack(found).reshape(*blocks, BLOCK, BLOCK).swapaxes(1, 2)
+    image = xp.stack(spreads).reshape(*blocks, BLOCK, BLOCK).swapaxes(1, 2)
     image = image.reshape(BLOCK * blocks[0], BLOCK * blocks[1])[:rows, :columns]
     return xp.where(wanted, image, np.nan)
 
@@ -155,7 +155,7 @@ def _some_blocks(
     beyond = [(0, -n % BLOCK) for n in grid.shape]
     tiles = np.pad(wanted, beyond).reshape(blocks[0], BLOCK, blocks[1], BLOCK).swapaxes(1, 2)
     places = np.argwhere(tiles.any(axis=(2, 3)))
-    found: dict[tuple[int, ...], Array] = {}
+    spreads: dict[tuple[int, ...], Array] = {}
     bar = tqdm(
         total=int(wanted.sum()), desc="standard deviations", unit="pixel", disable=not progress
     )
@@ -164,10 +164,10 @@ def _some_blocks(
             spread = of_block(_block(grid, BLOCK * place))
             if is_concrete(spread):
                 spread.block_until_ready()  # or the bar would run ahead
-            found[tuple(place)] = spread
+            spreads[tuple(place)] = spread
             bar.update(int(tiles[tuple(place)].sum()))
     left_out = np.full((BLOCK, BLOCK), np.nan)
-    return [found.get(place, left_out) for place in np.ndindex(*blocks)]
+    return [spreads.get(place, left_out) for place in np.ndindex(*blocks)]
 
 
 def _block(grid: ImageGrid, first: Any) -> ImageGrid:

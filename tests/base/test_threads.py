@@ -1,7 +1,7 @@
 """OpenBLAS has one thread while anything computes, and then as many as before."""
 
 from concurrent.futures import ThreadPoolExecutor
-from threading import Barrier
+from threading import Event
 
 import numpy as np
 import pytest
@@ -23,21 +23,24 @@ def two():
 
 
 def test_threads_of_the_program_may_overlap():
-    """The first to come in is not the first to go out."""
-    both_inside, first_is_out = Barrier(2), Barrier(2)
+    """The first to come in leaves first, and the other does not end with its limit kept."""
+    inside, ended = Event(), Event()
 
-    def work(leaves_first):
+    def work():
         with one_blas_thread():
-            both_inside.wait(30)
-            if not leaves_first:
-                first_is_out.wait(30)
-                assert blas_threads() == {1}
-        if leaves_first:
-            first_is_out.wait(30)
+            inside.set()
+            ended.wait(30)
 
-    with ThreadPoolExecutor(2) as pool:
-        list(pool.map(work, (True, False)))
+    with ThreadPoolExecutor(1) as pool:
+        with one_blas_thread(), one_blas_thread():
+            assert blas_threads() == {1}
+            other = pool.submit(work)
+            inside.wait(30)
+        ended.set()
+        other.result()
     assert blas_threads() == {2}
+    with one_blas_thread():
+        assert blas_threads() == {1}
 
 
 def test_an_error_inside_restores_them():
