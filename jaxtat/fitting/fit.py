@@ -38,8 +38,8 @@ from .ladder import between_nodes, ladder, same_on_all_grids, weight_on
 from .penalties import NoPenalty, Penalty, Ridge
 from .relative_cg import RelativeCG
 
-# Where to stop: the duality gap over half the data's energy; of a user's proximal map, and of linear
-# equations, what a step changes. Ten times less for an incomplete setup: last steps count.
+# Where to stop: the duality gap over half the data's energy; what a step of a user's proximal map
+# changes, and the residual of linear equations. A tenth for an incomplete setup: last steps count.
 GAP, CHANGE = 2e-4, 1e-4
 _AT_A_TIME = 10  # steps between two looks at the progress
 _BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed} gone, {remaining} left{postfix}"
@@ -51,17 +51,20 @@ class ModelBased(eqx.Module):
     Attributes:
         image: f, (..., *setup.grid.shape) [unit of g per length].
         weight: of the penalty.
-        steps: taken, each one product with A and one with its transpose.
+        steps: taken on the setup's grid, each one product with A and one with its transpose.
         residual: ||W (A f - g)|| / ||W g||.
-        converged: whether the tolerance was met before ``max_steps``.
-        history: change of each step, ||f_k+1 - y_k|| / ||f_k+1||, NaN where there was none,
-            (..., max_steps).
+        gap: by how much what is minimised may still fall, over ||H W g||² / 2: see
+            `jaxtat.fitting.duality`. Of a proximal map of your own the change in the last step, of
+            linear equations 0 where they are solved.
+        converged: whether ``gap`` came down to the tolerance before ``max_steps``.
+        history: gap after each of these steps, NaN where there was none, (..., max_steps).
     """
 
     image: Float[Array, "*batch_and_space"]
     weight: Float[Array, "*batch"]
     steps: Int[Array, "*batch"]
     residual: Float[Array, "*batch"]
+    gap: Float[Array, "*batch"]
     converged: Bool[Array, "*batch"]
     history: Float[Array, "*batch steps"]
 
@@ -97,7 +100,8 @@ def model_based(
     With ``noise``, W divides by it, and in space a high-pass in the radius follows, so that fine
     details are found as fast as coarse ones: see `jaxtat.fitting.radial_filter`. Without,
     integrals are weighted by 1/√r, by which A nearly keeps norms. By default the weight follows
-    from image and misfit, see `jaxtat.fitting.weight`.
+    from image and misfit, see `jaxtat.fitting.weight`. Images are solved from coarse to fine, see
+    `jaxtat.fitting.ladder`, and are in proportion to their data, however large or small.
 
     Differentiable in both modes with respect to data, a given weight, noise, detectors, radii,
     speed of sound, and what a penalty holds: implicitly, as if converged, a weight that was found
@@ -107,8 +111,8 @@ def model_based(
         setup: detectors, region, grid and radii, which need not cover the region.
         data: g, (..., *setup.data_shape), or with ``times`` pressure, (..., detectors, samples).
             Images of a stack are found one by one, or with a joint penalty together.
-        penalty: `TotalVariation()` (the default), `SecondOrderVariation`, `Wavelets`, `Ridge`,
-            `NoPenalty`, or any proximal map: a function (images, step) -> images, such as a
+        penalty: `TotalVariation()` (the default), `SecondOrderVariation`, `Ridge`, `NoPenalty`,
+            or any proximal map: a function (images, step) -> images, such as a
             denoiser of that strength, with (stack, *grid.shape).
         nonnegative: whether f >= 0.
         weight: zero or more [with ``noise``, 1 over the unit of P].
@@ -121,14 +125,15 @@ def model_based(
             (detectors, samples), the same for all detectors, such as
             ``functools.partial(condition_record, times=times, band=band, baseline=False)``.
         everywhere: f may differ from zero on all of the grid, not only in the region.
-        initial: image to start from, like the result; zero by default. From the formula's image it
-            takes fewer steps where there is little noise, and more where there is much.
-        tolerance: of the change of the image in a step, relative, at which to stop; 1e-4 by
-            default, and 1e-5 for an incomplete setup, where the last steps count.
-        max_steps: the most steps.
+        initial: image to start from, like the result, such as that of the frame before; by default
+            the one on a coarser grid.
+        tolerance: of ``gap``, at which to stop: 2e-4 by default. Of a proximal map of your own, and
+            of the residual of linear equations, 1e-4. Ten times less for an incomplete setup, where
+            the last steps count.
+        max_steps: the most steps on each grid.
         steps, unrolled: this many steps, none less, through which derivatives go back.
         dtype: float32 for speed, with errors of 1e-5.
-        progress: show a progress bar.
+        progress: show a bar for each grid, with step, gap and the time left.
 
     Returns:
         ModelBased.
@@ -266,12 +271,12 @@ def _until(follows: tuple, state: State, tolerance: Array, max_steps: int, progr
         return _advance(*follows, state, tolerance, jnp.asarray(max_steps))
     level = " x ".join(map(str, state.image.shape[1:]))
     with tqdm(total=100, desc=level, bar_format=_BAR) as bar:
-        first = None
+        begun = None
         for until in (*range(_AT_A_TIME, max_steps, _AT_A_TIME), max_steps):
             state = _advance(*follows, state, tolerance, jnp.asarray(until))
             gap, goal = float(state.gap), float(tolerance)
-            first = max(gap, 2 * goal) if first is None else first
-            gone = 100 if gap <= goal else np.log(first / gap) / np.log(first / goal) * 100
+            begun = max(gap, 2 * goal) if begun is None else begun
+            gone = 100 if gap <= goal else np.log(begun / gap) / np.log(begun / goal) * 100
             bar.set_postfix(step=int(state.step), gap=f"{gap:.1e}")
             bar.update(max(0, int(gone) - bar.n))
             if gap <= goal:
@@ -304,7 +309,7 @@ def _advance(
     tolerance: Array,
     until: Array,
 ) -> State:
-    """Steps until the change is small or their number is reached.
+    """Steps until the gap is small or their number is reached.
 
     Without derivatives: loops with an unknown number of steps have none in reverse mode.
     """
@@ -384,4 +389,6 @@ def _answer(fit: DataFit, data: Array, image: Array, state: State, converged: Ar
     size = jnp.sum(data**2)
     left = jnp.sum((fit.modelled(image) - data) ** 2)
     residual = root(left / jnp.where(size > 0, size, 1.0))
-    return ModelBased(image, state.weight, state.step, residual, converged, state.history)
+    return ModelBased(
+        image, state.weight, state.step, residual, state.gap, converged, state.history
+    )

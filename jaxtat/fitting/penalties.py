@@ -19,8 +19,8 @@ from ..special import root
 class Penalty(eqx.Module):
     """P(f), of images (..., x1, x2) or volumes (..., x1, x2, x3).
 
-    P is a sum of norms of D f: a subclass has ``parts``, the linear map D, and ``bound``, a number
-    >= ||D||².
+    P is a sum of norms of D f: a subclass has ``parts``, the linear map D, ``bound``, a number
+    >= ||D||², and ``order``, of the differences in D.
 
     Attributes:
         smoothing: delta, as a fraction of the image's size (`model_based` says which).
