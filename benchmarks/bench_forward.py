@@ -1,4 +1,4 @@
-"""From images to data and back: the fast operator beside the one by quadrature.
+"""From images to data and back.
 
 Errors are the largest against exact integrals of a smooth bell over its largest integral; of the
 transpose that of the dot test. The operator is made beforehand: `made_s` is how long that takes
@@ -95,23 +95,6 @@ def bench_forward_of_eight(measure, benchmark, case):
         pytest.skip("eight volumes and their data are large")
     operator, images = made(benchmark, setup), jnp.stack([image] * 8)
     measure(lambda: operator(images), n=n, images=8, error=lambda found: of(found[0], g))
-
-
-@pytest.mark.parametrize("transposed", [False, True], ids=["forward", "transpose"])
-@pytest.mark.parametrize("n", [129, 257])
-def bench_quadrature(measure, n, transposed):
-    setup = arc(n)
-    image, g = BELL.image(setup.grid), BELL.circular_integrals(setup.curve, setup.radii)
-    by = {"method": "quadrature"}
-    if transposed:
-        measure(lambda: jaxtat.circular_integrals_adjoint(setup, g, **by), n=n, rounds=2)
-    else:
-        measure(
-            lambda: jaxtat.circular_integrals(setup, image, **by),
-            n=n,
-            rounds=2,
-            error=lambda found: of(found, g),
-        )
 
 
 def of(found, exact):

@@ -87,7 +87,7 @@ def bench_direct_larger_half_disk(measure, n):
     )
 
 
-@pytest.mark.parametrize("method", ["harmonic", "collocation", "collocation_without_mirror"])
+@pytest.mark.parametrize("method", ["cylindrical", "collocation", "collocation_without_mirror"])
 def bench_plan(measure, method, monkeypatch):
     """The last one as for an arc and a region that share no line of symmetry."""
     case = problem(129)
@@ -98,7 +98,7 @@ def bench_plan(measure, method, monkeypatch):
     def build():
         return jax.tree.leaves(build_plan(case.setup, method=method).densities)
 
-    measure(build, n=129, rounds=3 if method == "harmonic" else 1)
+    measure(build, n=129, rounds=3 if method == "cylindrical" else 1)
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])

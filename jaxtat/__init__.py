@@ -31,8 +31,6 @@ __all__ = [
     "__version__",
     "build_plan",
     "circular_arc",
-    "circular_integrals",
-    "circular_integrals_adjoint",
     "circular_means",
     "cosine_filter",
     "data_radii",

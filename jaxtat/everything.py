@@ -32,8 +32,6 @@ from .reconstruction import (
     ReconstructionPlan,
     Setup,
     build_plan,
-    circular_integrals,
-    circular_integrals_adjoint,
     circular_means,
     forward_operator,
     reconstruct,

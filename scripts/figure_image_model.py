@@ -2,7 +2,7 @@
 
     python scripts/figure_image_model.py
 
-Data of a smooth bell and of a disk, exact and as three models of the image give them.
+Data of a smooth bell and of a disk, exact and as two models of the image give them.
 """
 
 from pathlib import Path
@@ -23,7 +23,6 @@ def main() -> None:
     models = {
         "band-limited": jaxtat.forward_operator(setup),
         "with the cosine window": jaxtat.forward_operator(setup, low_pass="cosine"),
-        "bicubic": lambda image: jaxtat.circular_integrals(setup, image, method="quadrature"),
     }
     objects = {
         "bell": jaxtat.phantoms.Bells([[0.1, 0.2]], [0.6]),

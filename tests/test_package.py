@@ -54,6 +54,6 @@ assert "jax" not in sys.modules
 jaxtat.steps.cosine_filter  # a submodule that is no public name
 from jaxtat import circular_arc, phantoms
 from jaxtat import *
-assert studies.sharpness is jaxtat.studies.autofocus.sharpness
+assert studies.sharpness is jaxtat.studies.image_sharpness.sharpness
 """
     subprocess.run([sys.executable, "-c", program], check=True)

@@ -16,7 +16,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "io"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from hdf5_checksums import SIGNATURES, mended  # noqa: E402
+from hdf5_checksums import SIGNATURES, mended, structures  # noqa: E402
 from scan_writers import write_everything, write_matlab73, write_msot, write_named  # noqa: E402
 
 Rng = np.random.Generator
@@ -95,10 +95,12 @@ def seeds_of(folder: Path, names: Sequence[str]) -> list[Case]:
             for path in paths
         ]
 
+    hdf5_edits = [edited_hdf5, looped, changed_structure, changed_structure]
+
     def of_hdf5(name: str, *paths: Path) -> Case:
         """Each file as it is, and in the library's newest version, with its checksums."""
         newest = [in_newest_version(path) for path in paths]
-        return Case(name, whole(*paths, *newest), [edited_hdf5, looped])
+        return Case(name, whole(*paths, *newest), hdf5_edits)
 
     cases = {
         "npz": lambda: Case("npz", whole(paths["npz"], archive), [repacked, bomb_archive]),
@@ -107,14 +109,12 @@ def seeds_of(folder: Path, names: Sequence[str]) -> list[Case]:
             "matlab 5", whole(paths["matlab 5"], matrix, plain), [repacked_matrices]
         ),
         "matlab 7.3": lambda: of_hdf5("matlab 7.3", paths["matlab 7.3"], v73),
-        "hdf5": lambda: Case("hdf5", whole(*hdf5_of_all_kinds(folder)), [edited_hdf5, looped]),
+        "hdf5": lambda: Case("hdf5", whole(*hdf5_of_all_kinds(folder)), hdf5_edits),
         "ipasc": lambda: of_hdf5("ipasc", paths["ipasc"], foreign_ipasc(folder)),
         "patato": lambda: of_hdf5("patato", paths["patato"]),
         "msot": lambda: Case("msot", whole(paths["msot"], msot), [edited_xml, bomb_xml]),
         "image": lambda: of_hdf5("image", *sorted(folder.glob("image *"))),
-        "plan": lambda: Case(
-            "plan", whole(*sorted(folder.glob("plan *"))), [edited_hdf5, looped], sealed
-        ),
+        "plan": lambda: Case("plan", whole(*sorted(folder.glob("plan *"))), hdf5_edits, sealed),
     }
     if {"image", "plan"} & set(names):
         written_by_jaxtat(folder)
@@ -188,8 +188,9 @@ import warnings; warnings.simplefilter("ignore")
 import jax; jax.config.update("jax_enable_x64", True)
 import numpy as np
 from jaxtat import *
+from jaxtat.io import save_image, save_plan
 region, grid = disk(0.8, n_boundary=48), ImageGrid(5)
-for name, arc, method in (("h", circular_arc(1.3, 1.0, 16), "harmonic"),
+for name, arc, method in (("h", circular_arc(1.3, 1.0, 16), "cylindrical"),
                           ("s", circular_arc(1.3, 1.3, 16), "series")):
     radii = data_radii(arc, region, 0.5)
     setup = Setup(arc, region, grid, radii, max_frequency=5, n_directions=4)
@@ -281,6 +282,20 @@ def looped(files: dict[str, bytes], rng: Rng) -> None:
         at = targets[rng.integers(len(targets))]
         new = places[rng.integers(len(places))].to_bytes(8, "little")
         files[name] = mended(content[:at] + new + content[at + 8 :], content)
+
+
+def changed_structure(files: dict[str, bytes], rng: Rng) -> None:
+    """A few bytes of one structure of version 2, whose checksum is mended; else `looped`."""
+    name, content = next(iter(files.items()))
+    places = structures(content)
+    if not places:
+        return looped(files, rng)
+    start, stop, _ = places[rng.integers(len(places))]
+    changed = bytearray(content)
+    for _ in range(rng.integers(1, 4)):
+        values = (0, 1, 2, 127, 128, 255, int(rng.integers(256)))
+        changed[rng.integers(start + 4, stop)] = values[rng.integers(len(values))]
+    files[name] = mended(bytes(changed), content)
 
 
 def _all(content: bytes, part: bytes) -> list[int]:

@@ -143,7 +143,9 @@ def judge(problem: Problem) -> Outcome:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         # one group of frequencies compiles soonest
-        setup = Setup(p.curve, p.region, p.grid, p.radii, max_frequency=p.max_frequency, n_groups=1)
+        setup = Setup(
+            p.curve, p.region, p.grid, p.radii, max_frequency=p.max_frequency, _n_groups=1
+        )
         found = solve(setup, g, p.alpha)
     warned = {w.category for w in caught} & {AccuracyWarning, VisibilityWarning}
     frequencies, angles = setup.frequencies, setup.sizes.angles

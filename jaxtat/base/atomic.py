@@ -78,6 +78,13 @@ def _is_running(process: int) -> bool:
     return True
 
 
+def require_new(path: str | Path) -> None:
+    """Raise ValueError unless a file that is not there yet can be written."""
+    if Path(path).exists():
+        raise ValueError(f"cannot write {path}: it is there already, and this needs a new file.")
+    require_place(path)
+
+
 def require_place(path: str | Path) -> None:
     """Raise ValueError if ``path`` cannot be written. Checked before long computations too.
 

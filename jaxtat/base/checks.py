@@ -15,6 +15,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike
 
+from .parallel import whole
+
 T = TypeVar("T")
 OF_DETECTORS = ("g", "pressure", "data", "integrals")  # arguments that are rows of detectors
 # what public functions take for real numbers: arrays, numbers, nested lists and tuples of them
@@ -61,12 +63,15 @@ _OBJECTS = {
     "curve": ("n_detectors", "a DetectorCurve", "detector_curve(positions), positions in order"),
     "region": ("contains", "a Region", "disk(radius), polygon or rectangle"),
     "grid": ("spacing", "an ImageGrid", "ImageGrid(n) for n x n nodes"),
+    "volume_grid": ("spacing", "a VolumeGrid", "VolumeGrid(n) for n x n x n nodes"),
+    "phantom": ("circular_integrals", "an object with exact data", "phantoms.Disks or Bells"),
 }
+_LARGEST = {np.dtype(np.float64): 1e120, np.dtype(np.float32): 1e18}  # whose square is a number
 
 
-def require_objects(**given: Any) -> None:
+def require_objects(**objects: Any) -> None:
     """Raise ValueError for positions in place of a curve, a number in place of a grid, ..."""
-    for name, value in given.items():
+    for name, value in objects.items():
         mark, kind, how = _OBJECTS[name]
         if not hasattr(type(value), mark):
             raise ValueError(f"{name} is {named(value)}, expected {kind}: {how}.")
@@ -76,10 +81,19 @@ def named(value: Any) -> str:
     """What came in place of what was expected, in words."""
     if isinstance(value, int | float | str | None):
         return repr(value)
+    if isinstance(value, list | tuple) and len(repr(value)) < 40:
+        return repr(value)
     if isinstance(value, np.ndarray | jax.Array):
         return f"an array of shape {value.shape}"
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
     kind = type(value).__name__
-    return f"{'an' if kind[0] in 'AEIOU' else 'a'} {kind}"
+    return f"{'an' if kind[0] in 'AEIOUaeiou' else 'a'} {kind}"
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is a real number or an array, list or tuple, perhaps of such."""
+    return isinstance(value, list | tuple | np.ndarray | jax.Array | np.number | int | float)
 
 
 def real_array(
@@ -101,7 +115,7 @@ def real_array(
         raise ValueError(f"{name} has dtype {dtype}, expected real numbers: pass float64 values.")
     # a constant stays concrete inside jax.jit too, so that it can be looked at
     with jax.ensure_compile_time_eval() if is_concrete(value) else nullcontext():
-        array = _array(value, wanted)
+        array = whole(_array(value, wanted))
     if shape is not None and not _matches(array.shape, shape):
         sizes = ", ".join("any" if size is None else str(size) for size in shape)
         raise ValueError(f"{name} has shape {array.shape}, expected ({sizes}).")
@@ -120,15 +134,29 @@ def data_array(g: Numbers, *shape: int, kind: str = "circular") -> Array:
     array = real_array("g", g, ("...", *shape))
     if not array.size:
         raise ValueError(f"g has shape {array.shape}: a stack of no images at all.")
+    require_magnitude("g", array)
     return array
 
 
 def dtype_of(name: str, value: Any) -> np.dtype:
     """The dtype that ``value`` has as an array, or ValueError if it cannot be one."""
+    require_unmasked(name, value)
     try:
         return _array(value).dtype
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{name} is no array of real numbers: {error}.") from error
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} is {named(value)}, no array of real numbers.") from None
+
+
+def require_unmasked(name: str, value: Any) -> None:
+    """Raise ValueError for masked arrays, of which JAX and NumPy would take what is masked."""
+    parts = value if isinstance(value, list | tuple) else [value]
+    n = sum(np.ma.count_masked(part) for part in parts if isinstance(part, np.ma.MaskedArray))
+    if n:
+        others = ", or leave out the detectors that they come from" * (name in OF_DETECTORS)
+        raise ValueError(
+            f"{name} is a masked array with {n} values masked: fill them in by "
+            f"{name}.filled(value){others}."
+        )
 
 
 def _array(value: Any, dtype: Any = None) -> Any:
@@ -136,6 +164,8 @@ def _array(value: Any, dtype: Any = None) -> Any:
 
     `jnp.asarray` would take a compiled program for each new size.
     """
+    if isinstance(value, np.ma.MaskedArray):
+        value = np.asarray(value)
     plain = isinstance(value, bool | int | float | np.number | list | tuple)
     if (plain or type(value) is np.ndarray) and is_concrete(value):
         array = np.array(value, dtype)
@@ -162,10 +192,27 @@ def require_finite(name: str, array: Array) -> None:
         )
 
 
+def require_magnitude(name: str, array: Array) -> None:
+    """Raise ValueError for a concrete array so large or small that its squares are no numbers."""
+    if not is_concrete(array) or not array.size:
+        return
+    size, most = float(np.max(np.abs(array))), _LARGEST[array.dtype]
+    if size > most or 0 < size < 1 / most:
+        raise ValueError(
+            f"{name} has values of up to {size:.1e}, whose squares are too "
+            f"{'large' if size > 1 else 'small'} for {array.dtype}: multiply it by a constant."
+        )
+
+
 def require_positive(name: str, value: Array) -> None:
     """Raise ValueError if a concrete value is not above zero."""
-    if is_concrete(value) and not bool(np.all(np.asarray(value) > 0)):
-        raise ValueError(f"{name} is {np.asarray(value)}, expected a value above zero.")
+    if not is_concrete(value) or bool(np.all(np.asarray(value) > 0)):
+        return
+    values = np.asarray(value)
+    if values.ndim == 0:
+        raise ValueError(f"{name} is {values}, expected a value above zero.")
+    at = tuple(int(i) for i in np.argwhere(~(values > 0))[0])
+    raise ValueError(f"{name} is {values[at]} at index {at}, expected values above zero.")
 
 
 def whole_number(name: str, value: Any, least: int) -> int:

@@ -15,6 +15,7 @@ SURE, LIKELY, GUESSED = GRADES = ("sure", "likely", "guessed")
 """Given, in the file, or following from it; what the data show, by a rule; nothing shows it."""
 POSITIVE = "above zero"
 NOT_NEGATIVE = "0 or above"
+_MOST = 2**24  # radii, or pixels a side
 
 
 class Choice(NamedTuple):
@@ -43,6 +44,15 @@ class Choice(NamedTuple):
         """Whether its option takes a single number."""
         return self.option.get("type") in (int, float) and "nargs" not in self.option
 
+    def stored(self, value: Any) -> Any:
+        """Its value in a file of settings, or ValueError for what it cannot be."""
+        try:
+            result = self.read(value)
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError(f"{self.name} is {value!r:.60}, which it cannot be.") from None
+        self.require(result)
+        return result
+
     def require(self, value: Any, name: str | None = None) -> None:
         """Raise ValueError for a number out of bounds; None is not chosen yet."""
         if value is None or not self.bound:
@@ -54,19 +64,49 @@ class Choice(NamedTuple):
             )
 
 
-def _whole(values: Any) -> tuple[int, ...]:
-    return tuple(int(k) for k in values)
+def _number(value: Any) -> float:
+    if isinstance(value, str | bool) or not math.isfinite(value):
+        raise TypeError
+    return float(value)
+
+
+def _whole(value: Any) -> int:
+    if _number(value) != int(value):
+        raise TypeError
+    return int(value)
+
+
+def _wholes(values: Any) -> tuple[int, ...]:
+    return tuple(_whole(k) for k in values)
 
 
 def _numbers(values: Any) -> tuple[float, ...]:
-    return tuple(float(x) for x in values)
+    return tuple(_number(x) for x in values)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError
+    return value
+
+
+def _flag(value: Any) -> bool:
+    if value not in (True, False):
+        raise TypeError
+    return bool(value)
+
+
+def _count(value: Any) -> int:
+    if not 1 <= _whole(value) <= _MOST:
+        raise TypeError
+    return int(value)
 
 
 def _pair(values: Any) -> tuple[float, float] | None:
     if values is None:
         return None
     first, second = values
-    return float(first), float(second)
+    return _number(first), _number(second)
 
 
 def _cut(c: Any) -> str:
@@ -79,18 +119,18 @@ CONSTRAINTS = "constraints"
 _NUMBER = {"type": float}
 
 CHOICES = (
-    Choice("order", _whole),
-    Choice("left_out", _whole),
+    Choice("order", _wholes),
+    Choice("left_out", _wholes),
     Choice(
         "model",
-        str,
+        _text,
         lambda c: c.model,
         RECORD,
         {"choices": MODELS, "help": "of a scanner's sizes in-plane, else 2d"},
     ),
     Choice(
         "sound_speed",
-        float,
+        _number,
         lambda c: c.units.of_speed(c.sound_speed),
         RECORD,
         _NUMBER
@@ -104,17 +144,17 @@ CHOICES = (
     ),
     Choice(
         "impulse_response",
-        bool,
+        _flag,
         lambda c: "removed" if c.impulse_response else "kept",
     ),
     Choice(
         "laser_energy",
-        bool,
+        _flag,
         lambda c: "divided out" if c.laser_energy else "not corrected",
     ),
     Choice(
         "dead_time",
-        float,
+        _number,
         lambda c: c.units.of_time(c.dead_time),
         RECORD,
         _NUMBER | {"metavar": "T", "help": "silence the start"},
@@ -135,7 +175,7 @@ CHOICES = (
     ),
     Choice(
         "region_radius",
-        float,
+        _number,
         lambda c: c.units.of_length(c.region_radius),
         REGION,
         _NUMBER | {"metavar": "R"},
@@ -144,7 +184,7 @@ CHOICES = (
     ),
     Choice(
         "region_cut",
-        float,
+        _number,
         _cut,
         REGION,
         _NUMBER | {"metavar": "X", "help": "default: a whole disk"},
@@ -152,7 +192,7 @@ CHOICES = (
     ),
     Choice(
         "region_angle",
-        float,
+        _number,
         lambda c: f"{round(c.region_angle, 1) + 0.0:g} degrees",
         REGION,
         _NUMBER | {"metavar": "DEG", "help": "outward normal of the cut"},
@@ -174,12 +214,12 @@ CHOICES = (
         _NUMBER | {"nargs": 2, "metavar": ("X1", "X2")},
         quantity="length",
     ),
-    Choice("first_radius", float),
-    Choice("radial_step", float),
-    Choice("n_radii", int),
+    Choice("first_radius", _number),
+    Choice("radial_step", _number),
+    Choice("n_radii", _count),
     Choice(
         "max_frequency",
-        float,
+        _number,
         lambda c: c.units.of_wave_number(c.max_frequency),
         METHOD,
         _NUMBER | {"metavar": "LAMBDA", "help": "[rad/length]"},
@@ -188,14 +228,14 @@ CHOICES = (
     ),
     Choice(
         "pixels",
-        int,
+        _count,
         lambda c: f"{c.pixels}",
         IMAGE,
         {"type": int, "metavar": "N", "help": "N x N (default: by what is resolved)"},
     ),
     Choice(
         "half_width",
-        float,
+        _number,
         lambda c: c.units.of_length(c.half_width),
         IMAGE,
         _NUMBER | {"metavar": "B", "help": "default: the region's radius"},
@@ -204,7 +244,7 @@ CHOICES = (
     ),
     Choice(
         "alpha",
-        float,
+        _number,
         lambda c: f"{c.alpha:.2g}",
         PLAIN,
         _NUMBER
@@ -218,14 +258,14 @@ CHOICES = (
     ),
     Choice(
         "low_pass",
-        str,
+        _text,
         lambda c: c.low_pass,
         PLAIN,
         {"choices": LOW_PASSES, "help": "default: by the noise"},
     ),
     Choice(
         "inversion",
-        str,
+        _text,
         lambda c: c.inversion,
         PLAIN,
         {
@@ -235,7 +275,7 @@ CHOICES = (
     ),
     Choice(
         "model_based",
-        bool,
+        _flag,
         lambda c: "yes" if c.model_based else "no",
         CONSTRAINTS,
         {
@@ -247,21 +287,21 @@ CHOICES = (
     ),
     Choice(
         "penalty",
-        str,
+        _text,
         lambda c: c.penalty,
         CONSTRAINTS,
         {"choices": PENALTIES, "help": "what costs (default: tv, total variation)"},
     ),
     Choice(
         "nonnegative",
-        bool,
+        _flag,
         lambda c: "f >= 0" if c.nonnegative else "no",
         CONSTRAINTS,
         {"action": "store_true", "default": None, "help": "no pixel is below zero"},
     ),
     Choice(
         "weight",
-        lambda value: None if value is None else float(value),
+        lambda value: None if value is None else _number(value),
         lambda c: "from the misfit" if c.weight is None else f"{c.weight:.3g}",
         CONSTRAINTS,
         _NUMBER | {"metavar": "W", "help": "of the penalty (default: by what is not explained)"},
@@ -269,6 +309,17 @@ CHOICES = (
     ),
 )
 """All choices, in the order of the printed table."""
+
+BESIDES = (
+    Choice("arc", lambda values: list(_numbers(values))),
+    Choice("ring", lambda values: list(_numbers(values))),
+    *(Choice(name, _text) for name in ("scanner", "use", "frames")),
+    *(Choice(name, _number, bound=POSITIVE) for name in ("sampling_rate", "duration")),
+    Choice("start_time", _number),
+    *(Choice(name, _number, bound=NOT_NEGATIVE) for name in ("K", "j_max", "sigma_min")),
+    *(Choice(name, _flag) for name in ("series", "collocation", "single")),
+)
+"""What settings say of the scan and of plans beside the choices; None if they do not."""
 
 OPTIONS = tuple(choice for choice in CHOICES if choice.group is not None)
 NUMBERS = tuple(choice.name for choice in OPTIONS if choice.is_number)

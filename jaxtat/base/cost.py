@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
+import psutil
 
 BYTES_PER_PIXEL = 65.0  # of image, nodes, and what back-projection keeps: 33 to 65 were measured
 SECONDS_PER_PIXEL = 2e-8  # of one processor, for each direction: 1.25e-8 to 3.4e-8 were measured
@@ -164,66 +165,38 @@ def _gigabytes(nbytes: float) -> str:
 
 
 def available_memory() -> float:
-    """Bytes that arrays may still take: on JAX's device, or by the least of the system's limits.
-
-    Without any that is known, infinity.
-    """
+    """Bytes that arrays may still take: on JAX's device, or by the least of the system's limits."""
     statistics = jax.devices()[0].memory_stats() if jax.default_backend() != "cpu" else None
     if statistics and "bytes_limit" in statistics:
         return float(statistics["bytes_limit"] - statistics.get("bytes_in_use", 0))
-    return min(system_memory(Path("/proc")), group_memory(Path("/")), address_space(Path("/proc")))
-
-
-def system_memory(proc: Path) -> float:
-    """MemAvailable of Linux; elsewhere all the memory there is, if that is known."""
-    try:
-        lines = (proc / "meminfo").read_text().splitlines()
-        (line,) = (line for line in lines if line.startswith("MemAvailable:"))
-        return 1024.0 * int(line.split()[1])
-    except (OSError, ValueError):
-        pass
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, OSError, ValueError):
-        return float("inf")
-
-
-def group_memory(root: Path) -> float:
-    """What the process's control groups leave, those around it too; versions 1 and 2."""
-    left = float("inf")
-    try:
-        groups = (root / "proc/self/cgroup").read_text().splitlines()
-    except OSError:
-        return left
-    for line in groups:
-        _, controllers, path = line.split(":", 2)
-        if controllers == "memory":
-            folder, most, used = "sys/fs/cgroup/memory", "memory.limit_in_bytes", "usage_in_bytes"
-        elif not controllers:
-            folder, most, used = "sys/fs/cgroup", "memory.max", "current"
-        else:
-            continue
-        inner = Path(path.lstrip("/"))
-        for group in (inner, *inner.parents):
-            try:
-                limit = float(int((root / folder / group / most).read_text()))
-                left = min(
-                    left, limit - int((root / folder / group / f"memory.{used}").read_text())
-                )
-            except (OSError, ValueError):  # "max", or a group that is not shown here
-                continue
+    process = psutil.Process()
+    left = min(float(psutil.virtual_memory().available), group_memory(Path("/")))
+    if hasattr(process, "rlimit"):  # Linux: what `ulimit -v` leaves
+        most, _ = process.rlimit(psutil.RLIMIT_AS)
+        if most != psutil.RLIM_INFINITY:
+            left = min(left, float(most - process.memory_info().vms))
     return left
 
 
-def address_space(proc: Path) -> float:
-    """What `ulimit -v` leaves of the process's addresses."""
-    try:
-        import resource
+def group_memory(root: Path) -> float:
+    """Bytes that containers and batch systems leave by control groups, of which psutil is silent.
 
-        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-        if limit == resource.RLIM_INFINITY:
-            return float("inf")
-        pages = int((proc / "self/statm").read_text().split()[0])
-        return float(limit - pages * resource.getpagesize())
-    except (ImportError, OSError, ValueError):
+    Args:
+        root: the directory in which Linux has /proc and /sys.
+    """
+    try:
+        lines = (root / "proc/self/cgroup").read_text().splitlines()
+    except OSError:
         return float("inf")
+    left = float("inf")
+    for inner in (Path(line[4:]) for line in lines if line.startswith("0::/")):
+        for group in (inner, *inner.parents):
+            folder = root / "sys/fs/cgroup" / group
+            try:
+                limit, used = (
+                    int((folder / name).read_text()) for name in ("memory.max", "memory.current")
+                )
+                left = min(left, float(limit - used))
+            except (OSError, ValueError):  # "max", or a group that is not shown here
+                continue
+    return left

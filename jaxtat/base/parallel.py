@@ -30,6 +30,17 @@ def checked_mesh(mesh: Any) -> Mesh | None:
     return Mesh(mesh.devices, mesh.axis_names, axis_types=(AxisType.Auto,))
 
 
+def whole(array: Array) -> Array:
+    """An array that is divided over a mesh with explicit axes, on every device; others unchanged.
+
+    `jax.make_mesh` makes explicit axes, for which every operation would have to name its sharding.
+    """
+    mesh = jax.typeof(array).sharding.mesh
+    if AxisType.Explicit in mesh.axis_types:
+        return jax.sharding.reshard(array, NamedSharding(mesh, PartitionSpec()))
+    return array
+
+
 def replicated(tree: Any, mesh: Mesh | None) -> Any:
     """The arrays of a tree on every device of the mesh."""
     if mesh is None:

@@ -179,11 +179,12 @@ def stream(options: argparse.Namespace) -> None:
     """``jaxtat stream``."""
     from ..streams import live
     from ..streams import stream as run_stream
-    from .streaming import frames_from, sink_at, type_of
+    from .option_checks import type_of
+    from .streaming import frames_from, sink_at
 
     start = time.perf_counter()
     scan, choices, plan, options = _prepared(options, start)
-    dtype = type_of(options.type, scan)
+    dtype = scan.data.dtype if options.type is None else type_of(options.type)
     to_images = live(scan, choices, plan=plan)
     shape = (scan.n_detectors, scan.n_samples)
     frames = frames_from(options.source, shape, dtype, options.follow)
@@ -267,6 +268,8 @@ def _prepared(options: argparse.Namespace, start: float):
         require_size(scan, choices)
         if plan is None:
             choices = estimate(scan, choices, **options_set)
+    else:
+        require_size(scan, choices)
     if plan is not None or wants_plan(options):
         choices = choices.regularised_by_plan()
     _report(options, f"{options.file}\n{choices.table()}", start)

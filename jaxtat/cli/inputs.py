@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..base.choice_table import OPTIONS
+from ..base.choice_table import BESIDES, OPTIONS
+from ..base.messages import name_of
 from ..geometry import Disk, Region, circular_arc, in_plane
 from ..io import Scan, load_scan, load_settings
 from ..io.frames import LazyFrames
@@ -16,7 +17,7 @@ from ..scans import Choices, choose, setup_of, with_facts
 from ..scans.facts import facts_of, in_space
 from ..scans.frames import require_radii
 from ..steps import polar_grid
-from .option_checks import OF_PLANS, band, is_given, slices
+from .option_checks import band, is_given, require_values, slices
 
 SAME = 1e-6  # of the size: positions and radii that differ by less are the same
 FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "start_time", "use", "frames")
@@ -107,12 +108,25 @@ def repeated(options: argparse.Namespace) -> tuple[Choices, argparse.Namespace]:
     """The choices of an earlier image, with its positions and times unless options replace them."""
     settings = load_settings(options.repeat)
     facts = {
-        name: settings.get(name)
-        for name in (*FACTS, *OF_PLANS, "plan")
-        if hasattr(options, name) and not is_given(options, name)
+        fact.name: fact.stored(settings[fact.name])
+        for fact in BESIDES
+        if settings.get(fact.name) is not None
+        and hasattr(options, fact.name)
+        and not is_given(options, fact.name)
     }
-    of_choices = {k: v for k, v in settings.items() if k not in (*FACTS, *_OPTIONS, *OF_PLANS)}
-    return Choices.from_settings(of_choices), changed(options, **facts)
+    plan, name = settings.get("plan"), name_of(options.repeat)
+    if plan is None and getattr(options, "plan", None) is not None:
+        raise ValueError(f"--plan and --repeat: {name} was made without a plan.")
+    if plan is not None and getattr(options, "plan", None) is None:  # a file may name any other
+        raise ValueError(
+            f"{name} was made with the plan {plan!r:.60}, which is opened only if you name it: "
+            "--plan."
+        )
+    others = {*_OPTIONS, *(fact.name for fact in BESIDES)}
+    of_choices = {name: value for name, value in settings.items() if name not in others}
+    options = changed(options, **facts)
+    require_values(options)
+    return Choices.from_settings(of_choices), options
 
 
 def setup_of_plan(options: argparse.Namespace) -> Setup:
@@ -155,10 +169,16 @@ def plan_for(options: argparse.Namespace, setup: Setup) -> ReconstructionPlan:
 
 
 def require_size(scan: Scan, choices: Choices) -> None:
-    """Raise ValueError for other radii than the data's, and for more pixels than fit into memory.
+    """Raise ValueError for rows and radii that are not the data's, and for too many pixels.
 
     Before any work; warns of long work.
     """
+    rows = choices.order or (-1,)
+    if not 0 <= min(rows) <= max(rows) < scan.n_detectors:
+        raise ValueError(
+            f"the settings are for rows {min(rows)} to {max(rows)} of the data, the scan has "
+            f"{scan.n_detectors}: they are of another scan."
+        )
     if scan.kind != "pressure":
         require_radii(scan.n_samples, choices.n_radii)
     region = choices.region

@@ -6,7 +6,9 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..base.atomic import require_place
+import numpy as np
+
+from ..base.atomic import require_new, require_place
 from ..base.choice_table import (
     NOT_NEGATIVE,
     NUMBERS,
@@ -35,8 +37,7 @@ _SUFFIXES = {"reconstruct": IMAGE_SUFFIXES, "report": (".html",)}
 
 def require_options(options: argparse.Namespace) -> None:
     """Raise ValueError for options that are impossible, alone or together, for any data."""
-    _require_numbers(options)
-    _require_detectors(options)
+    require_values(options)
     _require_together(options)
     suffixes = _SUFFIXES.get(options.run.__name__, ("",))
     if is_given(options, "format") and options.format in FORMATS:
@@ -47,9 +48,16 @@ def require_options(options: argparse.Namespace) -> None:
         )
     if options.run.__name__ == "stream":
         _require_sink(options)
+        _require_source(options)
     if options.cache is not None:
         _require_folder(options.cache)
     _require_files(options)
+
+
+def require_values(options: argparse.Namespace) -> None:
+    """Raise ValueError for a value that is impossible alone."""
+    _require_numbers(options)
+    _require_detectors(options)
 
 
 def _require_files(options: argparse.Namespace) -> None:
@@ -175,7 +183,7 @@ def _require_together(options: argparse.Namespace) -> None:
         _require_trial(options)
     if is_given(options, "repeat"):
         every = tuple(choice.name for choice in OPTIONS)
-        decided = (*every, *OF_PLANS, "plan", "length_unit")
+        decided = (*every, *OF_PLANS, "length_unit")
         _refuse(options, decided, "repeat", "the earlier image")
     if is_given(options, "plan"):
         _refuse(options, (*OF_REGION, "max_frequency", "alpha", *OF_PLANS), "plan", "the plan")
@@ -206,11 +214,32 @@ def _require_sink(options: argparse.Namespace) -> None:
                 f"--format {options.format} is of files in a folder, and {options.out} is one file "
                 "of HDF5: leave it out, or give a folder."
             )
+        require_new(path)
     elif not path.is_dir() and (path.exists() or path.suffix):
         raise ValueError(
             f"cannot write {options.out}: expected a folder, or a name ending in "
             f"{' or '.join(STREAM_SUFFIXES)}. The name of a new folder has no ending."
         )
+
+
+def _require_source(options: argparse.Namespace) -> None:
+    """Raise an error for a place where a stream's frames cannot come from."""
+    path = Path(options.source)
+    if options.source != "-" and not (path.is_file() or path.is_dir()):
+        raise FileNotFoundError(f"there is no file or folder {path} to take frames from.")
+    if options.type is not None:
+        type_of(options.type)
+
+
+def type_of(name: str) -> np.dtype:
+    """The NumPy type of the numbers in frames."""
+    try:
+        dtype = np.dtype(name)
+    except TypeError:
+        dtype = np.dtype(object)
+    if dtype.kind not in "uif":
+        raise ValueError(f"--type {name}: expected a type of real numbers, such as uint16.")
+    return dtype
 
 
 def _refuse(options: argparse.Namespace, names: tuple[str, ...], by: str, what: str) -> None:

@@ -9,21 +9,10 @@ import numpy as np
 
 from ..base.names import STREAM_SUFFIXES
 from ..geometry import ImageGrid
-from ..io import Scan, save_image
+from ..io import save_image
 from ..reconstruction import Setup
 from ..scans import Choices
 from ..streams import Folder, GrowingFile, Sink, frames_of_bytes, frames_of_folder
-
-
-def type_of(name: str | None, scan: Scan) -> np.dtype:
-    """The NumPy type of the numbers in frames."""
-    try:
-        dtype = np.dtype(scan.data.dtype if name is None else name)
-    except TypeError:
-        dtype = np.dtype(object)
-    if dtype.kind not in "uif":
-        raise ValueError(f"--type {name}: expected a type of real numbers, such as uint16.")
-    return dtype
 
 
 def frames_from(
@@ -34,9 +23,7 @@ def frames_from(
     if source == "-":
         return frames_of_bytes(sys.stdin.buffer, shape, dtype, lambda: False)
     if path.is_dir():
-        return frames_of_folder(path, lambda: follow)
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file or folder {source} to take frames from.")
+        return frames_of_folder(path, shape, lambda: follow)
     return _of_file(path, shape, dtype, follow)
 
 

@@ -7,7 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, is_concrete, named, real_array, require_finite, require_positive
+from ..base.checks import (
+    Numbers,
+    is_concrete,
+    named,
+    real_array,
+    require_finite,
+    require_positive,
+    require_unmasked,
+)
 from ..reconstruction import Setup, forward_operator
 from ..records import pressure_matrix
 from .data_fit import DataFit
@@ -94,6 +102,7 @@ def checked_data(
 ) -> tuple[Float[Array, "stack *data"], tuple[int, ...]]:
     """W g of all images, one after the other, and the shape of the stack."""
     shape = fit.whitening.shape
+    require_unmasked("data", data)
     values = jnp.asarray(data)
     if values.ndim >= len(shape) and values.shape[values.ndim - len(shape) :] == shape:
         values = jnp.where(fit.whitening > 0, values, 0)  # what is left out may be NaN

@@ -1,6 +1,5 @@
-"""Integrals over circles and spheres, and their adjoints: fast ones, and by quadrature."""
+"""Integrals of images over circles and of volumes over spheres, by non-uniform FFTs."""
 
-from .circles import default_points, integrate_over_circles, integrate_over_circles_adjoint
 from .circular_sizes import CircleSizes, circle_sizes
 from .fast_circles import CircleIntegrals, circle_integrals
 from .fast_spheres import SphereIntegrals, sphere_integrals
@@ -13,9 +12,6 @@ __all__ = [
     "SphereSizes",
     "circle_integrals",
     "circle_sizes",
-    "default_points",
-    "integrate_over_circles",
-    "integrate_over_circles_adjoint",
     "sphere_integrals",
     "sphere_sizes",
 ]

@@ -6,11 +6,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive
+from ..base.methods import ComparedByIdentity, compiled
 from .curves import opening_angle
 from .regions import Disk, disk
 
 
-class Ball(eqx.Module):
+class Ball(ComparedByIdentity, eqx.Module):
     """|x| < R, x_3 < cut, moved to ``center``.
 
     Attributes:
@@ -28,7 +29,7 @@ class Ball(eqx.Module):
         """The section with a plane through the axis, in (x_3, rho) from the centre; concrete."""
         return disk(self.radius, None if self.whole else self.cut, n_boundary=64)
 
-    @eqx.filter_jit
+    @compiled
     def contains(self, points: Float[Array, "*n 3"]) -> Bool[Array, "*n"]:
         """Whether each point lies inside (the boundary does not)."""
         local = points - self.center

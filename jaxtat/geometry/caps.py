@@ -21,6 +21,7 @@ from ..base.checks import (
     require_positive,
     whole_number,
 )
+from ..base.methods import ComparedByIdentity
 from .curves import CircularArc, DetectorCurve, SampledCurve, opening_angle
 from .elements import (
     checked_element_radius,
@@ -39,7 +40,7 @@ def _distance(xp: Any, points: Any, center: Any) -> Any:
     return xp.linalg.norm(points - center, axis=-1)
 
 
-class RoundElements(eqx.Module):
+class RoundElements(ComparedByIdentity, eqx.Module):
     """Detectors in space whose elements may have a size.
 
     Attributes:

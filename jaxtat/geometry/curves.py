@@ -18,6 +18,7 @@ from ..base.checks import (
     require_positive,
     whole_number,
 )
+from ..base.methods import ComparedByIdentity
 from .elements import (
     NODES,
     checked_width,
@@ -31,7 +32,7 @@ T = TypeVar("T")
 C = TypeVar("C", bound="DetectorCurve")
 
 
-class DetectorCurve(eqx.Module):
+class DetectorCurve(ComparedByIdentity, eqx.Module):
     """Detectors z_k on an acquisition curve gamma: ∫_gamma u dl ≈ Σ_k w_k u(z_k).
 
     A new curve needs these five, and a line in io/plans.py to be saved.

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, by_library, is_concrete, real_array, require_positive
+from ..base.methods import compiled
 from ..special import root
 from .crossing import first_crossing
 from .regions import DEFAULT_BOUNDARY, Counts, Region
@@ -42,7 +43,7 @@ class Polygon(Region):
     def reach(self) -> Float[Array, ""]:
         return by_library(_farthest, (self.vertices, 0.0, self.center))
 
-    @eqx.filter_jit
+    @compiled
     def level(self, points: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
         def of_side(total: tuple[Array, Array], side: tuple[Array, Array]):
             nearest, inside = total

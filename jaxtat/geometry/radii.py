@@ -59,7 +59,7 @@ def require_radii(radii: Float[Array, " radii"]) -> None:
     if not (values[0] > 0 and (np.diff(values) > 0).all()):
         raise ValueError(
             f"radii run from {values[0]:.6g} to {values[-1]:.6g}, expected positive values in "
-            "increasing order: sort them and drop r = 0, where the integral vanishes."
+            "increasing order: sort them and the data alike, without r = 0, where integrals vanish."
         )
     steps = np.diff(values)
     hole = int(np.argmax(steps))

@@ -15,13 +15,14 @@ from ..base.checks import (
     require_positive,
     whole_number,
 )
+from ..base.methods import ComparedByIdentity
 from .curves import DetectorCurve, opening
 
 DEFAULT_BOUNDARY = 512  # boundary points of a region that no setup has chosen them for
 Counts = tuple[Any, ...]  # of boundary points on every piece; of a union, one tuple per region
 
 
-class Region(eqx.Module):
+class Region(ComparedByIdentity, eqx.Module):
     """A region of interest Omega, given by its boundary: ∫_dOmega u dl ≈ Σ_k w_k u(x_k).
 
     A new region needs these fields and the methods, and a line in io/plans.py to be saved.

@@ -6,11 +6,10 @@ Beside it, where PATATO does not look for images to unmix, ``/jaxtat/N`` has the
 of the pixels and all settings. The layout of the scan itself is described in `io.patato`.
 """
 
-import itertools
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import h5py
@@ -22,13 +21,23 @@ from ..base.units import MICROSECONDS, Units, millimetres
 from ..geometry.measured_curves import flat_axis
 from ..io import Scan, load_scan
 from ..io.hdf5 import creating_hdf5
-from ..io.limits import refusing
-from ..io.patato import ENERGIES, GEOMETRY, RATE, RAW, RESPONSE, SPEED, WAVELENGTHS
+from ..io.limits import Allowance, refusing
+from ..io.patato import (
+    BESIDE,
+    ENERGIES,
+    GEOMETRY,
+    IMAGES,
+    NAME,
+    RATE,
+    RAW,
+    RESPONSE,
+    SPEED,
+    WAVELENGTHS,
+)
 from ..io.provenance import as_json, provenance_of
+from ..io.reader import read_file
 from ..io.series import period, rate_of
 from ..scans import ScanImages
-
-NAME = "jaxtat"  # of the group of reconstructions
 
 
 def save_patato(
@@ -72,24 +81,20 @@ def save_patato(
     units = result.choices.units._replace(length=result.unit)
     axes, flat = _axes(scan, result, units)
     marks = _marks(result, axes, units, wavelengths)
-    with replacing(path) as temporary:
+    with TemporaryDirectory() as folder, replacing(path) as temporary:
         if base is None:
             _write_scan(temporary, scan, result, wavelengths, units)
         else:
             shutil.copyfile(base, temporary)
-        with _extending(temporary) as file:
-            group = file.require_group(f"recons/{NAME}")
-            beside = file.require_group(NAME)
-            number = _free(group, beside)
-            own = beside.create_group(number)
-            for place, name, stack in (
-                (group, number, images),
-                (own, "standard_deviation", spread),
-            ):
-                if stack is not None:
-                    _add(place, name, _rows_of_x(stack, flat), marks)
+        added = Path(folder) / "added.h5"
+        with creating_hdf5(added) as file:
+            _add(file, IMAGES, _rows_of_x(images, flat), marks)
+            beside = file.create_group(BESIDE)
+            if spread is not None:
+                _add(beside, "standard_deviation", _rows_of_x(spread, flat), marks)
             for name, text in about.items():
-                own.create_dataset(name, data=np.bytes_(text.encode()))
+                beside.create_dataset(name, data=np.bytes_(text.encode()))
+        _extend(temporary, added)
 
 
 def require_patato(
@@ -104,6 +109,7 @@ def require_patato(
     wavelengths, base = _rounds(scan), _base(path, inputs)
     if base is not None:
         _require_same(base, scan)
+        _extend(base, None)
     else:
         _rate(scan)
     return base, wavelengths
@@ -277,16 +283,7 @@ def _response(scan: Scan) -> np.ndarray:
     return response
 
 
-@contextmanager
-def _extending(path: Path) -> Iterator[h5py.File]:
-    """A file to add to; where there is no more room, HDF5's RuntimeError is an OSError too."""
-    try:
-        with h5py.File(path, "r+") as file:
-            yield file
-    except RuntimeError as error:
-        raise OSError(str(error)) from error
-
-
-def _free(*groups: h5py.Group) -> str:
-    """The first number that is not yet a name in the group."""
-    return next(name for k in itertools.count() if not any((name := str(k)) in g for g in groups))
+def _extend(path: Path, added: Path | None) -> None:
+    """Add images to a file, which another process opens; with None, check that they can be."""
+    with refusing(f"cannot add to {name_of(path)}: "):
+        read_file("add_images", path, Allowance(), added=added and str(added))

@@ -13,7 +13,7 @@ from .ipasc import is_ipasc, read_ipasc
 from .matlab import is_matlab5, read_matlab5
 from .msot import read_msot
 from .numpy_files import read_npy, read_npz
-from .patato import is_patato, read_patato
+from .patato import add_images, is_patato, read_patato
 from .plain_hdf5 import is_of_matlab, read_matlab73, read_plain_hdf5
 from .scan import Kind
 
@@ -84,4 +84,8 @@ def read_arrays(
     return Answer(about, arrays)
 
 
-TASKS: dict[str, Callable[..., Answer]] = {"scan": read_scan, "arrays": read_arrays}
+TASKS: dict[str, Callable[..., Answer]] = {
+    "scan": read_scan,
+    "arrays": read_arrays,
+    "add_images": add_images,
+}

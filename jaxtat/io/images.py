@@ -177,7 +177,7 @@ def read_parts(path: Path, *names: str) -> tuple[dict[str, Any], dict[str, np.nd
 def _settings_of(about: dict[str, Any]) -> dict[str, Any]:
     if (about["format"], about["version"]) != (FORMAT, str(VERSION)):
         raise ValueError(
-            f"it is of format {about['format']!r:.40}, version {about['version']!r:.20}, expected "
+            f"it is of format {about['format']!r:.40}, version {about['version']!s:.20}, expected "
             f"{FORMAT!r}, version {VERSION}: settings are in .h5 images written by save_image."
         )
     text = about["settings"] or ""

@@ -10,10 +10,13 @@ Source: PATATO 0.7, patato.io.attribute_tags and patato.io.hdf; T. R. Else, J. G
 S. E. Bohndiek, PATATO, J. Open Source Softw. 9 (2024) 5686.
 """
 
+import itertools
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
+from h5py import h5o  # pyright: ignore[reportAttributeAccessIssue]
 
 from .child import Answer
 from .hdf5 import Hdf5File, open_hdf5
@@ -22,6 +25,8 @@ from .scan import Kind
 RAW, GEOMETRY, WAVELENGTHS, RESPONSE = "raw_data", "GEOMETRY", "wavelengths", "irf"
 ENERGIES = ("OverallCorrectionFactor", "POWER")
 RATE, SPEED = "fs", "speedofsound"
+NAME = "jaxtat"  # of our groups of images
+IMAGES, BESIDE = "images", "beside"  # in a file of images that are added
 
 
 def is_patato(path: Path) -> bool:
@@ -57,6 +62,44 @@ def read_patato(path: Path, kind: Kind | None) -> Answer:
     known |= _of_frames(file, frames, colours)
     data = file.frames(RAW, (frames * colours, rows, columns), lambda n: divmod(n, colours))
     return Answer({"format": "PATATO"}, known, data)
+
+
+def add_images(path: Path, added: str | None) -> Answer:
+    """Copy images, and what belongs to them, into a file under the first number that is free.
+
+    Args:
+        path: a file of PATATO's.
+        added: a file with `IMAGES` and `BESIDE`; None only to check that they can be added.
+
+    Raises:
+        ValueError: where a group that they go to is a link, has another name too, or is none:
+            something else, even another file, would be written to.
+    """
+    places = f"recons/{NAME}", NAME
+    with h5py.File(path, "r+" if added else "r", locking=False) as file:
+        for place in ("recons", *places):
+            _require_own_group(file, place)
+        if added:
+            groups = [file.require_group(place) for place in places]
+            numbers = map(str, itertools.count())
+            number = next(n for n in numbers if not any(n in group for group in groups))
+            with h5py.File(added) as source:
+                for part, group in zip((IMAGES, BESIDE), groups, strict=True):
+                    source.copy(part, group, number)
+    return Answer()
+
+
+def _require_own_group(file: h5py.File, place: str) -> None:
+    link = file.get(place, getlink=True)
+    if link is None:
+        return
+    if not isinstance(link, h5py.HardLink):
+        raise ValueError(f"/{place} is a link to elsewhere.")
+    item = file[place]
+    if not isinstance(item, h5py.Group):
+        raise ValueError(f"/{place} is no group.")
+    if h5o.get_info(item.id).rc > 1:
+        raise ValueError(f"/{place} is a second name of another group.")
 
 
 def _of_frames(file: Hdf5File, frames: int, colours: int) -> dict[str, np.ndarray]:

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..base.methods import compiled
 from ..geometry import DetectorCurve, ImageGrid
 from ..phantoms import Phantom, RadialParts
 from ..special import j0
@@ -56,7 +57,7 @@ class Balls(RadialParts):
     def _profile(self, t: Array) -> Array:
         return jnp.where(t < 1, (1 - jnp.minimum(t, 1.0) ** 2) ** self.exponent, 0.0)
 
-    @eqx.filter_jit
+    @compiled
     def volume(self, slices: ImageGrid, heights: Numbers) -> Float[Array, "x1 x2 x3"]:
         """f at the nodes (x1, x2) of a grid and at heights x3, (heights,) [length]."""
 

@@ -21,6 +21,7 @@ from ..geometry import ImageGrid, Region, VisibilityWarning
 from ..reconstruction import ReconstructionPlan
 from ..reconstruction import reconstruct as reconstruct_plane
 from ..reconstruction import reconstruct_stack as reconstruct_plane_stack
+from ..reconstruction.plan import require_plan
 from ..steps.inversion import IMAGES, invert, require_inversion
 from ..steps.radon import LowPass, polar_fourier_of_projections
 from .scan import LineDetectorScan
@@ -69,6 +70,7 @@ def reconstruct(
     Source: Burgholzer, Hofer, Paltauf, Haltmeier, Scherzer, IEEE Trans. Ultrason. Ferroelectr.
     Freq. Control 52 (2005) 1577 (line detectors); Kunyansky 2008, sections 1 and 3.
     """
+    require_plan(plan)
     data = data_array(g, *plan.setup.data_shape)
     _require_rotations("g", data, scan)
     projections = reconstruct_plane(plan, data, low_pass=low_pass, inversion=inversion)

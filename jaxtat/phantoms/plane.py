@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..base.checks import Numbers, real_array, require_objects, require_positive
+from ..base.methods import compiled
 from ..base.rows import map_rows
 from ..geometry import DetectorCurve, ImageGrid
 from ..special import j0, j1, root
@@ -38,9 +39,10 @@ class Phantom(RadialParts):
     def _hankel(self, k: Array) -> Array:
         """∫_0^1 b(t) J_0(k t) t dt."""
 
-    @eqx.filter_jit
+    @compiled
     def image(self, grid: ImageGrid) -> Float[Array, "x1 x2"]:
         """f at the nodes of the grid, (x1, x2)."""
+        require_objects(grid=grid)
         return self(grid.points)
 
     def circular_integrals(
@@ -74,7 +76,7 @@ class Phantom(RadialParts):
 
         return curve.mean_over_elements(lambda points: map_rows(of_detector, points, 64), n_nodes)
 
-    @eqx.filter_jit
+    @compiled
     def radon(self, angles: Numbers, offsets: Numbers) -> Float[Array, "directions offsets"]:
         """p(theta, s) = ∫_{x·(cos theta, sin theta) = s} f dl, (directions, offsets) [length]."""
         angles, offsets = jnp.asarray(angles), jnp.asarray(offsets)
@@ -86,7 +88,7 @@ class Phantom(RadialParts):
 
         return self._sum_over_parts(one)
 
-    @eqx.filter_jit
+    @compiled
     def fourier(
         self, frequencies: Numbers, angles: Numbers
     ) -> Complex[Array, "frequencies directions"]:
@@ -188,7 +190,7 @@ class Bells(Phantom):
         return j0(k[:, None] * t) @ (weights * self._profile(t) * t / 2)
 
 
-def noise_like(key: Array, data: Array, level: float) -> Array:
+def noise_like(key: Array, data: Array, level: Numbers) -> Array:
     """White Gaussian noise with ||noise|| = level * ||data|| in the 2-norm.
 
     Args:
@@ -199,6 +201,7 @@ def noise_like(key: Array, data: Array, level: float) -> Array:
     Returns:
         Array of the shape of ``data``.
     """
+    level = real_array("level", level, ())
     noise = jax.random.normal(key, data.shape, data.dtype)
     return noise * (level * jnp.linalg.norm(data.ravel()) / jnp.linalg.norm(noise.ravel()))
 

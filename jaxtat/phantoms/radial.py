@@ -10,10 +10,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, real_array, require_positive, whole_number
+from ..base.methods import ComparedByIdentity
 from ..special import root
 
 
-class RadialParts(eqx.Module):
+class RadialParts(ComparedByIdentity, eqx.Module):
     """Σ_m a_m b(|x - c_m| / r_m) in the plane or in space, see `Disks` for the arguments."""
 
     centers: Float[Array, "parts dimension"]

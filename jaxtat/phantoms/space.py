@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ..base.checks import Numbers, real_array, require_positive
+from ..base.checks import Numbers, real_array, require_objects, require_positive
+from ..base.methods import compiled
 from ..base.rows import map_rows
 from ..geometry import VolumeGrid
 from ..geometry.caps import Detectors
@@ -40,9 +41,10 @@ class SolidPhantom(RadialParts):
     def _hankel(self, k: Array) -> Array:
         """∫_0^1 b(t) j_0(k t) t² dt."""
 
-    @eqx.filter_jit
+    @compiled
     def volume(self, grid: VolumeGrid) -> Float[Array, "x1 x2 x3"]:
         """f at the nodes of the grid, (x1, x2, x3)."""
+        require_objects(volume_grid=grid)
         return jax.lax.map(self, grid.points)
 
     def spherical_integrals(
@@ -90,7 +92,7 @@ class SolidPhantom(RadialParts):
 
         return detectors.mean_over_elements(of_points, n_nodes)
 
-    @eqx.filter_jit
+    @compiled
     def fourier(self, xi: Numbers) -> Complex[Array, "..."]:
         """fhat(xi) = (2π)^(-3/2) ∫ f(x) exp(-i xi·x) dx; xi (..., 3) [rad/length] to (...)."""
         xi = jnp.asarray(xi)

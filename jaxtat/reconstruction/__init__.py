@@ -1,8 +1,7 @@
 """The problem as one thing, and what solves it: plans, pipeline, stacks of frames."""
 
-from .data_model import circular_integrals, circular_integrals_adjoint, circular_means
 from .direct import Reconstruction, reconstruct, solve
-from .operator import ForwardOperator, forward_operator
+from .operator import ForwardOperator, circular_means, forward_operator
 from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .setup import Setup
 from .stack import reconstruct_stack
@@ -14,8 +13,6 @@ __all__ = [
     "ReconstructionPlan",
     "Setup",
     "build_plan",
-    "circular_integrals",
-    "circular_integrals_adjoint",
     "circular_means",
     "forward_operator",
     "reconstruct",

@@ -8,13 +8,7 @@ from jaxtyping import Array
 
 from ..base.checks import named
 from ..densities import Basis
-from ..forward import (
-    circle_integrals,
-    integrate_over_circles,
-    integrate_over_circles_adjoint,
-    sphere_integrals,
-)
-from ..forward.spheres import integrate_over_spheres, integrate_over_spheres_adjoint
+from ..forward import circle_integrals, sphere_integrals
 from ..geometry import (
     DetectorCurve,
     ImageGrid,
@@ -55,7 +49,6 @@ class Kind(NamedTuple):
             error of the image's band limit is larger, and digits cost more.
         fast_integrals: (curve, grid, radii, sizes, eta, tolerance) -> over circles or spheres of
             images that are band-limited, see `forward_operator`.
-        integrals, adjoint: the same and back, of interpolated images by quadrature.
         measure: of a circle or sphere, by its radius.
     """
 
@@ -71,8 +64,6 @@ class Kind(NamedTuple):
     default_rule: Callable[[Any], TikhonovRule]
     tolerance: float
     fast_integrals: Callable[..., Any]
-    integrals: Callable[..., Array]
-    adjoint: Callable[..., Array]
     measure: Callable[[Array], Array]
 
     def require(self, name: str, part: Any) -> None:
@@ -117,8 +108,6 @@ PLANE = Kind(
     default_rule=default_rule,
     tolerance=1e-9,
     fast_integrals=circle_integrals,
-    integrals=integrate_over_circles,
-    adjoint=integrate_over_circles_adjoint,
     measure=lambda radii: 2 * jnp.pi * radii,
 )
 
@@ -139,8 +128,6 @@ SPACE = Kind(
     default_rule=lambda sizes: Tikhonov(DEFAULT_ALPHA_IN_SPACE),
     tolerance=1e-7,
     fast_integrals=sphere_integrals,
-    integrals=integrate_over_spheres,
-    adjoint=integrate_over_spheres_adjoint,
     measure=lambda radii: 4 * jnp.pi * radii**2,
 )
 

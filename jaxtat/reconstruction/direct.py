@@ -5,12 +5,14 @@ from functools import partial
 from typing import Any
 
 import equinox as eqx
+import jax
 import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float
 
 from ..base.checks import Numbers, data_array, is_concrete, require_x64
 from ..base.parallel import checked_mesh, in_groups, map_shards, replicated
+from ..base.threads import one_blas_thread
 from ..geometry import ImageGrid
 from ..regularization import SolveReport, tikhonov_rule
 from ..steps import UNSAMPLED, AccuracyWarning, warn_of_detectors
@@ -163,7 +165,10 @@ def solve(
     basis = kind.basis(*where, mesh)
     stack = data.reshape(-1, *setup.data_shape)
     basis, stack, grid, used, eta = replicated((basis, stack, setup.grid, used, eta), mesh)
-    image, report, energies = images_of(basis, stack, grid, used, eta, inversion)
+    with one_blas_thread():
+        image, report, energies = jax.block_until_ready(
+            images_of(basis, stack, grid, used, eta, inversion)
+        )
     assert report is not None
     batch = data.shape[: data.ndim - len(setup.data_shape)]
     found = Reconstruction(image.reshape(*batch, *setup.grid.shape), report, basis.name)

@@ -9,7 +9,8 @@ import lineax as lx
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, real_array
+from ..base.checks import Numbers, named, real_array, require_magnitude
+from ..base.methods import ComparedByIdentity, compiled
 from ..forward import CircleSizes, SphereSizes
 from ..steps.radon import LowPass, low_pass_at
 from .setup import Setup, require_setup
@@ -33,7 +34,7 @@ class OperatorReport(NamedTuple):
     kept: bool
 
 
-class ForwardOperator(lx.AbstractLinearOperator):
+class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
     """A: images on a grid -> circular or spherical integrals, or its transpose.
 
     Made by `forward_operator`. Besides `mv` of one image it takes stacks, ``A(images)``.
@@ -51,6 +52,8 @@ class ForwardOperator(lx.AbstractLinearOperator):
     data_shape: tuple[int, ...] = eqx.field(static=True)
     transposed: bool = eqx.field(static=True, default=False)
 
+    __array_ufunc__ = None  # array @ A is left to A
+
     def __call__(self, values: Numbers) -> Array:
         """A applied to a stack: (..., *in_shape) -> (..., *out_shape).
 
@@ -62,6 +65,7 @@ class ForwardOperator(lx.AbstractLinearOperator):
         if self.transposed:
             into, out, name = out, into, "data"
         values = real_array(name, values, ("...", *into), self.dtype)
+        require_magnitude(name, values)
         batch = values.shape[: values.ndim - len(into)]
         if 0 in batch:
             raise ValueError(f"{name} has shape {values.shape}: a stack of none at all.")
@@ -93,7 +97,17 @@ class ForwardOperator(lx.AbstractLinearOperator):
     def mv(self, vector: Numbers) -> Array:
         return self(vector)
 
-    @eqx.filter_jit
+    def __matmul__(self, other: Any) -> lx.AbstractLinearOperator:
+        if isinstance(other, lx.AbstractLinearOperator):
+            return super().__matmul__(other)
+        raise ValueError(
+            f"@ composes operators, and {named(other)} is none: write A.mv(image), A.T.mv(data), "
+            "or A(images) for a stack."
+        )
+
+    __rmatmul__ = __matmul__  # of arrays
+
+    @compiled
     def as_matrix(self) -> Float[Array, "out into"]:
         into = self.in_structure()
         units = jnp.eye(into.size, dtype=into.dtype).reshape(-1, *into.shape)
@@ -182,6 +196,32 @@ def forward_operator(
     if chosen == np.float32:
         integrals = _in_single_precision(integrals)
     return ForwardOperator(integrals, sizes, grid.shape, setup.data_shape)
+
+
+def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:
+    """Means of an image over circles, g(z, r) / 2πr, or of a volume over spheres, g / 4πr².
+
+    By one `forward_operator`, which see for what an image is between its pixels.
+
+    Args:
+        setup: detectors, grid and radii.
+        image: f at the nodes of the grid, (..., x1, x2) or (..., x1, x2, x3).
+
+    Returns:
+        (..., *setup.data_shape), in the unit of f.
+
+    Raises:
+        ValueError: for an image that does not fit the grid, or NaN in it.
+
+    >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
+    >>> setup = Setup(circular_arc(1.3, 1.0, 80), disk(1.0), ImageGrid(33), max_frequency=30.0)
+    >>> bell = phantoms.Bells([[0.1, 0.2]], [0.6])
+    >>> g = bell.circular_integrals(setup.curve, setup.radii)
+    >>> means = circular_means(setup, bell.image(setup.grid))
+    >>> bool(abs(2 * jnp.pi * setup.radii * means - g).max() < 1e-4)
+    True
+    """
+    return forward_operator(setup)(image) / setup.kind.measure(setup.radii)
 
 
 @eqx.filter_jit

@@ -12,7 +12,15 @@ import numpy as np
 from jaxtyping import Array, Float
 from tqdm import tqdm
 
-from ..base.checks import is_concrete, require_x64
+from ..base.checks import (
+    is_concrete,
+    is_number,
+    named,
+    real_array,
+    require_positive,
+    require_x64,
+)
+from ..base.threads import one_blas_thread
 from ..densities import (
     Densities,
     DensityReport,
@@ -26,7 +34,6 @@ from ..densities.cylindrical_waves import (
     HarmonicDensities,
     PolarGeometry,
     alpha_units,
-    compiled_wave_table,
     frequency_groups,
     group_of,
     harmonic_densities,
@@ -41,16 +48,17 @@ from ..regularization import (
     NormBound,
     Regularization,
     RelativeCutoff,
+    Tikhonov,
     per_frequency,
     single_crossing,
     unit_norms,
 )
 from ..steps import UnreachedWaves, require_boundary
-from .plane_bases import StoredDensities, of_plane
+from .plane_bases import StoredDensities, data_kernels
 from .setup import Setup, plane_of, require_complete
 from .sizes import PlaneSizes, systems_fit
 
-METHODS = ("auto", "harmonic", "collocation", "series")
+METHODS = ("auto", "cylindrical", "collocation", "series")
 _FREQUENCIES_AT_A_TIME = 4
 _GROUPS = 4  # of frequencies with as many orders; each is compiled by itself
 
@@ -66,12 +74,16 @@ class ReconstructionPlan(eqx.Module):
         densities: (rho_J, rho_Y) of all directions and frequencies.
         regularization: the one that was used; None where the densities are in closed form.
         report: accuracy and norm of the densities.
+        kernels: of step 2, from the radii of data to the frequencies.
+        totals: by which data are summed to the total mass.
     """
 
     setup: Setup
     densities: Densities
     regularization: Regularization | None
     report: DensityReport
+    kernels: Float[Array, "frequencies 2 radii"]
+    totals: Float[Array, " radii"]
 
     @property
     def curve(self) -> DetectorCurve:
@@ -112,12 +124,21 @@ class ReconstructionPlan(eqx.Module):
     @property
     def basis(self) -> StoredDensities:
         """The densities, as `images_of` takes them."""
-        return StoredDensities(*of_plane(*plane_of(self.setup)), self.densities)
+        curve, region, _, sizes = plane_of(self.setup)
+        return StoredDensities(curve, region, sizes, self.kernels, self.totals, self.densities)
+
+
+def require_plan(plan: Any) -> None:
+    """Raise ValueError for what is no `ReconstructionPlan`."""
+    if not isinstance(plan, ReconstructionPlan):
+        raise ValueError(
+            f"plan is {named(plan)}, expected a ReconstructionPlan: build_plan(setup, rule)."
+        )
 
 
 def build_plan(
     setup: Setup,
-    rule: Regularization | None = None,
+    rule: Any = None,
     *,
     method: str = "auto",
     precision: str = "double",
@@ -129,12 +150,12 @@ def build_plan(
         setup: detectors, region, grid and radii, in the plane.
         rule: which singular components are kept: `NormBound`, `FixedRank`, `SingularValueCutoff` or
             `RelativeCutoff`, or one of Tikhonov's, `Tikhonov`, `RelativeTikhonov`,
-            `TikhonovNormBound` or `ResidualTarget`, with a number or one for each frequency. By
-            default the paper's bound, ``NormBound(PAPER_K)``, where its assumptions hold: detectors
-            on a circle (within 5 % of its radius) that see all of the region. Else
-            ``RelativeCutoff(0.1)``: it asks for no norm, and leaves out what no detector records
-            instead of magnifying it.
-        method: "harmonic": singular value decomposition in cylindrical waves, for detectors that
+            `TikhonovNormBound` or `ResidualTarget`, with a number or one for each frequency; a
+            number without a rule is the alpha of `Tikhonov`, as in `solve`. By default the paper's
+            bound, ``NormBound(PAPER_K)``, where its assumptions hold: detectors on a circle (within
+            5 % of its radius) that see all of the region. Else ``RelativeCutoff(0.1)``: it asks for
+            no norm, and leaves out what no detector records instead of magnifying it.
+        method: "cylindrical": singular value decomposition in cylindrical waves, for detectors that
             are all farther from some centre than the region; "collocation": of the potentials on
             the boundary, as in the paper, for any geometry, slower; "auto": the first if it can,
             else the second; "series": the closed form for a full circle of equispaced detectors.
@@ -165,34 +186,47 @@ def build_plan(
     require_x64()
     if precision not in ("double", "single"):
         raise ValueError(f"precision is {precision!r}, expected 'double' or 'single'.")
-    if not (rule is None or isinstance(rule, Regularization)):
-        raise ValueError(f"rule is {rule!r}, expected one such as NormBound(4.0).")
+    rule = _checked(rule)
     if method not in METHODS:
         raise ValueError(f"method is {method!r}, expected one of {', '.join(METHODS)}.")
     curve, region, _, sizes = plane_of(setup)
     require_complete(setup)
     if method == "auto":
-        method = "harmonic" if sizes.reached else "collocation"
+        method = "cylindrical" if sizes.reached else "collocation"
     rule = _rule(method, rule, sizes.as_in_the_paper)
     if is_concrete(setup):
         # inside jax.jit too: only the rule's number may be traced
         with jax.ensure_compile_time_eval():
-            if method != "harmonic":
+            if method != "cylindrical":
                 require_boundary(region, sizes.max_frequency)
             polar = sizes.frequencies, sizes.angles
-            systems_fit(curve, region, setup.radii, polar, method == "harmonic", plan=True)
+            systems_fit(curve, region, setup.radii, polar, method == "cylindrical", plan=True)
             norms = unit_norms(
                 curve, region, sizes.frequencies, sizes.norm_orders, angles=sizes.angles
             )
         bar = tqdm(total=sizes.n_frequencies, desc="densities", unit="freq", disable=not progress)
-        with bar:
-            densities, report = _BUILD[method](setup, norms, rule, precision == "single", bar)
+        with bar, one_blas_thread():
+            built = _BUILD[method](setup, norms, rule, precision == "single", bar)
+            densities, report = jax.block_until_ready(built)
     else:
         densities, report = _traced(setup, method, rule)
         densities = densities.in_single_precision() if precision == "single" else densities
     if all(leaf.ndim == 0 for leaf in jax.tree.leaves(rule)):
         _warn_of_residuals(report)  # a rule made for every frequency leaves out what it wants to
-    return ReconstructionPlan(setup, densities, rule, report)
+    return ReconstructionPlan(setup, densities, rule, report, *data_kernels(setup.radii, sizes))
+
+
+def _checked(rule: Any) -> Regularization | None:
+    """What a user passes as the rule of a plan, a number as Tikhonov's alpha."""
+    if rule is None or isinstance(rule, Regularization):
+        return rule
+    if not is_number(rule):
+        raise ValueError(
+            f"rule is {named(rule)}, expected one such as NormBound(4.0), or a number, alpha."
+        )
+    alpha = real_array("alpha", rule, None)
+    require_positive("alpha", alpha)
+    return Tikhonov(alpha)
 
 
 def _rule(
@@ -231,10 +265,10 @@ def _traced(
         raise ValueError("method 'series' needs a geometry that is not traced.")
     frequencies, angles = sizes.frequencies, sizes.angles
     norms = unit_norms(curve, region, frequencies, sizes.norm_orders, angles)
-    if method == "harmonic":
+    if method == "cylindrical":
         geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
         offset = region.center - geometry.center
-        values, report = _traced_harmonic(geometry, offset, norms, rule, sizes)
+        values, report = _traced_cylindrical(geometry, offset, norms, rule, sizes)
     else:
         if rule.has_unit and sizes.reached:
             raise ValueError(
@@ -251,7 +285,7 @@ def _traced(
 
 
 @eqx.filter_jit
-def _traced_harmonic(
+def _traced_cylindrical(
     geometry: PolarGeometry,
     offset: Array,
     norms: Array,
@@ -273,7 +307,7 @@ def _traced_harmonic(
     return jnp.concatenate(pieces) * phases[..., None, None], _joined(reports)
 
 
-def _harmonic(
+def _cylindrical(
     setup: Setup, norms: Array, regularization: Regularization, single: bool, bar: tqdm
 ) -> tuple[Densities, DensityReport]:
     """Groups of frequencies with the same number of orders; within a group a few at a time."""
@@ -283,7 +317,7 @@ def _harmonic(
         geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
         orders = harmonic_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
-        table = compiled_wave_table(geometry, frequencies, int(orders.max()))
+        table = wave_table(geometry, frequencies, int(orders.max()))
         offset = region.center - geometry.center
         local = jax.device_put(np.asarray(angles) - np.asarray(geometry.axis))
     each = _divisible((table, norms, per_frequency(regularization, len(frequencies))))
@@ -348,7 +382,7 @@ def _series(
 
 
 _BUILD: dict[str, Callable[..., tuple[Densities, DensityReport]]] = {
-    "harmonic": _harmonic,
+    "cylindrical": _cylindrical,
     "collocation": _collocation,
     "series": _series,
 }
@@ -359,7 +393,7 @@ def _full_circle(curve: DetectorCurve) -> Circle:
     if curve.element_width is not None:
         raise ValueError(
             "method 'series' is for point detectors, this curve has an element_width: use method "
-            "'harmonic'."
+            "'cylindrical'."
         )
     circle = fit_circle(curve.points)
     off = jnp.abs(jnp.linalg.norm(curve.points - circle.center, axis=1) / circle.radius - 1)

@@ -139,11 +139,9 @@ class BoundaryTraces(_Solved):
         return _on_boundary(self, transformed, self.inputs(rule))
 
 
-def of_plane(
-    curve: DetectorCurve, region: Region, radii: Array, sizes: PlaneSizes
-) -> tuple[DetectorCurve, Region, PlaneSizes, Array, Array]:
-    """The attributes of every `PlaneBasis`."""
-    return curve, region, sizes, radial_kernels(radii, sizes.frequencies), total_weights(radii)
+def data_kernels(radii: Float[Array, " radii"], sizes: PlaneSizes) -> tuple[Array, Array]:
+    """`PlaneBasis.kernels` and `totals`."""
+    return radial_kernels(radii, sizes.frequencies), total_weights(radii)
 
 
 def plane_basis(
@@ -154,7 +152,7 @@ def plane_basis(
     mesh: Mesh | None,
 ) -> PlaneBasis:
     """Cylindrical waves if they reach, else the boundary; arguments as in `solve`, checked."""
-    common = of_plane(curve, region, radii, sizes)
+    common = curve, region, sizes, *data_kernels(radii, sizes)
     if not sizes.reached:
         return BoundaryTraces(*common, mesh)
     # of a known geometry known inside jax.jit too

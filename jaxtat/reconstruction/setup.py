@@ -12,7 +12,6 @@ from ..base.checks import (
     named,
     real_array,
     require_x64,
-    whole_number,
 )
 from ..geometry import DetectorCurve, Region
 from ..geometry.balls import Ball
@@ -58,7 +57,7 @@ class Setup(eqx.Module):
         *,
         max_frequency: Numbers | None = None,
         n_directions: int | None = None,
-        n_groups: int = GROUPS,
+        _n_groups: int = GROUPS,  # of frequencies: fewer compile sooner and run longer
     ):
         """Make and check a setup, in the plane or in space; lengths in any one unit.
 
@@ -73,7 +72,6 @@ class Setup(eqx.Module):
             max_frequency: lambda_max [rad/length]; by default π over the larger of pixel and radial
                 step, beyond which neither data nor image hold anything.
             n_directions: by default enough for lambda_max, a multiple of 32.
-            n_groups: of frequencies that are solved alike: fewer compile sooner and run longer.
 
         Raises:
             ValueError: for detectors in the region, radii with holes, a grid that misses the
@@ -102,9 +100,8 @@ class Setup(eqx.Module):
                 radii = kind.radii(curve, region, grid.spacing.max() / kind.radii_per_pixel)
         self.curve, self.grid = curve, grid
         self.radii = real_array("radii", radii, ("radii",))
-        n_groups = whole_number("n_groups", n_groups, 1)
         self.sizes, self.region = kind.sizes(
-            curve, region, grid, self.radii, max_frequency, n_directions, n_groups
+            curve, region, grid, self.radii, max_frequency, n_directions, _n_groups
         )
         self.complete = not kind.uncovered(curve, self.region, self.radii)
 
@@ -186,7 +183,7 @@ def plane_of(setup: Setup) -> tuple[DetectorCurve, Region, Array, PlaneSizes]:
     ):
         raise ValueError(
             "the setup is in space, and this is for setups in the plane: in space there are "
-            "solve, reconstruct and circular_integrals."
+            "solve, reconstruct and forward_operator."
         )
     return curve, region, setup.radii, sizes
 

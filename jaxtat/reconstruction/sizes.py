@@ -16,7 +16,7 @@ from ..densities.cylindrical_waves import (
     wave_offset,
     waves_reach,
 )
-from ..forward import CircleSizes, circle_sizes, default_points
+from ..forward import CircleSizes, circle_sizes
 from ..geometry import (
     DetectorCurve,
     ImageGrid,
@@ -50,7 +50,6 @@ class PlaneSizes(eqx.Module):
         wave_offset: of the waves' centre, see `cylindrical_waves.wave_offset`.
         norm_orders: that N(lambda) needs; 0 for detectors off a circle, see `unit_norm`.
         operator: of the forward operator.
-        n_quadrature: points on a circle by which the integrals of an image are taken by quadrature.
         as_in_the_paper: detectors on a circle that see all of the region: what its rule assumes.
             Its norm N(lambda) is that of a circle, and a bound on the norm admits noise without
             limit in directions that are not seen.
@@ -66,7 +65,6 @@ class PlaneSizes(eqx.Module):
     wave_offset: tuple[float, float] = eqx.field(static=True)
     norm_orders: int = eqx.field(static=True)
     operator: CircleSizes
-    n_quadrature: int = eqx.field(static=True)
     as_in_the_paper: bool = eqx.field(static=True)
     n_nodes: int = eqx.field(static=True)
     sampled: float = eqx.field(static=True)
@@ -138,7 +136,6 @@ def plane_sizes(
             wave_offset=wave_offset(curve, region),
             norm_orders=enough_orders(1.1 * farthest) if on_quadrature else 0,
             operator=circle_sizes(curve, grid),
-            n_quadrature=default_points(grid),
             as_in_the_paper=on_quadrature
             and float(visibility(curve, region).invisible_fraction) == 0,
             n_nodes=enough_nodes(curve.element_width, highest),

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from ..base.checks import whole_number
+from ..base.checks import require_unmasked, whole_number
 from ..steps.radon import LowPass
 from .direct import reconstruct
 from .plan import ReconstructionPlan
-from .setup import Setup
+from .setup import Setup, require_setup
 
 
 def reconstruct_stack(
@@ -49,6 +49,7 @@ def reconstruct_stack(
     """
     shape: tuple[int, ...] = tuple(getattr(frames, "shape", ()))
     setup = problem.setup if isinstance(problem, ReconstructionPlan) else problem
+    require_setup(setup)
     wanted = setup.data_shape
     if not shape or shape[1:] != wanted:
         raise ValueError(f"frames have shape {shape}, expected (n, {str(wanted)[1:-1]}).")
@@ -59,7 +60,9 @@ def reconstruct_stack(
         raise ValueError(f"out has shape {tuple(out.shape)}, expected {images}.")
     with tqdm(total=shape[0], desc="images", unit="image", disable=not progress) as bar:
         for start in range(0, shape[0], batch_size):
-            part = np.asarray(frames[start : start + batch_size])
+            part = frames[start : start + batch_size]
+            require_unmasked("frames", part)
+            part = np.asarray(part)
             # one compiled size: the last batch is filled up
             missing = min(batch_size, shape[0]) - len(part)
             filled = np.pad(part, ((0, missing), *[(0, 0)] * len(wanted)))

@@ -16,9 +16,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, real_array, require_positive
+from ..base.checks import Numbers, is_number, named, real_array, require_positive
 from .rules import Excess, Regularization, Truncation, not_negative, per_frequency, single_crossing
 from .solutions import spectrum
+
+_HALVINGS = 60  # of an interval of 48, for the logarithm of alpha
 
 
 class FrequencyData(eqx.Module):
@@ -226,6 +228,16 @@ def tikhonov_rule(rule: Any, n_frequencies: int) -> TikhonovRule:
             f"{type(rule).__name__} keeps or drops singular components, which only a plan forms: "
             f"use build_plan(setup, {type(rule).__name__}(...)), or {rule.counterpart} here."
         )
+    if isinstance(rule, Regularization) and not isinstance(rule, TikhonovRule):
+        raise ValueError(
+            f"{type(rule).__name__} is a rule for plans: reconstruct(build_plan(setup, rule), g). "
+            "Without a plan a rule is a TikhonovRule, with `absolute`."
+        )
+    if not isinstance(rule, TikhonovRule) and not is_number(rule):
+        raise ValueError(
+            f"rule is {named(rule)}, expected alpha, a number or one for each frequency, or a rule "
+            "such as NoiseLevel(sigma) or RelativeTikhonov(0.1)."
+        )
     if not isinstance(rule, TikhonovRule):
         value = real_array("alpha", rule, None)
         require_positive("alpha", value)
@@ -298,20 +310,16 @@ def alpha_where(
     lower, upper = jnp.log(1e-15 * largest), jnp.log(1e6 * largest)
     aim = jnp.maximum(square, jnp.finfo(square.dtype).tiny)
 
-    def excess(log_alpha: Array, _: None) -> Array:
-        reached = jnp.sum(measure.f(eigenvalues, jnp.exp(log_alpha)) * weights)
-        # at the bounds the sign is given, so that a bound is found where the aim is never reached
-        edge = jnp.where(log_alpha <= lower, 1.0, 0.0) - jnp.where(log_alpha >= upper, 1.0, 0.0)
-        return jnp.where(edge == 0, measure.sign * jnp.log(reached / aim), edge)
+    def halved(_: int, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+        below, above = bounds
+        middle = (below + above) / 2
+        reached = jnp.sum(measure.f(eigenvalues, jnp.exp(middle)) * weights)
+        too_small = measure.sign * (reached - aim) > 0
+        return jnp.where(too_small, middle, below), jnp.where(too_small, above, middle)
 
-    import optimistix as optx  # slow to import
-
-    solver = optx.Bisection(rtol=1e-12, atol=1e-12)
-    options = {"lower": lower, "upper": upper}
-    found = optx.root_find(
-        excess, solver, (lower + upper) / 2, options=options, max_steps=64, throw=False
-    )
-    return jnp.exp(found.value)
+    # to the last bit; no call of Python, by which libraries check bounds and for which threads wait
+    below, above = jax.lax.fori_loop(0, _HALVINGS, halved, (lower, upper))
+    return jnp.exp((below + above) / 2)
 
 
 @alpha_where.defjvp

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, is_concrete, real_array
+from ..base.checks import Numbers, real_array
 from ..geometry import CircularArc, DetectorCurve, Region, fit_circle, near_circle
 from ..geometry.line_weights import kernel_width, line_normals, weight_of_line
-from ..special import full_circle_norm, known_circle_norm
+from ..special import full_circle_norm
 
 _LINES = 512  # across the region
 _DIRECTIONS = 64  # over half a turn, where a mean is wanted
@@ -70,10 +70,6 @@ def unit_norms(
     if on_circle:
         arc = isinstance(curve, CircularArc)
         radius = curve.radius if arc else fit_circle(curve.points).radius
-        if is_concrete(frequencies, radius):  # by numpy: no program for each new size
-            known = known_circle_norm(np.asarray(frequencies), float(radius), norm_orders)
-            with jax.ensure_compile_time_eval():
-                return jax.device_put(known)
         return full_circle_norm(frequencies, radius, norm_orders)
     if angles is None:
         every = np.arange(_DIRECTIONS) * (np.pi / _DIRECTIONS)

@@ -228,7 +228,7 @@ class Choices(eqx.Module):
                 f"{sorted(names - set(settings))}, unknown {sorted(set(settings) - names)}."
             )
         try:
-            values: dict[str, Any] = {c.name: c.read(settings[c.name]) for c in CHOICES}
+            values: dict[str, Any] = {c.name: c.stored(settings[c.name]) for c in CHOICES}
             reasons = tuple((str(name), str(why)) for name, why in settings["reasons"])
             grades = tuple((str(name), str(grade)) for name, grade in settings["grades"])
             errors = tuple((str(n), float(error)) for n, error in settings["standard_errors"])

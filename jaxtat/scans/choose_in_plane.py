@@ -3,6 +3,7 @@
 A function of the scan alone: nothing is remembered, nothing drawn by chance.
 """
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -33,7 +34,9 @@ from ..records.signal_power import (
     tail_share,
     totals,
 )
+from ..steps import AccuracyWarning
 from .choices import IN_SPACE, Choices, plane_region
+from .contradictions import contradiction
 from .facts import (
     FEWEST,
     Facts,
@@ -145,6 +148,27 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     _band(found, times, speed, highest)
     _radii(where, facts, found, float(times[-1]) * speed)
     _noise(found, RecordPower(power.times, power.power[good]), arrival, floor)
+    _say_contradiction(facts, found, good, whole[good][:, start:], sound.power, speed)
+
+
+def _say_contradiction(
+    facts: Facts,
+    found: Found,
+    good: np.ndarray,
+    record: Float[np.ndarray, "detectors times"],
+    power: RecordPower,
+    speed: float,
+) -> None:
+    """Warn of a record that the positions contradict; no speed of sound can be estimated of it."""
+    points, arc = facts.points[facts.order][good], facts.arc
+    center, radius = (np.array(arc.center), arc.radius) if arc else (points.mean(axis=0), None)
+    said = contradiction(record, power, points - center, radius, speed)
+    if said:
+        warnings.warn(f"{said}.", AccuracyWarning, stacklevel=5)
+    if said and "sound_speed" in found.to_estimate:
+        found.to_estimate.remove("sound_speed")
+        why = "that of water: the record contradicts the positions, by which it could be told"
+        found.explain("sound_speed", why, GUESSED)
 
 
 def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"], found: Found) -> str:

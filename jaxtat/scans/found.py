@@ -9,6 +9,7 @@ import numpy as np
 
 from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
 from ..base.units import Units
+from ..geometry import require_radii
 from ..io import Scan
 from ..records import Supported
 from .choices import Choices
@@ -157,11 +158,15 @@ def least(*limits: Limit) -> Limit:
 
 
 def radii_of(scan: Scan, found: Found) -> np.ndarray | None:
-    """Radii that are given, or those of integrals in the file."""
+    """Radii that are given, or those of integrals in the file; refused if they do not increase."""
     own = found.given.get("radii")
     if own is None and scan.kind == "circular_integrals":
         own = scan.known.get("radii")
-    return None if own is None else np.asarray(own, float)
+    if own is None:
+        return None
+    own = np.asarray(own, float)
+    require_radii(own)
+    return own
 
 
 def take_nominal_speed(scan: Scan, found: Found, units: Units) -> float:

@@ -38,7 +38,7 @@ def setup_of(scan: Scan, choices: Choices, *, n_groups: int = GROUPS) -> Setup:
         choices.grid,
         radii,
         max_frequency=choices.max_frequency,
-        n_groups=n_groups,
+        _n_groups=n_groups,
     )
 
 

@@ -87,12 +87,14 @@ class Sound(NamedTuple):
     """What detectors in the plane hear, in order along the curve.
 
     Attributes:
+        power: of the record.
         when: first and last sound.
         slow: power of the record's integral over time, in which slow sound is louder. Means of
             bodies over circles are slow, thin walls are heard in fast waves.
         pause: the shortest that separates an echo [time].
     """
 
+    power: RecordPower
     when: Heard
     slow: RecordPower
     pause: float
@@ -105,9 +107,10 @@ def sound_after(
     middle: float,
 ) -> Sound:
     """Sound after a time; arguments as of `heard_after`."""
-    when = heard_after(begin, record, times, middle, detrend=True)
+    power = _power_after(begin, record, times, detrend=True)
     integral = np.cumsum(record - np.median(record, axis=1, keepdims=True), axis=1)
-    return Sound(when, _power_after(begin, integral, times, detrend=True), PAUSE * middle)
+    slow = _power_after(begin, integral, times, detrend=True)
+    return Sound(power, heard(power, PAUSE * middle), slow, PAUSE * middle)
 
 
 class Body(NamedTuple):

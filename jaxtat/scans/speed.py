@@ -1,8 +1,7 @@
 """The speed of sound of a scan whose file lacks it: of the sharpest image, if detectors agree.
 
-`sound_speed_by_sharpness` finds the same place by derivatives. Here a search by values does. The
-speed stretches the radii only, so that the systems of a frequency are solved for all speeds at
-once, and sharpness needs no image: by Parseval's formula
+The speed stretches the radii only, so that the systems of a frequency are solved for all speeds at
+once, and sharpness (`jaxtat.studies.sharpness`) needs no image: by Parseval's formula
 
     ∫ |grad f|² dx = (1/2π)² ∫ |xi|² |fhat(xi)|² dxi.
 """

@@ -5,9 +5,6 @@ from .bessel import j0 as j0
 from .bessel import j1 as j1
 from .bessel import y0 as y0
 from .bessel import y1 as y1
-from .known_orders import hankel_rows as hankel_rows
-from .known_orders import known_circle_norm as known_circle_norm
-from .known_orders import known_decay_steps as known_decay_steps
 from .nufft import from_grid as from_grid
 from .nufft import to_grid as to_grid
 from .roots import root as root

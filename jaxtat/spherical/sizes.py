@@ -9,7 +9,6 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, is_concrete
 from ..densities.cylindrical_waves.orders import highest_orders
 from ..forward import SphereSizes, sphere_sizes
-from ..forward.spheres import default_points
 from ..geometry import VolumeGrid, data_radii, require_outside, require_radii
 from ..geometry.balls import Ball, enough_boundary
 from ..geometry.caps import DetectorPoints, Detectors, SphericalCap
@@ -35,7 +34,6 @@ class SpaceSizes(eqx.Module):
         piece: how many orders m are worked on together.
         n_sizes: of the systems; numbers of degrees are rounded up to one of them.
         operator: of the forward operator.
-        n_quadrature: points from pole to rim of a sphere, for integrals by quadrature.
         n_nodes: of Gauss's rule on an element of finite size.
         boundary: Gauss points on both parts of a meridian of a cut ball; none of a whole one.
     """
@@ -48,7 +46,6 @@ class SpaceSizes(eqx.Module):
     piece: int = eqx.field(static=True)
     n_sizes: int = eqx.field(static=True)
     operator: SphereSizes
-    n_quadrature: int = eqx.field(static=True)
     n_nodes: int = eqx.field(static=True)
     boundary: tuple[int, int] | None = eqx.field(static=True)
 
@@ -139,7 +136,6 @@ def space_sizes(
         piece=-(-n_orders // pieces),
         n_sizes=n_sizes,
         operator=sphere_sizes(detectors, grid),
-        n_quadrature=default_points(grid),
         n_nodes=detectors.enough_nodes(highest),
         boundary=boundary,
     )

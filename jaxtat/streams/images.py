@@ -393,7 +393,7 @@ def _waves_of(setup: Setup, dtype: np.dtype) -> DecomposedWaves | None:
     curve, region, _, sizes = plane_of(setup)
     if not sizes.reached:
         return None
-    geometry = polar_geometry(curve, region, sizes.n_nodes)
+    geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
     return decomposed_waves(geometry, sizes.frequencies, sizes.angles, sizes.groups, dtype)
 
 

@@ -14,6 +14,9 @@ from .sinks import Sink
 from .sources import Waiting
 
 BATCH = 8  # frames of an image each: together they take half the time
+ENDING = [signal.SIGINT, signal.SIGTERM]  # Ctrl-C, `kill`
+if hasattr(signal, "SIGHUP"):  # a terminal that is closed, of which Windows knows nothing
+    ENDING.append(signal.SIGHUP)
 
 
 class Streamed(NamedTuple):
@@ -48,8 +51,9 @@ def stream(
 ) -> Streamed:
     """Make an image of every frame until they end, or Ctrl-C.
 
-    Frames are read in a thread of their own. After Ctrl-C none is read any more, and those that
-    were read are finished; a second Ctrl-C ends at once, with all written images whole.
+    Frames are read in a thread of their own. After Ctrl-C, or where the system ends the program,
+    none is read any more, and those that were read are finished; a second time ends at once, with
+    all written images whole.
 
     Args:
         to_images: of `live`.
@@ -63,14 +67,14 @@ def stream(
     Returns:
         Streamed.
     """
-    blank = np.zeros((BATCH, *to_images.frame_shape), dtype)
-    for size in (1, BATCH):  # compiled before the first frame comes
-        np.asarray(to_images(blank[:size]))
     waiting = Waiting(frames, room, drop)
     written = refused = 0
     ended = ""
     with _interrupting(waiting.stop) as interrupted:
         try:
+            blank = np.zeros((BATCH, *to_images.frame_shape), dtype)
+            for size in (1, BATCH):  # compiled before the first image is wanted
+                np.asarray(to_images(blank[:size]))
             while taken := waiting.take(BATCH):
                 for number, image in _images(to_images, taken):
                     if isinstance(image, ValueError):
@@ -90,7 +94,7 @@ def stream(
 
 @contextmanager
 def _interrupting(stop: Callable[[], None]) -> Iterator[list[int]]:
-    """Ctrl-C once calls ``stop`` and fills the list; the second time it is what it always is."""
+    """Ctrl-C, or an end by the system, calls ``stop`` and fills the list; a second one raises."""
     interrupted: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield interrupted  # signals are the main thread's
@@ -102,11 +106,15 @@ def _interrupting(stop: Callable[[], None]) -> Iterator[list[int]]:
         interrupted.append(number)
         stop()
 
-    before = signal.signal(signal.SIGINT, heard)
+    before = {number: signal.getsignal(number) for number in ENDING}
+    for number, action in before.items():
+        if action is not signal.SIG_IGN:  # as a program that goes on when its terminal is closed
+            signal.signal(number, heard)
     try:
         yield interrupted
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, action in before.items():
+            signal.signal(number, action)
 
 
 def _images(to_images: Live, taken: list[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:

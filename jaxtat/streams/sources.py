@@ -14,6 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from ..base.messages import name_of
+from ..io import load_scan
+
 PAUSE = 0.02  # [s] between two looks at a file or folder that may have grown
 
 
@@ -49,10 +52,18 @@ def frames_of_bytes(
         )
 
 
-def frames_of_folder(folder: Path, more: Callable[[], bool]) -> Iterator[Any]:
+def frames_of_folder(
+    folder: Path, shape: tuple[int, int], more: Callable[[], bool]
+) -> Iterator[Any]:
     """Frames of `.npy` files; a file that another program still writes is taken when it is whole.
 
-    A file that cannot be read comes as the error, once there is a later one or an end.
+    A file that cannot be read, or holds no frames, comes as the error: once there is a later one or
+    an end.
+
+    Args:
+        folder: of the files.
+        shape: (detectors, samples).
+        more: whether to wait for more at the end.
     """
     done: set[str] = set()
     while True:
@@ -60,17 +71,40 @@ def frames_of_folder(folder: Path, more: Callable[[], bool]) -> Iterator[Any]:
         new = sorted(path for path in folder.glob("*.npy") if path.name not in done)
         for path in new:
             try:
-                values = np.load(path, allow_pickle=False)
-            except (ValueError, OSError, EOFError) as error:
+                stack = _stack_of_file(path, shape)
+            except (ValueError, OSError) as error:
                 if path == new[-1] and not last:
                     break  # it may not be whole yet
-                values = ValueError(f"cannot read {path.name}: {error}")
+                yield ValueError(str(error))
+            else:
+                yield from _each(stack)
             done.add(path.name)
-            yield from (values if isinstance(values, np.ndarray) and values.ndim == 3 else [values])
         if last:
             return
         if not new:
             time.sleep(PAUSE)
+
+
+def _stack_of_file(path: Path, shape: tuple[int, int]) -> Any:
+    """The frames of a file, read one by one; its size was compared with what its header says."""
+    values = load_scan(path, kind="pressure").data
+    if values.shape[-2:] != shape:
+        raise ValueError(
+            f"{name_of(path)} holds an array of shape {values.shape}, expected a frame {shape} or "
+            "a stack of frames."
+        )
+    return values if values.ndim == 3 else values[None]
+
+
+def _each(stack: Any) -> Iterator[Any]:
+    """Copies of the frames, which stay when the file goes; an error at the first that cannot be."""
+    for number in range(len(stack)):
+        try:
+            frame = np.array(stack[number])
+        except (ValueError, OSError) as error:
+            yield ValueError(str(error))
+            return
+        yield frame
 
 
 class Waiting:

@@ -1,6 +1,5 @@
 """Questions about a reconstruction: accuracy, uncertainty, noise, calibration."""
 
-from .autofocus import sharpness, sound_speed_by_sharpness
 from .calibration import Calibration, calibrate
 from .comparison import compare_regularizations
 from .data_noise import DataNoise, NoiseSource, noise_of_residual
@@ -14,7 +13,8 @@ from .diagnosis import (
     plan_of,
     wave_accuracy,
 )
-from .noise_choice import NoiseChoice, choose_regularization, image_power
+from .expected_errors import expected_error, image_power
+from .image_sharpness import sharpness
 from .noise_law import predict_noise
 from .residual import DataResidual, data_residual
 from .seen_edges import visibility_map
@@ -26,23 +26,21 @@ __all__ = [
     "DataNoise",
     "DataResidual",
     "Diagnosis",
-    "NoiseChoice",
     "NoiseSource",
     "Uncertainty",
     "WaveAccuracy",
     "affordable_pixels",
     "calibrate",
-    "choose_regularization",
     "compare_regularizations",
     "data_residual",
     "diagnose",
+    "expected_error",
     "image_power",
     "noise_of_residual",
     "pixel_standard_deviation",
     "plan_of",
     "predict_noise",
     "sharpness",
-    "sound_speed_by_sharpness",
     "visibility_map",
     "wave_accuracy",
 ]

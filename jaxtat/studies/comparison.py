@@ -13,7 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from ..base.checks import Numbers, is_concrete, real_array, require_positive, require_x64
+from ..base.checks import (
+    Numbers,
+    is_concrete,
+    real_array,
+    require_objects,
+    require_positive,
+    require_x64,
+)
 from ..densities.cylindrical_waves import (
     PolarGeometry,
     harmonic_orders,
@@ -116,6 +123,7 @@ def compare_regularizations(
     """
     require_x64()
     curve, region, radii, sizes = plane_of(setup)
+    require_objects(phantom=phantom)
     grid = setup.grid
     bounds, alphas = real_array("K", K, ("values",)), real_array("alpha", alpha, ("values",))
     frequency = real_array("frequency", frequency, ())

@@ -206,7 +206,7 @@ def plan_of(setup: Setup, found: Reconstruction, *, progress: bool = False) -> R
     relative = found.report.relative_alpha
     cylindrical = found.basis == "cylindrical"
     rule = Tikhonov(relative) if cylindrical else RelativeTikhonov(jnp.sqrt(relative))
-    method = "harmonic" if cylindrical else "collocation"
+    method = "cylindrical" if cylindrical else "collocation"
     return build_plan(setup, rule, method=method, progress=progress)
 
 

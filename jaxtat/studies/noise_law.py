@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, is_concrete, real_array
+from ..base.checks import Numbers, is_concrete, real_array, require_objects
 from ..base.rows import map_rows
 from ..geometry import DetectorCurve, ImageGrid
 from ..geometry.line_weights import kernel_width, weight_at
@@ -73,6 +73,7 @@ def predict_noise(
     """
     curve, _, radii, sizes = plane_of(setup)
     nodes = setup.grid if grid is None else grid
+    require_objects(grid=nodes)
     sigma = real_array("sigma", sigma, None)
     if sigma.shape not in ((), (curve.n_detectors,)):
         raise ValueError(

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..base.checks import Numbers, data_array, real_array
 from ..geometry import DetectorCurve, Region
-from ..reconstruction import Setup, circular_integrals
+from ..reconstruction import Setup, forward_operator
 from ..reconstruction.setup import plane_of
 
 _SPREAD = 5.0  # standard deviations from the typical detector that make one unusual
@@ -95,7 +95,7 @@ def data_residual(setup: Setup, g: Numbers, image: Numbers) -> DataResidual:
         raise ValueError(f"image has shape {np.shape(image)}, expected {grid.shape}.")
     image = jnp.where(region.contains(grid.points), jnp.asarray(image), 0.0)
     image = real_array("image", image, grid.shape)
-    return _compared(g, circular_integrals(setup, image), _meeting(curve, region, radii))
+    return _compared(g, forward_operator(setup)(image), _meeting(curve, region, radii))
 
 
 @jax.jit

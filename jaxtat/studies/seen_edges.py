@@ -2,7 +2,7 @@
 
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers
+from ..base.checks import Numbers, require_objects
 from ..geometry import VISIBLE, ImageGrid, seen_share
 from ..reconstruction import Setup
 from ..reconstruction.setup import plane_of
@@ -43,4 +43,5 @@ def visibility_map(
     """
     curve = plane_of(setup)[0]
     nodes = setup.grid if grid is None else grid
+    require_objects(grid=nodes)
     return seen_share(curve, nodes, n_angles=n_angles, least=least, width=width)

@@ -22,10 +22,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from tqdm import tqdm
 
-from ..base.checks import Numbers, by_library, is_concrete, real_array
+from ..base.checks import Numbers, by_library, is_concrete, real_array, require_objects
 from ..geometry import DetectorCurve, ImageGrid, Region
 from ..reconstruction import ReconstructionPlan, Setup, build_plan, reconstruct
-from ..regularization import Regularization, tikhonov_rule
 from ..special import root
 from ..steps.inversion import require_inversion
 from ..steps.radon import LowPass, low_pass_values
@@ -77,6 +76,7 @@ def pixel_standard_deviation(
     """
     plan = _plan(problem, rule, progress)
     grid = plan.grid if grid is None else grid
+    require_objects(grid=grid)
     variance = _variance(sigma, plan.curve, plan.radii)
     wanted = _wanted(where, plan.region, grid)
     n = plan.frequencies.shape[0]
@@ -91,8 +91,6 @@ def _plan(problem: Setup | ReconstructionPlan, rule: Any, progress: bool) -> Rec
         if rule is not None:
             raise ValueError(f"rule is {rule!r}, but the plan has its own: pass the setup instead.")
         return problem
-    if rule is not None and not isinstance(rule, Regularization):
-        rule = tikhonov_rule(rule, problem.sizes.n_frequencies)
     return build_plan(problem, rule, progress=progress)
 
 

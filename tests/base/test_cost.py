@@ -1,9 +1,7 @@
 """Memory and time by sizes: what cannot fit is refused with what does, before any work."""
 
-import resource
-from pathlib import Path
-
 import numpy as np
+import psutil
 import pytest
 
 import jaxtat
@@ -105,39 +103,35 @@ def test_more_pixels_directions_and_frequencies_cost_more():
         assert larger.seconds >= small.seconds
 
 
-def test_free_memory_is_the_systems(tmp_path):
-    (tmp_path / "meminfo").write_text("MemTotal: 9 kB\nMemAvailable:      4 kB\n")
-    assert cost.system_memory(tmp_path) == 4096
-    assert cost.system_memory(tmp_path / "nowhere") > 1e6, "all there is, on other systems"
-    assert 1e6 < cost.available_memory() < 1e15
+def test_free_memory_is_the_systems():
+    assert 1e6 < cost.available_memory() <= psutil.virtual_memory().total
 
 
 @pytest.mark.parametrize(
-    ("line", "folder", "names", "wanted"),
+    ("line", "folder", "wanted"),
     [
-        ("0::/a/b", "sys/fs/cgroup/a", ("memory.max", "memory.current"), 60),
-        ("0::/a/b", "sys/fs/cgroup", ("memory.max", "memory.current"), 60),
-        (
-            "7:memory:/a",
-            "sys/fs/cgroup/memory/a",
-            ("memory.limit_in_bytes", "memory.usage_in_bytes"),
-            60,
-        ),
-        ("3:cpu:/a", "sys/fs/cgroup/a", ("memory.max", "memory.current"), np.inf),
+        ("0::/a/b", "a", 60),
+        ("0::/a/b", "", 60),
+        ("0::/", "", 60),
+        ("3:cpu:/a", "a", np.inf),
+        (None, "a", np.inf),
     ],
 )
-def test_control_groups_count_those_around_too(tmp_path, line, folder, names, wanted):
+def test_control_groups_count_those_around_too(tmp_path, line, folder, wanted):
     (tmp_path / "proc/self").mkdir(parents=True)
-    (tmp_path / "proc/self/cgroup").write_text(line + "\n")
-    (tmp_path / folder).mkdir(parents=True)
-    for name, value in zip(names, ("100", "40"), strict=True):
-        (tmp_path / folder / name).write_text(value + "\n")
+    if line is not None:
+        (tmp_path / "proc/self/cgroup").write_text(line + "\n")
+    group = tmp_path / "sys/fs/cgroup" / folder
+    group.mkdir(parents=True)
+    (group / "memory.current").write_text("40\n")
+    (group / "memory.max").write_text("100\n")
     assert cost.group_memory(tmp_path) == wanted
-    (tmp_path / folder / names[0]).write_text("max\n")
+    (group / "memory.max").write_text("max\n")
     assert cost.group_memory(tmp_path) == np.inf
 
 
+@pytest.mark.skipif(not hasattr(psutil, "RLIMIT_AS"), reason="ulimit is for Linux")
 def test_a_limit_on_addresses_counts(monkeypatch):
-    assert cost.address_space(Path("/proc")) > 1e9
-    monkeypatch.setattr(resource, "getrlimit", lambda kind: (10**15, 10**15))
-    assert 0 < 10**15 - cost.address_space(Path("/proc")) < 1e14, "less what is taken already"
+    most = psutil.Process().memory_info().vms + 10**6
+    monkeypatch.setattr(psutil.Process, "rlimit", lambda self, kind: (most, most))
+    assert cost.available_memory() <= 10**6, "less what is taken already"

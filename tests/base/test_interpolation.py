@@ -1,10 +1,9 @@
 """The kernels against what defines them."""
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import BSpline
 
-from jaxtat.base.interpolation import KEYS, QUINTIC, cell_polynomials, polynomial, quintic_prefilter
+from jaxtat.base.interpolation import QUINTIC, quintic_prefilter
 
 T = np.linspace(0, 0.999, 30)
 
@@ -19,24 +18,6 @@ def test_spline_kernel_is_the_quintic_b_spline():
     weights = kernel_weights(QUINTIC, T)
     for row, node in zip(weights, range(-2, 4), strict=True):
         assert np.allclose(row, np.nan_to_num(basis(T - node)), atol=1e-15)
-
-
-def test_keys_kernel_interpolates_and_is_exact_for_parabolas():
-    nodes = np.arange(-1.0, 3.0)
-    weights = kernel_weights(KEYS, T)
-    for power in range(3):
-        assert np.allclose(nodes**power @ weights, T**power, atol=1e-15)
-    assert not np.allclose(nodes**3 @ weights, T**3, atol=1e-3)
-    assert np.allclose(weights[:, 0], [0, 1, 0, 0])
-
-
-def test_cell_polynomials_give_the_same_as_weights():
-    values = np.random.default_rng(0).standard_normal(9)
-    cells = [np.asarray(c) for c in cell_polynomials(KEYS, jnp.asarray(values))]
-    weights = kernel_weights(KEYS, T)
-    for j in range(6):
-        direct = values[j : j + 4] @ weights
-        assert np.allclose(polynomial([c[j] for c in cells], jnp.asarray(T)), direct, atol=1e-14)
 
 
 def test_prefiltered_spline_interpolates_waves():

@@ -64,6 +64,17 @@ assert error < 1e-12, error
 print("plan: the same")
 """
 
+DIVIDED = """
+from jax.sharding import NamedSharding, PartitionSpec
+stack = np.stack([g, 2 * g])
+divided = jax.device_put(stack, NamedSharding(mesh, PartitionSpec("devices")))
+alone = here(reconstruct(setup, stack, 1e-3))
+for work in (reconstruct, jax.jit(reconstruct)):
+    image = work(setup, divided, 1e-3)
+    assert np.abs(here(image) - alone).max() < 1e-9
+print("divided beforehand: the same")
+"""
+
 SPACE = """
 cap = spherical.spherical_cap(1.5, 1.1, 8, 16)
 setup = Setup(cap, spherical.ball(1.0), VolumeGrid(7), max_frequency=6.0)
@@ -102,9 +113,9 @@ def finish(process: subprocess.Popen) -> str:
 
 
 def test_two_devices_share_frequencies_and_images(unoptimised):
-    with running(GRADIENT + PLAN + SPACE, "2") as process:
+    with running(GRADIENT + PLAN + DIVIDED + SPACE, "2") as process:
         output = finish(process)
-    for what in ("images and gradients", "plan", "space"):
+    for what in ("images and gradients", "plan", "divided beforehand", "space"):
         assert f"{what}: the same" in output
 
 

@@ -1,5 +1,6 @@
 """The command: the same images as from Python, and one line of reason for what it refuses."""
 
+import itertools
 import json
 import os
 import shlex
@@ -33,7 +34,7 @@ from jaxtat import (
 )
 from jaxtat.cli import main
 from jaxtat.cli.cache import keep_programs, remove_oldest, user_folder
-from jaxtat.cli.inputs import chosen
+from jaxtat.cli.inputs import chosen, repeated
 from jaxtat.cli.parser import build_parser
 from jaxtat.io import load_plan, load_settings
 from jaxtat.records import condition_record, pressure_to_circular_integrals
@@ -426,6 +427,7 @@ def bad_input(tmp_path, monkeypatch):
     np.savez("complex.npz", g=INTEGRALS + 0j)
     np.savez("nothing.npz", x=INTEGRALS)
     np.savez("radii.npz", g=INTEGRALS, r=1.01 * RADII)
+    np.savez("falling.npz", g=INTEGRALS[:, ::-1], r=RADII[::-1])
     np.savez("moved.npz", g=INTEGRALS, detectors=points + 0.01)
     np.savez("some.npz", g=INTEGRALS, detectors=points[:-1])
     np.savez("angles.npz", g=INTEGRALS, detectors=np.arange(N))
@@ -458,6 +460,14 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"fewer.npz {GEOMETRY} --out a.png", "the data have 23 detectors"),
         (f"short.npz {GEOMETRY} --out a.png", f"radii, the geometry has {len(RADII)}"),
         (f"flat.npz {GEOMETRY} --out a.png", "expected (detectors, samples)"),
+        (
+            f"falling.npz {GEOMETRY} --out a.png",
+            "values in increasing order: sort them and the data alike",
+        ),
+        (
+            f"falling.npz {ARC} --out a.png",
+            "values in increasing order: sort them and the data alike",
+        ),
         (f"text.npz {GEOMETRY} --out a.png", "expected real numbers"),
         (f"complex.npz {GEOMETRY} --out a.png", "expected real numbers"),
         (f"nothing.npz {GEOMETRY} --out a.png", "holds ['x'], expected data under one of"),
@@ -851,3 +861,51 @@ def test_the_oldest_programs_go(tmp_path):
         os.utime(tmp_path / str(i), (i, i))
     remove_oldest(tmp_path, 250)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["3", "4"]
+
+
+HOSTILE = (None, True, -1, 0, 7, 2.5, 1e300, 10**400, float("inf"), float("nan"), "", "none")
+HOSTILE += ("a:b", [], [1], [1, 2], [1, 2, 3], ["a", "b", "c"], [[]], {}, {"a": 1}, [2**70])
+HOSTILE += ("/dev/zero",)
+
+
+def test_settings_of_strangers_are_used_or_refused(jaxtat_command, capsys):
+    """With a digest that fits: each value replaced by what it cannot be, one after the other."""
+    np.savez("data.npz", circular_integrals=INTEGRALS)
+    assert jaxtat_command(f"reconstruct data.npz {ARC} {REGION} --out a.h5") == 0
+    settings = load_settings("a.h5")
+    options = build_parser().parse_args(["reconstruct", "data.npz", "--repeat", "a.h5"])
+    refused = 0
+    for name, value in itertools.product(settings, HOSTILE):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(
+                "jaxtat.cli.inputs.load_settings", lambda _, v=value, n=name: settings | {n: v}
+            )
+            try:
+                choices, _ = repeated(options)
+            except ValueError as error:
+                refused += 1
+                assert len(str(error)) < 300 and str(error).isprintable()
+            else:
+                assert all(np.isfinite(leaf) for leaf in jax.tree.leaves(choices))
+    assert refused > len(settings) * len(HOSTILE) / 2
+
+
+def test_a_plan_that_settings_name_is_opened_only_if_the_user_names_it(jaxtat_command, capsys):
+    np.savez("data.npz", circular_integrals=INTEGRALS)
+    assert jaxtat_command(f"plan {ARC} {REGION} --out plan.h5") == 0
+    assert jaxtat_command("reconstruct data.npz --plan plan.h5 --out a.h5") == 0
+    capsys.readouterr()
+    assert jaxtat_command("reconstruct data.npz --repeat a.h5 --out b.npy") == 2
+    assert "a.h5 was made with the plan 'plan.h5', which is opened only" in capsys.readouterr().err
+    assert jaxtat_command("reconstruct data.npz --repeat a.h5 --plan plan.h5 --out b.npy") == 0
+    with h5py.File("a.h5") as file:
+        assert agree(np.load("b.npy"), file["image"])
+
+
+def test_settings_of_another_scan_are_refused(jaxtat_command, capsys):
+    np.savez("data.npz", circular_integrals=INTEGRALS)
+    assert jaxtat_command(f"reconstruct data.npz {ARC} {REGION} --out a.h5") == 0
+    np.savez("few.npz", circular_integrals=INTEGRALS[:-1])
+    assert jaxtat_command("reconstruct few.npz --repeat a.h5 --out b.npy") == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") <= 2 and "Traceback" not in err

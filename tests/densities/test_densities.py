@@ -95,8 +95,8 @@ def test_the_report_tells_norm_and_residual_of_what_is_returned():
     ("method", "right", "center"),
     [
         ("collocation", 0.75, (0.0, 0.0)),
-        ("harmonic", 0.75, (0.0, 0.0)),  # one detector on the axis
-        ("harmonic", 1.0, (0.05, -0.02)),  # no symmetry, phases of a shifted centre
+        ("cylindrical", 0.75, (0.0, 0.0)),  # one detector on the axis
+        ("cylindrical", 1.0, (0.05, -0.02)),  # no symmetry, phases of a shifted centre
     ],
 )
 def test_densities_are_used_as_they_are_told(method, right, center):

@@ -355,7 +355,7 @@ def test_what_is_minimised_is_the_formula(few, data):
     scale = scale_of(fit, whitened)
     image = jnp.where(few.region.contains(few.grid.points), BELL.image(few.grid), 0.0)
     problem = Problem(fit, whitened, TotalVariation(), jnp.array(0.1), scale)
-    misfit = jnp.sum((jaxtat.circular_integrals(few, image) - data) ** 2) / 2
+    misfit = jnp.sum((jaxtat.forward_operator(few)(image) - data) ** 2) / 2
     variation = TotalVariation().value(image[None], 1e-3 * scale.image)
     wanted = (misfit + 0.1 * variation) / scale.square
     assert_allclose(objective(problem, image[None]), wanted, rtol=1e-9)

@@ -23,7 +23,7 @@ from spectral_scans import (
 )
 
 from jaxtat.cli import main
-from jaxtat.interop import save_patato
+from jaxtat.interop import require_patato, save_patato
 from jaxtat.io import Scan, load_scan
 from jaxtat.io.frames import LazyFrames
 from jaxtat.scans import choose, reconstruct, standard_deviations, with_facts
@@ -215,6 +215,38 @@ def test_files_of_others_and_of_other_scans_are_refused(data, found, scan, tmp_p
     known = {name: value for name, value in scan.known.items() if name != "sampling_rate"}
     with pytest.raises(ValueError, match="records begin at time 0, this one at 1e-05"):
         save_patato(tmp_path / "c.hdf5", Scan("pressure", scan.data, known | late), found)
+
+
+def linked(path, place, kind, other):
+    """A scan in which a group that images go to is something else."""
+    with h5py.File(path, "a") as file:
+        if place in file:
+            del file[place]
+        if kind == "external link":
+            file[place] = h5py.ExternalLink(str(other), "/group")
+        elif kind == "soft link":
+            file[place] = h5py.SoftLink("/rois")
+        elif kind == "second name":
+            file[place] = file["rois"]
+        elif kind == "root":
+            file[place] = file["/"]
+        else:
+            file[place] = np.ones(3)
+
+
+@pytest.mark.parametrize("kind", ["external link", "soft link", "second name", "root", "dataset"])
+@pytest.mark.parametrize("place", ["recons", "jaxtat", "recons/jaxtat"])
+def test_links_are_not_written_through(data, found, scan, tmp_path, place, kind):
+    path, other = write_patato(tmp_path / "scan.hdf5", data), tmp_path / "other.h5"
+    with h5py.File(other, "w") as file:
+        file.create_group("group")
+    linked(path, place, kind, other)
+    before = path.read_bytes(), other.read_bytes()
+    message = rf"cannot add to .*scan\.hdf5: /{place} is (a link|a second name|no group)"
+    for save in (require_patato, lambda *args: save_patato(args[0], args[1], found)):
+        with pytest.raises(ValueError, match=message):
+            save(path, scan)
+    assert (path.read_bytes(), other.read_bytes()) == before
 
 
 def test_the_command_extends_and_refuses_before_it_works(data, tmp_path, capsys):

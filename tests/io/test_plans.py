@@ -58,7 +58,7 @@ def plans():
         return {
             "series": tiny(circular_arc(1.3, 1.3, 16), "series"),
             "collocation": tiny(wide, "collocation"),
-            "harmonic": tiny(arc, "harmonic"),
+            "cylindrical": tiny(arc, "cylindrical"),
         }
 
 
@@ -70,7 +70,7 @@ def files(plans, tmp_path_factory):
     return {name: folder / f"{name}.h5" for name in plans}
 
 
-KINDS = ("harmonic", "collocation")
+KINDS = ("cylindrical", "collocation")
 
 
 @pytest.fixture(params=KINDS)
@@ -131,7 +131,7 @@ def test_single_precision_halves_the_densities_and_keeps_six_digits(
 ):
     whole, half, plan = tiny_file, tmp_path / "half.h5", tiny_plan
     save_plan(plan, half, precision="single")
-    large = jax.tree.leaves(plan.densities.groups if kind == "harmonic" else plan.densities)
+    large = jax.tree.leaves(plan.densities.groups if kind == "cylindrical" else plan.densities)
     saved = whole.stat().st_size - half.stat().st_size
     assert abs(saved - sum(leaf.nbytes for leaf in large) / 2) < 4096
     loaded = load_plan(half)
@@ -161,7 +161,7 @@ def test_single_precision_halves_the_densities_and_keeps_six_digits(
     ],
 )
 def test_every_regularization_comes_back(plans, tmp_path, rule):
-    plan = eqx.tree_at(lambda p: p.regularization, plans["harmonic"], rule)
+    plan = eqx.tree_at(lambda p: p.regularization, plans["cylindrical"], rule)
     save_plan(plan, tmp_path / "plan.h5")
     loaded = load_plan(tmp_path / "plan.h5")
     assert differences(loaded, plan) == []
@@ -171,7 +171,7 @@ def test_every_regularization_comes_back(plans, tmp_path, rule):
 
 
 def test_a_rule_for_every_frequency_comes_back(plans, tmp_path):
-    plan = plans["harmonic"]
+    plan = plans["cylindrical"]
     each = np.linspace(1, 5, len(plan.frequencies))
     save_plan(eqx.tree_at(lambda p: p.regularization, plan, NormBound(each)), tmp_path / "a.h5")
     assert np.array_equal(load_plan(tmp_path / "a.h5").regularization.K, each)
@@ -224,7 +224,7 @@ def test_every_kind_of_part_comes_back_as_itself(plans, files):
 
 def test_groups_of_different_lengths_and_more_than_ten_come_back_in_order(plans, tmp_path):
     """Names of members are sorted as text in the file, 0, 1, 10, 11, 2: not so when read."""
-    plan, numbers = plans["harmonic"], range(12)
+    plan, numbers = plans["cylindrical"], range(12)
     densities = plan.densities
     grown = eqx.tree_at(
         lambda d: (d.groups, d.phases),
@@ -423,7 +423,7 @@ EITHER += [f"setup/{part}" for part in ("radii", "region", "region/points", "gri
 EITHER += ["setup/curve/closed", "setup/sizes/n_directions", "regularization"]
 MISSING = {
     "collocation": [*EITHER, "setup/curve/weights", "densities/values", "setup/region/counts"],
-    "harmonic": [
+    "cylindrical": [
         *EITHER,
         "setup/curve/half_opening",
         "setup/curve/n",
@@ -467,7 +467,7 @@ def test_a_missing_member_of_a_tuple_is_refused(files, tmp_path, gone):
     def remove(tree, arrays):
         del module_at(tree, "densities/groups")[gone]
 
-    path = altered(files["harmonic"], tmp_path / "part.h5", remove)
+    path = altered(files["cylindrical"], tmp_path / "part.h5", remove)
     with pytest.raises(ValueError, match=r"part\.h5 .*build the plan again"):
         load_plan(path)
 
@@ -477,14 +477,14 @@ def test_a_missing_member_of_a_tuple_is_refused(files, tmp_path, gone):
     [
         ("collocation", "setup/region", "Heptagon"),
         ("collocation", "densities", None),
-        ("harmonic", "densities/groups/1", "Module"),
-        ("harmonic", "setup/curve", ["CircularArc"]),
+        ("cylindrical", "densities/groups/1", "Module"),
+        ("cylindrical", "setup/curve", ["CircularArc"]),
         ("series", "", {}),
-        ("harmonic", "", "NormBound"),
-        ("harmonic", "setup/curve", "ImageGrid"),
-        ("harmonic", "setup/region", "ImageGrid"),
-        ("harmonic", "setup", "NormBound"),
-        ("harmonic", "setup/sizes", "ImageGrid"),
+        ("cylindrical", "", "NormBound"),
+        ("cylindrical", "setup/curve", "ImageGrid"),
+        ("cylindrical", "setup/region", "ImageGrid"),
+        ("cylindrical", "setup", "NormBound"),
+        ("cylindrical", "setup/sizes", "ImageGrid"),
     ],
 )
 def test_a_part_of_an_unknown_or_wrong_class_is_refused(files, tmp_path, kind, place, value):
@@ -583,7 +583,7 @@ def test_samples_that_do_not_fit_are_refused(plans, tmp_path, part, shorten):
     ],
 )
 def test_rows_of_waves_that_do_not_fit_are_refused(plans, tmp_path, part, shorten):
-    require_misfit(plans["harmonic"], tmp_path, part, shorten)
+    require_misfit(plans["cylindrical"], tmp_path, part, shorten)
 
 
 def twice_the_frequencies(group):
@@ -633,7 +633,8 @@ def test_one_array_under_two_names_is_refused(files, tmp_path):
     def link(tree, arrays):
         module_at(tree, "report")["fields"]["unit_norm"] = {"array": "setup.radii"}
 
-    require_refused(altered(files["harmonic"], tmp_path / "a.h5", link), "there twice.*build the")
+    path = altered(files["cylindrical"], tmp_path / "a.h5", link)
+    require_refused(path, "there twice.*build the plan again")
 
 
 @pytest.mark.parametrize(
@@ -693,4 +694,4 @@ def test_sizes_and_flags_of_another_type_are_refused(files, tmp_path, place, nam
     def change(tree, arrays):
         module_at(tree, f"setup/{place}")["fields"][name] = value
 
-    require_refused(altered(files["harmonic"], tmp_path / "a.h5", change), reason)
+    require_refused(altered(files["cylindrical"], tmp_path / "a.h5", change), reason)

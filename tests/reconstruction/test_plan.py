@@ -29,7 +29,7 @@ from jaxtat.densities.cylindrical_waves import HarmonicDensities
 
 BELL = phantoms.Bells([[0.08, 0.03], [-0.05, -0.06]], [0.9, 0.9], [1.0, 0.7])
 HALF_BELL = phantoms.Bells([[-0.5, 0.1]], [0.45])
-SOLVED = ("harmonic", "collocation")
+SOLVED = ("cylindrical", "collocation")
 
 
 def with_boundary(setup, n_boundary=260, **sizes):
@@ -47,7 +47,7 @@ def collocation_plan(arc):
 @pytest.fixture(params=SOLVED)
 def either_plan(request, arc_plan, collocation_plan):
     """What holds for plans holds for those of either method."""
-    return arc_plan if request.param == "harmonic" else collocation_plan
+    return arc_plan if request.param == "cylindrical" else collocation_plan
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def data(arc):
 
 
 def method_of(plan):
-    return "harmonic" if isinstance(plan.densities, HarmonicDensities) else "collocation"
+    return "cylindrical" if isinstance(plan.densities, HarmonicDensities) else "collocation"
 
 
 def largest(plan, image):
@@ -128,7 +128,7 @@ def test_collocation_is_for_detectors_nearer_to_the_centre_than_the_region_reach
     curve = detector_curve(np.stack([-0.6 + 0.75 * np.cos(angle), 1.25 * np.sin(angle)], axis=1))
     setup = Setup(curve, disk(1.0, -0.3), ImageGrid(33))
     with pytest.raises(ValueError, match=r"only 0\.74\d* away.*'collocation' of build_plan"):
-        build_plan(setup, method="harmonic")
+        build_plan(setup, method="cylindrical")
     # found without being asked for; the norm of the rule is the microlocal one
     plan = build_plan(setup, NormBound(PAPER_K))
     bell = phantoms.Bells([[-0.6, 0.1]], [0.35])
@@ -176,7 +176,7 @@ def test_radii_must_reach_sources_outside_the_region_too():
 def test_the_plan_keeps_the_rule_that_was_used(either_plan):
     assert isinstance(either_plan.regularization, NormBound)
     assert float(either_plan.regularization.K) == PAPER_K
-    kinds = {"harmonic": HarmonicDensities, "collocation": SampledDensities}
+    kinds = {"cylindrical": HarmonicDensities, "collocation": SampledDensities}
     assert type(either_plan.densities) is kinds[method_of(either_plan)]
 
 
@@ -192,7 +192,7 @@ def test_rules_may_differ_between_frequencies(arc, method):
 
 
 def test_the_default_method_is_harmonic(arc_plan):
-    assert method_of(arc_plan) == "harmonic"
+    assert method_of(arc_plan) == "cylindrical"
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_the_default_method_is_harmonic(arc_plan):
         (Tikhonov(1e-6), "series", "closed form"),
         (
             FixedRank([3.0, 4.0]),
-            "harmonic",
+            "cylindrical",
             r"j_max has shape \(2,\), expected a number or",
         ),
         (FixedRank([3.0, 4.0]), "collocation", "j_max has shape"),
@@ -265,7 +265,7 @@ def test_batches_are_reconstructed_alike(collocation_plan, data):
 
 def test_single_precision_densities_cost_little(data, either_plan):
     plan = build_plan(either_plan.setup, method=method_of(either_plan), precision="single")
-    large = plan.densities.groups if method_of(plan) == "harmonic" else plan.densities
+    large = plan.densities.groups if method_of(plan) == "cylindrical" else plan.densities
     assert {leaf.dtype.name for leaf in jax.tree.leaves(large)} <= {"float32", "complex64"}
     image = reconstruct(plan, data)
     assert image.dtype == jnp.float64

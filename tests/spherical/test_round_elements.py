@@ -7,7 +7,6 @@ import pytest
 import scipy.special
 
 from jaxtat import Setup, VolumeGrid, forward_operator, solve
-from jaxtat.forward.spheres import integrate_over_spheres
 from jaxtat.geometry.elements import round_factor
 from jaxtat.phantoms.space import Bells
 from jaxtat.spherical import DetectorPoints, ball, spherical_cap
@@ -67,13 +66,6 @@ def test_data_are_means_over_the_elements(both):
     there, back = operator.mv(volume), operator.T.mv(data)
     size = np.linalg.norm(there) * np.linalg.norm(data)
     assert abs(np.vdot(there, data) - np.vdot(volume, back)) < 1e-12 * size
-
-
-def test_the_quadrature_takes_the_same_means():
-    curve, grid, radii = scattered(WIDE, 2), VolumeGrid(17), jnp.linspace(0.8, 1.8, 3)
-    g = BELL.spherical_integrals(curve, radii)
-    found = integrate_over_spheres(BELL.volume(grid), grid, curve, radii, n_points=12)
-    assert jnp.abs(found - g).max() < 0.03 * g.max()
 
 
 def test_images_know_of_the_elements(both):

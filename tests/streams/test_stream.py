@@ -76,9 +76,36 @@ def test_a_folder_gives_frames_and_stacks_by_name(tmp_path):
     np.save(tmp_path / "b.npy", FRAMES[1:])
     np.save(tmp_path / "a.npy", FRAMES[0])
     (tmp_path / "c.npy").write_bytes(b"no array")
-    *found, wrong = frames_of_folder(tmp_path, lambda: False)
-    assert np.array_equal(found, FRAMES)
-    assert isinstance(wrong, ValueError) and "cannot read c.npy" in str(wrong)
+    *frames, error = frames_of_folder(tmp_path, SHAPE, lambda: False)
+    assert np.array_equal(frames, FRAMES)
+    assert isinstance(error, ValueError) and "c.npy" in str(error)
+
+
+def with_header(path, text):
+    """A .npy file of this header."""
+    text = text.ljust(117) + "\n"
+    path.write_bytes(b"\x93NUMPY\1\0" + len(text).to_bytes(2, "little") + text.encode() + bytes(96))
+
+
+def test_files_that_cannot_be_frames_are_left_out_with_a_line_each(tmp_path):
+    np.save(tmp_path / "a.npy", FRAMES[0])
+    with_header(tmp_path / "b.npy", "{'descr': '<u2', 'fortran_order': False, 'shape': (3, 4")
+    with_header(tmp_path / "c.npy", "{'descr': '<u2', 'fortran_order': False, 'shape': (3, 4), }$")
+    os.mkfifo(tmp_path / "d.npy")
+    with_header(
+        tmp_path / "e.npy", "{'descr': '<f8', 'fortran_order': False, 'shape': (600000, 625000), }"
+    )
+    os.truncate(tmp_path / "e.npy", 128 + 600000 * 625000 * 8)  # 3 TB that take no room
+    np.save(tmp_path / "f.npy", FRAMES[1, :2])
+    np.save(tmp_path / "g.npy", np.array([{}]), allow_pickle=True)
+    (tmp_path / "h.npy").mkdir()
+    (tmp_path / "i.npy").symlink_to(tmp_path / "nothing")
+    np.save(tmp_path / "j.npy", FRAMES[2])
+    first, *errors, last = frames_of_folder(tmp_path, SHAPE, lambda: False)
+    assert np.array_equal([first, last], FRAMES[[0, 2]])
+    assert all(isinstance(error, ValueError) and "\n" not in str(error) for error in errors)
+    named = [name for error in errors for name in "abcdefghij" if f"{name}.npy" in str(error)]
+    assert named == list("bcdefghi")
 
 
 def test_a_file_that_is_not_whole_yet_is_waited_for(tmp_path):
@@ -93,8 +120,8 @@ def test_a_file_that_is_not_whole_yet_is_waited_for(tmp_path):
             path.write_bytes(whole.getvalue())
         return going_on
 
-    (found,) = frames_of_folder(tmp_path, more)
-    assert np.array_equal(found, FRAMES[0])
+    (frame,) = frames_of_folder(tmp_path, SHAPE, more)
+    assert np.array_equal(frame, FRAMES[0])
 
 
 def test_the_oldest_are_dropped_where_there_is_no_room():
@@ -150,31 +177,37 @@ def test_a_damaged_file_is_a_line_that_names_it(small, tmp_path):
     damaged = tmp_path / "0.npy"
     damaged.write_bytes(damaged.read_bytes()[:500])
     sink, said = Kept(), []
-    found = stream(
-        small, frames_of_folder(tmp_path, lambda: False), sink, dtype=float, note=said.append
-    )
-    assert found.refused == 1 and list(sink.images) == [1]
+    frames = frames_of_folder(tmp_path, small.frame_shape, lambda: False)
+    counts = stream(small, frames, sink, dtype=float, note=said.append)
+    assert counts.refused == 1 and list(sink.images) == [1]
     (line,) = said
     assert line.startswith("frame 0 is left out: cannot read 0.npy: ") and "\n" not in line
 
 
-def test_a_file_can_be_read_while_it_is_written(small, tmp_path, arc):
+READER = """
+import h5py
+with h5py.File("images.h5") as file:
+    print(file["image"][:, 3, 4].tolist(), file["frames"][:].tolist())
+"""
+
+
+def test_another_program_reads_the_file_while_it_is_written(small, tmp_path, arc):
     frames, path, seen = frames_for(small, 3), tmp_path / "images.h5", []
     sink = GrowingFile(path, arc.grid, {"alpha": 1e-4})
-    with h5py.File(path, "r", swmr=True) as reader:
 
-        def slowly():
-            for k, frame in enumerate(frames):
-                while len(seen) < k:
-                    reader["frames"].refresh()
-                    seen.extend(range(len(seen), len(reader["frames"])))
-                    time.sleep(0.01)
-                yield frame
+    def slowly():
+        yield frames[0]
+        while len(seen) < 5 or "[0]" not in seen[-1]:  # in the moment of writing it is refused
+            reader = [sys.executable, "-c", READER]
+            program = subprocess.run(reader, cwd=tmp_path, capture_output=True, text=True)
+            seen.append(program.stdout)
+        yield from frames[1:]
 
-        stream(small, slowly(), sink, dtype=float)
+    stream(small, slowly(), sink, dtype=float)
     with h5py.File(path) as file:
-        wanted = np.asarray(small(frames))
-        assert np.abs(file["image"][:] - wanted).max() < 1e-5 * np.abs(wanted).max()
+        images, wanted = file["image"][:], np.asarray(small(frames))
+        assert np.abs(images - wanted).max() < 1e-5 * np.abs(wanted).max()
+        assert seen[-1] == f"{images[:1, 3, 4].tolist()} [0]\n"
         assert file["frames"][:].tolist() == [0, 1, 2]
         assert np.array_equal(file["x1"], arc.grid.x1)
     with pytest.raises(ValueError, match="needs a new file"):
@@ -237,8 +270,9 @@ def test_what_cannot_be_is_one_line(scan_file, capsys, options, said):
     assert said in line
 
 
-def test_ctrl_c_ends_with_everything_written(scan_file, tmp_path, unoptimised):
-    """A pipe that goes on: three frames, then silence until the interruption."""
+@pytest.fixture
+def started(scan_file, unoptimised):
+    """The command on a pipe that goes on: three images, then silence."""
     program = subprocess.Popen(
         [sys.executable, "-m", "jaxtat", *LINE.split(), "--out", "images.h5"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -246,19 +280,71 @@ def test_ctrl_c_ends_with_everything_written(scan_file, tmp_path, unoptimised):
     assert program.stdin is not None and program.stdout is not None
     program.stdin.write(scan_file.tobytes())
     program.stdin.flush()
-
-    def written():
-        try:
-            with h5py.File("images.h5", "r", swmr=True) as file:
-                return len(file["frames"])
-        except (OSError, KeyError):
-            return 0
-
-    while written() < 3 and program.poll() is None:
+    while written("images.h5") < 3 and program.poll() is None:
         time.sleep(0.1)
-    program.send_signal(signal.SIGINT)
-    said, _ = program.communicate()
-    assert program.returncode == 0, said
+    yield program
+    program.kill()
+    program.communicate()
+
+
+def written(path):
+    """Images in a file that may not be there yet."""
+    try:
+        with h5py.File(path) as file:
+            return len(file["frames"])
+    except (OSError, KeyError):
+        return 0
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_an_interruption_ends_with_everything_written(started, name):
+    started.send_signal(getattr(signal, name))
+    said, _ = started.communicate()
+    assert started.returncode == 0, said
     assert b"3 images, 0 frames dropped, 0 refused; interrupted" in said
+    assert written("images.h5") == 3
+
+
+def test_a_killed_stream_leaves_what_was_written(started):
+    started.kill()
+    started.wait()
     with h5py.File("images.h5") as file:
-        assert file["image"].shape[0] == 3
+        images = file["image"][:]
+        assert np.abs(images[2] - 3 * images[0]).max() < 1e-4 * np.abs(images).max()
+        assert file["frames"][:].tolist() == [0, 1, 2]
+
+
+FULL = """
+import resource, sys
+from jaxtat.cli import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (2**18, 2**18))
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_a_full_disk_is_one_line_and_what_fits_is_written(scan_file, unoptimised):
+    """A limit of the system on sizes of files stands for it."""
+    np.concatenate([scan_file] * 100).tofile("many")
+    words = f"{LINE} --from many --out images.h5 --no-cache --quiet".split()
+    program = subprocess.run([sys.executable, "-c", FULL, *words], capture_output=True, text=True)
+    assert program.returncode == 2
+    (line,) = [x for x in program.stderr.splitlines() if "note" not in x]
+    assert line == "jaxtat: error: cannot write images.h5: File too large"
+    n = written("images.h5")
+    assert 50 < n < 300
+    with h5py.File("images.h5") as file:
+        images = file["image"][: n - n % 3]
+        assert np.abs(images[3:] - images[:-3]).max() < 1e-5 * np.abs(images).max()
+
+
+@pytest.mark.parametrize("options", ["--from frames --out there.h5", "--from nowhere --out a.h5"])
+def test_what_cannot_be_is_refused_before_the_scan_is_opened(scan_file, capsys, options):
+    with open("there.h5", "wb") as file:
+        file.write(b"of someone")
+    with open("scan.npz", "wb") as file:
+        file.write(b"no scan")
+    assert main(f"{LINE} {options} --quiet".split()) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "there.h5: it is there already" in line or "no file or folder nowhere" in line
+    with open("there.h5", "rb") as file:
+        assert file.read() == b"of someone"

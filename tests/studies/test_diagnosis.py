@@ -66,7 +66,7 @@ def test_standard_deviations_of_large_plans_are_fewer(plan):
 
 @pytest.mark.parametrize(
     ("basis", "kind", "method"),
-    [("cylindrical", Tikhonov, "harmonic"), ("boundary", RelativeTikhonov, "collocation")],
+    [("cylindrical", Tikhonov, "cylindrical"), ("boundary", RelativeTikhonov, "collocation")],
 )
 def test_the_plan_of_a_reconstruction_has_its_alphas(plan, monkeypatch, basis, kind, method):
     """That such plans make the same images is tested in test_setup and test_boundary."""

@@ -9,9 +9,9 @@ from jaxtat import (
     ImageGrid,
     Setup,
     circular_arc,
-    circular_integrals,
     data_radii,
     disk,
+    forward_operator,
     phantoms,
 )
 from jaxtat.studies import data_residual
@@ -30,7 +30,7 @@ def residual(g, image=IMAGE):
 
 def test_an_exact_image_leaves_the_error_of_the_interpolation():
     found = residual(DATA)
-    expected = DATA - np.asarray(circular_integrals(SETUP, IMAGE))
+    expected = DATA - np.asarray(forward_operator(SETUP)(IMAGE))
     assert_allclose(found.values, expected, atol=1e-12)
     assert 1e-4 < float(found.relative) < 5e-3
     assert_allclose(found.gains, 1, atol=1e-3)
@@ -115,7 +115,7 @@ def test_gradient():
     by_image, by_g = jax.grad(lambda f, g: residual(g, f).relative, (0, 1))(
         *jax.device_put((IMAGE, noisy))
     )
-    expected = -np.sum(left * np.asarray(circular_integrals(SETUP, h)))
+    expected = -np.sum(left * np.asarray(forward_operator(SETUP)(h)))
     assert_allclose(np.sum(h * np.asarray(by_image)), expected, rtol=1e-9)
     assert_allclose(by_g, left - float(found.relative) * meets * noisy / size, atol=1e-12)
 

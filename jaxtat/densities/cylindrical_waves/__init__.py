@@ -17,9 +17,10 @@ from .densities import (
     unfold,
     wave_system,
 )
+from .kernels import HankelKernels, Kernels
 from .orders import frequency_groups
 from .polar import PolarGeometry, harmonic_orders, polar_geometry, wave_offset, waves_reach
-from .table import WaveTable, compiled_wave_table, wave_table
+from .table import WaveTable, wave_table
 from .tikhonov import RuleInputs, solve_harmonics
 from .tikhonov_rows import DecomposedWaves, decomposed_waves, tikhonov_densities
 from .waves import circular_harmonics_at
@@ -27,14 +28,15 @@ from .waves import circular_harmonics_at
 __all__ = [
     "DecomposedWaves",
     "DensityGroup",
+    "HankelKernels",
     "HarmonicDensities",
+    "Kernels",
     "PolarGeometry",
     "RuleInputs",
     "WaveTable",
     "Waves",
     "alpha_units",
     "circular_harmonics_at",
-    "compiled_wave_table",
     "cross_validation",
     "decomposed_waves",
     "frequency_groups",

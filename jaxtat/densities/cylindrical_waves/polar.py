@@ -18,6 +18,7 @@ from ...base.checks import by_library, is_concrete
 from ...geometry import CircularArc, DetectorCurve, Disk, Region, circle_through, near_circle
 from ...geometry.elements import NODES, gauss_rule, nodes_touching_circle, touch_circle
 from ..symmetry import elements_mirrored, mirrored_pairs
+from .kernels import HankelKernels, Kernels
 from .orders import highest_orders
 
 _ROUNDING = 1e-9  # relative, for positions that are called equal
@@ -58,6 +59,7 @@ class PolarGeometry(eqx.Module):
         half_turn: whether the detectors are alike, evenly on half a circle about c and the axis.
         element_angle: D, of elements that are arcs of the circle, all alike [rad]; or else
         nodes: of other elements of finite size. None of both for point detectors.
+        kernels: what detectors record of each wave.
     """
 
     center: Float[Array, "2"]
@@ -73,6 +75,7 @@ class PolarGeometry(eqx.Module):
     half_turn: bool = eqx.field(static=True)
     element_angle: Float[Array, ""] | None = None
     nodes: ElementNodes | None = None
+    kernels: Kernels = HankelKernels()
 
     @property
     def on_circle(self) -> bool:
@@ -170,6 +173,7 @@ def polar_geometry(
     region: Region,
     n_nodes: int = NODES,
     offset: tuple[float, float] | None = None,
+    kernels: Kernels = HankelKernels(),  # noqa: B008
 ) -> PolarGeometry:
     """Curve and region about the centre of the waves.
 
@@ -181,7 +185,14 @@ def polar_geometry(
         curve, region: the geometry.
         n_nodes: on elements of finite width, where they are no arcs about the centre.
         offset: `wave_offset`; by default that of a concrete geometry.
+        kernels: what detectors record of each wave; by default at one speed of sound.
     """
+    return replace(_polar_geometry(curve, region, n_nodes, offset), kernels=kernels)
+
+
+def _polar_geometry(
+    curve: DetectorCurve, region: Region, n_nodes: int, offset: tuple[float, float] | None
+) -> PolarGeometry:
     offset = wave_offset(curve, region) if offset is None else offset
     if isinstance(curve, CircularArc) and is_concrete(curve.center, region.center):
         angle = curve.element_angle

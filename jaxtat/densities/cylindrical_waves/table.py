@@ -14,17 +14,14 @@ waves are averaged: on a circle elements that are alike make a factor for each o
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Inexact
 
-from ...base.checks import is_concrete
 from ...base.linear_algebra import qr
 from ...geometry.elements import element_factor, mean_over_nodes
-from ...special import known_decay_steps
 from .cut_disks import CutDisk, cut_disk_gram
-from .known_waves import known_at_detectors, known_disk_norms
+from .kernels import twice
 from .polar import PolarGeometry
-from .waves import angular, at_detectors, boundary_traces, disk_norms, scales, twice, wave_steps
+from .waves import angular, boundary_traces, disk_norms, scales, wave_steps
 
 
 class WaveTable(eqx.Module):
@@ -33,8 +30,8 @@ class WaveTable(eqx.Module):
     Attributes:
         frequencies: lambda [rad/length].
         steps: of the scales Delta_n, up to N + 1.
-        on_circle: (a, b), eps_n Delta_n (J_n|Y_n)(lambda R_g), times the factor of elements; None
-            for detectors off a circle.
+        on_circle: (a, b), the kernels at R_g, times the factor of elements; None for detectors off
+            a circle.
         norms: of the traces on a disk; None for other regions.
         matrix: M without √w, of one frequency, if `with_matrix` has made it.
     """
@@ -67,38 +64,9 @@ class WaveTable(eqx.Module):
         return jnp.moveaxis(scales(steps), 0, -1) * twice(self.n_max)
 
 
-def wave_table(geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: int) -> WaveTable:
-    """The table for all frequencies at once: recurrences run over orders, not frequencies.
-
-    By numpy if all places are known, but for elements of finite size.
-    """
-    extended = geometry.element_angle is not None or geometry.nodes is not None
-    if extended or not is_concrete(geometry, frequencies):
-        return compiled_wave_table(geometry, frequencies, n_max)
-    known = np.asarray(frequencies)
-    steps = known_decay_steps(n_max + 1, known * float(geometry.reach))
-    on_circle = norms = None
-    if geometry.on_circle:
-        arguments = known * float(geometry.detector_radius)
-        on_circle = np.moveaxis(known_at_detectors(arguments, steps), -1, 0)
-    if geometry.disk:
-        radius = float(geometry.region.reach)
-        of_cosines = known_disk_norms(known * radius, radius, steps).T
-        of_sines = np.where(np.arange(n_max + 1) == 0, 0.0, of_cosines)
-        norms = np.stack([of_cosines, of_sines], axis=1)
-    with jax.ensure_compile_time_eval():
-        return WaveTable(*jax.device_put((known, steps.T, on_circle, norms)))
-
-
 @eqx.filter_jit
-def compiled_wave_table(
-    geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: int
-) -> WaveTable:
-    """`wave_table` of any places, by a program for each size.
-
-    Rounding is 9e-15 at order 200, by numpy 3e-14: truncation that keeps the smallest singular
-    values amplifies it by up to 10^7.
-    """
+def wave_table(geometry: PolarGeometry, frequencies: Float[Array, " f"], n_max: int) -> WaveTable:
+    """The table for all frequencies at once: recurrences run over orders, not frequencies."""
     steps = wave_steps(n_max, frequencies, geometry)
     on_circle = norms = None
     if geometry.on_circle:
@@ -111,16 +79,17 @@ def compiled_wave_table(
 def _on_circle(
     geometry: PolarGeometry, frequencies: Array, steps: Array
 ) -> Float[Array, "2 fewer f"]:
-    """eps_n Delta_n (J_n|Y_n)(lambda R_g), or the mean of it times cos n theta over an element."""
+    """The kernels at R_g, or the mean of them times cos n theta over an element."""
+    kernels = geometry.kernels
     order = jnp.arange(steps.shape[0] - 1)
     if geometry.nodes is None:
-        waves = at_detectors(frequencies * geometry.detector_radius, steps)
+        waves = kernels.at(frequencies, geometry.detector_radius, steps)
         angle = geometry.element_angle
         return waves if angle is None else waves * element_factor(order, angle)[:, None]
 
     def at(node: tuple[Array, Array]) -> Array:
         radius, angle = node
-        return at_detectors(frequencies * radius, steps) * jnp.cos(order * angle)[:, None]
+        return kernels.at(frequencies, radius, steps) * jnp.cos(order * angle)[:, None]
 
     nodes = geometry.nodes
     return mean_over_nodes(at, (nodes.radius, nodes.angles), nodes.weights)
@@ -173,7 +142,7 @@ def detector_matrix(
 
     def at(place: tuple[Array, Array]) -> Array:
         radius, angles = place
-        radial = at_detectors(wave.frequencies * radius, wave.steps[:, None])
+        radial = geometry.kernels.at(wave.frequencies, radius, wave.steps[:, None])
         return radial[:, None] * angular(n_max, angles)
 
     if wave.on_circle is not None:

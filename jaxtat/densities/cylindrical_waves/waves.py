@@ -54,11 +54,6 @@ def circular_harmonics_at(
     return jax.lax.complex(real, imaginary) / (2 * jnp.pi)
 
 
-def twice(n_max: int) -> Float[Array, " orders"]:
-    """eps_n: 1 for n = 0, else 2."""
-    return jnp.where(np.arange(n_max + 1) == 0, 1.0, 2.0)
-
-
 def wave_steps(
     n_max: int, frequencies: Float[Array, "*f"], geometry: PolarGeometry
 ) -> Float[Array, "orders *f"]:
@@ -69,17 +64,6 @@ def wave_steps(
 def scales(steps: Float[Array, "orders *f"]) -> Float[Array, "fewer *f"]:
     """Delta_n, n = 0..N, of steps up to N + 1."""
     return jnp.cumprod(steps[:-1], axis=0)
-
-
-def at_detectors(
-    arguments: Float[Array, "*shape"], steps: Float[Array, "orders *broadcast"]
-) -> Float[Array, "2 fewer *shape"]:
-    """eps_n Delta_n (J_n | Y_n)(lambda |z - c|), n = 0..N."""
-    steps = steps[:-1]
-    j, y = scaled_hankel_sequence(arguments, steps)
-    scale = jnp.cumprod(steps, axis=0)
-    eps = twice(steps.shape[0] - 1).reshape(-1, *[1] * arguments.ndim)
-    return eps * jnp.stack([j * scale**2, y])
 
 
 def disk_norms(

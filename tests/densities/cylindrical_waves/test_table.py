@@ -213,16 +213,6 @@ def test_a_table_may_be_cut():
         np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["disk", "askew"])
-def test_tables_of_known_and_of_traced_places_are_alike(name):
-    """By numpy and by a compiled program."""
-    polar = polar_geometry(*GEOMETRIES[name])
-    known = wave_table(polar, FREQUENCIES, 90)
-    leaves = (jax.tree.leaves(table) for table in (known, traced_table(polar, FREQUENCIES, 90)))
-    for found, expected in zip(*leaves, strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-280)
-
-
 def test_detectors_on_a_circle_and_one_by_one_have_the_same_matrix():
     polar = polar_geometry(ARC, HALF)
     each = jnp.full(31, polar.detector_radius)

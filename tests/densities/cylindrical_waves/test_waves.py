@@ -13,14 +13,13 @@ from jaxtat.densities.cylindrical_waves import (
     harmonic_orders,
     polar_geometry,
 )
+from jaxtat.densities.cylindrical_waves.kernels import HankelKernels, twice
 from jaxtat.densities.cylindrical_waves.waves import (
     angular,
-    at_detectors,
     boundary_traces,
     disk_norms,
     minus_i_powers,
     scales,
-    twice,
     wave_steps,
 )
 from jaxtat.special import scaled_hankel_sequence
@@ -64,7 +63,7 @@ def test_sums_of_waves_are_potentials(lam, points):
 
     @eqx.filter_jit
     def sums(polar, steps, waves):
-        coefficients = at_detectors(lam * polar.detector_radius, steps)  # (J|Y, orders)
+        coefficients = HankelKernels().at(lam, polar.detector_radius, steps)  # (J|Y, orders)
         weights = angular(coefficients.shape[1] - 1, polar.detector_angles)
         return jnp.einsum("jn,pnz,pnx->jxz", coefficients, weights, waves)
 

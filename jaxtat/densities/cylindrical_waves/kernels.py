@@ -1,0 +1,54 @@
+"""What the detectors record of each cylindrical wave: the kernels of step 1.
+
+A source at x in the region and a detector at z, both counted from the centre of the waves, have
+
+    G_J + i G_Y = Σ_n J_n(lambda |x|) h_n(|z|) e^{in(theta_z - theta_x)},
+
+with h_n = h_-n by the speed of sound on the way. Where it is that of the region, h_n = H_n = J_n +
+i Y_n of lambda |z| (Graf, DLMF 10.23.7). An interface, a circle about the same centre, multiplies
+each order by a complex factor and changes the frequency outside: that is another class.
+"""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...special import scaled_hankel_sequence
+
+
+class Kernels(eqx.Module):
+    """h_n at one or many frequencies and distances."""
+
+    @abstractmethod
+    def at(
+        self,
+        frequency: Float[Array, "*f"],
+        distance: Float[Array, "*detectors"],
+        steps: Float[Array, "orders *broadcast"],
+    ) -> Float[Array, "2 fewer *shape"]:
+        """Real and imaginary part of eps_n Delta_n h_n, n = 0..N.
+
+        Args:
+            frequency: lambda in the region [rad/length]; broadcasts against distances.
+            distance: |z| [length].
+            steps: of the scales Delta_n, up to N + 1, see `special.decay_steps`.
+        """
+
+
+class HankelKernels(Kernels):
+    """h_n = J_n + i Y_n of lambda |z|: one speed of sound."""
+
+    def at(self, frequency: Array, distance: Array, steps: Array) -> Array:
+        argument = frequency * distance
+        j, y = scaled_hankel_sequence(argument, steps[:-1])
+        scale = jnp.cumprod(steps[:-1], axis=0)
+        eps = twice(steps.shape[0] - 2).reshape(-1, *[1] * argument.ndim)
+        return eps * jnp.stack([j * scale**2, y])
+
+
+def twice(n_max: int) -> Float[Array, " orders"]:
+    """eps_n: 1 for n = 0, else 2."""
+    return jnp.where(np.arange(n_max + 1) == 0, 1.0, 2.0)
