@@ -16,7 +16,7 @@ PANELS = {
 DRAWN = {
     "direct[129]": "direct, 129 x 129",
     "direct[513]": "direct, 513 x 513",
-    "plan[harmonic]": "a plan, 129 x 129",
+    "plan[cylindrical]": "a plan, 129 x 129",
     "with_plan[1-fourier-double]": "with a plan, 129 x 129",
 }
 Row = dict[str, str]

@@ -28,7 +28,7 @@ def results(date, seconds):
         "machine_info": {"cpu": {"brand_raw": "A processor", "count": 2}},
         "benchmarks": [
             {"name": "bench_direct[129]", "extra_info": direct},
-            {"name": "bench_plan[harmonic]", "extra_info": plan},
+            {"name": "bench_plan[cylindrical]", "extra_info": plan},
         ],
     }
 
@@ -43,14 +43,14 @@ def test_a_run_is_added_once_and_drawn(module, tmp_path):
     assert lines == [
         "date,version,machine,benchmark,median_s,max_error,peak_mb",
         f'2026-11-01T12:30,{version},"A processor, 2 cores",direct[129],0.5,1e-09,300',
-        f'2026-11-01T12:30,{version},"A processor, 2 cores",plan[harmonic],0.5,,300',
+        f'2026-11-01T12:30,{version},"A processor, 2 cores",plan[cylindrical],0.5,,300',
         f'2026-11-02T12:30,{version},"A processor, 2 cores",direct[129],0.125,1e-09,300',
-        f'2026-11-02T12:30,{version},"A processor, 2 cores",plan[harmonic],0.125,,300',
+        f'2026-11-02T12:30,{version},"A processor, 2 cores",plan[cylindrical],0.125,,300',
     ]
     with Image.open(picture) as image:
         drawn = json.loads(image.text["Description"])
     assert [y for _, y in drawn["median_s"]["direct[129]"]] == [0.5, 0.125]
-    assert drawn["max_error"]["plan[harmonic]"] == []
+    assert drawn["max_error"]["plan[cylindrical]"] == []
     assert "129] | 125 ms | 1.0 s | 1.0e-09" in (tmp_path / "results.md").read_text()
 
 

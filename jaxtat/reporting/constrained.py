@@ -47,11 +47,9 @@ def in_words(constrained: Constrained) -> str:
         )
     else:
         text += "The data favour the direct image: the constraints are too strong, or wrong."
-    return (
-        text
-        if constrained.converged
-        else f"{text} The iterations did not converge: the level of wide parts is uncertain."
-    )
+    if constrained.converged:
+        return text
+    return f"{text} The iterations did not converge: the level of wide parts is uncertain."
 
 
 def limits_of(*images: Numbers) -> tuple[float, float]:
