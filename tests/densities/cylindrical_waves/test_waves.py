@@ -63,7 +63,9 @@ def test_sums_of_waves_are_potentials(lam, points):
 
     @eqx.filter_jit
     def sums(polar, steps, waves):
-        coefficients = HankelKernels().at(lam, polar.detector_radius, steps)  # (J|Y, orders)
+        coefficients = HankelKernels().at(
+            jnp.array(lam), polar.detector_radius, steps
+        )  # (J|Y, orders)
         weights = angular(coefficients.shape[1] - 1, polar.detector_angles)
         return jnp.einsum("jn,pnz,pnx->jxz", coefficients, weights, waves)
 
