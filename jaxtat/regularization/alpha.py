@@ -310,7 +310,7 @@ def alpha_where(
     lower, upper = jnp.log(1e-15 * largest), jnp.log(1e6 * largest)
     aim = jnp.maximum(square, jnp.finfo(square.dtype).tiny)
 
-    def halved(_: int, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+    def halved(_: Array, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         below, above = bounds
         middle = (below + above) / 2
         reached = jnp.sum(measure.f(eigenvalues, jnp.exp(middle)) * weights)

@@ -46,11 +46,9 @@ def size(g, alpha, mesh):
 
 gradient = jax.grad(size, (0, 1), has_aux=True)
 (ours, shared), (theirs, alone) = (gradient(g, 1e-6, which) for which in (mesh, None))
-iterated = solve(setup, g, 1e-6, solver="cg", mesh=mesh).image
-for image in (shared, iterated):
-    assert len(image.sharding.device_set) == n_devices
-    error = np.abs(here(image) - here(alone)).max()
-    assert error < 1e-6, error
+assert len(shared.sharding.device_set) == n_devices
+error = np.abs(here(shared) - here(alone)).max()
+assert error < 1e-6, error
 for one, other in zip(ours, theirs, strict=True):
     assert np.allclose(here(one), other, rtol=1e-7, atol=1e-9 * np.abs(other).max())
 print("images and gradients: the same")

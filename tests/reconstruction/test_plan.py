@@ -309,7 +309,7 @@ def test_the_bar_shows_progress_if_it_is_asked_for(either_plan, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "magic"}, "expected one of auto, harmonic, collocation, series"),
+        ({"method": "magic"}, "expected one of auto, cylindrical, collocation, series"),
         ({"precision": "half"}, "expected 'double' or 'single'"),
     ],
 )

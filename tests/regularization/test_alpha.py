@@ -52,7 +52,7 @@ def zeros_solved(polar, table, rule, norms):
 
 def alphas(curve, region, alpha, norms=NORMS):
     rule = tikhonov_rule(alpha, 2)
-    polar = polar_geometry(curve, region)
+    polar = polar_geometry(curve, region, offset=(0.0, 0.0))
     return zeros_solved(polar, wave_table(polar, FREQUENCIES, ORDERS), rule, norms)
 
 
