@@ -62,7 +62,7 @@ def frames_of_folder(folder: Path, more: Callable[[], bool]) -> Iterator[Any]:
         new = sorted(path for path in folder.glob("*.npy") if path.name not in done)
         for path in new:
             try:
-                values = load_scan(path).data
+                values: Any = load_scan(path).data
             except (ValueError, OSError) as error:
                 if path == new[-1] and not last:
                     break  # it may not be whole yet
