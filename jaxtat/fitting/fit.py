@@ -253,27 +253,37 @@ def _fitted(
         return eqx.tree_at(lambda answer: answer.history, answer, none)
     if fits[1:]:
         start = jnp.zeros((len(data), *fits[0].support.shape), data.dtype)
-    for level in fits:
+
+    def solved_on(level: DataFit, start: Array) -> State:
         shape = level.support.shape
         here = scale if level is fit else _scale(level, data)
         at = None if weight is None else weight_on(shape, space, penalty, weight)
         state = _started(level, penalty, between_nodes(start, shape), here, at, max_steps)
-        follows = level, data, penalty, here, at is None
-        state = _until(follows, state, tolerance, max_steps, progress)
-        start = state.image
+        advance = partial(_advance, level, data, penalty, here, at is None)
+        return _until(advance, state, tolerance, max_steps, progress)
+
+    for level in fits[:-1]:
+        start = solved_on(level, start).image
+    state = solved_on(fit, start)
     require_numbers(penalty, state.gap, state.step)
     return _report(fit, data, penalty, scale, weight, state, tolerance)
 
 
-def _until(follows: tuple, state: State, tolerance: Array, max_steps: int, progress: bool) -> State:
+def _until(
+    advance: Callable[[State, Array, Array], State],
+    state: State,
+    tolerance: Array,
+    max_steps: int,
+    progress: bool,
+) -> State:
     """Steps on one grid; the bar counts how much of the way, in orders of magnitude, is gone."""
     if not (progress and is_concrete(state.image)):
-        return _advance(*follows, state, tolerance, jnp.asarray(max_steps))
+        return advance(state, tolerance, jnp.asarray(max_steps))
     level = " x ".join(map(str, state.image.shape[1:]))
     with tqdm(total=100, desc=level, bar_format=_BAR) as bar:
         begun = None
         for until in (*range(_AT_A_TIME, max_steps, _AT_A_TIME), max_steps):
-            state = _advance(*follows, state, tolerance, jnp.asarray(until))
+            state = advance(state, tolerance, jnp.asarray(until))
             gap, goal = float(state.gap), float(tolerance)
             begun = max(gap, 2 * goal) if begun is None else begun
             gone = 100 if gap <= goal else np.log(begun / gap) / np.log(begun / goal) * 100

@@ -46,7 +46,7 @@ class CircleSizes(eqx.Module):
 
     def first(self, n: int) -> "CircleSizes":
         """The sizes of the first n frequencies alone, for an image on coarser pixels."""
-        groups = tuple((a, min(b, n), *more) for a, b, *more in self.groups if a < n)
+        groups = tuple((a, min(b, n), m, turn) for a, b, m, turn in self.groups if a < n)
         return CircleSizes(self.period, n, groups, self.n_nodes)
 
 
