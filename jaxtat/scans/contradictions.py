@@ -23,11 +23,14 @@ from jaxtyping import Float
 
 from ..records.signal_power import RecordPower
 from .facts import FASTEST, SLOWEST
+from .hearing import FINELY
 
 MISFIT = 0.12  # of times over R; whole scans had up to 0.096
+SCATTER = 0.2  # of the times of neighbours, over themselves: those of noise scatter more
 FARTHEST = 1.4  # of half of the detectors' paths over R; whole scans had up to 1.17
 ALIKE = 0.12  # mean correlation of neighbours, at least; whole scans had 0.15 and more
 LIKE_ANOTHER = 0.5  # correlation, that most detectors have with some other
+CHANCE = 4.0  # over the square root of the number of samples: noise is not as like as that
 FEWEST = 16  # detectors, of which the order can be told
 ACROSS = 25  # points across the circle, from which sound may come
 RIM = 0.95  # of its radius, up to which it may
@@ -73,7 +76,7 @@ def contradiction(
 def misfit_of_times(
     power: RecordPower, points: Float[np.ndarray, "detectors 2"], speed: float
 ) -> tuple[float, float]:
-    """The misfit above, and the median path of sound; lengths are over R.
+    """The misfit above, and the median path of sound; lengths are over R. Both 0 of noise alone.
 
     >>> theta = np.linspace(0.0, 5.0, 60)
     >>> y, times = np.stack([np.cos(theta), np.sin(theta)], axis=1), np.arange(0.0, 2.0, 0.01)
@@ -86,6 +89,8 @@ def misfit_of_times(
     total = np.maximum(sound.sum(axis=1), 1e-300)
     mean = sound @ power.times / total
     half = power.times[np.argmax(sound.cumsum(axis=1) >= 0.5 * total[:, None], axis=1)]
+    if np.median(np.abs(np.diff(mean))) > SCATTER * np.median(mean):
+        return 0.0, 0.0
     line = np.linspace(-RIM, RIM, ACROSS)
     where = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     where = where[np.hypot(*where.T) <= RIM]
@@ -116,9 +121,11 @@ def out_of_order(record: Float[np.ndarray, "detectors times"], power: RecordPowe
     loudness = loudness - loudness.mean(axis=0)
     alike.append(_correlations(loudness - loudness.mean(axis=1, keepdims=True)))
     beside = max(float(np.diag(of, 1).mean()) for of in alike)
-    others = [of - 2 * np.eye(len(of)) for of in alike]
-    has_like = max(float(np.mean(of.max(axis=1) > LIKE_ANOTHER)) for of in others)
-    return beside < ALIKE and has_like > 0.5
+    others = [(of - 2 * np.eye(len(of))).max(axis=1) for of in alike]
+    n_samples = waves.shape[1], loudness.shape[1] / FINELY  # pieces overlap
+    least = [max(LIKE_ANOTHER, CHANCE / np.sqrt(n)) for n in n_samples]
+    has_like = max(np.mean(of > bound) for of, bound in zip(others, least, strict=True))
+    return bool(beside < ALIKE and has_like > 0.5)
 
 
 def _correlations(

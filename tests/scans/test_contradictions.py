@@ -81,6 +81,14 @@ def test_a_measured_scan_raises_no_alarm_but_damaged(data_file):
         choose(Scan("pressure", measured.frame(0), known))
 
 
+@pytest.mark.parametrize("span", [90.0, 240.0])
+def test_noise_alone_contradicts_nothing(span):
+    noise = np.random.default_rng(0).standard_normal((N, len(TIMES)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", AccuracyWarning)
+        choose(made(noise, detectors=positions(span=span), sound_speed=SPEED))
+
+
 def test_the_command_says_it_in_a_line(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     np.savez("scan.npz", pressure=mixed(record()), detectors=positions(), fs=RATE)
