@@ -1,6 +1,7 @@
 """Images with constraints: the image that fits the data and costs least."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
