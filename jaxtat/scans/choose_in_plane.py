@@ -148,7 +148,11 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     _band(found, times, speed, highest)
     _radii(where, facts, found, float(times[-1]) * speed)
     _noise(found, RecordPower(power.times, power.power[good]), arrival, floor)
-    _say_contradiction(facts, found, good, whole[good][:, start:], sound.power, speed)
+    # whatever model and dead time are: sound is judged, not what the laser does to the amplifiers
+    power = record_power(whole[:, fired:], times[fired:], detrend=True)
+    begin = max(begin, artefact_end(power, middle))
+    sounding = RecordPower(*sound.power).after(begin)
+    _say_contradiction(facts, found, good, whole[good][:, times >= begin], sounding, speed)
 
 
 def _say_contradiction(

@@ -29,7 +29,7 @@ def bells(radius):
 
 def error(curve, phantom):
     g = phantom.circular_integrals(curve, RADII)
-    image = reconstruct(Setup(curve, DISK, GRID, RADII, _n_groups=1), g)
+    image = reconstruct(Setup(curve, DISK, GRID, RADII, __n_groups=1), g)
     exact = np.asarray(phantom.image(GRID))
     off = np.abs(np.asarray(image) - exact)[np.asarray(DISK.contains(GRID.points))]
     return off.max() / exact.max()
@@ -54,7 +54,7 @@ def test_too_few_radii_for_the_pixels():
     curve, radii = circular_arc(1.3, 1.0, 80), np.linspace(0.3, 2.3, 5)
     said = "radii are too few: 5, up to 0.5 apart, for pixels 0.0625 apart.* record at 33 radii"
     with pytest.warns(AccuracyWarning, match=said):
-        few = Setup(curve, DISK, GRID, radii, n_groups=1)
+        few = Setup(curve, DISK, GRID, radii, _n_groups=1)
     with pytest.warns(AccuracyWarning, match=said):
         Setup(curve, DISK, GRID, radii, max_frequency=np.pi / 0.5)  # as choices for a scan do
     Setup(curve, DISK, GRID, radii, max_frequency=2.0)
@@ -66,7 +66,7 @@ def test_too_few_radii_for_the_pixels():
         return np.linalg.norm(np.asarray(image)[inside] - exact) / np.linalg.norm(exact)
 
     assert off(few) > 0.3
-    assert off(Setup(curve, DISK, GRID, np.linspace(0.3, 2.3, 33), n_groups=1)) < 0.03
+    assert off(Setup(curve, DISK, GRID, np.linspace(0.3, 2.3, 33), _n_groups=1)) < 0.03
 
 
 def test_frequencies_that_radii_do_not_sample():
