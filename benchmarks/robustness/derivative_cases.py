@@ -315,16 +315,16 @@ def of_integrals(rng: Rng) -> Cases:
         ),
         {"f": image, "g": g + 0.1, "p": points, "radii": radii},
     )
-    for name, (penalty, tolerance) in {
-        "ridge": (jt.fitting.Ridge(), 1e-12),
-        "variation": (jt.fitting.TotalVariation(smoothing=0.3), 1e-30),  # takes all steps
+    for name, penalty in {
+        "ridge": jt.fitting.Ridge(),
+        "variation": jt.fitting.TotalVariation(smoothing=0.3),
     }.items():
         yield Case(
             f"model_based, {name}",
-            lambda g, log_weight, p, radii, penalty=penalty, tolerance=tolerance: (
+            lambda g, log_weight, p, radii, penalty=penalty: (
                 jt.model_based(
                     setup.replace(curve=curve(p), radii=radii), g, penalty=penalty,
-                    weight=10**log_weight, tolerance=tolerance, max_steps=5000,
+                    weight=10**log_weight, tolerance=1e-12, max_steps=20000,
                 ).image
             ),
             {"g": g, "log_weight": -1.0, "p": points, "radii": radii},

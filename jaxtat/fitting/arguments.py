@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,9 +24,10 @@ from .penalties import NoPenalty, Penalty, Ridge, TotalVariation
 from .radial_filter import high_pass
 
 Pressure = tuple[Any, Any, str, Any]  # times, sound speed, model, conditioning
+SINGLE = 1e-15, 1e15  # of which float32 has the squares, and sums of them
 
 
-def data_fits(
+def data_fit(
     setup: Setup,
     pressure: Pressure | None,
     nonnegative: bool,
@@ -33,50 +35,36 @@ def data_fits(
     mask: Any,
     everywhere: bool,
     dtype: Any,
-    grids: list[Any],
-) -> list[DataFit]:
-    """The operators of the fit on each grid: A up to what was recorded, W, H and C.
-
-    With noise W is 1 where the noise is least, so that B keeps the size of A.
-    """
+) -> DataFit:
+    """The operators of the fit: forward operator, conditioning of the record, W and C."""
+    operator = forward_operator(setup, dtype=dtype)
     record, shape = None, setup.data_shape
-    whitening, least = jnp.broadcast_to(1 / jnp.sqrt(setup.radii), shape), None
+    whitening = jnp.broadcast_to(1 / jnp.sqrt(setup.radii), shape)
     if pressure is not None:
-        record = _record(setup, *pressure)
+        record = _record(setup, *pressure).astype(operator.dtype)
         shape = (*setup.detectors_shape, record.shape[0])
         whitening = jnp.ones(shape)
     if noise is not None:
         noise = real_array("noise", noise, None)
         require_positive("noise", noise)
-        least = jax.lax.stop_gradient(jnp.min(noise))
-        whitening = least / _spread("noise", noise, shape)
+        whitening = 1 / _spread("noise", noise, shape)
     if mask is not None:
         whitening = jnp.where(_mask(mask, shape), whitening, 0.0)
-    return [
-        _on_grid(setup, grid, record, whitening, least, nonnegative, everywhere, dtype)
-        for grid in grids
-    ]
-
-
-def _on_grid(
-    setup: Setup,
-    grid: Any,
-    record: Float[Array, "times radii"] | None,
-    whitening: Array,
-    noise: Float[Array, ""] | None,
-    nonnegative: bool,
-    everywhere: bool,
-    dtype: Any,
-) -> DataFit:
-    operator = forward_operator(setup, dtype=dtype, grid=grid)
-    if record is not None:
-        operator = operator.followed_by(record)
     radial = None
-    if noise is not None and grid.dimension == 3:
-        radial = high_pass(setup.radii, 1 / grid.spacing.max()).astype(operator.dtype)
-    support = jnp.ones(grid.shape, bool) if everywhere else setup.region.contains(grid.points)
-    whitening = whitening.astype(operator.dtype)
-    return DataFit(operator, whitening, radial, support, noise, bool(nonnegative))
+    if noise is not None and setup.grid.dimension == 3:
+        radial = high_pass(setup.radii, 1 / setup.grid.spacing.max()).astype(operator.dtype)
+    support = jnp.ones(setup.grid.shape, bool)
+    if not everywhere:
+        support = setup.region.contains(setup.grid.points)
+    return DataFit(
+        operator,
+        record,
+        whitening.astype(operator.dtype),
+        radial,
+        support,
+        bool(nonnegative),
+        noise is not None,
+    )
 
 
 def _record(
@@ -99,8 +87,8 @@ def _record(
 
 def checked_data(
     data: Numbers, fit: DataFit
-) -> tuple[Float[Array, "stack *data"], tuple[int, ...]]:
-    """W g of all images, one after the other, and the shape of the stack."""
+) -> tuple[Float[Array, "stack *data"], tuple[int, ...], Float[Array, ""]]:
+    """W g of all images, one after the other, the shape of the stack, and `size_of` g."""
     shape = fit.whitening.shape
     require_unmasked("data", data)
     values = jnp.asarray(data)
@@ -109,22 +97,39 @@ def checked_data(
     values = real_array("data", values, ("...", *shape))
     if not values.size:
         raise ValueError(f"data have shape {values.shape}: a stack of no images at all.")
-    whitened = values * fit.whitening
-    return whitened.reshape(-1, *shape), values.shape[: values.ndim - len(shape)]
+    size = size_of(values, fit.operator.dtype)
+    whitened = values.astype(fit.operator.dtype) * fit.whitening
+    return whitened.reshape(-1, *shape), values.shape[: values.ndim - len(shape)], size
 
 
-def size_of(data: Float[Array, "stack *data"], dtype: Any) -> Float[Array, ""]:
-    """The power of two below the largest number, by which data are divided.
-
-    So that no square is too large or too small, and images are in proportion to their data.
-    """
+def size_of(data: Float[Array, "*data"], dtype: Any) -> Float[Array, ""]:
+    """The power of two below the largest number, 1 for zeros: exact as a unit."""
     largest = jax.lax.stop_gradient(jnp.max(jnp.abs(data)))
-    if is_concrete(largest) and dtype == jnp.float32 and not 1e-30 < largest < 1e30 and largest > 0:
-        raise ValueError(
-            f"data are as large as {float(largest):.3g}, which float32 cannot hold: leave out "
-            "dtype, or change the unit."
-        )
-    return jnp.where(largest > 0, jnp.ldexp(1.0, jnp.frexp(largest)[1] - 1), 1.0)
+    if is_concrete(largest) and dtype == jnp.float32 and largest > 0:
+        low, high = SINGLE
+        if not low < largest < high:
+            raise ValueError(
+                f"data are as large as {float(largest):.3g}, and float32 is for numbers between "
+                f"{low:g} and {high:g}: leave out dtype, or change the unit."
+            )
+    return jnp.where(largest > 0, jnp.ldexp(1.0, jnp.frexp(largest)[1] - 1), 1.0).astype(dtype)
+
+
+def in_units_of(
+    size: Float[Array, ""], fit: DataFit, data: Float[Array, "stack *data"]
+) -> tuple[DataFit, Float[Array, "stack *data"]]:
+    """The fit of f / size instead of f, so that no square of the image overflows.
+
+    W g stays where W divides by the noise, which then is in the same unit.
+    """
+    if fit.white:
+        return eqx.tree_at(lambda fit: fit.whitening, fit, fit.whitening * size), data
+    return fit, data / size
+
+
+def weight_unit(size: Float[Array, ""], fit: DataFit, penalty: Any) -> Float[Array, ""]:
+    """What a weight is multiplied by then: size^p of P of degree p, over that of the misfit."""
+    return size ** ((2 if isinstance(penalty, Ridge) else 1) - (0 if fit.white else 2))
 
 
 def checked_penalty(penalty: Any) -> Any:

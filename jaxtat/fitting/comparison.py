@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, real_array
 from ..reconstruction import Setup
 from ..reconstruction.setup import require_setup
-from .arguments import checked_data, data_fits
+from .arguments import checked_data, data_fit, in_units_of
 from .data_fit import DataFit
 
 
@@ -67,14 +67,15 @@ def compare_fits(
     """
     require_setup(setup)
     pressure = None if times is None else (times, sound_speed, model, conditioning)
-    (fit,) = data_fits(setup, pressure, False, noise, mask, False, None, [setup.grid])
-    wanted, _ = checked_data(data, fit)
+    fit = data_fit(setup, pressure, False, noise, mask, False, None)
+    wanted, _, size = checked_data(data, fit)
+    fit, wanted = in_units_of(size, fit, wanted)
     if len(wanted) != 1:
         raise ValueError(f"data are those of {len(wanted)} images, expected one.")
     images = []
     for name, image in {"first": first, "second": second}.items():
         inside = jnp.where(fit.support, jnp.asarray(image, float), 0.0)
-        images.append(real_array(name, inside, setup.grid.shape))
+        images.append(real_array(name, inside, setup.grid.shape) / size)
     return _compared(fit, wanted, jnp.stack(images))
 
 

@@ -1,4 +1,4 @@
-"""The model of the data: W A f, for images f in C."""
+"""The model of the data: W · record · A f, for images f in C."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,41 +8,47 @@ from ..reconstruction import ForwardOperator
 
 
 class DataFit(eqx.Module):
-    """B = W A, from images to data whose noise is white, and where images may differ.
+    """B = W · record · A, from images to data whose noise is white, and where images may differ.
 
     Attributes:
-        operator: A, from images to integrals, or to what was recorded of them.
+        operator: A, from images to circular or spherical integrals.
+        record: from integrals to what was recorded, (times, radii); None if that is the integrals.
         whitening: W, 0 for data that are left out, of the shape of one image's data.
         high_pass: H, by which misfits are weighed over radii: ||H (B f - b)||; None for none.
         support: pixels that may differ from zero.
-        noise: standard deviation after W; None if it is not known.
         nonnegative: whether f >= 0.
+        white: whether noise has the standard deviation 1 after W.
     """
 
     operator: ForwardOperator
+    record: Float[Array, "times radii"] | None
     whitening: Float[Array, "*data"]
     high_pass: Float[Array, "radii radii"] | None
     support: Bool[Array, "*space"]
-    noise: Float[Array, ""] | None
     nonnegative: bool = eqx.field(static=True)
+    white: bool = eqx.field(static=True)
 
     def modelled(self, images: Float[Array, "stack *space"]) -> Float[Array, "stack *data"]:
         """B f."""
-        return self.operator(jnp.where(self.support, images, 0.0)) * self.whitening
+        data = self.operator(jnp.where(self.support, images, 0.0))
+        if self.record is not None:
+            data = data @ self.record.T
+        return data * self.whitening
 
     def transposed(self, data: Float[Array, "stack *data"]) -> Float[Array, "stack *space"]:
         """B^T H^T H d."""
         if self.high_pass is not None:
-            data = self.weighed(data) @ self.high_pass
-        return jnp.where(self.support, self.operator.T(data * self.whitening), 0.0)
-
-    def weighed(self, data: Float[Array, "stack *data"]) -> Float[Array, "stack *data"]:
-        """H d."""
-        return data if self.high_pass is None else data @ self.high_pass.T
+            data = data @ self.high_pass.T @ self.high_pass
+        data = data * self.whitening
+        if self.record is not None:
+            data = data @ self.record
+        return jnp.where(self.support, self.operator.T(data), 0.0)
 
     def misfit(self, data: Float[Array, "stack *data"]) -> Float[Array, ""]:
         """||H d||²."""
-        return jnp.sum(self.weighed(data) ** 2)
+        if self.high_pass is not None:
+            data = data @ self.high_pass.T
+        return jnp.sum(data**2)
 
     def allowed(self, images: Float[Array, "stack *space"]) -> Float[Array, "stack *space"]:
         """The nearest images in C."""

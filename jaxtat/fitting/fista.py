@@ -1,15 +1,15 @@
-"""Proximal gradients with momentum: greedy FISTA.
+"""Proximal gradients with momentum: FISTA with restart.
 
-Minimises ||H (B f - b)||² / 2 + w P(f) for f in C, L >= ||H B||², with H of `DataFit`, by steps of
-s = 1.25 / L:
+Minimises ||H (B f - b)||² / 2 + w P(f) for f in C, L >= ||H B||², with H of `DataFit`:
 
-    x_{k+1} = prox(y_k - s B^T H^T H (B y_k - b)),    y_{k+1} = x_{k+1} + (x_{k+1} - x_k),
+    x_{k+1} = prox(y_k - B^T H^T H (B y_k - b) / L),
+    y_{k+1} = x_{k+1} + (t_k - 1) / t_{k+1} (x_{k+1} - x_k).
 
-and y_{k+1} = x_{k+1} where momentum leads uphill. A multiple below 4/3 of 1 / L keeps the linear
-iteration stable. A denoiser of the user's is applied at s = 1 / L, of which its image depends.
+Where momentum leads uphill, t starts anew. x is a minimum where a step leaves it in its place, so
+||x_{k+1} - y_k|| / ||x_{k+1}|| says how far it is from one.
 
-Source: Liang, Luo and Schönlieb, SIAM J. Sci. Comput. 44 (2022) A1069-A1091; restart: O'Donoghue
-and Candès, Found. Comput. Math. 15 (2015) 715-732.
+Source: Beck and Teboulle, SIAM J. Imaging Sci. 2 (2009) 183-202; restart: O'Donoghue and Candès,
+Found. Comput. Math. 15 (2015) 715-732.
 """
 
 from typing import Any, NamedTuple
@@ -19,14 +19,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from .data_fit import DataFit
-from .duality import duality_gap
-from .ladder import same_on_all_grids
 from .penalties import NoPenalty, Penalty, Ridge
 from .proximal import prox
 from .weight import balanced_weight
 
-LONG_STEP = 1.25  # times 1 / L
-DUAL_STEPS = 5  # of a proximal map, which goes on where the last one ended
+DUAL_STEPS = 10  # of a proximal map, which goes on where the last one ended
 _POWER_STEPS = 9
 _MARGIN = 1.05  # of L over what so many steps found; it grows where a step shows that it must
 
@@ -37,23 +34,25 @@ class State(NamedTuple):
     Attributes:
         image, ahead: x and y, (stack, *space).
         fitted, fitted_ahead: B x and B y, (stack, *data).
+        momentum: t.
         dual: of the proximal map.
         square: L.
         weight: w.
         step: k.
-        gap: `duality_gap` of x; of a denoiser ||x - y|| / ||x|| of the last step.
-        history: of all gaps, NaN where there was no step, (max_steps,).
+        change: ||x - y|| / ||x|| of the last step.
+        history: of all steps, NaN where there was none, (max_steps,).
     """
 
     image: Float[Array, "stack *space"]
     ahead: Float[Array, "stack *space"]
     fitted: Float[Array, "stack *data"]
     fitted_ahead: Float[Array, "stack *data"]
+    momentum: Float[Array, ""]
     dual: Any
     square: Float[Array, ""]
     weight: Float[Array, ""]
     step: Int[Array, ""]
-    gap: Float[Array, ""]
+    change: Float[Array, ""]
     history: Float[Array, " steps"]
 
 
@@ -102,11 +101,12 @@ def first(
         ahead=image,
         fitted=fitted,
         fitted_ahead=fitted,
+        momentum=jnp.ones((), initial.dtype),
         dual=dual,
         square=scale.square,
         weight=jnp.asarray(weight, initial.dtype),
         step=jnp.zeros((), int),
-        gap=jnp.full((), jnp.inf, initial.dtype),
+        change=jnp.full((), jnp.inf, initial.dtype),
         history=jnp.full(max_steps, jnp.nan, initial.dtype),
     )
 
@@ -121,38 +121,30 @@ def step(
 ) -> State:
     """One step; with ``find_weight`` the weight follows the image."""
     weight, ahead, square = state.weight, state.ahead, state.square
-    convex = same_on_all_grids(penalty)
-    rate = (LONG_STEP if convex else 1.0) / square
     if find_weight:
         found = balanced_weight(fit, penalty, state.image, state.fitted - data, scale)
         weight = found.astype(weight.dtype)
-    misfit = state.fitted_ahead - data
-    back = fit.transposed(misfit)
-    image, dual = nearest(fit, penalty, ahead - rate * back, rate * weight, scale, state.dual)
+    down = ahead - fit.transposed(state.fitted_ahead - data) / square
+    image, dual = nearest(fit, penalty, down, weight / square, scale, state.dual)
     fitted = fit.modelled(image)
-    moved, size = jnp.sum((image - ahead) ** 2), jnp.sum(image**2)
-    # of a smaller move rounding decides
-    least = jnp.finfo(image.dtype).eps * jnp.where(size > 0, size, 1.0)
-    stretched = fit.misfit(fitted - state.fitted_ahead) / jnp.maximum(moved, least)
-    if convex:
-        delta = getattr(penalty, "smoothing", 0.0) * scale.image
-        both = fitted - data, misfit
-        gap = duality_gap(fit, data, penalty, weight, delta, image, both, back, dual)
-    else:
-        gap = jnp.sqrt(moved / jnp.where(size > 0, size, 1.0))
+    moved = jnp.sum((image - ahead) ** 2)
+    stretched = fit.misfit(fitted - state.fitted_ahead) / jnp.where(moved > 0, moved, 1.0)
     uphill = jnp.sum((ahead - image) * (image - state.image)) > 0
-    carried = jnp.where(uphill, 0.0, 1.0).astype(image.dtype)
+    grown = (1 + jnp.sqrt(1 + 4 * state.momentum**2)) / 2
+    carried = jnp.where(uphill, 0.0, (state.momentum - 1) / grown)
+    change = _ratio(moved, jnp.sum(image**2))
     return State(
         image=image,
         ahead=image + carried * (image - state.image),
         fitted=fitted,
         fitted_ahead=fitted + carried * (fitted - state.fitted),
+        momentum=jnp.where(uphill, 1.0, grown),
         dual=dual,
         square=jnp.where(stretched > square, _MARGIN * stretched, square),
         weight=weight,
         step=state.step + 1,
-        gap=gap.astype(image.dtype),
-        history=state.history.at[state.step].set(gap.astype(image.dtype)),
+        change=change,
+        history=state.history.at[state.step].set(change),
     )
 
 
@@ -173,3 +165,8 @@ def nearest(
     elif not isinstance(penalty, NoPenalty):
         images = penalty(images, weight)
     return fit.allowed(images), dual
+
+
+def _ratio(square: Array, of: Array) -> Array:
+    """Root of the ratio, with 0 of 0 being 0."""
+    return jnp.sqrt(square / jnp.where(of > 0, of, 1.0))

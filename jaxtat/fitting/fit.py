@@ -1,14 +1,12 @@
 """Images with constraints: the image that fits the data and costs least."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from tqdm import tqdm
 
@@ -26,24 +24,20 @@ from .arguments import (
     checked_data,
     checked_penalty,
     checked_weight,
-    data_fits,
+    data_fit,
+    in_units_of,
     require_numbers,
     require_pressure,
     require_prox,
-    size_of,
+    weight_unit,
 )
 from .data_fit import DataFit
 from .fista import Scale, State, first, scale_of, step
 from .implicit import Problem, with_derivatives
-from .ladder import between_nodes, ladder, same_on_all_grids, weight_on
 from .penalties import NoPenalty, Penalty, Ridge
 from .relative_cg import RelativeCG
 
-# Where to stop: the duality gap over half the data's energy; what a step of a user's proximal map
-# changes, and the residual of linear equations. A tenth for an incomplete setup: last steps count.
-GAP, CHANGE = 2e-4, 1e-4
 _AT_A_TIME = 10  # steps between two looks at the progress
-_BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed} gone, {remaining} left{postfix}"
 
 
 class ModelBased(eqx.Module):
@@ -52,20 +46,17 @@ class ModelBased(eqx.Module):
     Attributes:
         image: f, (..., *setup.grid.shape) [unit of g per length].
         weight: of the penalty.
-        steps: taken on the setup's grid, each one product with A and one with its transpose.
+        steps: taken, each one product with A and one with its transpose.
         residual: ||W (A f - g)|| / ||W g||.
-        gap: by how much what is minimised may still fall, over ||H W g||² / 2: see
-            `jaxtat.fitting.duality`. Of a proximal map of your own the change in the last step, of
-            linear equations 0 where they are solved.
-        converged: whether ``gap`` came down to the tolerance before ``max_steps``.
-        history: gap after each of these steps, NaN where there was none, (..., max_steps).
+        converged: whether the tolerance was met before ``max_steps``.
+        history: change of each step, ||f_k+1 - y_k|| / ||f_k+1||, NaN where there was none,
+            (..., max_steps).
     """
 
     image: Float[Array, "*batch_and_space"]
     weight: Float[Array, "*batch"]
     steps: Int[Array, "*batch"]
     residual: Float[Array, "*batch"]
-    gap: Float[Array, "*batch"]
     converged: Bool[Array, "*batch"]
     history: Float[Array, "*batch steps"]
 
@@ -101,8 +92,7 @@ def model_based(
     With ``noise``, W divides by it, and in space a high-pass in the radius follows, so that fine
     details are found as fast as coarse ones: see `jaxtat.fitting.radial_filter`. Without,
     integrals are weighted by 1/√r, by which A nearly keeps norms. By default the weight follows
-    from image and misfit, see `jaxtat.fitting.weight`. Images are solved from coarse to fine, see
-    `jaxtat.fitting.ladder`, and are in proportion to their data, however large or small.
+    from image and misfit, see `jaxtat.fitting.weight`.
 
     Differentiable in both modes with respect to data, a given weight, noise, detectors, radii,
     speed of sound, and what a penalty holds: implicitly, as if converged, a weight that was found
@@ -113,8 +103,8 @@ def model_based(
         data: g, (..., *setup.data_shape), or with ``times`` pressure, (..., detectors, samples).
             Images of a stack are found one by one, or with a joint penalty together.
         penalty: `TotalVariation()` (the default), `SecondOrderVariation`, `Ridge`, `NoPenalty`,
-            or any proximal map: a function (images, step) -> images, such as a
-            denoiser of that strength, with (stack, *grid.shape).
+            or any proximal map: a function (images, step) -> images, such as a denoiser of that
+            strength, with (stack, *grid.shape).
         nonnegative: whether f >= 0.
         weight: zero or more [with ``noise``, 1 over the unit of P].
         noise: standard deviation, one or of the shape of one image's data [unit of data].
@@ -126,15 +116,14 @@ def model_based(
             (detectors, samples), the same for all detectors, such as
             ``functools.partial(condition_record, times=times, band=band, baseline=False)``.
         everywhere: f may differ from zero on all of the grid, not only in the region.
-        initial: image to start from, like the result, such as that of the frame before; by default
-            the one on a coarser grid.
-        tolerance: of ``gap``, at which to stop: 2e-4 by default. Of a proximal map of your own, and
-            of the residual of linear equations, 1e-4. Ten times less for an incomplete setup, where
-            the last steps count.
-        max_steps: the most steps on each grid.
+        initial: image to start from, like the result; zero by default. From the formula's image it
+            takes fewer steps where there is little noise, and more where there is much.
+        tolerance: of the change of the image in a step, relative, at which to stop; 1e-4 by
+            default, and 1e-5 for an incomplete setup, where the last steps count.
+        max_steps: the most steps.
         steps, unrolled: this many steps, none less, through which derivatives go back.
         dtype: float32 for speed, with errors of 1e-5.
-        progress: show a bar for each grid, with step, gap and the time left.
+        progress: show a progress bar.
 
     Returns:
         ModelBased.
@@ -159,82 +148,47 @@ def model_based(
     if times is None:
         require_pressure(sound_speed, model, conditioning)
     pressure = None if times is None else (times, sound_speed, model, conditioning)
-    if unrolled != (steps is not None):
-        raise ValueError("steps= and unrolled=True go together; max_steps bounds the others.")
-    count = whole_number("steps", steps, 1) if unrolled else whole_number("max_steps", max_steps, 1)
-    by_gap = same_on_all_grids(penalty) and not _quadratic(penalty, nonnegative, weight)
-    grids = [setup.grid]
-    if by_gap and initial is None and not unrolled:
-        grids = ladder(setup.grid)
-    fits = data_fits(setup, pressure, nonnegative, noise, mask, everywhere, dtype, grids)
-    data, batch = checked_data(data, fits[-1])
+    fit = data_fit(setup, pressure, nonnegative, noise, mask, everywhere, dtype)
+    data, batch, size = checked_data(data, fit)
+    if not isinstance(penalty, Penalty | Ridge | NoPenalty):
+        size = jnp.ones_like(size)  # a map of the user's may do as it likes with large images
+    fit, data = in_units_of(size, fit, data)
     space = setup.grid.shape
     start = jnp.zeros(space) if initial is None else real_array("initial", initial, ("...", *space))
-    start = jnp.broadcast_to(start, (*batch, *space)).reshape(-1, *space)
-    weight = checked_weight(weight, penalty, float)
-    require_prox(penalty, start[:1].astype(fits[-1].operator.dtype), jnp.ones(()))
+    start = (jnp.broadcast_to(start, (*batch, *space)) / size).astype(data.dtype)
+    start, unit = start.reshape(-1, *space), weight_unit(size, fit, penalty)
+    weight = checked_weight(weight, penalty, data.dtype)
+    weight = None if weight is None else weight * unit
+    require_prox(penalty, start[:1], jnp.ones((), data.dtype))
     if tolerance is None:
-        tolerance = (GAP if by_gap else CHANGE) / (1 if setup.complete else 10)
+        tolerance = 1e-4 if setup.complete else 1e-5
     stop = real_array("tolerance", tolerance, ())
     require_positive("tolerance", stop)
     joint = isinstance(penalty, Penalty) and penalty.joint
     parts = (
         [(data, start)] if joint else [(d[None], s[None]) for d, s in zip(data, start, strict=True)]
     )
-    given = penalty, weight, stop, count, unrolled, progress
-    found = [_in_units(fits, d, s, *given) for d, s in parts]
+    if unrolled != (steps is not None):
+        raise ValueError("steps= and unrolled=True go together; max_steps bounds the others.")
+    if unrolled:
+        count = whole_number("steps", steps, 1)
+        found = [_unrolled(fit, d, penalty, weight, s, count) for d, s in parts]
+    else:
+        count = whole_number("max_steps", max_steps, 1)
+        found = [_found(fit, d, penalty, weight, s, stop, count, progress) for d, s in parts]
     answer = jax.tree.map(lambda *each: jnp.stack(each), *found)
     if joint:
         answer = jax.tree.map(lambda leaf: leaf[0], answer)
     else:
         answer = jax.tree.map(lambda leaf: leaf.reshape(*batch, *leaf.shape[1:]), answer)
-    image = answer.image.reshape(*batch, *space)
-    return eqx.tree_at(lambda answer: answer.image, answer, image)
+    image = answer.image.reshape(*batch, *space) * size
+    return eqx.tree_at(
+        lambda answer: (answer.image, answer.weight), answer, (image, answer.weight / unit)
+    )
 
 
-def _quadratic(penalty: Any, nonnegative: bool, weight: Any) -> bool:
-    """Whether the minimum solves linear equations."""
-    if nonnegative or not isinstance(penalty, Ridge | NoPenalty):
-        return False
-    return weight is not None or isinstance(penalty, NoPenalty)
-
-
-def _in_units(
-    fits: list[DataFit],
-    data: Float[Array, "stack *data"],
-    start: Float[Array, "stack *space"],
-    penalty: Any,
-    weight: Float[Array, ""] | None,
-    stop: Float[Array, ""],
-    count: int,
-    unrolled: bool,
-    progress: bool,
-) -> ModelBased:
-    """One image, or the images of one joint stack, found in units in which data are about 1.
-
-    Half the squared misfit is multiplied by noise²/size², a penalty of degree p by size^-p.
-    """
-    dtype = fits[-1].operator.dtype
-    convex = same_on_all_grids(penalty)
-    size = size_of(data, dtype) if convex else jnp.ones(())
-    noise = jnp.ones(()) if fits[-1].noise is None else fits[-1].noise
-    unit = noise * (noise if isinstance(penalty, Ridge) or not convex else noise / size)
-    data, start = ((values / size).astype(dtype) for values in (data, start))
-    if weight is not None:
-        weight = (weight * unit).astype(dtype)
-    if fits[-1].noise is not None:
-        level = (noise / size).astype(dtype)
-        fits = [eqx.tree_at(lambda fit: fit.noise, fit, level) for fit in fits]
-    if unrolled:
-        answer = _unrolled(fits[-1], data, penalty, weight, start, count)
-    else:
-        answer = _fitted(fits, data, penalty, weight, start, stop, count, progress)
-    parts = answer.image * size.astype(dtype), answer.weight / unit
-    return eqx.tree_at(lambda answer: (answer.image, answer.weight), answer, parts)
-
-
-def _fitted(
-    fits: list[DataFit],
+def _found(
+    fit: DataFit,
     data: Float[Array, "stack *data"],
     penalty: Any,
     weight: Float[Array, ""] | None,
@@ -243,56 +197,27 @@ def _fitted(
     max_steps: int,
     progress: bool,
 ) -> ModelBased:
-    """From level to level, with derivatives on the last one."""
-    fit, space = fits[-1], start.shape[1:]
+    """One image, or the images of one joint stack, with derivatives."""
     scale = _scale(fit, data)
-    if weight is not None and _quadratic(penalty, fit.nonnegative, weight):
+    if isinstance(penalty, Ridge | NoPenalty) and not fit.nonnegative and weight is not None:
         most = jnp.asarray(max_steps)  # another number needs no other program
         state = _conjugate_gradients(fit, data, penalty, weight, start, scale, tolerance, most)
         answer = _report(fit, data, penalty, scale, weight, state, tolerance)
         none = jnp.full(max_steps, jnp.nan, data.dtype)
         return eqx.tree_at(lambda answer: answer.history, answer, none)
-    if fits[1:]:
-        start = jnp.zeros((len(data), *fits[0].support.shape), data.dtype)
-
-    def solved_on(level: DataFit, start: Array) -> State:
-        shape = level.support.shape
-        here = scale if level is fit else _scale(level, data)
-        at = None if weight is None else weight_on(shape, space, penalty, weight)
-        state = _started(level, penalty, between_nodes(start, shape), here, at, max_steps)
-        advance = partial(_advance, level, data, penalty, here, at is None)
-        return _until(advance, state, tolerance, max_steps, progress)
-
-    for level in fits[:-1]:
-        start = solved_on(level, start).image
-    state = solved_on(fit, start)
-    require_numbers(penalty, state.gap, state.step)
+    state = _started(fit, penalty, start, scale, weight, max_steps)
+    follows = fit, data, penalty, scale, weight is None
+    with tqdm(total=max_steps, unit="step", disable=not progress) as bar:
+        if progress and is_concrete(data, start):
+            for until in range(_AT_A_TIME, max_steps, _AT_A_TIME):
+                state = _advance(*follows, state, tolerance, jnp.asarray(until))
+                bar.set_postfix(change=f"{float(state.change):.1e}")
+                bar.update(int(state.step) - bar.n)
+                if float(state.change) <= tolerance:
+                    break
+        state = _advance(*follows, state, tolerance, jnp.asarray(max_steps))
+    require_numbers(penalty, state.change, state.step)
     return _report(fit, data, penalty, scale, weight, state, tolerance)
-
-
-def _until(
-    advance: Callable[[State, Array, Array], State],
-    state: State,
-    tolerance: Array,
-    max_steps: int,
-    progress: bool,
-) -> State:
-    """Steps on one grid; the bar counts how much of the way, in orders of magnitude, is gone."""
-    if not (progress and is_concrete(state.image)):
-        return advance(state, tolerance, jnp.asarray(max_steps))
-    level = " x ".join(map(str, state.image.shape[1:]))
-    with tqdm(total=100, desc=level, bar_format=_BAR) as bar:
-        begun = None
-        for until in (*range(_AT_A_TIME, max_steps, _AT_A_TIME), max_steps):
-            state = advance(state, tolerance, jnp.asarray(until))
-            gap, goal = float(state.gap), float(tolerance)
-            begun = max(gap, 2 * goal) if begun is None else begun
-            gone = 100 if gap <= goal else np.log(begun / gap) / np.log(begun / goal) * 100
-            bar.set_postfix(step=int(state.step), gap=f"{gap:.1e}")
-            bar.update(max(0, int(gone) - bar.n))
-            if gap <= goal:
-                break
-    return state
 
 
 @eqx.filter_jit
@@ -320,14 +245,14 @@ def _advance(
     tolerance: Array,
     until: Array,
 ) -> State:
-    """Steps until the gap is small or their number is reached.
+    """Steps until the change is small or their number is reached.
 
     Without derivatives: loops with an unknown number of steps have none in reverse mode.
     """
     fit, data, penalty, scale, state = constants((fit, data, penalty, scale, state))
 
     def unfinished(state: State) -> Array:
-        return (state.gap > tolerance) & (state.step < until)
+        return (state.change > tolerance) & (state.step < until)
 
     def advance(state: State) -> State:
         return step(fit, data, penalty, scale, find_weight, state)
@@ -359,9 +284,9 @@ def _conjugate_gradients(
     start = fit.allowed(start)
     wanted = fit.transposed(data) / scale.square - normal(start)
     found = lx.linear_solve(operator, wanted, RelativeCG(tolerance, max_steps), throw=False)
-    gap = jnp.where(found.result == lx.RESULTS.successful, 0.0, jnp.inf).astype(data.dtype)
+    change = jnp.where(found.result == lx.RESULTS.successful, 0.0, jnp.inf).astype(data.dtype)
     state = first(fit, penalty, start + found.value, scale, weight, 0)
-    return state._replace(step=jnp.asarray(found.stats["num_steps"]), gap=gap)
+    return state._replace(step=jnp.asarray(found.stats["num_steps"]), change=change)
 
 
 @eqx.filter_jit
@@ -393,13 +318,11 @@ def _report(
     """The image with derivatives, at a fixed weight."""
     used = jax.lax.stop_gradient(state.weight) if weight is None else weight
     image = with_derivatives(Problem(fit, data, penalty, used, scale), state.image)
-    return _answer(fit, data, image, state._replace(weight=used), state.gap <= tolerance)
+    return _answer(fit, data, image, state._replace(weight=used), state.change <= tolerance)
 
 
 def _answer(fit: DataFit, data: Array, image: Array, state: State, converged: Array) -> ModelBased:
     size = jnp.sum(data**2)
     left = jnp.sum((fit.modelled(image) - data) ** 2)
     residual = root(left / jnp.where(size > 0, size, 1.0))
-    return ModelBased(
-        image, state.weight, state.step, residual, state.gap, converged, state.history
-    )
+    return ModelBased(image, state.weight, state.step, residual, converged, state.history)

@@ -19,18 +19,16 @@ from ..special import root
 class Penalty(eqx.Module):
     """P(f), of images (..., x1, x2) or volumes (..., x1, x2, x3).
 
-    P is a sum of norms of D f: a subclass has ``parts``, the linear map D, ``bound``, a number
-    >= ||D||², and ``order``, of the differences in D.
+    P is a sum of norms of D f: a subclass has ``parts``, the linear map D, and ``bound``, a number
+    >= ||D||².
 
     Attributes:
         smoothing: delta, as a fraction of the image's size (`model_based` says which).
         joint: whether the images of a stack share their edges: |.| goes over all of them.
         needs_floor: of a kind; whether a weight that is found must not fall with the noise.
-        order: of a kind, of its differences.
     """
 
     needs_floor: ClassVar[bool] = True
-    order: ClassVar[int] = 1
     smoothing: Float[Array, ""] = eqx.field(
         converter=lambda value: real_array("smoothing", value, ()), default=1e-3, kw_only=True
     )
@@ -58,12 +56,6 @@ class Penalty(eqx.Module):
         sizes = self.sizes(self.parts(images))
         below = sizes**2 / (2 * delta) + delta / 2
         return jnp.sum(jnp.where(sizes > delta, sizes, below))
-
-    def conjugate(
-        self, dual: Float[Array, "parts stack *space"], delta: Float[Array, ""] | float
-    ) -> Float[Array, ""]:
-        """P*(D^T p) or more: the largest <p, D f> - P(f), for |p_i| <= 1."""
-        return jnp.sum(delta / 2 * (self.sizes(dual) ** 2 - 1))
 
 
 class TotalVariation(Penalty):
@@ -97,7 +89,6 @@ class SecondOrderVariation(Penalty):
     """
 
     needs_floor: ClassVar[bool] = False
-    order: ClassVar[int] = 2
 
     def parts(self, images: Array) -> Array:
         axes = range(1, images.ndim)
@@ -120,13 +111,9 @@ class Ridge(eqx.Module):
     Source: Hoerl and Kennard, Technometrics 12 (1970) 55-67.
     """
 
-    order: ClassVar[int] = 0
-
 
 class NoPenalty(eqx.Module):
     """P(f) = 0: the data alone, with f >= 0 if asked."""
-
-    order: ClassVar[int] = 0
 
 
 def _forward(images: Array, axis: int) -> Array:

@@ -53,14 +53,14 @@ def balanced_weight(
     """
     stack = images.shape[0]
     square = jnp.sum(misfit**2) / (stack * fit.n_data)
-    if fit.noise is not None:
-        square = jnp.maximum(square, fit.noise**2)
+    if fit.white:
+        square = jnp.maximum(square, 1.0)
     tau = jnp.sqrt(square / scale.square)
     n = stack * fit.n_pixels
     if isinstance(penalty, Penalty):
         size = penalty.value(images, penalty.smoothing * scale.image)
         weight = square * n / (size + n * SPREAD * tau)
-        if not (penalty.needs_floor and fit.noise is not None):
+        if not (penalty.needs_floor and fit.white):
             return weight
         d = fit.support.ndim
         least = jnp.minimum(FLOOR[d] * tau, scale.image / FINEST[d])

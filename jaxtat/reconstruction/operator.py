@@ -87,13 +87,6 @@ class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
             kept=self.integrals.kept,
         )
 
-    def followed_by(self, matrix: Float[Array, "samples radii"]) -> "ForwardOperator":
-        """From images to what a matrix makes of the integrals over radii, in one product less."""
-        series = self.integrals.series @ matrix.T.astype(self.dtype)
-        integrals = eqx.tree_at(lambda integrals: integrals.series, self.integrals, series)
-        shape = (*self.data_shape[:-1], matrix.shape[0])
-        return ForwardOperator(integrals, self.sizes, self.image_shape, shape)
-
     def mv(self, vector: Numbers) -> Array:
         return self(vector)
 
@@ -130,12 +123,7 @@ class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
 
 
 def forward_operator(
-    setup: Setup,
-    *,
-    low_pass: LowPass | None = None,
-    dtype: Any = None,
-    tolerance: Any = None,
-    grid: Any = None,
+    setup: Setup, *, low_pass: LowPass | None = None, dtype: Any = None, tolerance: Any = None
 ) -> ForwardOperator:
     """A f = g, g(z, r) = ∫_{|x - z| = r} f over circles or spheres, without quadrature.
 
@@ -157,7 +145,6 @@ def forward_operator(
         dtype: float64, or float32 for images, data and all that is kept: half the memory and errors
             of 1e-5. Once it is made it works with 64-bit arithmetic off too, if its waves are kept.
         tolerance: relative error of the non-uniform FFTs; 1e-9, in space 1e-7, in float32 1e-5.
-        grid: coarser nodes over the same square or box than the setup's, by default those.
 
     Returns:
         ForwardOperator, a `lineax.AbstractLinearOperator`.
@@ -183,19 +170,17 @@ def forward_operator(
     tolerance = float(tolerance)
     if not 1e-14 <= tolerance <= 0.1:
         raise ValueError(f"tolerance is {tolerance}, expected 1e-14 to 0.1.")
-    sizes, grid = setup.sizes.operator, setup.grid if grid is None else grid
-    if grid.shape != setup.grid.shape:  # by numbers of nodes alone, which are static
-        steps = zip(grid.shape, setup.grid.shape, strict=True)
-        share = min((coarse - 1) / (fine - 1) for coarse, fine in steps)
-        sizes = sizes.first(max(1, int(share * sizes.n_frequencies)))
+    sizes = setup.sizes.operator
     eta = None
     if low_pass is not None:
         relative = sizes.frequencies / sizes.frequencies[-1]
         eta = low_pass_at(low_pass, jnp.asarray(relative))
-    integrals = setup.kind.fast_integrals(setup.curve, grid, setup.radii, sizes, eta, tolerance)
+    integrals = setup.kind.fast_integrals(
+        setup.curve, setup.grid, setup.radii, sizes, eta, tolerance
+    )
     if chosen == np.float32:
         integrals = _in_single_precision(integrals)
-    return ForwardOperator(integrals, sizes, grid.shape, setup.data_shape)
+    return ForwardOperator(integrals, sizes, setup.grid.shape, setup.data_shape)
 
 
 def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:

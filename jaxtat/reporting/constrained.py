@@ -47,9 +47,7 @@ def in_words(constrained: Constrained) -> str:
         )
     else:
         text += "The data favour the direct image: the constraints are too strong, or wrong."
-    if constrained.converged:
-        return text
-    return f"{text} The iterations did not converge: the level of wide parts is uncertain."
+    return text if constrained.converged else f"{text} The iterations did not converge."
 
 
 def limits_of(*images: Numbers) -> tuple[float, float]:

@@ -234,9 +234,7 @@ def _solved(setup: Setup, choices: Choices, worst: float) -> str:
 def _fitted(found: ModelBased) -> str:
     """Text about a fit; of several frames the worst values."""
     steps, residual = int(np.max(found.steps)), float(np.max(found.residual))
-    ended = (
-        "" if np.all(found.converged) else ", not converged: the level of wide parts is uncertain"
-    )
+    ended = "" if np.all(found.converged) else ", not converged"
     return (
         f"{steps} steps{ended}, weight {float(np.max(found.weight)):.2e}; "
         f"{100 * residual:.0f} % of the record is not explained"
