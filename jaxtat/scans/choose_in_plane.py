@@ -151,8 +151,9 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     # whatever model and dead time are: sound is judged, not what the laser does to the amplifiers
     power = record_power(whole[:, fired:], times[fired:], detrend=True)
     begin = max(begin, artefact_end(power, middle))
-    sounding = RecordPower(*sound.power).after(begin)
-    _say_contradiction(facts, found, good, whole[good][:, times >= begin], sounding, speed)
+    record, times = whole[good][:, times >= begin], times[times >= begin]
+    sounding = sound_after(begin, record, times, middle).power
+    _say_contradiction(facts, found, good, record, sounding, speed)
 
 
 def _say_contradiction(

@@ -79,7 +79,7 @@ def test_records_are_those_of_another_code(data_file):
     radii = jnp.arange(1, 2 * 257) / 256
     grid = jaxtat.ImageGrid(257)
     sizes = circle_sizes(curve, grid)
-    g = circle_integrals(curve, grid, radii, sizes, None, 1e-9)(truth[None])[0]
+    g = circle_integrals(curve, grid, radii, sizes, None, 1e-9)(jnp.asarray(truth[None], float))[0]
     record = circular_integrals_to_pressure(g, radii, np.linspace(0, 6, theirs.shape[1]))
     assert np.linalg.norm(record - theirs) < 0.01 * np.linalg.norm(theirs)
 

@@ -15,7 +15,7 @@ BELL = Bells([[0.4, 0.0, -0.2]], [0.55])
 WIDE = 0.3  # of a ball of radius 1
 
 
-def scattered(element_radius, n=120):
+def scattered(element_radius, n=140):
     """Points in several distances on a spiral around the ball, each with its own size if given."""
     height = np.linspace(-0.99, 0.99, n)
     turn, ring = 2.4 * np.arange(n), np.sqrt(1 - height**2)

@@ -29,7 +29,7 @@ def bells(radius):
 
 def error(curve, phantom):
     g = phantom.circular_integrals(curve, RADII)
-    image = reconstruct(Setup(curve, DISK, GRID, RADII, __n_groups=1), g)
+    image = reconstruct(Setup(curve, DISK, GRID, RADII, _n_groups=1), g)
     exact = np.asarray(phantom.image(GRID))
     off = np.abs(np.asarray(image) - exact)[np.asarray(DISK.contains(GRID.points))]
     return off.max() / exact.max()
