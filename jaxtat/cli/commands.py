@@ -177,14 +177,15 @@ def report(options: argparse.Namespace) -> None:
 
 def stream(options: argparse.Namespace) -> None:
     """``jaxtat stream``."""
+    import numpy as np
+
     from ..streams import live
     from ..streams import stream as run_stream
-    from .option_checks import type_of
     from .streaming import frames_from, sink_at
 
     start = time.perf_counter()
     scan, choices, plan, options = _prepared(options, start)
-    dtype = scan.data.dtype if options.type is None else type_of(options.type)
+    dtype = scan.data.dtype if options.type is None else np.dtype(options.type)
     to_images = live(scan, choices, plan=plan)
     shape = (scan.n_detectors, scan.n_samples)
     frames = frames_from(options.source, shape, dtype, options.follow)

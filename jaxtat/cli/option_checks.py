@@ -6,8 +6,6 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ..base.atomic import require_new, require_place
 from ..base.choice_table import (
     NOT_NEGATIVE,
@@ -228,18 +226,19 @@ def _require_source(options: argparse.Namespace) -> None:
     if options.source != "-" and not (path.is_file() or path.is_dir()):
         raise FileNotFoundError(f"there is no file or folder {path} to take frames from.")
     if options.type is not None:
-        type_of(options.type)
+        _require_real_type(options.type)
 
 
-def type_of(name: str) -> np.dtype:
-    """The NumPy type of the numbers in frames."""
+def _require_real_type(name: str) -> None:
+    """Raise ValueError for what is no NumPy type of real numbers; only this waits for NumPy."""
+    import numpy as np
+
     try:
-        dtype = np.dtype(name)
+        kind = np.dtype(name).kind
     except TypeError:
-        dtype = np.dtype(object)
-    if dtype.kind not in "uif":
+        kind = ""
+    if kind not in ("u", "i", "f"):
         raise ValueError(f"--type {name}: expected a type of real numbers, such as uint16.")
-    return dtype
 
 
 def _refuse(options: argparse.Namespace, names: tuple[str, ...], by: str, what: str) -> None:
