@@ -33,6 +33,15 @@ def one_line(before: str, reason: str, after: str = "") -> str:
     return before + (reason if len(reason) <= room else f"{reason[: room - 3]}...") + after
 
 
+def reason_of(error: Exception) -> str:
+    """The text of an error without the number that Python puts before those of the system.
+
+    >>> reason_of(OSError(28, "cannot write a.h5: No space left on device"))
+    'cannot write a.h5: No space left on device'
+    """
+    return _in_one_line(str(error).removeprefix(f"[Errno {getattr(error, 'errno', None)}] "))
+
+
 def _in_one_line(text: str) -> str:
     """Text without line breaks and control characters of terminals."""
     return " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())

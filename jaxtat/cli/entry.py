@@ -6,6 +6,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 
+from ..base.messages import reason_of
 from .option_checks import require_options
 from .parser import build_parser
 
@@ -28,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is still held
         return NO_READER
     except (ValueError, OSError) as error:
-        print(f"jaxtat: error: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"jaxtat: error: {reason_of(error)}", file=sys.stderr)
         return BAD_INPUT
     except (MemoryError, RuntimeError) as error:
         if not _is_of_memory(error):

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.messages import one_line
+from ..base.messages import one_line, reason_of
 from .images import Live
 from .sinks import Sink
 from .sources import FrameQueue
@@ -84,7 +84,7 @@ def stream(
                         sink.write(number, image)
                         written += 1
         except (ValueError, OSError) as error:
-            ended = str(error)
+            ended = reason_of(error)
         finally:
             waiting.stop()
             sink.close()
