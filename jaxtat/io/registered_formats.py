@@ -6,7 +6,7 @@ An entry point is a module, or any object, with two functions: ``recognise(path)
 
 from collections.abc import Callable
 from functools import partial
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +31,13 @@ def registered_reader(path: Path) -> Callable[[Kind | None], Scan] | None:
     return None
 
 
-def _named(entry: EntryPoint) -> str:
+# an entry is of importlib_metadata, not of Python, once some other package has imported that
+def _named(entry: Any) -> str:
     package = entry.dist.name if entry.dist else "an unknown package"
     return f"the format {entry.name!r} of {package}"
 
 
-def _read(entry: EntryPoint, form: Any, path: Path, kind: Kind | None) -> Scan:
+def _read(entry: Any, form: Any, path: Path, kind: Kind | None) -> Scan:
     with refusing(f"{_named(entry)}: "):
         scan = form.read(path)
         if not isinstance(scan, Scan):

@@ -46,7 +46,7 @@ def lab_file(tmp_path):
 
 
 def test_the_format_of_the_page_is_read(register, lab_file, tmp_path, capsys):
-    with pytest.raises(ValueError, match=r"scan\.lab: expected a name ending in \.npz"):
+    with pytest.raises(ValueError, match=r"scan\.lab: it begins as none of the formats"):
         load_scan(lab_file)
     register(MODULE)
     scan = load_scan(lab_file)
@@ -58,6 +58,13 @@ def test_the_format_of_the_page_is_read(register, lab_file, tmp_path, capsys):
     assert load_scan(tmp_path / "own.npz").about["format"] == "NumPy archive"
     with pytest.raises(ValueError, match="holds pressure, and circular_integrals was wanted"):
         load_scan(lab_file, kind="circular_integrals")
+
+
+def test_entry_points_of_another_package_are_those_of_python(register, lab_file):
+    """Once importlib_metadata is imported, Python's own function returns that package's."""
+    pytest.importorskip("importlib_metadata")
+    register(MODULE)
+    assert np.array_equal(load_scan(lab_file).data, RECORD)
 
 
 @pytest.mark.parametrize(
