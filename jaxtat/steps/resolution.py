@@ -133,7 +133,7 @@ def _unsampled_waves(radii: np.ndarray, highest: float) -> str:
 def _too_few_radii(radii: np.ndarray, highest: float, pixel: float) -> str:
     """In words, that not the pixels bound the detail but radii much farther apart; "" if not."""
     step = float(np.diff(radii).max())
-    if step <= _COARSE * pixel or highest * step < _BOUNDED * np.pi:
+    if step <= (1 + 1e-6) * _COARSE * pixel or highest * step < _BOUNDED * np.pi:
         return ""
     n_wanted = int(np.ceil(np.ptp(radii) / pixel - 1e-6)) + 1
     return (
