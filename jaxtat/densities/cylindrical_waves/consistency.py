@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...regularization import spectrum, tikhonov_solution
-from .normal_equations import moments, normal_equations, summed_over_detectors
+from .normal_equations import moments, summed_over_detectors, symmetric_equations
 from .polar import PolarGeometry
 from .table import WaveTable, circle_gram, detector_matrix, wave_table, with_matrix
 
@@ -75,7 +75,7 @@ def unexplained(
     def at(given: tuple[WaveTable, Array, Array]) -> tuple[Array, Array]:
         wave, data, sums = given
         wave = with_matrix(geometry, wave)
-        equations = normal_equations(geometry, wave, waves.gram)
+        equations = symmetric_equations(geometry, wave, waves.gram)
         absolute = alpha * equations.unit
         rhs = equations.rhs(moments(geometry, wave, sums[None]))
         y = tikhonov_solution(equations.matrix, absolute, rhs)[0][..., 0]
@@ -110,7 +110,7 @@ def unexplained_share(
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
         wave = with_matrix(geometry, wave)
-        equations = normal_equations(geometry, wave, waves.gram)
+        equations = symmetric_equations(geometry, wave, waves.gram)
         rhs = equations.rhs(moments(geometry, wave, sums))
         y, _ = tikhonov_solution(equations.matrix, alpha * equations.unit, rhs)
         return jnp.maximum(1 - jnp.sum(rhs * y, axis=(0, 1)) / power, jnp.finfo(power.dtype).eps)
@@ -149,7 +149,7 @@ def cross_validation(
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
         wave = with_matrix(geometry, wave)
-        equations = normal_equations(geometry, wave, waves.gram)
+        equations = symmetric_equations(geometry, wave, waves.gram)
         absolute = alphas * equations.unit
         eigenvalues, vectors = spectrum(equations.matrix)
         seen = eigenvalues.ravel()[:, None]

@@ -67,7 +67,7 @@ class NormalEquations(eqx.Module):
         return self.factor.transposed_times(jnp.moveaxis(y, -1, 0))
 
 
-def normal_equations(
+def symmetric_equations(
     geometry: PolarGeometry, wave: WaveTable, gram: Float[Array, "blocks r r"] | None
 ) -> NormalEquations:
     """A A^T of one frequency.

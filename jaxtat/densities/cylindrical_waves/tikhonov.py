@@ -28,8 +28,8 @@ from .cut_disks import CutDisk, cut_disk
 from .normal_equations import (
     NormalEquations,
     moments,
-    normal_equations,
     summed_over_detectors,
+    symmetric_equations,
     unsymmetric_equations,
 )
 from .polar import PolarGeometry
@@ -111,7 +111,7 @@ def solve_harmonics(
         wave = with_matrix(geometry, wave.up_to(orders))
         gram = None if tables.detectors is None else cut_gram(geometry, tables.detectors, orders)
         if symmetric:
-            equations = normal_equations(geometry, wave, gram)
+            equations = symmetric_equations(geometry, wave, gram)
         else:
             shared = None if tables.region is None else tables.region.up_to(orders)
             equations = unsymmetric_equations(geometry, wave, gram, shared)
