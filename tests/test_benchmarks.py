@@ -3,6 +3,7 @@
 import importlib
 import json
 import math
+import sys
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,9 @@ ROOT = Path(__file__).resolve().parents[1]
 def module(monkeypatch):
     """A module of benchmarks/, by name."""
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    return importlib.import_module
+    yield importlib.import_module
+    for name in ("history", "report"):  # other folders of benchmarks have files of these names
+        sys.modules.pop(name, None)
 
 
 def results(date, seconds):

@@ -47,9 +47,9 @@ def tikhonov_solution(
         matrix, alpha, rhs: M, alpha and b.
         symmetric: whether M is, as A A^T; if not, by an LU factorisation.
 
-    >>> y, (left, size) = tikhonov_solution(jnp.eye(2)[None], jnp.array(1.0), jnp.ones((1, 2, 3)))
+    >>> y, (left, size) = tikhonov_solution(jnp.eye(2)[None], jnp.array(3.0), jnp.ones((1, 2, 3)))
     >>> y[0, 0].tolist(), size.tolist(), bool(left.max() < 1e-30)
-    ([0.5, 0.5, 0.5], [2.0, 2.0, 2.0], True)
+    ([0.25, 0.25, 0.25], [2.0, 2.0, 2.0], True)
     """
     shifted = matrix + alpha * jnp.eye(matrix.shape[-1])
     y = (cholesky_solve if symmetric else lu_solve)(shifted, rhs)

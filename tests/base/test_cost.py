@@ -43,7 +43,7 @@ def test_images_that_do_not_fit_are_refused_at_the_entry(monkeypatch, arc, given
 
 
 @pytest.mark.parametrize(
-    ("work", "room"), [("direct", 0.016), ("harmonic", 0.02), ("collocation", 0.05)]
+    ("work", "room"), [("direct", 0.016), ("cylindrical", 0.02), ("collocation", 0.05)]
 )
 def test_systems_that_do_not_fit_are_refused_with_the_frequency_that_does(monkeypatch, work, room):
     """Few pixels, but waves beyond the memory; with what is named the same problem is accepted."""

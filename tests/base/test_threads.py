@@ -60,7 +60,7 @@ def test_solutions_and_plans_take_one(arc, monkeypatch):
         return call
 
     monkeypatch.setattr(direct, "images_of", watched(direct.images_of))
-    monkeypatch.setitem(plan._BUILD, "harmonic", watched(plan._BUILD["harmonic"]))
+    monkeypatch.setitem(plan._BUILD, "cylindrical", watched(plan._BUILD["cylindrical"]))
     solve(arc, np.ones(arc.data_shape), 1e-3)
     build_plan(arc)
     assert seen == [{1}, {1}]

@@ -241,9 +241,14 @@ def test_groups_of_different_lengths_and_more_than_ten_come_back_in_order(plans,
     ]
     report = jax.tree.unflatten(jax.tree.structure(plan.report), repeated)
     larger = eqx.tree_at(
-        lambda p: (p.densities, p.report, p.setup.sizes),
+        lambda p: (p.densities, p.report, p.setup.sizes, p.kernels),
         plan,
-        (grown, report, replace(plan.setup.sizes, n_frequencies=12, groups=((0, 12, 8),))),
+        (
+            grown,
+            report,
+            replace(plan.setup.sizes, n_frequencies=12, groups=((0, 12, 8),)),
+            jnp.tile(plan.kernels, (4, 1, 1)),
+        ),
     )
     save_plan(larger, tmp_path / "plan.h5")
     assert differences(load_plan(tmp_path / "plan.h5"), larger) == []
@@ -640,10 +645,9 @@ def test_one_array_under_two_names_is_refused(files, tmp_path):
 @pytest.mark.parametrize(
     ("value", "reason"),
     [
-        (np.ones(3, "f4"), "arrays of different precision"),
+        (np.ones(5, "f4"), "arrays of different precision"),
         (np.ones(3, int), "radii of shape"),
         (["a" * 1000] * 3, "setup.radii has dtype"),
-        (np.ones(0), "no frequencies, directions or radii"),
         (h5py.Empty("f8"), "has no numbers of its own"),
     ],
 )
@@ -653,6 +657,17 @@ def test_arrays_of_another_type_are_refused(files, tmp_path, value, reason):
         arrays["setup.radii"] = value
 
     require_refused(altered(files["series"], tmp_path / "a.h5", change), reason)
+
+
+def test_a_plan_without_radii_is_refused(files, tmp_path):
+    def change(tree, arrays):
+        for name in ("setup.radii", "totals", "kernels"):
+            none = arrays[name][..., :0]
+            del arrays[name]
+            arrays[name] = none
+
+    path = altered(files["series"], tmp_path / "a.h5", change)
+    require_refused(path, "no frequencies, directions or radii")
 
 
 @pytest.mark.parametrize("text", ["", "[5, 5", "[" * 9000, "[]", "7", '{"fields": {}}', "NaN"])
