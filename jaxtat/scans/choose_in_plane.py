@@ -34,7 +34,7 @@ from ..records.signal_power import (
     tail_share,
     totals,
 )
-from ..steps import AccuracyWarning
+from ..steps import AccuracyWarning, TooFewDetectors
 from .choices import IN_SPACE, Choices, plane_region
 from .contradictions import contradiction
 from .facts import (
@@ -75,6 +75,7 @@ PIXELS = (65, 1025)
 FITTED = 513  # pixels at most where there is no formula: half a minute's work
 SAMPLED = 0.5  # share of the region's radius, within which the detectors sample all that is wanted
 PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
+FEWEST_DETAILS = 8  # across a region, below which an image hardly shows anything
 DRIFT = 5.0  # periods within the record; what is slower is drift
 CUT_OFF = 5e-3  # share of samples with the highest or lowest value, which waves hardly reach
 FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
@@ -299,11 +300,28 @@ def _resolution(
     require_middle(support, speed_at_least)
     if support.ends_early:
         found.expect(support.shortfalls[0])
+    of_detectors = float(support.frequency_of_detectors) / SAMPLED
+    _warn_of_few_details(found, len(where[0].points), of_detectors)
     _frequency_and_pixels(
         found,
-        Limit(float(support.frequency_of_detectors) / SAMPLED, SPACING, SURE),
+        Limit(of_detectors, SPACING, SURE),
         Limit(2 * np.pi * highest / speed, "what the record holds above its noise", LIKELY),
     )
+
+
+def _warn_of_few_details(found: Found, n_detectors: int, highest: float) -> None:
+    """Say that so few detectors show hardly anything of the region."""
+    detail, size = np.pi / highest, 2 * float(found.values["region_radius"])
+    if detail * FEWEST_DETAILS > size:
+        length = found.values["units"].of_length
+        needed = int(np.ceil(n_detectors * detail * FEWEST_DETAILS / size))
+        warnings.warn(
+            f"{n_detectors} detectors show details of {length(detail, 3)} at best, and the region "
+            f"is {length(size, 3)} across: too few for an image. About {needed} are needed for "
+            f"{FEWEST_DETAILS} details across it.",
+            TooFewDetectors,
+            stacklevel=6,
+        )
 
 
 def _frequency_and_pixels(found: Found, *limits: Limit) -> None:

@@ -12,6 +12,7 @@ from jaxtat.io import Scan
 from jaxtat.io.frames import LazyFrames
 from jaxtat.records import circular_integrals_to_pressure
 from jaxtat.scans import choose, describe, estimate_sound_speed, with_facts
+from jaxtat.steps import TooFewDetectors
 
 REACH = max(np.hypot(*c) + r for c, r in zip(BELLS["centers"], BELLS["radii"], strict=True))
 
@@ -241,6 +242,20 @@ def test_the_chord_of_a_short_arc_does_not_cut_off_the_middle(pressure, degrees)
     chosen = choose(Scan("pressure", loud, known))
     assert chosen.grade("region_radius") == "guessed"
     assert chosen.region_cut == chosen.region_radius > 0.6 * RADIUS
+
+
+def test_detectors_too_few_for_an_image_are_said_so(pressure):
+    """Five of them show three details across the region; so many as are asked for suffice."""
+
+    def chosen_from(step):
+        known = {"detectors": positions()[::step], "times": TIMES, "sound_speed": SPEED}
+        return choose(Scan("pressure", pressure[::step], known), region_radius=0.011)
+
+    with pytest.warns(TooFewDetectors, match=r"5 detectors show .* too few .* About (\d+)") as said:
+        chosen_from(N // 5)
+    needed = int(re.search(r"About (\d+)", str(said[0].message))[1])
+    assert 5 < needed < 45
+    chosen_from(2)
 
 
 def test_what_sounds_beyond_the_ends_of_the_arc_is_shown():
