@@ -9,13 +9,14 @@ one file itself). That one has limits of memory and time, and hands back plain t
 import json
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
+from .answers import Answer, Stored
+from .formats import TASKS
 from .limits import refusing
 
 try:
@@ -23,74 +24,12 @@ try:
 except ImportError:  # Windows
     resource = None
 
-PIECE = 2**24  # [byte] of an array that are handed back at once, about
 _LONGEST = 2**26  # [byte] of a message without its numbers
 _WAITING = 20  # times longer than by the processor's clock a disk may take to answer
-
-Box = list[tuple[int, int]]  # first and last + 1 along each axis
-
-
-@dataclass
-class Stored:
-    """An array of a file, read in pieces while it is handed back.
-
-    Attributes:
-        shape, dtype: of all of it, in the order of C.
-        pieces: boxes and their numbers; a box of one axis counts the numbers one after the other.
-        transposed: whether the file has the axes in the reverse order.
-    """
-
-    shape: tuple[int, ...]
-    dtype: np.dtype
-    pieces: Iterator[tuple[Box, np.ndarray]]
-    transposed: bool = False
-
-    @classmethod
-    def of(cls, array: Any) -> "Stored":
-        """An array that is in memory."""
-        array = np.asarray(array)
-        return cls(array.shape, array.dtype, iter([([(0, array.size)], array.reshape(-1))]))
-
-
-@dataclass
-class Frames:
-    """Frames of a recording that are read when they are wanted.
-
-    Attributes:
-        shape: (frames, detectors, samples).
-        dtype: of the numbers.
-        read: from the number of a frame to its numbers, (detectors, samples).
-    """
-
-    shape: tuple[int, int, int]
-    dtype: np.dtype
-    read: Callable[[int], np.ndarray]
-
-    def of(self, numbers: list[int]) -> Stored:
-        whole = [(0, size) for size in self.shape[1:]]
-        pieces = (([(k, k + 1), *whole], self.read(n)) for k, n in enumerate(numbers))
-        return Stored((len(numbers), *self.shape[1:]), self.dtype, pieces)
-
-
-@dataclass
-class Answer:
-    """What a file holds.
-
-    Attributes:
-        about: text, numbers, and lists and dicts of them.
-        arrays: by name.
-        frames: that stay in the file until they are wanted.
-    """
-
-    about: Mapping[str, Any] = field(default_factory=dict)
-    arrays: Mapping[str, Any] = field(default_factory=dict)
-    frames: Frames | None = None
 
 
 def serve() -> None:
     """Read one file after the other, as standard input says, until it ends."""
-    from .formats import TASKS
-
     requests, answers = os.fdopen(os.dup(0), "rb", 0), os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDWR), 1)  # whatever a library prints there
     while (request := receive(requests)) is not None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from .child import Answer
+from .answers import Answer
 from .hdf5 import is_hdf5, open_hdf5
 from .ipasc import is_ipasc, read_ipasc
 from .matlab import is_matlab5, read_matlab5

@@ -16,7 +16,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from .child import PIECE, Box, Frames, Stored
+from .answers import PIECE, Box, Frames, Stored
 from .limits import DEFLATE, require_held
 from .scan import REAL, require_numbers
 

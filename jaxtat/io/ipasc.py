@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from ..base.atomic import replacing
-from .child import Answer
+from .answers import Answer
 from .hdf5 import Hdf5File, creating_hdf5, open_hdf5
 from .scan import Kind, Scan
 from .series import period, rate_of

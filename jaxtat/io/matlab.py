@@ -14,7 +14,7 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from .child import PIECE, Answer, Box, Stored
+from .answers import PIECE, Answer, Box, Stored
 from .named_arrays import chosen_names
 from .scan import Kind
 

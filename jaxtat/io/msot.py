@@ -8,7 +8,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from .child import Answer
+from .answers import Answer
 from .limits import require_held
 from .scan import Kind
 

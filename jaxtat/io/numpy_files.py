@@ -10,7 +10,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.lib import format as npy
 
-from .child import PIECE, Answer, Box, Stored
+from .answers import PIECE, Answer, Box, Stored
 from .named_arrays import chosen_names
 from .scan import Kind, require_real
 

@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 from h5py import h5o  # pyright: ignore[reportAttributeAccessIssue]
 
-from .child import Answer
+from .answers import Answer
 from .hdf5 import Hdf5File, open_hdf5
 from .scan import Kind
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from .child import Answer
+from .answers import Answer
 from .hdf5 import Hdf5File, open_hdf5
 from .named_arrays import NAMES_OF_DATA, chosen_names
 from .scan import Kind
