@@ -58,16 +58,15 @@ def _is_of_memory(error: Exception) -> bool:
 def _run(options: argparse.Namespace) -> None:
     """The command itself; only now is JAX imported, for which help and refusals need not wait."""
     import jax
-    from threadpoolctl import threadpool_limits
 
+    from ..base.threads import one_blas_thread
     from ..geometry import VisibilityWarning
     from ..steps import AccuracyWarning
     from .cache import keep_programs
 
     jax.config.update("jax_enable_x64", True)  # the command is the program: its flag to set
     keep_programs(options.cache, off=options.no_cache)
-    # small matrices: threads of the linear algebra library only get in the way of XLA's
-    with threadpool_limits(1, user_api="blas"), warnings.catch_warnings():
+    with one_blas_thread(), warnings.catch_warnings():
         warnings.simplefilter("always", VisibilityWarning)
         warnings.simplefilter("always", AccuracyWarning)
         warnings.showwarning = _notes()

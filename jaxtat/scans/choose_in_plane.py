@@ -60,7 +60,7 @@ from .found import (
     slowest,
     take_nominal_speed,
 )
-from .hearing import muted_start, noise_floor, sound_after, sound_begins
+from .hearing import muted_start, noise_floor, power_after, sound_after, sound_begins
 from .region_in_plane import (
     center_within,
     circle_without_detectors,
@@ -115,8 +115,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     whole = np.where(np.isfinite(frame), frame, 0.0)
     power = record_power(whole, times, detrend)
     middle = facts.arc.radius / speed if facts.arc else float(times[-1]) / 2
-    fired = int(np.searchsorted(times, 0.0))
-    end = artefact_end(record_power(whole[:, fired:], times[fired:], detrend), middle)
+    end = _artefact_end(whole, times, detrend, middle)
     why = "the artefact at the start has died away" if end else "no artefact at the start"
     dead_time = float(found.take("dead_time", end, why, LIKELY))
     found.take(
@@ -150,11 +149,16 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     _radii(where, facts, found, float(times[-1]) * speed)
     _noise(found, RecordPower(power.times, power.power[good]), arrival, floor)
     # whatever model and dead time are: sound is judged, not what the laser does to the amplifiers
-    power = record_power(whole[:, fired:], times[fired:], detrend=True)
-    begin = max(begin, artefact_end(power, middle))
-    record, times = whole[good][:, times >= begin], times[times >= begin]
-    sounding = sound_after(begin, record, times, middle).power
-    _say_contradiction(facts, found, good, record, sounding, speed)
+    end = end if detrend else _artefact_end(whole, times, True, middle)
+    _say_contradiction(facts, found, good, whole[good], max(begin, end), speed)
+
+
+def _artefact_end(
+    record: Float[np.ndarray, "detectors times"], times: np.ndarray, detrend: bool, middle: float
+) -> float:
+    """`artefact_end` of the record from when the laser fires."""
+    fired = int(np.searchsorted(times, 0.0))
+    return artefact_end(record_power(record[:, fired:], times[fired:], detrend), middle)
 
 
 def _say_contradiction(
@@ -162,10 +166,14 @@ def _say_contradiction(
     found: Found,
     good: np.ndarray,
     record: Float[np.ndarray, "detectors times"],
-    power: RecordPower,
+    begin: float,
     speed: float,
 ) -> None:
     """Warn of a record that the positions contradict; no speed of sound can be estimated of it."""
+    assert facts.times is not None
+    kept = facts.times >= begin
+    record = record[:, kept]
+    power = power_after(begin, record, facts.times[kept], detrend=True)
     points, arc = facts.points[facts.order][good], facts.arc
     center, radius = (np.array(arc.center), arc.radius) if arc else (points.mean(axis=0), None)
     said = contradiction(record, power, points - center, radius, speed)

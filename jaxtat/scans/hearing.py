@@ -70,15 +70,16 @@ def heard_after(
         middle: when sound from the middle arrives [time].
         detrend: without offset, drift and slow tails.
     """
-    return heard(_power_after(begin, record, times, detrend), PAUSE * middle)
+    return heard(power_after(begin, record, times, detrend), PAUSE * middle)
 
 
-def _power_after(
+def power_after(
     begin: float,
     record: Float[np.ndarray, "detectors times"],
     times: Float[np.ndarray, " times"],
     detrend: bool,
 ) -> RecordPower:
+    """Power in short windows after a time; arguments as of `heard_after`."""
     power = record_power(record, times, detrend, FINELY, PIECES)
     return power.after(begin + CLEAR * FINELY * (power.times[1] - power.times[0]))
 
@@ -107,9 +108,9 @@ def sound_after(
     middle: float,
 ) -> Sound:
     """Sound after a time; arguments as of `heard_after`."""
-    power = _power_after(begin, record, times, detrend=True)
+    power = power_after(begin, record, times, detrend=True)
     integral = np.cumsum(record - np.median(record, axis=1, keepdims=True), axis=1)
-    slow = _power_after(begin, integral, times, detrend=True)
+    slow = power_after(begin, integral, times, detrend=True)
     return Sound(power, heard(power, PAUSE * middle), slow, PAUSE * middle)
 
 
