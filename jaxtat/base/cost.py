@@ -87,7 +87,7 @@ def systems_cost(sizes: Systems, plan: str | None = None) -> Cost:
 
     Args:
         sizes: of the problem.
-        plan: None for a reconstruction without densities; "harmonic" or "sampled" by how a plan
+        plan: None for a reconstruction without densities; "cylindrical" or "sampled" by how a plan
             keeps them.
     """
     n_detectors, n_radii, n, n_directions, rows, n_blocks, n_boundary, on_circle = sizes
@@ -103,7 +103,7 @@ def systems_cost(sizes: Systems, plan: str | None = None) -> Cost:
         nbytes += BYTES_PER_RADIUS * n_radii + 8.0 * (3 * n_radii**2 + 6 * n * n_radii)
         nbytes += 8.0 * 6 * n * n_detectors
         seconds *= rows**3 / n_blocks**2
-    elif plan == "harmonic":
+    elif plan == "cylindrical":
         nbytes += 8.0 * n * rows * columns / n_blocks / 2  # fewer orders at low frequencies
         of_group = (rows + rank) * columns / n_blocks + 2.0 * rank * n_directions
         nbytes += 8.0 * 2 * (n / GROUPS) * of_group

@@ -17,7 +17,7 @@ from ..densities.cylindrical_waves import (
     WaveTable,
     circular_harmonics_at,
     polar_geometry,
-    solve_harmonics,
+    solve_cylindrical_waves,
     wave_table,
 )
 from ..geometry import DetectorCurve, ImageGrid, Region
@@ -203,7 +203,7 @@ def _harmonics(
 ) -> tuple[Float[Array, "images frequencies 2 orders"], SolveReport]:
     """The circular harmonics of fhat."""
     transformed = jnp.moveaxis(transformed, 1, 0)
-    return solve_harmonics(geometry, table, groups, transformed, inputs, mesh)
+    return solve_cylindrical_waves(geometry, table, groups, transformed, inputs, mesh)
 
 
 @eqx.filter_jit

@@ -11,9 +11,9 @@ from ..base.checks import Numbers, by_library
 from ..base.cost import Systems, available_memory, most_that_fit, require_room, systems_cost
 from ..densities.cylindrical_waves import (
     frequency_groups,
-    harmonic_orders,
     polar_geometry,
     wave_offset,
+    wave_orders,
     waves_reach,
 )
 from ..forward import CircleSizes, circle_sizes
@@ -119,7 +119,7 @@ def plane_sizes(
         geometry, reached = polar_geometry(curve, region), waves_reach(curve, region)
         systems_fit(curve, region, radii, (frequencies, angles), reached)
         if reached:
-            orders = harmonic_orders(geometry, np.asarray(frequencies))
+            orders = wave_orders(geometry, np.asarray(frequencies))
             groups = tuple(
                 (part.start, part.stop, -(-n // 4) * 4)
                 for part, n in frequency_groups(orders, n_groups)
@@ -154,7 +154,7 @@ def systems_fit(
     region: Region,
     radii: Array,
     polar: tuple[Any, Any],
-    harmonic: bool,
+    cylindrical: bool,
     plan: bool = False,
 ) -> None:
     """Raise ValueError unless the systems of step 1 fit into memory, or the densities of a plan.
@@ -162,11 +162,11 @@ def systems_fit(
     Args:
         curve, region, radii: concrete.
         polar: frequencies and angles.
-        harmonic: in cylindrical waves, or on the boundary.
+        cylindrical: in cylindrical waves, or on the boundary.
         plan: whether densities are kept.
     """
     highest, n_all, n_directions = float(polar[0][-1]), len(polar[0]), len(polar[1])
-    geometry = polar_geometry(curve, region) if harmonic else None
+    geometry = polar_geometry(curve, region) if cylindrical else None
     mirror, disk, on_circle = False, True, False
     if geometry is not None:
         mirror, disk, on_circle = geometry.mirror, geometry.disk, geometry.on_circle
@@ -175,7 +175,7 @@ def systems_fit(
         """Sizes of the systems up to the n-th frequency."""
         rows = region.points.shape[0]
         if geometry is not None:
-            rows = 2 * int(harmonic_orders(geometry, np.array([highest * n / n_all]))[0])
+            rows = 2 * int(wave_orders(geometry, np.array([highest * n / n_all]))[0])
         return Systems(
             n_detectors=curve.n_detectors,
             n_radii=radii.shape[0],
@@ -200,6 +200,6 @@ def systems_fit(
         share = n_radii / radii.shape[0]
         return f"{n_radii} radii would: take pixels {1 / share:.2g} times as large, or more"
 
-    kept, one = ("harmonic" if harmonic else "sampled") if plan else None, sizes(1)
+    kept, one = ("cylindrical" if cylindrical else "sampled") if plan else None, sizes(1)
     what = f"frequencies for {curve.n_detectors} detectors and {radii.shape[0]} radii"
     require_room(lambda n: systems_cost(sizes(max(n, 1)), kept), n_all, what, advice)

@@ -12,9 +12,9 @@ from jaxtat.densities.cylindrical_waves import (
     Kernels,
     RuleInputs,
     circular_harmonics_at,
-    harmonic_orders,
     polar_geometry,
-    solve_harmonics,
+    solve_cylindrical_waves,
+    wave_orders,
     wave_table,
 )
 from jaxtat.regularization import tikhonov_rule
@@ -74,11 +74,11 @@ def test_sources_behind_factors_of_each_order(name):
     errors = []
     for kernels in (Transmitted(), HankelKernels()):
         polar = polar_geometry(curve, region, kernels=kernels)
-        n_max = int(harmonic_orders(polar, FREQUENCIES).max())
+        n_max = int(wave_orders(polar, FREQUENCIES).max())
         table = wave_table(polar, jnp.asarray(FREQUENCIES), n_max)
         inputs = RuleInputs(jnp.ones(2), jnp.ones(2), tikhonov_rule(1e-12, 2))
         solve = jax.jit(
-            lambda data, p=polar, t=table, n=n_max, i=inputs: solve_harmonics(
+            lambda data, p=polar, t=table, n=n_max, i=inputs: solve_cylindrical_waves(
                 p, t, ((0, 2, n),), data, i
             )
         )
