@@ -62,7 +62,7 @@ _EXAMPLES = {
 """,
     "view": """
   jaxtat view scan.hdf5
-      the image in your browser, with knobs for speed of sound, alpha, frame and others
+      the image in your browser, with controls for speed of sound, alpha, frame and others
 """,
     "sample": """
   jaxtat sample scan.npz
