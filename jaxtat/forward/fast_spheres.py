@@ -109,10 +109,10 @@ def sphere_integrals(
 
     >>> from jaxtat.geometry import spherical_cap
     >>> from jaxtat.forward.spherical_sizes import sphere_sizes
-    >>> from jaxtat.phantoms.space import Bells
+    >>> from jaxtat.phantoms.space import SolidBells
     >>> grid, cap, radii = VolumeGrid(17), spherical_cap(1.3, 0.5, 4, 6), jnp.linspace(0.3, 2.3, 9)
     >>> operator = sphere_integrals(cap, grid, radii, sphere_sizes(cap, grid))
-    >>> bell = Bells([[0.0, 0.0, 0.1]], [0.9])
+    >>> bell = SolidBells([[0.0, 0.0, 0.1]], [0.9])
     >>> g = eqx.filter_jit(operator)(bell.volume(grid)[None])[0]
     >>> exact = bell.spherical_integrals(cap, radii)
     >>> bool(abs(g - exact).max() < 1e-3 * exact.max())

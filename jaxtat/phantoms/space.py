@@ -138,12 +138,12 @@ class Balls(SolidPhantom):
         return (j[0] + j[2]) / 3
 
 
-class Bells(SolidPhantom):
+class SolidBells(SolidPhantom):
     """Sum of the paper's C_0^8 bells, in space: f(x) = Σ_m a_m h(|x - c_m| / r_m).
 
     Arguments as for `Balls`; h as in `jaxtat.phantoms.Bells`.
 
-    >>> float(Bells([[0.3, 0.3, 0.0]], [0.55])(jnp.array([0.3, 0.3, 0.0])))
+    >>> float(SolidBells([[0.3, 0.3, 0.0]], [0.55])(jnp.array([0.3, 0.3, 0.0])))
     1.0
     """
 

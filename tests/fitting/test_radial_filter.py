@@ -75,7 +75,7 @@ def small():
     """A few voxels, and the data of a bell."""
     sphere = spherical_cap(1.5, 1.5, 8, 16)
     setup = jaxtat.Setup(sphere, ball(1.0), jaxtat.VolumeGrid(7), max_frequency=5.0)
-    bell = jaxtat.spherical.Bells([[0.1, 0.0, 0.2]], [0.7])
+    bell = jaxtat.spherical.SolidBells([[0.1, 0.0, 0.2]], [0.7])
     return setup, bell.spherical_integrals(sphere, setup.radii)
 
 
@@ -117,7 +117,7 @@ def test_derivatives_are_those_of_differences(small):
 def test_few_steps_find_the_edges_of_a_ball_in_single_precision(cap):
     """In as many steps as the plane needs; without the high-pass it would be about a hundred."""
     balls = jaxtat.spherical.Balls([[0.1, 0.0, 0.2]], [0.5], [1.0])
-    bells = jaxtat.spherical.Bells([[0.1, 0.0, 0.2]], [0.7])
+    bells = jaxtat.spherical.SolidBells([[0.1, 0.0, 0.2]], [0.7])
     for phantom in (balls, bells):
         g = phantom.spherical_integrals(cap.curve, cap.radii)
         noise = jaxtat.phantoms.noise_like(jax.random.key(0), g, 0.02)
