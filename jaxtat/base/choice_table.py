@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from decimal import Decimal
 from typing import Any, NamedTuple
 
-from .names import INVERSIONS, LOW_PASSES, MODELS, PENALTIES
+from .option_values import INVERSIONS, LOW_PASSES, MODELS, PENALTIES
 
 SURE, LIKELY, GUESSED = GRADES = ("sure", "likely", "guessed")
 """Given, in the file, or following from it; what the data show, by a rule; nothing shows it."""

@@ -20,7 +20,7 @@ from ..base.choice_table import (
     require_pixels,
 )
 from ..base.messages import require_file
-from ..base.names import FORMATS, IMAGE_SUFFIXES, STREAM_SUFFIXES
+from ..base.option_values import FORMATS, IMAGE_SUFFIXES, STREAM_SUFFIXES
 from ..base.scanners import scanner_named
 
 MOST_TRIALS = 36  # images on a sheet

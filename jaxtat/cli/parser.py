@@ -12,7 +12,7 @@ from ..base.choice_table import (
     REGION,
     option_of,
 )
-from ..base.names import FORMATS, IMAGE_SUFFIXES
+from ..base.option_values import FORMATS, IMAGE_SUFFIXES
 from ..base.scanners import SCANNERS
 from ..base.units import MILLIMETRES
 from ..version import __version__
@@ -134,7 +134,7 @@ def _add_reconstruct(subparsers) -> None:
     parser = _command(
         subparsers, "reconstruct", commands.reconstruct, "Reconstruct an image from a data file."
     )
-    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.load_scan)")
     parser.add_argument(
         "--out",
         required=True,
@@ -184,7 +184,7 @@ def _add_report(subparsers) -> None:
     parser = _command(
         subparsers, "report", commands.report, "A page about one image, with its diagnostics."
     )
-    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.load_scan)")
     parser.add_argument("--out", required=True, metavar="PAGE", help=".html file to write")
     parser.add_argument(
         "--frame", type=int, default=0, metavar="N", help="of a scan of many (default: the first)"
@@ -205,7 +205,7 @@ def _add_info(subparsers) -> None:
     parser = _command(
         subparsers, "info", commands.info, "What is in a scan file, and what would be chosen."
     )
-    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.load_scan)")
     _add_json(parser, "FILE|-", "write the choices, for programs, here or to standard output")
     _add_choices(parser)
 
@@ -255,7 +255,7 @@ def _add_view(subparsers) -> None:
         commands.view,
         "A scan in the browser, with sliders for its parameters, until Ctrl-C.",
     )
-    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.load_scan)")
     parser.add_argument(
         "--port", type=int, default=0, metavar="N", help="of 127.0.0.1 (default: any that is free)"
     )

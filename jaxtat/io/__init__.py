@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from .ipasc import save_ipasc
     from .plans import load_plan, save_plan
     from .scan import Scan
-    from .scans import load_scan
+    from .scan_files import load_scan
 
 _MODULES = {
     "Scan": "scan",

@@ -16,7 +16,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from .answers import PIECE, Box, Frames, Stored
+from .file_contents import PIECE, Box, Frames, StoredArray
 from .limits import DEFLATE, require_held
 from .scan import REAL, require_numbers
 
@@ -63,10 +63,10 @@ class Hdf5File:
         dataset = self._checked(name)
         return np.asarray(dataset[()], dataset.dtype.newbyteorder("="))
 
-    def stored(self, name: str, kinds: str = REAL) -> Stored:
+    def stored(self, name: str, kinds: str = REAL) -> StoredArray:
         """A dataset of numbers of some kinds (as NumPy calls them), of any size."""
         dataset = self._checked(name, kinds)
-        return Stored(dataset.shape, dataset.dtype, _pieces(dataset))
+        return StoredArray(dataset.shape, dataset.dtype, _pieces(dataset))
 
     def frames(
         self, name: str, shape: tuple[int, int, int], part: Callable[[int], tuple[Any, ...]]

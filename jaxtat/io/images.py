@@ -17,7 +17,7 @@ import numpy as np
 from ..base.atomic import replacing
 from ..base.checks import Numbers, real_array
 from ..base.messages import name_of, require_file
-from ..base.names import IMAGE_SUFFIXES
+from ..base.option_values import IMAGE_SUFFIXES
 from ..base.optional_packages import optional
 from ..base.units import millimetres
 from ..geometry import ImageGrid, VolumeGrid

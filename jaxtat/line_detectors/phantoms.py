@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
-from ..base.methods import compiled
+from ..base.hashable_methods import compiled
 from ..geometry import DetectorCurve, ImageGrid
 from ..phantoms import Phantom, RadialParts
 from ..special import j0

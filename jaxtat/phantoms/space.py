@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..base.checks import Numbers, real_array, require_objects, require_positive
-from ..base.methods import compiled
+from ..base.hashable_methods import compiled
 from ..base.rows import map_rows
 from ..geometry import VolumeGrid
 from ..geometry.caps import Detectors

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, named, real_array, require_magnitude
-from ..base.methods import ComparedByIdentity, compiled
+from ..base.hashable_methods import ComparedByIdentity, compiled
 from ..forward import CircleSizes, SphereSizes
 from ..steps.radon import LowPass, low_pass_at
 from .setup import Setup, require_setup

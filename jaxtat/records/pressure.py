@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
-from ..base.names import MODELS
+from ..base.option_values import MODELS
 from ..special import j0
 
 _WAVES_AT_A_TIME = 256

@@ -3,7 +3,7 @@
 import equinox as eqx
 from jaxtyping import Array, Complex, Float
 
-from ..base.names import INVERSIONS
+from ..base.option_values import INVERSIONS
 from ..geometry import ImageGrid
 from .fbp import filtered_back_projection
 from .fourier_sum import fourier_inversion
@@ -32,7 +32,7 @@ def invert(
 
     Args:
         fhat, frequency_step, angles, grid, center, eta: as in `fourier_inversion`.
-        inversion: one of `names.INVERSIONS`.
+        inversion: one of `option_values.INVERSIONS`.
     """
     if inversion == "fourier":
         return fourier_inversion(fhat, frequency_step, angles, grid, center, eta)

@@ -25,7 +25,7 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from ..base.names import LOW_PASSES
+from ..base.option_values import LOW_PASSES
 from ..geometry import ImageGrid
 from .export import command_line, keep
 from .latest_only_worker import LatestOnlyWorker

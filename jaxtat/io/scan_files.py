@@ -1,4 +1,4 @@
-"""Scans in: from what a file holds to a scan."""
+"""From what a file holds to a scan."""
 
 from pathlib import Path
 from typing import Any

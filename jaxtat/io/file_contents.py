@@ -12,7 +12,7 @@ Box = list[tuple[int, int]]  # first and last + 1 along each axis
 
 
 @dataclass
-class Stored:
+class StoredArray:
     """An array of a file, read in pieces while it is handed back.
 
     Attributes:
@@ -27,7 +27,7 @@ class Stored:
     transposed: bool = False
 
     @classmethod
-    def of(cls, array: Any) -> "Stored":
+    def of(cls, array: Any) -> "StoredArray":
         """An array that is in memory."""
         array = np.asarray(array)
         return cls(array.shape, array.dtype, iter([([(0, array.size)], array.reshape(-1))]))
@@ -47,14 +47,14 @@ class Frames:
     dtype: np.dtype
     read: Callable[[int], np.ndarray]
 
-    def of(self, numbers: list[int]) -> Stored:
+    def of(self, numbers: list[int]) -> StoredArray:
         whole = [(0, size) for size in self.shape[1:]]
         pieces = (([(k, k + 1), *whole], self.read(n)) for k, n in enumerate(numbers))
-        return Stored((len(numbers), *self.shape[1:]), self.dtype, pieces)
+        return StoredArray((len(numbers), *self.shape[1:]), self.dtype, pieces)
 
 
 @dataclass
-class Answer:
+class FileContents:
     """What a file holds.
 
     Attributes:
