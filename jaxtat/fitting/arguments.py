@@ -33,7 +33,6 @@ def data_fit(
     nonnegative: bool,
     noise: Numbers | None,
     mask: Any,
-    everywhere: bool,
     dtype: Any,
 ) -> DataFit:
     """The operators of the fit: forward operator, conditioning of the record, W and C."""
@@ -53,15 +52,12 @@ def data_fit(
     radial = None
     if noise is not None and setup.grid.dimension == 3:
         radial = high_pass(setup.radii, 1 / setup.grid.spacing.max()).astype(operator.dtype)
-    support = jnp.ones(setup.grid.shape, bool)
-    if not everywhere:
-        support = setup.region.contains(setup.grid.points)
     return DataFit(
         operator,
         record,
         whitening.astype(operator.dtype),
         radial,
-        support,
+        setup.region.contains(setup.grid.points),
         bool(nonnegative),
         noise is not None,
     )

@@ -67,7 +67,7 @@ def compare_fits(
     """
     require_setup(setup)
     pressure = None if times is None else (times, sound_speed, model, conditioning)
-    fit = data_fit(setup, pressure, False, noise, mask, False, None)
+    fit = data_fit(setup, pressure, False, noise, mask, None)
     wanted, _, size = checked_data(data, fit)
     fit, wanted = in_units_of(size, fit, wanted)
     if len(wanted) != 1:

@@ -74,7 +74,6 @@ def model_based(
     sound_speed: Numbers = 1.0,
     model: str = "2d",
     conditioning: Callable[[Array], Array] | None = None,
-    everywhere: bool = False,
     initial: Numbers | None = None,
     tolerance: float | None = None,
     max_steps: int = 500,
@@ -115,7 +114,6 @@ def model_based(
         conditioning: what each record went through: a linear function from (detectors, times) to
             (detectors, samples), the same for all detectors, such as
             ``functools.partial(condition_record, times=times, band=band, baseline=False)``.
-        everywhere: f may differ from zero on all of the grid, not only in the region.
         initial: image to start from, like the result; zero by default. From the formula's image it
             takes fewer steps where there is little noise, and more where there is much.
         tolerance: of the change of the image in a step, relative, at which to stop; 1e-4 by
@@ -148,7 +146,7 @@ def model_based(
     if times is None:
         require_pressure(sound_speed, model, conditioning)
     pressure = None if times is None else (times, sound_speed, model, conditioning)
-    fit = data_fit(setup, pressure, nonnegative, noise, mask, everywhere, dtype)
+    fit = data_fit(setup, pressure, nonnegative, noise, mask, dtype)
     data, batch, size = checked_data(data, fit)
     if not isinstance(penalty, Penalty | Ridge | NoPenalty):
         size = jnp.ones_like(size)  # a map of the user's may do as it likes with large images

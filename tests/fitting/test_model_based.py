@@ -350,7 +350,7 @@ def test_what_is_minimised_is_the_formula(few, data):
     from jaxtat.fitting.arguments import checked_data, data_fit
     from jaxtat.fitting.fista import scale_of
 
-    fit = data_fit(few, None, False, 0.5, None, False, None)
+    fit = data_fit(few, None, False, 0.5, None, None)
     whitened, *_ = checked_data(data, fit)
     scale = scale_of(fit, whitened)
     image = jnp.where(few.region.contains(few.grid.points), BELL.image(few.grid), 0.0)

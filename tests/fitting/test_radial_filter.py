@@ -42,7 +42,7 @@ def whole():
 
 def test_data_determine_coarse_and_fine_details_alike(whole):
     """||H A f||² of waves in a bell is c / (|xi|² + λ0²) ||f||² with one c."""
-    fit = data_fit(whole, None, False, 1.0, None, False, None)
+    fit = data_fit(whole, None, False, 1.0, None, None)
     points, cutoff = whole.grid.points, 1 / float(whole.grid.spacing[0])
     bell = jnp.maximum(1 - jnp.sum(points**2, axis=-1) / 0.8**2, 0) ** 2
     frequencies = np.array([10.0, 15.0, 21.0, 30.0])
@@ -63,7 +63,7 @@ def test_the_transpose_holds_it(cap):
     random = np.random.default_rng(2)
     noise = random.uniform(0.5, 2, cap.data_shape)
     mask = random.uniform(size=cap.data_shape) > 0.2
-    fit = data_fit(cap, None, False, noise, mask, False, None)
+    fit = data_fit(cap, None, False, noise, mask, None)
     f, h = jnp.asarray(random.standard_normal((2, 1, *cap.grid.shape)))
     b, d = fit.modelled(f), fit.modelled(h)
     product = (fit.misfit(b + d) - fit.misfit(b - d)) / 4
