@@ -161,13 +161,13 @@ def require_prox(penalty: Any, images: Array, step: Array) -> None:
     if isinstance(penalty, Penalty | Ridge | NoPenalty):
         return
     try:
-        found = jax.eval_shape(penalty, images, step)
+        output = jax.eval_shape(penalty, images, step)
     except jax.errors.JAXTypeError as error:
         raise ValueError(
             "the proximal map cannot be traced: write it in jax.numpy, or call what needs NumPy "
             "by jax.pure_callback."
         ) from error
-    shape = getattr(found, "shape", f"a {type(found).__name__}")
+    shape = getattr(output, "shape", f"a {type(output).__name__}")
     if shape != images.shape:
         raise ValueError(
             f"the proximal map makes {shape} of {images.shape}, expected images of the same shape."

@@ -61,8 +61,8 @@ def compare_fits(
     >>> setup = Setup(circular_arc(1.3, 1.0, 30), disk(1.0), ImageGrid(21), max_frequency=20.0)
     >>> bell = phantoms.Bells([[0.1, 0.2]], [0.7])
     >>> g, image = bell.circular_integrals(setup.curve, setup.radii), bell.image(setup.grid)
-    >>> found = compare_fits(setup, g, image, 2 * image)
-    >>> round(float(found.differ), 6), round(float(found.misfits[1]), 1)
+    >>> fits = compare_fits(setup, g, image, 2 * image)
+    >>> round(float(fits.differ), 6), round(float(fits.misfits[1]), 1)
     (0.5, 1.0)
     """
     require_setup(setup)

@@ -74,14 +74,14 @@ def objective(problem: Problem, images: Float[Array, "stack *space"]) -> Float[A
 @no_type_check  # a checked one is a closure, which JAX must not see here
 def _slope(image: Array, _: None, inputs: tuple[Problem, Array]) -> Array:
     """F: the slope on free pixels, and the image itself, which is zero, on others."""
-    problem, found = inputs
-    free = _free(problem.fit, found)
+    problem, images = inputs
+    free = _free(problem.fit, images)
     inside = jnp.where(free, image, 0.0)
     return jnp.where(free, jax.grad(objective, argnums=1)(problem, inside), image)
 
 
-def _free(fit: DataFit, found: Array) -> Bool[Array, "stack *space"]:
-    held = (found <= 0) if fit.nonnegative else jnp.zeros(found.shape, bool)
+def _free(fit: DataFit, images: Array) -> Bool[Array, "stack *space"]:
+    held = (images <= 0) if fit.nonnegative else jnp.zeros(images.shape, bool)
     return fit.support & ~jax.lax.stop_gradient(held)
 
 

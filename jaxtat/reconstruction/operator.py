@@ -69,8 +69,8 @@ class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
         batch = values.shape[: values.ndim - len(into)]
         if 0 in batch:
             raise ValueError(f"{name} has shape {values.shape}: a stack of none at all.")
-        found = _applied(self.integrals, values.reshape(-1, *into), self.transposed)
-        return found.reshape(*batch, *out)
+        applied = _applied(self.integrals, values.reshape(-1, *into), self.transposed)
+        return applied.reshape(*batch, *out)
 
     @property
     def dtype(self) -> np.dtype:

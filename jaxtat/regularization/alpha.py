@@ -132,7 +132,7 @@ class NoiseLevel(TikhonovRule):
     def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
         raise ValueError(
             "NoiseLevel looks at the data, which a plan has not seen: use solve(setup, g, "
-            "NoiseLevel(sigma)), or build_plan with Tikhonov(found.report.relative_alpha) of it."
+            "NoiseLevel(sigma)), or build_plan with Tikhonov(solution.report.relative_alpha) of it."
         )
 
     def absolute(self, data: FrequencyData) -> Array:
