@@ -227,12 +227,12 @@ def programs_of(work):
 
     names = []
 
-    class Kept(logging.Handler):
+    class CompiledNames(logging.Handler):
         def emit(self, record):
             if record.getMessage().startswith("Finished XLA compilation"):
                 names.append(record.getMessage().split(" in ")[0])
 
-    logger, handler = logging.getLogger("jax._src.dispatch"), Kept()
+    logger, handler = logging.getLogger("jax._src.dispatch"), CompiledNames()
     logger.addHandler(handler)
     old, logger.propagate = logger.propagate, False
     try:

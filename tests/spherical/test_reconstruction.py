@@ -42,7 +42,7 @@ def low_pass(relative):
     return jnp.cos(jnp.pi / 2 * relative) ** 4
 
 
-class Problem:
+class CapProblem:
     """A cap that sees all of the ball, two bells and their data, of two amplitudes."""
 
     cap = spherical_cap(1.5, 1.1, 26, 64, center=CENTER)
@@ -73,7 +73,7 @@ def filtered(bells, highest, points):
 @pytest.fixture(scope="module")
 def solved():
     """F of two volumes, with next to no regularisation, and the report."""
-    p = Problem
+    p = CapProblem
     rule = tikhonov_rule(1e-12, p.sizes.n_frequencies)
     return solve_rings(p.cap, p.region, p.radii, p.stack, rule, p.sizes)
 
@@ -97,7 +97,7 @@ def directions(n):
 
 def test_polar_transform_is_that_of_the_bells(solved):
     """Steps 1 to 3, phases about the centre; and twice the data give twice the transform."""
-    p, (spectra, report) = Problem, solved
+    p, (spectra, report) = CapProblem, solved
     n, frequencies = p.sizes.n_directions, np.asarray(p.sizes.frequencies)
     xi = frequencies[:, None, None, None] * directions(n)
     local = SolidBells(OFFSETS, p.bells.radii, p.bells.amplitudes)
@@ -112,7 +112,7 @@ def test_polar_transform_is_that_of_the_bells(solved):
 
 def test_groups_pieces_and_sizes_change_nothing(solved):
     """Two groups of frequencies, four pieces of orders in three sizes."""
-    p = Problem
+    p = CapProblem
     l_max = p.sizes.groups[-1]
     sizes = dataclasses.replace(p.sizes, groups=(l_max - 9, l_max), in_group=6, piece=6, n_sizes=3)
     assert len({size for row in sizes.degrees for size in row}) == 3
@@ -123,7 +123,7 @@ def test_groups_pieces_and_sizes_change_nothing(solved):
 
 def test_volume_is_that_of_the_filtered_bells():
     """All five steps; nothing is left of the discretisation, on a grid of 13^3 too."""
-    p = Problem
+    p = CapProblem
     expected = filtered(p.bells, p.sizes.max_frequency, np.asarray(p.grid.points))
     inside = np.asarray(p.region.contains(p.grid.points))
     for inversion in ("fourier", "fbp"):
@@ -219,7 +219,7 @@ def test_solution_is_that_of_the_dense_matrix_on_the_boundary(kind):
 
 def test_alpha_of_noise_and_of_visibility():
     """Wiener's ratio, computed here from the kernels; and half the sphere's eigenvalue."""
-    p = Problem
+    p = CapProblem
     frequencies, sigma = np.asarray(p.sizes.frequencies), 0.05
 
     @jax.jit  # without the solutions, which compile long
@@ -302,7 +302,7 @@ def test_pressure_of_a_bell_in_space():
 
 
 def test_bad_data_are_refused():
-    p = Problem
+    p = CapProblem
     for g, message in (
         (np.asarray(p.g)[:-1], "g has shape"),
         (np.asarray(p.g).astype(int), "raw counts go through"),
@@ -361,7 +361,7 @@ def test_derivatives_of_a_cap_s_rings():
     """Of ∫ (1 + cos theta) dS = π R² (1 + cos opening)², which Gauss rules have exactly."""
 
     def integral(radius, opening):
-        cap = eqx.tree_at(lambda c: (c.radius, c.half_opening), Problem.cap, (radius, opening))
+        cap = eqx.tree_at(lambda c: (c.radius, c.half_opening), CapProblem.cap, (radius, opening))
         return cap.ring_areas @ (1 + cap.cosines)
 
     top, slopes = 1 + np.cos(0.7), jax.grad(integral, (0, 1))(1.5, 0.7)
