@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "Scan": "scan",
     "load_plan": "plans",
-    "load_scan": "scans",
+    "load_scan": "scan_files",
     "load_settings": "images",
     "save_image": "images",
     "save_ipasc": "ipasc",
