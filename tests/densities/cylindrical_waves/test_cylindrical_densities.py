@@ -1,6 +1,6 @@
 """Densities in cylindrical waves against those of collocation.
 
-Sums over them are tested in test_stored.py, other rules and images in reconstruction/.
+Sums over them are tested in test_densities.py, other rules and images in reconstruction/.
 """
 
 from operator import itemgetter
