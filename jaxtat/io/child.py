@@ -59,9 +59,9 @@ def _read(
             _limit_time(seconds)
             contents = task(Path(request.pop("path")), **request)
             _hand_back(answers, contents, seconds)
-            while contents.frames and (numbers := receive(requests)):
+            while contents.frames is not None and (numbers := receive(requests)):
                 _limit_time(seconds)
-                frames = contents.frames.of(numbers["frames"])
+                frames = StoredArray.of_frames(contents.frames, numbers["frames"])
                 _hand_back(answers, FileContents(arrays={"frames": frames}), seconds)
     except (ValueError, PermissionError) as error:
         send(answers, {"refused": str(error)})
@@ -76,8 +76,9 @@ def _hand_back(answers: BinaryIO, contents: FileContents, seconds: float) -> Non
     sizes = {
         name: [array.dtype.str, array.shape, array.transposed] for name, array in arrays.items()
     }
-    frames = contents.frames and [contents.frames.dtype.str, contents.frames.shape]
-    send(answers, {"about": contents.about, "arrays": sizes, "frames": frames})
+    frames = contents.frames
+    of_frames = None if frames is None else [frames.dtype.str, frames.shape]
+    send(answers, {"about": contents.about, "arrays": sizes, "frames": of_frames})
     for array in arrays.values():
         for box, numbers in array.pieces:
             content = np.ascontiguousarray(numbers, array.dtype).tobytes()

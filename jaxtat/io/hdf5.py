@@ -16,7 +16,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from .file_contents import PIECE, Box, Frames, StoredArray
+from .file_contents import PIECE, Box, StoredArray
+from .frames import LazyFrames
 from .limits import DEFLATE, require_held
 from .scan import REAL, require_numbers
 
@@ -70,8 +71,8 @@ class Hdf5File:
 
     def frames(
         self, name: str, shape: tuple[int, int, int], part: Callable[[int], tuple[Any, ...]]
-    ) -> Frames:
-        """Frames of a dataset, in which the frame of a number has a part.
+    ) -> LazyFrames:
+        """Frames of a dataset, each of which is a part of it.
 
         Args:
             name: of the dataset.
@@ -79,7 +80,11 @@ class Hdf5File:
             part: from the number of a frame to an index of the dataset.
         """
         dataset = self._checked(name)
-        return Frames(shape, dataset.dtype, lambda n: dataset[part(n)].reshape(shape[1:]))
+
+        def read(numbers: np.ndarray) -> np.ndarray:
+            return np.stack([dataset[part(int(n))].reshape(shape[1:]) for n in numbers])
+
+        return LazyFrames(shape, dataset.dtype, read)
 
     def text(self, name: str) -> str | None:
         """A text, or None if there is none."""

@@ -15,12 +15,13 @@ import weakref
 from contextlib import suppress
 from pathlib import Path
 from threading import Lock
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..base.messages import name_of
 from .child import fill, receive, send
+from .file_contents import FileContents
 from .frames import LazyFrames
 from .limits import Allowance, refusing
 
@@ -34,15 +35,7 @@ _TYPES = "fiubcS"  # NumPy's kinds of what is handed back
 _SLOW = ("SIGPROF", "SIGALRM")  # by which the process ends itself
 
 
-class Content(NamedTuple):
-    """What a file holds: text and numbers, arrays by name, and frames that stay in the file."""
-
-    about: dict[str, Any]
-    arrays: dict[str, np.ndarray]
-    frames: LazyFrames | None
-
-
-def read_file(task: str, path: Path, allowance: Allowance, **arguments: Any) -> Content:
+def read_file(task: str, path: Path, allowance: Allowance, **arguments: Any) -> FileContents:
     """What a function of `formats.TASKS` hands back about a file.
 
     Args:
@@ -61,11 +54,11 @@ def read_file(task: str, path: Path, allowance: Allowance, **arguments: Any) -> 
     header, arrays = process.ask(request, allowance)
     if header["frames"] is None:
         process.release()
-        return Content(header["about"], arrays, None)
+        return FileContents(header["about"], arrays)
     dtype, shape = _checked(*header["frames"])
     allowance.require("a frame", int(np.prod(shape[1:], dtype=float)) * dtype.itemsize)
     frames = LazyFrames(shape, dtype.newbyteorder("="), _Recording(process, request, path))
-    return Content(header["about"], arrays, frames)
+    return FileContents(header["about"], arrays, frames)
 
 
 class _Recording:
