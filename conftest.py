@@ -17,6 +17,8 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from jaxtyping import install_import_hook
 
+import jaxtat
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # more only get in the way of XLA's own
 # in one piece: to split each program for threads to compile costs more time than they have to gain
 UNOPTIMISED = "--xla_backend_optimization_level=0 --xla_cpu_parallel_codegen_split_count=1"
@@ -48,16 +50,19 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 jax.config.update("jax_enable_x64", True)
 # the lines of Python that operations come from: written into programs, and read by no one here
 jax.config.update("jax_traceback_in_locations_limit", 0)
-# every annotation of an array in the package is checked, in every test
-with install_import_hook("jaxtat", "beartype.beartype"):
-    import jaxtat
 
-    for name in jaxtat.__all__:  # imported when it is asked for
-        getattr(jaxtat, name)
-# Tracing makes many small objects, few of them garbage: looked for less often, not among modules.
-gc.collect()
-gc.freeze()
-gc.set_threshold(200_000, 20, 100)
+
+def pytest_configure(config):
+    """Import the package so that every annotation of an array in it is checked, in every test."""
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        return  # the process that only hands the tests out to others
+    with install_import_hook("jaxtat", "beartype.beartype"):
+        for name in jaxtat.__all__:  # imported when it is asked for
+            getattr(jaxtat, name)
+    # Tracing makes many small objects, few of them garbage: looked for less often, not in modules.
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(200_000, 20, 100)
 
 
 # modules that are one with a package that not everyone has: nothing in them without it
