@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import h5py
@@ -298,8 +299,27 @@ def written(path):
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_an_interruption_ends_with_everything_written(started, name):
-    started.send_signal(getattr(signal, name))
+def test_each_signal_ends_with_everything_written(small, name):
+    """Frames that were read become images, though no more come and the input goes on."""
+    silent, sink = threading.Event(), KeptImages()
+
+    def frames():
+        yield from frames_for(small, 3)
+        while not sink.images:  # what listens for signals is ready by then
+            time.sleep(0.01)
+        os.kill(os.getpid(), getattr(signal, name))
+        silent.wait()
+
+    before = signal.getsignal(getattr(signal, name))
+    found = stream(small, frames(), sink, dtype=float)
+    silent.set()
+    assert str(found) == "3 images, 0 frames dropped, 0 refused; interrupted"
+    assert sink.closed and list(sink.images) == [0, 1, 2]
+    assert signal.getsignal(getattr(signal, name)) is before
+
+
+def test_the_command_that_is_interrupted_ends_with_everything_written(started):
+    started.send_signal(signal.SIGTERM)
     said, _ = started.communicate()
     assert started.returncode == 0, said
     assert b"3 images, 0 frames dropped, 0 refused; interrupted" in said
