@@ -45,7 +45,7 @@ class Choice(NamedTuple):
         return self.option.get("type") in (int, float) and "nargs" not in self.option
 
     def stored(self, value: Any) -> Any:
-        """Its value in a file of settings, or ValueError for what it cannot be."""
+        """Its value from a settings file, or ValueError if that is not allowed."""
         try:
             result = self.read(value)
         except (TypeError, ValueError, OverflowError):
@@ -54,7 +54,7 @@ class Choice(NamedTuple):
         return result
 
     def require(self, value: Any, name: str | None = None) -> None:
-        """Raise ValueError for a number out of bounds; None is not chosen yet."""
+        """Raise ValueError for a number out of bounds; None means not chosen yet."""
         if value is None or not self.bound:
             return
         least = value > 0 if self.bound == POSITIVE else value >= 0

@@ -68,7 +68,7 @@ def _read(
 
 
 def _hand_back(answers: BinaryIO, contents: FileContents, seconds: float) -> None:
-    """What the file says, then each array in pieces, each with its box."""
+    """Send the texts and sizes, then each array in pieces, each with its place."""
     arrays = {
         name: array if isinstance(array, StoredArray) else StoredArray.of(array)
         for name, array in contents.arrays.items()
@@ -91,7 +91,7 @@ def _hand_back(answers: BinaryIO, contents: FileContents, seconds: float) -> Non
 
 
 def _limit_memory(most: int) -> None:
-    """Of the address space, where the system says how large it is; and no image of a crash."""
+    """Limit the address space where the system reports its size, and write no core dumps."""
     if resource is None:
         return
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

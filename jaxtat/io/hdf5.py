@@ -95,7 +95,7 @@ class Hdf5File:
         return None if text in (None, "", "None") else text
 
     def attribute(self, name: str, attribute: str) -> Any:
-        """A text, a number, a list of numbers, or None for another thing or none."""
+        """A text, a number or a list of numbers; None if it is missing or of another type."""
         item = self.item(name)
         if item is None or attribute not in item.attrs:
             return None

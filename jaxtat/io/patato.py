@@ -1,4 +1,4 @@
-"""Scans in PATATO's HDF5: time series, and beside them whatever was made of them.
+"""Scans in PATATO's HDF5: time series, and the images made from them.
 
 ``/raw_data`` is (frames, wavelengths, detectors, samples) with the sampling rate [Hz] as its
 attribute ``fs``, and ``speedofsound`` [m/s] if it was set. ``/GEOMETRY`` are positions [m],

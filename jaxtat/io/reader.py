@@ -62,7 +62,7 @@ def read_file(task: str, path: Path, allowance: Allowance, **arguments: Any) -> 
 
 
 class _Recording:
-    """Frames of an open file; the file is opened again where the process has ended meanwhile."""
+    """Frames of an open file, which is opened again if the process that reads it has ended."""
 
     def __init__(self, process: "_Process", request: dict[str, Any], path: Path):
         self._request, self._path, self._stamp = request, path.absolute(), _stamp(path)
@@ -95,7 +95,7 @@ def _stamp(path: Path) -> tuple[int, int]:
 
 
 class _Refused(ValueError):
-    """The process says why it does not read a file, and is ready for another."""
+    """The process has refused a file with a reason, and is ready for another."""
 
 
 class _Process:
@@ -119,7 +119,7 @@ class _Process:
 
     @classmethod
     def idle(cls) -> "_Process":
-        """One that waits for a file, of this process and not of one from which it was forked."""
+        """A process that waits for a file; of a fork its own, not one of its parent."""
         while cls._idle:
             process = cls._idle.pop()
             if process.is_alive:
@@ -150,7 +150,7 @@ class _Process:
         return header, arrays
 
     def close_file(self) -> None:
-        """No more frames are wanted of the file that is open."""
+        """Close the open file: no more of its frames are needed."""
         if self.is_alive:
             send(self._pipe("stdin"), None)
             self.release()

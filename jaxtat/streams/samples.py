@@ -21,7 +21,7 @@ from ..steps.quadrature import radial_quadrature, trapezoid_weights
 
 
 class Pressure(eqx.Module):
-    """What a pressure record goes through before it is transformed.
+    """Conditioning and conversion of a pressure record, before it is transformed.
 
     Attributes:
         coefficients: cosine coefficients of the conditioned record, (waves, samples).

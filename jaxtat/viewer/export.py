@@ -56,7 +56,7 @@ def keep(
 
 
 def _free(folder: Path, name: str, suffix: str) -> Path:
-    """The first of the names that no file has."""
+    """The first of the numbered names that no file has yet."""
     paths = (folder / f"{name}-{number}{suffix}" for number in count(1))
     return next(path for path in paths if not path.exists())
 

@@ -39,7 +39,7 @@ CHOICES_LATER = 100  # [ms] than the picture, which a browser would otherwise dr
 
 
 class ViewerPage:
-    """One person's page.
+    """The page of one visitor.
 
     Args:
         document: of Bokeh, to be filled.
@@ -271,7 +271,7 @@ class ViewerPage:
             self._ask_for_curve()
 
     def _take_region(self) -> None:
-        """Make the session of another region, while the page goes on with this one."""
+        """Make the session of another region, while this one stays in use."""
         session = self._session
         scale, controls = lengths(session)[0], replace(self.controls, disk=None)
         radius, *center = (float(spinner.value or 0.0) / scale for spinner in self.region)

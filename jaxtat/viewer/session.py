@@ -193,7 +193,7 @@ class Session:
 
     @contextmanager
     def _naming_unit(self) -> Iterator[None]:
-        """Name the unit of lengths in errors of other rooms: the page itself has millimetres."""
+        """Name the unit of lengths in errors of other packages; the page uses millimetres."""
         try:
             yield
         except ValueError as error:
