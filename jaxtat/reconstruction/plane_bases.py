@@ -1,6 +1,7 @@
 """The bases of the plane: cylindrical waves, the boundary itself, and the densities of a plan."""
 
 from contextlib import nullcontext
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -29,6 +30,7 @@ from ..regularization import (
     TikhonovRule,
     unit_norms,
 )
+from ..steps.fourier_sum import Ramp, ramp_of
 from ..steps.inversion import invert
 from ..steps.polar_transform import with_origin
 from ..steps.radial_transforms import (
@@ -63,15 +65,18 @@ class PlaneBasis(Basis):
     totals: Float[Array, " radii"]
 
     def transform(self, g: Float[Array, "images detectors radii"]) -> tuple[Array, Array]:
-        return transform_by(self.kernels, g), g @ self.totals
+        return _transformed(self.kernels, self.totals, g)
 
     def invert(
         self, fhat: Array, mass: Array, grid: ImageGrid, eta: Array, inversion: str
     ) -> Float[Array, "images x1 x2"]:
         sizes = self.sizes
-        step = jnp.asarray(sizes.max_frequency / sizes.n_frequencies)
+        step = np.float64(sizes.max_frequency / sizes.n_frequencies)
         where = step, sizes.angles, grid, self.region.center, eta
-        return _inverted(fhat, mass, self.curve.weights, where, inversion)
+        ramp = None
+        if sizes.n_samples is not None:
+            ramp = ramp_of(sizes.n_frequencies, sizes.n_samples + 1)
+        return _inverted(fhat, mass, self.curve.weights, where, inversion, ramp)
 
 
 class StoredDensities(PlaneBasis):
@@ -101,7 +106,7 @@ class _Solved(PlaneBasis):
     def inputs(self, rule: TikhonovRule) -> RuleInputs:
         """What the rule depends on, and the rule."""
         sizes = self.sizes
-        norm = jax.device_put(np.ones(sizes.n_frequencies))  # not used
+        norm = jax.device_put(np.ones(sizes.frequencies.shape))  # not used
         if rule.needs_matrix:
             norm = unit_norms(self.curve, self.region, sizes.frequencies, sizes.norm_orders)
         return RuleInputs(kernel_noise_power(self.kernels, self.curve.weights), norm, rule)
@@ -141,7 +146,17 @@ class BoundaryTraces(_Solved):
 
 def data_kernels(radii: Float[Array, " radii"], sizes: PlaneSizes) -> tuple[Array, Array]:
     """`PlaneBasis.kernels` and `totals`."""
-    return radial_kernels(radii, sizes.frequencies), total_weights(radii)
+    return _data_kernels(radii, sizes.frequencies)
+
+
+@jax.jit
+def _data_kernels(radii: Array, frequencies: Array) -> tuple[Array, Array]:
+    return radial_kernels(radii, frequencies), total_weights(radii)
+
+
+@jax.jit
+def _transformed(kernels: Array, totals: Array, g: Array) -> tuple[Array, Array]:
+    return transform_by(kernels, g), g @ totals
 
 
 def plane_basis(
@@ -186,10 +201,11 @@ def _inverted(
     fhat: Array,
     mass: Array,
     weights: Array,
-    where: tuple[Array, Array, ImageGrid, Array, Array],
+    where: tuple[Any, Array, ImageGrid, Array, Array],
     inversion: str,
+    ramp: Ramp | None,
 ) -> Float[Array, "images x1 x2"]:
-    return invert(with_origin(fhat, mass, weights), *where, inversion)
+    return invert(with_origin(fhat, mass, weights), *where, inversion, ramp)
 
 
 @eqx.filter_jit

@@ -56,6 +56,8 @@ class PlaneSizes(eqx.Module):
         n_nodes: on elements of finite width, by which their means are taken where they are no arcs.
         sampled: share of max_frequency up to which the detectors sample waves of the region, in
             quarters of an octave; at most 1.
+        n_samples: of frequencies in arrays of sizes on the ladder, where the last one is there
+            again, and counts nothing, until they are so many, see `on_ladder`; else None.
     """
 
     max_frequency: float = eqx.field(static=True)
@@ -68,6 +70,7 @@ class PlaneSizes(eqx.Module):
     as_in_the_paper: bool = eqx.field(static=True)
     n_nodes: int = eqx.field(static=True)
     sampled: float = eqx.field(static=True)
+    n_samples: int | None = eqx.field(static=True, default=None)
 
     @property
     def reached(self) -> bool:
@@ -77,7 +80,8 @@ class PlaneSizes(eqx.Module):
     @property
     def frequencies(self) -> Float[Array, " frequencies"]:
         """lambda_i [rad/length]."""
-        return by_library(_frequencies, (), self.max_frequency, self.n_frequencies)
+        n = self.n_frequencies
+        return by_library(_frequencies, (), self.max_frequency, n, self.n_samples or n)
 
     @property
     def angles(self) -> Float[Array, " directions"]:
@@ -85,8 +89,8 @@ class PlaneSizes(eqx.Module):
         return by_library(_angles, (), self.n_directions)
 
 
-def _frequencies(xp: Any, highest: float, n: int) -> Any:
-    return highest / n * xp.arange(1, n + 1)
+def _frequencies(xp: Any, highest: float, n: int, n_samples: int) -> Any:
+    return highest / n * xp.minimum(xp.arange(1, n_samples + 1), n)
 
 
 def _angles(xp: Any, n: int) -> Any:
