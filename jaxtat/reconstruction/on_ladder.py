@@ -75,6 +75,12 @@ class OnLadder(eqx.Module):
         n = self.sizes.frequencies.shape[0]
         return jax.device_put(filled_up(values, (n + 1,)))
 
+    def some_frequencies(self, most: int) -> tuple[Float[np.ndarray, " some"], int]:
+        """Frequencies of the setup, evenly chosen, the last of them again, and how many count."""
+        n = min(self.sizes.n_frequencies, most)
+        some = np.round(np.linspace(0, self.sizes.n_frequencies - 1, n)).astype(int)
+        return filled_up(np.asarray(self.sizes.frequencies)[some], (rung(n),), by="last"), n
+
     def images(self, images: Any) -> Float[np.ndarray, "*images x1 x2"]:
         """The pixels of the setup, in the middle of the others."""
         known = np.asarray(images)
@@ -92,14 +98,15 @@ def on_ladder(setup: Setup, n_detectors: int = 0, *, n_groups: int = 1) -> OnLad
         n_groups: of frequencies with as many orders, 1 or at most 2.
     """
     curve, region, radii, sizes = plane_of(setup)
-    steps = np.diff(np.asarray(radii))
+    known = np.asarray(radii)
+    steps = np.diff(known)
     if not sizes.reached or np.ptp(steps) > EQUISPACED * steps.mean():
         return OnLadder(setup, curve, setup.grid, radii, sizes, None)
     n = rung(max(curve.n_detectors, n_detectors))
     geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
     sizes = _sizes(geometry, sizes, n_groups)
-    more = np.arange(1, rung(radii.shape[0]) - radii.shape[0] + 1)
-    longer = np.concatenate([np.asarray(radii), float(radii[-1]) + more * steps.mean()])
+    more = np.arange(1, rung(len(known)) - len(known) + 1)
+    longer = np.concatenate([known, known[-1] + more * steps.mean()])
     return OnLadder(
         setup,
         _curve(curve, n),
@@ -123,7 +130,7 @@ def solve_on_ladder(
     require_complete(setup)
     data = data_array(g, *setup.data_shape)
     rule = tikhonov_rule(alpha, sizes.frequencies.shape[0])
-    stack = problem.data(data).reshape(-1, problem.curve.n_detectors, problem.radii.shape[0])
+    stack = problem.data(np.asarray(data).reshape(-1, *setup.data_shape))
     eta, basis = problem.low_pass(low_pass), problem.basis()
     images, report, energies = solved(basis, stack, problem.grid, rule, eta, "fourier")
     images = problem.images(images).reshape(*data.shape[:-2], *setup.grid.shape)

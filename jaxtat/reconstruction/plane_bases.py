@@ -106,10 +106,12 @@ class _Solved(PlaneBasis):
     def inputs(self, rule: TikhonovRule) -> RuleInputs:
         """What the rule depends on, and the rule."""
         sizes = self.sizes
-        norm = jax.device_put(np.ones(sizes.frequencies.shape))  # not used
+        norm = power = jax.device_put(np.ones(sizes.frequencies.shape))  # not used
         if rule.needs_matrix:
             norm = unit_norms(self.curve, self.region, sizes.frequencies, sizes.norm_orders)
-        return RuleInputs(kernel_noise_power(self.kernels, self.curve.weights), norm, rule)
+        if rule.needs_noise:
+            power = kernel_noise_power(self.kernels, self.curve.weights)
+        return RuleInputs(power, norm, rule)
 
 
 class CylindricalWaves(_Solved):

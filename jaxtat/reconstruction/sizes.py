@@ -116,7 +116,7 @@ def plane_sizes(
         frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
         highest = float(np.asarray(frequencies)[-1])
         if region.automatic:
-            length = float(region.weights.sum())
+            length = float(np.asarray(region.weights).sum())
             region = region.with_counts(region.shared_out(enough_boundary(length, highest)))
         require_problem(curve, region, grid)
         groups: tuple[tuple[int, int, int], ...] = ()
@@ -169,7 +169,7 @@ def systems_fit(
         harmonic: in cylindrical waves, or on the boundary.
         plan: whether densities are kept.
     """
-    highest, n_all, n_directions = float(polar[0][-1]), len(polar[0]), len(polar[1])
+    highest, n_all, n_directions = float(np.asarray(polar[0])[-1]), len(polar[0]), len(polar[1])
     geometry = polar_geometry(curve, region) if harmonic else None
     mirror, disk, on_circle = False, True, False
     if geometry is not None:

@@ -99,7 +99,8 @@ def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid) -> No
             "move or widen the grid."
         )
     seen = visibility(curve, region)
-    if seen.invisible_fraction > 0:  # told where the Setup is made, two calls of equinox further up
+    # told where the Setup is made, two calls of equinox further up
+    if float(seen.invisible_fraction) > 0:
         warnings.warn(str(seen), VisibilityWarning, stacklevel=6)
 
 

@@ -144,7 +144,7 @@ def cross_validation(
 
     Source: Golub, Heath and Wahba, Technometrics 21 (1979) 215-223.
     """
-    n = 2 * geometry.detector_angles.shape[0]
+    n = 2 * jnp.sum(geometry.weights > 0)
 
     def at(given: tuple[WaveTable, Array, Array]) -> Array:
         wave, power, sums = given
