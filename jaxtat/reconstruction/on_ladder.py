@@ -83,10 +83,26 @@ class OnLadder(eqx.Module):
 
     def images(self, images: Any) -> Float[np.ndarray, "*images x1 x2"]:
         """The pixels of the setup, in the middle of the others."""
-        known = np.asarray(images)
-        first = [(m - n) // 2 for m, n in zip(self.grid.shape, self.setup.grid.shape, strict=True)]
-        ends = zip(first, self.setup.grid.shape, strict=True)
-        return known[(..., *(slice(start, start + n) for start, n in ends))]
+        return middle(images, self.setup.grid.shape)
+
+
+def middle(images: Any, shape: tuple[int, int]) -> Float[np.ndarray, "*images x1 x2"]:
+    """The pixels in the middle of larger images, which are known.
+
+    >>> middle(np.arange(9).reshape(3, 3), (1, 3)).tolist()
+    [[3, 4, 5]]
+    """
+    known = np.asarray(images)
+    first = [(more - n) // 2 for more, n in zip(known.shape[-2:], shape, strict=True)]
+    ends = zip(first, shape, strict=True)
+    return known[(..., *(slice(start, start + n) for start, n in ends))]
+
+
+def around(images: Any, shape: tuple[int, int]) -> Float[np.ndarray, "*images x1 x2"]:
+    """Known images with zeros around them, of which `middle` are the images."""
+    known = np.asarray(images)
+    more = [(n - less) // 2 for n, less in zip(shape, known.shape[-2:], strict=True)]
+    return np.pad(known, [(0, 0)] * (known.ndim - 2) + [(n, n) for n in more])
 
 
 def on_ladder(setup: Setup, n_detectors: int = 0, *, n_groups: int = 1) -> OnLadder:
@@ -98,23 +114,38 @@ def on_ladder(setup: Setup, n_detectors: int = 0, *, n_groups: int = 1) -> OnLad
         n_groups: of frequencies with as many orders, 1 or at most 2.
     """
     curve, region, radii, sizes = plane_of(setup)
-    known = np.asarray(radii)
-    steps = np.diff(known)
-    if not sizes.reached or np.ptp(steps) > EQUISPACED * steps.mean():
+    longer = _radii(radii)
+    if not sizes.reached or longer is None:
         return OnLadder(setup, curve, setup.grid, radii, sizes, None)
     n = rung(max(curve.n_detectors, n_detectors))
     geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
     sizes = _sizes(geometry, sizes, n_groups)
-    more = np.arange(1, rung(len(known)) - len(known) + 1)
-    longer = np.concatenate([known, known[-1] + more * steps.mean()])
     return OnLadder(
         setup,
         _curve(curve, n),
         _grid(setup.grid),
-        jax.device_put(longer),
+        longer,
         sizes,
         _geometry(geometry, n),
     )
+
+
+def setup_to_fit(setup: Setup, n_detectors: int = 0) -> Setup:
+    """A setup in the plane in sizes on the ladder, for data of which the first are those of it.
+
+    The others must be left out by a mask. The numbers of frequencies are those of the setup, since
+    pixels that are added are outside of the region, and zero.
+
+    Args:
+        setup, n_detectors: as in `on_ladder`.
+    """
+    curve, region, radii, _ = plane_of(setup)
+    longer, grid = _radii(radii), setup.grid
+    if float(np.asarray(grid.half_width).min()) >= float(region.reach):
+        grid = _grid(grid)
+    larger = _curve(curve, rung(max(curve.n_detectors, n_detectors)))
+    parts = larger, grid, radii if longer is None else longer
+    return eqx.tree_at(lambda setup: (setup.curve, setup.grid, setup.radii), setup, parts)
 
 
 def solve_on_ladder(
@@ -151,6 +182,16 @@ def _sizes(geometry: PolarGeometry, sizes: PlaneSizes, n_groups: int) -> PlaneSi
         return replace(larger, groups=((0, n, most),))
     fewer = rung(int(orders[:bound].max()))
     return replace(larger, groups=((0, bound, fewer), (bound, n, most)))
+
+
+def _radii(radii: Array) -> Float[Array, " radii"] | None:
+    """Radii that go on evenly; None of such as are not equispaced."""
+    known = np.asarray(radii)
+    steps = np.diff(known)
+    if np.ptp(steps) > EQUISPACED * steps.mean():
+        return None
+    more = np.arange(1, rung(len(known)) - len(known) + 1)
+    return jax.device_put(np.concatenate([known, known[-1] + more * steps.mean()]))
 
 
 def _curve(curve: DetectorCurve, n: int) -> SampledCurve:

@@ -157,10 +157,12 @@ def reconstruct(
         raise ValueError(f"out has shape {tuple(out.shape)}, expected {images}.")
     flipped = choices.in_space and facts_in_space(scan, choices.channels).upside_down
     with tqdm(total=scan.n_frames, unit="image", disable=not progress or scan.n_frames == 1) as bar:
-        for start, size in frames_together(scan, scan.n_frames):
+        one_by_one = ((k, 1) for k in range(scan.n_frames))
+        fits = choices.model_based and plan is None
+        for start, size in one_by_one if fits else frames_together(scan, scan.n_frames):
             frames = _frames(scan, choices, start, size)
-            if choices.model_based and plan is None:
-                found = fitted(scan, choices, setup, frames, progress=progress and size == 1)
+            if fits:
+                found = fitted(scan, choices, setup, frames, progress=progress)
                 image, report = found.image, _fitted(found)
             elif plan is None:
                 g = integrals(scan, choices, setup, frames)
