@@ -1,7 +1,7 @@
 """The problem as one thing, and what solves it: plans, pipeline, stacks of frames."""
 
 from .direct import Reconstruction, reconstruct, solve
-from .on_ladder import OnLadder, on_ladder, solve_on_ladder
+from .laddered import OnLadder, on_ladder, solve_on_ladder
 from .operator import ForwardOperator, circular_means, forward_operator
 from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .setup import Setup

@@ -57,7 +57,7 @@ class PlaneSizes(eqx.Module):
         sampled: share of max_frequency up to which the detectors sample waves of the region, in
             quarters of an octave; at most 1.
         n_samples: of frequencies in arrays of sizes on the ladder, where the last one is there
-            again, and counts nothing, until they are so many, see `on_ladder`; else None.
+            again, and counts nothing, until they are so many, see `laddered`; else None.
     """
 
     max_frequency: float = eqx.field(static=True)

@@ -27,7 +27,7 @@ from ..fitting import (
 from ..geometry import data_radii
 from ..io import Scan
 from ..reconstruction import Setup
-from ..reconstruction.on_ladder import around, middle, setup_to_fit
+from ..reconstruction.laddered import around, middle, setup_to_fit
 from ..records import apply_impulse_response
 from .choices import Choices
 from .facts import times_of

@@ -23,12 +23,14 @@ from ..densities.cylindrical_waves.orders import WORTH_A_GROUP
 from ..geometry import DetectorCurve, ImageGrid, Region, SampledCurve
 from ..regularization import tikhonov_rule
 from ..steps.radon import LowPass, low_pass_values
+from ..steps.resolution import enough_directions
 from .direct import Reconstruction, judged, solved
 from .plane_bases import CylindricalWaves, PlaneBasis, data_kernels, plane_basis
 from .setup import Setup, plane_of, require_complete
 from .sizes import PlaneSizes
 
 EQUISPACED = 1e-10  # of the step, to which steps of radii agree that go on evenly
+FEW_FREQUENCIES, FEW_ORDERS = 32, 96  # of which fewer take hardly less time
 FIRST_GROUP = 5 / 8  # share of the frequencies that have fewer orders, if there are two groups
 
 
@@ -174,10 +176,11 @@ def solve_on_ladder(
 
 
 def _sizes(geometry: PolarGeometry, sizes: PlaneSizes, n_groups: int) -> PlaneSizes:
-    n = rung(sizes.n_frequencies)
-    larger = replace(sizes, n_samples=n, n_directions=32 * rung(-(-sizes.n_directions // 32)))
+    n = rung(max(sizes.n_frequencies, FEW_FREQUENCIES))
+    n_directions = max(sizes.n_directions, enough_directions(np.pi / 2 * n))
+    larger = replace(sizes, n_samples=n, n_directions=n_directions)
     orders = harmonic_orders(geometry, np.asarray(larger.frequencies))
-    most, bound = rung(int(orders.max())), int(FIRST_GROUP * n)
+    most, bound = rung(max(int(orders.max()), FEW_ORDERS)), int(FIRST_GROUP * n)
     if n_groups == 1 or n * most**3 < WORTH_A_GROUP:
         return replace(larger, groups=((0, n, most),))
     fewer = rung(int(orders[:bound].max()))
