@@ -164,7 +164,7 @@ def test_nearly_the_same_sizes_share_programs(none_made, programs_of):
 
     def others():
         work(61, 37, 0.91, 7, 8)
-        work(60, 35, 0.89, 30, 31, 40)
+        work(62, 35, 0.89, 30, 31, 40)
 
     with none_made():
         assert programs_of(lambda: work(61, 35, 0.9, 5))
