@@ -224,7 +224,7 @@ def _geometry(geometry: PolarGeometry, n: int) -> PolarGeometry:
         if nodes is not None:
             pairs = (_last(part.T, n).T for part in (nodes.radius, nodes.angles))
             nodes = type(nodes)(*pairs, nodes.weights)
-    region, rim = _region(geometry.region, geometry.rim)
+    region, rim = _region(geometry.region, geometry.rim, geometry.disk)
     return replace(
         geometry,
         detector_radius=radius,
@@ -236,21 +236,30 @@ def _geometry(geometry: PolarGeometry, n: int) -> PolarGeometry:
     )
 
 
-def _region(region: Region, rim: int) -> tuple[Region, int]:
-    """More boundary points, of the weight zero; of a cut disk on its arc and on its chord."""
+def _region(region: Region, rim: int, disk: bool) -> tuple[Region, int]:
+    """More boundary points, of the weight zero; of a cut disk on its arc and on its chord.
+
+    And none of a disk about the waves' centre, of which only the radius is asked.
+    """
     parts = (slice(rim), slice(rim, None)) if rim else (slice(None),)
     points, weights, normals = map(np.asarray, (region.points, region.weights, region.normals))
-    sizes = [rung(len(weights[part])) for part in parts]
-    numbers = [_last(np.arange(len(weights))[part], n) for part, n in zip(parts, sizes, strict=True)]
-    which = np.concatenate(numbers)
-    counted = [_zeros(weights[part], n) for part, n in zip(parts, sizes, strict=True)]
-    arrays = jax.device_put((points[which], np.concatenate(counted), normals[which]))
+    if disk:
+        parts, counts = (), (0, 0)
+    else:
+        counts = jax.tree.map(rung, region.counts)
+    which, counted = [np.empty(0, int)], [np.empty(0)]
+    for part in parts:
+        n = rung(len(weights[part]))
+        which.append(filled_up(np.arange(len(weights))[part], (n,), by="last"))
+        counted.append(filled_up(weights[part], (n,)))
+    numbers = np.concatenate(which)
+    arrays = points[numbers], np.concatenate(counted), normals[numbers]
     larger = eqx.tree_at(
         lambda tree: (tree.points, tree.weights, tree.normals),
-        replace(region, counts=jax.tree.map(rung, region.counts)),  # of which only whole is asked
-        arrays,
+        replace(region, counts=counts),
+        jax.device_put(arrays),
     )
-    return larger, sizes[0] if rim else 0
+    return larger, len(which[1]) if rim else 0
 
 
 def _last(values: Any, n: int) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float
 
-from ..base.checks import is_concrete
+from ..base.checks import by_library, is_concrete
 from ..densities import Basis, Densities, phases_from, solve_on_boundary
 from ..densities.cylindrical_waves import (
     PolarGeometry,
@@ -65,6 +65,8 @@ class PlaneBasis(Basis):
     totals: Float[Array, " radii"]
 
     def transform(self, g: Float[Array, "images detectors radii"]) -> tuple[Array, Array]:
+        if self.sizes.n_samples is not None:  # on the ladder: no program for numbers of images
+            return by_library(_transformed_by_numpy, (self.kernels, self.totals, g))
         return _transformed(self.kernels, self.totals, g)
 
     def invert(
@@ -154,6 +156,13 @@ def data_kernels(radii: Float[Array, " radii"], sizes: PlaneSizes) -> tuple[Arra
 @jax.jit
 def _data_kernels(radii: Array, frequencies: Array) -> tuple[Array, Array]:
     return radial_kernels(radii, frequencies), total_weights(radii)
+
+
+def _transformed_by_numpy(xp: Any, kernels: Any, totals: Any, g: Any) -> tuple[Any, Any]:
+    """The same as one product of matrices."""
+    products = g @ xp.moveaxis(kernels.reshape(-1, g.shape[-1]), 0, 1)
+    parts = products.reshape(*g.shape[:2], -1, 2)
+    return xp.moveaxis(parts, 1, 3), g @ totals
 
 
 @jax.jit

@@ -168,13 +168,11 @@ def _condition(
 def _converted(
     pressure: Array, times: Array, radii: Array, sound_speed: Array, model: str, n_waves: int
 ) -> Array:
-    """`_convert` by the program of the next sizes on the ladder: records go on as zero."""
+    """`_convert` with the matrix of the next sizes on the ladder, whatever the number of records."""
     n_radii, n_times = radii.shape[0], times.shape[0]
-    records = np.asarray(pressure).reshape(-1, n_times)
     known = np.asarray(times)
     more = np.arange(1, rung(n_times) - n_times + 1) * (known[1] - known[0])
-    integrals = _convert(
-        filled_up(records, (rung(len(records)), rung(n_times))),
+    matrix = _integrals(
         np.concatenate([known, known[-1] + more]),
         known[-1],
         filled_up(radii, (rung(n_radii),), by="last"),
@@ -182,9 +180,9 @@ def _converted(
         np.asarray(n_waves),
         model,
         _blocks(rung(n_waves)),
+        None,
     )
-    found = np.asarray(integrals)[: len(records), :n_radii]
-    return jax.device_put(found.reshape(*pressure.shape[:-1], n_radii))
+    return jax.device_put(np.asarray(pressure) @ np.asarray(matrix)[:n_radii, :n_times].T)
 
 
 def _blocks(n_waves: int) -> int:
@@ -202,7 +200,6 @@ def _convert(
     model: str,
     n_blocks: int,
 ) -> Array:
-    """Integrals of records that are zero, or anything, beyond ``end``."""
     records = pressure.reshape(-1, pressure.shape[-1])
     n_times, n_radii = times.shape[0], radii.shape[0]
     series = partial(_integrals, times, end, radii, sound_speed, n_waves, model, n_blocks)
@@ -213,6 +210,7 @@ def _convert(
     return integrals.T.reshape(*pressure.shape[:-1], n_radii)
 
 
+@partial(jax.jit, static_argnames=("model", "n_blocks"))
 def _integrals(
     times: Array,
     end: Array,
