@@ -86,7 +86,9 @@ def scans(n: int, fit: bool, counted: list[str]) -> None:
     from jaxtat.scans import reconstruct_file
 
     options = {"model_based": True} if fit else {}
-    print("| scan | programs | maps | memory [MB] | processor [s] |\n| --- | --- | --- | --- | --- |")
+    print(
+        "| scan | programs | maps | memory [MB] | processor [s] |\n| --- | --- | --- | --- | --- |"
+    )
     with tempfile.TemporaryDirectory() as folder:
         for k in range(n):
             path, chosen = a_scan(k, Path(folder))
@@ -101,7 +103,9 @@ def scans(n: int, fit: bool, counted: list[str]) -> None:
 def sizes(n: int, counted: list[str]) -> None:
     import jaxtat
 
-    print("| detectors | pixels | programs | maps | processor [s] |\n| --- | --- | --- | --- | --- |")
+    print(
+        "| detectors | pixels | programs | maps | processor [s] |\n| --- | --- | --- | --- | --- |"
+    )
     for k in range(n):
         counted.clear()
         start, detectors, pixels = time.process_time(), 60 + 4 * k, 21 + 2 * k

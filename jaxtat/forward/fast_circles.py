@@ -193,7 +193,8 @@ def circle_integrals(
     """
     # outside of the program: of known detectors it is seen whether they lie on a circle
     positions = _positions(curve, grid, sizes.n_nodes)
-    of = Series(*jax.device_put((sizes.frequencies, np.float64(sizes.period))), sizes.groups)
+    frequencies, period = jax.device_put((sizes.frequencies, np.float64(sizes.period)))
+    of = Series(frequencies, period, sizes.groups)
     return _integrals(positions, grid, radii, of, eta, tolerance)
 
 
@@ -285,17 +286,13 @@ def _dense(positions: Positions, of: Series) -> bool:
     return 16 * (of.last_order + 1) * positions.angles.shape[0] <= DENSE
 
 
-def _turned(
-    angles: Float[Array, " detectors"], of: Series
-) -> Float[Array, "2 orders detectors"]:
+def _turned(angles: Float[Array, " detectors"], of: Series) -> Float[Array, "2 orders detectors"]:
     orders = of.last_order
     phase = jnp.arange(orders + 1.0)[:, None] * angles
     return jnp.stack([jnp.cos(phase), -jnp.sin(phase)])
 
 
-def _middle(
-    angles: Float[Array, " detectors"], of: Series
-) -> Complex[Array, "groups detectors"]:
+def _middle(angles: Float[Array, " detectors"], of: Series) -> Complex[Array, "groups detectors"]:
     """Made here, in 64 bits: in 32 these phases would lose what high orders need."""
     middle = np.array([(orders + 1) // 2 for _, _, orders, _ in of.groups])
     phase = middle[:, None] * angles

@@ -222,8 +222,12 @@ def _geometry(geometry: PolarGeometry, n: int) -> PolarGeometry:
     if not geometry.on_circle:
         radius = _last(radius, n)
         if nodes is not None:
-            pairs = (_last(part.T, n).T for part in (nodes.radius, nodes.angles))
-            nodes = type(nodes)(*pairs, nodes.weights)
+            shape = (nodes.radius.shape[0], n)
+            radii, angles = (
+                jax.device_put(filled_up(part, shape, by="last"))
+                for part in (nodes.radius, nodes.angles)
+            )
+            nodes = replace(nodes, radius=radii, angles=angles)
     region, rim = _region(geometry.region, geometry.rim, geometry.disk)
     return replace(
         geometry,

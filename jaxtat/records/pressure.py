@@ -168,7 +168,7 @@ def _condition(
 def _converted(
     pressure: Array, times: Array, radii: Array, sound_speed: Array, model: str, n_waves: int
 ) -> Array:
-    """`_convert` with the matrix of the next sizes on the ladder, whatever the number of records."""
+    """`_convert` by the matrix of the next sizes on the ladder, of any number of records."""
     n_radii, n_times = radii.shape[0], times.shape[0]
     known = np.asarray(times)
     more = np.arange(1, rung(n_times) - n_times + 1) * (known[1] - known[0])

@@ -97,7 +97,8 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
     n_detectors = len(choices.order)
     if times is None:
         larger = setup_to_fit(setup, n_detectors)
-        return _Recorded(larger, *_masked(integrals(scan, choices, setup, frames), larger.data_shape))
+        g = integrals(scan, choices, setup, frames)
+        return _Recorded(larger, *_masked(g, larger.data_shape))
     record = real_array(scan.kind, frames[..., list(choices.channels), :], None)
     radii = data_radii(setup.curve, setup.region, setup.grid.spacing.max())
     reaching = Setup(
