@@ -33,7 +33,7 @@ from .frames import GROUPS, integrals, lit_frames, setup_of
 from .space import TurnedOver, facts_in_space
 
 AT_A_TIME = 2**26  # bytes of data, as float64, that are reconstructed together
-TOGETHER = 32, 8  # frames; fewer are filled up, but for a single one
+TOGETHER, FEW = (32, 8), 2  # frames; the last are filled up, but for a single one
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +260,7 @@ def frames_together(scan: Scan, n: int) -> Iterator[tuple[int, int]]:
     Only the last stack may be larger than what is left.
     """
     fit = AT_A_TIME // (8 * scan.n_detectors * scan.n_samples)
-    sizes = [size for size in TOGETHER if size <= fit] or [1]
+    sizes = [size for size in TOGETHER if size <= fit] or [min(max(fit, 1), FEW)]
     start = 0
     while start < n:
         size = next((size for size in sizes if size <= n - start), sizes[-1])
