@@ -91,8 +91,8 @@ class OnLadder(eqx.Module):
 def middle(images: Any, shape: tuple[int, int]) -> Float[np.ndarray, "*images x1 x2"]:
     """The pixels in the middle of larger images, which are known.
 
-    >>> middle(np.arange(9).reshape(3, 3), (1, 3)).tolist()
-    [[3, 4, 5]]
+    >>> middle(np.arange(9.0).reshape(3, 3), (1, 3)).tolist()
+    [[3.0, 4.0, 5.0]]
     """
     known = np.asarray(images)
     first = [(more - n) // 2 for more, n in zip(known.shape[-2:], shape, strict=True)]
