@@ -2,6 +2,7 @@
 
 import atexit
 import gc
+import logging
 import os
 import shutil
 import tempfile
@@ -142,6 +143,33 @@ def none_made():
     all of them would take long, and the tests that follow would make theirs again.
     """
     return partial(jax.default_matmul_precision, "highest")
+
+
+def names_of_programs(work):
+    """Names of the programs that are compiled for it, as JAX logs them."""
+    names = []
+
+    class Kept(logging.Handler):
+        def emit(self, record):
+            if record.getMessage().startswith("Finished XLA compilation"):
+                names.append(record.getMessage().split(" in ")[0])
+
+    logger, handler = logging.getLogger("jax._src.dispatch"), Kept()
+    logger.addHandler(handler)
+    old, logger.propagate = logger.propagate, False
+    try:
+        with jax.log_compiles():
+            work()
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = old
+    return names
+
+
+@pytest.fixture
+def programs_of():
+    """`names_of_programs`, for the tests of all folders."""
+    return names_of_programs
 
 
 @partial(jax.jit, static_argnums=0)

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ..base.checks import (
     Numbers,
+    by_library,
     is_concrete,
     named,
     real_array,
@@ -72,13 +73,17 @@ def _record(
     matrix = pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
     if conditioning is None:
         return matrix
-    conditioned = jnp.asarray(conditioning(matrix.T))  # a record for each radius
+    conditioned = jnp.asarray(conditioning(_turned(matrix)))  # a record for each radius
     if conditioned.ndim != 2 or conditioned.shape[0] != matrix.shape[1]:
         raise ValueError(
             f"conditioning makes {conditioned.shape} of records (detectors, times) of shape "
             f"{matrix.T.shape}, expected as many detectors."
         )
-    return conditioned.T
+    return _turned(conditioned)
+
+
+def _turned(matrix: Array) -> Array:
+    return by_library(lambda _, known: known.T, (matrix,))
 
 
 def checked_data(

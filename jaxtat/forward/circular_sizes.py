@@ -9,6 +9,7 @@ import scipy.fft
 import scipy.special
 from jaxtyping import Float
 
+from ..base.size_ladder import rung
 from ..geometry import CircularArc, DetectorCurve, ImageGrid, circle_through
 from ..geometry.elements import enough_nodes
 
@@ -23,7 +24,7 @@ class CircleSizes(eqx.Module):
 
     Attributes:
         period: T, beyond which no circle about a detector meets the image [length].
-        n_frequencies: of the zeros j_k of J_0 with j_k / T <= π / pixel.
+        n_frequencies: of the zeros j_k of J_0 with about j_k / T <= π / pixel.
         groups: (first, last + 1, highest order M, directions over a whole turn) of frequencies
             that share them.
         n_nodes: on elements of finite width.
@@ -48,6 +49,8 @@ class CircleSizes(eqx.Module):
 def circle_sizes(curve: DetectorCurve, grid: ImageGrid) -> CircleSizes:
     """The sizes of a concrete geometry: T by its farthest pixel, orders by the image's reach.
 
+    Numbers of frequencies and orders are on the ladder, and T is as long as goes with them.
+
     The circular harmonics of the transform of an image that reaches to |x - c| <= a are those of
     J_m(lambda a), which fall faster than exponentially from m = lambda a on.
     """
@@ -65,13 +68,15 @@ def circle_sizes(curve: DetectorCurve, grid: ImageGrid) -> CircleSizes:
     period = MARGIN * (farthest + reach)
     highest = np.pi / float(spacing.max())
     n = max(1, int(np.sum(zeros_of_j0(int(highest * period / np.pi) + 2) <= highest * period)))
+    n = rung(n)
+    period = max(period, float(zeros_of_j0(n)[-1]) / highest)
     frequencies = zeros_of_j0(n) / period
     most = GROUPS if circle is not None else GROUPS_OFF_CIRCLE
     n_groups = min(most, 1 + n // WORTH_A_GROUP)
     bounds = np.unique(np.linspace(0, n, n_groups + 1).round().astype(int))
     groups = []
     for first, last in pairwise(bounds):
-        orders = highest_order(float(frequencies[last - 1]) * reach)
+        orders = rung(highest_order(float(frequencies[last - 1]) * reach))
         turn = 2 * int(scipy.fft.next_fast_len(orders + 1, real=True) or 0)
         groups.append((int(first), int(last), orders, turn))
     # more than densities need: the error is 1e-9 instead of 5e-6

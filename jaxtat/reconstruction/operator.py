@@ -11,7 +11,6 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, named, real_array, require_magnitude
 from ..base.hashable_methods import ComparedByIdentity, compiled
-from ..forward import CircleSizes, SphereSizes
 from ..steps.radon import LowPass, low_pass_at
 from .setup import Setup, require_setup
 
@@ -41,13 +40,13 @@ class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
 
     Attributes:
         integrals: the linear map and what it keeps of the geometry.
-        sizes: of the transforms.
+        max_frequency: of the transforms [rad/length].
         image_shape, data_shape: of one image and its data.
         transposed: whether this is A^T.
     """
 
     integrals: Any
-    sizes: CircleSizes | SphereSizes
+    max_frequency: Float[Array, ""]
     image_shape: tuple[int, ...] = eqx.field(static=True)
     data_shape: tuple[int, ...] = eqx.field(static=True)
     transposed: bool = eqx.field(static=True, default=False)
@@ -82,8 +81,8 @@ class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
         leaves = jax.tree.leaves(self.integrals)
         return OperatorReport(
             nbytes=sum(leaf.size * leaf.dtype.itemsize for leaf in leaves),
-            n_frequencies=self.sizes.n_frequencies,
-            max_frequency=float(self.sizes.frequencies[-1]),
+            n_frequencies=self.integrals.series.shape[0],
+            max_frequency=float(self.max_frequency),
             kept=self.integrals.kept,
         )
 
@@ -112,7 +111,7 @@ class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
 
     def transpose(self) -> "ForwardOperator":
         shapes = self.image_shape, self.data_shape
-        return ForwardOperator(self.integrals, self.sizes, *shapes, not self.transposed)
+        return ForwardOperator(self.integrals, self.max_frequency, *shapes, not self.transposed)
 
     def in_structure(self) -> jax.ShapeDtypeStruct:
         shape = self.data_shape if self.transposed else self.image_shape
@@ -180,7 +179,8 @@ def forward_operator(
     )
     if chosen == np.float32:
         integrals = _in_single_precision(integrals)
-    return ForwardOperator(integrals, sizes, setup.grid.shape, setup.data_shape)
+    highest = jax.device_put(np.float64(sizes.frequencies[-1]))
+    return ForwardOperator(integrals, highest, setup.grid.shape, setup.data_shape)
 
 
 def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:

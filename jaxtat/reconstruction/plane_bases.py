@@ -1,6 +1,7 @@
 """The bases of the plane: cylindrical waves, the boundary itself, and the densities of a plan."""
 
 from contextlib import nullcontext
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -9,7 +10,7 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float
 
-from ..base.checks import is_concrete
+from ..base.checks import by_library, is_concrete
 from ..densities import Basis, Densities, phases_from, solve_on_boundary
 from ..densities.cylindrical_waves import (
     PolarGeometry,
@@ -29,6 +30,7 @@ from ..regularization import (
     TikhonovRule,
     unit_norms,
 )
+from ..steps.fourier_sum import Ramp, ramp_of
 from ..steps.inversion import invert
 from ..steps.polar_transform import with_origin
 from ..steps.radial_transforms import (
@@ -63,15 +65,20 @@ class PlaneBasis(Basis):
     totals: Float[Array, " radii"]
 
     def transform(self, g: Float[Array, "images detectors radii"]) -> tuple[Array, Array]:
-        return transform_by(self.kernels, g), g @ self.totals
+        if self.sizes.n_samples is not None:  # on the ladder: no program for numbers of images
+            return by_library(_transformed_by_numpy, (self.kernels, self.totals, g))
+        return _transformed(self.kernels, self.totals, g)
 
     def invert(
         self, fhat: Array, mass: Array, grid: ImageGrid, eta: Array, inversion: str
     ) -> Float[Array, "images x1 x2"]:
         sizes = self.sizes
-        step = jnp.asarray(sizes.max_frequency / sizes.n_frequencies)
+        step = np.float64(sizes.max_frequency / sizes.n_frequencies)
         where = step, sizes.angles, grid, self.region.center, eta
-        return _inverted(fhat, mass, self.curve.weights, where, inversion)
+        ramp = None
+        if sizes.n_samples is not None:
+            ramp = ramp_of(sizes.n_frequencies, sizes.n_samples + 1)
+        return _inverted(fhat, mass, self.curve.weights, where, inversion, ramp)
 
 
 class StoredDensities(PlaneBasis):
@@ -101,10 +108,12 @@ class _Solved(PlaneBasis):
     def inputs(self, rule: TikhonovRule) -> RuleInputs:
         """What the rule depends on, and the rule."""
         sizes = self.sizes
-        norm = jax.device_put(np.ones(sizes.n_frequencies))  # not used
+        norm = power = jax.device_put(np.ones(sizes.frequencies.shape))  # not used
         if rule.needs_matrix:
             norm = unit_norms(self.curve, self.region, sizes.frequencies, sizes.norm_orders)
-        return RuleInputs(kernel_noise_power(self.kernels, self.curve.weights), norm, rule)
+        if rule.needs_noise:
+            power = kernel_noise_power(self.kernels, self.curve.weights)
+        return RuleInputs(power, norm, rule)
 
 
 class CylindricalWaves(_Solved):
@@ -141,7 +150,24 @@ class BoundaryTraces(_Solved):
 
 def data_kernels(radii: Float[Array, " radii"], sizes: PlaneSizes) -> tuple[Array, Array]:
     """`PlaneBasis.kernels` and `totals`."""
-    return radial_kernels(radii, sizes.frequencies), total_weights(radii)
+    return _data_kernels(radii, sizes.frequencies)
+
+
+@jax.jit
+def _data_kernels(radii: Array, frequencies: Array) -> tuple[Array, Array]:
+    return radial_kernels(radii, frequencies), total_weights(radii)
+
+
+def _transformed_by_numpy(xp: Any, kernels: Any, totals: Any, g: Any) -> tuple[Any, Any]:
+    """The same as one product of matrices."""
+    products = g @ xp.moveaxis(kernels.reshape(-1, g.shape[-1]), 0, 1)
+    parts = products.reshape(*g.shape[:2], -1, 2)
+    return xp.moveaxis(parts, 1, 3), g @ totals
+
+
+@jax.jit
+def _transformed(kernels: Array, totals: Array, g: Array) -> tuple[Array, Array]:
+    return transform_by(kernels, g), g @ totals
 
 
 def plane_basis(
@@ -186,10 +212,11 @@ def _inverted(
     fhat: Array,
     mass: Array,
     weights: Array,
-    where: tuple[Array, Array, ImageGrid, Array, Array],
+    where: tuple[Any, Array, ImageGrid, Array, Array],
     inversion: str,
+    ramp: Ramp | None,
 ) -> Float[Array, "images x1 x2"]:
-    return invert(with_origin(fhat, mass, weights), *where, inversion)
+    return invert(with_origin(fhat, mass, weights), *where, inversion, ramp)
 
 
 @eqx.filter_jit

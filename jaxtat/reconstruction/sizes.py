@@ -56,6 +56,8 @@ class PlaneSizes(eqx.Module):
         n_nodes: on elements of finite width, by which their means are taken where they are no arcs.
         sampled: share of max_frequency up to which the detectors sample waves of the region, in
             quarters of an octave; at most 1.
+        n_samples: of frequencies in arrays of sizes on the ladder, where the last one is there
+            again, and counts nothing, until they are so many, see `laddered`; else None.
     """
 
     max_frequency: float = eqx.field(static=True)
@@ -68,6 +70,7 @@ class PlaneSizes(eqx.Module):
     as_in_the_paper: bool = eqx.field(static=True)
     n_nodes: int = eqx.field(static=True)
     sampled: float = eqx.field(static=True)
+    n_samples: int | None = eqx.field(static=True, default=None)
 
     @property
     def reached(self) -> bool:
@@ -77,7 +80,8 @@ class PlaneSizes(eqx.Module):
     @property
     def frequencies(self) -> Float[Array, " frequencies"]:
         """lambda_i [rad/length]."""
-        return by_library(_frequencies, (), self.max_frequency, self.n_frequencies)
+        n = self.n_frequencies
+        return by_library(_frequencies, (), self.max_frequency, n, self.n_samples or n)
 
     @property
     def angles(self) -> Float[Array, " directions"]:
@@ -85,8 +89,8 @@ class PlaneSizes(eqx.Module):
         return by_library(_angles, (), self.n_directions)
 
 
-def _frequencies(xp: Any, highest: float, n: int) -> Any:
-    return highest / n * xp.arange(1, n + 1)
+def _frequencies(xp: Any, highest: float, n: int, n_samples: int) -> Any:
+    return highest / n * xp.minimum(xp.arange(1, n_samples + 1), n)
 
 
 def _angles(xp: Any, n: int) -> Any:
@@ -112,7 +116,7 @@ def plane_sizes(
         frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
         highest = float(np.asarray(frequencies)[-1])
         if region.automatic:
-            length = float(region.weights.sum())
+            length = float(np.asarray(region.weights).sum())
             region = region.with_counts(region.shared_out(enough_boundary(length, highest)))
         require_problem(curve, region, grid)
         groups: tuple[tuple[int, int, int], ...] = ()
@@ -165,7 +169,7 @@ def systems_fit(
         cylindrical: in cylindrical waves, or on the boundary.
         plan: whether densities are kept.
     """
-    highest, n_all, n_directions = float(polar[0][-1]), len(polar[0]), len(polar[1])
+    highest, n_all, n_directions = float(np.asarray(polar[0])[-1]), len(polar[0]), len(polar[1])
     geometry = polar_geometry(curve, region) if cylindrical else None
     mirror, disk, on_circle = False, True, False
     if geometry is not None:

@@ -251,7 +251,7 @@ def require_end(support: Supported, speed: float) -> None:
 
 def require_middle(support: Supported, speed: float) -> None:
     """Raise ValueError for a record that ends before sound is half-way to the region's middle."""
-    if float(support.end) < 0.5 * float(support.end - support.reach_of_end):
+    if float(support.end) < 0.5 * (float(support.end) - float(support.reach_of_end)):
         raise ValueError(_too_short(support, speed))
 
 

@@ -160,7 +160,7 @@ def cross_validation(
 
     Source: Golub, Heath and Wahba, Technometrics 21 (1979) 215-223.
     """
-    n = 2 * geometry.detector_angles.shape[0]
+    n = 2 * jnp.sum(geometry.weights > 0)
 
     def at(wave: WaveTable, equations: NormalEquations, rhs: Array, data: Array) -> Array:
         power = jnp.sum(geometry.weights * data**2)
