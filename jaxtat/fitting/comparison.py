@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, real_array
 from ..reconstruction import Setup
 from ..reconstruction.setup import require_setup
-from .arguments import checked_data, data_fit, in_units_of
+from .arguments import checked_data, data_fits, in_units_of
 from .data_fit import DataFit
 
 
@@ -67,9 +67,9 @@ def compare_fits(
     """
     require_setup(setup)
     pressure = None if times is None else (times, sound_speed, model, conditioning)
-    fit = data_fit(setup, pressure, False, noise, mask, None)
-    wanted, _, size = checked_data(data, fit)
-    fit, wanted = in_units_of(size, fit, wanted)
+    fits = data_fits(setup, pressure, False, noise, mask, None, None, [setup.grid])
+    wanted, _, size = checked_data(data, fits[0])
+    (fit,), wanted = in_units_of(size, fits, wanted)
     if len(wanted) != 1:
         raise ValueError(f"data are those of {len(wanted)} images, expected one.")
     images = []

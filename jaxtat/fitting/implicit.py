@@ -18,9 +18,9 @@ import optimistix.internal as optxi
 from jaxtyping import Array, Bool, Float
 
 from .data_fit import DataFit
-from .fista import Scale, nearest
 from .penalties import NoPenalty, Penalty, Ridge
 from .relative_cg import RelativeCG
+from .scale import Scale
 
 _TOLERANCE, _STEPS = 1e-8, 2000
 
@@ -90,4 +90,4 @@ def _moved(image: Array, _: None, inputs: tuple[Problem, Array]) -> Array:
     """F: how far a step with a proximal map moves the image."""
     fit, data, penalty, weight, scale = inputs[0]
     down = image - fit.transposed(fit.modelled(image) - data) / scale.square
-    return image - nearest(fit, penalty, down, weight / scale.square, scale, None)[0]
+    return image - fit.allowed(penalty(down, weight / scale.square))

@@ -45,6 +45,11 @@ class CircleSizes(eqx.Module):
         """lambda_k = j_k / T [rad/length]."""
         return self.zeros / self.period
 
+    def first(self, n: int) -> "CircleSizes":
+        """The sizes of the first n frequencies alone, for an image on coarser pixels."""
+        groups = tuple((a, min(b, n), m, turn) for a, b, m, turn in self.groups if a < n)
+        return CircleSizes(self.period, n, groups, self.n_nodes)
+
 
 def circle_sizes(curve: DetectorCurve, grid: ImageGrid) -> CircleSizes:
     """The sizes of a concrete geometry: T by its farthest pixel, orders by the image's reach.

@@ -2,7 +2,7 @@
 
 from .direct import Reconstruction, reconstruct, solve
 from .laddered import OnLadder, on_ladder, solve_on_ladder
-from .operator import ForwardOperator, circular_means, forward_operator
+from .operator import ForwardOperator, circular_means, forward_operator, operator_on
 from .plan import PAPER_K, ReconstructionPlan, build_plan
 from .setup import Setup
 from .stack import reconstruct_stack
@@ -18,6 +18,7 @@ __all__ = [
     "circular_means",
     "forward_operator",
     "on_ladder",
+    "operator_on",
     "reconstruct",
     "reconstruct_stack",
     "solve",

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, named, real_array, require_magnitude
 from ..base.hashable_methods import ComparedByIdentity, compiled
+from ..forward import CircleSizes, SphereSizes
 from ..steps.radon import LowPass, low_pass_at
 from .setup import Setup, require_setup
 
@@ -161,6 +162,51 @@ def forward_operator(
     (33, 33)
     """
     require_setup(setup)
+    sizes = setup.sizes.operator
+    eta = None
+    if low_pass is not None:
+        relative = sizes.frequencies / sizes.frequencies[-1]
+        eta = low_pass_at(low_pass, jnp.asarray(relative))
+    return _made(setup, setup.grid, sizes, eta, None, dtype, tolerance)
+
+
+def operator_on(
+    setup: Setup,
+    grid: Any,
+    *,
+    max_frequency: float | None = None,
+    record: Float[Array, "samples radii"] | None = None,
+    dtype: Any = None,
+) -> ForwardOperator:
+    """A from a coarser grid over the same square or box, followed by a matrix over radii.
+
+    Args:
+        setup: detectors and radii.
+        grid: of the same half width and centre as the setup's, with as many nodes or fewer.
+        max_frequency: above which the spectrum of an image does not count, concrete [rad/length].
+        record: from integrals to what was recorded.
+        dtype: as in `forward_operator`.
+    """
+    sizes = setup.sizes.operator
+    # by numbers of nodes alone, which are static
+    steps = zip(grid.shape, setup.grid.shape, strict=True)
+    share = min((coarse - 1) / (fine - 1) for coarse, fine in steps)
+    if max_frequency is not None:
+        share = min(share, max_frequency / float(sizes.frequencies[-1]))
+    if share < 1:
+        sizes = sizes.first(max(1, int(share * sizes.n_frequencies)))
+    return _made(setup, grid, sizes, None, record, dtype, None)
+
+
+def _made(
+    setup: Setup,
+    grid: Any,
+    sizes: CircleSizes | SphereSizes,
+    eta: Float[Array, " frequencies"] | None,
+    record: Float[Array, "samples radii"] | None,
+    dtype: Any,
+    tolerance: Any,
+) -> ForwardOperator:
     chosen = np.dtype(np.float64 if dtype is None else dtype)
     if chosen not in (np.float32, np.float64):
         raise ValueError(f"dtype is {dtype!r}, expected float64 or float32.")
@@ -169,18 +215,15 @@ def forward_operator(
     tolerance = float(tolerance)
     if not 1e-14 <= tolerance <= 0.1:
         raise ValueError(f"tolerance is {tolerance}, expected 1e-14 to 0.1.")
-    sizes = setup.sizes.operator
-    eta = None
-    if low_pass is not None:
-        relative = sizes.frequencies / sizes.frequencies[-1]
-        eta = low_pass_at(low_pass, jnp.asarray(relative))
-    integrals = setup.kind.fast_integrals(
-        setup.curve, setup.grid, setup.radii, sizes, eta, tolerance
-    )
+    integrals = setup.kind.fast_integrals(setup.curve, grid, setup.radii, sizes, eta, tolerance)
+    shape = setup.data_shape
+    if record is not None:
+        integrals = eqx.tree_at(lambda each: each.series, integrals, integrals.series @ record.T)
+        shape = (*shape[:-1], record.shape[0])
     if chosen == np.float32:
         integrals = _in_single_precision(integrals)
     highest = jax.device_put(np.float64(sizes.frequencies[-1]))
-    return ForwardOperator(integrals, highest, setup.grid.shape, setup.data_shape)
+    return ForwardOperator(integrals, highest, grid.shape, shape)
 
 
 def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:
