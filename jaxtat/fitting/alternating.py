@@ -28,7 +28,7 @@ from .scale import Scale
 from .spectrum import Spectrum, preconditioned
 
 EDGE = 0.1  # a = w / (EDGE max f): smaller differences are shrunk to zero at once
-HOLD = 3e-3  # c over max m
+HOLD = 5e-3  # c over max m
 OVER = 1.6  # relaxation
 
 

@@ -51,9 +51,9 @@ def after(
     step, size = progress.step + 1, jnp.linalg.norm(new)
     size = jnp.where(size > 0, size, 1.0)
     change = jnp.linalg.norm(new - old) / size
-    moved = jnp.linalg.norm(new - progress.since) / size
+    moved = jnp.linalg.norm(new - progress.since)
     ratio = jnp.clip(moved / jnp.where(progress.moved > 0, progress.moved, 1.0), _FASTEST, _SLOWEST)
-    remaining = jnp.where(jnp.isinf(progress.moved), jnp.inf, moved * ratio / (1 - ratio))
+    remaining = jnp.where(jnp.isinf(progress.moved), jnp.inf, moved * ratio / (1 - ratio) / size)
     # an iteration that gives NaN does not go on
     look = (step % EVERY == 0) | ~jnp.isfinite(change)
     return Progress(

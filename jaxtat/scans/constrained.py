@@ -39,7 +39,8 @@ PENALTIES = {
     "ridge": Ridge,
     "none": NoPenalty,
 }
-TOLERANCE = 1e-2  # measured records hold no more
+TOLERANCE = 1.5e-2  # measured records hold no more
+TOLERANCE_OF_SHORT = 1e-3  # what a record does not hold is found slowly, from the constraints
 
 
 def fitted(
@@ -60,7 +61,7 @@ def fitted(
         penalty=PENALTIES[choices.penalty](),
         nonnegative=choices.nonnegative,
         weight=choices.weight,
-        tolerance=TOLERANCE,
+        tolerance=TOLERANCE if recorded.whole else TOLERANCE_OF_SHORT,
         dtype=jnp.float32,
         progress=progress,
         **recorded.model,
@@ -83,22 +84,23 @@ def compared(
 
 
 class _Recorded(NamedTuple):
-    """The data of a fit, and the other arguments of `model_based`."""
+    """The data of a fit, the other arguments of `model_based`, and whether all sound is in them."""
 
     setup: Setup
     data: Array
     model: dict[str, Any]
+    whole: bool
 
 
 def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) -> _Recorded:
     times = times_of(scan)
     if choices.in_space:
-        return _Recorded(setup, integrals(scan, choices, setup, frames), {})
+        return _Recorded(setup, integrals(scan, choices, setup, frames), {}, setup.complete)
     n_detectors = len(choices.order)
     if times is None:
         larger = setup_to_fit(setup, n_detectors)
         g = integrals(scan, choices, setup, frames)
-        return _Recorded(larger, *_masked(g, larger.data_shape))
+        return _Recorded(larger, *_masked(g, larger.data_shape), setup.complete)
     record = real_array(scan.kind, frames[..., list(choices.channels), :], None)
     radii = data_radii(setup.curve, setup.region, setup.grid.spacing.max())
     reaching = Setup(
@@ -128,7 +130,8 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
     }
     recorded = windowed(record, baseline=has_baseline(choices))
     data, mask = _masked(recorded, (larger.curve.n_detectors, n_samples))
-    return _Recorded(larger, data, model | mask)
+    whole = bool(path[-1] >= float(radii[-1]))
+    return _Recorded(larger, data, model | mask, whole)
 
 
 def _masked(data: Any, shape: tuple[int, ...]) -> tuple[Array, dict[str, Any]]:
