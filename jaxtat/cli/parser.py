@@ -35,8 +35,8 @@ _EXAMPLES = {
   jaxtat reconstruct scan.npz --model in-plane --sound-speed 1500 --region-radius 0.0146 \\
          --pixels 301 --band 1e5 7e6 --low-pass cosine --out scan.png
       the same with choices made by hand
-  jaxtat reconstruct scan.hdf5 --model-based --nonnegative --out scan.png
-      the image that fits the record and has the shortest edges, no pixel below zero
+  jaxtat reconstruct scan.hdf5 --direct --out scan.png
+      the image by the formula, in one pass, instead of the one that fits the record
   jaxtat reconstruct scan.hdf5 --try sound_speed=1450:1600:10 --out sheet.png
       sixteen pictures beside each other, to choose by eye
   jaxtat reconstruct data.npz --plan half.h5 --out image.png
@@ -303,8 +303,20 @@ def _add_constraints(parser: argparse.ArgumentParser) -> None:
 def _add_options(group, name: str) -> None:
     """The options of one group in the table of choices."""
     for choice in OPTIONS:
-        if choice.group == name:
+        if choice.group != name:
+            continue
+        if not choice.off:
             group.add_argument(option_of(choice.name), **choice.option)
+            continue
+        either = group.add_mutually_exclusive_group()
+        either.add_argument(option_of(choice.name), **choice.option)
+        either.add_argument(
+            option_of(choice.off),
+            dest=choice.name,
+            action="store_const",
+            const=False,
+            help=choice.off_help,
+        )
 
 
 def _add_geometry(parser: argparse.ArgumentParser) -> None:

@@ -35,10 +35,10 @@ from .arguments import (
     require_prox,
     weight_unit,
 )
+from .coarse_grids import between_nodes, ladder, same_on_all_grids, weight_on
 from .data_fit import DataFit
 from .fista import Momentum
 from .implicit import Problem, with_derivatives
-from .ladder import between_nodes, ladder, same_on_all_grids, weight_on
 from .penalties import NoPenalty, Penalty, Ridge
 from .progress import EVERY, Progress, after, before
 from .relative_cg import RelativeCG
@@ -145,8 +145,8 @@ def model_based(
             map that changes the shape or gives NaN, a mask that leaves nothing, or what pressure
             needs without ``times``.
 
-    Source: `jaxtat.fitting.alternating`, on the grids of `jaxtat.fitting.ladder`; `fista` for maps
-    of the user's; conjugate gradients for `Ridge` and `NoPenalty`.
+    Source: `jaxtat.fitting.alternating`, after `jaxtat.fitting.coarse_grids`; `fista` for maps of
+    the user's; conjugate gradients for `Ridge` and `NoPenalty`.
 
     >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
     >>> setup = Setup(circular_arc(1.3, 1.0, 30), disk(1.0), ImageGrid(21), max_frequency=20.0)

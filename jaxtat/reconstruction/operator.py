@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, named, real_array, require_magnitude
 from ..base.hashable_methods import ComparedByIdentity, compiled
+from ..base.size_ladder import rung
 from ..forward import CircleSizes, SphereSizes
 from ..steps.radon import LowPass, low_pass_at
 from .setup import Setup, require_setup
@@ -194,7 +195,9 @@ def operator_on(
     if max_frequency is not None:
         share = min(share, max_frequency / float(sizes.frequencies[-1]))
     if share < 1:
-        sizes = sizes.first(max(1, int(share * sizes.n_frequencies)))
+        sizes = sizes.first(
+            min(rung(max(1, int(share * sizes.n_frequencies))), sizes.n_frequencies)
+        )
     return _made(setup, grid, sizes, None, record, dtype, None)
 
 

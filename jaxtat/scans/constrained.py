@@ -61,6 +61,7 @@ def fitted(
         penalty=PENALTIES[choices.penalty](),
         nonnegative=choices.nonnegative,
         weight=choices.weight,
+        max_frequency=float(choices.max_frequency) if "times" in recorded.model else None,
         tolerance=TOLERANCE if recorded.whole else TOLERANCE_OF_SHORT,
         dtype=jnp.float32,
         progress=progress,

@@ -30,6 +30,7 @@ from .choosing import choose, estimate
 from .constrained import fitted
 from .facts import blank_frames, facts_of, frame_numbers, some_frames, with_facts
 from .frames import GROUPS, integrals, lit_frames, setup_of
+from .method import with_best_method
 from .space import TurnedOver, facts_in_space
 
 AT_A_TIME = 2**26  # bytes of data, as float64, that are reconstructed together
@@ -112,7 +113,7 @@ def reconstruct_file(
         start_time=start_time,
         frames=frames,
     )
-    choices = estimate(scan, choose(scan, **given), **given)
+    choices = with_best_method(scan, estimate(scan, choose(scan, **given), **given))
     if report is not None:
         report(choices.table())
     return reconstruct(scan, choices, out=out, progress=progress)

@@ -594,7 +594,7 @@ def require_refusal(folder, capsys, line, reason):
     assert sorted(path.name for path in folder.iterdir()) == before
 
 
-WORK = ("jaxtat.cli.inputs.build_plan", "jaxtat.scans.images.solve")
+WORK = ("jaxtat.cli.inputs.build_plan", "jaxtat.scans.images.solve_on_ladder")
 WITH_AND_WITHOUT_PLAN = pytest.mark.parametrize("option", ["--K 3", ""])
 
 

@@ -12,7 +12,7 @@ import jaxtat
 from jaxtat import ImageGrid, VolumeGrid, model_based
 from jaxtat.fitting import Ridge, SecondOrderVariation, TotalVariation
 from jaxtat.fitting.arguments import data_fits
-from jaxtat.fitting.ladder import between_nodes, ladder
+from jaxtat.fitting.coarse_grids import between_nodes, ladder
 from jaxtat.fitting.progress import EVERY, after, before
 from jaxtat.fitting.spectrum import middle_pixel, period, preconditioned, spectrum_of
 from jaxtat.reconstruction import operator_on
