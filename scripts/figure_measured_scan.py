@@ -1,4 +1,4 @@
-"""docs/measured_scan.png: a measured scan with a quarter open, by back-projection and by jaxtat.
+"""docs/measured_scan.png: a measured scan by back-projection, the formula, and a fit.
 
 Run from the root of a checkout, with JAXTAT_DATA naming the folder of the measured scan; without
 it the public scan is downloaded. No option is given: everything is chosen from the file.
@@ -16,7 +16,7 @@ from jaxtat.plotting import add_scale_bar, show_image
 from jaxtat.steps import universal_back_projection
 
 OUT = Path("docs/measured_scan.png")
-LIMITS = (-2.0, 5.0)  # standard deviations of the image
+SHOWN = (0.5, 99.7)  # percentiles that are black and white
 
 
 def back_projection(setup: jaxtat.Setup, g: jax.Array) -> jax.Array:
@@ -29,18 +29,22 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     scan = load_scan(jaxtat.io.datasets.fetch("msot_scan9"))
     choices = jaxtat.scans.estimate(scan, jaxtat.scans.choose(scan))
-    print(choices.table())
-    image = jaxtat.scans.reconstruct(scan, choices).image
+    best = jaxtat.scans.with_best_method(scan, choices)
+    print(best.table())
     setup = jaxtat.scans.setup_of(scan, choices)
     g = jaxtat.scans.integrals(scan, choices, setup, scan.frame(0))
     projected = back_projection(setup, g)
-    images = {"back-projection": projected, "jaxtat": image}
+    images = {
+        "back-projection": projected,
+        "jaxtat --direct": jaxtat.scans.reconstruct(scan, choices).image,
+        "jaxtat": jaxtat.scans.reconstruct(scan, best).image,
+    }
     inside = np.asarray(setup.region.contains(setup.grid.points))
-    figure, axes = plt.subplots(1, 2, figsize=(9, 4.5), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(12, 4.2), layout="constrained")
     for axis, (title, values) in zip(axes, images.items(), strict=True):
         shown = np.where(inside, np.asarray(values), np.nan)
-        shown /= np.nanstd(shown)  # the two have different units
-        show_image(axis, shown, setup.grid, limits=LIMITS, title=title, unit="m")
+        low, high = np.nanpercentile(shown, SHOWN)  # back-projection has another unit
+        show_image(axis, shown, setup.grid, limits=(low, high), title=title, unit="m")
         add_scale_bar(axis)
         axis.set_axis_off()
     figure.savefig(OUT, dpi=100)

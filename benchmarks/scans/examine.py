@@ -18,7 +18,7 @@ def examine(case: Case, size: str, oracle: bool, folder: Path) -> dict:
     from oracle import window
 
     from jaxtat.io import load_scan
-    from jaxtat.scans import choose, estimate, reconstruct
+    from jaxtat.scans import choose, estimate, reconstruct, with_best_method
 
     path = write(case, SIZES[size], folder)
     body = truth(case, SIZES[size])
@@ -29,10 +29,12 @@ def examine(case: Case, size: str, oracle: bool, folder: Path) -> dict:
     pictures = {"truth": where.truth, "corners": corners}
     try:
         scan = load_scan(path)
-        choices = estimate(scan, choose(scan))
-        row |= _chosen(case, body, choices)
+        direct = estimate(scan, choose(scan))
+        choices = with_best_method(scan, direct)
+        row |= _chosen(case, body, direct)
         pictures["chosen"] = where.seen(reconstruct(scan, choices))
         row |= {"error": where.error(pictures["chosen"]), "seconds": time.process_time() - start}
+        row["direct"] = where.error(where.seen(reconstruct(scan, direct)))
         row["reasons"] = choices.table()
     except Exception as problem:
         row |= {"failed": f"{type(problem).__name__}: {problem}", "where": traceback.format_exc()}

@@ -27,6 +27,7 @@ COLUMNS = (
     "half",
     "dirt",
     "error",
+    "direct",
     "oracle",
     "speed_error",
     "speed_grade",

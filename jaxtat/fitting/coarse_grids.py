@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from .penalties import NoPenalty, Penalty, Ridge
 
-COARSEST = 25  # nodes along the shortest axis, fewer of which show nothing of an object
+COARSEST = 40  # nodes along the shortest axis; of fewer, steps cost less than their programs
 COARSEST_IN_SPACE = 17
 STEP = 4  # from grid to grid
 
@@ -26,8 +26,8 @@ def ladder(grid: Any) -> list[Any]:
     """The grid, and before it coarser ones over the same square or box, each of a quarter.
 
     >>> from jaxtat import ImageGrid
-    >>> [level.shape for level in ladder(ImageGrid(129))]
-    [(33, 33), (129, 129)]
+    >>> [level.shape for level in ladder(ImageGrid(433))]
+    [(109, 109), (433, 433)]
     """
     grids = [grid]
     while True:
