@@ -9,9 +9,12 @@ import scipy.fft
 import scipy.special
 from jaxtyping import Float
 
-from ..geometry import CircularArc, DetectorCurve, ImageGrid, circle_through
+from ..geometry import CircularArc, DetectorCurve, DiskBody, ImageGrid, circle_through
 from ..geometry.elements import enough_nodes
 
+# of a body's radius, up to which images are taken: from there on its waves grow without meaning
+IN_BODY = 1.3
+TAIL = 2.0  # radii of a body that its echoes go on for, in the period
 MARGIN = 1.04  # of the period over the farthest pixel from a detector: positions may change by that
 # at most so many groups of frequencies with as many orders; off a circle each has its own table
 GROUPS, GROUPS_OFF_CIRCLE = 8, 4
@@ -45,25 +48,37 @@ class CircleSizes(eqx.Module):
         return self.zeros / self.period
 
 
-def circle_sizes(curve: DetectorCurve, grid: ImageGrid) -> CircleSizes:
+def circle_sizes(
+    curve: DetectorCurve, grid: ImageGrid, medium: DiskBody | None = None
+) -> CircleSizes:
     """The sizes of a concrete geometry: T by its farthest pixel, orders by the image's reach.
 
     The circular harmonics of the transform of an image that reaches to |x - c| <= a are those of
     J_m(lambda a), which fall faster than exponentially from m = lambda a on.
+
+    Through a body lambda is that of the water: the image has c_2/c_1 times as many waves.
     """
     half_width, center = np.asarray(grid.half_width), np.asarray(grid.center)
     spacing, points = np.asarray(grid.spacing), np.asarray(curve.points)
     corners = center + half_width * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
     reach = farthest = 0.0
+    ratio = slow = 1.0
     circle = _circle_center(curve)
     centers = [center] if circle is None else [circle]
+    if medium is not None:
+        circle, centers = None, [np.asarray(medium.center)]
+        ratio = 1 / float(medium.speed_ratio)
+        slow = max(1.0, ratio)
     if circle is not None and not isinstance(curve, CircularArc):
         centers.append(center)  # about which the waves are taken when positions are traced
     for about in centers:
         reach = max(reach, float(np.hypot(*(corners - about).T).max()))
         farthest = max(farthest, float(np.hypot(*(points - about).T).max()))
-    period = MARGIN * (farthest + reach)
-    highest = np.pi / float(spacing.max())
+    period = farthest + reach
+    if medium is not None:
+        reach = min(reach, IN_BODY * float(medium.radius))
+        period = farthest + slow * reach + TAIL * float(medium.radius)
+    period, highest = MARGIN * period, np.pi / float(spacing.max()) / ratio
     n = max(1, int(np.sum(zeros_of_j0(int(highest * period / np.pi) + 2) <= highest * period)))
     frequencies = zeros_of_j0(n) / period
     most = GROUPS if circle is not None else GROUPS_OFF_CIRCLE
@@ -71,7 +86,7 @@ def circle_sizes(curve: DetectorCurve, grid: ImageGrid) -> CircleSizes:
     bounds = np.unique(np.linspace(0, n, n_groups + 1).round().astype(int))
     groups = []
     for first, last in pairwise(bounds):
-        orders = highest_order(float(frequencies[last - 1]) * reach)
+        orders = highest_order(float(frequencies[last - 1]) * ratio * reach)
         turn = 2 * int(scipy.fft.next_fast_len(orders + 1, real=True) or 0)
         groups.append((int(first), int(last), orders, turn))
     # more than densities need: the error is 1e-9 instead of 5e-6

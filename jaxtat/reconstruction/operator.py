@@ -176,7 +176,7 @@ def forward_operator(
         relative = sizes.frequencies / sizes.frequencies[-1]
         eta = low_pass_at(low_pass, jnp.asarray(relative))
     integrals = setup.kind.fast_integrals(
-        setup.curve, setup.grid, setup.radii, sizes, eta, tolerance
+        setup.curve, setup.grid, setup.radii, sizes, eta, tolerance, *setup.through
     )
     if chosen == np.float32:
         integrals = _in_single_precision(integrals)
