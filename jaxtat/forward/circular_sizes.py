@@ -12,9 +12,10 @@ from jaxtyping import Float
 from ..geometry import CircularArc, DetectorCurve, DiskBody, ImageGrid, circle_through
 from ..geometry.elements import enough_nodes
 
-# of a body's radius, up to which images are taken: from there on its waves grow without meaning
-IN_BODY = 1.3
-TAIL = 2.0  # radii of a body that its echoes go on for, in the period
+# Of a body's radius, up to which images are taken at least: all of a region that may reach to 1.25
+# has orders enough, and beyond it the waves of the body grow without meaning.
+IN_BODY = 1.1
+ECHOES = 2.0  # radii of a body after the last direct wave, before the period ends
 MARGIN = 1.04  # of the period over the farthest pixel from a detector: positions may change by that
 # at most so many groups of frequencies with as many orders; off a circle each has its own table
 GROUPS, GROUPS_OFF_CIRCLE = 8, 4
@@ -30,12 +31,21 @@ class CircleSizes(eqx.Module):
         groups: (first, last + 1, highest order M, directions over a whole turn) of frequencies
             that share them.
         n_nodes: on elements of finite width.
+        reach: of the image from the centre of the waves, times its frequencies over lambda
+            [length].
     """
 
     period: float = eqx.field(static=True)
     n_frequencies: int = eqx.field(static=True)
     groups: tuple[tuple[int, int, int, int], ...] = eqx.field(static=True)
     n_nodes: int = eqx.field(static=True)
+    reach: float = eqx.field(static=True)
+
+    def with_period(self, period: float) -> "CircleSizes":
+        """As many frequencies more as another period needs up to the same highest one."""
+        n = max(1, int(self.n_frequencies * period / self.period))
+        groups = _groups(zeros_of_j0(n) / period, self.reach, len(self.groups))
+        return CircleSizes(period, n, groups, self.n_nodes, self.reach)
 
     @property
     def zeros(self) -> Float[np.ndarray, " frequencies"]:
@@ -49,7 +59,9 @@ class CircleSizes(eqx.Module):
 
 
 def circle_sizes(
-    curve: DetectorCurve, grid: ImageGrid, medium: DiskBody | None = None
+    curve: DetectorCurve,
+    grid: ImageGrid,
+    medium: DiskBody | None = None,
 ) -> CircleSizes:
     """The sizes of a concrete geometry: T by its farthest pixel, orders by the image's reach.
 
@@ -77,21 +89,27 @@ def circle_sizes(
     period = farthest + reach
     if medium is not None:
         reach = min(reach, IN_BODY * float(medium.radius))
-        period = farthest + slow * reach + TAIL * float(medium.radius)
+        period = farthest + slow * reach + ECHOES * float(medium.radius)
     period, highest = MARGIN * period, np.pi / float(spacing.max()) / ratio
     n = max(1, int(np.sum(zeros_of_j0(int(highest * period / np.pi) + 2) <= highest * period)))
-    frequencies = zeros_of_j0(n) / period
     most = GROUPS if circle is not None else GROUPS_OFF_CIRCLE
-    n_groups = min(most, 1 + n // WORTH_A_GROUP)
+    groups = _groups(zeros_of_j0(n) / period, ratio * reach, min(most, 1 + n // WORTH_A_GROUP))
+    # more than densities need: the error is 1e-9 instead of 5e-6
+    n_nodes = 1 if curve.element_width is None else 4 + enough_nodes(curve.element_width, highest)
+    return CircleSizes(period, n, groups, n_nodes, ratio * reach)
+
+
+def _groups(
+    frequencies: Float[np.ndarray, " frequencies"], reach: float, n_groups: int
+) -> tuple[tuple[int, int, int, int], ...]:
+    n = len(frequencies)
     bounds = np.unique(np.linspace(0, n, n_groups + 1).round().astype(int))
     groups = []
     for first, last in pairwise(bounds):
-        orders = highest_order(float(frequencies[last - 1]) * ratio * reach)
+        orders = highest_order(float(frequencies[last - 1]) * reach)
         turn = 2 * int(scipy.fft.next_fast_len(orders + 1, real=True) or 0)
         groups.append((int(first), int(last), orders, turn))
-    # more than densities need: the error is 1e-9 instead of 5e-6
-    n_nodes = 1 if curve.element_width is None else 4 + enough_nodes(curve.element_width, highest)
-    return CircleSizes(period, n, tuple(groups), n_nodes)
+    return tuple(groups)
 
 
 def highest_order(x: float) -> int:

@@ -97,7 +97,10 @@ def _require_similar(body: Array, water: Array) -> None:
 
 
 def region_about(body: DiskBody, region: Region) -> Disk:
-    """The least disk about the body's centre that holds the region."""
+    """The least disk about the body's centre that holds the region.
+
+    Its radius has a kink where both have one centre; the derivative there is the mean, 0.
+    """
     size = region.radius if isinstance(region, Disk) and region.whole else None
     where = region.points if size is None else region.center[None]
     reach = by_library(_farthest, (where, body.center, 0.0 if size is None else size))
@@ -134,17 +137,18 @@ def require_surrounded(curve: DetectorCurve, region: Region, body: DiskBody) -> 
 
 
 def lag(
-    body: DiskBody, detectors: Float[np.ndarray, "detectors 2"], points: Float[np.ndarray, "n 2"]
-) -> Float[np.ndarray, "detectors n"]:
+    body: DiskBody, detectors: Float[Array, "detectors 2"], points: Float[Array, "n 2"]
+) -> Float[Array, "detectors n"]:
     """L (c_2/c_1 - 1), L the part of the straight way from a detector to a point in the body."""
-    center, radius, ratio = (
-        np.asarray(part) for part in (body.center, body.radius, body.speed_ratio)
-    )
+    where = detectors, points, body.center, body.radius, body.speed_ratio
+    return by_library(_lag, where)
+
+
+def _lag(xp: Any, detectors: Any, points: Any, center: Any, radius: Any, ratio: Any) -> Any:
     way = points - detectors[:, None]
-    length = np.linalg.norm(way, axis=-1)
-    way = way / length[..., None]
-    along = np.sum(way * (center - detectors[:, None]), axis=-1)
-    square = along**2 - np.sum((center - detectors) ** 2, axis=-1)[:, None] + radius**2
-    half = np.sqrt(np.maximum(square, 0.0))
-    inside = np.clip(along + half, 0.0, length) - np.clip(along - half, 0.0, length)
+    length = xp.linalg.norm(way, axis=-1)
+    along = xp.sum(way * (center - detectors[:, None]), axis=-1) / length
+    square = along**2 - xp.sum((center - detectors) ** 2, axis=-1)[:, None] + radius**2
+    half = root(square, xp)
+    inside = xp.clip(along + half, 0.0, length) - xp.clip(along - half, 0.0, length)
     return inside * (1 / ratio - 1)

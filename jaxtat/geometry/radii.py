@@ -130,5 +130,5 @@ def _distances(
     square = along1**2 + along2**2
     if medium is None:
         return float(np.sqrt(square.min())), float(np.sqrt(square.max()))
-    distance = np.sqrt(square) + lag(medium, np.asarray(curve.points), np.asarray(region.points))
+    distance = np.sqrt(square) + np.asarray(lag(medium, curve.points, region.points))
     return float(distance.min()), float(distance.max())

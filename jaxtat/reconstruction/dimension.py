@@ -93,9 +93,7 @@ def _plane_radii(
     return data_radii(curve, region, step, medium=medium)
 
 
-def _require_plane(
-    curve: DetectorCurve, region: Region, medium: DiskBody | None = None
-) -> None:
+def _require_plane(curve: DetectorCurve, region: Region, medium: DiskBody | None = None) -> None:
     require_outside(curve, region)
     if medium is not None:
         require_surrounded(curve, region, medium)

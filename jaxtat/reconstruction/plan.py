@@ -217,7 +217,8 @@ def build_plan(
         densities = densities.in_single_precision() if precision == "single" else densities
     if all(leaf.ndim == 0 for leaf in jax.tree.leaves(rule)):
         _warn_of_residuals(report)  # a rule made for every frequency leaves out what it wants to
-    return ReconstructionPlan(setup, densities, rule, report, *data_kernels(setup.radii, sizes, setup.medium))
+    kernels = data_kernels(setup.radii, sizes, setup.medium)
+    return ReconstructionPlan(setup, densities, rule, report, *kernels)
 
 
 def _geometry(setup: Setup) -> PolarGeometry:
@@ -321,7 +322,7 @@ def _cylindrical(
     setup: Setup, norms: Array, regularization: Regularization, single: bool, bar: tqdm
 ) -> tuple[Densities, DensityReport]:
     """Groups of frequencies with the same number of orders; within a group a few at a time."""
-    curve, region, _, sizes = plane_of(setup)
+    _, region, _, sizes = plane_of(setup)
     frequencies, angles = sizes.frequencies, sizes.angles
     with jax.ensure_compile_time_eval():
         geometry = _geometry(setup)

@@ -108,8 +108,8 @@ class Setup(eqx.Module):
             )
         self.curve, self.grid, self.medium = curve, grid, medium
         if radii is None:
-            step = grid.spacing.max() / kind.radii_per_pixel
             with jax.ensure_compile_time_eval():  # inside jax.jit too
+                step = grid.spacing.max() / kind.radii_per_pixel
                 radii = kind.radii(curve, region, step, *self.through)
         self.radii = real_array("radii", radii, ("radii",))
         self.sizes, self.region = kind.sizes(

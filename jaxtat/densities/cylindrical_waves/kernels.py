@@ -5,7 +5,7 @@ A source at x in the region and a detector at z, both counted from the centre of
     G_J + i G_Y = Σ_n J_n(lambda |x|) h_n(|z|) e^{in(theta_z - theta_x)},
 
 with h_n = h_-n by the speed of sound on the way. Where it is that of the region, h_n = H_n = J_n +
-i Y_n of lambda |z| (Graf, DLMF 10.23.7). The interface of a body of another speed, a circle about the
+i Y_n of lambda |z| (Graf, DLMF 10.23.7). The rim of a body of another speed, a circle about the
 same centre, multiplies each order by a complex factor and changes the frequency outside.
 """
 

@@ -141,7 +141,8 @@ def waves_reach(curve: DetectorCurve, region: Region, medium: DiskBody | None = 
     """Whether cylindrical waves write the potentials of a concrete geometry with few orders.
 
     For detectors off a circle they are asked to reach with a ratio of 1.2; below it orders, and
-    products over detectors, grow until direct kernels are cheaper. Through a body nothing else goes.
+    products over detectors, grow until direct kernels are cheaper, which there are none of through
+    a body.
     """
     geometry = polar_geometry(curve, region, medium=medium)
     least = 1 / REACHED if medium is not None or near_circle(curve) else FARTHER * (1 - _ROUNDING)
