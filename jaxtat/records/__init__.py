@@ -7,6 +7,7 @@ from .noise import LEAST_SAMPLES, RecordNoise, noise_of_record, record_noise_lev
 from .pressure import MODELS, condition_record, pressure_to_circular_integrals, require_equispaced
 from .pressure_simulation import circular_integrals_to_pressure, pressure_matrix
 from .sampling import Supported, first_arrival, sampled_frequency, supported
+from .water import water_speed
 
 __all__ = [
     "LEAST_SAMPLES",
@@ -29,4 +30,5 @@ __all__ = [
     "sampled_frequency",
     "simulate_pressure",
     "supported",
+    "water_speed",
 ]
