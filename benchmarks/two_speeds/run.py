@@ -125,10 +125,9 @@ def errors(shape, speed, opening, noise, folder):
     single = min(
         error(solve(one.replace(radii=RADII * c), g * c, alpha).image)
         for c in 1 + np.array(SHARES) * (speed - 1)
-        for alpha in (ALPHAS if noise else ALPHAS[:1])
+        for alpha in ALPHAS
     )
-    alphas = ALPHAS if noise else ALPHAS[:1]
-    through = min(error(solve(two, g, alpha).image) for alpha in alphas)
+    through = min(error(solve(two, g, alpha).image) for alpha in ALPHAS)
     return single, error(straight_delays(g, curve, body)), through
 
 

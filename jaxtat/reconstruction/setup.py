@@ -61,7 +61,7 @@ class Setup(eqx.Module):
         grid: Any,
         radii: Numbers | None = None,
         *,
-        medium: DiskBody | None = None,
+        medium: Any = None,
         max_frequency: Numbers | None = None,
         n_directions: int | None = None,
         _n_groups: int = GROUPS,  # of frequencies: fewer compile sooner and run longer

@@ -5,7 +5,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat import DiskBody, ImageGrid, Setup, circular_arc, data_radii, disk, spherical
+from jaxtat import (
+    DiskBody,
+    ImageGrid,
+    Setup,
+    VolumeGrid,
+    circular_arc,
+    data_radii,
+    disk,
+    spherical,
+)
 from jaxtat.geometry import polygon, region_about
 from jaxtat.geometry.bodies import lag
 
@@ -32,7 +41,7 @@ def test_what_is_no_body_is_refused(changed, message):
 @pytest.mark.parametrize(
     ("curve", "region", "medium", "message"),
     [
-        (circular_arc(0.5, 0.5, 60), disk(0.3), BODY, "a detector is 0.4.* expected detectors in"),
+        (circular_arc(0.5, 0.5, 60), disk(0.3), BODY, "a detector is 0.38.* expected detectors in"),
         (circular_arc(1.3, 1.3, 60), disk(0.6), BODY, "region reaches 0.716.* sources in the body"),
         (circular_arc(1.3, 1.3, 60), disk(0.4), 1560.0, "medium is 1560.0, expected .* DiskBody"),
     ],
@@ -43,9 +52,9 @@ def test_what_does_not_go_together_is_refused(curve, region, medium, message):
 
 
 def test_in_space_there_is_one_speed():
-    cap = spherical.spherical_cap(1.3, 1.3, 8)
+    cap = spherical.spherical_cap(1.3, 1.3, 8, 8)
     with pytest.raises(ValueError, match=r"medium is a DiskBody, expected none .* in space"):
-        Setup(cap, spherical.ball(0.4), spherical.VolumeGrid(9), medium=BODY)
+        Setup(cap, spherical.ball(0.4), VolumeGrid(9), medium=BODY)
 
 
 def test_numbers_are_traced():
@@ -81,7 +90,7 @@ def test_radii_are_those_of_the_time_in_water():
     curve, region = circular_arc(1.0, 1.0, 90), disk(0.45, n_boundary=90)
     radii = data_radii(curve, region, 0.01, medium=body)
     assert np.isclose(radii[0], 0.55, atol=1e-3)
-    assert 0 <= radii[-1] - (0.55 + 0.9 / 0.9) < 0.011
-    setup = Setup(curve, region, ImageGrid(21, 0.45), radii[:-12], medium=body)
+    assert -1e-9 < radii[-1] - (0.55 + 0.9 / 0.9) < 0.011
+    setup = Setup(curve, region, ImageGrid(21, 0.45), radii[:-10], medium=body)
     assert not setup.complete
-    assert Setup(curve, region, ImageGrid(21, 0.45), radii[:-12]).complete
+    assert Setup(curve, region, ImageGrid(21, 0.45), radii[:-10]).complete
