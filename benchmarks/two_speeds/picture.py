@@ -1,4 +1,4 @@
-"""The picture of docs/how-to/two-speeds.md: one body, 270 degrees, 1 % noise, four images.
+"""The picture of docs/how-to/two-speeds.md: one body, 270 degrees, 1 % noise, and what is wrong.
 
 python benchmarks/two_speeds/picture.py folder docs/two_speeds.png
 """
@@ -12,7 +12,7 @@ import run
 from jaxtat import DiskBody, Setup, detector_curve, solve
 from jaxtat.records import pressure_to_circular_integrals
 
-SPEED, OPENING, NOISE, ALPHA = 1.04, 270, 0.01, 1e-2
+SPEED, OPENING, NOISE, ALPHA = 1.04, 270, 0.01, 1e-3
 
 
 def images(folder):
@@ -37,12 +37,18 @@ def images(folder):
 
 
 def main(folder, path):
-    figure, axes = plt.subplots(1, 4, figsize=(10, 2.9), layout="constrained")
-    for axis, (name, image) in zip(axes, images(folder).items(), strict=True):
+    figure, axes = plt.subplots(2, 4, figsize=(10, 5.4), layout="constrained")
+    found = images(folder)
+    for (above, below), (name, image) in zip(axes.T, found.items(), strict=True):
+        wrong = np.where(run.MEASURED, image - found["truth"], np.nan).T
         shown = np.where(run.MEASURED, image, np.nan).T
-        axis.imshow(shown, origin="lower", cmap="gray", vmin=-0.2, vmax=1.3)
-        axis.set_title(name if name == "truth" else f"{name}: {run.error(image):.3f}", fontsize=10)
-        axis.axis("off")
+        above.imshow(shown, origin="lower", cmap="gray", vmin=-0.2, vmax=1.3)
+        above.set_title(name, fontsize=10)
+        for axis in (above, below):
+            axis.axis("off")
+        if name != "truth":
+            below.imshow(wrong, origin="lower", cmap="RdBu_r", vmin=-0.3, vmax=0.3)
+            below.set_title(f"minus truth: {run.error(image):.3f}", fontsize=10)
     figure.savefig(path, dpi=110)
 
 

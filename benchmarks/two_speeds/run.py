@@ -16,9 +16,6 @@ from itertools import product
 from pathlib import Path
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import jax.numpy as jnp
 import numpy as np
 import waves
@@ -27,6 +24,7 @@ from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, solve
 from jaxtat.geometry.bodies import lag
 from jaxtat.records import pressure_to_circular_integrals
 
+jax.config.update("jax_enable_x64", True)
 warnings.simplefilter("ignore")  # of few detectors and of what an arc does not see
 
 CENTER, RADIUS, AXES = np.array([0.1, -0.06]), 0.45, (0.50, 0.38)
