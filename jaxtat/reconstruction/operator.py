@@ -132,6 +132,9 @@ def forward_operator(
     cut off at the region. What depends on the geometry alone is computed here, once, and kept; with
     it A is a pytree of arrays. Differentiable with respect to images, detectors and radii.
 
+    With a medium the data are those of sources in its body, see `Setup`, differentiable in the
+    body's numbers too.
+
         A = forward_operator(setup)
         g = A.mv(image)             # (detectors, radii); A(images) takes stacks
         back = A.T.mv(g)            # the exact transpose

@@ -13,7 +13,7 @@ in the water, H_n = J_n + i Y_n. Pressure and (1/rho) dp/dr are continuous at |x
 which is 1 in one medium, by the Wronskian. For n beyond x_1 and x_2 t_n tends to a multiple of
 (k_2/k_1)^n.
 
-Source: Morse and Ingard, Theoretical Acoustics (1968), section 8.2; DLMF 10.5.5.
+Source: Morse and Ingard, Theoretical Acoustics (1968), chapter 8; DLMF 10.5.5.
 """
 
 from functools import partial
