@@ -2,6 +2,7 @@
 
 import atexit
 import gc
+import logging
 import os
 import shutil
 import tempfile
@@ -16,6 +17,8 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 from jaxtyping import install_import_hook
+
+import jaxtat
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # more only get in the way of XLA's own
 # in one piece: to split each program for threads to compile costs more time than they have to gain
@@ -48,16 +51,19 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 jax.config.update("jax_enable_x64", True)
 # the lines of Python that operations come from: written into programs, and read by no one here
 jax.config.update("jax_traceback_in_locations_limit", 0)
-# every annotation of an array in the package is checked, in every test
-with install_import_hook("jaxtat", "beartype.beartype"):
-    import jaxtat
 
-    for name in jaxtat.__all__:  # imported when it is asked for
-        getattr(jaxtat, name)
-# Tracing makes many small objects, few of them garbage: looked for less often, not among modules.
-gc.collect()
-gc.freeze()
-gc.set_threshold(200_000, 20, 100)
+
+def pytest_configure(config):
+    """Import the package so that every annotation of an array in it is checked, in every test."""
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        return  # the process that only hands the tests out to others
+    with install_import_hook("jaxtat", "beartype.beartype"):
+        for name in jaxtat.__all__:  # imported when it is asked for
+            getattr(jaxtat, name)
+    # Tracing makes many small objects, few of them garbage: looked for less often, not in modules.
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(200_000, 20, 100)
 
 
 # modules that are one with a package that not everyone has: nothing in them without it
@@ -137,6 +143,33 @@ def none_made():
     all of them would take long, and the tests that follow would make theirs again.
     """
     return partial(jax.default_matmul_precision, "highest")
+
+
+def names_of_programs(work):
+    """Names of the programs that are compiled for it, as JAX logs them."""
+    names = []
+
+    class Kept(logging.Handler):
+        def emit(self, record):
+            if record.getMessage().startswith("Finished XLA compilation"):
+                names.append(record.getMessage().split(" in ")[0])
+
+    logger, handler = logging.getLogger("jax._src.dispatch"), Kept()
+    logger.addHandler(handler)
+    old, logger.propagate = logger.propagate, False
+    try:
+        with jax.log_compiles():
+            work()
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = old
+    return names
+
+
+@pytest.fixture
+def programs_of():
+    """`names_of_programs`, for the tests of all folders."""
+    return names_of_programs
 
 
 @partial(jax.jit, static_argnums=0)

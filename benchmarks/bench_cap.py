@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from jaxtat import NoiseLevel, Setup, VolumeGrid, reconstruct
 from jaxtat.phantoms import noise_like
-from jaxtat.spherical import Bells, back_projection, ball, cap_radii, spherical_cap
+from jaxtat.spherical import SolidBells, back_projection, ball, cap_radii, spherical_cap
 
 DETECTORS = {33: (48, 128), 65: (96, 256), 129: (192, 512), 257: (384, 1024)}
 
@@ -20,7 +20,7 @@ class CapProblem:
     """R_g = 1.3, R = 1; bells inside the ball, or inside its lower half."""
 
     setup: Setup
-    phantom: Bells
+    phantom: SolidBells
     g: Array
 
     def error(self, volume: Array, below: float = np.inf) -> float:
@@ -35,10 +35,10 @@ def cap_problem(n: int, top: float = 1.0) -> CapProblem:
     """n^3 voxels on [-1, 1]^3; a cap up to z_3 = top, where the region ends too if it is cut."""
     cap, grid, whole = spherical_cap(1.3, top, *DETECTORS[n]), VolumeGrid(n), ball(1.0)
     centers, sizes = [[0.15, 0.2, 0.25], [-0.25, -0.1, -0.3], [0.1, -0.35, 0.3]], [0.6, 0.55, 0.4]
-    region, bells = whole, Bells(centers, sizes, [1.0, 1.0, -0.5])
+    region, bells = whole, SolidBells(centers, sizes, [1.0, 1.0, -0.5])
     if top < 1.0:
         region = ball(1.0, top)
-        bells = Bells([[0.1, 0.15, -0.5], [-0.3, -0.2, -0.48]], [0.45, 0.4])
+        bells = SolidBells([[0.1, 0.15, -0.5], [-0.3, -0.2, -0.48]], [0.45, 0.4])
     radii = cap_radii(cap, region, grid.spacing[0] / 2, sources=whole)
     setup = Setup(cap, region, grid, radii)
     return CapProblem(setup, bells, bells.spherical_integrals(cap, setup.radii))

@@ -18,7 +18,8 @@ from jaxtat import forward_operator, spherical
 ARCS = {129: 500, 257: 512, 513: 1000, 1025: 2000}
 ELLIPSE = jaxtat.elliptic_arc((1.6, 1.4), 512, start=0.8, stop=5.5)
 L_SHAPE = jaxtat.polyline([(-1.2, 1.2), (-1.2, -1.2), (1.2, -1.2)], 512)
-BELL, BALL = jaxtat.phantoms.Bells([[0.3, 0.2]], [0.6]), spherical.Bells([[0.1, 0.0, 0.2]], [0.7])
+BELL = jaxtat.phantoms.Bells([[0.3, 0.2]], [0.6])
+BALL = spherical.SolidBells([[0.1, 0.0, 0.2]], [0.7])
 
 
 def arc(n):

@@ -25,16 +25,16 @@ from jaxtat import (
     line_detectors,
     phantoms,
 )
-from jaxtat.line_detectors import Balls, LineDetectorScan, invert_projections
+from jaxtat.line_detectors import LineDetectorScan, PolynomialBalls, invert_projections
 
 N = 129
-BELLS = Balls(
+BELLS = PolynomialBalls(
     [[0.3, 0.1, 0.2], [-0.35, 0.25, -0.3], [0.1, -0.45, -0.1]],
     [0.55, 0.45, 0.4],
     [1.0, -0.7, 0.8],
     exponent=8,
 )
-BALLS = Balls(
+BALLS = PolynomialBalls(
     [[0, 0, 0], [0.3, 0.2, 0.25], [-0.35, 0.1, -0.3], [0.1, -0.45, -0.1], [-0.2, 0.3, 0.45]],
     [0.85, 0.25, 0.2, 0.15, 0.1],
     [0.5, 0.5, -0.3, 0.5, 0.5],
@@ -64,7 +64,7 @@ def scan_of(arc: str, n: int) -> LineDetectorScan:
     return LineDetectorScan(np.arange(turns * n) * np.pi / n)
 
 
-def exact(phantom: Balls) -> tuple[np.ndarray, np.ndarray]:
+def exact(phantom: PolynomialBalls) -> tuple[np.ndarray, np.ndarray]:
     """The volume, and which of its voxels are at most 0.95 from the origin."""
     grid = ImageGrid(N)
     x = np.asarray(grid.x1)

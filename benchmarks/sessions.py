@@ -1,55 +1,165 @@
-"""Programs, memory maps and time of reconstructions of sizes that were not compiled before.
+"""Programs, memory maps, memory and processor time of many scans, or many sizes, in one process.
 
-    python benchmarks/sessions.py --sizes 12
+    python benchmarks/sessions.py --scans 100
+    python benchmarks/sessions.py --scans 20 --fit
+    python benchmarks/sessions.py --sizes 50
+    python benchmarks/sessions.py --cold
 
-Prints for each size what one direct reconstruction of it compiles, and how many sizes fill the maps
-that Linux grants a process. The first size has the programs that all of them share.
+Scans are of one scanner, 256 x 2030 samples, and differ in channels left out, region, speed, band,
+frames and samples; from the fourth on nothing should be compiled. Sizes are numbers of detectors
+and pixels of a study in Python, each of which is compiled anew. ``--cold`` times processes of their
+own: without a folder of programs, with one that another scan has filled, and the second image.
 """
 
 import argparse
-import statistics
+import os
+import subprocess
+import sys
+import tempfile
 import time
+import warnings
 from pathlib import Path
 
-import jax
 import numpy as np
 
-jax.config.update("jax_enable_x64", True)
-
-import jaxtat  # noqa: E402
-
 PROGRAM = "/jax/core/compile/backend_compile_duration"
+RADIUS, SPEED, RATE, DETECTORS, SAMPLES = 0.04, 1495.0, 4e7, 256, 2030
+COMMAND = "import sys; from jaxtat.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 def maps() -> int:
     return len(Path("/proc/self/maps").read_text().splitlines())
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--sizes", type=int, default=12)
-    programs: list[str] = []
-    jax.monitoring.register_event_duration_secs_listener(
-        lambda event, *_, **__: programs.append(event) if event == PROGRAM else None
+def resident() -> float:
+    """Resident memory [MB]."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def counts(
+    n_samples: int = SAMPLES,
+    silent: tuple[int, ...] = (),
+    frames: int = 1,
+    speed: float = SPEED,
+) -> np.ndarray:
+    """What the scanner writes: pulses from a dozen places, and noise."""
+    rng = np.random.default_rng(7)
+    sources, width = rng.uniform(-6e-3, 6e-3, (12, 2)), rng.uniform(1.0, 3.0, 12) * 4e-7
+    points, times = positions()[:, :2], np.arange(n_samples) / RATE
+    record = np.zeros((DETECTORS, n_samples))
+    for source, duration in zip(sources, width, strict=True):
+        distance = np.hypot(*(points - source).T)[:, None]
+        late = (times - distance / speed) / duration
+        record -= late * np.exp(-(late**2) / 2)
+    record += 0.003 * rng.standard_normal(record.shape)
+    record[list(silent)] = 0
+    found = (32768 + 8000 * record).astype(np.uint16)
+    return found if frames == 1 else np.stack([found] * frames)
+
+
+def positions() -> np.ndarray:
+    theta = np.radians(90.0 + np.linspace(-135.0, 135.0, DETECTORS))
+    return RADIUS * np.stack([np.cos(theta), np.sin(theta), 0 * theta], axis=1)
+
+
+def write(path: Path, pressure: np.ndarray, **known: float) -> Path:
+    facts = {"detectors": positions(), "sampling_rate": RATE, "sound_speed": SPEED}
+    np.savez(path, pressure=pressure, **facts | known)
+    return path
+
+
+def a_scan(number: int, folder: Path) -> tuple[Path, dict]:
+    """The number-th scan and the options with which it is reconstructed."""
+    rng = np.random.default_rng(number)
+    silent = tuple(int(k) for k in rng.choice(DETECTORS, number % 4, replace=False))
+    frames, samples = 3 if len(silent) == 2 else 1, SAMPLES - int(rng.integers(0, 12))
+    speed = SPEED * rng.uniform(0.995, 1.005)
+    path = write(folder / "scan.npz", counts(samples, silent, frames, speed), sound_speed=speed)
+    radius = 0.011 * rng.uniform(1.0, 1.02)
+    options = {"region_radius": radius, "max_frequency": 7000.0 * rng.uniform(0.99, 1.0)}
+    if number % 2:
+        options["band"] = (2e5 * rng.uniform(0.9, 1.1), 7e6)
+    return path, options
+
+
+def scans(n: int, fit: bool, counted: list[str]) -> None:
+    from jaxtat.scans import reconstruct_file
+
+    options = {"model_based": True} if fit else {}
+    print(
+        "| scan | programs | maps | memory [MB] | processor [s] |\n| --- | --- | --- | --- | --- |"
     )
-    found, before = [], maps()
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(n):
+            path, chosen = a_scan(k, Path(folder))
+            counted.clear()
+            start = time.process_time()
+            reconstruct_file(path, **chosen, **options)
+            spent = time.process_time() - start
+            row = k + 1, len(counted), maps(), f"{resident():.0f}", f"{spent:.1f}"
+            print("|", " | ".join(map(str, row)), "|", flush=True)
+
+
+def sizes(n: int, counted: list[str]) -> None:
+    import jaxtat
+
     print(
         "| detectors | pixels | programs | maps | processor [s] |\n| --- | --- | --- | --- | --- |"
     )
-    for k in range(parser.parse_args().sizes):
-        programs.clear()
-        here, start = maps(), time.process_time()
-        n, pixels = 60 + 4 * k, 21 + 2 * k
-        setup = jaxtat.Setup(
-            jaxtat.circular_arc(1.3, 1.0, n), jaxtat.disk(1.0), jaxtat.ImageGrid(pixels)
-        )
-        g = np.ones(setup.data_shape)
-        jaxtat.reconstruct(setup, g, 1e-6).block_until_ready()
-        found.append((len(programs), maps() - here, time.process_time() - start))
-        print(f"| {n} | {pixels} | {found[-1][0]} | {found[-1][1]} | {found[-1][2]:.1f} |")
-    per_size = statistics.median(row[1] for row in found[1:])
-    granted = int(Path("/proc/sys/vm/max_map_count").read_text())
-    print(f"{(granted - before) / per_size:.0f} sizes fill the {granted} maps of a process.")
+    for k in range(n):
+        counted.clear()
+        start, detectors, pixels = time.process_time(), 60 + 4 * k, 21 + 2 * k
+        curve = jaxtat.circular_arc(1.3, 1.0, detectors)
+        setup = jaxtat.Setup(curve, jaxtat.disk(1.0), jaxtat.ImageGrid(pixels))
+        jaxtat.reconstruct(setup, np.ones(setup.data_shape), 1e-6).block_until_ready()
+        spent = time.process_time() - start
+        print(f"| {detectors} | {pixels} | {len(counted)} | {maps()} | {spent:.1f} |", flush=True)
+
+
+def cold() -> None:
+    """Processor time of ``jaxtat reconstruct`` in processes of their own."""
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        first = write(folder / "first.npz", counts())
+        other = write(folder / "other.npz", counts(SAMPLES - 9), sound_speed=1.003 * SPEED)
+        print("| start | processor [s] | wall [s] |\n| --- | --- | --- |")
+        for name, scan, cache in (
+            ("no folder of programs", first, "--no-cache"),
+            ("an empty one", first, f"--cache {folder / 'kept'}"),
+            ("one filled by another scan", other, f"--cache {folder / 'kept'}"),
+            ("one filled by this scan", other, f"--cache {folder / 'kept'}"),
+        ):
+            words = f"reconstruct {scan} {cache} --quiet --out {folder / 'image.h5'}".split()
+            before, start = os.times(), time.time()
+            subprocess.run([sys.executable, "-c", COMMAND, *words], check=True)
+            after = os.times()
+            spent = sum(after[2:4]) - sum(before[2:4])
+            print(f"| {name} | {spent:.1f} | {time.time() - start:.1f} |", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--scans", type=int, default=0)
+    parser.add_argument("--sizes", type=int, default=0)
+    parser.add_argument("--fit", action="store_true", help="fit the scans' images")
+    parser.add_argument("--cold", action="store_true")
+    options = parser.parse_args()
+    if options.cold:
+        cold()
+    if not (options.scans or options.sizes):
+        return
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    warnings.simplefilter("ignore")
+    counted: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, *_, **__: counted.append(event) if event == PROGRAM else None
+    )
+    if options.scans:
+        scans(options.scans, options.fit, counted)
+    if options.sizes:
+        sizes(options.sizes, counted)
 
 
 if __name__ == "__main__":

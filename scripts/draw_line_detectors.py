@@ -15,7 +15,7 @@ import numpy as np
 
 import jaxtat
 from jaxtat.base.atomic import replacing
-from jaxtat.line_detectors import Balls, LineDetectorScan, reconstruct
+from jaxtat.line_detectors import LineDetectorScan, PolynomialBalls, reconstruct
 from jaxtat.plotting import new_figure, show_geometry, show_image
 
 PARTS = (
@@ -33,7 +33,7 @@ def narrow(relative_frequency):
 
 def main(path: Path) -> None:
     jax.config.update("jax_enable_x64", True)
-    grid, balls = jaxtat.ImageGrid(129), Balls(*PARTS)
+    grid, balls = jaxtat.ImageGrid(129), PolynomialBalls(*PARTS)
     exact = np.asarray(balls.volume(grid, grid.x2))
     figure = new_figure(12.5, 6.4)
     rows = figure.subplots(2, 4)

@@ -17,8 +17,8 @@ import numpy as np
 import jaxtat
 from jaxtat.densities.cylindrical_waves import (
     frequency_groups,
-    harmonic_orders,
     polar_geometry,
+    wave_orders,
     wave_table,
 )
 from jaxtat.densities.cylindrical_waves.densities import fold, wave_system
@@ -66,7 +66,7 @@ def errors(study: Study, rules) -> list[tuple[np.ndarray, np.ndarray]]:
     curve, region, radii, sizes = plane_of(study.setup)
     frequencies, angles = sizes.frequencies, sizes.angles
     geometry = polar_geometry(curve, region)
-    orders = harmonic_orders(geometry, np.asarray(frequencies))
+    orders = wave_orders(geometry, np.asarray(frequencies))
     norms = unit_norms(curve, region, frequencies, angles=angles)
     transformed = radial_transform(study.data, radii, frequencies)
     folded = fold(transformed[..., None], curve.weights, geometry.mirror)[..., 0]

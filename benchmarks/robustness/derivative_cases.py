@@ -251,7 +251,7 @@ def of_phantoms(rng: Rng) -> Cases:
         spherical.spherical_cap(1.3, 0.5, 2, 4),
         line_detectors.LineDetectorScan(np.arange(3) * np.pi / 3),
     )
-    for kind in (spherical.Bells, spherical.Balls):
+    for kind in (spherical.SolidBells, spherical.Balls):
         yield Case(
             f"spherical.{kind.__name__}, integrals, Fourier transform",
             lambda centers, sizes, amplitudes, radii, kind=kind: (
@@ -263,7 +263,7 @@ def of_phantoms(rng: Rng) -> Cases:
             {**parts, "radii": radii},
         )
     yield Case(
-        "line_detectors.Balls, volume and integrals",
+        "line_detectors.PolynomialBalls, volume and integrals",
         lambda centers, sizes, amplitudes, angles, axis, radii: (
             lambda balls: (
                 balls.volume(jt.ImageGrid(5), [0.1, -0.1]),
@@ -273,7 +273,7 @@ def of_phantoms(rng: Rng) -> Cases:
                     radii,
                 ),
             )
-        )(line_detectors.Balls(centers, sizes, amplitudes, exponent=3)),
+        )(line_detectors.PolynomialBalls(centers, sizes, amplitudes, exponent=3)),
         {**parts, "angles": scan.angles, "axis": 0.1, "radii": radii},
     )
 
@@ -495,7 +495,7 @@ def _searches(rng: Rng) -> Cases:
 
 def of_space(rng: Rng) -> Cases:
     """Reconstruction in space."""
-    grid, bell = jt.VolumeGrid(5), spherical.Bells([[0.1, 0.0, -0.1]], [0.6])
+    grid, bell = jt.VolumeGrid(5), spherical.SolidBells([[0.1, 0.0, -0.1]], [0.6])
     for name, cap, region in (
         ("ball", spherical.spherical_cap(1.5, 1.1, 10, 16), spherical.ball(0.8)),
         ("cut ball", spherical.spherical_cap(1.5, 0.1, 10, 16), spherical.ball(0.8, 0.1)),

@@ -215,7 +215,7 @@ def main() -> int:
     warnings.simplefilter("ignore")  # of reading odd headers, and of forking
     import jax
 
-    import jaxtat.io  # noqa: F401 (once, before the children)
+    from jaxtat.io import load_plan, load_scan  # noqa: F401 (once, before the children)
 
     jax.config.update("jax_enable_x64", True)
     counts, _ = fuzz(options.kinds, options.files, options.seed, options.first, options.keep)

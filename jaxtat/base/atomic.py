@@ -1,4 +1,4 @@
-"""Writing files so that a reader never sees half of one."""
+"""Writing files so that no reader sees a half-written one."""
 
 import os
 import platform

@@ -78,7 +78,7 @@ def require_objects(**objects: Any) -> None:
 
 
 def named(value: Any) -> str:
-    """What came in place of what was expected, in words."""
+    """A description of an unexpected argument, for messages."""
     if isinstance(value, int | float | str | None):
         return repr(value)
     if isinstance(value, list | tuple) and len(repr(value)) < 40:
@@ -92,7 +92,7 @@ def named(value: Any) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is a real number or an array, list or tuple, perhaps of such."""
+    """Whether a value is a real number, or an array, list or tuple, which may hold them."""
     return isinstance(value, list | tuple | np.ndarray | jax.Array | np.number | int | float)
 
 
@@ -148,7 +148,7 @@ def dtype_of(name: str, value: Any) -> np.dtype:
 
 
 def require_unmasked(name: str, value: Any) -> None:
-    """Raise ValueError for masked arrays, of which JAX and NumPy would take what is masked."""
+    """Raise ValueError for masked arrays, whose mask JAX and NumPy would ignore."""
     parts = value if isinstance(value, list | tuple) else [value]
     n = sum(np.ma.count_masked(part) for part in parts if isinstance(part, np.ma.MaskedArray))
     if n:
@@ -193,7 +193,7 @@ def require_finite(name: str, array: Array) -> None:
 
 
 def require_magnitude(name: str, array: Array) -> None:
-    """Raise ValueError for a concrete array so large or small that its squares are no numbers."""
+    """Raise ValueError for a concrete array whose squares overflow or underflow."""
     if not is_concrete(array) or not array.size:
         return
     size, most = float(np.max(np.abs(array))), _LARGEST[array.dtype]

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from decimal import Decimal
 from typing import Any, NamedTuple
 
-from .names import INVERSIONS, LOW_PASSES, MODELS, PENALTIES
+from .option_values import INVERSIONS, LOW_PASSES, MODELS, PENALTIES
 
 SURE, LIKELY, GUESSED = GRADES = ("sure", "likely", "guessed")
 """Given, in the file, or following from it; what the data show, by a rule; nothing shows it."""
@@ -29,6 +29,7 @@ class Choice(NamedTuple):
         option: how argparse reads it.
         bound: what a number must be, `POSITIVE` or `NOT_NEGATIVE`; none by default.
         quantity: one of `Units.in_si`, of a number with a unit.
+        off, off_help: name of the option that says no, of a choice between yes and no.
     """
 
     name: str
@@ -38,6 +39,8 @@ class Choice(NamedTuple):
     option: Mapping[str, Any] = {}
     bound: str = ""
     quantity: str = ""
+    off: str = ""
+    off_help: str = ""
 
     @property
     def is_number(self) -> bool:
@@ -45,7 +48,7 @@ class Choice(NamedTuple):
         return self.option.get("type") in (int, float) and "nargs" not in self.option
 
     def stored(self, value: Any) -> Any:
-        """Its value in a file of settings, or ValueError for what it cannot be."""
+        """Its value from a settings file, or ValueError if that is not allowed."""
         try:
             result = self.read(value)
         except (TypeError, ValueError, OverflowError):
@@ -54,7 +57,7 @@ class Choice(NamedTuple):
         return result
 
     def require(self, value: Any, name: str | None = None) -> None:
-        """Raise ValueError for a number out of bounds; None is not chosen yet."""
+        """Raise ValueError for a number out of bounds; None means not chosen yet."""
         if value is None or not self.bound:
             return
         least = value > 0 if self.bound == POSITIVE else value >= 0
@@ -288,9 +291,11 @@ CHOICES = (
         {
             "action": "store_true",
             "default": None,
-            "help": "the image that fits the data and costs least, by iterations; any of the "
-            "options below says so too",
+            "help": "the image that fits the data and costs least, by iterations (default: of "
+            "pressure records); any of the options below says so too",
         },
+        off="direct",
+        off_help="the image by the formula, in one pass",
     ),
     Choice(
         "penalty",
@@ -304,7 +309,13 @@ CHOICES = (
         _flag,
         lambda c: "f >= 0" if c.nonnegative else "no",
         CONSTRAINTS,
-        {"action": "store_true", "default": None, "help": "no pixel is below zero"},
+        {
+            "action": "store_true",
+            "default": None,
+            "help": "no pixel is below zero (default: of pressure records)",
+        },
+        off="signed",
+        off_help="pixels may be below zero",
     ),
     Choice(
         "weight",
@@ -327,6 +338,9 @@ BESIDES = (
     *(Choice(name, _flag) for name in ("series", "collocation", "single")),
 )
 """What settings say of the scan and of plans beside the choices; None if they do not."""
+
+OFF = {choice.name: choice.off for choice in CHOICES if choice.off}
+"""Options that say no, by name of the choice."""
 
 OPTIONS = tuple(choice for choice in CHOICES if choice.group is not None)
 NUMBERS = tuple(choice.name for choice in OPTIONS if choice.is_number)
@@ -352,6 +366,8 @@ def words_of(name: str, value: Any) -> list[str]:
     >>> words_of("region_center", (0.1, -1e-5)), words_of("quiet", True), words_of("alpha", None)
     (['--region-center', '0.1', '-0.00001'], ['--quiet'], [])
     """
+    if value is False and name in OFF:
+        return [option_of(OFF[name])]
     if value is None or value is False:
         return []
     if value is True:

@@ -26,7 +26,7 @@ SECONDS_PER_ENTRY = {"direct": 3e-11, "plan": 2e-9}
 
 
 class LongWorkWarning(UserWarning):
-    """The computation will take many minutes; nothing is wrong with it."""
+    """The computation is possible but will take many minutes."""
 
 
 class Cost(NamedTuple):
@@ -87,7 +87,7 @@ def systems_cost(sizes: Systems, plan: str | None = None) -> Cost:
 
     Args:
         sizes: of the problem.
-        plan: None for a reconstruction without densities; "harmonic" or "sampled" by how a plan
+        plan: None for a reconstruction without densities; "cylindrical" or "sampled" by how a plan
             keeps them.
     """
     n_detectors, n_radii, n, n_directions, rows, n_blocks, n_boundary, on_circle = sizes
@@ -103,7 +103,7 @@ def systems_cost(sizes: Systems, plan: str | None = None) -> Cost:
         nbytes += BYTES_PER_RADIUS * n_radii + 8.0 * (3 * n_radii**2 + 6 * n * n_radii)
         nbytes += 8.0 * 6 * n * n_detectors
         seconds *= rows**3 / n_blocks**2
-    elif plan == "harmonic":
+    elif plan == "cylindrical":
         nbytes += 8.0 * n * rows * columns / n_blocks / 2  # fewer orders at low frequencies
         of_group = (rows + rank) * columns / n_blocks + 2.0 * rank * n_directions
         nbytes += 8.0 * 2 * (n / GROUPS) * of_group
@@ -115,7 +115,7 @@ def systems_cost(sizes: Systems, plan: str | None = None) -> Cost:
 
 
 def most_that_fit(cost_of: Callable[[int], Cost], too_many: int, room: float) -> int:
-    """The largest number whose cost fits into so many bytes, of less than ``too_many``."""
+    """The largest number below ``too_many`` whose cost fits into ``room`` bytes."""
     fits = 0
     while too_many - fits > 1:
         middle = (fits + too_many) // 2
@@ -165,7 +165,7 @@ def _gigabytes(nbytes: float) -> str:
 
 
 def available_memory() -> float:
-    """Bytes that arrays may still take: on JAX's device, or by the least of the system's limits."""
+    """Bytes still free for arrays: on JAX's device, or by the smallest of the system's limits."""
     statistics = jax.devices()[0].memory_stats() if jax.default_backend() != "cpu" else None
     if statistics and "bytes_limit" in statistics:
         return float(statistics["bytes_limit"] - statistics.get("bytes_in_use", 0))
@@ -179,7 +179,7 @@ def available_memory() -> float:
 
 
 def group_memory(root: Path) -> float:
-    """Bytes that containers and batch systems leave by control groups, of which psutil is silent.
+    """Bytes left by control groups (containers, batch systems), which psutil does not report.
 
     Args:
         root: the directory in which Linux has /proc and /sys.

@@ -7,7 +7,7 @@ _LONGEST_NAME = 100
 
 
 def name_of(path: str | Path) -> str:
-    """A path for messages: of a long one, its end.
+    """A path as messages show it; long ones are cut to their end.
 
     >>> name_of("/data/" + 50 * "deep/" + "scan.npz")[:12]
     '...eep/deep/'
@@ -17,7 +17,7 @@ def name_of(path: str | Path) -> str:
 
 
 def require_file(path: str | Path) -> None:
-    """Raise FileNotFoundError where there is nothing to read, ValueError for what is no file."""
+    """Raise FileNotFoundError if there is no such path, ValueError if it is not a file."""
     place = Path(path)
     if not place.exists():
         raise FileNotFoundError(f"there is no file {name_of(path)}.")

@@ -15,7 +15,7 @@ _LIMITED = Lock()
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Sets the limit, and afterwards what was before.
+    """Limit the threads, and restore the earlier limit at the end.
 
     It is one for the whole process: where another thread of the program, or a block around this
     one, has set it, that one ends it too.

@@ -47,7 +47,7 @@ class Units(NamedTuple):
     time: str | None = None
 
     def in_length(self, unit: str | None) -> "Units":
-        """The same with another unit of length, if one is given.
+        """These units with another unit of length, if one is given.
 
         Raises:
             ValueError: for a unit that is none of `MILLIMETRES`.
@@ -60,7 +60,7 @@ class Units(NamedTuple):
         return _with(self._millimetres(length, digits, scale), self.length, "mm")
 
     def of_place(self, place: Iterable[float], scale: float, digits: int = 4) -> str:
-        """A place in millimetres, likewise."""
+        """A position in millimetres, rounded in the same way."""
         shown = ", ".join(self._millimetres(x, digits, scale) for x in place)
         return _with(f"({shown})", self.length, "mm")
 

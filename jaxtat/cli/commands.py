@@ -33,7 +33,7 @@ def plan(options: argparse.Namespace) -> None:
 
 def info(options: argparse.Namespace) -> None:
     """``jaxtat info``."""
-    from ..scans import choose, describe
+    from ..scans import choose, describe, with_best_method
     from ..scans.found import NoRegion
     from ..scans.info import describe_without_region
     from ..scans.speed import compare_sound_speed
@@ -51,6 +51,8 @@ def info(options: argparse.Namespace) -> None:
         return
     if wants_plan(options):
         choices = choices.regularised_by_plan()
+    else:
+        choices = with_best_method(scan, choices)
     if options.json:
         _write_json(options, choices)
     if options.json != "-":
@@ -64,7 +66,7 @@ def reconstruct(options: argparse.Namespace) -> None:
 
     start = time.perf_counter()
     require_suffix(options.out)  # and the package that writes it
-    scan, choices, plan, options = _prepared(options, start)
+    scan, choices, plan, options = _prepared(options, start, fits=not options.trial)
     if options.json:
         _write_json(options, choices)
     if options.trial:
@@ -105,7 +107,7 @@ def _to_patato(options, scan, result, plan, settings, inputs, start: float) -> N
 
     deviation = standard_deviations(scan, result.choices, plan=plan)
     save_patato(options.out, scan, result, deviation=deviation, settings=settings, inputs=inputs)
-    without = "" if deviation is not None else "; no standard deviations: no part of it is quiet"
+    without = "" if deviation is not None else "; without standard deviations"
     _report(options, f"images are in {options.out}, for PATATO{without}", start)
 
 
@@ -158,7 +160,7 @@ def report(options: argparse.Namespace) -> None:
     from ..reporting import report_scan
 
     start = time.perf_counter()
-    scan, choices, plan, options = _prepared(options, start)
+    scan, choices, plan, options = _prepared(options, start, fits=True)
     report_scan(
         options.out,
         scan,
@@ -240,13 +242,14 @@ def sample(options: argparse.Namespace) -> None:
     _report(options, f"scan written to {options.out}", start)
 
 
-def _prepared(options: argparse.Namespace, start: float):
+def _prepared(options: argparse.Namespace, start: float, *, fits: bool = False):
     """Scan, choices, plan (or None) and options of a command.
 
-    With --repeat they are those of an earlier image.
+    With --repeat they are those of an earlier image. ``fits``: images are fitted where that is more
+    accurate.
     """
     from ..io.plans import load_plan
-    from ..scans import choose, estimate, integrals
+    from ..scans import choose, estimate, integrals, with_best_method
     from .inputs import (
         given,
         plan_for,
@@ -269,6 +272,8 @@ def _prepared(options: argparse.Namespace, start: float):
         require_size(scan, choices)
         if plan is None:
             choices = estimate(scan, choices, **options_set)
+        if fits and plan is None and not wants_plan(options):
+            choices = with_best_method(scan, choices)
     else:
         require_size(scan, choices)
     if plan is not None or wants_plan(options):

@@ -12,6 +12,7 @@ from ..base.choice_table import (
     NUMBERS,
     OF_CONSTRAINTS,
     OF_REGION,
+    OFF,
     OPTIONS,
     POSITIVE,
     Choice,
@@ -20,7 +21,7 @@ from ..base.choice_table import (
     require_pixels,
 )
 from ..base.messages import require_file
-from ..base.names import FORMATS, IMAGE_SUFFIXES, STREAM_SUFFIXES
+from ..base.option_values import FORMATS, IMAGE_SUFFIXES, STREAM_SUFFIXES
 from ..base.scanners import scanner_named
 
 MOST_TRIALS = 36  # images on a sheet
@@ -72,7 +73,7 @@ def _require_files(options: argparse.Namespace) -> None:
 def is_given(options: argparse.Namespace, name: str) -> bool:
     """Whether the option was named, with a value."""
     value = getattr(options, name, None)
-    return value is not None and value is not False  # 0 is a value
+    return value is not None and (value is not False or name in OFF)  # 0 is a value
 
 
 def wants_plan(options: argparse.Namespace) -> bool:

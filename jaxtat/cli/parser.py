@@ -12,7 +12,7 @@ from ..base.choice_table import (
     REGION,
     option_of,
 )
-from ..base.names import FORMATS, IMAGE_SUFFIXES
+from ..base.option_values import FORMATS, IMAGE_SUFFIXES
 from ..base.scanners import SCANNERS
 from ..base.units import MILLIMETRES
 from ..version import __version__
@@ -35,8 +35,8 @@ _EXAMPLES = {
   jaxtat reconstruct scan.npz --model in-plane --sound-speed 1500 --region-radius 0.0146 \\
          --pixels 301 --band 1e5 7e6 --low-pass cosine --out scan.png
       the same with choices made by hand
-  jaxtat reconstruct scan.hdf5 --model-based --nonnegative --out scan.png
-      the image that fits the record and has the shortest edges, no pixel below zero
+  jaxtat reconstruct scan.hdf5 --direct --out scan.png
+      the image by the formula, in one pass, instead of the one that fits the record
   jaxtat reconstruct scan.hdf5 --try sound_speed=1450:1600:10 --out sheet.png
       sixteen pictures beside each other, to choose by eye
   jaxtat reconstruct data.npz --plan half.h5 --out image.png
@@ -62,7 +62,7 @@ _EXAMPLES = {
 """,
     "view": """
   jaxtat view scan.hdf5
-      the image in your browser, with knobs for speed of sound, alpha, frame and others
+      the image in your browser, with controls for speed of sound, alpha, frame and others
 """,
     "sample": """
   jaxtat sample scan.npz
@@ -134,7 +134,7 @@ def _add_reconstruct(subparsers) -> None:
     parser = _command(
         subparsers, "reconstruct", commands.reconstruct, "Reconstruct an image from a data file."
     )
-    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.load_scan)")
     parser.add_argument(
         "--out",
         required=True,
@@ -184,7 +184,7 @@ def _add_report(subparsers) -> None:
     parser = _command(
         subparsers, "report", commands.report, "A page about one image, with its diagnostics."
     )
-    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.load_scan)")
     parser.add_argument("--out", required=True, metavar="PAGE", help=".html file to write")
     parser.add_argument(
         "--frame", type=int, default=0, metavar="N", help="of a scan of many (default: the first)"
@@ -205,7 +205,7 @@ def _add_info(subparsers) -> None:
     parser = _command(
         subparsers, "info", commands.info, "What is in a scan file, and what would be chosen."
     )
-    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.load_scan)")
     _add_json(parser, "FILE|-", "write the choices, for programs, here or to standard output")
     _add_choices(parser)
 
@@ -255,7 +255,7 @@ def _add_view(subparsers) -> None:
         commands.view,
         "A scan in the browser, with sliders for its parameters, until Ctrl-C.",
     )
-    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.scans)")
+    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.load_scan)")
     parser.add_argument(
         "--port", type=int, default=0, metavar="N", help="of 127.0.0.1 (default: any that is free)"
     )
@@ -303,8 +303,20 @@ def _add_constraints(parser: argparse.ArgumentParser) -> None:
 def _add_options(group, name: str) -> None:
     """The options of one group in the table of choices."""
     for choice in OPTIONS:
-        if choice.group == name:
+        if choice.group != name:
+            continue
+        if not choice.off:
             group.add_argument(option_of(choice.name), **choice.option)
+            continue
+        either = group.add_mutually_exclusive_group()
+        either.add_argument(option_of(choice.name), **choice.option)
+        either.add_argument(
+            option_of(choice.off),
+            dest=choice.name,
+            action="store_const",
+            const=False,
+            help=choice.off_help,
+        )
 
 
 def _add_geometry(parser: argparse.ArgumentParser) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.names import STREAM_SUFFIXES
+from ..base.option_values import STREAM_SUFFIXES
 from ..geometry import ImageGrid
 from ..io import save_image
 from ..reconstruction import Setup

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ..base.checks import (
     Numbers,
+    by_library,
     is_concrete,
     named,
     real_array,
@@ -17,7 +18,7 @@ from ..base.checks import (
     require_positive,
     require_unmasked,
 )
-from ..reconstruction import Setup, forward_operator
+from ..reconstruction import Setup, operator_on
 from ..records import pressure_matrix
 from .data_fit import DataFit
 from .penalties import NoPenalty, Penalty, Ridge, TotalVariation
@@ -27,21 +28,21 @@ Pressure = tuple[Any, Any, str, Any]  # times, sound speed, model, conditioning
 SINGLE = 1e-15, 1e15  # of which float32 has the squares, and sums of them
 
 
-def data_fit(
+def data_fits(
     setup: Setup,
     pressure: Pressure | None,
     nonnegative: bool,
     noise: Numbers | None,
     mask: Any,
-    everywhere: bool,
+    max_frequency: float | None,
     dtype: Any,
-) -> DataFit:
-    """The operators of the fit: forward operator, conditioning of the record, W and C."""
-    operator = forward_operator(setup, dtype=dtype)
+    grids: list[Any],
+) -> list[DataFit]:
+    """The operators of the fit on each grid: A up to what was recorded, W, H and C."""
     record, shape = None, setup.data_shape
     whitening = jnp.broadcast_to(1 / jnp.sqrt(setup.radii), shape)
     if pressure is not None:
-        record = _record(setup, *pressure).astype(operator.dtype)
+        record = _record(setup, *pressure)
         shape = (*setup.detectors_shape, record.shape[0])
         whitening = jnp.ones(shape)
     if noise is not None:
@@ -50,21 +51,17 @@ def data_fit(
         whitening = 1 / _spread("noise", noise, shape)
     if mask is not None:
         whitening = jnp.where(_mask(mask, shape), whitening, 0.0)
-    radial = None
-    if noise is not None and setup.grid.dimension == 3:
-        radial = high_pass(setup.radii, 1 / setup.grid.spacing.max()).astype(operator.dtype)
-    support = jnp.ones(setup.grid.shape, bool)
-    if not everywhere:
-        support = setup.region.contains(setup.grid.points)
-    return DataFit(
-        operator,
-        record,
-        whitening.astype(operator.dtype),
-        radial,
-        support,
-        bool(nonnegative),
-        noise is not None,
-    )
+
+    def on(grid: Any) -> DataFit:
+        operator = operator_on(setup, grid, max_frequency=max_frequency, record=record, dtype=dtype)
+        radial = None
+        if noise is not None and grid.dimension == 3:
+            radial = high_pass(setup.radii, 1 / grid.spacing.max()).astype(operator.dtype)
+        support = setup.region.contains(grid.points)
+        weights = whitening.astype(operator.dtype)
+        return DataFit(operator, weights, radial, support, bool(nonnegative), noise is not None)
+
+    return [on(grid) for grid in grids]
 
 
 def _record(
@@ -80,13 +77,17 @@ def _record(
     matrix = pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
     if conditioning is None:
         return matrix
-    conditioned = jnp.asarray(conditioning(matrix.T))  # a record for each radius
+    conditioned = jnp.asarray(conditioning(_turned(matrix)))  # a record for each radius
     if conditioned.ndim != 2 or conditioned.shape[0] != matrix.shape[1]:
         raise ValueError(
             f"conditioning makes {conditioned.shape} of records (detectors, times) of shape "
             f"{matrix.T.shape}, expected as many detectors."
         )
-    return conditioned.T
+    return _turned(conditioned)
+
+
+def _turned(matrix: Array) -> Array:
+    return by_library(lambda _, known: known.T, (matrix,))
 
 
 def checked_data(
@@ -120,15 +121,15 @@ def size_of(data: Float[Array, "*data"], dtype: Any) -> Float[Array, ""]:
 
 
 def in_units_of(
-    size: Float[Array, ""], fit: DataFit, data: Float[Array, "stack *data"]
-) -> tuple[DataFit, Float[Array, "stack *data"]]:
-    """The fit of f / size instead of f, so that no square of the image overflows.
+    size: Float[Array, ""], fits: list[DataFit], data: Float[Array, "stack *data"]
+) -> tuple[list[DataFit], Float[Array, "stack *data"]]:
+    """The fits of f / size instead of f, so that no square of the image overflows.
 
     W g stays where W divides by the noise, which then is in the same unit.
     """
-    if fit.white:
-        return eqx.tree_at(lambda fit: fit.whitening, fit, fit.whitening * size), data
-    return fit, data / size
+    if not fits[-1].white:
+        return fits, data / size
+    return [eqx.tree_at(lambda fit: fit.whitening, fit, fit.whitening * size) for fit in fits], data
 
 
 def weight_unit(size: Float[Array, ""], fit: DataFit, penalty: Any) -> Float[Array, ""]:
@@ -169,13 +170,13 @@ def require_prox(penalty: Any, images: Array, step: Array) -> None:
     if isinstance(penalty, Penalty | Ridge | NoPenalty):
         return
     try:
-        found = jax.eval_shape(penalty, images, step)
+        output = jax.eval_shape(penalty, images, step)
     except jax.errors.JAXTypeError as error:
         raise ValueError(
             "the proximal map cannot be traced: write it in jax.numpy, or call what needs NumPy "
             "by jax.pure_callback."
         ) from error
-    shape = getattr(found, "shape", f"a {type(found).__name__}")
+    shape = getattr(output, "shape", f"a {type(output).__name__}")
     if shape != images.shape:
         raise ValueError(
             f"the proximal map makes {shape} of {images.shape}, expected images of the same shape."
@@ -184,11 +185,11 @@ def require_prox(penalty: Any, images: Array, step: Array) -> None:
         require_finite("what the proximal map makes of the first image", penalty(images, step))
 
 
-def require_numbers(penalty: Any, change: Array, step: Array) -> None:
+def require_numbers(penalty: Any, image: Array, step: Array) -> None:
     """Raise ValueError for a proximal map of the user's that gave NaN during the iteration."""
-    if isinstance(penalty, Penalty | Ridge | NoPenalty) or not is_concrete(change):
+    if isinstance(penalty, Penalty | Ridge | NoPenalty) or not is_concrete(image):
         return
-    if not np.isfinite(change) and int(step):
+    if not np.isfinite(image).all():
         raise ValueError(
             f"the proximal map gave NaN or infinite values in step {int(step)}, expected an image."
         )

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, real_array
 from ..reconstruction import Setup
 from ..reconstruction.setup import require_setup
-from .arguments import checked_data, data_fit, in_units_of
+from .arguments import checked_data, data_fits, in_units_of
 from .data_fit import DataFit
 
 
@@ -61,15 +61,15 @@ def compare_fits(
     >>> setup = Setup(circular_arc(1.3, 1.0, 30), disk(1.0), ImageGrid(21), max_frequency=20.0)
     >>> bell = phantoms.Bells([[0.1, 0.2]], [0.7])
     >>> g, image = bell.circular_integrals(setup.curve, setup.radii), bell.image(setup.grid)
-    >>> found = compare_fits(setup, g, image, 2 * image)
-    >>> round(float(found.differ), 6), round(float(found.misfits[1]), 1)
+    >>> fits = compare_fits(setup, g, image, 2 * image)
+    >>> round(float(fits.differ), 6), round(float(fits.misfits[1]), 1)
     (0.5, 1.0)
     """
     require_setup(setup)
     pressure = None if times is None else (times, sound_speed, model, conditioning)
-    fit = data_fit(setup, pressure, False, noise, mask, False, None)
-    wanted, _, size = checked_data(data, fit)
-    fit, wanted = in_units_of(size, fit, wanted)
+    fits = data_fits(setup, pressure, False, noise, mask, None, None, [setup.grid])
+    wanted, _, size = checked_data(data, fits[0])
+    (fit,), wanted = in_units_of(size, fits, wanted)
     if len(wanted) != 1:
         raise ValueError(f"data are those of {len(wanted)} images, expected one.")
     images = []

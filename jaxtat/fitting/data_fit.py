@@ -1,4 +1,4 @@
-"""The model of the data: W · record · A f, for images f in C."""
+"""The model of the data: W A f, for images f in C."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,11 +8,10 @@ from ..reconstruction import ForwardOperator
 
 
 class DataFit(eqx.Module):
-    """B = W · record · A, from images to data whose noise is white, and where images may differ.
+    """B = W A, from images to data whose noise is white, and where images may differ.
 
     Attributes:
-        operator: A, from images to circular or spherical integrals.
-        record: from integrals to what was recorded, (times, radii); None if that is the integrals.
+        operator: A, from images to integrals, or to what was recorded of them.
         whitening: W, 0 for data that are left out, of the shape of one image's data.
         high_pass: H, by which misfits are weighed over radii: ||H (B f - b)||; None for none.
         support: pixels that may differ from zero.
@@ -21,7 +20,6 @@ class DataFit(eqx.Module):
     """
 
     operator: ForwardOperator
-    record: Float[Array, "times radii"] | None
     whitening: Float[Array, "*data"]
     high_pass: Float[Array, "radii radii"] | None
     support: Bool[Array, "*space"]
@@ -30,19 +28,13 @@ class DataFit(eqx.Module):
 
     def modelled(self, images: Float[Array, "stack *space"]) -> Float[Array, "stack *data"]:
         """B f."""
-        data = self.operator(jnp.where(self.support, images, 0.0))
-        if self.record is not None:
-            data = data @ self.record.T
-        return data * self.whitening
+        return self.operator(jnp.where(self.support, images, 0.0)) * self.whitening
 
     def transposed(self, data: Float[Array, "stack *data"]) -> Float[Array, "stack *space"]:
         """B^T H^T H d."""
         if self.high_pass is not None:
             data = data @ self.high_pass.T @ self.high_pass
-        data = data * self.whitening
-        if self.record is not None:
-            data = data @ self.record
-        return jnp.where(self.support, self.operator.T(data), 0.0)
+        return jnp.where(self.support, self.operator.T(data * self.whitening), 0.0)
 
     def misfit(self, data: Float[Array, "stack *data"]) -> Float[Array, ""]:
         """||H d||²."""

@@ -1,12 +1,14 @@
 """Images with constraints: the image that fits the data and costs least."""
 
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from tqdm import tqdm
 
@@ -20,24 +22,31 @@ from ..base.checks import (
 )
 from ..reconstruction import Setup
 from ..special import root
+from . import alternating, fista
+from .alternating import Split
 from .arguments import (
     checked_data,
     checked_penalty,
     checked_weight,
-    data_fit,
+    data_fits,
     in_units_of,
     require_numbers,
     require_pressure,
     require_prox,
     weight_unit,
 )
+from .coarse_grids import between_nodes, ladder, same_on_all_grids, weight_on
 from .data_fit import DataFit
-from .fista import Scale, State, first, scale_of, step
+from .fista import Momentum
 from .implicit import Problem, with_derivatives
 from .penalties import NoPenalty, Penalty, Ridge
+from .progress import EVERY, Progress, after, before
 from .relative_cg import RelativeCG
+from .scale import Scale, scale_of
+from .spectrum import Spectrum, middle_pixel, spectrum_of
+from .weight import balanced_weight
 
-_AT_A_TIME = 10  # steps between two looks at the progress
+_BAR = "{desc} {percentage:3.0f}% |{bar}| {elapsed}<{remaining}{postfix}"
 
 
 class ModelBased(eqx.Module):
@@ -46,10 +55,12 @@ class ModelBased(eqx.Module):
     Attributes:
         image: f, (..., *setup.grid.shape) [unit of g per length].
         weight: of the penalty.
-        steps: taken, each one product with A and one with its transpose.
+        steps: taken on the last grid, each one product with A and one with its transpose.
         residual: ||W (A f - g)|| / ||W g||.
-        converged: whether the tolerance was met before ``max_steps``.
-        history: change of each step, ||f_k+1 - y_k|| / ||f_k+1||, NaN where there was none,
+        remaining: how far the image is from where the iteration goes, relative, see
+            `jaxtat.fitting.progress`.
+        converged: whether that is below the tolerance.
+        history: change of each step, ||f_k+1 - f_k|| / ||f_k+1||, NaN where there was none,
             (..., max_steps).
     """
 
@@ -57,6 +68,7 @@ class ModelBased(eqx.Module):
     weight: Float[Array, "*batch"]
     steps: Int[Array, "*batch"]
     residual: Float[Array, "*batch"]
+    remaining: Float[Array, "*batch"]
     converged: Bool[Array, "*batch"]
     history: Float[Array, "*batch steps"]
 
@@ -74,9 +86,9 @@ def model_based(
     sound_speed: Numbers = 1.0,
     model: str = "2d",
     conditioning: Callable[[Array], Array] | None = None,
-    everywhere: bool = False,
+    max_frequency: float | None = None,
     initial: Numbers | None = None,
-    tolerance: float | None = None,
+    tolerance: float = 1e-3,
     max_steps: int = 500,
     steps: int | None = None,
     unrolled: bool = False,
@@ -115,12 +127,12 @@ def model_based(
         conditioning: what each record went through: a linear function from (detectors, times) to
             (detectors, samples), the same for all detectors, such as
             ``functools.partial(condition_record, times=times, band=band, baseline=False)``.
-        everywhere: f may differ from zero on all of the grid, not only in the region.
-        initial: image to start from, like the result; zero by default. From the formula's image it
-            takes fewer steps where there is little noise, and more where there is much.
-        tolerance: of the change of the image in a step, relative, at which to stop; 1e-4 by
-            default, and 1e-5 for an incomplete setup, where the last steps count.
-        max_steps: the most steps.
+        max_frequency: above which images are taken to have no spectrum [rad/length]; by default
+            π over the pixel's side. Finer pixels than the data resolve then cost little more.
+        initial: image to start from, like the result, on the last grid at once. By default fits on
+            coarser grids come first, each of half the nodes along an axis.
+        tolerance: how far the image may be from the minimum, relative, as the iteration estimates.
+        max_steps: the most steps on a grid.
         steps, unrolled: this many steps, none less, through which derivatives go back.
         dtype: float32 for speed, with errors of 1e-5.
         progress: show a progress bar.
@@ -133,7 +145,8 @@ def model_based(
             map that changes the shape or gives NaN, a mask that leaves nothing, or what pressure
             needs without ``times``.
 
-    Source: `jaxtat.fitting.fista`; conjugate gradients for `Ridge` and `NoPenalty`.
+    Source: `jaxtat.fitting.alternating`, after `jaxtat.fitting.coarse_grids`; `fista` for maps of
+    the user's; conjugate gradients for `Ridge` and `NoPenalty`.
 
     >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
     >>> setup = Setup(circular_arc(1.3, 1.0, 30), disk(1.0), ImageGrid(21), max_frequency=20.0)
@@ -148,20 +161,20 @@ def model_based(
     if times is None:
         require_pressure(sound_speed, model, conditioning)
     pressure = None if times is None else (times, sound_speed, model, conditioning)
-    fit = data_fit(setup, pressure, nonnegative, noise, mask, everywhere, dtype)
-    data, batch, size = checked_data(data, fit)
-    if not isinstance(penalty, Penalty | Ridge | NoPenalty):
+    whole = initial is None and not unrolled and same_on_all_grids(penalty)
+    grids = ladder(setup.grid) if whole else [setup.grid]
+    fits = data_fits(setup, pressure, nonnegative, noise, mask, max_frequency, dtype, grids)
+    data, batch, size = checked_data(data, fits[-1])
+    if not same_on_all_grids(penalty):
         size = jnp.ones_like(size)  # a map of the user's may do as it likes with large images
-    fit, data = in_units_of(size, fit, data)
+    fits, data = in_units_of(size, fits, data)
     space = setup.grid.shape
     start = jnp.zeros(space) if initial is None else real_array("initial", initial, ("...", *space))
     start = (jnp.broadcast_to(start, (*batch, *space)) / size).astype(data.dtype)
-    start, unit = start.reshape(-1, *space), weight_unit(size, fit, penalty)
+    start, unit = start.reshape(-1, *space), weight_unit(size, fits[-1], penalty)
     weight = checked_weight(weight, penalty, data.dtype)
     weight = None if weight is None else weight * unit
     require_prox(penalty, start[:1], jnp.ones((), data.dtype))
-    if tolerance is None:
-        tolerance = 1e-4 if setup.complete else 1e-5
     stop = real_array("tolerance", tolerance, ())
     require_positive("tolerance", stop)
     joint = isinstance(penalty, Penalty) and penalty.joint
@@ -172,10 +185,10 @@ def model_based(
         raise ValueError("steps= and unrolled=True go together; max_steps bounds the others.")
     if unrolled:
         count = whole_number("steps", steps, 1)
-        found = [_unrolled(fit, d, penalty, weight, s, count) for d, s in parts]
+        found = [_unrolled(fits[-1], d, penalty, weight, s, count) for d, s in parts]
     else:
         count = whole_number("max_steps", max_steps, 1)
-        found = [_found(fit, d, penalty, weight, s, stop, count, progress) for d, s in parts]
+        found = [_fitted(fits, d, penalty, weight, s, stop, count, progress) for d, s in parts]
     answer = jax.tree.map(lambda *each: jnp.stack(each), *found)
     if joint:
         answer = jax.tree.map(lambda leaf: leaf[0], answer)
@@ -187,8 +200,33 @@ def model_based(
     )
 
 
-def _found(
-    fit: DataFit,
+class Level(NamedTuple):
+    """A problem on one grid, and what is computed of it once.
+
+    Attributes:
+        fit, data: B and b.
+        back: B^T H^T H b.
+        spectrum, scale: of B.
+    """
+
+    fit: DataFit
+    data: Float[Array, "stack *data"]
+    back: Float[Array, "stack *space"]
+    spectrum: Spectrum
+    scale: Scale
+
+
+class State(NamedTuple):
+    """The state of an iteration."""
+
+    image: Float[Array, "stack *space"]
+    inner: Split | Momentum
+    weight: Float[Array, ""]
+    progress: Progress
+
+
+def _fitted(
+    fits: list[DataFit],
     data: Float[Array, "stack *data"],
     penalty: Any,
     weight: Float[Array, ""] | None,
@@ -197,67 +235,120 @@ def _found(
     max_steps: int,
     progress: bool,
 ) -> ModelBased:
-    """One image, or the images of one joint stack, with derivatives."""
-    scale = _scale(fit, data)
-    if isinstance(penalty, Ridge | NoPenalty) and not fit.nonnegative and weight is not None:
+    """From grid to grid, with derivatives on the last one."""
+    space = start.shape[1:]
+    if isinstance(penalty, Ridge | NoPenalty) and not fits[-1].nonnegative and weight is not None:
         most = jnp.asarray(max_steps)  # another number needs no other program
-        state = _conjugate_gradients(fit, data, penalty, weight, start, scale, tolerance, most)
-        answer = _report(fit, data, penalty, scale, weight, state, tolerance)
-        none = jnp.full(max_steps, jnp.nan, data.dtype)
-        return eqx.tree_at(lambda answer: answer.history, answer, none)
-    state = _started(fit, penalty, start, scale, weight, max_steps)
-    follows = fit, data, penalty, scale, weight is None
-    with tqdm(total=max_steps, unit="step", disable=not progress) as bar:
-        if progress and is_concrete(data, start):
-            for until in range(_AT_A_TIME, max_steps, _AT_A_TIME):
-                state = _advance(*follows, state, tolerance, jnp.asarray(until))
-                bar.set_postfix(change=f"{float(state.change):.1e}")
-                bar.update(int(state.step) - bar.n)
-                if float(state.change) <= tolerance:
-                    break
-        state = _advance(*follows, state, tolerance, jnp.asarray(max_steps))
-    require_numbers(penalty, state.change, state.step)
-    return _report(fit, data, penalty, scale, weight, state, tolerance)
+        level, state = _conjugate_gradients(
+            fits[-1], data, penalty, weight, start, tolerance, most, max_steps
+        )
+        return _report(level, penalty, weight, state, tolerance)
+    if fits[1:]:
+        start = jnp.zeros((len(data), *fits[0].support.shape), data.dtype)
+
+    def solved_on(fit: DataFit, start: Array) -> tuple[Level, State]:
+        shape = fit.support.shape
+        here = weight_on(shape, space, penalty, weight)
+        start = between_nodes(start, shape)
+        level, state = _begun(fit, data, penalty, here, start, max_steps)
+        advance = partial(_advance, level, penalty, here is None)
+        return level, _until(advance, state, tolerance, max_steps, progress)
+
+    for fit in fits[:-1]:
+        start = solved_on(fit, start)[1].image
+    level, state = solved_on(fits[-1], start)
+    require_numbers(penalty, state.image, state.progress.step)
+    return _report(level, penalty, weight, state, tolerance)
 
 
-@eqx.filter_jit
-def _scale(fit: DataFit, data: Array) -> Scale:
-    return scale_of(fit, data)
-
-
-@eqx.filter_jit
-def _started(
-    fit: DataFit, penalty: Any, start: Array, scale: Scale, weight: Array | None, max_steps: int
+def _until(
+    advance: Callable[[State, Array, Array], State],
+    state: State,
+    tolerance: Array,
+    max_steps: int,
+    progress: bool,
 ) -> State:
-    fit, penalty, start, scale = constants((fit, penalty, start, scale))
-    given = jnp.zeros(()) if weight is None else jax.lax.stop_gradient(weight)
-    return first(fit, penalty, start, scale, given, max_steps)
+    """Steps on one grid; the bar counts how much of the way, in orders of magnitude, is gone."""
+    if not (progress and is_concrete(state.image)):
+        return advance(state, tolerance, jnp.asarray(max_steps))
+    grid, goal = " x ".join(map(str, state.image.shape[1:])), float(tolerance)
+    with tqdm(total=100, desc=grid, bar_format=_BAR) as bar:
+        begun = None
+        for until in (*range(2 * EVERY, max_steps, EVERY), max_steps):
+            state = advance(state, tolerance, jnp.asarray(until))
+            left = float(state.progress.remaining)
+            begun = max(left, 2 * goal) if begun is None else begun
+            gone = 100 if left <= goal else np.log(begun / left) / np.log(begun / goal) * 100
+            bar.set_postfix(step=int(state.progress.step), off=f"{left:.1e}")
+            bar.update(max(0, int(gone) - bar.n) if np.isfinite(gone) else 0)
+            if not left > goal:
+                break
+    return state
+
+
+@eqx.filter_jit
+def _begun(
+    fit: DataFit,
+    data: Array,
+    penalty: Any,
+    weight: Array | None,
+    start: Array,
+    max_steps: int,
+) -> tuple[Level, State]:
+    """The problem on a grid and the state before the first step.
+
+    With one product of B and one of its transpose, of three images: each is compiled by itself.
+    """
+    image = fit.allowed(start)
+    fitted = fit.modelled(jnp.concatenate([image, middle_pixel(fit)]))
+    normal, kernel, back = jnp.split(
+        fit.transposed(jnp.concatenate([fitted, data])), [len(image), len(image) + 1]
+    )
+    spectrum = spectrum_of(fit, penalty, kernel)
+    level = Level(fit, data, back, spectrum, scale_of(spectrum, back))
+    fitted = fitted[: len(image)]
+    if weight is None:
+        weight = balanced_weight(fit, penalty, image, fitted - data, level.scale)
+    weight = weight.astype(image.dtype)
+    if same_on_all_grids(penalty):
+        bond = alternating.bonds(penalty, spectrum, level.scale, weight, image)
+        inner: Split | Momentum = alternating.split(
+            fit, back, penalty, bond, weight, image, fitted, normal
+        )
+    else:
+        inner = fista.momentum(level.scale, image, fitted)
+    return level, State(image, inner, weight, before(image, max_steps))
+
+
+def _step(level: Level, penalty: Any, find_weight: bool, state: State) -> State:
+    """One step; with ``find_weight`` the weight follows the image."""
+    fit, data, back, spectrum, scale = level
+    old, inner, weight, progress = state
+    if isinstance(inner, Momentum):
+        new, inner = fista.step(fit, data, penalty, weight, old, inner)
+        return State(new, inner, weight, after(progress, old, new))
+    if find_weight:
+        misfit = inner.fitted - data
+        found = balanced_weight(fit, penalty, old, misfit, scale).astype(weight.dtype)
+        inner, weight = alternating.of_weight(inner, found / weight), found
+    new, inner = alternating.step(fit, back, penalty, spectrum, scale, weight, old, inner)
+    return State(new, inner, weight, after(progress, old, new))
 
 
 @eqx.filter_jit
 def _advance(
-    fit: DataFit,
-    data: Array,
-    penalty: Any,
-    scale: Scale,
-    find_weight: bool,
-    state: State,
-    tolerance: Array,
-    until: Array,
+    level: Level, penalty: Any, find_weight: bool, state: State, tolerance: Array, until: Array
 ) -> State:
-    """Steps until the change is small or their number is reached.
+    """Steps until little remains or their number is reached.
 
     Without derivatives: loops with an unknown number of steps have none in reverse mode.
     """
-    fit, data, penalty, scale, state = constants((fit, data, penalty, scale, state))
+    level, penalty, state = constants((level, penalty, state))
 
     def unfinished(state: State) -> Array:
-        return (state.change > tolerance) & (state.step < until)
+        return (state.progress.remaining > tolerance) & (state.progress.step < until)
 
-    def advance(state: State) -> State:
-        return step(fit, data, penalty, scale, find_weight, state)
-
-    return jax.lax.while_loop(unfinished, advance, state)
+    return jax.lax.while_loop(unfinished, partial(_step, level, penalty, find_weight), state)
 
 
 @eqx.filter_jit
@@ -267,26 +358,28 @@ def _conjugate_gradients(
     penalty: Any,
     weight: Array,
     start: Array,
-    scale: Scale,
     tolerance: Array,
-    max_steps: Array,
-) -> State:
-    """The minimum of a quadratic function, in units in which ||B|| is 1."""
-    fit, data, weight, scale, start = constants((fit, data, weight, scale, start))
+    most: Array,
+    max_steps: int,
+) -> tuple[Level, State]:
+    """The minimum of a quadratic function, in units in which ||B|| is about 1."""
+    level, state = _begun(fit, data, penalty, weight, start, max_steps)
+    held, weight, start = constants((level, weight, state.image))
+    fit, square = held.fit, held.scale.square
     alpha = weight if isinstance(penalty, Ridge) else 0.0
 
     def normal(images: Array) -> Array:
-        return (fit.transposed(fit.modelled(images)) + alpha * images) / scale.square
+        return (fit.transposed(fit.modelled(images)) + alpha * images) / square
 
     operator = lx.FunctionLinearOperator(
         normal, jax.ShapeDtypeStruct(start.shape, start.dtype), lx.positive_semidefinite_tag
     )
-    start = fit.allowed(start)
-    wanted = fit.transposed(data) / scale.square - normal(start)
-    found = lx.linear_solve(operator, wanted, RelativeCG(tolerance, max_steps), throw=False)
-    change = jnp.where(found.result == lx.RESULTS.successful, 0.0, jnp.inf).astype(data.dtype)
-    state = first(fit, penalty, start + found.value, scale, weight, 0)
-    return state._replace(step=jnp.asarray(found.stats["num_steps"]), change=change)
+    wanted = held.back / square - normal(start)
+    found = lx.linear_solve(operator, wanted, RelativeCG(tolerance, most), throw=False)
+    left = jnp.where(found.result == lx.RESULTS.successful, 0.0, jnp.inf).astype(start.dtype)
+    steps = jnp.asarray(found.stats["num_steps"])
+    progress = state.progress._replace(step=steps, remaining=left)
+    return level, state._replace(image=start + found.value, progress=progress)
 
 
 @eqx.filter_jit
@@ -294,35 +387,35 @@ def _unrolled(
     fit: DataFit, data: Array, penalty: Any, weight: Array | None, start: Array, steps: int
 ) -> ModelBased:
     """A fixed number of steps, each of them done again on the way back."""
-    scale = scale_of(fit, data)
+    level, state = _begun(fit, data, penalty, weight, start, steps)
 
     def advance(state: State, _: None) -> tuple[State, None]:
-        return step(fit, data, penalty, scale, weight is None, state), None
+        return _step(level, penalty, weight is None, state), None
 
-    given = jnp.zeros(()) if weight is None else weight
-    state = first(fit, penalty, start, scale, given, steps)
     state = jax.lax.scan(jax.checkpoint(advance), state, None, steps)[0]
-    return _answer(fit, data, state.image, state, jnp.asarray(False))
+    return _answer(level, state.image, state, jnp.asarray(False))
 
 
 @eqx.filter_jit
 def _report(
-    fit: DataFit,
-    data: Array,
-    penalty: Any,
-    scale: Scale,
-    weight: Array | None,
-    state: State,
-    tolerance: Array,
+    level: Level, penalty: Any, weight: Array | None, state: State, tolerance: Array
 ) -> ModelBased:
     """The image with derivatives, at a fixed weight."""
     used = jax.lax.stop_gradient(state.weight) if weight is None else weight
-    image = with_derivatives(Problem(fit, data, penalty, used, scale), state.image)
-    return _answer(fit, data, image, state._replace(weight=used), state.change <= tolerance)
+    scale = level.scale
+    if isinstance(state.inner, Momentum):  # the strength at which the map was applied
+        scale = scale._replace(square=jax.lax.stop_gradient(state.inner.square))
+    problem = Problem(level.fit, level.data, penalty, used, scale)
+    image = with_derivatives(problem, state.image)
+    done = state.progress.remaining <= tolerance
+    return _answer(level, image, state._replace(weight=used), done)
 
 
-def _answer(fit: DataFit, data: Array, image: Array, state: State, converged: Array) -> ModelBased:
-    size = jnp.sum(data**2)
-    left = jnp.sum((fit.modelled(image) - data) ** 2)
+def _answer(level: Level, image: Array, state: State, converged: Array) -> ModelBased:
+    size = jnp.sum(level.data**2)
+    left = jnp.sum((level.fit.modelled(image) - level.data) ** 2)
     residual = root(left / jnp.where(size > 0, size, 1.0))
-    return ModelBased(image, state.weight, state.step, residual, converged, state.history)
+    way = state.progress
+    return ModelBased(
+        image, state.weight, way.step, residual, way.remaining, converged, way.history
+    )

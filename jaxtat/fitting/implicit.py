@@ -18,9 +18,9 @@ import optimistix.internal as optxi
 from jaxtyping import Array, Bool, Float
 
 from .data_fit import DataFit
-from .fista import Scale, nearest
 from .penalties import NoPenalty, Penalty, Ridge
 from .relative_cg import RelativeCG
+from .scale import Scale
 
 _TOLERANCE, _STEPS = 1e-8, 2000
 
@@ -74,14 +74,14 @@ def objective(problem: Problem, images: Float[Array, "stack *space"]) -> Float[A
 @no_type_check  # a checked one is a closure, which JAX must not see here
 def _slope(image: Array, _: None, inputs: tuple[Problem, Array]) -> Array:
     """F: the slope on free pixels, and the image itself, which is zero, on others."""
-    problem, found = inputs
-    free = _free(problem.fit, found)
+    problem, images = inputs
+    free = _free(problem.fit, images)
     inside = jnp.where(free, image, 0.0)
     return jnp.where(free, jax.grad(objective, argnums=1)(problem, inside), image)
 
 
-def _free(fit: DataFit, found: Array) -> Bool[Array, "stack *space"]:
-    held = (found <= 0) if fit.nonnegative else jnp.zeros(found.shape, bool)
+def _free(fit: DataFit, images: Array) -> Bool[Array, "stack *space"]:
+    held = (images <= 0) if fit.nonnegative else jnp.zeros(images.shape, bool)
     return fit.support & ~jax.lax.stop_gradient(held)
 
 
@@ -90,4 +90,4 @@ def _moved(image: Array, _: None, inputs: tuple[Problem, Array]) -> Array:
     """F: how far a step with a proximal map moves the image."""
     fit, data, penalty, weight, scale = inputs[0]
     down = image - fit.transposed(fit.modelled(image) - data) / scale.square
-    return image - nearest(fit, penalty, down, weight / scale.square, scale, None)[0]
+    return image - fit.allowed(penalty(down, weight / scale.square))

@@ -19,16 +19,18 @@ from ..special import root
 class Penalty(eqx.Module):
     """P(f), of images (..., x1, x2) or volumes (..., x1, x2, x3).
 
-    P is a sum of norms of D f: a subclass has ``parts``, the linear map D, and ``bound``, a number
-    >= ||D||².
+    P is a sum of norms of D f: a subclass has ``parts``, the linear map D, and ``order``, of the
+    differences in it.
 
     Attributes:
         smoothing: delta, as a fraction of the image's size (`model_based` says which).
         joint: whether the images of a stack share their edges: |.| goes over all of them.
         needs_floor: of a kind; whether a weight that is found must not fall with the noise.
+        order: of a kind, of its differences.
     """
 
     needs_floor: ClassVar[bool] = True
+    order: ClassVar[int] = 1
     smoothing: Float[Array, ""] = eqx.field(
         converter=lambda value: real_array("smoothing", value, ()), default=1e-3, kw_only=True
     )
@@ -41,10 +43,6 @@ class Penalty(eqx.Module):
     def parts(self, images: Float[Array, "stack *space"]) -> Float[Array, "parts stack *space"]:
         """D f, of each pixel of each image."""
 
-    @abc.abstractmethod
-    def bound(self, dimension: int) -> float:
-        """A number not less than ||D||², in that many dimensions."""
-
     def sizes(self, parts: Float[Array, "parts stack *space"]) -> Float[Array, "_ _ *space"]:
         """|(D f)_i|, with derivative 0 at 0."""
         return root(jnp.sum(parts**2, axis=(0, 1) if self.joint else 0, keepdims=True))
@@ -56,6 +54,17 @@ class Penalty(eqx.Module):
         sizes = self.sizes(self.parts(images))
         below = sizes**2 / (2 * delta) + delta / 2
         return jnp.sum(jnp.where(sizes > delta, sizes, below))
+
+    def shrunk(
+        self,
+        parts: Float[Array, "parts stack *space"],
+        weight: Float[Array, ""] | float,
+        delta: Float[Array, ""] | float,
+    ) -> Float[Array, "parts stack *space"]:
+        """The u that minimises |u - parts|² / 2 + weight Σ h(|u|): shorter by the weight."""
+        sizes = self.sizes(parts)
+        kept = 1 - weight / jnp.where(sizes > 0, sizes, 1.0)
+        return parts * jnp.where(sizes > weight + delta, kept, delta / (delta + weight))
 
 
 class TotalVariation(Penalty):
@@ -76,9 +85,6 @@ class TotalVariation(Penalty):
         axes = range(1, images.ndim)
         return jnp.stack([_forward(images, axis) for axis in axes])
 
-    def bound(self, dimension: int) -> float:
-        return 4.0 * dimension
-
 
 class SecondOrderVariation(Penalty):
     """P(f) = Σ √((d_11 f)² + 2 (d_12 f)² + (d_22 f)²): for smooth images.
@@ -89,6 +95,7 @@ class SecondOrderVariation(Penalty):
     """
 
     needs_floor: ClassVar[bool] = False
+    order: ClassVar[int] = 2
 
     def parts(self, images: Array) -> Array:
         axes = range(1, images.ndim)
@@ -101,9 +108,6 @@ class SecondOrderVariation(Penalty):
         ]
         return jnp.stack(mixed)
 
-    def bound(self, dimension: int) -> float:
-        return 16.0 * dimension**2
-
 
 class Ridge(eqx.Module):
     """P(f) = ||f||² / 2, for images of least norm.
@@ -111,9 +115,13 @@ class Ridge(eqx.Module):
     Source: Hoerl and Kennard, Technometrics 12 (1970) 55-67.
     """
 
+    order: ClassVar[int] = 0
+
 
 class NoPenalty(eqx.Module):
     """P(f) = 0: the data alone, with f >= 0 if asked."""
+
+    order: ClassVar[int] = 0
 
 
 def _forward(images: Array, axis: int) -> Array:

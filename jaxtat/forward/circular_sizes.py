@@ -1,5 +1,6 @@
 """Sizes of the fast integrals over circles, chosen once from concrete positions."""
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -9,6 +10,7 @@ import scipy.fft
 import scipy.special
 from jaxtyping import Float
 
+from ..base.size_ladder import rung
 from ..geometry import CircularArc, DetectorCurve, DiskBody, ImageGrid, circle_through
 from ..geometry.elements import enough_nodes
 
@@ -27,12 +29,13 @@ class CircleSizes(eqx.Module):
 
     Attributes:
         period: T, beyond which no circle about a detector meets the image [length].
-        n_frequencies: of the zeros j_k of J_0 with j_k / T <= π / pixel.
+        n_frequencies: of the zeros j_k of J_0 with about j_k / T <= π / pixel.
         groups: (first, last + 1, highest order M, directions over a whole turn) of frequencies
             that share them.
         n_nodes: on elements of finite width.
         reach: of the image from the centre of the waves, times its frequencies over lambda
             [length].
+        ratio: those frequencies over lambda: c_2/c_1 of a body, else 1.
     """
 
     period: float = eqx.field(static=True)
@@ -40,12 +43,13 @@ class CircleSizes(eqx.Module):
     groups: tuple[tuple[int, int, int, int], ...] = eqx.field(static=True)
     n_nodes: int = eqx.field(static=True)
     reach: float = eqx.field(static=True)
+    ratio: float = eqx.field(static=True)
 
     def with_period(self, period: float) -> "CircleSizes":
         """As many frequencies more as another period needs up to the same highest one."""
-        n = max(1, int(self.n_frequencies * period / self.period))
+        n, period = _on_ladder(period, float(self.frequencies[-1]))
         groups = _groups(zeros_of_j0(n) / period, self.reach, len(self.groups))
-        return CircleSizes(period, n, groups, self.n_nodes, self.reach)
+        return replace(self, period=period, n_frequencies=n, groups=groups)
 
     @property
     def zeros(self) -> Float[np.ndarray, " frequencies"]:
@@ -57,6 +61,16 @@ class CircleSizes(eqx.Module):
         """lambda_k = j_k / T [rad/length]."""
         return self.zeros / self.period
 
+    @property
+    def highest(self) -> float:
+        """Up to which images have a spectrum [rad/length]."""
+        return self.ratio * float(self.frequencies[-1])
+
+    def first(self, n: int) -> "CircleSizes":
+        """The sizes of the first n frequencies alone, for an image on coarser pixels."""
+        groups = tuple((a, min(b, n), m, turn) for a, b, m, turn in self.groups if a < n)
+        return replace(self, n_frequencies=n, groups=groups)
+
 
 def circle_sizes(
     curve: DetectorCurve,
@@ -64,6 +78,8 @@ def circle_sizes(
     medium: DiskBody | None = None,
 ) -> CircleSizes:
     """The sizes of a concrete geometry: T by its farthest pixel, orders by the image's reach.
+
+    Numbers of frequencies and orders are on the ladder, and T is as long as goes with them.
 
     The circular harmonics of the transform of an image that reaches to |x - c| <= a are those of
     J_m(lambda a), which fall faster than exponentially from m = lambda a on.
@@ -91,12 +107,19 @@ def circle_sizes(
         reach = min(reach, IN_BODY * float(medium.radius))
         period = farthest + slow * reach + ECHOES * float(medium.radius)
     period, highest = MARGIN * period, np.pi / float(spacing.max()) / ratio
-    n = max(1, int(np.sum(zeros_of_j0(int(highest * period / np.pi) + 2) <= highest * period)))
+    n, period = _on_ladder(period, highest)
     most = GROUPS if circle is not None else GROUPS_OFF_CIRCLE
     groups = _groups(zeros_of_j0(n) / period, ratio * reach, min(most, 1 + n // WORTH_A_GROUP))
     # more than densities need: the error is 1e-9 instead of 5e-6
     n_nodes = 1 if curve.element_width is None else 4 + enough_nodes(curve.element_width, highest)
-    return CircleSizes(period, n, groups, n_nodes, ratio * reach)
+    return CircleSizes(period, n, groups, n_nodes, ratio * reach, ratio)
+
+
+def _on_ladder(period: float, highest: float) -> tuple[int, float]:
+    """How many frequencies there are up to the highest one, and the period, no shorter, of them."""
+    most = highest * period
+    n = rung(max(1, int(np.sum(zeros_of_j0(int(most / np.pi) + 2) <= most))))
+    return n, max(period, float(zeros_of_j0(n)[-1]) / highest)
 
 
 def _groups(
@@ -106,7 +129,7 @@ def _groups(
     bounds = np.unique(np.linspace(0, n, n_groups + 1).round().astype(int))
     groups = []
     for first, last in pairwise(bounds):
-        orders = highest_order(float(frequencies[last - 1]) * reach)
+        orders = rung(highest_order(float(frequencies[last - 1]) * reach))
         turn = 2 * int(scipy.fft.next_fast_len(orders + 1, real=True) or 0)
         groups.append((int(first), int(last), orders, turn))
     return tuple(groups)

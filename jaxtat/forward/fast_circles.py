@@ -87,6 +87,23 @@ class Positions(eqx.Module):
     weights: Float[Array, " all_nodes"]
 
 
+class Series(eqx.Module):
+    """The frequencies of the series; new ones take no other program.
+
+    Attributes:
+        frequencies, period: lambda_k [rad/length] and T [length].
+        groups: as in `CircleSizes`.
+    """
+
+    frequencies: Float[Array, " frequencies"]
+    period: Float[Array, ""]
+    groups: tuple[tuple[int, int, int, int], ...] = eqx.field(static=True)
+
+    @property
+    def last_order(self) -> int:
+        return self.groups[-1][2]
+
+
 class CircleIntegrals(eqx.Module):
     """f -> g, linear, with all that depends on the geometry alone.
 
@@ -104,7 +121,7 @@ class CircleIntegrals(eqx.Module):
             would not fit into memory and are made anew each time.
         series: (2 r/T²) J_0(lambda_k r) / J_1(lambda_k T)², times the low-pass.
         medium: a body of another speed of sound.
-        sizes: numbers of frequencies and orders.
+        of: the frequencies.
         shape: of the image.
         tolerance: of the non-uniform FFT.
     """
@@ -117,7 +134,7 @@ class CircleIntegrals(eqx.Module):
     tables: tuple[Float[Array, "..."], ...]
     series: Float[Array, "frequencies radii"]
     medium: DiskBody | None
-    sizes: CircleSizes
+    of: Series
     shape: tuple[int, int] = eqx.field(static=True)
     tolerance: float = eqx.field(static=True)
 
@@ -125,7 +142,7 @@ class CircleIntegrals(eqx.Module):
         images = jax.lax.complex(images, jnp.zeros_like(images))
         values = from_grid(images, self.samples.points, self.tolerance) * self.samples.factors
         parts, start = [], 0
-        for number, (first, last, orders, turn) in enumerate(self.sizes.groups):
+        for number, (first, last, orders, turn) in enumerate(self.of.groups):
             stop = start + (last - first) * (turn // 2)
             part = values[:, start:stop].reshape(-1, last - first, turn // 2)
             parts.append(self._at_detectors(number, _harmonics(part, orders)))
@@ -141,7 +158,7 @@ class CircleIntegrals(eqx.Module):
         self, number: int, harmonics: Complex[Array, "images k orders"]
     ) -> Float[Array, "images k detectors"]:
         """G(z, lambda_k) of the frequencies of one group."""
-        first, last, orders, _ = self.sizes.groups[number]
+        first, last, orders, _ = self.of.groups[number]
         if self.radial is not None:
             harmonics = harmonics * self.radial[first:last, : orders + 1]
             if self.middle is not None:
@@ -153,7 +170,7 @@ class CircleIntegrals(eqx.Module):
             return harmonics.real @ cosines + harmonics.imag @ sines
         if self.tables:
             return jnp.einsum("bkm,kmd->bkd", _real_pairs(harmonics), self.tables[number])
-        frequencies = jnp.asarray(self.sizes.frequencies[first:last], self.series.dtype)
+        frequencies = self.of.frequencies[first:last]
 
         @jax.checkpoint
         def at(positions: Positions, frequency: Array, one: Array) -> Array:
@@ -188,7 +205,9 @@ def circle_integrals(
     """
     # outside of the program: of known detectors it is seen whether they lie on a circle
     positions = _positions(curve, grid, sizes.n_nodes, medium)
-    return _integrals(positions, grid, radii, sizes, eta, tolerance, medium)
+    frequencies, period = jax.device_put((sizes.frequencies, np.float64(sizes.period)))
+    of = Series(frequencies, period, sizes.groups)
+    return _integrals(positions, grid, radii, of, eta, tolerance, medium)
 
 
 @eqx.filter_jit
@@ -196,26 +215,26 @@ def _integrals(
     positions: Positions,
     grid: ImageGrid,
     radii: Array,
-    sizes: CircleSizes,
+    of: Series,
     eta: Array | None,
     tolerance: float,
     medium: DiskBody | None,
 ) -> CircleIntegrals:
-    series = _series(radii, sizes)
+    series = _series(radii, of)
     if medium is not None:
         series = series * medium.source_strength
     round_about = positions.turns is not None
-    dense = round_about and _dense(positions, sizes)
+    dense = round_about and _dense(positions, of)
     return CircleIntegrals(
-        samples=_samples(grid, positions.center, sizes, medium),
+        samples=_samples(grid, positions.center, of, medium),
         positions=positions,
-        radial=_radial(positions, sizes, medium) if round_about else None,
-        turned=_turned(positions.angles, sizes) if dense else None,
-        middle=_middle(positions.angles, sizes) if round_about and not dense else None,
-        tables=() if round_about else _tables(positions, sizes, medium),
+        radial=_radial(positions, of, medium) if round_about else None,
+        turned=_turned(positions.angles, of) if dense else None,
+        middle=_middle(positions.angles, of) if round_about and not dense else None,
+        tables=() if round_about else _tables(positions, of, medium),
         series=series if eta is None else series * eta[:, None],
         medium=medium,
-        sizes=sizes,
+        of=of,
         shape=grid.shape,
         tolerance=tolerance,
     )
@@ -270,14 +289,14 @@ def _concentric(circle: Circle, medium: DiskBody) -> bool:
 
 
 def _samples(
-    grid: ImageGrid, center: Float[Array, "2"], sizes: CircleSizes, medium: DiskBody | None
+    grid: ImageGrid, center: Float[Array, "2"], of: Series, medium: DiskBody | None
 ) -> PolarSamples:
-    frequencies, parts = sizes.frequencies, []
-    for first, last, _, turn in sizes.groups:
+    frequencies, parts = of.frequencies, []
+    for first, last, _, turn in of.groups:
         omega = 2 * np.pi / turn * np.arange(turn // 2)
         directions = np.stack([np.cos(omega), np.sin(omega)], axis=-1)
         parts.append((frequencies[first:last, None, None] * directions).reshape(-1, 2))
-    xi = jnp.asarray(np.concatenate(parts))
+    xi = jnp.concatenate(parts)
     if medium is not None:
         xi = xi / medium.speed_ratio
     middle = jnp.stack(
@@ -289,50 +308,46 @@ def _samples(
 
 
 def _radial(
-    positions: Positions, sizes: CircleSizes, medium: DiskBody | None
+    positions: Positions, of: Series, medium: DiskBody | None
 ) -> Float[Array, "frequencies orders"]:
     """Elements are symmetric about their middle, so that sines have the mean 0."""
     assert positions.turns is not None
-    orders = sizes.groups[-1][2]
-    j = _waves(orders, jnp.asarray(sizes.frequencies)[:, None], positions.radii, medium)
+    orders = of.last_order
+    j = _waves(orders, of.frequencies[:, None], positions.radii, medium)
     cosines = jnp.cos(jnp.arange(orders + 1.0)[:, None] * positions.turns) * positions.weights
     return jnp.sum(j * cosines[:, None, :], axis=-1).T * _signs(orders)
 
 
-def _dense(positions: Positions, sizes: CircleSizes) -> bool:
-    return 16 * (sizes.groups[-1][2] + 1) * positions.angles.shape[0] <= DENSE
+def _dense(positions: Positions, of: Series) -> bool:
+    return 16 * (of.last_order + 1) * positions.angles.shape[0] <= DENSE
 
 
-def _turned(
-    angles: Float[Array, " detectors"], sizes: CircleSizes
-) -> Float[Array, "2 orders detectors"]:
-    orders = sizes.groups[-1][2]
+def _turned(angles: Float[Array, " detectors"], of: Series) -> Float[Array, "2 orders detectors"]:
+    orders = of.last_order
     phase = jnp.arange(orders + 1.0)[:, None] * angles
     return jnp.stack([jnp.cos(phase), -jnp.sin(phase)])
 
 
-def _middle(
-    angles: Float[Array, " detectors"], sizes: CircleSizes
-) -> Complex[Array, "groups detectors"]:
+def _middle(angles: Float[Array, " detectors"], of: Series) -> Complex[Array, "groups detectors"]:
     """Made here, in 64 bits: in 32 these phases would lose what high orders need."""
-    middle = np.array([(orders + 1) // 2 for _, _, orders, _ in sizes.groups])
+    middle = np.array([(orders + 1) // 2 for _, _, orders, _ in of.groups])
     phase = middle[:, None] * angles
     return jax.lax.complex(jnp.cos(phase), jnp.sin(phase))
 
 
 def _tables(
-    positions: Positions, sizes: CircleSizes, medium: DiskBody | None
+    positions: Positions, of: Series, medium: DiskBody | None
 ) -> tuple[Float[Array, "..."], ...]:
-    entries = sum((last - first) * 2 * (m + 1) for first, last, m, _ in sizes.groups)
+    entries = sum((last - first) * 2 * (m + 1) for first, last, m, _ in of.groups)
     if 8 * entries * positions.angles.shape[-1] > KEPT:
         return ()
     return tuple(
         map_rows(
             lambda frequency, orders=orders: _products(positions, frequency, orders, medium),
-            jnp.asarray(sizes.frequencies[first:last]),
+            of.frequencies[first:last],
             TOGETHER,
         )
-        for first, last, orders, _ in sizes.groups
+        for first, last, orders, _ in of.groups
     )
 
 
@@ -389,10 +404,10 @@ def _real_pairs(values: Complex[Array, "*n orders"]) -> Float[Array, "*n pairs"]
     return jnp.concatenate([values.real, values.imag], axis=-1)
 
 
-def _series(radii: Float[Array, " radii"], sizes: CircleSizes) -> Float[Array, "frequencies radii"]:
+def _series(radii: Float[Array, " radii"], of: Series) -> Float[Array, "frequencies radii"]:
     """Zero beyond T, where the series goes on periodically in its way, and g is zero."""
-    frequencies = jnp.asarray(sizes.frequencies)
-    size = j1(jnp.asarray(sizes.zeros)) ** 2
-    inside = radii < sizes.period
+    frequencies = of.frequencies
+    size = j1(frequencies * of.period) ** 2
+    inside = radii < of.period
     safe = jnp.where(inside, radii, 0.0)
-    return 2 * safe / sizes.period**2 * j0(frequencies[:, None] * safe) / size[:, None]
+    return 2 * safe / of.period**2 * j0(frequencies[:, None] * safe) / size[:, None]

@@ -9,9 +9,9 @@ for z anywhere, in the volume too. g(z, r)/r vanishes beyond T, so its sine seri
 
     g(z, r) = (2 r/T) Σ_k lambda_k G(z, lambda_k) sin(lambda_k r),   lambda_k = π k/T.
 
-So the operator is a row of linear maps: a non-uniform FFT, spherical harmonics of F (`harmonics`),
-their waves at the detectors (`sphere_waves`), a matrix over frequencies; and its transpose is the
-same backwards.
+So the operator is a row of linear maps: a non-uniform FFT, `spherical_harmonics` of F, their waves
+at the detectors (`sphere_waves`), a matrix over frequencies; and its transpose is the same
+backwards.
 
 The volume is taken as band-limited between its voxels: as the sum of its nodes' values times a
 function whose spectrum is 1 for |xi| <= π/h, h the largest side of a voxel, and 0 beyond.
@@ -27,8 +27,8 @@ from ..base.checks import is_concrete
 from ..geometry import VolumeGrid
 from ..geometry.caps import Detectors, SphericalCap
 from ..special import from_grid
-from .harmonics import Directions, directions_of, half_gauss_rule
 from .sphere_waves import PointWaves, RingWaves, point_waves, ring_waves
+from .spherical_harmonics import Directions, directions_of, half_gauss_rule
 from .spherical_sizes import TOLERANCE, SphereSizes
 
 
@@ -109,10 +109,10 @@ def sphere_integrals(
 
     >>> from jaxtat.geometry import spherical_cap
     >>> from jaxtat.forward.spherical_sizes import sphere_sizes
-    >>> from jaxtat.phantoms.space import Bells
+    >>> from jaxtat.phantoms.space import SolidBells
     >>> grid, cap, radii = VolumeGrid(17), spherical_cap(1.3, 0.5, 4, 6), jnp.linspace(0.3, 2.3, 9)
     >>> operator = sphere_integrals(cap, grid, radii, sphere_sizes(cap, grid))
-    >>> bell = Bells([[0.0, 0.0, 0.1]], [0.9])
+    >>> bell = SolidBells([[0.0, 0.0, 0.1]], [0.9])
     >>> g = eqx.filter_jit(operator)(bell.volume(grid)[None])[0]
     >>> exact = bell.spherical_integrals(cap, radii)
     >>> bool(abs(g - exact).max() < 1e-3 * exact.max())

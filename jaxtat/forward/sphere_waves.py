@@ -14,7 +14,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..geometry.caps import DetectorPoints, SphericalCap
 from ..special import legendre_functions, spherical_sequence
-from .harmonics import Harmonics
+from .spherical_harmonics import Harmonics
 from .spherical_sizes import Band, SphereSizes
 
 AT_CENTER = 1e-10  # over lambda_max: a detector nearer to the centre is moved off it by that

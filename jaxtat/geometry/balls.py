@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive
-from ..base.methods import ComparedByIdentity, compiled
+from ..base.hashable_methods import ComparedByIdentity, compiled
 from .curves import opening_angle
 from .regions import Disk, disk
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, by_library, is_concrete, real_array, require_positive
-from ..base.methods import ComparedByIdentity
+from ..base.hashable_methods import ComparedByIdentity
 from ..special import root
 from .curves import DetectorCurve
 from .regions import Disk, Region, disk

@@ -21,7 +21,7 @@ from ..base.checks import (
     require_positive,
     whole_number,
 )
-from ..base.methods import ComparedByIdentity
+from ..base.hashable_methods import ComparedByIdentity
 from .curves import CircularArc, DetectorCurve, SampledCurve, opening_angle
 from .elements import (
     checked_element_radius,

@@ -18,7 +18,7 @@ from ..base.checks import (
     require_positive,
     whole_number,
 )
-from ..base.methods import ComparedByIdentity
+from ..base.hashable_methods import ComparedByIdentity
 from .elements import (
     NODES,
     checked_width,

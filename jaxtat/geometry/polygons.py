@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, by_library, is_concrete, real_array, require_positive
-from ..base.methods import compiled
+from ..base.hashable_methods import compiled
 from ..special import root
 from .crossing import first_crossing
 from .regions import DEFAULT_BOUNDARY, Counts, Region

@@ -15,7 +15,7 @@ from ..base.checks import (
     require_positive,
     whole_number,
 )
-from ..base.methods import ComparedByIdentity
+from ..base.hashable_methods import ComparedByIdentity
 from .curves import DetectorCurve, opening
 
 DEFAULT_BOUNDARY = 512  # boundary points of a region that no setup has chosen them for

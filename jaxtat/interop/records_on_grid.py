@@ -11,7 +11,8 @@ from ..geometry import ImageGrid
 from ..geometry.measured_curves import flat_axis
 from ..io import Scan
 from ..reconstruction import Setup
-from ..scans import Choices, choose, estimate, integrals, setup_of
+from ..scans import Choices, choose, estimate, integrals, setup_of, with_best_method
+from ..scans.constrained import fitted
 from ..scans.images import formula_images
 
 
@@ -54,13 +55,16 @@ def images_on_grid(
     with jax.enable_x64(True):
         if chosen is None:
             chosen = estimate(scan, choose(scan, **choices), **choices)
-        if chosen.model_based:
-            raise ValueError("images under constraints are not made here: use jaxtat reconstruct.")
+            chosen = with_best_method(scan, chosen)
         grid = ImageGrid(tuple(map(len, nodes)), np.ptp(ends, axis=1) / 2, ends.mean(axis=1))
         of_choices = setup_of(scan, chosen)
         where = of_choices.curve, of_choices.region, grid, of_choices.radii
         setup = Setup(*where, max_frequency=chosen.max_frequency)
-        g = integrals(scan, chosen, setup, np.asarray(scan.data))
-        images = np.asarray(formula_images(setup, g, chosen, None))
+        frames = np.asarray(scan.data)
+        if chosen.model_based:
+            images = np.asarray(fitted(scan, chosen, setup, frames).image)
+        else:
+            g = integrals(scan, chosen, setup, frames)
+            images = np.asarray(formula_images(setup, g, chosen, None))
         inside = np.asarray(setup.region.contains(grid.points))
     return np.expand_dims(np.where(inside, images, 0.0), 1 + flat), chosen

@@ -9,12 +9,12 @@ if TYPE_CHECKING:
     from .ipasc import save_ipasc
     from .plans import load_plan, save_plan
     from .scan import Scan
-    from .scans import load_scan
+    from .scan_files import load_scan
 
 _MODULES = {
     "Scan": "scan",
     "load_plan": "plans",
-    "load_scan": "scans",
+    "load_scan": "scan_files",
     "load_settings": "images",
     "save_image": "images",
     "save_ipasc": "ipasc",

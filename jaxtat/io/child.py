@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from .answers import Answer, Stored
+from .file_contents import FileContents, StoredArray
 from .formats import TASKS
 from .limits import refusing
 
@@ -47,34 +47,38 @@ def serve() -> None:
 
 
 def _read(
-    task: Callable[..., Answer], request: dict[str, Any], requests: BinaryIO, answers: BinaryIO
+    task: Callable[..., FileContents],
+    request: dict[str, Any],
+    requests: BinaryIO,
+    answers: BinaryIO,
 ) -> None:
     """Hand back what one file holds, and then the frames that are wanted."""
     try:
         with refusing("", "it is damaged, or too large for the memory that files may take"):
             seconds = request.pop("seconds")
             _limit_time(seconds)
-            answer = task(Path(request.pop("path")), **request)
-            _hand_back(answers, answer, seconds)
-            while answer.frames and (numbers := receive(requests)):
+            contents = task(Path(request.pop("path")), **request)
+            _hand_back(answers, contents, seconds)
+            while contents.frames is not None and (numbers := receive(requests)):
                 _limit_time(seconds)
-                frames = answer.frames.of(numbers["frames"])
-                _hand_back(answers, Answer(arrays={"frames": frames}), seconds)
+                frames = StoredArray.of_frames(contents.frames, numbers["frames"])
+                _hand_back(answers, FileContents(arrays={"frames": frames}), seconds)
     except (ValueError, PermissionError) as error:
         send(answers, {"refused": str(error)})
 
 
-def _hand_back(answers: BinaryIO, answer: Answer, seconds: float) -> None:
-    """What the file says, then each array in pieces, each with its box."""
+def _hand_back(answers: BinaryIO, contents: FileContents, seconds: float) -> None:
+    """Send the texts and sizes, then each array in pieces, each with its place."""
     arrays = {
-        name: array if isinstance(array, Stored) else Stored.of(array)
-        for name, array in answer.arrays.items()
+        name: array if isinstance(array, StoredArray) else StoredArray.of(array)
+        for name, array in contents.arrays.items()
     }
     sizes = {
         name: [array.dtype.str, array.shape, array.transposed] for name, array in arrays.items()
     }
-    frames = answer.frames and [answer.frames.dtype.str, answer.frames.shape]
-    send(answers, {"about": answer.about, "arrays": sizes, "frames": frames})
+    frames = contents.frames
+    of_frames = None if frames is None else [frames.dtype.str, frames.shape]
+    send(answers, {"about": contents.about, "arrays": sizes, "frames": of_frames})
     for array in arrays.values():
         for box, numbers in array.pieces:
             content = np.ascontiguousarray(numbers, array.dtype).tobytes()
@@ -87,7 +91,7 @@ def _hand_back(answers: BinaryIO, answer: Answer, seconds: float) -> None:
 
 
 def _limit_memory(most: int) -> None:
-    """Of the address space, where the system says how large it is; and no image of a crash."""
+    """Limit the address space where the system reports its size, and write no core dumps."""
     if resource is None:
         return
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..base.optional_packages import optional
 from .provenance import sha256
-from .samples import sample_scan as sample_scan
+from .simulated_scan import sample_scan as sample_scan
 from .zenodo import download_record
 
 FOLDER = "JAXTAT_DATA"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from .answers import Answer
+from .file_contents import FileContents
 from .hdf5 import is_hdf5, open_hdf5
 from .ipasc import is_ipasc, read_ipasc
 from .matlab import is_matlab5, read_matlab5
@@ -25,7 +25,7 @@ class Format(NamedTuple):
 
     name: str
     has_it: Callable[[Path, bytes], bool]
-    read: Callable[[Path, Kind | None], Answer]
+    read: Callable[[Path, Kind | None], FileContents]
 
 
 def _is_hdf5_of(layout: Callable[[Path], bool]) -> Callable[[Path, bytes], bool]:
@@ -49,7 +49,7 @@ FORMATS = (
 )
 
 
-def read_scan(path: Path, kind: Kind | None) -> Answer:
+def read_scan(path: Path, kind: Kind | None) -> FileContents:
     """A scan of the format that the file's content has, whatever its name."""
     with path.open("rb") as file:
         start = file.read(_START)
@@ -62,7 +62,7 @@ def read_scan(path: Path, kind: Kind | None) -> Answer:
 
 def read_arrays(
     path: Path, texts: Sequence[str], names: Sequence[str], attributes: Sequence[str]
-) -> Answer:
+) -> FileContents:
     """Parts of an HDF5 file that jaxtat wrote.
 
     Args:
@@ -81,10 +81,10 @@ def read_arrays(
     about = {name: file.text(name) for name in texts}
     about |= {name: file.attribute("/", name) for name in attributes}
     arrays = {name: file.stored(name, "fiubc") for name in each if file.is_dataset(name)}
-    return Answer(about, arrays)
+    return FileContents(about, arrays)
 
 
-TASKS: dict[str, Callable[..., Answer]] = {
+TASKS: dict[str, Callable[..., FileContents]] = {
     "scan": read_scan,
     "arrays": read_arrays,
     "add_images": add_images,

@@ -16,7 +16,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from .answers import PIECE, Box, Frames, Stored
+from .file_contents import PIECE, Box, StoredArray
+from .frames import LazyFrames
 from .limits import DEFLATE, require_held
 from .scan import REAL, require_numbers
 
@@ -63,15 +64,15 @@ class Hdf5File:
         dataset = self._checked(name)
         return np.asarray(dataset[()], dataset.dtype.newbyteorder("="))
 
-    def stored(self, name: str, kinds: str = REAL) -> Stored:
+    def stored(self, name: str, kinds: str = REAL) -> StoredArray:
         """A dataset of numbers of some kinds (as NumPy calls them), of any size."""
         dataset = self._checked(name, kinds)
-        return Stored(dataset.shape, dataset.dtype, _pieces(dataset))
+        return StoredArray(dataset.shape, dataset.dtype, _pieces(dataset))
 
     def frames(
         self, name: str, shape: tuple[int, int, int], part: Callable[[int], tuple[Any, ...]]
-    ) -> Frames:
-        """Frames of a dataset, in which the frame of a number has a part.
+    ) -> LazyFrames:
+        """Frames of a dataset, each of which is a part of it.
 
         Args:
             name: of the dataset.
@@ -79,7 +80,11 @@ class Hdf5File:
             part: from the number of a frame to an index of the dataset.
         """
         dataset = self._checked(name)
-        return Frames(shape, dataset.dtype, lambda n: dataset[part(n)].reshape(shape[1:]))
+
+        def read(numbers: np.ndarray) -> np.ndarray:
+            return np.stack([dataset[part(int(n))].reshape(shape[1:]) for n in numbers])
+
+        return LazyFrames(shape, dataset.dtype, read)
 
     def text(self, name: str) -> str | None:
         """A text, or None if there is none."""
@@ -90,7 +95,7 @@ class Hdf5File:
         return None if text in (None, "", "None") else text
 
     def attribute(self, name: str, attribute: str) -> Any:
-        """A text, a number, a list of numbers, or None for another thing or none."""
+        """A text, a number or a list of numbers; None if it is missing or of another type."""
         item = self.item(name)
         if item is None or attribute not in item.attrs:
             return None

@@ -7,7 +7,7 @@ shows x1 to the right and x2 upwards; HDF5, NIfTI and NumPy files keep the order
 import gzip
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -17,7 +17,7 @@ import numpy as np
 from ..base.atomic import replacing
 from ..base.checks import Numbers, real_array
 from ..base.messages import name_of, require_file
-from ..base.names import IMAGE_SUFFIXES
+from ..base.option_values import IMAGE_SUFFIXES
 from ..base.optional_packages import optional
 from ..base.units import millimetres
 from ..geometry import ImageGrid, VolumeGrid
@@ -161,7 +161,7 @@ def load_settings(path: str | Path) -> dict[str, Any]:
         return _settings_of(read_parts(path)[0])
 
 
-def read_parts(path: Path, *names: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def read_parts(path: Path, *names: str) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """Settings, provenance and marks of an HDF5 image, and those of its arrays that are wanted."""
     content = read_file(
         "arrays",
@@ -174,7 +174,7 @@ def read_parts(path: Path, *names: str) -> tuple[dict[str, Any], dict[str, np.nd
     return content.about, content.arrays
 
 
-def _settings_of(about: dict[str, Any]) -> dict[str, Any]:
+def _settings_of(about: Mapping[str, Any]) -> dict[str, Any]:
     if (about["format"], about["version"]) != (FORMAT, str(VERSION)):
         raise ValueError(
             f"it is of format {about['format']!r:.40}, version {about['version']!s:.20}, expected "

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from ..base.atomic import replacing
-from .answers import Answer
+from .file_contents import FileContents
 from .hdf5 import Hdf5File, creating_hdf5, open_hdf5
 from .scan import Kind, Scan
 from .series import period, rate_of
@@ -43,7 +43,7 @@ def is_ipasc(path: Path) -> bool:
     return open_hdf5(path).is_dataset(_DATA)
 
 
-def read_ipasc(path: Path, kind: Kind | None) -> Answer:
+def read_ipasc(path: Path, kind: Kind | None) -> FileContents:
     """Pressure with all that `Scan.known` has a name for; of many frames those that are wanted.
 
     Zero, NaN and "None" stand for an unknown sampling rate or speed of sound. Wavelengths, metres
@@ -90,7 +90,7 @@ def read_ipasc(path: Path, kind: Kind | None) -> Answer:
         return (slice(None), slice(None), *last)[:axes]
 
     frames = file.frames(_DATA, (colours * measurements, rows, columns), part)
-    return Answer(about, known, frames)
+    return FileContents(about, known, frames)
 
 
 def save_ipasc(path: str | Path, scan: Scan) -> None:

@@ -14,7 +14,7 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from .answers import PIECE, Answer, Box, Stored
+from .file_contents import PIECE, Box, FileContents, StoredArray
 from .named_arrays import chosen_names
 from .scan import Kind
 
@@ -44,7 +44,7 @@ def is_matlab5(path: Path, start: bytes) -> bool:
     return start[124:128] in (b"\0\1IM", b"\1\0MI")
 
 
-def read_matlab5(path: Path, kind: Kind | None) -> Answer:
+def read_matlab5(path: Path, kind: Kind | None) -> FileContents:
     """Matrices by the names of `named_arrays.NAMES`.
 
     Compressed ones (MATLAB's default) have a checksum, so that damage is found; in others a wrong
@@ -56,7 +56,7 @@ def read_matlab5(path: Path, kind: Kind | None) -> Answer:
     for name in set(matrices).difference(names.values()):
         matrices[name].content(file).require_whole()  # its name may be what is damaged
     arrays = {name: _stored(file, matrices[name]) for name in names.values()}
-    return Answer({"format": "MATLAB 5 to 7", "names": names, "reversed": True}, arrays)
+    return FileContents({"format": "MATLAB 5 to 7", "names": names, "reversed": True}, arrays)
 
 
 class _Matrix(NamedTuple):
@@ -183,7 +183,7 @@ def _named(file: BinaryIO, matrix: _Matrix) -> str:
     return f"{matrix.name} (a struct of {', '.join(each.decode('ascii') for each in fields)})"
 
 
-def _stored(file: BinaryIO, matrix: _Matrix) -> Stored:
+def _stored(file: BinaryIO, matrix: _Matrix) -> StoredArray:
     """The content of a matrix of real numbers, or ValueError."""
     name, order = matrix.name, matrix.order
     if matrix.what:
@@ -196,7 +196,7 @@ def _stored(file: BinaryIO, matrix: _Matrix) -> Stored:
             f"{name} has {size} bytes of type {kind} for {matrix.shape}: it is damaged."
         )
     pieces = _pieces(stream, inside, math.prod(matrix.shape), stored)
-    return Stored(matrix.shape[::-1], np.dtype(_CLASSES[matrix.kind]), pieces, transposed=True)
+    return StoredArray(matrix.shape[::-1], np.dtype(_CLASSES[matrix.kind]), pieces, transposed=True)
 
 
 def _pieces(

@@ -8,7 +8,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from .answers import Answer
+from .file_contents import FileContents
 from .limits import require_held
 from .scan import Kind
 
@@ -29,7 +29,7 @@ _ABOUT = {
 }
 
 
-def read_msot(path: Path, kind: Kind | None) -> Answer:
+def read_msot(path: Path, kind: Kind | None) -> FileContents:
     """Positions, rate, wavelengths, and where the pressure (raw counts) is in NAME.bin.
 
     Frames are in the order of the XML file, which has the place of each in NAME.bin. NAME.irf need
@@ -60,7 +60,7 @@ def read_msot(path: Path, kind: Kind | None) -> Answer:
         if element is not None and element.text and element.text.strip():
             about[name] = _shortened(element.text.strip())
     about["map"] = _samples(path, _places(frames), len(positions), int(samples))
-    return Answer(about, known)
+    return FileContents(about, known)
 
 
 def _parse(path: Path) -> Element:

@@ -30,7 +30,7 @@ NAMES_OF_DATA = ("circular_integrals", "pressure")
 def chosen_names(
     names: Container[str], kind: Kind | None, contents: Sequence[str]
 ) -> dict[str, str]:
-    """The thing and its name in the file, for data of one kind and what belongs to them.
+    """Names in the file of data of one kind and of what belongs to them, by names of `Scan`.
 
     Args:
         names: of all arrays that the file holds.

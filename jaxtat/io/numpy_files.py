@@ -10,7 +10,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.lib import format as npy
 
-from .answers import PIECE, Answer, Box, Stored
+from .file_contents import PIECE, Box, FileContents, StoredArray
 from .named_arrays import chosen_names
 from .scan import Kind, require_real
 
@@ -18,16 +18,16 @@ _STORED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what NumPy writes
 _READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
-def read_npz(path: Path, kind: Kind | None) -> Answer:
+def read_npz(path: Path, kind: Kind | None) -> FileContents:
     """Arrays by the names of `named_arrays.NAMES`. Each has a checksum, so that damage is found."""
     archive = zipfile.ZipFile(path)
     members = _members(path, archive)
     names = chosen_names(members, kind, sorted(members))
     arrays = {name: _stored(archive.open(members[name]), name) for name in names.values()}
-    return Answer({"format": "NumPy archive", "names": names}, arrays)
+    return FileContents({"format": "NumPy archive", "names": names}, arrays)
 
 
-def read_npy(path: Path, kind: Kind | None) -> Answer:
+def read_npy(path: Path, kind: Kind | None) -> FileContents:
     """Where the numbers of one array are: data of that kind (pressure), of which nothing is known.
 
     The format has no checksum: wrong numbers in the data are not detected.
@@ -43,7 +43,7 @@ def read_npy(path: Path, kind: Kind | None) -> Answer:
         )
     about: dict[str, Any] = {"format": "NumPy array", "names": {kind or "pressure": "the array"}}
     about["map"] = {"dtype": dtype.str, "shape": shape, "offset": start, "fortran": fortran}
-    return Answer(about)
+    return FileContents(about)
 
 
 def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
@@ -64,10 +64,12 @@ def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]
     return {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
 
 
-def _stored(file: IO[bytes], name: str) -> Stored:
+def _stored(file: IO[bytes], name: str) -> StoredArray:
     """An array of an archive, in pieces as it is unpacked."""
     shape, fortran, dtype = _header(file, name)
-    return Stored(shape[::-1] if fortran else shape, dtype, _pieces(file, shape, dtype), fortran)
+    return StoredArray(
+        shape[::-1] if fortran else shape, dtype, _pieces(file, shape, dtype), fortran
+    )
 
 
 def _pieces(

@@ -1,4 +1,4 @@
-"""Scans in PATATO's HDF5: time series, and beside them whatever was made of them.
+"""Scans in PATATO's HDF5: time series, and the images made from them.
 
 ``/raw_data`` is (frames, wavelengths, detectors, samples) with the sampling rate [Hz] as its
 attribute ``fs``, and ``speedofsound`` [m/s] if it was set. ``/GEOMETRY`` are positions [m],
@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 from h5py import h5o  # pyright: ignore[reportAttributeAccessIssue]
 
-from .answers import Answer
+from .file_contents import FileContents
 from .hdf5 import Hdf5File, open_hdf5
 from .scan import Kind
 
@@ -35,7 +35,7 @@ def is_patato(path: Path) -> bool:
     return file.is_dataset(RAW) and file.is_dataset(GEOMETRY)
 
 
-def read_patato(path: Path, kind: Kind | None) -> Answer:
+def read_patato(path: Path, kind: Kind | None) -> FileContents:
     """Pressure with positions, rate, wavelengths, energies and response; frames when wanted.
 
     Energies that are not all above zero count as unknown, as does a speed of sound that is no
@@ -61,10 +61,10 @@ def read_patato(path: Path, kind: Kind | None) -> Answer:
         known["impulse_response"] = file.read(RESPONSE).reshape(-1)
     known |= _of_frames(file, frames, colours)
     data = file.frames(RAW, (frames * colours, rows, columns), lambda n: divmod(n, colours))
-    return Answer({"format": "PATATO"}, known, data)
+    return FileContents({"format": "PATATO"}, known, data)
 
 
-def add_images(path: Path, added: str | None) -> Answer:
+def add_images(path: Path, added: str | None) -> FileContents:
     """Copy images, and what belongs to them, into a file under the first number that is free.
 
     Args:
@@ -86,7 +86,7 @@ def add_images(path: Path, added: str | None) -> Answer:
             with h5py.File(added) as source:
                 for part, group in zip((IMAGES, BESIDE), groups, strict=True):
                     source.copy(part, group, number)
-    return Answer()
+    return FileContents()
 
 
 def _require_own_group(file: h5py.File, place: str) -> None:

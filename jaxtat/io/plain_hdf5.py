@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from .answers import Answer
+from .file_contents import FileContents
 from .hdf5 import Hdf5File, open_hdf5
 from .named_arrays import NAMES_OF_DATA, chosen_names
 from .scan import Kind
 
 
-def read_plain_hdf5(path: Path, kind: Kind | None) -> Answer:
+def read_plain_hdf5(path: Path, kind: Kind | None) -> FileContents:
     """Datasets by the names of `named_arrays.NAMES`; data of many frames are read when wanted.
 
     Of the data, HDF5 checks what was written with its Fletcher checksum, and gzip what it packed;
@@ -17,7 +17,7 @@ def read_plain_hdf5(path: Path, kind: Kind | None) -> Answer:
     return _read(path, kind, "HDF5")
 
 
-def read_matlab73(path: Path, kind: Kind | None) -> Answer:
+def read_matlab73(path: Path, kind: Kind | None) -> FileContents:
     """The same of MATLAB, whose axes are reversed. MATLAB packs by gzip, which detects damage."""
     return _read(path, kind, "MATLAB 7.3")
 
@@ -34,7 +34,7 @@ def is_of_matlab(path: Path) -> bool:
     return any(file.attribute(name, "MATLAB_class") for name in file.names("/")[:100])
 
 
-def _read(path: Path, kind: Kind | None, format: str) -> Answer:
+def _read(path: Path, kind: Kind | None, format: str) -> FileContents:
     file, reverse = open_hdf5(path), format != "HDF5"
     names = chosen_names(_Datasets(file), kind, file.contents())
     arrays, frames = {}, None
@@ -49,7 +49,7 @@ def _read(path: Path, kind: Kind | None, format: str) -> Answer:
             arrays[name] = file.stored(name)
             arrays[name].transposed = reverse
     about = {"format": format, "names": names, "reversed": reverse}
-    return Answer(about, arrays, frames)
+    return FileContents(about, arrays, frames)
 
 
 class _Datasets:

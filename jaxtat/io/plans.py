@@ -1,4 +1,4 @@
-"""Reconstruction plans in HDF5: a text of the plan's structure (`trees`), and its arrays.
+"""Reconstruction plans in HDF5: a text of the plan's structure (`stored_modules`), and its arrays.
 
 The file begins with a user block, which HDF5 leaves to its writer: a line with format, version and
 a digest over all bytes behind the block, by which damage is detected.
@@ -30,7 +30,7 @@ from ..regularization import per_frequency
 from .hdf5 import creating_hdf5
 from .limits import Allowance, refusing
 from .reader import read_file
-from .trees import from_plain, require_types, to_plain
+from .stored_modules import from_plain, require_types, to_plain
 
 FORMAT, VERSION = "jaxtat plan", 8
 _BLOCK = 512  # [byte], the least HDF5 allows

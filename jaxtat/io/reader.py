@@ -15,12 +15,13 @@ import weakref
 from contextlib import suppress
 from pathlib import Path
 from threading import Lock
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..base.messages import name_of
 from .child import fill, receive, send
+from .file_contents import FileContents
 from .frames import LazyFrames
 from .limits import Allowance, refusing
 
@@ -34,15 +35,7 @@ _TYPES = "fiubcS"  # NumPy's kinds of what is handed back
 _SLOW = ("SIGPROF", "SIGALRM")  # by which the process ends itself
 
 
-class Content(NamedTuple):
-    """What a file holds: text and numbers, arrays by name, and frames that stay in the file."""
-
-    about: dict[str, Any]
-    arrays: dict[str, np.ndarray]
-    frames: LazyFrames | None
-
-
-def read_file(task: str, path: Path, allowance: Allowance, **arguments: Any) -> Content:
+def read_file(task: str, path: Path, allowance: Allowance, **arguments: Any) -> FileContents:
     """What a function of `formats.TASKS` hands back about a file.
 
     Args:
@@ -61,15 +54,15 @@ def read_file(task: str, path: Path, allowance: Allowance, **arguments: Any) -> 
     header, arrays = process.ask(request, allowance)
     if header["frames"] is None:
         process.release()
-        return Content(header["about"], arrays, None)
+        return FileContents(header["about"], arrays)
     dtype, shape = _checked(*header["frames"])
     allowance.require("a frame", int(np.prod(shape[1:], dtype=float)) * dtype.itemsize)
     frames = LazyFrames(shape, dtype.newbyteorder("="), _Recording(process, request, path))
-    return Content(header["about"], arrays, frames)
+    return FileContents(header["about"], arrays, frames)
 
 
 class _Recording:
-    """Frames of an open file; the file is opened again where the process has ended meanwhile."""
+    """Frames of an open file, which is opened again if the process that reads it has ended."""
 
     def __init__(self, process: "_Process", request: dict[str, Any], path: Path):
         self._request, self._path, self._stamp = request, path.absolute(), _stamp(path)
@@ -102,7 +95,7 @@ def _stamp(path: Path) -> tuple[int, int]:
 
 
 class _Refused(ValueError):
-    """The process says why it does not read a file, and is ready for another."""
+    """The process has refused a file with a reason, and is ready for another."""
 
 
 class _Process:
@@ -126,7 +119,7 @@ class _Process:
 
     @classmethod
     def idle(cls) -> "_Process":
-        """One that waits for a file, of this process and not of one from which it was forked."""
+        """A process that waits for a file; of a fork its own, not one of its parent."""
         while cls._idle:
             process = cls._idle.pop()
             if process.is_alive:
@@ -157,7 +150,7 @@ class _Process:
         return header, arrays
 
     def close_file(self) -> None:
-        """No more frames are wanted of the file that is open."""
+        """Close the open file: no more of its frames are needed."""
         if self.is_alive:
             send(self._pipe("stdin"), None)
             self.release()

@@ -14,14 +14,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
-from ..base.methods import compiled
+from ..base.hashable_methods import compiled
 from ..geometry import DetectorCurve, ImageGrid
 from ..phantoms import Phantom, RadialParts
 from ..special import j0
 from .scan import LineDetectorScan
 
 
-class Balls(RadialParts):
+class PolynomialBalls(RadialParts):
     """f(x) = Σ_m a_m (1 - |x - c_m|²/r_m²)^q inside the balls |x - c_m| < r_m, 0 outside them.
 
     q = 0 gives balls of constant value, q >= 1 bells with q - 1 continuous derivatives.
@@ -35,7 +35,7 @@ class Balls(RadialParts):
     Raises:
         ValueError: for wrong shapes, radii that are not positive or q < 0.
 
-    >>> bell = Balls([[0.0, 0.0, 0.2]], [0.5], exponent=2)
+    >>> bell = PolynomialBalls([[0.0, 0.0, 0.2]], [0.5], exponent=2)
     >>> round(float(bell(jnp.array([0.3, 0.0, 0.2]))), 12)  # (1 - 0.36)²
     0.4096
     """
@@ -105,7 +105,8 @@ class Balls(RadialParts):
 
         >>> from jaxtat import circular_arc
         >>> scan, curve = LineDetectorScan([0.0, 0.5 * jnp.pi]), circular_arc(1.3, 1.0, 8)
-        >>> Balls([[0.1, 0.2, 0.3]], [0.4]).circular_integrals(scan, curve, [0.9, 1.3]).shape
+        >>> balls = PolynomialBalls([[0.1, 0.2, 0.3]], [0.4])
+        >>> balls.circular_integrals(scan, curve, [0.9, 1.3]).shape
         (2, 8, 2)
         """
         radii = real_array("radii", radii, ("radii",))
@@ -128,7 +129,9 @@ class Balls(RadialParts):
 
 
 class ProjectedBalls(Phantom):
-    """P(x) = Σ_m a_m (1 - |x - c_m|²/r_m²)^(q + 1/2) in the plane; arguments as for `Balls`.
+    """P(x) = Σ_m a_m (1 - |x - c_m|²/r_m²)^(q + 1/2) in the plane.
+
+    Arguments as for `PolynomialBalls`.
 
     With d = |z - c| > r0 the distance of a detector, the circle of radius r cuts the disk of a part
     where k² = (r0² - (d - r)²) / (4 d r) > 0, and sin(φ/2) = k sin ψ turns its integral into

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..base.checks import Numbers, real_array, require_objects, require_positive
-from ..base.methods import compiled
+from ..base.hashable_methods import compiled
 from ..base.rows import map_rows
 from ..geometry import DetectorCurve, ImageGrid
 from ..special import j0, j1, root

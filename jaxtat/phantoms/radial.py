@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, real_array, require_positive, whole_number
-from ..base.methods import ComparedByIdentity
+from ..base.hashable_methods import ComparedByIdentity
 from ..special import root
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..base.checks import Numbers, real_array, require_objects, require_positive
-from ..base.methods import compiled
+from ..base.hashable_methods import compiled
 from ..base.rows import map_rows
 from ..geometry import VolumeGrid
 from ..geometry.caps import Detectors
@@ -138,12 +138,12 @@ class Balls(SolidPhantom):
         return (j[0] + j[2]) / 3
 
 
-class Bells(SolidPhantom):
+class SolidBells(SolidPhantom):
     """Sum of the paper's C_0^8 bells, in space: f(x) = Σ_m a_m h(|x - c_m| / r_m).
 
     Arguments as for `Balls`; h as in `jaxtat.phantoms.Bells`.
 
-    >>> float(Bells([[0.3, 0.3, 0.0]], [0.55])(jnp.array([0.3, 0.3, 0.0])))
+    >>> float(SolidBells([[0.3, 0.3, 0.0]], [0.55])(jnp.array([0.3, 0.3, 0.0])))
     1.0
     """
 

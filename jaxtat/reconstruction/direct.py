@@ -12,9 +12,11 @@ from jaxtyping import Array, Bool, Float
 
 from ..base.checks import Numbers, data_array, is_concrete, require_x64
 from ..base.parallel import checked_mesh, in_groups, map_shards, replicated
+from ..base.size_ladder import reshaped
 from ..base.threads import one_blas_thread
+from ..densities import Basis
 from ..geometry import ImageGrid
-from ..regularization import SolveReport, tikhonov_rule
+from ..regularization import SolveReport, TikhonovRule, tikhonov_rule
 from ..steps import UNSAMPLED, AccuracyWarning, warn_of_detectors
 from ..steps.inversion import IMAGES, require_inversion
 from ..steps.radon import LowPass, low_pass_values
@@ -164,15 +166,35 @@ def solve(
     eta = low_pass_values(low_pass, setup.sizes.n_frequencies)
     where = setup.curve, setup.region, setup.radii, setup.sizes
     basis = kind.basis(*where, mesh, *setup.through)
-    stack = data.reshape(-1, *setup.data_shape)
+    stack = reshaped(data, (-1, *setup.data_shape))
     basis, stack, grid, used, eta = replicated((basis, stack, setup.grid, used, eta), mesh)
+    images, report, energies = solved(basis, stack, grid, used, eta, inversion)
+    batch = data.shape[: data.ndim - len(setup.data_shape)]
+    images = reshaped(images, (*batch, *setup.grid.shape))
+    return judged(setup, Reconstruction(images, report, basis.name), energies)
+
+
+def solved(
+    basis: Basis, stack: Array, grid: Any, rule: TikhonovRule, eta: Array, inversion: str
+) -> tuple[Array, SolveReport, Array | None]:
+    """`images_of` of a basis that solves, when they are there."""
     with one_blas_thread():
-        image, report, energies = jax.block_until_ready(
-            images_of(basis, stack, grid, used, eta, inversion)
+        images, report, energies = jax.block_until_ready(
+            images_of(basis, stack, grid, rule, eta, inversion)
         )
     assert report is not None
-    batch = data.shape[: data.ndim - len(setup.data_shape)]
-    result = Reconstruction(image.reshape(*batch, *setup.grid.shape), report, basis.name)
+    return images, report, energies
+
+
+def judged(setup: Setup, result: Reconstruction, energies: Any) -> Reconstruction:
+    """The result, if it is known to be one.
+
+    Args:
+        energies: `Basis.energies`, at the frequencies of the setup.
+
+    Raises, warns:
+        As `solve`.
+    """
     if is_concrete(result):
         _require_finite(result.image)
         _warn_of_solution(result)

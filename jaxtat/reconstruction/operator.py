@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, named, real_array, require_magnitude
-from ..base.methods import ComparedByIdentity, compiled
+from ..base.hashable_methods import ComparedByIdentity, compiled
+from ..base.size_ladder import rung
 from ..forward import CircleSizes, SphereSizes
 from ..steps.radon import LowPass, low_pass_at
 from .setup import Setup, require_setup
@@ -41,13 +42,13 @@ class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
 
     Attributes:
         integrals: the linear map and what it keeps of the geometry.
-        sizes: of the transforms.
+        max_frequency: of the transforms of images [rad/length].
         image_shape, data_shape: of one image and its data.
         transposed: whether this is A^T.
     """
 
     integrals: Any
-    sizes: CircleSizes | SphereSizes
+    max_frequency: Float[Array, ""]
     image_shape: tuple[int, ...] = eqx.field(static=True)
     data_shape: tuple[int, ...] = eqx.field(static=True)
     transposed: bool = eqx.field(static=True, default=False)
@@ -69,8 +70,8 @@ class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
         batch = values.shape[: values.ndim - len(into)]
         if 0 in batch:
             raise ValueError(f"{name} has shape {values.shape}: a stack of none at all.")
-        found = _applied(self.integrals, values.reshape(-1, *into), self.transposed)
-        return found.reshape(*batch, *out)
+        applied = _applied(self.integrals, values.reshape(-1, *into), self.transposed)
+        return applied.reshape(*batch, *out)
 
     @property
     def dtype(self) -> np.dtype:
@@ -82,8 +83,8 @@ class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
         leaves = jax.tree.leaves(self.integrals)
         return OperatorReport(
             nbytes=sum(leaf.size * leaf.dtype.itemsize for leaf in leaves),
-            n_frequencies=self.sizes.n_frequencies,
-            max_frequency=float(self.sizes.frequencies[-1]),
+            n_frequencies=self.integrals.series.shape[0],
+            max_frequency=float(self.max_frequency),
             kept=self.integrals.kept,
         )
 
@@ -112,7 +113,7 @@ class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
 
     def transpose(self) -> "ForwardOperator":
         shapes = self.image_shape, self.data_shape
-        return ForwardOperator(self.integrals, self.sizes, *shapes, not self.transposed)
+        return ForwardOperator(self.integrals, self.max_frequency, *shapes, not self.transposed)
 
     def in_structure(self) -> jax.ShapeDtypeStruct:
         shape = self.data_shape if self.transposed else self.image_shape
@@ -165,6 +166,53 @@ def forward_operator(
     (33, 33)
     """
     require_setup(setup)
+    sizes = setup.sizes.operator
+    eta = None
+    if low_pass is not None:
+        relative = sizes.frequencies / sizes.frequencies[-1]
+        eta = low_pass_at(low_pass, jnp.asarray(relative))
+    return _made(setup, setup.grid, sizes, eta, None, dtype, tolerance)
+
+
+def operator_on(
+    setup: Setup,
+    grid: Any,
+    *,
+    max_frequency: float | None = None,
+    record: Float[Array, "samples radii"] | None = None,
+    dtype: Any = None,
+) -> ForwardOperator:
+    """A from a coarser grid over the same square or box, followed by a matrix over radii.
+
+    Args:
+        setup: detectors and radii.
+        grid: of the same half width and centre as the setup's, with as many nodes or fewer.
+        max_frequency: above which the spectrum of an image does not count, concrete [rad/length].
+        record: from integrals to what was recorded.
+        dtype: as in `forward_operator`.
+    """
+    sizes = setup.sizes.operator
+    # by numbers of nodes alone, which are static
+    steps = zip(grid.shape, setup.grid.shape, strict=True)
+    share = min((coarse - 1) / (fine - 1) for coarse, fine in steps)
+    if max_frequency is not None:
+        share = min(share, max_frequency / sizes.highest)
+    if share < 1:
+        sizes = sizes.first(
+            min(rung(max(1, int(share * sizes.n_frequencies))), sizes.n_frequencies)
+        )
+    return _made(setup, grid, sizes, None, record, dtype, None)
+
+
+def _made(
+    setup: Setup,
+    grid: Any,
+    sizes: CircleSizes | SphereSizes,
+    eta: Float[Array, " frequencies"] | None,
+    record: Float[Array, "samples radii"] | None,
+    dtype: Any,
+    tolerance: Any,
+) -> ForwardOperator:
     chosen = np.dtype(np.float64 if dtype is None else dtype)
     if chosen not in (np.float32, np.float64):
         raise ValueError(f"dtype is {dtype!r}, expected float64 or float32.")
@@ -173,17 +221,16 @@ def forward_operator(
     tolerance = float(tolerance)
     if not 1e-14 <= tolerance <= 0.1:
         raise ValueError(f"tolerance is {tolerance}, expected 1e-14 to 0.1.")
-    sizes = setup.sizes.operator
-    eta = None
-    if low_pass is not None:
-        relative = sizes.frequencies / sizes.frequencies[-1]
-        eta = low_pass_at(low_pass, jnp.asarray(relative))
-    integrals = setup.kind.fast_integrals(
-        setup.curve, setup.grid, setup.radii, sizes, eta, tolerance, *setup.through
-    )
+    where = setup.curve, grid, setup.radii
+    integrals = setup.kind.fast_integrals(*where, sizes, eta, tolerance, *setup.through)
+    shape = setup.data_shape
+    if record is not None:
+        integrals = eqx.tree_at(lambda each: each.series, integrals, integrals.series @ record.T)
+        shape = (*shape[:-1], record.shape[0])
     if chosen == np.float32:
         integrals = _in_single_precision(integrals)
-    return ForwardOperator(integrals, sizes, setup.grid.shape, setup.data_shape)
+    highest = jax.device_put(np.float64(sizes.highest))
+    return ForwardOperator(integrals, highest, grid.shape, shape)
 
 
 def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:

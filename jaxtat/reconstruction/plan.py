@@ -31,15 +31,15 @@ from ..densities import (
     series_densities,
 )
 from ..densities.cylindrical_waves import (
-    HarmonicDensities,
+    CylindricalDensities,
     PolarGeometry,
     alpha_units,
+    cylindrical_densities,
     frequency_groups,
     group_of,
-    harmonic_densities,
-    harmonic_orders,
     polar_geometry,
-    sampled_harmonic_densities,
+    sampled_cylindrical_densities,
+    wave_orders,
     wave_table,
 )
 from ..geometry import Circle, DetectorCurve, ImageGrid, Region, fit_circle
@@ -309,7 +309,7 @@ def _traced_cylindrical(
     pieces, reports = [], []
     for start, stop, n_max in sizes.groups:
         few, its_norms, rules = jax.tree.map(lambda leaf: leaf[start:stop], each)  # noqa: B023
-        values, report = sampled_harmonic_densities(
+        values, report = sampled_cylindrical_densities(
             geometry, few, n_max, its_norms, angles - geometry.axis, rules
         )
         pieces.append(values)
@@ -326,7 +326,7 @@ def _cylindrical(
     frequencies, angles = sizes.frequencies, sizes.angles
     with jax.ensure_compile_time_eval():
         geometry = _geometry(setup)
-        orders = harmonic_orders(geometry, np.asarray(frequencies))
+        orders = wave_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
         table = wave_table(geometry, frequencies, int(orders.max()))
         offset = region.center - geometry.center
@@ -340,13 +340,13 @@ def _cylindrical(
         for start in range(part.start, part.stop, at_a_time):
             chosen = slice(start, min(start + at_a_time, part.stop))
             few, its_norms, rules = _part(each, chosen)
-            step, report = harmonic_densities(geometry, few, n_max, its_norms, local, rules)
+            step, report = cylindrical_densities(geometry, few, n_max, its_norms, local, rules)
             steps.append(step)
             reports.append(report)
             bar.update(chosen.stop - chosen.start)
         groups.append(group_of(steps))
     phases = phases_from(frequencies, angles, offset)
-    densities = HarmonicDensities(tuple(groups), local, phases, geometry.mirror)
+    densities = CylindricalDensities(tuple(groups), local, phases, geometry.mirror)
     return densities.in_single_precision() if single else densities, _joined(reports)
 
 
@@ -361,7 +361,7 @@ def _collocation(
         units = single_crossing(frequencies) ** 2
         if regularization.has_unit and sizes.reached:
             geometry = _geometry(setup)
-            n_max = int(harmonic_orders(geometry, np.asarray(frequencies)).max())
+            n_max = int(wave_orders(geometry, np.asarray(frequencies)).max())
             units = alpha_units(geometry, wave_table(geometry, frequencies, n_max))
         rules = rules.in_units_of(units, frequencies)
 

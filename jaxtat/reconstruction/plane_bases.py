@@ -1,6 +1,7 @@
 """The bases of the plane: cylindrical waves, the boundary itself, and the densities of a plan."""
 
 from contextlib import nullcontext
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -9,7 +10,7 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float
 
-from ..base.checks import is_concrete
+from ..base.checks import by_library, is_concrete
 from ..densities import Basis, Densities, phases_from, solve_on_boundary
 from ..densities.cylindrical_waves import (
     BodyKernels,
@@ -18,7 +19,7 @@ from ..densities.cylindrical_waves import (
     WaveTable,
     circular_harmonics_at,
     polar_geometry,
-    solve_harmonics,
+    solve_cylindrical_waves,
     wave_table,
 )
 from ..geometry import DetectorCurve, DiskBody, ImageGrid, Region
@@ -30,6 +31,7 @@ from ..regularization import (
     TikhonovRule,
     unit_norms,
 )
+from ..steps.fourier_sum import Ramp, ramp_of
 from ..steps.inversion import invert
 from ..steps.polar_transform import with_origin
 from ..steps.radial_transforms import (
@@ -64,15 +66,20 @@ class PlaneBasis(Basis):
     totals: Float[Array, " radii"]
 
     def transform(self, g: Float[Array, "images detectors radii"]) -> tuple[Array, Array]:
-        return transform_by(self.kernels, g), g @ self.totals
+        if self.sizes.n_samples is not None:  # on the ladder: no program for numbers of images
+            return by_library(_transformed_by_numpy, (self.kernels, self.totals, g))
+        return _transformed(self.kernels, self.totals, g)
 
     def invert(
         self, fhat: Array, mass: Array, grid: ImageGrid, eta: Array, inversion: str
     ) -> Float[Array, "images x1 x2"]:
         sizes = self.sizes
-        step = jnp.asarray(sizes.max_frequency / sizes.n_frequencies)
+        step = np.float64(sizes.max_frequency / sizes.n_frequencies)
         where = step, sizes.angles, grid, self.region.center, eta
-        return _inverted(fhat, mass, self.curve.weights, where, inversion)
+        ramp = None
+        if sizes.n_samples is not None:
+            ramp = ramp_of(sizes.n_frequencies, sizes.n_samples + 1)
+        return _inverted(fhat, mass, self.curve.weights, where, inversion, ramp)
 
 
 class StoredDensities(PlaneBasis):
@@ -102,10 +109,12 @@ class _Solved(PlaneBasis):
     def inputs(self, rule: TikhonovRule) -> RuleInputs:
         """What the rule depends on, and the rule."""
         sizes = self.sizes
-        norm = jax.device_put(np.ones(sizes.n_frequencies))  # not used
+        norm = power = jax.device_put(np.ones(sizes.frequencies.shape))  # not used
         if rule.needs_matrix:
             norm = unit_norms(self.curve, self.region, sizes.frequencies, sizes.norm_orders)
-        return RuleInputs(kernel_noise_power(self.kernels, self.curve.weights), norm, rule)
+        if rule.needs_noise:
+            power = kernel_noise_power(self.kernels, self.curve.weights)
+        return RuleInputs(power, norm, rule)
 
 
 class CylindricalWaves(_Solved):
@@ -150,9 +159,26 @@ def data_kernels(
     counted by their strength in the body.
     """
     if medium is None:
-        return radial_kernels(radii, sizes.frequencies), total_weights(radii)
-    kernels = radial_kernels(radii, sizes.frequencies * medium.speed_ratio)
-    return kernels / medium.source_strength, total_weights(radii) / medium.source_strength
+        return _data_kernels(radii, sizes.frequencies)
+    kernels, totals = _data_kernels(radii, sizes.frequencies * medium.speed_ratio)
+    return kernels / medium.source_strength, totals / medium.source_strength
+
+
+@jax.jit
+def _data_kernels(radii: Array, frequencies: Array) -> tuple[Array, Array]:
+    return radial_kernels(radii, frequencies), total_weights(radii)
+
+
+def _transformed_by_numpy(xp: Any, kernels: Any, totals: Any, g: Any) -> tuple[Any, Any]:
+    """The same as one product of matrices."""
+    products = g @ xp.moveaxis(kernels.reshape(-1, g.shape[-1]), 0, 1)
+    parts = products.reshape(*g.shape[:2], -1, 2)
+    return xp.moveaxis(parts, 1, 3), g @ totals
+
+
+@jax.jit
+def _transformed(kernels: Array, totals: Array, g: Array) -> tuple[Array, Array]:
+    return transform_by(kernels, g), g @ totals
 
 
 def plane_basis(
@@ -198,10 +224,11 @@ def _inverted(
     fhat: Array,
     mass: Array,
     weights: Array,
-    where: tuple[Array, Array, ImageGrid, Array, Array],
+    where: tuple[Any, Array, ImageGrid, Array, Array],
     inversion: str,
+    ramp: Ramp | None,
 ) -> Float[Array, "images x1 x2"]:
-    return invert(with_origin(fhat, mass, weights), *where, inversion)
+    return invert(with_origin(fhat, mass, weights), *where, inversion, ramp)
 
 
 @eqx.filter_jit
@@ -215,7 +242,7 @@ def _harmonics(
 ) -> tuple[Float[Array, "images frequencies 2 orders"], SolveReport]:
     """The circular harmonics of fhat."""
     transformed = jnp.moveaxis(transformed, 1, 0)
-    return solve_harmonics(geometry, table, groups, transformed, inputs, mesh)
+    return solve_cylindrical_waves(geometry, table, groups, transformed, inputs, mesh)
 
 
 @eqx.filter_jit

@@ -13,6 +13,7 @@ from ..base.checks import (
     real_array,
     require_x64,
 )
+from ..base.memory_maps import drop_programs_if_short_of_maps
 from ..geometry import DetectorCurve, DiskBody, Region
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, SphericalCap
@@ -96,6 +97,7 @@ class Setup(eqx.Module):
         ((80, 21), 31.416)
         """
         require_x64()
+        drop_programs_if_short_of_maps()  # before those of new sizes
         kind = kind_of(curve)
         parts = {"curve": curve, "region": region, "grid": grid, "medium": medium}
         for name, part in parts.items():

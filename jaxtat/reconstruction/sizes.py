@@ -11,9 +11,9 @@ from ..base.checks import Numbers, by_library
 from ..base.cost import Systems, available_memory, most_that_fit, require_room, systems_cost
 from ..densities.cylindrical_waves import (
     frequency_groups,
-    harmonic_orders,
     polar_geometry,
     wave_offset,
+    wave_orders,
     waves_reach,
 )
 from ..forward import CircleSizes, circle_sizes
@@ -58,6 +58,8 @@ class PlaneSizes(eqx.Module):
         n_nodes: on elements of finite width, by which their means are taken where they are no arcs.
         sampled: share of max_frequency up to which the detectors sample waves of the region, in
             quarters of an octave; at most 1.
+        n_samples: of frequencies in arrays of sizes on the ladder, where the last one is there
+            again, and counts nothing, until they are so many, see `laddered`; else None.
     """
 
     max_frequency: float = eqx.field(static=True)
@@ -70,6 +72,7 @@ class PlaneSizes(eqx.Module):
     as_in_the_paper: bool = eqx.field(static=True)
     n_nodes: int = eqx.field(static=True)
     sampled: float = eqx.field(static=True)
+    n_samples: int | None = eqx.field(static=True, default=None)
 
     @property
     def reached(self) -> bool:
@@ -79,7 +82,8 @@ class PlaneSizes(eqx.Module):
     @property
     def frequencies(self) -> Float[Array, " frequencies"]:
         """lambda_i [rad/length]."""
-        return by_library(_frequencies, (), self.max_frequency, self.n_frequencies)
+        n = self.n_frequencies
+        return by_library(_frequencies, (), self.max_frequency, n, self.n_samples or n)
 
     @property
     def angles(self) -> Float[Array, " directions"]:
@@ -87,8 +91,8 @@ class PlaneSizes(eqx.Module):
         return by_library(_angles, (), self.n_directions)
 
 
-def _frequencies(xp: Any, highest: float, n: int) -> Any:
-    return highest / n * xp.arange(1, n + 1)
+def _frequencies(xp: Any, highest: float, n: int, n_samples: int) -> Any:
+    return highest / n * xp.minimum(xp.arange(1, n_samples + 1), n)
 
 
 def _angles(xp: Any, n: int) -> Any:
@@ -112,11 +116,11 @@ def plane_sizes(
     with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
         require_pixels(grid, float(region.reach))  # by which default radii are chosen
         require_radii(radii)  # before anything is made of their steps
-        ratio = 1.0 if medium is None else float(medium.speed_ratio)
-        frequencies, angles = polar_grid(region, grid, radii * ratio, max_frequency, n_directions)
+        outside = radii if medium is None else radii * medium.speed_ratio
+        frequencies, angles = polar_grid(region, grid, outside, max_frequency, n_directions)
         highest = float(np.asarray(frequencies)[-1])
         if region.automatic:
-            length = float(region.weights.sum())
+            length = float(np.asarray(region.weights).sum())
             region = region.with_counts(region.shared_out(enough_boundary(length, highest)))
         require_problem(curve, region, grid)
         groups: tuple[tuple[int, int, int], ...] = ()
@@ -126,7 +130,7 @@ def plane_sizes(
         reached = waves_reach(curve, region, medium)
         systems_fit(curve, region, radii, (frequencies, angles), reached, medium=medium)
         if reached or medium is not None:  # or say that nothing else goes through a body
-            orders = harmonic_orders(geometry, np.asarray(frequencies))
+            orders = wave_orders(geometry, np.asarray(frequencies))
             groups = tuple(
                 (part.start, part.stop, -(-n // 4) * 4)
                 for part, n in frequency_groups(orders, n_groups)
@@ -161,7 +165,7 @@ def systems_fit(
     region: Region,
     radii: Array,
     polar: tuple[Any, Any],
-    harmonic: bool,
+    cylindrical: bool,
     plan: bool = False,
     medium: DiskBody | None = None,
 ) -> None:
@@ -170,12 +174,12 @@ def systems_fit(
     Args:
         curve, region, radii: concrete.
         polar: frequencies and angles.
-        harmonic: in cylindrical waves, or on the boundary.
+        cylindrical: in cylindrical waves, or on the boundary.
         plan: whether densities are kept.
         medium: a body of another speed of sound.
     """
-    highest, n_all, n_directions = float(polar[0][-1]), len(polar[0]), len(polar[1])
-    geometry = polar_geometry(curve, region, medium=medium) if harmonic else None
+    highest, n_all, n_directions = float(np.asarray(polar[0])[-1]), len(polar[0]), len(polar[1])
+    geometry = polar_geometry(curve, region, medium=medium) if cylindrical else None
     mirror, disk, on_circle = False, True, False
     if geometry is not None:
         mirror, disk, on_circle = geometry.mirror, geometry.disk, geometry.on_circle
@@ -184,7 +188,7 @@ def systems_fit(
         """Sizes of the systems up to the n-th frequency."""
         rows = region.points.shape[0]
         if geometry is not None:
-            rows = 2 * int(harmonic_orders(geometry, np.array([highest * n / n_all]))[0])
+            rows = 2 * int(wave_orders(geometry, np.array([highest * n / n_all]))[0])
         return Systems(
             n_detectors=curve.n_detectors,
             n_radii=radii.shape[0],
@@ -209,6 +213,6 @@ def systems_fit(
         share = n_radii / radii.shape[0]
         return f"{n_radii} radii would: take pixels {1 / share:.2g} times as large, or more"
 
-    kept, one = ("harmonic" if harmonic else "sampled") if plan else None, sizes(1)
+    kept, one = ("cylindrical" if cylindrical else "sampled") if plan else None, sizes(1)
     what = f"frequencies for {curve.n_detectors} detectors and {radii.shape[0]} radii"
     require_room(lambda n: systems_cost(sizes(max(n, 1)), kept), n_all, what, advice)

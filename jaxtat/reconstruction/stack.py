@@ -54,10 +54,10 @@ def reconstruct_stack(
     if not shape or shape[1:] != wanted:
         raise ValueError(f"frames have shape {shape}, expected (n, {str(wanted)[1:-1]}).")
     batch_size = whole_number("batch_size", batch_size, 1)
-    images = (shape[0], *setup.grid.shape)
-    out = np.empty(images) if out is None else out
-    if tuple(out.shape) != images:
-        raise ValueError(f"out has shape {tuple(out.shape)}, expected {images}.")
+    expected = (shape[0], *setup.grid.shape)
+    out = np.empty(expected) if out is None else out
+    if tuple(out.shape) != expected:
+        raise ValueError(f"out has shape {tuple(out.shape)}, expected {expected}.")
     with tqdm(total=shape[0], desc="images", unit="image", disable=not progress) as bar:
         for start in range(0, shape[0], batch_size):
             part = frames[start : start + batch_size]
@@ -66,7 +66,7 @@ def reconstruct_stack(
             # one compiled size: the last batch is filled up
             missing = min(batch_size, shape[0]) - len(part)
             filled = np.pad(part, ((0, missing), *[(0, 0)] * len(wanted)))
-            found = reconstruct(problem, filled, rule, low_pass=low_pass, inversion=inversion)
-            out[start : start + len(part)] = np.asarray(found)[: len(part)]
+            images = reconstruct(problem, filled, rule, low_pass=low_pass, inversion=inversion)
+            out[start : start + len(part)] = np.asarray(images)[: len(part)]
             bar.update(len(part))
     return out

@@ -9,12 +9,12 @@ nothing is shifted, frequencies with |H|² >> eps max|H|² come back in full, th
 instead of blowing up, and no frequency of the noise grows by more than 1/(2 √eps max|H|).
 """
 
-import jax
-import jax.numpy as jnp
+from typing import Any
+
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, is_concrete, real_array, require_positive
+from ..base.checks import Numbers, by_library, is_concrete, real_array, require_positive
 from .pressure import require_equispaced
 
 
@@ -73,7 +73,8 @@ def remove_impulse_response(
         raise ValueError("impulse_response is zero throughout: nothing was recorded through it.")
     regularization = real_array("regularization", regularization, ())
     require_positive("regularization", regularization)
-    return _removed(pressure, response, regularization, real_array("origin", origin, ()))
+    arrays = pressure, response, regularization, real_array("origin", origin, ())
+    return by_library(_removed, arrays)
 
 
 def apply_impulse_response(
@@ -94,28 +95,26 @@ def apply_impulse_response(
     """
     pressure = real_array("pressure", pressure, ("...", "detectors", "times"))
     response = real_array("impulse_response", impulse_response, None)
-    return _applied(pressure, response, real_array("origin", origin, ()))
+    return by_library(_applied, (pressure, response, real_array("origin", origin, ())))
 
 
-@jax.jit
-def _applied(pressure: Array, response: Array, origin: Array) -> Array:
+def _applied(xp: Any, pressure: Any, response: Any, origin: Any) -> Any:
     n = pressure.shape[-1]
-    padded, transfer = _transfer(n, response, origin)
-    return jnp.fft.irfft(jnp.fft.rfft(pressure, padded) * transfer, padded)[..., :n]
+    padded, transfer = _transfer(xp, n, response, origin)
+    return xp.fft.irfft(xp.fft.rfft(pressure, padded) * transfer, padded)[..., :n]
 
 
-def _transfer(n: int, response: Array, origin: Array) -> tuple[int, Array]:
+def _transfer(xp: Any, n: int, response: Any, origin: Any) -> tuple[int, Any]:
     """Number of samples, padded so that the convolution does not wrap, and H."""
     padded = 2 * max(n, response.shape[-1])
-    cycles = jnp.fft.rfftfreq(padded)
-    return padded, jnp.fft.rfft(response, padded) * jnp.exp(2j * jnp.pi * cycles * origin)
+    cycles = xp.fft.rfftfreq(padded)
+    return padded, xp.fft.rfft(response, padded) * xp.exp(2j * np.pi * cycles * origin)
 
 
-@jax.jit
-def _removed(pressure: Array, response: Array, regularization: Array, origin: Array) -> Array:
+def _removed(xp: Any, pressure: Any, response: Any, regularization: Any, origin: Any) -> Any:
     n = pressure.shape[-1]
-    padded, transfer = _transfer(n, response, origin)  # the inverse has room to fade
+    padded, transfer = _transfer(xp, n, response, origin)  # the inverse has room to fade
     power = transfer.real**2 + transfer.imag**2
-    floor = regularization * jnp.max(power, axis=-1, keepdims=True)
-    inverse = jnp.conj(transfer) / (power + floor)
-    return jnp.fft.irfft(jnp.fft.rfft(pressure, padded) * inverse, padded)[..., :n]
+    floor = regularization * xp.max(power, axis=-1, keepdims=True)
+    inverse = xp.conj(transfer) / (power + floor)
+    return xp.fft.irfft(xp.fft.rfft(pressure, padded) * inverse, padded)[..., :n]

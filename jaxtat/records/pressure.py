@@ -13,14 +13,23 @@ with all derivatives with respect to radii and sound speed.
 """
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
-from ..base.names import MODELS
+from ..base.checks import (
+    Numbers,
+    by_library,
+    is_concrete,
+    real_array,
+    require_positive,
+    whole_number,
+)
+from ..base.option_values import MODELS
+from ..base.size_ladder import filled_up, rung
 from ..special import j0
 
 _WAVES_AT_A_TIME = 256
@@ -74,7 +83,11 @@ def pressure_to_circular_integrals(
     if model not in MODELS:
         raise ValueError(f"model is {model!r}, expected '2d' or 'in-plane'.")
     _require_record(times, radii, sound_speed)
-    return _convert(pressure, times, radii, sound_speed, model, samples_from_zero(times))
+    n_waves = samples_from_zero(times)
+    if not is_concrete(pressure, times, radii, sound_speed):
+        where = times, times[-1], radii, sound_speed, jnp.asarray(n_waves)
+        return _convert(pressure, *where, model, _blocks(n_waves))
+    return _converted(pressure, times, radii, sound_speed, model, n_waves)
 
 
 def condition_record(
@@ -128,79 +141,118 @@ def condition_record(
     if band is not None:
         limits = (real_array("band[0]", band[0], ()), real_array("band[1]", band[1], ()))
     _require_units(times, dead_time, limits)
-    return _condition(pressure, times, dead_time, limits, order, baseline)
+    return by_library(_condition, (pressure, times, dead_time, limits), order, baseline)
 
 
-@partial(jax.jit, static_argnames=("order", "baseline"))
 def _condition(
-    pressure: Array,
-    times: Array,
-    dead_time: Array,
-    band: tuple[Array, Array] | None,
+    xp: Any,
+    pressure: Any,
+    times: Any,
+    dead_time: Any,
+    band: tuple[Any, Any] | None,
     order: int,
     baseline: bool,
-) -> Array:
+) -> Any:
     if baseline:
-        pressure = pressure - baseline_of(pressure)
+        pressure = pressure - baseline_of(xp, pressure)
     duration = times[-1] - times[0]
     since = times - times[0]
-    fade = jnp.clip(dead_time, 2 * (times[1] - times[0]), duration / 10)
-    begun = pressure * jnp.where(dead_time > 0, _rise((times - dead_time) / fade), 1.0)
+    fade = xp.clip(dead_time, 2 * (times[1] - times[0]), duration / 10)
+    begun = pressure * xp.where(dead_time > 0, _rise(xp, (times - dead_time) / fade), 1.0)
     if band is None:
         return begun
-    tapered = begun * _rise((duration - since) / (duration / 20))
-    return _band_pass(tapered, times[1] - times[0], *band, order)
+    tapered = begun * _rise(xp, (duration - since) / (duration / 20))
+    return _band_pass(xp, tapered, times[1] - times[0], *band, order)
 
 
-@partial(jax.jit, static_argnames=("model", "n_waves"))
-def _convert(
+def _converted(
     pressure: Array, times: Array, radii: Array, sound_speed: Array, model: str, n_waves: int
+) -> Array:
+    """`_convert` by the matrix of the next sizes on the ladder, of any number of records."""
+    n_radii, n_times = radii.shape[0], times.shape[0]
+    known = np.asarray(times)
+    more = np.arange(1, rung(n_times) - n_times + 1) * (known[1] - known[0])
+    matrix = _integrals(
+        np.concatenate([known, known[-1] + more]),
+        known[-1],
+        filled_up(radii, (rung(n_radii),), by="last"),
+        sound_speed,
+        np.asarray(n_waves),
+        model,
+        _blocks(rung(n_waves)),
+        None,
+    )
+    return jax.device_put(np.asarray(pressure) @ np.asarray(matrix)[:n_radii, :n_times].T)
+
+
+def _blocks(n_waves: int) -> int:
+    return -(-n_waves // _WAVES_AT_A_TIME)
+
+
+@partial(jax.jit, static_argnames=("model", "n_blocks"))
+def _convert(
+    pressure: Array,
+    times: Array,
+    end: Array,
+    radii: Array,
+    sound_speed: Array,
+    n_waves: Array,
+    model: str,
+    n_blocks: int,
 ) -> Array:
     records = pressure.reshape(-1, pressure.shape[-1])
     n_times, n_radii = times.shape[0], radii.shape[0]
+    series = partial(_integrals, times, end, radii, sound_speed, n_waves, model, n_blocks)
     if records.shape[0] * (n_times + n_radii) < n_times * n_radii:
-        integrals = _integrals(records.T, times, radii, sound_speed, model, n_waves)
+        integrals = series(records.T)
     else:  # the matrix of all records costs less
-        integrals = _integrals(None, times, radii, sound_speed, model, n_waves) @ records.T
+        integrals = series(None) @ records.T
     return integrals.T.reshape(*pressure.shape[:-1], n_radii)
 
 
+@partial(jax.jit, static_argnames=("model", "n_blocks"))
 def _integrals(
-    records: Float[Array, "times records"] | None,
     times: Array,
+    end: Array,
     radii: Array,
     sound_speed: Array,
+    n_waves: Array,
     model: str,
-    n_waves: int,
+    n_blocks: int,
+    records: Float[Array, "times records"] | None,
 ) -> Float[Array, "radii records"]:
     """W p: cosine coefficients of the record, then the integral of each cosine; None gives W."""
 
     def add(total: Array, m: Array) -> tuple[Array, None]:
-        to_coefficients = cosine_coefficients(m, times, n_waves)
-        integrals = integrals_of_cosines(m, times, radii, sound_speed, model)
+        to_coefficients = cosine_coefficients(m, times, end, n_waves)
+        integrals = integrals_of_cosines(m, end, radii, sound_speed, model)
         coefficients = to_coefficients if records is None else to_coefficients @ records
         return total + integrals @ coefficients, None
 
     # a block of waves at a time: all at once would take memory with the square of the samples
-    blocks = jnp.arange(-(-n_waves // _WAVES_AT_A_TIME) * _WAVES_AT_A_TIME)
-    blocks = blocks.reshape(-1, _WAVES_AT_A_TIME)
+    blocks = jnp.arange(n_blocks * _WAVES_AT_A_TIME).reshape(-1, _WAVES_AT_A_TIME)
     start = jnp.zeros((radii.shape[0], times.shape[0] if records is None else records.shape[1]))
     return jax.lax.scan(jax.checkpoint(add), start, blocks)[0]
 
 
 def cosine_coefficients(
-    m: Int[Array, " waves"], times: Float[Array, " times"], n_waves: int
+    m: Int[Array, " waves"],
+    times: Float[Array, " times"],
+    end: Float[Array, ""],
+    n_waves: int | Int[Array, ""],
 ) -> Float[Array, "waves times"]:
     """From a record to a_m, by the trapezoid rule on [0, T]; before 0 or a late start it is zero.
 
     Args:
         m: from 0; those from ``n_waves`` on count nothing.
-        times: of the record, equispaced [time].
+        times: of the record, equispaced; those after T count nothing [time].
+        end: T [time].
         n_waves: of `samples_from_zero`.
     """
-    step, end = times[1] - times[0], times[-1]
+    step = times[1] - times[0]
     halved = (jnp.abs(times) < step / 2) | (times == end)
-    counted = jnp.where(times <= -step / 2, 0.0, jnp.where(halved, 0.5, 1.0))
+    outside = (times <= -step / 2) | (times > end)
+    counted = jnp.where(outside, 0.0, jnp.where(halved, 0.5, 1.0))
     weights = counted * (2 * step / end)
     ends = (m == 0) | (m == n_waves - 1)
     share = jnp.where(m < n_waves, jnp.where(ends, 0.5, 1.0), 0.0)
@@ -209,13 +261,13 @@ def cosine_coefficients(
 
 def integrals_of_cosines(
     m: Int[Array, " waves"],
-    times: Float[Array, " times"],
+    end: Float[Array, ""],
     radii: Float[Array, " radii"],
     sound_speed: Float[Array, ""],
     model: str,
 ) -> Float[Array, "radii waves"]:
     """g(r) of the records cos(m π t / T)."""
-    argument = jnp.pi / times[-1] * m * radii[:, None] / sound_speed
+    argument = jnp.pi / end * m * radii[:, None] / sound_speed
     if model == "2d":
         return 2 * jnp.pi * radii[:, None] * j0(argument)
     return radii[:, None] ** 2 * jnp.sinc(argument / jnp.pi)
@@ -229,17 +281,18 @@ def samples_from_zero(times: Array) -> int:
     return round(float(values[-1] / (values[1] - values[0]))) + 1
 
 
-def baseline_of(pressure: Array) -> Array:
+def baseline_of(xp: Any, pressure: Any) -> Any:
     """Straight lines through the medians of the first and last third, which pulses do not move."""
     third = pressure.shape[-1] // 3
-    first, last = _median(pressure[..., :third]), _median(pressure[..., -third:])
+    median = _median if xp is jnp else partial(np.median, axis=-1, keepdims=True)
+    first, last = median(pressure[..., :third]), median(pressure[..., -third:])
     return first + (last - first) * along_baseline(pressure.shape[-1])
 
 
-def along_baseline(n: int) -> Float[Array, " n"]:
+def along_baseline(n: int) -> Float[np.ndarray, " n"]:
     """0 and 1 in the middle of the first and the last third of n samples."""
     third = n // 3
-    return (jnp.arange(n) - (third - 1) / 2) / (n - third)
+    return (np.arange(n) - (third - 1) / 2) / (n - third)
 
 
 def _median(values: Float[Array, "*batch n"]) -> Float[Array, "*batch 1"]:
@@ -255,20 +308,20 @@ def _median(values: Float[Array, "*batch n"]) -> Float[Array, "*batch 1"]:
     return (of_rank((n - 1) // 2) + of_rank(n // 2)) / 2
 
 
-def _rise(t: Array) -> Array:
+def _rise(xp: Any, t: Any) -> Any:
     """0 below 0, 1 above 1, half a cosine between."""
-    return 0.5 - 0.5 * jnp.cos(jnp.pi * jnp.clip(t, 0.0, 1.0))
+    return 0.5 - 0.5 * xp.cos(np.pi * xp.clip(t, 0.0, 1.0))
 
 
-def _band_pass(record: Array, step: Array, low: Array, high: Array, order: int) -> Array:
+def _band_pass(xp: Any, record: Any, step: Any, low: Any, high: Any, order: int) -> Any:
     n = record.shape[-1]
     padded = 2 * n  # room for the filter's response, so that the ends do not meet
-    frequency = jnp.fft.rfftfreq(padded) / step
+    frequency = xp.fft.rfftfreq(padded) / step
     ratio = frequency / high
-    safe = jnp.where(frequency > 0, frequency, 1.0)
+    safe = xp.where(frequency > 0, frequency, 1.0)
     response = 1 / (1 + ratio ** (2 * order)) / (1 + (low / safe) ** (2 * order))
-    gain = jnp.where((frequency > 0) | (low == 0), jnp.sqrt(response), 0.0)
-    return jnp.fft.irfft(jnp.fft.rfft(record, padded) * gain, padded)[..., :n]
+    gain = xp.where((frequency > 0) | (low == 0), xp.sqrt(response), 0.0)
+    return xp.fft.irfft(xp.fft.rfft(record, padded) * gain, padded)[..., :n]
 
 
 def require_equispaced(times: Array) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive
+from ..base.size_ladder import filled_up, rung
 from ..phantoms import gauss_legendre
 from ..special import j0
 from ..steps import AccuracyWarning
@@ -107,8 +108,13 @@ def pressure_matrix(
         raise ValueError(f"model is {model!r}, expected '2d' or 'in-plane'.")
     _require_radii(radii)
     _require_times(times)
-    n_panels = _n_panels(np.asarray(radii), np.asarray(times), sound_speed)
-    return _simulation_matrix(radii, sound_speed * times, model, n_panels)
+    n_panels = rung(_n_panels(np.asarray(radii), np.asarray(times), sound_speed))
+    if not is_concrete(sound_speed):
+        return _simulation_matrix(radii, sound_speed * times, model, n_panels)
+    paths = np.asarray(sound_speed) * np.asarray(times)
+    longer = filled_up(paths, (rung(len(paths)),), by="last")
+    found = np.asarray(_simulation_matrix(radii, longer, model, n_panels))
+    return jax.device_put(found[: len(paths)])
 
 
 @partial(jax.jit, static_argnames=("model", "n_panels"))

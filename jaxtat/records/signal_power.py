@@ -109,7 +109,7 @@ def totals(
     return record @ (4 * np.sqrt(weight) if model == "2d" else weight / 2) * (times[1] - times[0])
 
 
-def faded(
+def faded_channels(
     totals: Float[np.ndarray, " detectors"], working: Bool[np.ndarray, " detectors"]
 ) -> Bool[np.ndarray, " detectors"]:
     """Channels of too small a gain, by `totals` in order along the curve.
@@ -123,7 +123,7 @@ def faded(
         working: channels that are good otherwise.
 
     >>> gains = np.r_[np.ones(40), 0.97, 0.91, 0.7, 0.3, 0.1, np.zeros(5), np.ones(20)]
-    >>> np.flatnonzero(faded(gains + 1e-3 * np.sin(np.arange(70.0)), gains > 0.0)).tolist()
+    >>> np.flatnonzero(faded_channels(gains + 1e-3 * np.sin(np.arange(70.0)), gains > 0.0)).tolist()
     [40, 41, 42, 43, 44]
     """
     none = np.zeros(len(totals), bool)

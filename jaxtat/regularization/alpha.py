@@ -54,6 +54,7 @@ class TikhonovRule(Regularization):
     """phi = sigma² / (sigma² + alpha); arrays are scalars or have one entry per frequency."""
 
     needs_matrix: ClassVar[bool] = False  # whether `absolute` asks for matrix and plane
+    needs_noise: ClassVar[bool] = True  # whether it asks for the power of data or noise
 
     @abstractmethod
     def absolute(self, data: FrequencyData) -> Float[Array, ""]:
@@ -72,6 +73,7 @@ class Tikhonov(TikhonovRule):
     """
 
     has_unit = True
+    needs_noise = False
     alpha: Float[Array, "*each"]
 
     def __init__(self, alpha: Numbers):
@@ -97,6 +99,7 @@ class Tikhonov(TikhonovRule):
 class RelativeTikhonov(TikhonovRule):
     """`RelativeCutoff` without a step: phi = sigma² / (sigma² + 8 kappa² / lambda²)."""
 
+    needs_noise = False
     kappa: Float[Array, "*each"]
 
     def __init__(self, kappa: Numbers):
@@ -132,7 +135,7 @@ class NoiseLevel(TikhonovRule):
     def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
         raise ValueError(
             "NoiseLevel looks at the data, which a plan has not seen: use solve(setup, g, "
-            "NoiseLevel(sigma)), or build_plan with Tikhonov(found.report.relative_alpha) of it."
+            "NoiseLevel(sigma)), or build_plan with Tikhonov(solution.report.relative_alpha) of it."
         )
 
     def absolute(self, data: FrequencyData) -> Array:

@@ -41,9 +41,9 @@ def microlocal_norm(
     >>> import numpy as np
     >>> from jaxtat import circular_arc, disk
     >>> full, whole = circular_arc(1.3, 1.3, 500), disk(1.0, n_boundary=1000)
-    >>> found = microlocal_norm(full, whole, [0.0])  # every line is crossed twice, W = 2 / cos
+    >>> norm = microlocal_norm(full, whole, [0.0])  # every line is crossed twice, W = 2 / cos
     >>> exact = np.sqrt((np.sqrt(0.69) + 1.69 * np.arcsin(1 / 1.3)) / 1.3 / 4)
-    >>> bool(abs(found[0] / exact - 1) < 2e-3)
+    >>> bool(abs(norm[0] / exact - 1) < 2e-3)
     True
     """
     angles = real_array("angles", angles, ("directions",))

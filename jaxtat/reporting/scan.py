@@ -13,7 +13,15 @@ from ..base.checks import Numbers, whole_number
 from ..io import Scan, load_scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan, reconstruct
 from ..regularization import Tikhonov
-from ..scans import Choices, choose, estimate, integrals, setup_of, with_facts
+from ..scans import (
+    Choices,
+    choose,
+    estimate,
+    integrals,
+    setup_of,
+    with_best_method,
+    with_facts,
+)
 from ..scans.constrained import compared, fitted
 from ..scans.deviations import draw, quiet_noise
 from ..scans.facts import facts_of
@@ -54,7 +62,7 @@ def report_file(
     facts = {"detectors": detectors, "sampling_rate": sampling_rate, "times": times}
     facts["start_time"] = start_time
     scan = with_facts(load_scan(path), scanner=scanner, **facts)
-    choices = estimate(scan, choose(scan, **given), **given)
+    choices = with_best_method(scan, estimate(scan, choose(scan, **given), **given))
     return report_scan(out, scan, choices, title=Path(path).name, inputs=[path], progress=progress)
 
 

@@ -8,6 +8,7 @@ from .frames import integrals, setup_of
 from .graded import as_json, to_look_at
 from .images import ScanImages, reconstruct, reconstruct_file
 from .info import describe
+from .method import with_best_method
 from .speed import estimate_sound_speed
 from .trying import trials
 
@@ -26,5 +27,6 @@ __all__ = [
     "standard_deviations",
     "to_look_at",
     "trials",
+    "with_best_method",
     "with_facts",
 ]

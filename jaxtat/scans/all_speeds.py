@@ -8,23 +8,20 @@ from jaxtyping import Array, Float
 
 from ..geometry import VisibilityWarning
 from ..io import Scan
-from ..reconstruction import Setup
+from ..reconstruction import OnLadder
 from ..special import both_kinds
 from ..steps.quadrature import radial_quadrature
 from .choices import Choices
-from .frames import setup_of
+from .frames import problem_of
 
 FADING = 0.05  # of the time in which the region sounds, before and after it
 
 
-def setup_for_speeds(scan: Scan, choices: Choices) -> Setup:
-    """The scan's, with all frequencies in one group, and no word of what detectors do not see.
-
-    That is said where the image is made.
-    """
+def problem_for_speeds(scan: Scan, choices: Choices) -> OnLadder:
+    """The scan's, and no word of what detectors do not see: that is said with the image."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", VisibilityWarning)
-        return setup_of(scan, choices, n_groups=1)
+        return problem_of(scan, choices)
 
 
 @jax.jit

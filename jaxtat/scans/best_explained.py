@@ -24,11 +24,10 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..densities.cylindrical_waves import polar_geometry, unexplained_share, waves_of
+from ..densities.cylindrical_waves import unexplained_share, waves_of
 from ..io import Scan
-from ..reconstruction import Setup
-from ..reconstruction.setup import plane_of
-from .all_speeds import data_by_speed, setup_for_speeds
+from ..reconstruction import OnLadder
+from .all_speeds import data_by_speed, problem_for_speeds
 from .choices import Choices
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .frames import integrals
@@ -86,10 +85,11 @@ def dip_of(scan: Scan, choices: Choices) -> Dip:
     points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
     highest = min(choices.max_frequency, WAVES / float(np.median(np.hypot(*points.T))))
     whole = replace(choices, max_frequency=highest, region_cut=choices.region_radius)
-    setup = setup_for_speeds(scan, whole)
-    if not plane_of(setup)[-1].reached:
+    problem = problem_for_speeds(scan, whole)
+    if problem.geometry is None:
         return Dip(unknown("cylindrical waves do not reach the detectors"), 0.0)
-    return deepest(share_by_speed(scan, whole, setup))._replace(complete=setup.complete)
+    found = deepest(share_by_speed(scan, whole, problem))
+    return found._replace(complete=problem.setup.complete)
 
 
 def _doubt(dip: Dip) -> str:
@@ -102,7 +102,7 @@ def _doubt(dip: Dip) -> str:
 
 
 def share_by_speed(
-    scan: Scan, choices: Choices, setup: Setup
+    scan: Scan, choices: Choices, problem: OnLadder
 ) -> Callable[[np.ndarray], Float[np.ndarray, "frequencies speeds"]]:
     """The share of a typical frame's power, by frequency and speed, that no image explains.
 
@@ -110,23 +110,23 @@ def share_by_speed(
 
     Args:
         scan, choices: in the plane, of pressure.
-        setup: of `setup_of`, whose region is a disk.
+        problem: of `problem_for_speeds`, whose region is a disk that waves reach.
     """
-    curve, region, radii, sizes = plane_of(setup)
-    g = integrals(scan, choices, setup, typical_frame(scan))
-    n = min(sizes.n_frequencies, FREQUENCIES)
-    some = np.round(np.linspace(0, sizes.n_frequencies - 1, n)).astype(int)
-    frequencies = jax.device_put(np.asarray(sizes.frequencies)[some])
-    geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
+    geometry, sizes = problem.geometry, problem.sizes
+    assert geometry is not None
+    g = problem.data(integrals(scan, choices, problem.setup, typical_frame(scan)))
+    some, n = problem.some_frequencies(FREQUENCIES)
+    frequencies = jax.device_put(some)
     alpha = jax.device_put(ALPHA)
     waves = waves_of(geometry, frequencies, sizes.groups[-1][-1])
-    distance = np.hypot(*(np.asarray(curve.points) - np.asarray(choices.region_center)).T)
+    points = np.asarray(problem.curve.points)
+    distance = np.hypot(*(points - np.asarray(choices.region_center)).T)
     reach = choices.region_radius * np.array([-1.0, 1.0])
     sounding = jax.device_put(distance[:, None] + reach)
 
     def share_at(speeds: np.ndarray) -> np.ndarray:
-        data = data_by_speed(g, radii, jax.device_put(speeds), frequencies, sounding)
-        return np.asarray(_share(geometry, waves, data, alpha))
+        data = data_by_speed(g, problem.radii, jax.device_put(speeds), frequencies, sounding)
+        return np.asarray(_share(geometry, waves, data, alpha))[:n]
 
     return share_at
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.choice_table import CHOICES, GRADES, GUESSED
-from ..base.names import PENALTIES
+from ..base.option_values import PENALTIES
 from ..base.units import Units
 from ..geometry import (
     DetectorCurve,

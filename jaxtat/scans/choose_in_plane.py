@@ -27,7 +27,7 @@ from ..records import MODELS, channel_quality, ranges, supported
 from ..records.signal_power import (
     RecordPower,
     artefact_end,
-    faded,
+    faded_channels,
     highest_frequency,
     noise_before,
     record_power,
@@ -248,7 +248,7 @@ def _without_faded(
     if found.values["model"] == "in-plane":  # counts have an offset, waves in the plane a slow tail
         record = record - np.median(record, axis=1, keepdims=True)
     heard = np.where(times >= 2 * dead_time, record[:, : len(times)], 0.0)
-    few = faded(totals(heard, times, found.values["model"]), good)
+    few = faded_channels(totals(heard, times, found.values["model"]), good)
     if few.any():
         order = np.array(found.values["order"])
         left_out = *found.values["left_out"], *(int(k) for k in order[few])

@@ -6,11 +6,14 @@ since an image that may not be negative has the low frequencies that a band-pass
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import real_array
+from ..base.size_ladder import filled_up, rung
 from ..fitting import (
     Comparison,
     ModelBased,
@@ -24,6 +27,7 @@ from ..fitting import (
 from ..geometry import data_radii
 from ..io import Scan
 from ..reconstruction import Setup
+from ..reconstruction.laddered import around, middle, setup_to_fit
 from ..records import apply_impulse_response
 from .choices import Choices
 from .facts import times_of
@@ -35,7 +39,8 @@ PENALTIES = {
     "ridge": Ridge,
     "none": NoPenalty,
 }
-TOLERANCE = 5e-4  # measured records hold no more
+TOLERANCE = 1.5e-2  # measured records hold no more
+TOLERANCE_OF_SHORT = 1e-3  # what a record does not hold is found slowly, from the constraints
 
 
 def fitted(
@@ -50,17 +55,22 @@ def fitted(
         progress: show a progress bar.
     """
     recorded = _recorded(scan, choices, setup, frames)
-    return model_based(
+    found = model_based(
         recorded.setup,
         recorded.data,
         penalty=PENALTIES[choices.penalty](),
         nonnegative=choices.nonnegative,
         weight=choices.weight,
-        tolerance=TOLERANCE,
+        max_frequency=float(choices.max_frequency) if "times" in recorded.model else None,
+        tolerance=TOLERANCE if recorded.whole else TOLERANCE_OF_SHORT,
         dtype=jnp.float32,
         progress=progress,
         **recorded.model,
     )
+    if choices.in_space:
+        return found
+    image = jax.device_put(middle(found.image, setup.grid.shape))
+    return eqx.tree_at(lambda found: found.image, found, image)
 
 
 def compared(
@@ -68,38 +78,50 @@ def compared(
 ) -> Comparison:
     """How well two images fit a frame, as `fitted` does it."""
     recorded = _recorded(scan, choices, setup, frame)
-    return compare_fits(recorded.setup, recorded.data, first, second, **recorded.model)
+    both = first, second
+    if not choices.in_space:
+        both = (around(image, recorded.setup.grid.shape) for image in both)
+    return compare_fits(recorded.setup, recorded.data, *both, **recorded.model)
 
 
 class _Recorded(NamedTuple):
-    """The data of a fit, and the other arguments of `model_based`."""
+    """The data of a fit, the other arguments of `model_based`, and whether all sound is in them."""
 
     setup: Setup
     data: Array
     model: dict[str, Any]
+    whole: bool
 
 
 def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) -> _Recorded:
     times = times_of(scan)
-    if times is None or choices.in_space:
-        return _Recorded(setup, integrals(scan, choices, setup, frames), {})
+    if choices.in_space:
+        return _Recorded(setup, integrals(scan, choices, setup, frames), {}, setup.complete)
+    n_detectors = len(choices.order)
+    if times is None:
+        larger = setup_to_fit(setup, n_detectors)
+        g = integrals(scan, choices, setup, frames)
+        return _Recorded(larger, *_masked(g, larger.data_shape), setup.complete)
     record = real_array(scan.kind, frames[..., list(choices.channels), :], None)
     radii = data_radii(setup.curve, setup.region, setup.grid.spacing.max())
     reaching = Setup(
         setup.curve, setup.region, setup.grid, radii, max_frequency=choices.max_frequency
     )
+    larger, n_radii = setup_to_fit(reaching, n_detectors), len(radii)
     path = choices.sound_speed * np.asarray(times)
     within = np.flatnonzero((path >= float(radii[0])) & (path <= float(radii[-1])))
-    window = slice(*(within[[0, -1]] + [0, 1])) if within.size else slice(0)
+    window = slice(int(within[0]), int(within[-1]) + 1) if within.size else slice(0, 0)
+    n_samples = rung(window.stop - window.start)
 
-    def windowed(record: Array, baseline: bool) -> Float[Array, "*batch detectors samples"]:
-        return in_band(choices, record, times, baseline=baseline)[..., window]
+    def windowed(record: Any, baseline: bool) -> Float[np.ndarray, "*batch detectors samples"]:
+        return np.asarray(in_band(choices, record, times, baseline=baseline))[..., window]
 
     def as_recorded(pressure: Array) -> Array:
         if choices.impulse_response:
             response = scan.known["impulse_response"]  # its time 0 is in the middle
             pressure = apply_impulse_response(pressure, response, origin=len(response) // 2)
-        return windowed(pressure, baseline=False)
+        kept = windowed(pressure, baseline=False)[:n_radii]
+        return jax.device_put(filled_up(kept, (pressure.shape[0], n_samples)))
 
     model = {
         "times": times,
@@ -107,4 +129,15 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
         "model": choices.model,
         "conditioning": as_recorded,
     }
-    return _Recorded(reaching, windowed(record, baseline=has_baseline(choices)), model)
+    recorded = windowed(record, baseline=has_baseline(choices))
+    data, mask = _masked(recorded, (larger.curve.n_detectors, n_samples))
+    whole = bool(path[-1] >= float(radii[-1]))
+    return _Recorded(larger, data, model | mask, whole)
+
+
+def _masked(data: Any, shape: tuple[int, ...]) -> tuple[Array, dict[str, Any]]:
+    """Data filled up to a larger shape, and the mask that leaves out what is not theirs."""
+    known = np.asarray(data)
+    mask = filled_up(np.ones(known.shape[-2:], bool), shape)
+    larger = filled_up(known, (*known.shape[:-2], *shape))
+    return jax.device_put(larger), {"mask": mask}

@@ -18,7 +18,7 @@ from ..steps import AccuracyWarning
 from .choices import Choices
 from .facts import times_of
 from .frames import integrals, lit_frames, setup_of
-from .images import formula_images, frames_at_a_time, without_blank_frames
+from .images import formula_images, frames_together, without_blank_frames
 
 DRAWN = 32  # records: standard deviations are good to 13 %
 
@@ -100,10 +100,10 @@ def _of_unit_noise(
 ) -> Float[np.ndarray, "x1 x2"]:
     """The root mean square of `DRAWN` images."""
     keys = jax.random.split(jax.random.key(0), DRAWN)
-    total, size = np.zeros(setup.grid.shape), frames_at_a_time(scan, DRAWN)
+    total = np.zeros(setup.grid.shape)
     with warnings.catch_warnings():  # noise holds finer detail than any image
         warnings.simplefilter("ignore", AccuracyWarning)
-        for start in range(0, DRAWN, size):
+        for start, size in frames_together(scan, DRAWN):
             records = np.stack(
                 [draw(scan, choices, noise, key) for key in keys[start : start + size]]
             )

@@ -103,6 +103,10 @@ class Found(NamedTuple):
     def take_constraints(self) -> None:
         """Take the choices of fitted images; a given penalty implies that they are fitted."""
         asked = [name for name in OF_CONSTRAINTS if self.given.get(name)]
+        if self.given.get("nonnegative") is False:
+            asked.append("nonnegative")
+        if self.given.get("model_based") is False:
+            self._require_direct(asked)
         if self.given.get("weight") == 0:
             asked.append("weight")
         defaults: dict[str, Any] = {"penalty": "tv", "nonnegative": False, "weight": None}
@@ -118,6 +122,16 @@ class Found(NamedTuple):
         self.take("penalty", "tv", "total variation: for objects with edges", GUESSED)
         self.take("nonnegative", False, "not asked for", LIKELY)
         self.take("weight", None, "balances penalty and misfit", LIKELY)
+
+    def _require_direct(self, asked: list[str]) -> None:
+        """Raise ValueError where the formula is asked for and cannot be, or constraints are too."""
+        if self.values.get("model_based"):
+            why = self.reasons["model_based"]
+            raise ValueError(f"the direct image is asked for, but {why}: leave that out.")
+        if asked:
+            raise ValueError(
+                f"the direct image is asked for, and {asked[0]}, which is of fits: leave one out."
+            )
 
     def _require_no_formula(self) -> None:
         asked = [name for name in OF_FORMULA if self.given.get(name) is not None]
@@ -251,7 +265,7 @@ def require_end(support: Supported, speed: float) -> None:
 
 def require_middle(support: Supported, speed: float) -> None:
     """Raise ValueError for a record that ends before sound is half-way to the region's middle."""
-    if float(support.end) < 0.5 * float(support.end - support.reach_of_end):
+    if float(support.end) < 0.5 * (float(support.end) - float(support.reach_of_end)):
         raise ValueError(_too_short(support, speed))
 
 

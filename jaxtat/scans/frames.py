@@ -7,7 +7,7 @@ from jaxtyping import Array, Float, Num
 
 from ..base.checks import real_array
 from ..io import Scan
-from ..reconstruction import Setup
+from ..reconstruction import OnLadder, Setup, on_ladder
 from ..records import condition_record, pressure_to_circular_integrals, remove_impulse_response
 from ..spherical import pressure_to_spherical_integrals
 from .choices import IN_SPACE, Choices
@@ -40,6 +40,11 @@ def setup_of(scan: Scan, choices: Choices, *, n_groups: int = GROUPS) -> Setup:
         max_frequency=choices.max_frequency,
         _n_groups=n_groups,
     )
+
+
+def problem_of(scan: Scan, choices: Choices, *, n_groups: int = 1) -> OnLadder:
+    """`setup_of` a scan in the plane in sizes that scans of its scanner share."""
+    return on_ladder(setup_of(scan, choices), len(choices.order), n_groups=n_groups)
 
 
 def lit_frames(

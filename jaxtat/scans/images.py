@@ -1,7 +1,7 @@
 """The images of a scan, frame after frame, with what was chosen."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,14 @@ from ..fitting import ModelBased
 from ..geometry import ImageGrid, VolumeGrid
 from ..io import Scan, load_scan
 from ..io.images import HasInside
-from ..reconstruction import Reconstruction, ReconstructionPlan, Setup, solve
+from ..reconstruction import (
+    Reconstruction,
+    ReconstructionPlan,
+    Setup,
+    on_ladder,
+    solve,
+    solve_on_ladder,
+)
 from ..reconstruction import reconstruct as reconstruct_by
 from ..records import ranges
 from ..steps import AccuracyWarning, TooFewDetectors
@@ -22,10 +29,12 @@ from .choices import Choices
 from .choosing import choose, estimate
 from .constrained import fitted
 from .facts import blank_frames, facts_of, frame_numbers, some_frames, with_facts
-from .frames import integrals, lit_frames, setup_of
+from .frames import GROUPS, integrals, lit_frames, setup_of
+from .method import with_best_method
 from .space import TurnedOver, facts_in_space
 
 AT_A_TIME = 2**26  # bytes of data, as float64, that are reconstructed together
+TOGETHER, FEW = (32, 8), 2  # frames; the last are filled up, but for a single one
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +113,7 @@ def reconstruct_file(
         start_time=start_time,
         frames=frames,
     )
-    choices = estimate(scan, choose(scan, **given), **given)
+    choices = with_best_method(scan, estimate(scan, choose(scan, **given), **given))
     if report is not None:
         report(choices.table())
     return reconstruct(scan, choices, out=out, progress=progress)
@@ -143,16 +152,18 @@ def reconstruct(
     scan = without_blank_frames(scan, choices)
     setup = setup_of(scan, choices) if plan is None else plan.setup
     report = ""
-    worst, size, images = 0.0, frames_at_a_time(scan, scan.n_frames), (scan.n_frames, *shape)
+    worst, images = 0.0, (scan.n_frames, *shape)
     out = out if room is None else room[: scan.n_frames]
     if tuple(out.shape) != images:
         raise ValueError(f"out has shape {tuple(out.shape)}, expected {images}.")
     flipped = choices.in_space and facts_in_space(scan, choices.channels).upside_down
     with tqdm(total=scan.n_frames, unit="image", disable=not progress or scan.n_frames == 1) as bar:
-        for start in range(0, scan.n_frames, size):
+        one_by_one = ((k, 1) for k in range(scan.n_frames))
+        fits = choices.model_based and plan is None
+        for start, size in one_by_one if fits else frames_together(scan, scan.n_frames):
             frames = _frames(scan, choices, start, size)
-            if choices.model_based and plan is None:
-                found = fitted(scan, choices, setup, frames, progress=progress and size == 1)
+            if fits:
+                found = fitted(scan, choices, setup, frames, progress=progress)
                 image, report = found.image, _fitted(found)
             elif plan is None:
                 g = integrals(scan, choices, setup, frames)
@@ -209,8 +220,11 @@ def _solve(setup: Setup, g: Array, choices: Choices) -> Reconstruction:
     with warnings.catch_warnings():
         if "max_frequency" not in choices.user_set:  # the table says what bounds it
             warnings.simplefilter("ignore", TooFewDetectors)
-        low_pass, inversion = choices.low_pass, choices.inversion
-        return solve(setup, g, choices.alpha, low_pass=low_pass, inversion=inversion)
+        alpha, low_pass, inversion = choices.alpha, choices.low_pass, choices.inversion
+        if choices.in_space or inversion != "fourier":
+            return solve(setup, g, alpha, low_pass=low_pass, inversion=inversion)
+        problem = on_ladder(setup, len(choices.order), n_groups=GROUPS)
+        return solve_on_ladder(problem, g, alpha, low_pass=low_pass)
 
 
 def formula_images(
@@ -241,10 +255,19 @@ def _fitted(found: ModelBased) -> str:
     )
 
 
-def frames_at_a_time(scan: Scan, n: int) -> int:
-    """How many of n frames of this scan's size."""
+def frames_together(scan: Scan, n: int) -> Iterator[tuple[int, int]]:
+    """First frame and size of stacks of n frames: of few sizes, each of which takes programs.
+
+    Only the last stack may be larger than what is left.
+    """
     fit = AT_A_TIME // (8 * scan.n_detectors * scan.n_samples)
-    return int(np.clip(fit, 1, min(32, n)))
+    sizes = [size for size in TOGETHER if size <= fit] or [min(max(fit, 1), FEW)]
+    start = 0
+    while start < n:
+        size = next((size for size in sizes if size <= n - start), sizes[-1])
+        size = 1 if n == 1 else size
+        yield start, size
+        start += size
 
 
 def _frames(scan: Scan, choices: Choices, start: int, size: int) -> np.ndarray:

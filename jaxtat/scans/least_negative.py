@@ -14,15 +14,13 @@ elements of an unknown response change the signs. So it is a guess.
 from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..base.size_ladder import filled_up
 from ..io import Scan
-from ..reconstruction.plane_bases import plane_basis
-from ..reconstruction.setup import plane_of
 from ..regularization import tikhonov_rule
-from .all_speeds import data_by_speed, faded, setup_for_speeds
+from .all_speeds import data_by_speed, faded, problem_for_speeds
 from .choices import Choices
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 from .frames import integrals
@@ -67,25 +65,32 @@ def positive_by_speed(scan: Scan, choices: Choices) -> Float[np.ndarray, " speed
     size = float(np.median(distance))
     body = min(choices.region_radius, LARGEST * size)
     coarse = _coarse(choices, min(body + MOVES * size, WITHIN * size), size)
-    setup = setup_for_speeds(scan, coarse)
-    *_, radii, sizes = where = plane_of(setup)
+    problem = problem_for_speeds(scan, coarse)
+    setup, radii, sizes = problem.setup, problem.radii, problem.sizes
     if not (setup.complete and sizes.reached):
         return None
+    distance = filled_up(distance, (problem.curve.n_detectors,), by="last")
     sounding = jax.device_put(distance[:, None] + body * np.array([-1.0, 1.0]))
-    g = integrals(scan, coarse, setup, typical_frame(scan)) * faded(radii, sounding)
+    g = problem.data(integrals(scan, coarse, setup, typical_frame(scan)))
+    g = _heard(g, radii, sounding)
     data = data_by_speed(g, radii, jax.device_put(SPEEDS), sizes.frequencies)
-    basis = plane_basis(*where, None)
-    rule = tikhonov_rule(max(choices.alpha, LEAST_ALPHA), sizes.n_frequencies)
+    basis = problem.basis()
+    rule = tikhonov_rule(max(choices.alpha, LEAST_ALPHA), sizes.frequencies.shape[0])
     relative = np.arange(sizes.n_frequencies + 1) / sizes.n_frequencies
-    eta = jax.device_put(relative * np.cos(np.pi / 2 * relative))
+    eta = problem.of_frequencies(relative * np.cos(np.pi / 2 * relative))
     fhat, _ = basis.fhat(data, rule)
-    mass = jnp.zeros((len(SPEEDS), len(points)))  # eta has none
-    images = basis.invert(fhat, mass, setup.grid, eta, "fourier")
+    mass = jax.device_put(np.zeros((len(SPEEDS), len(distance))))  # eta has none
+    images = problem.images(basis.invert(fhat, mass, problem.grid, eta, "fourier"))
     away = -points.mean(axis=0) / np.linalg.norm(points.mean(axis=0))
     middles = size * (SPEEDS[:, None] - 1) * away
     offsets = np.asarray(setup.grid.points) - np.asarray(choices.region_center)
     windows = np.array([_window(offsets - middle, WINDOW * body) for middle in middles])
-    return positive_share(np.asarray(images), windows)
+    return positive_share(images, windows)
+
+
+@jax.jit
+def _heard(g: Array, radii: Array, sounding: Array) -> Float[Array, "detectors radii"]:
+    return g * faded(radii, sounding)
 
 
 def _coarse(choices: Choices, radius: float, size: float) -> Choices:

@@ -12,15 +12,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.choice_table import LIKELY
-from ..densities.cylindrical_waves import cross_validation, polar_geometry, waves_of
+from ..densities.cylindrical_waves import cross_validation, waves_of
 from ..io import Scan
-from ..reconstruction import Setup
-from ..reconstruction.setup import plane_of
+from ..reconstruction import OnLadder
 from ..steps.radial_transforms import radial_transform
 from .choices import Choices
 from .facts import typical_frame
 from .found import ALPHAS
-from .frames import integrals, setup_of
+from .frames import integrals, problem_of
 
 PER_DECADE = 10  # values of alpha to choose from
 FREQUENCIES = 32  # at most, among all of the image's, that decide
@@ -47,13 +46,13 @@ def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
     """
     if not wants_alpha(choices):
         return choices
-    setup = setup_of(scan, choices, n_groups=1)
-    if not (setup.complete and plane_of(setup)[-1].reached):
+    problem = problem_of(scan, choices)
+    if not (problem.setup.complete and problem.geometry is not None):
         return choices
-    g = integrals(scan, choices, setup, typical_frame(scan))
+    g = problem.data(integrals(scan, choices, problem.setup, typical_frame(scan)))
     least, most = ALPHAS
     alphas = np.geomspace(least, most, round(PER_DECADE * np.log10(most / least)) + 1)
-    alpha = float(alphas[np.argmin(_prediction_error(setup, g, jax.device_put(alphas)))])
+    alpha = float(alphas[np.argmin(_prediction_error(problem, g, jax.device_put(alphas)))])
     why = "by cross-validation: what no image explains is noise"
     found = replace(choices, alpha=alpha).with_reason("alpha", why, LIKELY)
     if "low_pass" in choices.user_set:
@@ -68,17 +67,15 @@ def wants_alpha(choices: Choices) -> bool:
     return of_formula and "alpha" not in choices.user_set
 
 
-def _prediction_error(setup: Setup, g: Array, alphas: Array) -> Float[np.ndarray, " alphas"]:
+def _prediction_error(problem: OnLadder, g: Array, alphas: Array) -> Float[np.ndarray, " alphas"]:
     """The geometric mean over frequencies, each of which has its own noise."""
-    curve, region, radii, sizes = plane_of(setup)
-    n = min(sizes.n_frequencies, FREQUENCIES)
-    some = np.round(np.linspace(0, sizes.n_frequencies - 1, n)).astype(int)
-    geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
-    frequencies = jax.device_put(np.asarray(sizes.frequencies)[some])
-    transformed = radial_transform(g, radii, frequencies)
-    waves = waves_of(geometry, frequencies, sizes.groups[-1][-1])
-    found = _errors(geometry, waves, transformed, alphas)
-    return np.exp(np.log(np.asarray(found)).mean(axis=0))
+    assert problem.geometry is not None
+    some, n = problem.some_frequencies(FREQUENCIES)
+    frequencies = jax.device_put(some)
+    transformed = radial_transform(g, problem.radii, frequencies)
+    waves = waves_of(problem.geometry, frequencies, problem.sizes.groups[-1][-1])
+    found = _errors(problem.geometry, waves, transformed, alphas)
+    return np.exp(np.log(np.asarray(found)[:n]).mean(axis=0))
 
 
 _errors = eqx.filter_jit(cross_validation)

@@ -26,6 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
+from ..base.size_ladder import filled_up, rung
 from ..geometry import DetectorPoints
 from ..io import Scan
 from .choices import Choices
@@ -157,9 +158,15 @@ def _filtered_record(scan: Scan, choices: Choices) -> _Record:
 def _agreements(record: _Record, speed: float) -> list[float]:
     """M of all detectors, then without each of the sectors."""
     points, filtered, times, sector, where = record
-    of_sectors = np.asarray(
-        _back_projected(where, points, filtered, sector, times[:2], jnp.asarray(speed))
+    n, m = rung(len(points)), rung(len(where))  # detectors without a signal, and points
+    arrays = (
+        filled_up(where, (m, where.shape[1])),
+        filled_up(points, (n, points.shape[1])),
+        filled_up(filtered, (n, rung(len(times)))),
+        filled_up(sector, (n,)),
     )
+    found = _back_projected(*arrays, times[:2], np.int64(len(times)), np.float64(speed))
+    of_sectors = np.asarray(found)[:, : len(where)]
     whole = of_sectors.sum(axis=0)
     return [_agreement(whole - left) for left in (0.0, *of_sectors)]
 
@@ -218,10 +225,10 @@ def _back_projected(
     filtered: Complex[Array, "detectors times"],
     sector: Array,
     times: Float[Array, "2"],
+    n: Array,
     speed: Array,
 ) -> Complex[Array, "sectors points"]:
-    """Straight lines between samples, nothing beyond them."""
-    n = filtered.shape[1]
+    """Straight lines between the first n samples, nothing beyond them."""
 
     def add(total: Array, of_detector: tuple[Array, Array, Array]) -> tuple[Array, None]:
         z, values, k = of_detector

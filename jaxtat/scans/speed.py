@@ -17,16 +17,13 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.choice_table import GUESSED
 from ..io import Scan
-from ..reconstruction.plane_bases import plane_basis
-from ..reconstruction.setup import plane_of
 from ..regularization import tikhonov_rule
 from ..steps import AccuracyWarning
-from ..steps.radon import low_pass_values
 from .all_speeds import data_by_speed
 from .best_explained import speed_best_explained
 from .choices import Choices
 from .facts import FASTEST, SLOWEST, facts_of, typical_frame
-from .frames import integrals, setup_of
+from .frames import integrals, problem_of
 from .hearing import speed_heard
 from .least_negative import speed_least_negative
 from .one_side import SEEN_TWICE, span
@@ -203,19 +200,18 @@ def sharpness_by_speed(
     coarse = replace(
         choices, pixels=choices.pixels // 4 * 2 + 1, max_frequency=choices.max_frequency / 2
     )
-    setup = setup_of(scan, coarse, n_groups=1)  # to solve once takes less time than to trace twice
-    if not setup.complete:
+    problem = problem_of(scan, coarse)  # to solve once takes less time than to trace twice
+    if not problem.setup.complete:
         return None
-    g = integrals(scan, coarse, setup, frame)
-    *_, radii, sizes = where = plane_of(setup)
-    basis = plane_basis(*where, None)
-    rule = tikhonov_rule(coarse.alpha, sizes.n_frequencies)
-    eta = low_pass_values(coarse.low_pass, sizes.n_frequencies)[1:]
+    g = problem.data(integrals(scan, coarse, problem.setup, frame))
+    basis, frequencies = problem.basis(), problem.sizes.frequencies
+    rule = tikhonov_rule(coarse.alpha, frequencies.shape[0])
+    eta = problem.low_pass(coarse.low_pass)
 
     def sharpness_at(speeds: np.ndarray) -> np.ndarray:
         stretches = jax.device_put(speeds)
-        fhat, _ = basis.fhat(data_by_speed(g, radii, stretches, sizes.frequencies), rule)
-        return np.asarray(_sharpness(fhat, eta, stretches, sizes.frequencies))
+        fhat, _ = basis.fhat(data_by_speed(g, problem.radii, stretches, frequencies), rule)
+        return np.asarray(_sharpness(fhat, eta, stretches, frequencies))
 
     return sharpness_at
 
@@ -263,7 +259,7 @@ def _peak(values: Float[np.ndarray, " speeds"]) -> tuple[int, float]:
 @jax.jit
 def _sharpness(
     fhat: Complex[Array, "speeds frequencies directions"],
-    eta: Float[Array, " frequencies"],
+    eta: Float[Array, " all_frequencies"],
     stretches: Float[Array, " speeds"],
     frequencies: Float[Array, " frequencies"],
 ) -> Float[Array, "speeds sectors"]:
@@ -271,7 +267,7 @@ def _sharpness(
 
     In sectors of directions of the gradient, which add up.
     """
-    power = jnp.einsum("sfd,f->sd", jnp.abs(fhat) ** 2, eta**2 * frequencies**3)
+    power = jnp.einsum("sfd,f->sd", jnp.abs(fhat) ** 2, eta[1:] ** 2 * frequencies**3)
     sectors = np.minimum(np.arange(power.shape[1]) * SECTORS // power.shape[1], SECTORS - 1)
     of_sectors = power @ jnp.asarray(np.eye(SECTORS)[sectors]) / power.shape[1]
     return stretches[:, None] ** 2 * of_sectors

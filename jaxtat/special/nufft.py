@@ -42,11 +42,11 @@ def from_grid(
     axes = points.shape[1]
     batch, grid = values.shape[: values.ndim - axes], values.shape[values.ndim - axes :]
     if not native():
-        found = _in_jax(values.reshape(-1, *grid), points, tolerance)
-        return found.reshape(*batch, points.shape[0])
+        sums = _in_jax(values.reshape(-1, *grid), points, tolerance)
+        return sums.reshape(*batch, points.shape[0])
     options = {"iflag": 1, "eps": tolerance, "opts": _options(axes, len(points) < FEW)}
-    found = _library().nufft2(values.reshape(-1, *grid), *points.T, **options)
-    return found.reshape(*batch, points.shape[0])
+    sums = _library().nufft2(values.reshape(-1, *grid), *points.T, **options)
+    return sums.reshape(*batch, points.shape[0])
 
 
 def to_grid(
@@ -132,12 +132,12 @@ def _batched(args: Any, axes: Any, *, output_shape: Any, nufft_type: int, **opti
     if not any(mapped[1:]):
         _, sets, n, *rest = values.shape
         together = jnp.moveaxis(values, 0, 1).reshape(sets, size * n, *rest)
-        found = transform(together, points)
-        return jnp.moveaxis(found.reshape(sets, size, n, *found.shape[2:]), 1, 0), 0
+        sums = transform(together, points)
+        return jnp.moveaxis(sums.reshape(sets, size, n, *sums.shape[2:]), 1, 0), 0
     stacked = [
         arg if yes else jnp.broadcast_to(arg, (size, *arg.shape))
         for arg, yes in zip(front, mapped, strict=True)
     ]
     values, *points = (jax.lax.collapse(arg, 0, 2) for arg in stacked)
-    found = transform(values, points)
-    return found.reshape(size, -1, *found.shape[1:]), 0
+    sums = transform(values, points)
+    return sums.reshape(size, -1, *sums.shape[1:]), 0

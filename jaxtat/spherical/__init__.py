@@ -9,7 +9,7 @@ from ..geometry import (
     find_rings,
     spherical_cap,
 )
-from ..phantoms.space import Balls, Bells
+from ..phantoms.space import Balls, SolidBells
 from .classical import back_projection
 from .pressure import pressure_to_spherical_integrals
 from .sizes import cap_radii
@@ -17,9 +17,9 @@ from .sizes import cap_radii
 __all__ = [
     "Ball",
     "Balls",
-    "Bells",
     "DetectorPoints",
     "DetectorRings",
+    "SolidBells",
     "SphericalCap",
     "back_projection",
     "ball",

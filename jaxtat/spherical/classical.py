@@ -37,9 +37,10 @@ def back_projection(
     Source: Finch, Patch, Rakesh, SIAM J. Math. Anal. 35 (2004) 1213-1240, theorem 3.
 
     >>> from jaxtat.geometry import spherical_cap
-    >>> from jaxtat.phantoms.space import Bells
+    >>> from jaxtat.phantoms.space import SolidBells
     >>> cap, radii = spherical_cap(1.3, 1.3, 24, 48), jnp.linspace(0.2, 2.4, 221)
-    >>> bell, x = Bells([[0.1, 0.2, 0.0]], [0.7]), jnp.array([[0.1, 0.2, 0.1], [0.0, 0.0, -0.5]])
+    >>> bell = SolidBells([[0.1, 0.2, 0.0]], [0.7])
+    >>> x = jnp.array([[0.1, 0.2, 0.1], [0.0, 0.0, -0.5]])
     >>> f = back_projection(cap, radii, bell.spherical_integrals(cap, radii), x)
     >>> bool(abs(f - bell(x)).max() < 2e-3)
     True

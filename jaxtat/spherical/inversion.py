@@ -94,8 +94,8 @@ def slices_of_projections(
         fhat = polar_fourier_of_projections(wide, h)
         return invert(fhat, step, angles, slices, center[:2], jnp.ones(n + 1), inversion)
 
-    found = in_groups(of_heights, jnp.moveaxis(projections, -1, 0), IMAGES[inversion])
-    return jnp.moveaxis(found, 0, -1)
+    volume = in_groups(of_heights, jnp.moveaxis(projections, -1, 0), IMAGES[inversion])
+    return jnp.moveaxis(volume, 0, -1)
 
 
 def _divisor(n: int, wanted: int) -> int:

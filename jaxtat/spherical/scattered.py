@@ -81,8 +81,8 @@ def solve_points(
             coefficients = jnp.einsum("lk,lki->li", functions * power, part)
             return synthesis(order, coefficients[None], functions_at_polar)[0]
 
-        found = jnp.moveaxis(jax.lax.map(of_order, (m, legendre, powers, at_polar)), 0, -1)
-        return found, relative_residual(squares)
+        fhat = jnp.moveaxis(jax.lax.map(of_order, (m, legendre, powers, at_polar)), 0, -1)
+        return fhat, relative_residual(squares)
 
     spectrum, residual = jax.lax.map(at, (magnitudes, _back(waves), data, alpha))
     report = SolveReport(alpha, relative, residual, jnp.isfinite(residual))

@@ -221,10 +221,10 @@ def _warn_of_sampling(detectors: Detectors, highest: float, reach: float) -> Non
         return
     if isinstance(detectors, DetectorPoints):
         n_wanted = int(np.ceil(covered_share(detectors) * (waves + 1) ** 2))
-        found = f"here are {detectors.shape[0]}, and {n_wanted} are needed for that"
+        problem = f"here are {detectors.shape[0]}, and {n_wanted} are needed for that"
     else:
-        found = (
+        problem = (
             f"rings are up to {_widest_gap(detectors):.3g} rad apart, with {detectors.n_azimuths} "
             f"azimuths, and {1.1 * np.pi / waves:.3g} rad with {int(np.ceil(2 * waves))} are needed"
         )
-    warn_of_detectors(highest, possible, found, stacklevel=6)
+    warn_of_detectors(highest, possible, problem, stacklevel=6)

@@ -25,12 +25,57 @@ import scipy.special
 from jaxtyping import Array, Complex, Float
 
 from ..base.parallel import in_groups
+from ..base.size_ladder import filled_up
 from ..geometry import ImageGrid
 from ..special import to_grid
 
 DIGITS = {np.dtype(np.complex64): 6, np.dtype(np.complex128): 10}  # of the non-uniform FFT
 SPLIT = 10  # digits to which the ramp is split: the same images in both precisions
 GROUP = 2**21  # samples of images that are worked on together
+
+
+class Ramp(eqx.Module):
+    """|lambda| for n frequencies, as weights of samples, of which there may be more.
+
+    Attributes:
+        multiples, near: where samples are taken, 0, 1, ..., n, in d lambda, and their weights;
+            beyond the last one it is there again, with the weight zero.
+        halves, far: where samples between those are taken, in d lambda, and their weights.
+        even, odd: by which real and imaginary parts give the samples between.
+    """
+
+    multiples: Float[np.ndarray | Array, " frequencies"]
+    near: Float[np.ndarray | Array, " frequencies"]
+    halves: Float[np.ndarray | Array, " between"]
+    far: Float[np.ndarray | Array, " between"]
+    even: Float[np.ndarray | Array, "between frequencies"]
+    odd: Float[np.ndarray | Array, "between frequencies"]
+
+
+@cache
+def ramp_of(n: int, n_samples: int | None = None) -> Ramp:
+    """The ramp up to n d lambda.
+
+    Args:
+        n: the number of frequencies that count.
+        n_samples: how many there are, with that at 0; others than n + 1 take as many between, too,
+            whatever n is. n + 1 by default.
+    """
+    near, far = _weights(n, SPLIT)
+    numbers = np.flatnonzero(far)
+    halves, far = numbers + 0.5, far[numbers]
+    even, odd = _between(n, halves)
+    multiples = np.arange(n + 1.0)
+    if n_samples is None:
+        return Ramp(multiples, near, halves, far, even, odd)
+    m = 2 * _last(SPLIT)  # as many as there are at most
+    return Ramp(
+        filled_up(multiples, (n_samples,), by="last"),
+        filled_up(near, (n_samples,)),
+        filled_up(halves, (m,), by="last"),
+        filled_up(far, (m,)),
+        *(filled_up(part, (m, n_samples)) for part in (even, odd)),
+    )
 
 
 @eqx.filter_jit
@@ -41,6 +86,7 @@ def fourier_inversion(
     grid: ImageGrid,
     center: Float[Array, "2"],
     eta: Float[Array, " frequencies"],
+    ramp: Ramp | None = None,
 ) -> Float[Array, "*batch x1 x2"]:
     """f(x) = (1/2π) ∫ eta(|xi|) fhat(xi) exp(i xi·(x - c)) dxi from a polar grid of frequencies.
 
@@ -53,6 +99,7 @@ def fourier_inversion(
         grid: where the image is wanted; zero further than 2R from the centre.
         center: c, the origin of the phases of fhat, (2,) [length].
         eta: low-pass at the same frequencies, (n + 1,); ones for none.
+        ramp: of `ramp_of`, where fewer than the n frequencies count; eta is zero at the others.
 
     Returns:
         (..., x1, x2).
@@ -70,19 +117,21 @@ def fourier_inversion(
     """
     *batch, n_samples, n_directions = fhat.shape
     digits, real = DIGITS[fhat.dtype], fhat.real.dtype
-    near, far = _weights(n_samples - 1, SPLIT)
-    halves = np.flatnonzero(far) + 0.5
-    multiples = np.concatenate([np.arange(n_samples), halves])
+    ramp = ramp_of(n_samples - 1) if ramp is None else ramp
+    multiples = jnp.concatenate([ramp.multiples, ramp.halves])
     directions = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
     xi = (frequency_step * multiples)[:, None, None] * directions
     middle = jnp.stack([x[len(x) // 2] for x in (grid.x1, grid.x2)]) - center
     factors = jnp.exp(1j * (xi @ middle)) * frequency_step**2 / n_directions
     points = (xi * grid.spacing).reshape(-1, 2).astype(real)
-    factors = (factors * np.concatenate([near, far[far != 0]])[:, None]).astype(fhat.dtype)
+    factors = (factors * jnp.concatenate([ramp.near, ramp.far])[:, None]).astype(fhat.dtype)
+    even, odd = (jnp.asarray(part, real) for part in (ramp.even, ramp.odd))
 
     def of_group(fhat: Array) -> Array:
         samples = fhat * eta[:, None].astype(real)
-        samples = jnp.concatenate([samples, _between(samples, halves)], axis=1) * factors
+        pairs = (even, samples.real), (odd, samples.imag)
+        between = jax.lax.complex(*(jnp.einsum("mk,bkd->bmd", *pair) for pair in pairs))
+        samples = jnp.concatenate([samples, between], axis=1) * factors
         flat = jax.lax.collapse(samples, 1, 3)
         return to_grid(flat, points, grid.shape, 10.0**-digits).real
 
@@ -93,15 +142,12 @@ def fourier_inversion(
     return values.reshape(*batch, *grid.shape)
 
 
-def _between(
-    fhat: Complex[Array, "images frequencies directions"], halves: np.ndarray
-) -> Complex[Array, "images between directions"]:
-    """fhat half-way between its samples, which determine it: projections end at ±2R.
+def _between(n: int, halves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of fhat half-way between its samples, which determine it: projections end at ±2R.
 
     Their 2n samples give fhat(lambda) = Σ_k fhat_k D(lambda/d lambda - k), k = -n..n, with
     D(t) = sin(π t) / (2n tan(π t / 2n)), half of it at both ends, and fhat_-k the conjugate.
     """
-    n = fhat.shape[1] - 1
     k, half = np.arange(n + 1), halves[:, None]
 
     def kernel(t: np.ndarray) -> np.ndarray:
@@ -109,9 +155,12 @@ def _between(
         return ends * np.sin(np.pi * t) / (2 * n * np.tan(np.pi * t / (2 * n)))
 
     ahead, back = kernel(half - k), kernel(half + k) * (k > 0)
-    even, odd = (ahead + back).astype(fhat.real.dtype), (ahead - back).astype(fhat.real.dtype)
-    parts = (jnp.einsum("mk,bkd->bmd", *pair) for pair in ((even, fhat.real), (odd, fhat.imag)))
-    return jax.lax.complex(*parts)
+    return ahead + back, ahead - back
+
+
+def _last(digits: int) -> int:
+    """How many steps from 0 the spectrum of Kaiser's window ends, to so many digits."""
+    return int(np.ceil(np.log(10) * digits * 2 / np.pi))
 
 
 @cache
@@ -124,7 +173,7 @@ def _weights(n: int, digits: int) -> tuple[np.ndarray, np.ndarray]:
     the ramp counts as far.
     """
     bandwidth = np.log(10) * digits  # times half the window's length, R = n/2 offsets
-    last = int(np.ceil(bandwidth * 2 / np.pi))
+    last = _last(digits)
     j = np.arange(-3 * n, 3 * n)  # to 6R
     ramp = np.where(j % 2 != 0, -1 / (np.pi * np.where(j == 0, 1, j)) ** 2, 0.25 * (j == 0))
     semicircle = np.sqrt(np.maximum(1 - (2 * j / n) ** 2, 0))

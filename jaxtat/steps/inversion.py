@@ -3,10 +3,10 @@
 import equinox as eqx
 from jaxtyping import Array, Complex, Float
 
-from ..base.names import INVERSIONS
+from ..base.option_values import INVERSIONS
 from ..geometry import ImageGrid
 from .fbp import filtered_back_projection
-from .fourier_sum import fourier_inversion
+from .fourier_sum import Ramp, fourier_inversion
 from .radon import offset_step, radon_projections
 
 # images inverted together: enough for matrix products, few enough for the cache
@@ -22,6 +22,7 @@ def invert(
     center: Float[Array, "2"],
     eta: Float[Array, " frequencies"],
     inversion: str,
+    ramp: Ramp | None = None,
 ) -> Float[Array, "*batch x1 x2"]:
     """The image from its polar Fourier transform.
 
@@ -31,11 +32,11 @@ def invert(
     image beyond the region.
 
     Args:
-        fhat, frequency_step, angles, grid, center, eta: as in `fourier_inversion`.
-        inversion: one of `names.INVERSIONS`.
+        fhat, frequency_step, angles, grid, center, eta, ramp: as in `fourier_inversion`.
+        inversion: one of `option_values.INVERSIONS`.
     """
     if inversion == "fourier":
-        return fourier_inversion(fhat, frequency_step, angles, grid, center, eta)
+        return fourier_inversion(fhat, frequency_step, angles, grid, center, eta, ramp)
     projections = radon_projections(fhat, frequency_step, eta)
     step = offset_step(frequency_step, fhat.shape[-2] - 1)
     return filtered_back_projection(projections, step, angles, grid, center)

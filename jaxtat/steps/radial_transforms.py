@@ -96,16 +96,13 @@ def _(primals: tuple[Array, ...], tangents: tuple[Array | None, ...]) -> tuple[A
 
 
 @jax.jit
-def _kernels(nodes: Array, weights: Array, frequencies: Array) -> Array:
-    argument = frequencies[:, None] * nodes
-    return jnp.stack(both_kinds(0, argument), axis=1) @ weights
-
-
 def radial_kernels(
     radii: Float[Array, " radii"], frequencies: Float[Array, " frequencies"]
 ) -> Float[Array, "frequencies 2 radii"]:
     """k of G = Σ_i k_i g(z, r_i): J_0(lambda r) and Y_0(lambda r) with the quadrature's weights."""
-    return _kernels(*radial_quadrature(radii), frequencies)
+    nodes, weights = radial_quadrature(radii)
+    argument = frequencies[:, None] * nodes
+    return jnp.stack(both_kinds(0, argument), axis=1) @ weights
 
 
 def noise_power(
@@ -132,6 +129,7 @@ def total_integrals(
     return g @ total_weights(radii)
 
 
+@jax.jit
 def total_weights(radii: Float[Array, " radii"]) -> Float[Array, " radii"]:
     """w of ∫ g(z, r) dr = Σ_i w_i g(z, r_i)."""
     return jnp.sum(radial_quadrature(radii)[1], axis=0)

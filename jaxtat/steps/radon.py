@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ..base import names
+from ..base import option_values
 from ..base.checks import by_library, real_array
 
 LowPass = Callable[[Array], Array] | str
@@ -24,9 +24,9 @@ def cosine_filter(relative_frequency: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return by_library(lambda xp, x: xp.cos(np.pi / 2 * x), (relative_frequency,))
 
 
-_EXPECTED = f"{', '.join(map(repr, names.LOW_PASSES))}, or a function such as cosine_filter"
+_EXPECTED = f"{', '.join(map(repr, option_values.LOW_PASSES))}, or a function such as cosine_filter"
 LOW_PASSES: dict[str, Callable[[Array], Array] | None] = dict(
-    zip(names.LOW_PASSES, (None, cosine_filter), strict=True)
+    zip(option_values.LOW_PASSES, (None, cosine_filter), strict=True)
 )
 
 

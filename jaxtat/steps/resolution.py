@@ -39,6 +39,14 @@ class UnreachedWaves(AccuracyWarning):
     """Densities do not make the plane waves that the image is of."""
 
 
+def enough_directions(waves: float) -> int:
+    """Directions over half a turn for so many radians across the radius; a multiple of 32.
+
+    Projections and image turn through twice as many in half a turn; a quarter is to spare.
+    """
+    return 32 * max(1, int(np.ceil(1.25 * waves / 32)))
+
+
 def polar_grid(
     region: Region,
     grid: Grid,
@@ -64,9 +72,8 @@ def polar_grid(
         highest = np.pi / max(pixel * coarser, step)
         highest = highest if max_frequency is None else float(max_frequency)
         waves = highest * float(reach)  # radians across the radius
-        # projections and image turn through 2 * waves radians in half a turn; a quarter to spare
-        turned = 32 * max(1, int(np.ceil(1.25 * waves / 32)))
-        return highest, max(1, int(np.ceil(2 * waves / np.pi - 1e-6))), n_directions or turned
+        n_frequencies = max(1, int(np.ceil(2 * waves / np.pi - 1e-6)))
+        return highest, n_frequencies, n_directions or enough_directions(waves)
 
     def cost(n: int) -> Cost:
         """Cost with n pixels along the longest side."""
@@ -99,7 +106,8 @@ def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid) -> No
             "move or widen the grid."
         )
     seen = visibility(curve, region)
-    if seen.invisible_fraction > 0:  # told where the Setup is made, two calls of equinox further up
+    # told where the Setup is made, two calls of equinox further up
+    if float(seen.invisible_fraction) > 0:
         warnings.warn(str(seen), VisibilityWarning, stacklevel=6)
 
 

@@ -357,7 +357,7 @@ def _ready(
     setup: Setup, samples: Array, densities: Densities, low_pass: Any, dtype: np.dtype
 ) -> _Ready:
     eta = low_pass_values(low_pass, setup.sizes.n_frequencies)
-    along = along_baseline(samples.shape[-1])
+    along = jnp.asarray(along_baseline(samples.shape[-1]))
     weights = jnp.asarray(setup.curve.weights)
     weights, eta, along = (x.astype(dtype) for x in (weights, eta, along))
     return _Ready(samples, densities, weights, eta, along)

@@ -21,7 +21,7 @@ from ..steps.quadrature import radial_quadrature, trapezoid_weights
 
 
 class Pressure(eqx.Module):
-    """What a pressure record goes through before it is transformed.
+    """Conditioning and conversion of a pressure record, before it is transformed.
 
     Attributes:
         coefficients: cosine coefficients of the conditioned record, (waves, samples).
@@ -40,7 +40,7 @@ def pressure_of(
     """Conditioning, a linear function of records (detectors, samples), as a matrix."""
     n_waves = samples_from_zero(times)
     conditioned = conditioning(jnp.eye(times.shape[0]))  # the record of each sample, in rows
-    coefficients = cosine_coefficients(jnp.arange(n_waves), times, n_waves)
+    coefficients = cosine_coefficients(jnp.arange(n_waves), times, times[-1], n_waves)
     return Pressure(coefficients @ conditioned.T, times, model)
 
 
@@ -86,5 +86,5 @@ def samples_to_waves(
         sound_speed: c [length/time].
     """
     m, dtype = jnp.arange(pressure.coefficients.shape[0]), kernels.dtype
-    integrals = integrals_of_cosines(m, pressure.times, radii, sound_speed, pressure.model)
+    integrals = integrals_of_cosines(m, pressure.times[-1], radii, sound_speed, pressure.model)
     return kernels @ integrals.astype(dtype) @ pressure.coefficients.astype(dtype)

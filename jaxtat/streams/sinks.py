@@ -18,7 +18,7 @@ METADATA = 2**16  # [byte] of HDF5's own for one image, at most
 
 @runtime_checkable
 class Sink(Protocol):
-    """Takes images one after the other."""
+    """A destination that receives images one after the other."""
 
     def write(self, number: int, image: np.ndarray) -> None: ...
 

@@ -97,7 +97,7 @@ def _stack_of_file(path: Path, shape: tuple[int, int]) -> Any:
 
 
 def _each(stack: Any) -> Iterator[Any]:
-    """Copies of the frames, which stay when the file goes; an error at the first that cannot be."""
+    """Copies of the frames, independent of the file, up to an error at the first invalid one."""
     for number in range(len(stack)):
         try:
             frame = np.array(stack[number])
@@ -138,7 +138,7 @@ class FrameQueue:
         return taken
 
     def stop(self) -> None:
-        """Read no more; what was read can still be taken."""
+        """Stop reading; frames already read can still be taken."""
         with self._change:
             self._stopped = self._ended = True
             self._change.notify_all()

@@ -114,7 +114,7 @@ class Calibration(eqx.Module):
 
     @property
     def converged(self) -> Bool[Array, ""]:
-        """Whether the last stage came to rest."""
+        """Whether the last stage converged."""
         return self.stages.converged[-1]
 
 
@@ -127,7 +127,7 @@ def calibrate(
     turns: Numbers | None = None,
     alpha: Numbers = 1e-6,
 ) -> Calibration:
-    """Sound speed, radius and centre of the arc, gains and delays of most consistent data.
+    """Sound speed, arc, gains and delays for which the data are most consistent.
 
     Pressure records are first converted to circular integrals with the nominal speed of sound. The
     region must contain all sources, and radii must reach a little past it, by as much as the
@@ -253,7 +253,7 @@ def _parameters(problem: _Problem, free: Free) -> Parameters:
 
 
 def _of_all(values: Float[Array, " some"], zeros: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Values completed by a last one that makes their sum zero, if it is missing."""
+    """Values with a last one appended, if it is missing, so that their sum is zero."""
     return values if values.shape == zeros.shape else jnp.append(values, -jnp.sum(values))
 
 
@@ -346,7 +346,7 @@ def _half_sum(residuals: tuple[Array, ...]) -> Array:
 
 @eqx.filter_custom_jvp
 def _least(start: Free, fixed: _Fixed) -> tuple[Free, Array, Array, Array]:
-    """Where `_squares` are least, how large, the number of steps, and whether they came to rest."""
+    """The minimiser of `_squares`, the minimum, the number of steps, and whether they converged."""
     solver = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-7, linear_solver=lx.QR())
     estimate = optx.least_squares(
         _with_columns, solver, start, fixed, max_steps=MAX_STEPS, throw=False

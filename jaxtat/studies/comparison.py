@@ -23,9 +23,9 @@ from ..base.checks import (
 )
 from ..densities.cylindrical_waves import (
     PolarGeometry,
-    harmonic_orders,
     polar_geometry,
     unfold,
+    wave_orders,
     wave_system,
     wave_table,
 )
@@ -134,7 +134,7 @@ def compare_regularizations(
         raise ValueError("compare_regularizations measures time: nothing of it can be traced.")
     _, angles = polar_grid(region, grid, radii, frequency, n_directions)
     geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
-    n_max = int(harmonic_orders(geometry, np.asarray(frequency)[None]).max())
+    n_max = int(wave_orders(geometry, np.asarray(frequency)[None]).max())
     # parts and sums by numpy: nothing is traced, and each would be a program
     alone, unit_vectors = jax.device_put(np.asarray(frequency)[None]), _unit(np.asarray(angles))
     matrix, rhs, unit = _system(geometry, alone, angles, n_max)

@@ -16,7 +16,7 @@ from ..base.checks import Numbers, real_array, require_positive, whole_number
 
 
 class RidgeSolution(eqx.Module):
-    """A minimiser and how it was obtained.
+    """A minimiser, with the number of iterations and the norm of the gradient.
 
     Attributes:
         q: (blocks, unknowns, rhs).
@@ -112,7 +112,7 @@ def _minimiser(
 
 
 def _jaxopt() -> ModuleType:
-    """The package, or ImportError in one line: it asks JAX for names that may be gone one day."""
+    """jaxopt, or a one-line ImportError: it imports names that JAX may remove."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)

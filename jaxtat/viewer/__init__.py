@@ -2,6 +2,6 @@
 
 from .export import command_line, keep
 from .serve import Viewer, view
-from .session import PIXELS, Knobs, Session
+from .session import PIXELS, ControlValues, Session
 
-__all__ = ["PIXELS", "Knobs", "Session", "Viewer", "command_line", "keep", "view"]
+__all__ = ["PIXELS", "ControlValues", "Session", "Viewer", "command_line", "keep", "view"]

@@ -14,14 +14,16 @@ from ..base.units import ROUNDING
 from ..io.images import save_image
 from ..scans import Choices
 from ..scans.found import OF_FORMULA
-from .session import BACK_PROJECTION, Knobs, Session
+from .session import BACK_PROJECTION, ControlValues, Session
 
 
-def keep(session: Session, knobs: Knobs, folder: Path, suffix: str, source: Path | None) -> Path:
+def keep(
+    session: Session, controls: ControlValues, folder: Path, suffix: str, source: Path | None
+) -> Path:
     """Write the image to a new file in a folder.
 
     Args:
-        session, knobs: which image.
+        session, controls: which image.
         folder: of the file, whose name is that of the scan, the frame's number, and one more.
         suffix: ".png" for a picture; ".h5" keeps all choices, for ``--repeat``.
         source: the scan's file, whose SHA-256 is kept too.
@@ -32,17 +34,20 @@ def keep(session: Session, knobs: Knobs, folder: Path, suffix: str, source: Path
     Raises:
         ValueError: for choices of back-projection, and where no file can be made.
     """
-    if suffix == ".png" and knobs.method == BACK_PROJECTION:
+    if suffix == ".png" and controls.method == BACK_PROJECTION:
         settings: dict[str, Any] = {"method": BACK_PROJECTION}
     else:
-        settings = session.choices_of(knobs).settings() | session.frame_facts(knobs.frame)
-    knobs = replace(knobs, disk=None)  # the region: what is said of the image is true of all of it
-    image, frames = np.where(session.inside, session.image(knobs), 0.0), None
+        settings = session.choices_of(controls).settings() | session.frame_facts(controls.frame)
+    controls = replace(controls, disk=None)  # what is said of the image is true of all the region
+    image, frames = np.where(session.inside, session.image(controls), 0.0), None
     if session.scan.data.ndim == 3:
         wavelengths = session.scan.known.get("wavelengths")
-        number = session.frame_number(knobs.frame)
-        image, frames = image[None], [number if wavelengths is None else wavelengths[knobs.frame]]
-    path = _free(folder, f"{source.stem if source else 'scan'}-{knobs.frame}", suffix)
+        number = session.frame_number(controls.frame)
+        image, frames = (
+            image[None],
+            [number if wavelengths is None else wavelengths[controls.frame]],
+        )
+    path = _free(folder, f"{source.stem if source else 'scan'}-{controls.frame}", suffix)
     region, grid = session.choices.region, session.choices.grid
     inputs = [source] if source else []
     unit = session.choices.units.length
@@ -51,7 +56,7 @@ def keep(session: Session, knobs: Knobs, folder: Path, suffix: str, source: Path
 
 
 def _free(folder: Path, name: str, suffix: str) -> Path:
-    """The first of the names that no file has."""
+    """The first of the numbered names that no file has yet."""
     paths = (folder / f"{name}-{number}{suffix}" for number in count(1))
     return next(path for path in paths if not path.exists())
 

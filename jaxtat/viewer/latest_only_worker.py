@@ -26,12 +26,12 @@ class LatestOnlyWorker:
         self._busy = self._closed = False
 
     def want(self, work: Work, show: Show) -> None:
-        """Compute this next, unless a later request comes first."""
+        """Compute this next, unless a later request replaces it."""
         self._wanted = work, show
         self._begin()
 
     def must(self, work: Work, show: Show) -> None:
-        """Compute this in any case."""
+        """Compute this even if later requests come."""
         self._must.append((work, show))
         self._begin()
 

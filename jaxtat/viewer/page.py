@@ -25,21 +25,21 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from ..base.names import LOW_PASSES
+from ..base.option_values import LOW_PASSES
 from ..geometry import ImageGrid
 from .export import command_line, keep
 from .latest_only_worker import LatestOnlyWorker
 from .picture import Picture
-from .session import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED, Knobs, Session
+from .session import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED, ControlValues, Session
 from .zoom_controls import ZoomControls, lengths
 
-WIDTH, WHOLE = 400, 1080  # of the column of knobs, and of the page [pixel]
+WIDTH, WHOLE = 400, 1080  # of the column of controls, and of the page [pixel]
 TAKE_REGION, TAKING_REGION = "Take this region", "Computing this region, up to a minute ..."
 CHOICES_LATER = 100  # [ms] than the picture, which a browser would otherwise draw after them
 
 
 class ViewerPage:
-    """One person's page.
+    """The page of one visitor.
 
     Args:
         document: of Bokeh, to be filled.
@@ -59,7 +59,7 @@ class ViewerPage:
             LatestOnlyWorker(self._later) for _ in range(3)
         )
         self.picture = Picture(session)
-        self._make_knobs()
+        self._make_controls()
         self._make_rest(name)
         self._follow()
         self._place()
@@ -70,7 +70,7 @@ class ViewerPage:
 
     # what is on the page
 
-    def _make_knobs(self) -> None:
+    def _make_controls(self) -> None:
         session, start = self._session, self._session.start
         n = session.scan.n_frames
         self.frame = Slider(start=0, end=max(n - 1, 1), value=0, step=1, visible=n > 1)
@@ -99,7 +99,7 @@ class ViewerPage:
         )
         self._make_curve(low, high)
         scale, unit = lengths(session)
-        self.looking = ZoomControls(session, WIDTH, self._turned)
+        self.looking = ZoomControls(session, WIDTH, self._changed)
         radius, center = session.choices.region_radius, session.choices.region_center
         values = {"region's radius": radius, "its x₁": center[0], "its x₂": center[1]}
         self.region = [
@@ -138,7 +138,7 @@ class ViewerPage:
         self.command, self.table = Div(width=WHOLE), Div(width=WHOLE)
 
     def _place(self) -> None:
-        knobs = column(
+        controls = column(
             self.title,
             self.frame,
             self.wavelength,
@@ -150,28 +150,28 @@ class ViewerPage:
             *self.looking.sliders,
             row(*self.region),
             self.move,
-            *self.picture.knobs,
+            *self.picture.controls,
             row(self.keep_picture, self.keep_choices),
             self.status,
         )
-        for knob in (self.frame, self.speed, self.alpha, self.picture.levels):
-            knob.width = WIDTH
+        for control in (self.frame, self.speed, self.alpha, self.picture.levels):
+            control.width = WIDTH
         below = Div(text="<b>The same by a command</b>"), self.command, self.table
         self._document.add_root(
-            column(row(self.picture.figure, knobs, spacing=20), *below, margin=10)
+            column(row(self.picture.figure, controls, spacing=20), *below, margin=10)
         )
 
     # what turns what
 
     def _follow(self) -> None:
-        for knob, its in (
+        for control, its in (
             (self.frame, "value"),
             (self.speed, "value"),
             (self.alpha, "value"),
             (self.low_pass, "active"),
             (self.method, "active"),
         ):
-            _on_change(knob, its, self._turned)
+            _on_change(control, its, self._changed)
         for slider in (self.frame, self.alpha):  # when it is let go
             _on_change(slider, "value_throttled", self._ask_for_curve)
         _on_change(self.wavelength, "value", self._take_wavelength)
@@ -181,11 +181,11 @@ class ViewerPage:
         self.keep_choices.on_click(lambda: self._keep(".h5"))
 
     @property
-    def knobs(self) -> Knobs:
+    def controls(self) -> ControlValues:
         """Values of the controls; one that was not moved has exactly the value of the choices."""
         start = self._session.start
         speed, alpha = self.speed.value / self.scale, 10**self.alpha.value
-        return Knobs(
+        return ControlValues(
             start.sound_speed if math.isclose(speed, start.sound_speed, rel_tol=1e-9) else speed,
             start.alpha if math.isclose(alpha, start.alpha, rel_tol=1e-9) else alpha,
             LOW_PASSES[self.low_pass.active or 0],
@@ -194,12 +194,12 @@ class ViewerPage:
             self.looking.disk,
         )
 
-    def _turned(self) -> None:
+    def _changed(self) -> None:
         self.at_speed.location = self.speed.value
         method = METHODS[self.method.active or 0]
         self.fit.visible = method == MODEL_BASED
         self.alpha.disabled = self.low_pass.disabled = method != DIRECT
-        self._name_knobs()
+        self._name_controls()
         if method == MODEL_BASED:
             self.status.text = "Press <b>Fit</b>: a fit under constraints takes its time."
         else:
@@ -207,23 +207,23 @@ class ViewerPage:
 
     def _look(self) -> None:
         """Ask for the image of the controls as they stand."""
-        knobs, session = self.knobs, self._session
-        self._name_knobs()
-        if knobs.method == MODEL_BASED:
+        controls, session = self.controls, self._session
+        self._name_controls()
+        if controls.method == MODEL_BASED:
             self.status.text = "fitting (total variation, f ≥ 0) ..."
-        self._images.want(lambda: self._seen(session, knobs), self._show)
+        self._images.want(lambda: self._seen(session, controls), self._show)
 
-    def _seen(self, session: Session, knobs: Knobs) -> "_ShownImage":
+    def _seen(self, session: Session, controls: ControlValues) -> "_ShownImage":
         """Compute an image, in the other thread."""
         start = time.perf_counter()
-        image = session.image(knobs)
-        taken, grid = time.perf_counter() - start, session.grid(knobs)
-        if knobs.method == BACK_PROJECTION:
+        image = session.image(controls)
+        taken, grid = time.perf_counter() - start, session.grid(controls)
+        if controls.method == BACK_PROJECTION:
             return _ShownImage(
                 session, image, grid, "only the viewer shows it, to compare with", None, taken
             )
-        choices = session.choices_of(knobs)
-        facts = session.frame_facts(knobs.frame)
+        choices = session.choices_of(controls)
+        facts = session.frame_facts(controls.frame)
         command = command_line(choices, facts, str(self._source or "FILE"))
         return _ShownImage(session, image, grid, command, choices.rows(), taken)
 
@@ -271,29 +271,31 @@ class ViewerPage:
             self._ask_for_curve()
 
     def _take_region(self) -> None:
-        """Make the session of another region, while the page goes on with this one."""
+        """Make the session of another region, while this one stays in use."""
         session = self._session
-        scale, knobs = lengths(session)[0], replace(self.knobs, disk=None)
+        scale, controls = lengths(session)[0], replace(self.controls, disk=None)
         radius, *center = (float(spinner.value or 0.0) / scale for spinner in self.region)
 
         def work() -> _ShownImage:
-            return self._seen(session.with_region(radius, (center[0], center[1]), knobs), knobs)
+            return self._seen(
+                session.with_region(radius, (center[0], center[1]), controls), controls
+            )
 
         def show(seen: Any, error: str) -> None:
             self.move.update(label=TAKE_REGION, disabled=False)
             if not error:
                 self._take_session(seen.session)
             self._show(seen, error)
-            if not error and knobs != self.knobs:  # controls that were moved meanwhile
-                self._turned()
+            if not error and controls != self.controls:  # controls that were moved meanwhile
+                self._changed()
 
         self.move.update(label=TAKING_REGION, disabled=True)
         self._regions.must(work, show)
 
     def _ask_for_curve(self) -> None:
-        session, knobs = self._session, self.knobs
+        session, controls = self._session, self.controls
         if session.scan.kind == "pressure":
-            self._curves.want(lambda: session.sharpness(knobs), self._show_curve)
+            self._curves.want(lambda: session.sharpness(controls), self._show_curve)
 
     def _show_curve(self, curve: Any, error: str) -> None:
         if error or curve is None:  # the picture's own message says why
@@ -305,10 +307,10 @@ class ViewerPage:
         self.curve_plot.visible = True
 
     def _keep(self, suffix: str) -> None:
-        session, knobs, folder, source = self._session, self.knobs, self._folder, self._source
+        session, controls, folder, source = self._session, self.controls, self._folder, self._source
 
         def work() -> str:
-            return f"written: {keep(session, knobs, folder, suffix, source)}"
+            return f"written: {keep(session, controls, folder, suffix, source)}"
 
         def show(text: str | None, error: str) -> None:
             self.status.text = escape(text or error)
@@ -317,13 +319,13 @@ class ViewerPage:
 
     # in words
 
-    def _name_knobs(self) -> None:
+    def _name_controls(self) -> None:
         """Labels of the sliders, with values where these are not shown."""
-        knobs = self.knobs
-        self.alpha.title = f"alpha {knobs.alpha:.2g}, its power of ten"
-        number = self._session.frame_number(knobs.frame)
-        in_file = "" if number == knobs.frame else f" ({number} in the file)"
-        of_it = "" if self.wavelengths is None else f" ({self.wavelengths[knobs.frame]:g} nm)"
+        controls = self.controls
+        self.alpha.title = f"alpha {controls.alpha:.2g}, its power of ten"
+        number = self._session.frame_number(controls.frame)
+        in_file = "" if number == controls.frame else f" ({number} in the file)"
+        of_it = "" if self.wavelengths is None else f" ({self.wavelengths[controls.frame]:g} nm)"
         self.frame.title = f"frame{in_file}{of_it}"
 
     # threads

@@ -27,7 +27,7 @@ COLOURS = {"grey": Greys256, "viridis": Viridis256, "inferno": Inferno256}
 
 
 class Picture:
-    """Shows images; its own knobs change how, and nothing is computed for them.
+    """Shows images; its own controls change how, and nothing is computed for them.
 
     Args:
         session: whose unit the axes have, and whose region they show at first.
@@ -35,7 +35,7 @@ class Picture:
     Attributes:
         figure: of Bokeh.
         levels: slider of the percentiles between which colours are.
-        knobs: this slider, and those that go with it.
+        controls: this slider, and those that go with it.
     """
 
     def __init__(self, session: Session):
@@ -54,7 +54,7 @@ class Picture:
         )
         self._hold = Toggle(label="hold levels")
         self._palette = Select(options=list(COLOURS), value="grey", width=110)
-        self.knobs = self.levels, row(self._hold, self._palette)
+        self.controls = self.levels, row(self._hold, self._palette)
         self.levels.on_change("value", lambda attr, old, new: self._take_levels())
         self._hold.on_change("active", lambda attr, old, new: self._take_levels())
         self._palette.on_change("value", lambda attr, old, new: self._take_palette())

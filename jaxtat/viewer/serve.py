@@ -62,7 +62,7 @@ class Viewer:
             raise ValueError(f"no server at port {port} ({reason}): take another.") from self._error
 
     def wait(self) -> None:
-        """Until it is closed, or Ctrl-C."""
+        """Serve until it is closed, or Ctrl-C."""
         while not self._ended.wait(0.5):  # on Windows Ctrl-C is heard in between only
             pass
 
@@ -112,7 +112,7 @@ class Viewer:
         await http.close_all_connections()
 
     def _fill(self, document: Any, origin: str) -> None:
-        """Make the page of one more person."""
+        """Make the page of another visitor."""
         from .page import ViewerPage
 
         session, name, source, folder = self._what

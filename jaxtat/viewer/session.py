@@ -29,7 +29,7 @@ _KEPT = (PLAIN, RECORD, METHOD)  # groups of choices that another region leaves 
 
 
 @dataclass(frozen=True)
-class Knobs:
+class ControlValues:
     """Values of the controls.
 
     Attributes:
@@ -64,7 +64,7 @@ class Session:
 
     Attributes:
         scan, choices, facts: those; images are made with ``inversion="fourier"``.
-        start: where the knobs stand at first.
+        start: where the controls stand at first.
 
     Raises:
         ValueError: as `live`: for scans in space, and records that end too early for a formula.
@@ -75,7 +75,7 @@ class Session:
             choices = replace(choices, inversion="fourier")
             choices = _with_reasons(choices, {"inversion": "the viewer's"})
         self.scan, self.choices, self.facts = scan, choices, dict(facts or {})
-        self.start = Knobs(choices.sound_speed, choices.alpha, choices.low_pass)
+        self.start = ControlValues(choices.sound_speed, choices.alpha, choices.low_pass)
         self._live, self._made = live(scan, choices), self.start
         self._frame = 0, self._lit(0)
         grid = self._live.setup.grid
@@ -85,7 +85,7 @@ class Session:
         """A session for another page: changes in one are not seen in the other."""
         return copy.copy(self)
 
-    def image(self, knobs: Knobs) -> Float[np.ndarray, "x1 x2"]:
+    def image(self, controls: ControlValues) -> Float[np.ndarray, "x1 x2"]:
         """The image, NaN outside of the region.
 
         Raises:
@@ -96,15 +96,15 @@ class Session:
             DIRECT: self._direct,
             BACK_PROJECTION: self._back_projected,
             MODEL_BASED: self._fitted,
-        }[knobs.method](knobs)
+        }[controls.method](controls)
         inside = self.inside
-        if knobs.method != MODEL_BASED and knobs.disk is not None:
+        if controls.method != MODEL_BASED and controls.disk is not None:
             inside = np.asarray(self._live.region.contains(self._live.setup.grid.points))
         return np.where(inside, np.asarray(made), np.nan)
 
-    def grid(self, knobs: Knobs) -> ImageGrid:
+    def grid(self, controls: ControlValues) -> ImageGrid:
         """The nodes of an image."""
-        self._turn(knobs)
+        self._recompute(controls)
         return self._live.setup.grid
 
     @property
@@ -113,19 +113,19 @@ class Session:
         choices = self.choices
         return choices.region_size is None and choices.region_cut >= choices.region_radius
 
-    def choices_of(self, knobs: Knobs) -> Choices:
+    def choices_of(self, controls: ControlValues) -> Choices:
         """All choices of an image, with reasons: `scans.reconstruct` makes the same of them.
 
         Raises:
             ValueError: for back-projection, which only the viewer has.
         """
-        if knobs.method == BACK_PROJECTION:
+        if controls.method == BACK_PROJECTION:
             raise ValueError(
                 "back-projection is here for comparison, and no other command makes it: keep the "
                 "picture, or choose another method."
             )
-        turned = self._turned(knobs)
-        if knobs.method == MODEL_BASED:
+        turned = self._choices_by_controls(controls)
+        if controls.method == MODEL_BASED:
             turned = replace(turned, model_based=True, penalty="tv", nonnegative=True)
             said = "chosen in the viewer"
             turned = _with_reasons(
@@ -140,7 +140,7 @@ class Session:
         return min(SLOWEST * nominal, 0.97 * known), max(FASTEST * nominal, 1.03 * known)
 
     def sharpness(
-        self, knobs: Knobs
+        self, controls: ControlValues
     ) -> tuple[Float[np.ndarray, " speeds"], Float[np.ndarray, " speeds"]] | None:
         """Speeds of sound, and how sharp the image is at each, over the sharpest.
 
@@ -149,8 +149,8 @@ class Session:
         if self.scan.kind != "pressure":
             return None
         low, high = self.speeds()
-        choices = replace(self.choices, alpha=knobs.alpha, low_pass=knobs.low_pass)
-        frame = np.asarray(self.scan.frame(knobs.frame), float)
+        choices = replace(self.choices, alpha=controls.alpha, low_pass=controls.low_pass)
+        frame = np.asarray(self.scan.frame(controls.frame), float)
         sharpness_at = sharpness_by_speed(self.scan, choices, frame)
         if sharpness_at is None:
             return None
@@ -161,7 +161,9 @@ class Session:
         values = np.concatenate([sharpness_at(part).sum(axis=1) for part in parts])
         return speeds, values / values.max()
 
-    def with_region(self, radius: float, center: tuple[float, float], knobs: Knobs) -> "Session":
+    def with_region(
+        self, radius: float, center: tuple[float, float], controls: ControlValues
+    ) -> "Session":
         """A session of another region, by its radius and centre [length].
 
         That is another problem, with programs of its own: it takes as long as the first one did.
@@ -171,8 +173,8 @@ class Session:
         """
         self._require_room(radius, center)
         kept = {c.name: getattr(self.choices, c.name) for c in OPTIONS if c.group in _KEPT}
-        kept |= {"sound_speed": knobs.sound_speed, "alpha": knobs.alpha}
-        kept |= {"low_pass": knobs.low_pass, "pixels": self.choices.pixels}
+        kept |= {"sound_speed": controls.sound_speed, "alpha": controls.alpha}
+        kept |= {"low_pass": controls.low_pass, "pixels": self.choices.pixels}
         if self.scan.kind != "pressure":
             kept = {name: kept[name] for name in ("alpha", "low_pass", "max_frequency", "pixels")}
         else:
@@ -191,7 +193,7 @@ class Session:
 
     @contextmanager
     def _naming_unit(self) -> Iterator[None]:
-        """Name the unit of lengths in errors of other rooms: the page itself has millimetres."""
+        """Name the unit of lengths in errors of other packages; the page uses millimetres."""
         try:
             yield
         except ValueError as error:
@@ -229,23 +231,27 @@ class Session:
     def _lit(self, frame: int) -> np.ndarray:
         return per_energy(self.scan, self.choices, self.scan.frame(frame), frame)
 
-    def _direct(self, knobs: Knobs) -> np.ndarray:
-        self._turn(knobs)
-        return np.asarray(self._live(self._read(knobs.frame), energy=1.0))  # divided out before
+    def _direct(self, controls: ControlValues) -> np.ndarray:
+        self._recompute(controls)
+        return np.asarray(self._live(self._read(controls.frame), energy=1.0))  # divided out before
 
-    def _turn(self, knobs: Knobs) -> None:
+    def _recompute(self, controls: ControlValues) -> None:
         """Recompute only what depends on controls that were changed."""
-        new = {"sound_speed": knobs.sound_speed, "rule": knobs.alpha, "low_pass": knobs.low_pass}
+        new = {
+            "sound_speed": controls.sound_speed,
+            "rule": controls.alpha,
+            "low_pass": controls.low_pass,
+        }
         made = {"sound_speed": self._made.sound_speed, "rule": self._made.alpha}
         made |= {"low_pass": self._made.low_pass}
         turned: dict[str, Any] = {name: value for name, value in new.items() if value != made[name]}
-        disk = None if knobs.method == MODEL_BASED else knobs.disk
-        knobs = replace(knobs, disk=disk)
+        disk = None if controls.method == MODEL_BASED else controls.disk
+        controls = replace(controls, disk=disk)
         if disk != self._made.disk:
             turned |= self._looked_at(disk)
         if turned:
             with self._naming_unit():
-                self._live, self._made = self._live.replace(**turned), knobs
+                self._live, self._made = self._live.replace(**turned), controls
 
     def _looked_at(self, disk: Shown | None) -> dict[str, Any]:
         choices = self.choices
@@ -259,36 +265,39 @@ class Session:
             )
         return {"region_radius": radius, "region_center": center}
 
-    def _turned(self, knobs: Knobs) -> Choices:
+    def _choices_by_controls(self, controls: ControlValues) -> Choices:
         """The choices, with radii as they are at this speed."""
-        self._turn(knobs)
+        self._recompute(controls)
         start, said = self.choices, {}
         for name in ("sound_speed", "alpha", "low_pass"):
-            if getattr(knobs, name) != getattr(start, name):
-                said[name] = "turned in the viewer"
+            if getattr(controls, name) != getattr(start, name):
+                said[name] = "set in the viewer"
         if self.scan.kind == "pressure":
             radii = np.asarray(self._live.radii)
             start = replace(
                 start,
-                sound_speed=knobs.sound_speed,
+                sound_speed=controls.sound_speed,
                 first_radius=float(radii[0]),
                 radial_step=float(radii[-1] - radii[0]) / (len(radii) - 1),
             )
-        return _with_reasons(replace(start, alpha=knobs.alpha, low_pass=knobs.low_pass), said)
+        return _with_reasons(replace(start, alpha=controls.alpha, low_pass=controls.low_pass), said)
 
-    def _back_projected(self, knobs: Knobs) -> Any:
-        choices, setup = self._turned(knobs), self._live.setup.replace(radii=self._live.radii)
+    def _back_projected(self, controls: ControlValues) -> Any:
+        choices, setup = (
+            self._choices_by_controls(controls),
+            self._live.setup.replace(radii=self._live.radii),
+        )
         if choices.band is not None:  # two derivatives: no more than the other images hold
             low, high = choices.band
             highest = choices.sound_speed * choices.max_frequency / (2 * np.pi)
             choices = replace(choices, band=(low, min(high, highest)))
-        g = integrals(self.scan, choices, setup, self._read(knobs.frame))
+        g = integrals(self.scan, choices, setup, self._read(controls.frame))
         middle = fit_circle(setup.curve.points).center
         return universal_back_projection(g, setup.radii, setup.curve, setup.grid, middle)
 
-    def _fitted(self, knobs: Knobs) -> Any:
-        choices, setup = self.choices_of(knobs), self._live.setup.replace(radii=self._live.radii)
-        return fitted(self.scan, choices, setup, self._read(knobs.frame)).image
+    def _fitted(self, controls: ControlValues) -> Any:
+        choices, setup = self.choices_of(controls), self._live.setup.replace(radii=self._live.radii)
+        return fitted(self.scan, choices, setup, self._read(controls.frame)).image
 
 
 def _with_reasons(choices: Choices, reasons: Mapping[str, str]) -> Choices:

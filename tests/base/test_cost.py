@@ -83,7 +83,7 @@ def test_more_of_anything_costs_more():
         for name in ("n_detectors", "n_radii", "n_frequencies", "n_directions", "rows")
     ]
     larger += [small._replace(n_boundary=400), small._replace(on_circle=False)]
-    for plan in (None, "harmonic", "sampled"):
+    for plan in (None, "cylindrical", "sampled"):
         least = systems_cost(small, plan)
         assert systems_cost(small._replace(blocks=2), plan).nbytes <= least.nbytes
         costs = [systems_cost(sizes, plan) for sizes in larger]

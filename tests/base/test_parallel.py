@@ -76,7 +76,7 @@ print("divided beforehand: the same")
 SPACE = """
 cap = spherical.spherical_cap(1.5, 1.1, 8, 16)
 setup = Setup(cap, spherical.ball(1.0), VolumeGrid(7), max_frequency=6.0)
-g = np.asarray(spherical.Bells([[0.1, 0.2, 0.0]], [0.7]).spherical_integrals(cap, setup.radii))
+g = np.asarray(spherical.SolidBells([[0.1, 0.2, 0.0]], [0.7]).spherical_integrals(cap, setup.radii))
 stack = np.stack([g, -2 * g, 3 * g])
 shared, alone = (reconstruct(setup, stack, 1e-6, mesh=which) for which in (mesh, None))
 assert len(shared.sharding.device_set) == n_devices

@@ -594,7 +594,7 @@ def require_refusal(folder, capsys, line, reason):
     assert sorted(path.name for path in folder.iterdir()) == before
 
 
-WORK = ("jaxtat.cli.inputs.build_plan", "jaxtat.scans.images.solve")
+WORK = ("jaxtat.cli.inputs.build_plan", "jaxtat.scans.images.solve_on_ladder")
 WITH_AND_WITHOUT_PLAN = pytest.mark.parametrize("option", ["--K 3", ""])
 
 
@@ -862,11 +862,43 @@ def test_the_users_folder_is_that_of_the_platform(monkeypatch, platform, environ
 
 
 def test_the_oldest_programs_go(tmp_path):
+    (tmp_path / "notes.txt").write_bytes(bytes(1000))  # is none of them
     for i in range(5):
-        (tmp_path / str(i)).write_bytes(bytes(100))
-        os.utime(tmp_path / str(i), (i, i))
+        (tmp_path / f"{i}-cache").write_bytes(bytes(100))
+        os.utime(tmp_path / f"{i}-cache", (i, i))
+    os.utime(tmp_path / "0-cache", (9, 0))  # the first one was used
     remove_oldest(tmp_path, 250)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["3", "4"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0-cache", "4-cache", "notes.txt"]
+
+
+def test_a_folder_for_programs_that_cannot_be_written_is_refused(settings_of_jax, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(ValueError, match="file cannot be written: give another folder"):
+        keep_programs(str(tmp_path / "file"))
+
+
+def test_two_processes_share_a_folder_of_programs(tmp_path, unoptimised):
+    """At the same time, one of the programs being damaged, and some going meanwhile."""
+    np.savez(tmp_path / "data.npz", circular_integrals=INTEGRALS)
+    words = f"-m jaxtat reconstruct data.npz {ARC} {REGION} --pixels 11 --cache kept --out".split()
+
+    def run(*outs):
+        started = [
+            subprocess.Popen([sys.executable, *words, out], cwd=tmp_path, stderr=subprocess.PIPE)
+            for out in outs
+        ]
+        for process in started:
+            _, said = process.communicate(timeout=300)
+            assert process.returncode == 0, said
+
+    run("a.h5", "b.h5")
+    kept = sorted((tmp_path / "kept").glob("*-cache"))
+    assert kept
+    kept[0].write_bytes(b"damaged")
+    kept[1].unlink()
+    run("c.h5", "d.h5")
+    with h5py.File(tmp_path / "a.h5") as first, h5py.File(tmp_path / "d.h5") as last:
+        np.testing.assert_allclose(first["image"][...], last["image"][...], rtol=1e-9)
 
 
 NUMBERS = (True, -1, 0, 7, 2.5, 1e300, 10**400, np.inf, np.nan)

@@ -87,14 +87,17 @@ def test_minima_are_those_of_another_minimiser(few, data, matrix, penalty, nonne
     a, inside = matrix
     rows = 1 / np.sqrt(np.broadcast_to(few.radii, few.data_shape)).ravel()
     a, b = a * rows[:, None], data.ravel() * rows
-    options = {"nonnegative": nonnegative, "weight": 0.05, "tolerance": 1e-7, **LONG}
+    options = {"nonnegative": nonnegative, "weight": 0.05, "tolerance": 1e-7, "max_steps": 9000}
     found = model_based(few, data, penalty=penalty, **options)
     assert found.converged
     # the size of the image, of which smoothing is a fraction
-    square = float(1.05 * np.linalg.norm(a, 2) ** 2)
-    delta = getattr(penalty, "smoothing", 0.0) * np.abs(a.T @ b).max() / square
-
     where = np.flatnonzero(inside)
+    kernel = np.zeros(17 * 17)
+    kernel[where] = a.T @ a[:, np.searchsorted(where, 8 * 17 + 8)]  # of the pixel in the middle
+    kernel = np.roll(np.pad(kernel.reshape(17, 17), (0, 8)), (-8, -8), (0, 1))
+    delta = (
+        getattr(penalty, "smoothing", 0.0) * np.abs(a.T @ b).max() / np.fft.fft2(kernel).real.max()
+    )
 
     def cost(values):
         return penalised(values, a, b, penalty, delta, where, reshape=few.grid.shape)
@@ -294,7 +297,7 @@ def test_it_works_inside_jit_and_a_new_number_compiles_nothing(few, data):
 
 def test_progress_changes_nothing(few, data, capsys):
     shown = model_based(few, data, weight=0.05, progress=True, **LONG)
-    assert "change=" in capsys.readouterr().err
+    assert "off=" in capsys.readouterr().err
     assert_allclose(shown.image, model_based(few, data, weight=0.05, **LONG).image, atol=0)
     assert np.isfinite(np.asarray(shown.history)).sum() == int(shown.steps)
 
@@ -318,7 +321,7 @@ def test_not_converged_is_said(few, data):
         ({"penalty": lambda images, step: images}, "weight is None"),
         ({"penalty": lambda images, step: images[:, 1:], "weight": 1.0}, "same shape"),
         ({"penalty": lambda images, step: images / 0, "weight": 1.0}, "proximal map makes"),
-        ({"penalty": nan_later, "weight": 1.0}, "proximal map gave NaN or infinite .* in step 1"),
+        ({"penalty": nan_later, "weight": 1.0}, "proximal map gave NaN or infinite values in step"),
         ({"penalty": lambda images, step: np.asarray(images), "weight": 1.0}, "pure_callback"),
         ({"penalty": lambda images, step: (images, step), "weight": 1.0}, "makes a tuple"),
         ({"sound_speed": 1.5}, "without times"),
@@ -347,12 +350,12 @@ def test_bad_input_is_refused(few, data, change, message):
 
 def test_what_is_minimised_is_the_formula(few, data):
     """The objective from which derivatives come, spelled out with the operator."""
-    from jaxtat.fitting.arguments import checked_data, data_fit
-    from jaxtat.fitting.fista import scale_of
+    from jaxtat.fitting.arguments import checked_data, data_fits
+    from jaxtat.fitting.scale import Scale
 
-    fit = data_fit(few, None, False, 0.5, None, False, None)
+    (fit,) = data_fits(few, None, False, 0.5, None, None, None, [few.grid])
     whitened, *_ = checked_data(data, fit)
-    scale = scale_of(fit, whitened)
+    scale = Scale(jnp.array(30.0), jnp.array(2.0))
     image = jnp.where(few.region.contains(few.grid.points), BELL.image(few.grid), 0.0)
     problem = Problem(fit, whitened, TotalVariation(), jnp.array(0.1), scale)
     misfit = jnp.sum((jaxtat.forward_operator(few)(image) - data) ** 2) / 0.5**2 / 2

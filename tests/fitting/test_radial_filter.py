@@ -10,7 +10,7 @@ from scipy.integrate import quad
 import jaxtat
 from jaxtat import model_based
 from jaxtat.fitting import Ridge
-from jaxtat.fitting.arguments import data_fit
+from jaxtat.fitting.arguments import data_fits
 from jaxtat.fitting.radial_filter import high_pass
 from jaxtat.spherical import ball, spherical_cap
 
@@ -42,7 +42,7 @@ def whole():
 
 def test_data_determine_coarse_and_fine_details_alike(whole):
     """||H A f||² of waves in a bell is c / (|xi|² + λ0²) ||f||² with one c."""
-    fit = data_fit(whole, None, False, 1.0, None, False, None)
+    (fit,) = data_fits(whole, None, False, 1.0, None, None, None, [whole.grid])
     points, cutoff = whole.grid.points, 1 / float(whole.grid.spacing[0])
     bell = jnp.maximum(1 - jnp.sum(points**2, axis=-1) / 0.8**2, 0) ** 2
     frequencies = np.array([10.0, 15.0, 21.0, 30.0])
@@ -63,7 +63,7 @@ def test_the_transpose_holds_it(cap):
     random = np.random.default_rng(2)
     noise = random.uniform(0.5, 2, cap.data_shape)
     mask = random.uniform(size=cap.data_shape) > 0.2
-    fit = data_fit(cap, None, False, noise, mask, False, None)
+    (fit,) = data_fits(cap, None, False, noise, mask, None, None, [cap.grid])
     f, h = jnp.asarray(random.standard_normal((2, 1, *cap.grid.shape)))
     b, d = fit.modelled(f), fit.modelled(h)
     product = (fit.misfit(b + d) - fit.misfit(b - d)) / 4
@@ -75,7 +75,7 @@ def small():
     """A few voxels, and the data of a bell."""
     sphere = spherical_cap(1.5, 1.5, 8, 16)
     setup = jaxtat.Setup(sphere, ball(1.0), jaxtat.VolumeGrid(7), max_frequency=5.0)
-    bell = jaxtat.spherical.Bells([[0.1, 0.0, 0.2]], [0.7])
+    bell = jaxtat.spherical.SolidBells([[0.1, 0.0, 0.2]], [0.7])
     return setup, bell.spherical_integrals(sphere, setup.radii)
 
 
@@ -117,13 +117,14 @@ def test_derivatives_are_those_of_differences(small):
 def test_few_steps_find_the_edges_of_a_ball_in_single_precision(cap):
     """In as many steps as the plane needs; without the high-pass it would be about a hundred."""
     balls = jaxtat.spherical.Balls([[0.1, 0.0, 0.2]], [0.5], [1.0])
-    bells = jaxtat.spherical.Bells([[0.1, 0.0, 0.2]], [0.7])
+    bells = jaxtat.spherical.SolidBells([[0.1, 0.0, 0.2]], [0.7])
     for phantom in (balls, bells):
         g = phantom.spherical_integrals(cap.curve, cap.radii)
         noise = jaxtat.phantoms.noise_like(jax.random.key(0), g, 0.02)
         options = {"noise": float(noise.std()), "nonnegative": True, "dtype": jnp.float32}
+        options["tolerance"] = 1e-2
         found = model_based(cap, g + noise, **options)
         assert found.image.dtype == jnp.float32
-        assert found.converged and int(found.steps) < 70
+        assert found.converged and int(found.steps) < 60
     wanted = bells.volume(cap.grid)
     assert float(jnp.linalg.norm(found.image - wanted) / jnp.linalg.norm(wanted)) < 0.1

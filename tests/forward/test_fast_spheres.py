@@ -13,7 +13,7 @@ from jaxtat.forward import sphere_integrals, sphere_sizes
 from jaxtat.geometry import spherical_cap
 from jaxtat.geometry.caps import DetectorPoints
 from jaxtat.geometry.rings import find_rings
-from jaxtat.phantoms.space import Bells
+from jaxtat.phantoms.space import SolidBells
 
 RNG = np.random.default_rng(0)
 ON_SPHERE = RNG.standard_normal((8, 3))
@@ -92,7 +92,7 @@ def test_error_follows_the_tolerance(tolerance):
 
 
 def test_integrals_of_a_bell_are_exact():
-    bell, grid = Bells([[0.1, 0.05, -0.1]], [0.8]), VolumeGrid(33)
+    bell, grid = SolidBells([[0.1, 0.05, -0.1]], [0.8]), VolumeGrid(33)
     curve = CURVES["fewer azimuths than orders"]
     sizes = sphere_sizes(curve, grid, n_groups=2)
     g = np.asarray(integrals(curve, grid, RADII, sizes, np.asarray(bell.volume(grid))[None]))[0]

@@ -13,7 +13,7 @@ PROGRAM = """
 import faulthandler, json, os, warnings
 from pathlib import Path
 warnings.simplefilter("ignore")
-import jaxtat.io
+from jaxtat.io import load_scan  # here, once: each process that is forked would import it
 import fuzz_files
 from fuzz_files import OUTCOMES, Batch, fuzz, run
 from hostile_files import Case
@@ -35,7 +35,7 @@ for text in ("crash", "hang", "memory", "raw", "long", "lines", "refused", "read
     case = Case(text, [{"a": text.encode()}], [], changes=())
     counts, _ = run(Batch(case, fails, 0, range(3)), Path("."))
     found[text] = dict(zip(OUTCOMES, counts.tolist()))
-fuzz_files.SECONDS = 10
+fuzz_files.SECONDS = 300
 kinds = ["npz", "npy", "matlab 5", "matlab 7.3", "hdf5", "ipasc", "patato", "msot"]
 counts, said = fuzz(kinds, 320, 1)
 counts = {name: dict(zip(OUTCOMES, row.tolist())) for name, row in counts.items()}

@@ -8,7 +8,7 @@ from scipy.special import ellipe, ellipk
 
 from jaxtat import ImageGrid, detector_curve
 from jaxtat.geometry import SampledCurve
-from jaxtat.line_detectors import Balls, LineDetectorScan, ProjectedBalls
+from jaxtat.line_detectors import LineDetectorScan, PolynomialBalls, ProjectedBalls
 
 CENTERS = np.array([[0.3, 0.1, 0.2], [-0.4, 0.2, -0.1]])
 RADII, AMPLITUDES = np.array([0.45, 0.5]), np.array([1.0, -0.7])
@@ -34,7 +34,7 @@ def curve_at(points):
 
 @pytest.mark.parametrize("exponent", [0, 3])
 def test_volume_and_projections_are_those_of_the_formula(exponent):
-    balls = Balls(CENTERS, RADII, AMPLITUDES, exponent)
+    balls = PolynomialBalls(CENTERS, RADII, AMPLITUDES, exponent)
     f = power_sum(CENTERS, RADII, AMPLITUDES, exponent)
     grid, heights = ImageGrid((7, 9)), np.array([-0.3, 0.1, 0.25])
     x, y, z = np.meshgrid(grid.x1, grid.x2, heights, indexing="ij")
@@ -57,7 +57,7 @@ def test_volume_and_projections_are_those_of_the_formula(exponent):
 
 def test_circular_integrals_of_a_projected_ball_by_elliptic_integrals():
     """∫ 2 √(r0² - D²) over the arc = 16 r √(d r) [E(k) - (1 - k²) K(k)]."""
-    ball = Balls([[0.0, 0.0, 0.0]], [0.5], [2.0]).projection(0.3)
+    ball = PolynomialBalls([[0.0, 0.0, 0.0]], [0.5], [2.0]).projection(0.3)
     distance = np.array([0.5, 0.6, 1.3])
     curve = curve_at(np.stack([distance, 0 * distance], -1))
     radii = np.array([0.01, 0.2, 0.5, 0.7, 0.99, 1.2999, 1.79, 1.9])
@@ -86,7 +86,7 @@ def test_circular_integrals_of_projected_bells_by_quadrature(exponent):
 
 def test_radon_and_fourier_transforms_of_projections():
     """Of a projection they are plane integrals of the volume, and its transform in space."""
-    projected = Balls([[0.0, 0.0, 0.0]], [0.5], exponent=2).projection(0.0)
+    projected = PolynomialBalls([[0.0, 0.0, 0.0]], [0.5], exponent=2).projection(0.0)
     s, lam = np.array([0.0, 0.2, 0.45, 0.6]), np.array([0.0, 3.0, 40.0])
     nodes, weights = np.polynomial.legendre.leggauss(200)
     r = (nodes + 1) / 4
@@ -102,7 +102,8 @@ def test_radon_and_fourier_transforms_of_projections():
 
 def test_data_of_a_scan_are_those_of_its_projections():
     scan = LineDetectorScan(0.2 + np.arange(3) * np.pi / 3, axis=0.05)
-    balls, curve, radii = Balls(CENTERS, RADII, exponent=1), curve_at(POINTS), np.array([0.7, 1.2])
+    balls = PolynomialBalls(CENTERS, RADII, exponent=1)
+    curve, radii = curve_at(POINTS), np.array([0.7, 1.2])
     g = balls.circular_integrals(scan, curve, radii)
     each = [balls.projection(a, 0.05).circular_integrals(curve, radii) for a in scan.angles]
     assert np.allclose(g, np.stack(each), atol=1e-15)
@@ -113,7 +114,7 @@ def test_derivatives_of_data(check_both_modes):
     @jax.jit
     def data(centers, sizes, amplitudes, axis, points):
         moved = detector_curve(points, closed=False)
-        projected = Balls(centers, sizes, amplitudes, 2).projection(0.4, axis)
+        projected = PolynomialBalls(centers, sizes, amplitudes, 2).projection(0.4, axis)
         return projected.circular_integrals(moved, np.array([0.7, 1.2]))
 
     arguments = tuple(map(jax.device_put, (CENTERS, RADII, AMPLITUDES, np.array(0.1), POINTS)))
@@ -130,12 +131,12 @@ def test_derivatives_of_data(check_both_modes):
 )
 def test_bad_balls_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
-        Balls(*arguments)
+        PolynomialBalls(*arguments)
 
 
 def test_detectors_within_a_projection_are_refused():
     """The second ball passes the detector at (-0.9, 0) at the angle π/2 alone."""
-    balls = Balls([[0.0, 0.0, 0.0], [0.0, -0.8, 0.0]], [0.3, 0.2])
+    balls = PolynomialBalls([[0.0, 0.0, 0.0], [0.0, -0.8, 0.0]], [0.3, 0.2])
     scan, curve = LineDetectorScan([0.0, np.pi / 2]), curve_at(np.array([[1.3, 0.0], [-0.9, 0.0]]))
     message = r"detector 1 at .* inside the projection of part 1 \(radius 0.2\)"
     with pytest.raises(ValueError, match=message):

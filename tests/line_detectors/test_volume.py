@@ -15,14 +15,14 @@ import pytest
 
 from jaxtat import ImageGrid, VisibilityWarning, cosine_filter, disk
 from jaxtat.line_detectors import (
-    Balls,
     LineDetectorScan,
+    PolynomialBalls,
     invert_projections,
     reconstruct,
     reconstruct_stack,
 )
 
-BELLS = Balls([[0.2, 0.1, 0.1], [-0.2, -0.2, -0.1]], [0.7, 0.65], [1.0, -0.7], exponent=5)
+BELLS = PolynomialBalls([[0.2, 0.1, 0.1], [-0.2, -0.2, -0.1]], [0.7, 0.65], [1.0, -0.7], exponent=5)
 HOW_TO = (Path(__file__).parents[2] / "docs/how-to/line_detectors.md").read_text()
 DISK = disk(1.0, n_boundary=64)
 
@@ -66,7 +66,7 @@ def test_volume_from_an_open_arc_is_exact(shown):
 
 def test_low_pass_acts_on_all_directions_of_the_volume_alike(shown):
     """In space, f(x) = (1/2π²) ∫ eta F(lambda) sin(lambda |x|)/(lambda |x|) lambda² dlambda."""
-    bell, scan = Balls(np.zeros((2, 3)), [0.8, 0.8], [0.6, 0.4], exponent=5), shown.scan
+    bell, scan = PolynomialBalls(np.zeros((2, 3)), [0.8, 0.8], [0.6, 0.4], exponent=5), shown.scan
     g = bell.circular_integrals(scan, shown.plan.curve, shown.plan.radii)
     found = np.asarray(reconstruct(shown.plan, g, scan, low_pass=cosine_filter))
     nodes, weights = np.polynomial.legendre.leggauss(400)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxtat import VolumeGrid
-from jaxtat.spherical import Balls, Bells, DetectorPoints
+from jaxtat.spherical import Balls, DetectorPoints, SolidBells
 
 CENTERS, SIZES, AMPLITUDES = [[0.2, -0.1, 0.3], [-0.3, 0.2, -0.2]], [0.5, 0.4], [1.0, -0.7]
 DETECTORS = DetectorPoints([[0.0, 0.0, 1.3], [1.1, -0.4, 0.2], [0.3, 0.0, 0.2]])
@@ -22,7 +22,7 @@ def sphere(n):
     return points.reshape(-1, 3), np.repeat(w * np.pi / n, 2 * n)
 
 
-@pytest.mark.parametrize(("kind", "tolerance"), [(Balls, 3e-3), (Bells, 1e-12)])
+@pytest.mark.parametrize(("kind", "tolerance"), [(Balls, 3e-3), (SolidBells, 1e-12)])
 def test_spherical_integrals_against_quadrature(kind, tolerance):
     """Detector 3 is inside a part, whose spheres of radius 0.15 lie within it altogether."""
     phantom = kind(CENTERS, SIZES, AMPLITUDES)
@@ -34,7 +34,7 @@ def test_spherical_integrals_against_quadrature(kind, tolerance):
     np.testing.assert_allclose(found, exact, atol=tolerance)
 
 
-@pytest.mark.parametrize("kind", [Balls, Bells])
+@pytest.mark.parametrize("kind", [Balls, SolidBells])
 def test_in_the_centre_of_a_part_all_of_the_sphere_has_one_value(kind):
     """There, and near: the same but for the square of the distance."""
     center = np.array([0.2, -0.1, 0.3])
@@ -46,7 +46,7 @@ def test_in_the_centre_of_a_part_all_of_the_sphere_has_one_value(kind):
     np.testing.assert_allclose(found, exact, rtol=1e-8, atol=1e-10)
 
 
-@pytest.mark.parametrize("kind", [Balls, Bells])
+@pytest.mark.parametrize("kind", [Balls, SolidBells])
 def test_fourier_transform_against_quadrature(kind):
     """Shell by shell; at xi = 0 the mass."""
     phantom = kind(CENTERS, SIZES, AMPLITUDES)
@@ -67,7 +67,7 @@ def test_fourier_transform_against_quadrature(kind):
 
 def test_volume_is_the_function_at_the_nodes():
     grid = VolumeGrid((5, 6, 7), half_width=(0.5, 0.6, 0.7), center=(0.1, 0.0, -0.1))
-    bell = Bells(CENTERS, SIZES)
+    bell = SolidBells(CENTERS, SIZES)
     volume = np.asarray(bell.volume(grid))
     assert volume.shape == (5, 6, 7)
     point = np.asarray(grid.points)[2, 3, 1]

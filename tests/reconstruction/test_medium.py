@@ -27,8 +27,10 @@ from jaxtat import (
     reconstruct,
     solve,
 )
+from jaxtat.fitting.coarse_grids import ladder
 from jaxtat.forward import circle_integrals
 from jaxtat.io import load_plan, save_plan
+from jaxtat.reconstruction import operator_on
 from jaxtat.records import (
     circular_integrals_to_pressure,
     pressure_to_circular_integrals,
@@ -170,6 +172,26 @@ def test_the_residual_of_the_true_image_is_nothing(through, data):
     wrong = through.replace(medium=body(1.03))
     right, wrong = (data_residual(one, data, image).relative for one in (through, wrong))
     assert right < 0.01 < 0.05 < wrong
+
+
+def test_fits_begin_on_coarser_grids(through):
+    """Whose operator takes the first frequencies; the image's are those of the water over 1.04."""
+    grid = ImageGrid(101, 0.45, CENTER)
+    where = CURVE, through.region, grid, RADII
+    setup = Setup(*where, medium=through.medium, max_frequency=60.0)
+    truth, operator = gaussians(grid), forward_operator(setup)
+    data, coarse = operator(truth), ladder(grid)[0]
+    assert coarse.shape == (26, 26)
+    found = operator_on(setup, coarse)
+    assert np.abs(found(gaussians(coarse)) - data).max() < 3e-3 * np.abs(data).max()
+    assert found.report.n_frequencies < 0.3 * operator.report.n_frequencies
+    assert abs(float(operator.max_frequency) / (np.pi / float(grid.spacing[0])) - 1) < 0.01
+    low = operator_on(setup, grid, max_frequency=float(found.max_frequency) * 1.0001)
+    assert low.report.n_frequencies == found.report.n_frequencies
+    options = {"weight": 1e-4, "max_steps": 100}
+    image = model_based(setup, data, **options).image
+    inside = np.asarray(through.region.contains(grid.points))
+    assert np.linalg.norm((image - truth)[inside]) < 0.03 * np.linalg.norm(truth)
 
 
 @pytest.mark.parametrize("model", ["2d", "in-plane"])

@@ -25,7 +25,7 @@ from jaxtat import (
     reconstruct,
 )
 from jaxtat.densities import SampledDensities
-from jaxtat.densities.cylindrical_waves import HarmonicDensities
+from jaxtat.densities.cylindrical_waves import CylindricalDensities
 
 BELL = phantoms.Bells([[0.08, 0.03], [-0.05, -0.06]], [0.9, 0.9], [1.0, 0.7])
 HALF_BELL = phantoms.Bells([[-0.5, 0.1]], [0.45])
@@ -62,7 +62,7 @@ def data(arc):
 
 
 def method_of(plan):
-    return "cylindrical" if isinstance(plan.densities, HarmonicDensities) else "collocation"
+    return "cylindrical" if isinstance(plan.densities, CylindricalDensities) else "collocation"
 
 
 def largest(plan, image):
@@ -176,7 +176,7 @@ def test_radii_must_reach_sources_outside_the_region_too():
 def test_the_plan_keeps_the_rule_that_was_used(either_plan):
     assert isinstance(either_plan.regularization, NormBound)
     assert float(either_plan.regularization.K) == PAPER_K
-    kinds = {"cylindrical": HarmonicDensities, "collocation": SampledDensities}
+    kinds = {"cylindrical": CylindricalDensities, "collocation": SampledDensities}
     assert type(either_plan.densities) is kinds[method_of(either_plan)]
 
 
@@ -191,7 +191,7 @@ def test_rules_may_differ_between_frequencies(arc, method):
             assert_allclose(found, expected, rtol=1e-9)
 
 
-def test_the_default_method_is_harmonic(arc_plan):
+def test_the_default_method_is_cylindrical_waves(arc_plan):
     assert method_of(arc_plan) == "cylindrical"
 
 

@@ -221,30 +221,7 @@ def test_replace_is_a_new_setup_in_space():
     assert_allclose(found, expected, atol=1e-11 * abs(expected).max())
 
 
-def programs_of(work):
-    """Names of the programs that are compiled for it, as JAX logs them."""
-    import logging
-
-    names = []
-
-    class Kept(logging.Handler):
-        def emit(self, record):
-            if record.getMessage().startswith("Finished XLA compilation"):
-                names.append(record.getMessage().split(" in ")[0])
-
-    logger, handler = logging.getLogger("jax._src.dispatch"), Kept()
-    logger.addHandler(handler)
-    old, logger.propagate = logger.propagate, False
-    try:
-        with jax.log_compiles():
-            work()
-    finally:
-        logger.removeHandler(handler)
-        logger.propagate = old
-    return names
-
-
-def test_new_numbers_compile_nothing(small, none_made):
+def test_new_numbers_compile_nothing(small, none_made, programs_of):
     """Without jit around it: setups, plans and solutions for other radii, positions and rules."""
     g = jnp.asarray(np.random.default_rng(1).standard_normal(small.data_shape))
 

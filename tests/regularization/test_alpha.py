@@ -19,9 +19,9 @@ from jaxtat import (
 )
 from jaxtat.densities.cylindrical_waves import (
     RuleInputs,
-    harmonic_orders,
     polar_geometry,
-    solve_harmonics,
+    solve_cylindrical_waves,
+    wave_orders,
     wave_table,
 )
 from jaxtat.densities.single_layer import plane_wave_traces, potential_matrix
@@ -37,7 +37,7 @@ ARC, DISK = circular_arc(1.5, 1.1, N, angle=0.4), disk(1.0, n_boundary=160)
 HALF_ARC = circular_arc(1.5, 0.1, N, angle=0.4)
 HALF, ASKEW = (disk(1.0, 0.1, n_boundary=160, angle=angle) for angle in (0.4, 0.7))
 NORMS = full_circle_norm(FREQUENCIES, 1.5)
-ORDERS = int(harmonic_orders(polar_geometry(ARC, DISK), np.asarray(FREQUENCIES)).max())
+ORDERS = int(wave_orders(polar_geometry(ARC, DISK), np.asarray(FREQUENCIES)).max())
 
 
 @jax.jit
@@ -47,7 +47,7 @@ def zeros_solved(polar, table, rule, norms):
     inputs = RuleInputs(jnp.ones(2), norms, rule)
     nothing = jnp.zeros((2, 1, 2, n))
     groups = ((0, 2, ORDERS),)
-    return solve_harmonics(polar, table, groups, nothing, inputs)[1]
+    return solve_cylindrical_waves(polar, table, groups, nothing, inputs)[1]
 
 
 def alphas(curve, region, alpha, norms=NORMS):

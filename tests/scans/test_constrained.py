@@ -80,7 +80,7 @@ def test_the_command_stores_and_repeats_it(tmp_path, monkeypatch, capsys):
         "penalty            second-order" in " ".join(said.out.splitlines())
         or "second-order" in said.out
     )
-    assert "change=" in said.err
+    assert "off=" in said.err
     settings = load_settings("a.h5")
     assert settings["model_based"] is True and settings["weight"] == 0.01
     assert main(["reconstruct", "scan.npz", "--repeat", "a.h5", "--out", "b.h5", "--quiet"]) == 0

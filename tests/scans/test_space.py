@@ -12,12 +12,12 @@ from jaxtat.cli import main
 from jaxtat.io import Scan, load_scan, load_settings, save_ipasc
 from jaxtat.scans import choose, describe, estimate_sound_speed, reconstruct, setup_of
 from jaxtat.scans import integrals as integrals_of
-from jaxtat.spherical import Bells, DetectorPoints, ball, cap_radii, spherical_cap
+from jaxtat.spherical import DetectorPoints, SolidBells, ball, cap_radii, spherical_cap
 from jaxtat.spherical.visible import covered_share
 
 CENTER = np.array([0.02, -0.01, 0.03])
 CAP = spherical_cap(0.04, 0.03, 13, 28, center=CENTER)
-BELL = Bells((CENTER + np.array([0.001, -0.001, 0.0005]))[None], [0.018])
+BELL = SolidBells((CENTER + np.array([0.001, -0.001, 0.0005]))[None], [0.018])
 REACH = 0.018 + 0.0015  # how far from the middle the bell sounds
 REGION, RADIUS = ball(0.02, center=CENTER), 0.02
 MAX_FREQUENCY = 8 * np.pi / 0.04
@@ -44,7 +44,7 @@ def bell_below(max_frequency):
     """The bell without its frequencies beyond: √(2/π) ∫ fhat(k) sin(kr)/(kr) k² dk, 0.15 off it."""
     nodes, weights = np.polynomial.legendre.leggauss(64)
     k = max_frequency * (nodes + 1) / 2
-    about_zero = Bells(np.zeros((1, 3)), BELL.radii)
+    about_zero = SolidBells(np.zeros((1, 3)), BELL.radii)
     fhat = np.asarray(about_zero.fourier(k[:, None] * np.eye(3)[0])).real
     r = np.linalg.norm(np.asarray(GRID.points) - np.asarray(BELL.centers)[0], axis=-1)
     waves = np.sinc(k * r[..., None] / np.pi)
@@ -194,7 +194,7 @@ def of_open_cap():
     """Integrals over spheres of a bell in what a cap up to z_3 = R_g / 2 sees."""
     cap = spherical_cap(1.3, 0.65, 22, 56)
     radii = cap_radii(cap, ball(0.975), 0.06, sources=ball(1.2))
-    bell = Bells([[0.02, 0.0, -0.2]], [0.75])
+    bell = SolidBells([[0.02, 0.0, -0.2]], [0.75])
     known = {"detectors": np.asarray(cap.points).reshape(-1, 3), "radii": np.asarray(radii)}
     g = np.asarray(bell.spherical_integrals(cap, radii)).reshape(-1, len(radii))
     return Scan("circular_integrals", g, known), bell

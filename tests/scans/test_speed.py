@@ -52,7 +52,7 @@ def test_sharpness_without_an_image_is_the_images():
     """Up to a factor, of bells of two sizes; fhat² itself would be half as large. Times speed²."""
     wide, narrow = (phantoms.Bells([[0.1, -0.15]], [size]) for size in (0.6, 0.45))
     basis = plane_basis(*plane_of(SETUP), None)
-    rule, eta = tikhonov_rule(1e-8, len(FREQUENCIES)), jnp.ones(len(FREQUENCIES))
+    rule, eta = tikhonov_rule(1e-8, len(FREQUENCIES)), jnp.ones(len(FREQUENCIES) + 1)
     values, exact = [], []
     for bells in (wide, narrow):
         fhat, _ = basis.fhat(data_by_speed(data(bells), RADII, STRETCHES, FREQUENCIES), rule)

@@ -21,8 +21,8 @@ from jaxtat import (
 from jaxtat.geometry.rings import DetectorRings
 from jaxtat.regularization import tikhonov_rule
 from jaxtat.spherical import (
-    Bells,
     DetectorPoints,
+    SolidBells,
     ball,
     cap_radii,
     pressure_to_spherical_integrals,
@@ -42,7 +42,7 @@ def low_pass(relative):
     return jnp.cos(jnp.pi / 2 * relative) ** 4
 
 
-class Problem:
+class CapProblem:
     """A cap that sees all of the ball, two bells and their data, of two amplitudes."""
 
     cap = spherical_cap(1.5, 1.1, 26, 64, center=CENTER)
@@ -51,7 +51,7 @@ class Problem:
     radii = cap_radii(cap, region, 1 / 26)  # what aliases is 1e-9 of the bells
     setup = Setup(cap, region, grid, radii, max_frequency=6 * np.pi)
     sizes = setup.sizes
-    bells = Bells(CENTER + OFFSETS, [0.4, 0.35], [1.0, -0.6])
+    bells = SolidBells(CENTER + OFFSETS, [0.4, 0.35], [1.0, -0.6])
     g = bells.spherical_integrals(cap, radii)
     stack = jnp.stack([g, 2 * g])
 
@@ -62,7 +62,7 @@ def filtered(bells, highest, points):
     k, w = highest * (node + 1) / 2, highest / 2 * weight
     total = np.zeros(points.shape[:-1])
     for center, size, amplitude in zip(bells.centers, bells.radii, bells.amplitudes, strict=True):
-        one = Bells([[0.0, 0.0, 0.0]], size[None]).fourier(np.stack([k, 0 * k, 0 * k], axis=1))
+        one = SolidBells([[0.0, 0.0, 0.0]], size[None]).fourier(np.stack([k, 0 * k, 0 * k], axis=1))
         spectrum = np.asarray(one).real * np.asarray(low_pass(k / highest)) * k**2 * w
         distance = np.linalg.norm(points - np.asarray(center), axis=-1)
         waves = np.sinc(distance[..., None] * k / np.pi)
@@ -73,7 +73,7 @@ def filtered(bells, highest, points):
 @pytest.fixture(scope="module")
 def solved():
     """F of two volumes, with next to no regularisation, and the report."""
-    p = Problem
+    p = CapProblem
     rule = tikhonov_rule(1e-12, p.sizes.n_frequencies)
     return solve_rings(p.cap, p.region, p.radii, p.stack, rule, p.sizes)
 
@@ -97,10 +97,10 @@ def directions(n):
 
 def test_polar_transform_is_that_of_the_bells(solved):
     """Steps 1 to 3, phases about the centre; and twice the data give twice the transform."""
-    p, (spectra, report) = Problem, solved
+    p, (spectra, report) = CapProblem, solved
     n, frequencies = p.sizes.n_directions, np.asarray(p.sizes.frequencies)
     xi = frequencies[:, None, None, None] * directions(n)
-    local = Bells(OFFSETS, p.bells.radii, p.bells.amplitudes)
+    local = SolidBells(OFFSETS, p.bells.radii, p.bells.amplitudes)
     exact = np.moveaxis(np.sqrt(2 * np.pi) * np.asarray(local.fourier(xi)), 0, 1)
     largest = np.abs(exact).max()
     for n_sets, size, spectrum in ((1, 1, spectra[0]), (4, 2, spectra[1])):
@@ -112,7 +112,7 @@ def test_polar_transform_is_that_of_the_bells(solved):
 
 def test_groups_pieces_and_sizes_change_nothing(solved):
     """Two groups of frequencies, four pieces of orders in three sizes."""
-    p = Problem
+    p = CapProblem
     l_max = p.sizes.groups[-1]
     sizes = dataclasses.replace(p.sizes, groups=(l_max - 9, l_max), in_group=6, piece=6, n_sizes=3)
     assert len({size for row in sizes.degrees for size in row}) == 3
@@ -123,7 +123,7 @@ def test_groups_pieces_and_sizes_change_nothing(solved):
 
 def test_volume_is_that_of_the_filtered_bells():
     """All five steps; nothing is left of the discretisation, on a grid of 13^3 too."""
-    p = Problem
+    p = CapProblem
     expected = filtered(p.bells, p.sizes.max_frequency, np.asarray(p.grid.points))
     inside = np.asarray(p.region.contains(p.grid.points))
     for inversion in ("fourier", "fbp"):
@@ -219,7 +219,7 @@ def test_solution_is_that_of_the_dense_matrix_on_the_boundary(kind):
 
 def test_alpha_of_noise_and_of_visibility():
     """Wiener's ratio, computed here from the kernels; and half the sphere's eigenvalue."""
-    p = Problem
+    p = CapProblem
     frequencies, sigma = np.asarray(p.sizes.frequencies), 0.05
 
     @jax.jit  # without the solutions, which compile long
@@ -274,7 +274,7 @@ def test_measured_positions_give_the_volume_too():
     points = 1.5 * unit * rng.uniform(0.98, 1.02, (260, 1))
     detectors, region, grid = DetectorPoints(points), ball(1.0), VolumeGrid(9)
     radii = 0.45 + 0.08 * np.arange(27)
-    bell = Bells([[0.1, 0.0, -0.1]], [0.6])
+    bell = SolidBells([[0.1, 0.0, -0.1]], [0.6])
     g = bell.spherical_integrals(detectors, radii)
     setup = Setup(detectors, region, grid, radii, max_frequency=9.0)
     image = reconstruct(setup, g, 1e-8, low_pass=low_pass, inversion="fourier")
@@ -287,7 +287,7 @@ def test_pressure_of_a_bell_in_space():
     """p = ((d - t) h(|d - t|) + (d + t) h(d + t)) / 2d about the bell's centre, c = 1500."""
     speed, times = 1500.0, np.arange(800) * 2e-6
     detectors = DetectorPoints([[0.0, 0.0, 1.3], [0.9, 0.2, 0.4]])
-    bell = Bells([[0.1, 0.0, -0.1]], [0.5])
+    bell = SolidBells([[0.1, 0.0, -0.1]], [0.5])
     d = np.linalg.norm(np.asarray(detectors.points) - [0.1, 0.0, -0.1], axis=1)[:, None]
     tau = speed * times
 
@@ -302,7 +302,7 @@ def test_pressure_of_a_bell_in_space():
 
 
 def test_bad_data_are_refused():
-    p = Problem
+    p = CapProblem
     for g, message in (
         (np.asarray(p.g)[:-1], "g has shape"),
         (np.asarray(p.g).astype(int), "raw counts go through"),
@@ -361,7 +361,7 @@ def test_derivatives_of_a_cap_s_rings():
     """Of ∫ (1 + cos theta) dS = π R² (1 + cos opening)², which Gauss rules have exactly."""
 
     def integral(radius, opening):
-        cap = eqx.tree_at(lambda c: (c.radius, c.half_opening), Problem.cap, (radius, opening))
+        cap = eqx.tree_at(lambda c: (c.radius, c.half_opening), CapProblem.cap, (radius, opening))
         return cap.ring_areas @ (1 + cap.cosines)
 
     top, slopes = 1 + np.cos(0.7), jax.grad(integral, (0, 1))(1.5, 0.7)
@@ -411,7 +411,7 @@ def test_derivatives_in_any_positions_also_on_the_axis():
 def test_the_lowest_frequencies_alone():
     """A wave across the ball or less: the transform of a bell below lambda = 1."""
     cap, region, grid = spherical_cap(1.5, 1.1, 6, 12), ball(1.0), VolumeGrid(4)
-    radii, bell = cap_radii(cap, region, 0.1), Bells([[0.1, 0.0, -0.1]], [0.7])
+    radii, bell = cap_radii(cap, region, 0.1), SolidBells([[0.1, 0.0, -0.1]], [0.7])
     g = bell.spherical_integrals(cap, radii)
     setup = Setup(cap, region, grid, radii, max_frequency=1.0)
     image = reconstruct(setup, g, 1e-10, low_pass=low_pass, inversion="fourier")
@@ -423,7 +423,7 @@ def test_49_voxels_on_a_side_to_1e_5():
     """A cap that covers z_3 < 1 of R_g = 1.3, half the grid's step between radii."""
     cap, region, grid = spherical_cap(1.3, 1.0, 65, 156), ball(1.0), VolumeGrid(49)
     radii = cap_radii(cap, region, grid.spacing[0] / 2)
-    bells = Bells([[0.1, -0.25, 0.2]], [0.6])
+    bells = SolidBells([[0.1, -0.25, 0.2]], [0.6])
     g = bells.spherical_integrals(cap, radii)
     image = reconstruct(Setup(cap, region, grid, radii), g, 1e-8, inversion="fourier")
     error = np.abs(np.asarray(image - bells.volume(grid)))

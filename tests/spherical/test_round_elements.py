@@ -8,10 +8,10 @@ import scipy.special
 
 from jaxtat import Setup, VolumeGrid, forward_operator, solve
 from jaxtat.geometry.elements import round_factor
-from jaxtat.phantoms.space import Bells
+from jaxtat.phantoms.space import SolidBells
 from jaxtat.spherical import DetectorPoints, ball, spherical_cap
 
-BELL = Bells([[0.4, 0.0, -0.2]], [0.55])
+BELL = SolidBells([[0.4, 0.0, -0.2]], [0.55])
 WIDE = 0.3  # of a ball of radius 1
 
 

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import h5py
@@ -26,7 +27,7 @@ SHAPE, TYPE = (3, 4), np.dtype(np.uint16)
 FRAMES = np.arange(36, dtype=TYPE).reshape(3, *SHAPE)
 
 
-class Kept:
+class KeptImages:
     """A sink that keeps what it was given."""
 
     def __init__(self):
@@ -152,7 +153,7 @@ def frames_for(to_images, n):
 
 
 def test_every_frame_becomes_its_image(small):
-    frames, sink = frames_for(small, 19), Kept()
+    frames, sink = frames_for(small, 19), KeptImages()
     found = stream(small, iter(frames), sink, dtype=float)
     assert str(found) == "19 images, 0 frames dropped, 0 refused"
     assert sink.closed and list(sink.images) == list(range(19))
@@ -162,7 +163,7 @@ def test_every_frame_becomes_its_image(small):
 
 
 def test_frames_that_cannot_be_are_left_out_and_the_stream_goes_on(small):
-    frames, sink, said = list(frames_for(small, 4)), Kept(), []
+    frames, sink, said = list(frames_for(small, 4)), KeptImages(), []
     frames[1] = frames[1] * np.nan
     frames[2] = np.zeros((2, 2))
     found = stream(small, iter(frames), sink, dtype=float, note=said.append)
@@ -176,7 +177,7 @@ def test_a_damaged_file_is_a_line_that_names_it(small, tmp_path):
         np.save(tmp_path / f"{k}.npy", frame)
     damaged = tmp_path / "0.npy"
     damaged.write_bytes(damaged.read_bytes()[:500])
-    sink, said = Kept(), []
+    sink, said = KeptImages(), []
     frames = frames_of_folder(tmp_path, small.frame_shape, lambda: False)
     counts = stream(small, frames, sink, dtype=float, note=said.append)
     assert counts.refused == 1 and list(sink.images) == [1]
@@ -298,8 +299,27 @@ def written(path):
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_an_interruption_ends_with_everything_written(started, name):
-    started.send_signal(getattr(signal, name))
+def test_each_signal_ends_with_everything_written(small, name):
+    """Frames that were read become images, though no more come and the input goes on."""
+    silent, sink = threading.Event(), KeptImages()
+
+    def frames():
+        yield from frames_for(small, 3)
+        while not sink.images:  # what listens for signals is ready by then
+            time.sleep(0.01)
+        os.kill(os.getpid(), getattr(signal, name))
+        silent.wait()
+
+    before = signal.getsignal(getattr(signal, name))
+    found = stream(small, frames(), sink, dtype=float)
+    silent.set()
+    assert str(found) == "3 images, 0 frames dropped, 0 refused; interrupted"
+    assert sink.closed and list(sink.images) == [0, 1, 2]
+    assert signal.getsignal(getattr(signal, name)) is before
+
+
+def test_the_command_that_is_interrupted_ends_with_everything_written(started):
+    started.send_signal(signal.SIGTERM)
     said, _ = started.communicate()
     assert started.returncode == 0, said
     assert b"3 images, 0 frames dropped, 0 refused; interrupted" in said

@@ -18,8 +18,8 @@ from jaxtat import (
     reconstruct,
 )
 from jaxtat.densities.cylindrical_waves import (
-    harmonic_orders,
     polar_geometry,
+    wave_orders,
     wave_system,
     wave_table,
 )
@@ -45,7 +45,7 @@ def fine_plan(fine):
 def wiener_alpha(setup):
     """Minimum of P ||A q - u||² / ||u||² + sigma² p ||q||² / 4π² over all q, in Tikhonov's unit."""
     geometry = polar_geometry(setup.curve, setup.region)
-    n_max = int(harmonic_orders(geometry, np.asarray(setup.frequencies)).max())
+    n_max = int(wave_orders(geometry, np.asarray(setup.frequencies)).max())
 
     @jax.jit
     @jax.vmap

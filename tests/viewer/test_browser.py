@@ -168,8 +168,8 @@ def test_a_slider_changes_the_picture_and_a_kept_file_gives_it_again(
     second = other_than(browser, first)
     alpha.send_keys("\ue012")  # and to the left
     third = other_than(browser, second)
-    knobs = replace(session.start, frame=1)
-    assert relative(second, np.nan_to_num(session.copy().image(knobs))) < 1e-6
+    controls = replace(session.start, frame=1)
+    assert relative(second, np.nan_to_num(session.copy().image(controls))) < 1e-6
     before = set(path.parent.iterdir())
     press(browser, "Keep all choices (.h5)")
     until(lambda: [t for t in browser.execute_script(SEEN)["texts"] if t.startswith("written")])
@@ -185,11 +185,11 @@ def test_a_part_of_the_region_is_seen_at_once(browser, session, page):
     first, _ = page
     browser.execute_script(LOOK, 8.0)
     second = other_than(browser, first)
-    knobs = replace(session.start, disk=(0.008, session.choices.region_center))
-    assert relative(second, np.nan_to_num(session.copy().image(knobs))) < 1e-6
+    controls = replace(session.start, disk=(0.008, session.choices.region_center))
+    assert relative(second, np.nan_to_num(session.copy().image(controls))) < 1e-6
 
 
-def test_a_second_page_has_knobs_of_its_own(viewer, browser, page):
+def test_a_second_page_has_controls_of_its_own(viewer, browser, page):
     first, _ = page
     here = browser.current_window_handle
     browser.switch_to.new_window("tab")
@@ -206,7 +206,7 @@ def test_a_second_page_has_knobs_of_its_own(viewer, browser, page):
 
 
 def test_an_error_is_a_line_on_the_page(browser, page, session, monkeypatch):
-    def refuse(self, knobs):
+    def refuse(self, controls):
         raise ValueError("frame 1 <is damaged>")
 
     monkeypatch.setattr(Session, "image", refuse)

@@ -65,10 +65,10 @@ def test_the_page_goes_on_while_another_region_is_computed(page, session, monkey
     assert page._session is not first and page._session.choices.region_radius == 0.008
     meanwhile = shown(page)
     until(page, lambda: not np.array_equal(shown(page), meanwhile))
-    knobs = page.knobs
-    assert knobs.alpha == pytest.approx(0.1)
+    controls = page.controls
+    assert controls.alpha == pytest.approx(0.1)
     wanted = first.with_region(0.008, session.choices.region_center, session.start)
-    assert relative(shown(page), np.nan_to_num(wanted.image(knobs))) < 1e-5
+    assert relative(shown(page), np.nan_to_num(wanted.image(controls))) < 1e-5
 
 
 def test_a_region_that_cannot_be_leaves_the_page_as_it_is(page):

@@ -13,7 +13,7 @@ from jaxtat.cli import main
 from jaxtat.io import Scan, load_scan
 from jaxtat.io.frames import LazyFrames
 from jaxtat.scans import choose, reconstruct, with_facts
-from jaxtat.viewer import Knobs, Session, command_line, keep
+from jaxtat.viewer import ControlValues, Session, command_line, keep
 
 
 @pytest.fixture(scope="module")
@@ -27,10 +27,10 @@ def session(path):
     return Session(scan, choose(scan, **GIVEN))
 
 
-def wanted(session, knobs):
+def wanted(session, controls):
     """By the choices of the image, zero outside."""
-    scan = with_facts(session.scan, frames=[knobs.frame])
-    image = reconstruct(scan, session.choices_of(knobs)).image[0]
+    scan = with_facts(session.scan, frames=[controls.frame])
+    image = reconstruct(scan, session.choices_of(controls)).image[0]
     return np.where(session.inside, image, 0.0)
 
 
@@ -43,20 +43,20 @@ def wanted(session, knobs):
         {"sound_speed": 1530.0, "alpha": 1e-3, "frame": 5},
     ],
 )
-def test_a_turned_knob_gives_the_image_of_its_choices(session, turned):
-    knobs = replace(session.start, **turned)
+def test_a_changed_control_gives_the_image_of_its_choices(session, turned):
+    controls = replace(session.start, **turned)
     mine = session.copy()
-    image = mine.image(knobs)
+    image = mine.image(controls)
     assert np.isnan(image[~mine.inside]).all()
     image = np.nan_to_num(image)
-    assert relative(image, wanted(mine, knobs)) < 1e-4
+    assert relative(image, wanted(mine, controls)) < 1e-4
     if turned:
         assert relative(image, np.nan_to_num(session.image(session.start))) > 1e-2
-    choices = mine.choices_of(knobs)
+    choices = mine.choices_of(controls)
     reasons = dict(choices.reasons)
     for name in {"sound_speed", "alpha", "low_pass"} & set(turned):
         assert getattr(choices, name) == turned[name]
-        assert reasons[name] == "turned in the viewer"
+        assert reasons[name] == "set in the viewer"
 
 
 def test_what_one_person_turns_another_does_not_see(session):
@@ -94,14 +94,14 @@ def test_of_thousands_of_frames_those_are_read_that_are_shown(session):
 )
 def test_a_kept_file_gives_the_image_again(session, path, tmp_path, monkeypatch, turned):
     monkeypatch.chdir(tmp_path)
-    mine, knobs = session.copy(), replace(session.start, **turned)
-    kept = keep(mine, knobs, tmp_path, ".h5", path)
-    assert kept.name == f"scan-{knobs.frame}-1.h5"
+    mine, controls = session.copy(), replace(session.start, **turned)
+    kept = keep(mine, controls, tmp_path, ".h5", path)
+    assert kept.name == f"scan-{controls.frame}-1.h5"
     assert main(shlex.split(f"reconstruct {path} --repeat {kept} --out again.h5 --quiet")) == 0
     with h5py.File(kept) as one, h5py.File("again.h5") as other:
         assert relative(one["image"][:], other["image"][:]) < 1e-4
         assert np.array_equal(one["frames"][:], other["frames"][:])
-        assert relative(one["image"][0], np.nan_to_num(mine.image(knobs))) < 1e-12
+        assert relative(one["image"][0], np.nan_to_num(mine.image(controls))) < 1e-12
 
 
 def test_files_are_never_replaced(session, path, tmp_path):
@@ -112,23 +112,23 @@ def test_files_are_never_replaced(session, path, tmp_path):
 def test_the_command_makes_the_image(session, path, tmp_path, monkeypatch):
     """Its radii are chosen anew, and differ by less than a step."""
     monkeypatch.chdir(tmp_path)
-    mine, knobs = session.copy(), replace(session.start, sound_speed=1490.0, alpha=0.02, frame=2)
-    line = command_line(mine.choices_of(knobs), mine.frame_facts(2), str(path))
+    mine, controls = session.copy(), replace(session.start, sound_speed=1490.0, alpha=0.02, frame=2)
+    line = command_line(mine.choices_of(controls), mine.frame_facts(2), str(path))
     program, *words = shlex.split(line.replace("image.png", "image.h5"))
     assert program == "jaxtat" and main([*words, "--quiet"]) == 0
     with h5py.File("image.h5") as file:
-        assert relative(file["image"][0], np.nan_to_num(mine.image(knobs))) < 1e-2
+        assert relative(file["image"][0], np.nan_to_num(mine.image(controls))) < 1e-2
     for option in ("--use 0:30,31:90", "--frames 2:3", "--sound-speed 1490", "--alpha 0.02"):
         assert option in line
 
 
 def test_back_projection_is_shown_but_is_no_choice(session):
-    knobs = replace(session.start, method="back-projection")
-    image = session.image(knobs)[session.inside]
+    controls = replace(session.start, method="back-projection")
+    image = session.image(controls)[session.inside]
     direct = session.image(session.start)[session.inside]
     assert np.corrcoef(image, direct)[0, 1] > 0.8
     with pytest.raises(ValueError, match="for comparison"):
-        session.choices_of(knobs)
+        session.choices_of(controls)
 
 
 def test_the_image_is_sharpest_at_the_speed_of_the_record(session):
@@ -139,18 +139,18 @@ def test_the_image_is_sharpest_at_the_speed_of_the_record(session):
 
 def test_another_region(session):
     mine = session.copy()
-    knobs = replace(session.start, alpha=0.02)
-    moved = mine.with_region(0.008, (0.001, -0.002), knobs)
+    controls = replace(session.start, alpha=0.02)
+    moved = mine.with_region(0.008, (0.001, -0.002), controls)
     assert moved.choices.region_radius == 0.008
     assert moved.choices.region_center == (0.001, -0.002)
     assert moved.choices.channels == mine.choices.channels
     assert moved.start.alpha == 0.02
-    assert relative(np.nan_to_num(moved.image(knobs)), wanted(moved, knobs)) < 1e-4
+    assert relative(np.nan_to_num(moved.image(controls)), wanted(moved, controls)) < 1e-4
     match = r"a region of radius 50 mm about \(0, 0\) mm: the nearest detector is 40 mm from there"
     with pytest.raises(ValueError, match=match):
-        mine.with_region(0.05, (0.0, 0.0), knobs)
+        mine.with_region(0.05, (0.0, 0.0), controls)
     with pytest.raises(ValueError, match=r"region_center is 0.05 .* \(lengths in m\)"):
-        mine.with_region(0.005, (0.05, 0.0), knobs)
+        mine.with_region(0.005, (0.05, 0.0), controls)
 
 
 def test_a_part_of_the_region_is_looked_at_with_as_many_pixels(session):
@@ -185,7 +185,7 @@ def test_what_cannot_be_is_said_and_the_rest_goes_on(session):
     with pytest.raises(ValueError, match="frame 6: there are 6"):
         mine.image(replace(mine.start, frame=6))
     with pytest.raises(ValueError, match="method is 'magic'"):
-        Knobs(1500.0, 1e-2, "none", method="magic")
+        ControlValues(1500.0, 1e-2, "none", method="magic")
     assert np.array_equal(mine.image(mine.start), before, equal_nan=True)
 
 

@@ -8,29 +8,29 @@ from .consistency import (
     waves_of,
 )
 from .densities import (
+    CylindricalDensities,
     DensityGroup,
-    HarmonicDensities,
     alpha_units,
+    cylindrical_densities,
     group_of,
-    harmonic_densities,
-    sampled_harmonic_densities,
+    sampled_cylindrical_densities,
     unfold,
     wave_system,
 )
 from .kernels import BodyKernels, HankelKernels, Kernels
 from .orders import frequency_groups
-from .polar import PolarGeometry, harmonic_orders, polar_geometry, wave_offset, waves_reach
+from .polar import PolarGeometry, polar_geometry, wave_offset, wave_orders, waves_reach
 from .table import WaveTable, wave_table
-from .tikhonov import RuleInputs, solve_harmonics
+from .tikhonov import RuleInputs, solve_cylindrical_waves
 from .tikhonov_rows import DecomposedWaves, decomposed_waves, tikhonov_densities
 from .waves import circular_harmonics_at
 
 __all__ = [
     "BodyKernels",
+    "CylindricalDensities",
     "DecomposedWaves",
     "DensityGroup",
     "HankelKernels",
-    "HarmonicDensities",
     "Kernels",
     "PolarGeometry",
     "RuleInputs",
@@ -39,19 +39,19 @@ __all__ = [
     "alpha_units",
     "circular_harmonics_at",
     "cross_validation",
+    "cylindrical_densities",
     "decomposed_waves",
     "frequency_groups",
     "group_of",
-    "harmonic_densities",
-    "harmonic_orders",
     "polar_geometry",
-    "sampled_harmonic_densities",
-    "solve_harmonics",
+    "sampled_cylindrical_densities",
+    "solve_cylindrical_waves",
     "tikhonov_densities",
     "unexplained",
     "unexplained_share",
     "unfold",
     "wave_offset",
+    "wave_orders",
     "wave_system",
     "wave_table",
     "waves_of",

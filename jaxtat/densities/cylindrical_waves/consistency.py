@@ -11,13 +11,21 @@ see many lines from both sides, J_0 and Y_0 see every source twice, and sources 
 wrong positions, speeds or delays contradict one of these.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...regularization import spectrum, tikhonov_solution
-from .normal_equations import moments, summed_over_detectors, symmetric_equations
+from .normal_equations import (
+    NormalEquations,
+    moments,
+    summed_over_detectors,
+    symmetric_equations,
+)
 from .polar import PolarGeometry
 from .table import WaveTable, circle_gram, detector_matrix, wave_table, with_matrix
 
@@ -51,6 +59,24 @@ def waves_of(
 _gram = eqx.filter_jit(circle_gram)
 
 
+def _map_systems(
+    solve: Callable[[WaveTable, NormalEquations, Array, Array], Any],
+    geometry: PolarGeometry,
+    waves: Waves,
+    transformed: Float[Array, "frequencies sets 2 detectors"],
+) -> Any:
+    """What ``solve`` makes of waves, system, its right-hand sides and the data of a frequency."""
+
+    def at(given: tuple[WaveTable, Array, Array]) -> Any:
+        wave, data, sums = given
+        wave = with_matrix(geometry, wave)
+        equations = symmetric_equations(geometry, wave, waves.gram)
+        return solve(wave, equations, equations.rhs(moments(geometry, wave, sums)), data)
+
+    sums = summed_over_detectors(geometry, transformed * geometry.weights, waves.table.n_max)
+    return jax.lax.map(at, (waves.table, transformed, sums))
+
+
 def unexplained(
     geometry: PolarGeometry,
     waves: Waves,
@@ -72,20 +98,16 @@ def unexplained(
     """
     root = jnp.sqrt(geometry.weights)
 
-    def at(given: tuple[WaveTable, Array, Array]) -> tuple[Array, Array]:
-        wave, data, sums = given
-        wave = with_matrix(geometry, wave)
-        equations = symmetric_equations(geometry, wave, waves.gram)
+    def at(
+        wave: WaveTable, equations: NormalEquations, rhs: Array, data: Array
+    ) -> tuple[Array, Array]:
         absolute = alpha * equations.unit
-        rhs = equations.rhs(moments(geometry, wave, sums[None]))
         y = tikhonov_solution(equations.matrix, absolute, rhs)[0][..., 0]
         matrices = detector_matrix(geometry, wave)
         explained = jnp.einsum("jbrk,br->jk", matrices, equations.coefficients(y[..., None])[0])
-        return root * (data - explained), jnp.sqrt(absolute) * y
+        return root * (data[0] - explained), jnp.sqrt(absolute) * y
 
-    values = transformed * geometry.weights
-    sums = summed_over_detectors(geometry, values, waves.table.n_max)
-    return jax.lax.map(at, (waves.table, transformed, sums))
+    return _map_systems(at, geometry, waves, transformed[:, None])
 
 
 def unexplained_share(
@@ -107,18 +129,12 @@ def unexplained_share(
         transformed: sets of (G_J, G_Y).
     """
 
-    def at(given: tuple[WaveTable, Array, Array]) -> Array:
-        wave, power, sums = given
-        wave = with_matrix(geometry, wave)
-        equations = symmetric_equations(geometry, wave, waves.gram)
-        rhs = equations.rhs(moments(geometry, wave, sums))
+    def at(wave: WaveTable, equations: NormalEquations, rhs: Array, data: Array) -> Array:
+        power = jnp.sum(geometry.weights * data**2, axis=(1, 2))
         y, _ = tikhonov_solution(equations.matrix, alpha * equations.unit, rhs)
         return jnp.maximum(1 - jnp.sum(rhs * y, axis=(0, 1)) / power, jnp.finfo(power.dtype).eps)
 
-    values = jnp.moveaxis(transformed, 1, 0) * geometry.weights
-    power = jnp.einsum("fsjk,sfjk->fs", values, transformed)
-    sums = summed_over_detectors(geometry, values, waves.table.n_max)
-    return jax.lax.map(at, (waves.table, power, sums))
+    return _map_systems(at, geometry, waves, jnp.moveaxis(transformed, 1, 0))
 
 
 def cross_validation(
@@ -144,23 +160,17 @@ def cross_validation(
 
     Source: Golub, Heath and Wahba, Technometrics 21 (1979) 215-223.
     """
-    n = 2 * geometry.detector_angles.shape[0]
+    n = 2 * jnp.sum(geometry.weights > 0)
 
-    def at(given: tuple[WaveTable, Array, Array]) -> Array:
-        wave, power, sums = given
-        wave = with_matrix(geometry, wave)
-        equations = symmetric_equations(geometry, wave, waves.gram)
+    def at(wave: WaveTable, equations: NormalEquations, rhs: Array, data: Array) -> Array:
+        power = jnp.sum(geometry.weights * data**2)
         absolute = alphas * equations.unit
         eigenvalues, vectors = spectrum(equations.matrix)
         seen = eigenvalues.ravel()[:, None]
-        rhs = equations.rhs(moments(geometry, wave, sums[None]))[..., 0]
-        squares = jnp.einsum("bij,bi->bj", vectors, rhs).ravel()[:, None] ** 2
+        squares = jnp.einsum("bij,bi->bj", vectors, rhs[..., 0]).ravel()[:, None] ** 2
         explained = jnp.sum(squares * (seen + 2 * absolute) / (seen + absolute) ** 2, axis=0)
         rounding = jnp.finfo(power.dtype).eps * power
         free = n - jnp.sum(seen / (seen + absolute), axis=0)
         return jnp.maximum(power - explained, rounding) / power * (n / free) ** 2
 
-    values = transformed * geometry.weights
-    power = jnp.sum(values * transformed, axis=(1, 2))
-    sums = summed_over_detectors(geometry, values, waves.table.n_max)
-    return jax.lax.map(at, (waves.table, power, sums))
+    return _map_systems(at, geometry, waves, transformed[:, None])

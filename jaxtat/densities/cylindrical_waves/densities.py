@@ -87,7 +87,7 @@ def rows_alone(rows: Factors, n_directions: int) -> DensityGroup:
     return DensityGroup(rows, *jax.device_put((none, extra)))
 
 
-class HarmonicDensities(Densities):
+class CylindricalDensities(Densities):
     """The densities of all plane waves, 2 N + 1 rows and a few per frequency.
 
     Attributes:
@@ -138,9 +138,9 @@ class HarmonicDensities(Densities):
         densities = unfold(jnp.moveaxis(folded, 0, -1), weights, self.mirror)
         return densities * self.phases[number][:, None, None] / weights
 
-    def in_single_precision(self) -> "HarmonicDensities":
+    def in_single_precision(self) -> "CylindricalDensities":
         groups = in_precision(self.groups, jnp.float32)
-        return HarmonicDensities(groups, self.angles, self.phases, self.mirror)
+        return CylindricalDensities(groups, self.angles, self.phases, self.mirror)
 
 
 def fold(
@@ -183,7 +183,7 @@ class Step(eqx.Module):
 
 
 @eqx.filter_jit
-def harmonic_densities(
+def cylindrical_densities(
     geometry: PolarGeometry,
     table: WaveTable,
     n_max: int,
@@ -271,7 +271,7 @@ def alpha_units(geometry: PolarGeometry, table: WaveTable) -> Float[Array, " f"]
 
 
 @eqx.filter_jit
-def sampled_harmonic_densities(
+def sampled_cylindrical_densities(
     geometry: PolarGeometry,
     table: WaveTable,
     n_max: int,
@@ -281,7 +281,7 @@ def sampled_harmonic_densities(
 ) -> tuple[Complex[Array, "f directions 2 detectors"], DensityReport]:
     """The same densities at the detectors, phases counted from the centre of the waves.
 
-    More memory than `harmonic_densities`, but differentiable with respect to the geometry.
+    More memory than `cylindrical_densities`, but differentiable with respect to the geometry.
     """
 
     @jax.checkpoint

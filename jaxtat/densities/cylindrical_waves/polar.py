@@ -124,7 +124,7 @@ def _farthest(xp: Any, points: Any, center: Any) -> Any:
     return xp.linalg.norm(points - center, axis=1).max()
 
 
-def harmonic_orders(geometry: PolarGeometry, frequencies: np.ndarray) -> np.ndarray:
+def wave_orders(geometry: PolarGeometry, frequencies: np.ndarray) -> np.ndarray:
     """N(lambda) of a concrete geometry; ValueError if waves about the centre do not reach."""
     reach, distance = float(geometry.reach), geometry.nearest
     if reach >= REACHED * distance:

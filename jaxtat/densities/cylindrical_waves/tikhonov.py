@@ -76,7 +76,7 @@ class _Tables(eqx.Module):
     region: CutDisk | None
 
 
-def solve_harmonics(
+def solve_cylindrical_waves(
     geometry: PolarGeometry,
     table: WaveTable,
     groups: tuple[tuple[int, int, int], ...],

@@ -1,4 +1,4 @@
-"""Densities of any Tikhonov rule, as rows of `HarmonicDensities`, from one decomposition.
+"""Densities of any Tikhonov rule, as rows of `CylindricalDensities`, from one decomposition.
 
 With the eigenvalues l of A A^T = U diag(l) U^T, or of A^T A = V diag(l) V^T where that is smaller,
 
@@ -20,8 +20,8 @@ from ...base.linear_algebra import product_of_blocks
 from ...regularization import RelativeTikhonov, Tikhonov, per_frequency, spectrum
 from ..single_layer import phases_from
 from .densities import (
+    CylindricalDensities,
     Factors,
-    HarmonicDensities,
     plane_scales,
     rows_alone,
     wave_matrix,
@@ -92,7 +92,7 @@ def decomposed_waves(
 
 def tikhonov_densities(
     waves: DecomposedWaves, rule: Tikhonov | RelativeTikhonov
-) -> HarmonicDensities:
+) -> CylindricalDensities:
     """The densities of all plane waves by a rule, a number or one for each frequency.
 
     Args:
@@ -116,7 +116,7 @@ def tikhonov_densities(
         rows = Factors(group.left, kept, group.right)
         groups.append(rows_alone(rows, waves.angles.shape[0]))
         start = stop
-    return HarmonicDensities(tuple(groups), waves.angles, waves.phases, waves.mirror)
+    return CylindricalDensities(tuple(groups), waves.angles, waves.phases, waves.mirror)
 
 
 @eqx.filter_jit

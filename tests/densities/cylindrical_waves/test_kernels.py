@@ -10,9 +10,9 @@ from jaxtat import DiskBody, circular_arc, detector_curve, disk
 from jaxtat.densities.cylindrical_waves import (
     RuleInputs,
     circular_harmonics_at,
-    harmonic_orders,
     polar_geometry,
-    solve_harmonics,
+    solve_cylindrical_waves,
+    wave_orders,
     wave_table,
 )
 from jaxtat.regularization import tikhonov_rule
@@ -66,11 +66,11 @@ def test_sources_in_a_body_of_another_speed(name):
     errors = []
     for medium in (BODY, None):
         polar = polar_geometry(curve, region, medium=medium)
-        n_max = int(harmonic_orders(polar, FREQUENCIES).max())
+        n_max = int(wave_orders(polar, FREQUENCIES).max())
         table = wave_table(polar, jnp.asarray(FREQUENCIES), n_max)
         inputs = RuleInputs(jnp.ones(2), jnp.ones(2), tikhonov_rule(1e-12, 2))
         solve = jax.jit(
-            lambda data, p=polar, t=table, n=n_max, i=inputs: solve_harmonics(
+            lambda data, p=polar, t=table, n=n_max, i=inputs: solve_cylindrical_waves(
                 p, t, ((0, 2, n),), data, i
             )
         )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxtat import circular_arc, detector_curve, disk
-from jaxtat.densities.cylindrical_waves import harmonic_orders, polar_geometry
+from jaxtat.densities.cylindrical_waves import polar_geometry, wave_orders
 from jaxtat.geometry.curves import SampledCurve
 
 PLACE = {"center": (2.0, -1.0), "angle": 2.3}
@@ -156,10 +156,8 @@ def test_reach_and_detectors_too_near():
     off_centre = disk(0.9, n_boundary=400, center=(2.2, -1.0))
     np.testing.assert_allclose(polar_geometry(arc, off_centre).reach, 1.1, atol=1e-4)
     frequencies = np.array([1.0, 10.0])
-    near, far = (
-        harmonic_orders(polar_geometry(arc, r), frequencies) for r in (off_centre, concentric)
-    )
+    near, far = (wave_orders(polar_geometry(arc, r), frequencies) for r in (off_centre, concentric))
     assert (near > far).all()
     too_near = disk(1.1, n_boundary=80, center=(2.195, -1.0))
     with pytest.raises(ValueError, match="every detector farther off"):
-        harmonic_orders(polar_geometry(arc, too_near), frequencies)
+        wave_orders(polar_geometry(arc, too_near), frequencies)

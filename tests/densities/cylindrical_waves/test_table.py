@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxtat import circular_arc, detector_curve, disk
-from jaxtat.densities.cylindrical_waves import harmonic_orders, polar_geometry, wave_table
+from jaxtat.densities.cylindrical_waves import polar_geometry, wave_orders, wave_table
 from jaxtat.densities.cylindrical_waves.cut_disks import cut_disk
 from jaxtat.densities.cylindrical_waves.table import (
     RegionFactor,
@@ -47,7 +47,7 @@ FREQUENCIES = jnp.array([1.0, 8.0])
 
 
 def table_of(polar):
-    n_max = int(harmonic_orders(polar, np.asarray(FREQUENCIES)).max())
+    n_max = int(wave_orders(polar, np.asarray(FREQUENCIES)).max())
     return wave_table(polar, FREQUENCIES, n_max)
 
 

@@ -10,9 +10,9 @@ from jaxtat import circular_arc, detector_curve, disk
 from jaxtat.densities.cylindrical_waves import (
     RuleInputs,
     circular_harmonics_at,
-    harmonic_orders,
     polar_geometry,
-    solve_harmonics,
+    solve_cylindrical_waves,
+    wave_orders,
     wave_table,
 )
 from jaxtat.densities.cylindrical_waves.normal_equations import _product_of_grams, detector_gram
@@ -61,7 +61,7 @@ def some_data(curve, images=2):
     return jnp.asarray(np.random.default_rng(0).standard_normal(shape))
 
 
-solve_compiled = eqx.filter_jit(solve_harmonics)
+solve_compiled = eqx.filter_jit(solve_cylindrical_waves)
 
 
 def solve(polar, transformed, groups, alpha=1e-6):
@@ -73,7 +73,7 @@ def solve(polar, transformed, groups, alpha=1e-6):
 
 def one_group(polar):
     """All frequencies with the orders of the neediest: one thing to compile."""
-    return ((0, len(FREQUENCIES), int(harmonic_orders(polar, FREQUENCIES).max())),)
+    return ((0, len(FREQUENCIES), int(wave_orders(polar, FREQUENCIES).max())),)
 
 
 @eqx.filter_jit
@@ -116,7 +116,7 @@ def test_groups_of_frequencies_change_nothing():
     """Every frequency with its own orders gives what the orders of the highest give."""
     curve, region, _ = GEOMETRIES["disk"]
     polar = polar_geometry(curve, region)
-    orders = harmonic_orders(polar, FREQUENCIES)
+    orders = wave_orders(polar, FREQUENCIES)
     groups = ((0, 1, int(orders[0])), (1, 3, int(orders[2])))
     assert orders[0] < orders[2]
     transformed = some_data(curve)

@@ -10,8 +10,8 @@ import scipy.special
 from jaxtat import circular_arc, disk
 from jaxtat.densities.cylindrical_waves import (
     circular_harmonics_at,
-    harmonic_orders,
     polar_geometry,
+    wave_orders,
 )
 from jaxtat.densities.cylindrical_waves.kernels import HankelKernels, twice
 from jaxtat.densities.cylindrical_waves.waves import (
@@ -44,7 +44,7 @@ def waves_at(polar, steps, lam, points):
 def setup(region, lam, n_max=None):
     """The geometry, and the steps of all orders that potentials need, or of fewer."""
     polar = polar_geometry(ARC, region)
-    n_max = int(harmonic_orders(polar, np.array([lam]))[0]) if n_max is None else n_max
+    n_max = int(wave_orders(polar, np.array([lam]))[0]) if n_max is None else n_max
     return polar, steps_of(n_max, np.array(lam), polar)
 
 

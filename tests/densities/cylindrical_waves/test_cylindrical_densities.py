@@ -20,11 +20,11 @@ from jaxtat import (
 )
 from jaxtat.densities import collocation_densities
 from jaxtat.densities.cylindrical_waves import (
-    HarmonicDensities,
+    CylindricalDensities,
+    cylindrical_densities,
     group_of,
-    harmonic_densities,
-    harmonic_orders,
     polar_geometry,
+    wave_orders,
     wave_table,
 )
 from jaxtat.special import full_circle_norm
@@ -48,18 +48,18 @@ GEOMETRIES = {
 def densities_of(curve, region, rule):
     """As in a plan, but in one group."""
     polar = polar_geometry(curve, region)
-    n_max = int(harmonic_orders(polar, np.asarray(FREQUENCIES)).max())
+    n_max = int(wave_orders(polar, np.asarray(FREQUENCIES)).max())
     table = jax.tree.map(np.asarray, wave_table(polar, FREQUENCIES, n_max))
     parts = [slice(i, i + 1) for i in range(len(FREQUENCIES))]
     tables = [jax.device_put(jax.tree.map(itemgetter(part), table)) for part in parts]
     local = jnp.asarray(np.asarray(ANGLES) - np.asarray(polar.axis))
     found = [
-        harmonic_densities(polar, one, n_max, jnp.asarray(NORMS[part]), local, rule)
+        cylindrical_densities(polar, one, n_max, jnp.asarray(NORMS[part]), local, rule)
         for one, part in zip(tables, parts, strict=True)
     ]
     phases = phases_of(region.center - polar.center)
     group = group_of([step for step, _ in found])
-    return HarmonicDensities((group,), local, phases, polar.mirror), [r for _, r in found]
+    return CylindricalDensities((group,), local, phases, polar.mirror), [r for _, r in found]
 
 
 @jax.jit

@@ -1,10 +1,12 @@
-"""What a file holds, as the process that has opened it hands it back."""
+"""What a file holds, and its arrays as the process that has opened it hands them back."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+
+from .frames import LazyFrames
 
 PIECE = 2**24  # [byte] of an array that are handed back at once, about
 
@@ -12,7 +14,7 @@ Box = list[tuple[int, int]]  # first and last + 1 along each axis
 
 
 @dataclass
-class Stored:
+class StoredArray:
     """An array of a file, read in pieces while it is handed back.
 
     Attributes:
@@ -27,42 +29,29 @@ class Stored:
     transposed: bool = False
 
     @classmethod
-    def of(cls, array: Any) -> "Stored":
+    def of(cls, array: Any) -> "StoredArray":
         """An array that is in memory."""
         array = np.asarray(array)
         return cls(array.shape, array.dtype, iter([([(0, array.size)], array.reshape(-1))]))
 
-
-@dataclass
-class Frames:
-    """Frames of a recording that are read when they are wanted.
-
-    Attributes:
-        shape: (frames, detectors, samples).
-        dtype: of the numbers.
-        read: from the number of a frame to its numbers, (detectors, samples).
-    """
-
-    shape: tuple[int, int, int]
-    dtype: np.dtype
-    read: Callable[[int], np.ndarray]
-
-    def of(self, numbers: list[int]) -> Stored:
-        whole = [(0, size) for size in self.shape[1:]]
-        pieces = (([(k, k + 1), *whole], self.read(n)) for k, n in enumerate(numbers))
-        return Stored((len(numbers), *self.shape[1:]), self.dtype, pieces)
+    @classmethod
+    def of_frames(cls, frames: LazyFrames, numbers: Sequence[int]) -> "StoredArray":
+        """Frames of these numbers, read one at a time."""
+        whole = [(0, size) for size in frames.shape[1:]]
+        pieces = (([(k, k + 1), *whole], frames[n]) for k, n in enumerate(numbers))
+        return cls((len(numbers), *frames.shape[1:]), frames.dtype, pieces)
 
 
 @dataclass
-class Answer:
+class FileContents:
     """What a file holds.
 
     Attributes:
         about: text, numbers, and lists and dicts of them.
-        arrays: by name.
+        arrays: by name, each a `StoredArray` or in memory.
         frames: that stay in the file until they are wanted.
     """
 
     about: Mapping[str, Any] = field(default_factory=dict)
     arrays: Mapping[str, Any] = field(default_factory=dict)
-    frames: Frames | None = None
+    frames: LazyFrames | None = None

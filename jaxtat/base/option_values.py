@@ -1,4 +1,4 @@
-"""Names to choose by, in a module that imports nothing: the command's help is quick with them."""
+"""Values of options, in a module that imports nothing: so `--help` is quick."""
 
 MODELS = ("2d", "in-plane")  # of sound, see `pressure`
 INVERSIONS = ("fourier", "fbp")  # see `steps.inversion`; the first is the default

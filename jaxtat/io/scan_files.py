@@ -1,4 +1,4 @@
-"""Scans in: from what a file holds to a scan."""
+"""From what a file holds to a scan."""
 
 from pathlib import Path
 from typing import Any
@@ -7,10 +7,11 @@ import numpy as np
 
 from ..base.checks import whole_number
 from ..base.messages import name_of, require_file
+from .file_contents import FileContents
 from .frames import LazyFrames, in_native_order
 from .limits import MAX_BYTES, Allowance, refusing
 from .named_arrays import NAMES_OF_DATA, scan_of
-from .reader import Content, read_file
+from .reader import read_file
 from .registered_formats import registered_reader
 from .scan import Kind, Scan, require_kind
 
@@ -61,7 +62,7 @@ def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MA
         return _scan_of(content, path, allowance)
 
 
-def _scan_of(content: Content, path: Path, allowance: Allowance) -> Scan:
+def _scan_of(content: FileContents, path: Path, allowance: Allowance) -> Scan:
     """A scan of named arrays, or of a format that says what is what."""
     about, data = dict(content.about), content.frames
     names, reverse = about.pop("names", None), about.pop("reversed", False)

@@ -6,7 +6,7 @@ import pytest
 from jaxtat.cli import main
 from jaxtat.io import load_scan
 from jaxtat.io.datasets import sample_scan
-from jaxtat.io.samples import SOUND_SPEED, sample_phantom
+from jaxtat.io.simulated_scan import SOUND_SPEED, sample_phantom
 from jaxtat.scans import choose, reconstruct
 
 

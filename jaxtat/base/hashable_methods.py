@@ -13,7 +13,7 @@ C = TypeVar("C", bound=Callable)
 
 
 class ComparedByIdentity:
-    """Equal to itself alone; what `jax.jit` makes of its methods holds its arrays as constants."""
+    """Hashed by identity: `jax.jit` compiles its methods with its arrays as constants."""
 
     def __eq__(self, other: object) -> bool:
         return self is other

@@ -1,0 +1,48 @@
+"""Which method makes the image of a scan: a fit under constraints, or the formula.
+
+Measured records of pressure are fitted, with f >= 0 and total variation: they lack low frequencies
+and hold noise, and detectors on an open arc do not see all edges. On simulated scans of a seed that
+decided nothing such images had a median error of 0.22 where those of the formula had 0.63. Where
+detectors all around record two-dimensional waves nothing is missing, and the formula is more
+accurate. A fit in space takes minutes, and is made where it is asked for.
+"""
+
+from dataclasses import replace
+
+from ..base.choice_table import GUESSED, LIKELY
+from ..geometry import Region, visibility
+from ..io import Scan
+from .choices import Choices
+from .facts import facts_of
+from .found import OF_FORMULA
+
+
+def with_best_method(scan: Scan, choices: Choices) -> Choices:
+    """Choices with the more accurate method, unless they say which one is wanted.
+
+    A given alpha, low pass or inversion asks for the formula; ``model_based`` says it outright.
+
+    Args:
+        scan: any.
+        choices: of `estimate`.
+    """
+    decided = {"model_based", *OF_FORMULA} & set(choices.user_set)
+    if scan.kind != "pressure" or choices.in_space or choices.model_based or decided:
+        return choices
+    if choices.model == "2d" and _sees_all(scan, choices):
+        return choices
+    fitted = replace(choices, model_based=True, penalty="tv", nonnegative=True, weight=None)
+    fitted = fitted.with_reason(
+        "model_based", "more accurate for measured pressure; --direct for the formula", LIKELY
+    )
+    fitted = fitted.with_reason("penalty", "total variation: for objects with edges", GUESSED)
+    fitted = fitted.with_reason(
+        "nonnegative", "light that is absorbed only adds pressure; --signed allows f < 0", LIKELY
+    )
+    return fitted.with_reason("weight", "balances penalty and misfit", LIKELY)
+
+
+def _sees_all(scan: Scan, choices: Choices) -> bool:
+    curve, region = choices.curve(facts_of(scan).points), choices.region
+    assert isinstance(region, Region)
+    return float(visibility(curve, region).invisible_fraction) == 0

@@ -1,0 +1,113 @@
+"""From coarse to fine grids: the grids, the operators on them, and where the iteration ends."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import jaxtat
+from jaxtat import ImageGrid, VolumeGrid, model_based
+from jaxtat.fitting import Ridge, SecondOrderVariation, TotalVariation
+from jaxtat.fitting.arguments import data_fits
+from jaxtat.fitting.coarse_grids import between_nodes, ladder
+from jaxtat.fitting.progress import EVERY, after, before
+from jaxtat.fitting.spectrum import middle_pixel, period, preconditioned, spectrum_of
+from jaxtat.reconstruction import operator_on
+
+
+def test_each_grid_covers_the_same_square_with_a_quarter_of_the_nodes():
+    grids = ladder(ImageGrid((433, 300), (2.0, 1.4), (0.3, 0.1)))
+    assert [grid.shape for grid in grids] == [(109, 75), (433, 300)]
+    for grid in grids:
+        assert_allclose(grid.half_width, [2.0, 1.4])
+        assert_allclose(grid.center, [0.3, 0.1])
+    assert [grid.shape for grid in ladder(VolumeGrid(65))] == [(17, 17, 17), (65, 65, 65)]
+    assert [grid.shape for grid in ladder(VolumeGrid(32))] == [(32, 32, 32)]
+
+
+@pytest.mark.parametrize("grid", [ImageGrid((9, 12)), VolumeGrid((5, 6, 7))])
+def test_planes_are_kept_between_nodes(grid):
+    slope = np.arange(1.0, grid.dimension + 1)
+    fine = type(grid)(tuple(2 * n for n in grid.shape))
+    found = between_nodes(jnp.asarray(grid.points @ slope)[None], fine.shape)
+    assert_allclose(found[0], fine.points @ slope, atol=1e-12)
+
+
+def in_the_plane():
+    arc = jaxtat.circular_arc(1.3, 1.0, 16, element_width=0.1)
+    bell = jaxtat.phantoms.Bells([[0.1, 0.2]], [0.7])
+    setup = jaxtat.Setup(arc, jaxtat.disk(1.0), ImageGrid(49), max_frequency=20.0)
+    return setup, bell.image, ImageGrid(25)
+
+
+def off_circles():
+    angles = np.arange(24) / 4
+    ellipse = jaxtat.detector_curve(np.stack([1.5 * np.cos(angles), 1.3 * np.sin(angles)], axis=-1))
+    bell = jaxtat.phantoms.Bells([[0.1, 0.2]], [0.7])
+    return jaxtat.Setup(ellipse, jaxtat.disk(0.9), ImageGrid(49)), bell.image, ImageGrid(25)
+
+
+def in_space():
+    cap = jaxtat.spherical.spherical_cap(1.5, 1.0, 10, 20)
+    bell = jaxtat.spherical.SolidBells([[0.1, 0.0, 0.2]], [0.8])
+    setup = jaxtat.Setup(cap, jaxtat.spherical.ball(1.0), VolumeGrid(33), max_frequency=9.0)
+    return setup, bell.volume, VolumeGrid(17)
+
+
+@pytest.mark.parametrize("made", [in_the_plane, off_circles, in_space])
+def test_operators_on_coarse_grids_give_the_data_of_fine_ones(made):
+    """Of a bell, which both resolve; a lower highest frequency leaves it out."""
+    setup, of_grid, coarse = made()
+    g = jaxtat.forward_operator(setup)(of_grid(setup.grid))
+    found = operator_on(setup, coarse)(of_grid(coarse))
+    assert_allclose(found, g, atol=3e-3 * float(jnp.abs(g).max()))
+    low = operator_on(setup, setup.grid, max_frequency=0.8 * np.pi / float(coarse.spacing[0]))
+    assert low.report.n_frequencies < 0.5 * setup.sizes.operator.n_frequencies
+    assert_allclose(low(of_grid(setup.grid)), g, atol=3e-2 * float(jnp.abs(g).max()))
+
+
+@pytest.mark.parametrize("penalty", [TotalVariation(), SecondOrderVariation(), Ridge()])
+def test_fits_end_where_those_on_one_grid_end(penalty):
+    setup, of_grid, _ = in_the_plane()
+    setup = jaxtat.Setup(setup.curve, setup.region, ImageGrid(101), max_frequency=20.0)
+    g = jaxtat.forward_operator(setup)(of_grid(setup.grid))
+    options = {"penalty": penalty, "nonnegative": True, "weight": 0.01, "tolerance": 1e-4}
+    found = model_based(setup, g, max_steps=3000, **options)
+    alone = model_based(setup, g, max_steps=3000, initial=jnp.zeros((101, 101)), **options)
+    assert found.converged and alone.converged
+    size = float(jnp.linalg.norm(alone.image))
+    assert float(jnp.linalg.norm(found.image - alone.image)) < 2e-3 * size
+
+
+def test_the_symbol_is_that_of_a_convolution():
+    """Of D^T D exactly, and of B^T B, a wave in the middle is an eigenvector nearly."""
+    setup, _, _ = in_the_plane()
+    whole = jaxtat.circular_arc(1.3, np.pi, 200)
+    setup = jaxtat.Setup(whole, jaxtat.disk(1.0), ImageGrid(65))
+    (fit,) = data_fits(setup, None, False, None, None, None, None, [setup.grid])
+    kernel = fit.transposed(fit.modelled(middle_pixel(fit)))
+    spectrum = spectrum_of(fit, TotalVariation(), kernel)
+    waves = [2 * np.pi * np.fft.fftfreq(p) for p in period((65, 65))]
+    wanted = (2 - 2 * np.cos(waves[0]))[:, None] + (2 - 2 * np.cos(waves[1]))
+    differences = np.asarray(spectrum.differences)
+    assert_allclose(differences, wanted[:, : differences.shape[1]], atol=1e-12)
+    points = setup.grid.points
+    packet = jnp.exp(-jnp.sum(points**2, axis=-1) / 0.1) * jnp.cos(25 * points[..., 0])
+    there_and_back = fit.transposed(fit.modelled(packet[None]))
+    back = preconditioned(there_and_back, spectrum.data + 1e-3 * spectrum.data.max())[0]
+    assert float(jnp.vdot(back, packet) / jnp.vdot(packet, packet)) == pytest.approx(1, abs=0.15)
+
+
+@pytest.mark.parametrize("factor", [0.95, 0.99])
+def test_what_remains_of_a_geometric_series_is_known(factor):
+    end, way = jnp.ones((1, 3, 3)), jnp.arange(9.0).reshape(1, 3, 3)
+    images = [end + way * factor**k for k in range(3 * EVERY + 1)]
+    progress = before(images[0], 100)
+    for old, new in itertools.pairwise(images):
+        assert bool(jnp.isinf(progress.remaining)) == (int(progress.step) < 2 * EVERY)
+        progress = jax.jit(after)(progress, old, new)
+    left = jnp.linalg.norm(images[-1] - end) / jnp.linalg.norm(images[-1])
+    assert float(progress.remaining) == pytest.approx(float(left), rel=0.1)
