@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 __all__ = [
     "PAPER_K",
     "AccuracyWarning",
+    "DiskBody",
     "FixedRank",
     "ImageGrid",
     "NoiseLevel",

@@ -15,6 +15,7 @@ from . import (
 from .base import scanners
 from .fitting import model_based
 from .geometry import (
+    DiskBody,
     ImageGrid,
     VisibilityWarning,
     VolumeGrid,

@@ -70,6 +70,10 @@ def _record(
     """From integrals to pressure, then the conditioning that was applied to the record."""
     if setup.grid.dimension == 3:
         raise ValueError("times is given, and in space model_based takes spherical integrals only.")
+    if setup.medium is not None:
+        if not (is_concrete(sound_speed) and np.ndim(sound_speed) == 0 and sound_speed == 1.0):
+            raise ValueError("sound_speed is given, and the setup has a medium: leave it out.")
+        sound_speed = setup.medium.water_speed
     matrix = pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
     if conditioning is None:
         return matrix

@@ -122,7 +122,7 @@ def model_based(
         noise: standard deviation, one or of the shape of one image's data [unit of data].
         mask: where data count, of that shape, or (detectors, 1).
         times: of pressure, equispaced from t >= 0 [time].
-        sound_speed: c [length/time].
+        sound_speed: c [length/time]; of a setup with a medium it is the water's.
         model: "2d" or "in-plane", as in `circular_integrals_to_pressure`.
         conditioning: what each record went through: a linear function from (detectors, times) to
             (detectors, samples), the same for all detectors, such as

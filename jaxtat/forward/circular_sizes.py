@@ -1,5 +1,6 @@
 """Sizes of the fast integrals over circles, chosen once from concrete positions."""
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -10,9 +11,13 @@ import scipy.special
 from jaxtyping import Float
 
 from ..base.size_ladder import rung
-from ..geometry import CircularArc, DetectorCurve, ImageGrid, circle_through
+from ..geometry import CircularArc, DetectorCurve, DiskBody, ImageGrid, circle_through
 from ..geometry.elements import enough_nodes
 
+# Of a body's radius, up to which images are taken at least: all of a region that may reach to 1.25
+# has orders enough, and beyond it the waves of the body grow without meaning.
+IN_BODY = 1.1
+ECHOES = 2.0  # radii of a body after the last direct wave, before the period ends
 MARGIN = 1.04  # of the period over the farthest pixel from a detector: positions may change by that
 # at most so many groups of frequencies with as many orders; off a circle each has its own table
 GROUPS, GROUPS_OFF_CIRCLE = 8, 4
@@ -28,12 +33,23 @@ class CircleSizes(eqx.Module):
         groups: (first, last + 1, highest order M, directions over a whole turn) of frequencies
             that share them.
         n_nodes: on elements of finite width.
+        reach: of the image from the centre of the waves, times its frequencies over lambda
+            [length].
+        ratio: those frequencies over lambda: c_2/c_1 of a body, else 1.
     """
 
     period: float = eqx.field(static=True)
     n_frequencies: int = eqx.field(static=True)
     groups: tuple[tuple[int, int, int, int], ...] = eqx.field(static=True)
     n_nodes: int = eqx.field(static=True)
+    reach: float = eqx.field(static=True)
+    ratio: float = eqx.field(static=True)
+
+    def with_period(self, period: float) -> "CircleSizes":
+        """As many frequencies more as another period needs up to the same highest one."""
+        n, period = _on_ladder(period, float(self.frequencies[-1]))
+        groups = _groups(zeros_of_j0(n) / period, self.reach, len(self.groups))
+        return replace(self, period=period, n_frequencies=n, groups=groups)
 
     @property
     def zeros(self) -> Float[np.ndarray, " frequencies"]:
@@ -45,48 +61,78 @@ class CircleSizes(eqx.Module):
         """lambda_k = j_k / T [rad/length]."""
         return self.zeros / self.period
 
+    @property
+    def highest(self) -> float:
+        """Up to which images have a spectrum [rad/length]."""
+        return self.ratio * float(self.frequencies[-1])
+
     def first(self, n: int) -> "CircleSizes":
         """The sizes of the first n frequencies alone, for an image on coarser pixels."""
         groups = tuple((a, min(b, n), m, turn) for a, b, m, turn in self.groups if a < n)
-        return CircleSizes(self.period, n, groups, self.n_nodes)
+        return replace(self, n_frequencies=n, groups=groups)
 
 
-def circle_sizes(curve: DetectorCurve, grid: ImageGrid) -> CircleSizes:
+def circle_sizes(
+    curve: DetectorCurve,
+    grid: ImageGrid,
+    medium: DiskBody | None = None,
+) -> CircleSizes:
     """The sizes of a concrete geometry: T by its farthest pixel, orders by the image's reach.
 
     Numbers of frequencies and orders are on the ladder, and T is as long as goes with them.
 
     The circular harmonics of the transform of an image that reaches to |x - c| <= a are those of
     J_m(lambda a), which fall faster than exponentially from m = lambda a on.
+
+    Through a body lambda is that of the water: the image has c_2/c_1 times as many waves.
     """
     half_width, center = np.asarray(grid.half_width), np.asarray(grid.center)
     spacing, points = np.asarray(grid.spacing), np.asarray(curve.points)
     corners = center + half_width * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
     reach = farthest = 0.0
+    ratio = slow = 1.0
     circle = _circle_center(curve)
     centers = [center] if circle is None else [circle]
+    if medium is not None:
+        circle, centers = None, [np.asarray(medium.center)]
+        ratio = 1 / float(medium.speed_ratio)
+        slow = max(1.0, ratio)
     if circle is not None and not isinstance(curve, CircularArc):
         centers.append(center)  # about which the waves are taken when positions are traced
     for about in centers:
         reach = max(reach, float(np.hypot(*(corners - about).T).max()))
         farthest = max(farthest, float(np.hypot(*(points - about).T).max()))
-    period = MARGIN * (farthest + reach)
-    highest = np.pi / float(spacing.max())
-    n = max(1, int(np.sum(zeros_of_j0(int(highest * period / np.pi) + 2) <= highest * period)))
-    n = rung(n)
-    period = max(period, float(zeros_of_j0(n)[-1]) / highest)
-    frequencies = zeros_of_j0(n) / period
+    period = farthest + reach
+    if medium is not None:
+        reach = min(reach, IN_BODY * float(medium.radius))
+        period = farthest + slow * reach + ECHOES * float(medium.radius)
+    period, highest = MARGIN * period, np.pi / float(spacing.max()) / ratio
+    n, period = _on_ladder(period, highest)
     most = GROUPS if circle is not None else GROUPS_OFF_CIRCLE
-    n_groups = min(most, 1 + n // WORTH_A_GROUP)
+    groups = _groups(zeros_of_j0(n) / period, ratio * reach, min(most, 1 + n // WORTH_A_GROUP))
+    # more than densities need: the error is 1e-9 instead of 5e-6
+    n_nodes = 1 if curve.element_width is None else 4 + enough_nodes(curve.element_width, highest)
+    return CircleSizes(period, n, groups, n_nodes, ratio * reach, ratio)
+
+
+def _on_ladder(period: float, highest: float) -> tuple[int, float]:
+    """How many frequencies there are up to the highest one, and the period, no shorter, of them."""
+    most = highest * period
+    n = rung(max(1, int(np.sum(zeros_of_j0(int(most / np.pi) + 2) <= most))))
+    return n, max(period, float(zeros_of_j0(n)[-1]) / highest)
+
+
+def _groups(
+    frequencies: Float[np.ndarray, " frequencies"], reach: float, n_groups: int
+) -> tuple[tuple[int, int, int, int], ...]:
+    n = len(frequencies)
     bounds = np.unique(np.linspace(0, n, n_groups + 1).round().astype(int))
     groups = []
     for first, last in pairwise(bounds):
         orders = rung(highest_order(float(frequencies[last - 1]) * reach))
         turn = 2 * int(scipy.fft.next_fast_len(orders + 1, real=True) or 0)
         groups.append((int(first), int(last), orders, turn))
-    # more than densities need: the error is 1e-9 instead of 5e-6
-    n_nodes = 1 if curve.element_width is None else 4 + enough_nodes(curve.element_width, highest)
-    return CircleSizes(period, n, tuple(groups), n_nodes)
+    return tuple(groups)
 
 
 def highest_order(x: float) -> int:

@@ -18,6 +18,14 @@ a matrix for each frequency), and a matrix over frequencies. Its transpose is th
 The image is taken as band-limited between its pixels: as the sum of its nodes' values times a
 function whose spectrum is 1 for |xi| <= π/h, h the larger pixel side, and 0 beyond.
 
+Through a body of another speed of sound G is the real part of
+
+    Σ_m F_m(lambda c_2/c_1) t_m H_m(lambda |z|) (-i)^m e^{i m theta}
+
+about the body's centre, lambda that of the water and t_m of `special.transmission`, times what
+sources in the body count for. It takes the place of J_m; g is what integrals would be that give the
+same record in water alone. They do not quite vanish beyond T, for which T has a margin.
+
 Source: the series: DLMF 10.23.18 and Watson, Theory of Bessel Functions (1944), chapter XVIII.
 """
 
@@ -29,7 +37,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.checks import is_concrete
 from ..base.rows import map_rows
-from ..geometry import Circle, CircularArc, DetectorCurve, ImageGrid, circle_through
+from ..geometry import Circle, CircularArc, DetectorCurve, DiskBody, ImageGrid, circle_through
 from ..geometry.circles import ROUNDING
 from ..geometry.elements import (
     gauss_rule,
@@ -37,7 +45,7 @@ from ..geometry.elements import (
     nodes_touching_circle,
     touch_circle,
 )
-from ..special import from_grid, hankel_sequence, j0, j1
+from ..special import from_grid, hankel_sequence, j0, j1, transmitted_sequence
 from .circular_sizes import CircleSizes
 
 # bytes of cosines and sines up to which a product with them is faster than a non-uniform FFT
@@ -112,6 +120,7 @@ class CircleIntegrals(eqx.Module):
             group of frequencies (frequencies, pairs, detectors); none on a circle, and where they
             would not fit into memory and are made anew each time.
         series: (2 r/T²) J_0(lambda_k r) / J_1(lambda_k T)², times the low-pass.
+        medium: a body of another speed of sound.
         of: the frequencies.
         shape: of the image.
         tolerance: of the non-uniform FFT.
@@ -124,6 +133,7 @@ class CircleIntegrals(eqx.Module):
     middle: Complex[Array, "groups detectors"] | None
     tables: tuple[Float[Array, "..."], ...]
     series: Float[Array, "frequencies radii"]
+    medium: DiskBody | None
     of: Series
     shape: tuple[int, int] = eqx.field(static=True)
     tolerance: float = eqx.field(static=True)
@@ -164,7 +174,7 @@ class CircleIntegrals(eqx.Module):
 
         @jax.checkpoint
         def at(positions: Positions, frequency: Array, one: Array) -> Array:
-            table = _products(positions, frequency, orders)
+            table = _products(positions, frequency, orders, self.medium)
             return jnp.einsum("bm,md->bd", _real_pairs(one), table)
 
         values = map_rows(
@@ -182,6 +192,7 @@ def circle_integrals(
     sizes: CircleSizes,
     eta: Float[Array, " frequencies"] | None,
     tolerance: float,
+    medium: DiskBody | None = None,
 ) -> CircleIntegrals:
     """The operator of a geometry, with all its tables.
 
@@ -190,12 +201,13 @@ def circle_integrals(
         sizes: of a geometry like it.
         eta: low-pass at `sizes.frequencies`; None for none.
         tolerance: relative error of the non-uniform FFT.
+        medium: a body of another speed of sound; may be traced.
     """
     # outside of the program: of known detectors it is seen whether they lie on a circle
-    positions = _positions(curve, grid, sizes.n_nodes)
+    positions = _positions(curve, grid, sizes.n_nodes, medium)
     frequencies, period = jax.device_put((sizes.frequencies, np.float64(sizes.period)))
     of = Series(frequencies, period, sizes.groups)
-    return _integrals(positions, grid, radii, of, eta, tolerance)
+    return _integrals(positions, grid, radii, of, eta, tolerance, medium)
 
 
 @eqx.filter_jit
@@ -206,32 +218,42 @@ def _integrals(
     of: Series,
     eta: Array | None,
     tolerance: float,
+    medium: DiskBody | None,
 ) -> CircleIntegrals:
     series = _series(radii, of)
+    if medium is not None:
+        series = series * medium.source_strength
     round_about = positions.turns is not None
     dense = round_about and _dense(positions, of)
     return CircleIntegrals(
-        samples=_samples(grid, positions.center, of),
+        samples=_samples(grid, positions.center, of, medium),
         positions=positions,
-        radial=_radial(positions, of) if round_about else None,
+        radial=_radial(positions, of, medium) if round_about else None,
         turned=_turned(positions.angles, of) if dense else None,
         middle=_middle(positions.angles, of) if round_about and not dense else None,
-        tables=() if round_about else _tables(positions, of),
+        tables=() if round_about else _tables(positions, of, medium),
         series=series if eta is None else series * eta[:, None],
+        medium=medium,
         of=of,
         shape=grid.shape,
         tolerance=tolerance,
     )
 
 
-def _positions(curve: DetectorCurve, grid: ImageGrid, n_nodes: int) -> Positions:
-    """Positions about the centre of the detectors' circle, or of the grid if they lie on none."""
+def _positions(
+    curve: DetectorCurve, grid: ImageGrid, n_nodes: int, medium: DiskBody | None
+) -> Positions:
+    """Positions about the centre of the detectors' circle, or of the grid if they lie on none.
+
+    About that of a body, if there is one.
+    """
     points, weights = curve.element_nodes(n_nodes)
     circle = _common_circle(curve)
-    if circle is None:
-        local = jnp.moveaxis(points, 1, 0) - grid.center
+    center = grid.center if medium is None else medium.center
+    if circle is None or (medium is not None and not _concentric(circle, medium)):
+        local = jnp.moveaxis(points, 1, 0) - center
         angles = jnp.arctan2(local[..., 1], local[..., 0])
-        return Positions(grid.center, jnp.linalg.norm(local, axis=-1), angles, None, weights)
+        return Positions(center, jnp.linalg.norm(local, axis=-1), angles, None, weights)
     if isinstance(curve, CircularArc):
         # in a turn about zero, where rounding to 32 bits loses least
         angles = jnp.mod(curve.angle + curve.angles, 2 * jnp.pi) - jnp.pi
@@ -258,13 +280,25 @@ def _common_circle(curve: DetectorCurve) -> Circle | None:
     return circle if touch_circle(curve.normals, outward, ROUNDING) else None
 
 
-def _samples(grid: ImageGrid, center: Float[Array, "2"], of: Series) -> PolarSamples:
+def _concentric(circle: Circle, medium: DiskBody) -> bool:
+    """Whether the centre of detectors is that of a body, both known."""
+    if not is_concrete(circle, medium.center):
+        return False
+    off = np.asarray(circle.center) - np.asarray(medium.center)
+    return bool(np.hypot(*off) <= ROUNDING * float(circle.radius))
+
+
+def _samples(
+    grid: ImageGrid, center: Float[Array, "2"], of: Series, medium: DiskBody | None
+) -> PolarSamples:
     frequencies, parts = of.frequencies, []
     for first, last, _, turn in of.groups:
         omega = 2 * np.pi / turn * np.arange(turn // 2)
         directions = np.stack([np.cos(omega), np.sin(omega)], axis=-1)
         parts.append((frequencies[first:last, None, None] * directions).reshape(-1, 2))
     xi = jnp.concatenate(parts)
+    if medium is not None:
+        xi = xi / medium.speed_ratio
     middle = jnp.stack(
         [axis[n // 2] for axis, n in zip((grid.x1, grid.x2), grid.shape, strict=True)]
     )
@@ -273,11 +307,13 @@ def _samples(grid: ImageGrid, center: Float[Array, "2"], of: Series) -> PolarSam
     return PolarSamples(xi * grid.spacing, area * jax.lax.complex(jnp.cos(phase), jnp.sin(phase)))
 
 
-def _radial(positions: Positions, of: Series) -> Float[Array, "frequencies orders"]:
+def _radial(
+    positions: Positions, of: Series, medium: DiskBody | None
+) -> Float[Array, "frequencies orders"]:
     """Elements are symmetric about their middle, so that sines have the mean 0."""
     assert positions.turns is not None
     orders = of.last_order
-    j, _ = hankel_sequence(orders, of.frequencies[:, None] * positions.radii)
+    j = _waves(orders, of.frequencies[:, None], positions.radii, medium)
     cosines = jnp.cos(jnp.arange(orders + 1.0)[:, None] * positions.turns) * positions.weights
     return jnp.sum(j * cosines[:, None, :], axis=-1).T * _signs(orders)
 
@@ -299,13 +335,15 @@ def _middle(angles: Float[Array, " detectors"], of: Series) -> Complex[Array, "g
     return jax.lax.complex(jnp.cos(phase), jnp.sin(phase))
 
 
-def _tables(positions: Positions, of: Series) -> tuple[Float[Array, "..."], ...]:
+def _tables(
+    positions: Positions, of: Series, medium: DiskBody | None
+) -> tuple[Float[Array, "..."], ...]:
     entries = sum((last - first) * 2 * (m + 1) for first, last, m, _ in of.groups)
     if 8 * entries * positions.angles.shape[-1] > KEPT:
         return ()
     return tuple(
         map_rows(
-            lambda frequency, orders=orders: _products(positions, frequency, orders),
+            lambda frequency, orders=orders: _products(positions, frequency, orders, medium),
             of.frequencies[first:last],
             TOGETHER,
         )
@@ -313,14 +351,26 @@ def _tables(positions: Positions, of: Series) -> tuple[Float[Array, "..."], ...]
     )
 
 
+def _waves(
+    orders: int, frequency: Float[Array, "..."], radii: Array, medium: DiskBody | None
+) -> Float[Array, "orders ..."]:
+    """J_m(lambda |z|), through a body the real part of t_m H_m(lambda |z|)."""
+    x = frequency * radii
+    if medium is None:
+        return hankel_sequence(orders, x)[0]
+    outer = frequency * medium.radius
+    inner = outer / medium.speed_ratio
+    return transmitted_sequence(orders, inner, outer, medium.density_ratio, x)
+
+
 def _products(
-    positions: Positions, frequency: Float[Array, ""], orders: int
+    positions: Positions, frequency: Float[Array, ""], orders: int, medium: DiskBody | None
 ) -> Float[Array, "pairs detectors"]:
     """(-i)^m J_m(lambda |z|) (cos m theta, -sin m theta), for the real parts of harmonics."""
 
     def of_node(node: tuple[Array, Array]) -> Array:
         radii, angles = node
-        j, _ = hankel_sequence(orders, frequency * radii)
+        j = _waves(orders, frequency, radii, medium)
         phase = jnp.arange(orders + 1.0)[:, None] * angles
         factors = j * _signs(orders)[:, None]
         return jnp.concatenate([factors * jnp.cos(phase), -factors * jnp.sin(phase)])

@@ -73,6 +73,11 @@ class SphereSizes(eqx.Module):
         """lambda_k = π k/T [rad/length]."""
         return np.pi / self.period * np.arange(1, self.n_frequencies + 1)
 
+    @property
+    def highest(self) -> float:
+        """Up to which volumes have a spectrum [rad/length]."""
+        return float(self.frequencies[-1])
+
     def first(self, n: int) -> "SphereSizes":
         """The sizes of the first n frequencies alone, for a volume on coarser voxels."""
         bands = tuple(

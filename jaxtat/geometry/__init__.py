@@ -6,6 +6,7 @@ radius of the region of interest as in the paper.
 
 from .arcs import ArcFit, fit_arc, order_along_curve
 from .balls import Ball, ball
+from .bodies import DiskBody, region_about, require_surrounded
 from .caps import DetectorPoints, SphericalCap, spherical_cap
 from .circles import Circle, circle_through, fit_circle, near_circle
 from .curves import CircularArc, DetectorCurve, SampledCurve, circular_arc, turned_views
@@ -30,6 +31,7 @@ __all__ = [
     "DetectorPoints",
     "DetectorRings",
     "Disk",
+    "DiskBody",
     "Grid",
     "ImageGrid",
     "Polygon",
@@ -60,8 +62,10 @@ __all__ = [
     "polygon",
     "polyline",
     "rectangle",
+    "region_about",
     "require_outside",
     "require_radii",
+    "require_surrounded",
     "seen_share",
     "spherical_cap",
     "transverse_weight",

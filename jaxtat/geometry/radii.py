@@ -5,12 +5,18 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_objects, require_positive
+from .bodies import DiskBody, lag
 from .curves import DetectorCurve
 from .regions import Region
 
 
 def data_radii(
-    curve: DetectorCurve, region: Region, step: Numbers, *, sources: Region | None = None
+    curve: DetectorCurve,
+    region: Region,
+    step: Numbers,
+    *,
+    sources: Region | None = None,
+    medium: DiskBody | None = None,
 ) -> Float[Array, " radii"]:
     """Equispaced radii r_min, r_min + step, ... up to the first one at or beyond r_max.
 
@@ -22,6 +28,7 @@ def data_radii(
         curve, region: the geometry (concrete, since it decides how many radii there are).
         step: distance between radii, usually the pixel size [length].
         sources: where f may differ from zero, if that is not inside the region of interest.
+        medium: a body of another speed of sound; radii are then paths in water that take as long.
 
     Returns:
         (radii,) [length].
@@ -37,12 +44,12 @@ def data_radii(
     require_objects(curve=curve, region=region)
     step = real_array("step", step, ())
     require_positive("step", step)
-    if not is_concrete(curve, region, step, sources):
+    if not is_concrete(curve, region, step, sources, medium):
         raise ValueError(
             "curve, region, step or sources are traced, and decide how many radii there are: "
             "compute radii outside of jax.jit, and pass them in."
         )
-    spans = [_distances(curve, where) for where in (region, sources) if where is not None]
+    spans = [_distances(curve, where, medium) for where in (region, sources) if where is not None]
     least, most = min(span[0] for span in spans), max(span[1] for span in spans)
     # a span that is a whole number of steps but for rounding and sampling needs no further radius
     n = int(np.ceil((most - least) / float(step) - 1e-3)) + 1
@@ -80,7 +87,12 @@ def covers(radii: Float[np.ndarray, " radii"], least: float, most: float) -> boo
     return bool(radii[0] <= least + steps[0] and radii[-1] >= most - steps[-1])
 
 
-def uncovered(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"]) -> str:
+def uncovered(
+    curve: DetectorCurve,
+    region: Region,
+    radii: Float[Array, " radii"],
+    medium: DiskBody | None = None,
+) -> str:
     """Text about circles that meet the region but have no data; "" for none, or traced ones.
 
     See `covers`. Whether they also cover sources outside the region only the user can know, see
@@ -89,10 +101,10 @@ def uncovered(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"
     Raises:
         ValueError: if none of those that have data meets it.
     """
-    if not is_concrete(curve, region, radii):
+    if not is_concrete(curve, region, radii, medium):
         return ""
     values = np.asarray(radii)
-    least, most = _distances(curve, region)
+    least, most = _distances(curve, region, medium)
     if covers(values, least, most):
         return ""
     missing = (
@@ -104,11 +116,19 @@ def uncovered(curve: DetectorCurve, region: Region, radii: Float[Array, " radii"
     return missing
 
 
-def _distances(curve: DetectorCurve, region: Region) -> tuple[float, float]:
-    """Least and largest distance from a detector to the boundary of the region."""
+def _distances(
+    curve: DetectorCurve, region: Region, medium: DiskBody | None
+) -> tuple[float, float]:
+    """Least and largest distance from a detector to the boundary of the region.
+
+    Through a body the straight way, as far as water would be crossed in the same time.
+    """
     along1, along2 = (
         np.subtract.outer(one, other)
         for one, other in zip(np.asarray(curve.points).T, np.asarray(region.points).T, strict=True)
     )
     square = along1**2 + along2**2
-    return float(np.sqrt(square.min())), float(np.sqrt(square.max()))
+    if medium is None:
+        return float(np.sqrt(square.min())), float(np.sqrt(square.max()))
+    distance = np.sqrt(square) + np.asarray(lag(medium, curve.points, region.points))
+    return float(distance.min()), float(distance.max())

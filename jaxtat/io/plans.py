@@ -32,7 +32,7 @@ from .limits import Allowance, refusing
 from .reader import read_file
 from .stored_modules import from_plain, require_types, to_plain
 
-FORMAT, VERSION = "jaxtat plan", 7
+FORMAT, VERSION = "jaxtat plan", 8
 _BLOCK = 512  # [byte], the least HDF5 allows
 
 
@@ -99,7 +99,7 @@ def load_plan(path: str | Path) -> ReconstructionPlan:
 def _with_own_sizes(plan: ReconstructionPlan) -> ReconstructionPlan:
     """The plan with the operator's sizes of its own positions, which may have been replaced."""
     setup = plan.setup
-    sizes = replace(setup.sizes, operator=circle_sizes(setup.curve, setup.grid))
+    sizes = replace(setup.sizes, operator=circle_sizes(setup.curve, setup.grid, setup.medium))
     return eqx.tree_at(
         lambda tree: tree.setup.sizes, plan, sizes, is_leaf=lambda part: part is setup.sizes
     )
@@ -176,7 +176,7 @@ def _require_consistent(plan: Any) -> None:
             f"and {detectors} detectors ({error})."
         ) from error
     # of detectors whose number the densities bear out
-    if plan.setup.sizes.operator != circle_sizes(plan.curve, plan.grid):
+    if plan.setup.sizes.operator != circle_sizes(plan.curve, plan.grid, plan.setup.medium):
         raise ValueError("sizes of a forward operator that are not of its detectors and pixels.")
     try:
         checked_width(plan.curve.element_width, plan.curve.weights)

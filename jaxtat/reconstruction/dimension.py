@@ -11,11 +11,13 @@ from ..densities import Basis
 from ..forward import circle_integrals, sphere_integrals
 from ..geometry import (
     DetectorCurve,
+    DiskBody,
     ImageGrid,
     Region,
     VolumeGrid,
     data_radii,
     require_outside,
+    require_surrounded,
     uncovered,
 )
 from ..geometry.balls import Ball
@@ -32,6 +34,8 @@ DEFAULT_ALPHA_IN_SPACE = 1e-6
 
 class Kind(NamedTuple):
     """What a problem is made of and how it is answered, in the plane or in space.
+
+    Functions of a curve take the medium as one argument more, if there is one.
 
     Attributes:
         where: in words.
@@ -58,8 +62,8 @@ class Kind(NamedTuple):
     radii: Callable[..., Array]
     radii_per_pixel: int
     sizes: Callable[..., tuple[Any, Any]]
-    require_fitting: Callable[[Any, Any], None]
-    uncovered: Callable[[Any, Any, Array], str]
+    require_fitting: Callable[..., None]
+    uncovered: Callable[..., str]
     basis: Callable[..., Basis]
     default_rule: Callable[[Any], TikhonovRule]
     tolerance: float
@@ -68,6 +72,11 @@ class Kind(NamedTuple):
 
     def require(self, name: str, part: Any) -> None:
         """Raise ValueError for a curve, region or grid of another kind."""
+        if name not in self.parts:
+            raise ValueError(
+                f"{name} is {named(part)}, expected none for detectors in {self.where}: there is "
+                "one speed of sound."
+            )
         expected, maker = self.parts[name]
         if not isinstance(part, expected):
             raise ValueError(
@@ -76,10 +85,18 @@ class Kind(NamedTuple):
             )
 
 
-def _plane_radii(curve: DetectorCurve, region: Region, step: Array) -> Array:
+def _plane_radii(
+    curve: DetectorCurve, region: Region, step: Array, medium: DiskBody | None = None
+) -> Array:
     if region.automatic:  # the same, whichever setup the region has been in
         region = region.with_counts(region.shared_out(DEFAULT_BOUNDARY))
-    return data_radii(curve, region, step)
+    return data_radii(curve, region, step, medium=medium)
+
+
+def _require_plane(curve: DetectorCurve, region: Region, medium: DiskBody | None = None) -> None:
+    require_outside(curve, region)
+    if medium is not None:
+        require_surrounded(curve, region, medium)
 
 
 def _require_space(curve: Any, region: Ball) -> None:
@@ -98,11 +115,12 @@ PLANE = Kind(
         "curve": (DetectorCurve, "detector_curve(positions) or circular_arc"),
         "region": (Region, "disk(radius), polygon or rectangle"),
         "grid": (ImageGrid, "ImageGrid(n)"),
+        "medium": (DiskBody, "DiskBody"),
     },
     radii=_plane_radii,
     radii_per_pixel=1,
     sizes=plane_sizes,
-    require_fitting=require_outside,
+    require_fitting=_require_plane,
     uncovered=uncovered,
     basis=plane_basis,
     default_rule=default_rule,

@@ -165,7 +165,7 @@ def solve(
     used = tikhonov_rule(used, setup.sizes.n_frequencies)
     eta = low_pass_values(low_pass, setup.sizes.n_frequencies)
     where = setup.curve, setup.region, setup.radii, setup.sizes
-    basis = kind.basis(*where, mesh)
+    basis = kind.basis(*where, mesh, *setup.through)
     stack = reshaped(data, (-1, *setup.data_shape))
     basis, stack, grid, used, eta = replicated((basis, stack, setup.grid, used, eta), mesh)
     images, report, energies = solved(basis, stack, grid, used, eta, inversion)

@@ -54,8 +54,8 @@ class OnLadder(eqx.Module):
     def basis(self) -> PlaneBasis:
         """The waves to solve in."""
         if self.geometry is None:
-            return plane_basis(*plane_of(self.setup), None)
-        kernels = data_kernels(self.radii, self.sizes)
+            return plane_basis(*plane_of(self.setup), None, *self.setup.through)
+        kernels = data_kernels(self.radii, self.sizes, self.setup.medium)
         region = self.setup.region
         return CylindricalWaves(self.curve, region, self.sizes, *kernels, None, self.geometry)
 
@@ -120,7 +120,7 @@ def on_ladder(setup: Setup, n_detectors: int = 0, *, n_groups: int = 1) -> OnLad
     if not sizes.reached or longer is None:
         return OnLadder(setup, curve, setup.grid, radii, sizes, None)
     n = rung(max(curve.n_detectors, n_detectors))
-    geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
+    geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset, setup.medium)
     sizes = _sizes(geometry, sizes, n_groups)
     return OnLadder(
         setup,

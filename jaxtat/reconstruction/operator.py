@@ -42,7 +42,7 @@ class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
 
     Attributes:
         integrals: the linear map and what it keeps of the geometry.
-        max_frequency: of the transforms [rad/length].
+        max_frequency: of the transforms of images [rad/length].
         image_shape, data_shape: of one image and its data.
         transposed: whether this is A^T.
     """
@@ -133,6 +133,9 @@ def forward_operator(
     cut off at the region. What depends on the geometry alone is computed here, once, and kept; with
     it A is a pytree of arrays. Differentiable with respect to images, detectors and radii.
 
+    With a medium the data are those of sources in its body, see `Setup`, differentiable in the
+    body's numbers too.
+
         A = forward_operator(setup)
         g = A.mv(image)             # (detectors, radii); A(images) takes stacks
         back = A.T.mv(g)            # the exact transpose
@@ -193,7 +196,7 @@ def operator_on(
     steps = zip(grid.shape, setup.grid.shape, strict=True)
     share = min((coarse - 1) / (fine - 1) for coarse, fine in steps)
     if max_frequency is not None:
-        share = min(share, max_frequency / float(sizes.frequencies[-1]))
+        share = min(share, max_frequency / sizes.highest)
     if share < 1:
         sizes = sizes.first(
             min(rung(max(1, int(share * sizes.n_frequencies))), sizes.n_frequencies)
@@ -218,14 +221,15 @@ def _made(
     tolerance = float(tolerance)
     if not 1e-14 <= tolerance <= 0.1:
         raise ValueError(f"tolerance is {tolerance}, expected 1e-14 to 0.1.")
-    integrals = setup.kind.fast_integrals(setup.curve, grid, setup.radii, sizes, eta, tolerance)
+    where = setup.curve, grid, setup.radii
+    integrals = setup.kind.fast_integrals(*where, sizes, eta, tolerance, *setup.through)
     shape = setup.data_shape
     if record is not None:
         integrals = eqx.tree_at(lambda each: each.series, integrals, integrals.series @ record.T)
         shape = (*shape[:-1], record.shape[0])
     if chosen == np.float32:
         integrals = _in_single_precision(integrals)
-    highest = jax.device_put(np.float64(sizes.frequencies[-1]))
+    highest = jax.device_put(np.float64(sizes.highest))
     return ForwardOperator(integrals, highest, grid.shape, shape)
 
 

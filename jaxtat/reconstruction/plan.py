@@ -55,7 +55,7 @@ from ..regularization import (
 )
 from ..steps import UnreachedWaves, require_boundary
 from .plane_bases import StoredDensities, data_kernels
-from .setup import Setup, plane_of, require_complete
+from .setup import Setup, plane_of, require_complete, require_one_speed
 from .sizes import PlaneSizes, systems_fit
 
 METHODS = ("auto", "cylindrical", "collocation", "series")
@@ -193,6 +193,8 @@ def build_plan(
     require_complete(setup)
     if method == "auto":
         method = "cylindrical" if sizes.reached else "collocation"
+    if method != "cylindrical":
+        require_one_speed(setup, f"method {method!r}")
     rule = _rule(method, rule, sizes.as_in_the_paper)
     if is_concrete(setup):
         # inside jax.jit too: only the rule's number may be traced
@@ -200,7 +202,9 @@ def build_plan(
             if method != "cylindrical":
                 require_boundary(region, sizes.max_frequency)
             polar = sizes.frequencies, sizes.angles
-            systems_fit(curve, region, setup.radii, polar, method == "cylindrical", plan=True)
+            systems_fit(
+                curve, region, setup.radii, polar, method == "cylindrical", True, setup.medium
+            )
             norms = unit_norms(
                 curve, region, sizes.frequencies, sizes.norm_orders, angles=sizes.angles
             )
@@ -213,7 +217,14 @@ def build_plan(
         densities = densities.in_single_precision() if precision == "single" else densities
     if all(leaf.ndim == 0 for leaf in jax.tree.leaves(rule)):
         _warn_of_residuals(report)  # a rule made for every frequency leaves out what it wants to
-    return ReconstructionPlan(setup, densities, rule, report, *data_kernels(setup.radii, sizes))
+    kernels = data_kernels(setup.radii, sizes, setup.medium)
+    return ReconstructionPlan(setup, densities, rule, report, *kernels)
+
+
+def _geometry(setup: Setup) -> PolarGeometry:
+    """About the centre of the waves."""
+    curve, region, _, sizes = plane_of(setup)
+    return polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset, setup.medium)
 
 
 def _checked(rule: Any) -> Regularization | None:
@@ -266,7 +277,7 @@ def _traced(
     frequencies, angles = sizes.frequencies, sizes.angles
     norms = unit_norms(curve, region, frequencies, sizes.norm_orders, angles)
     if method == "cylindrical":
-        geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
+        geometry = _geometry(setup)
         offset = region.center - geometry.center
         values, report = _traced_cylindrical(geometry, offset, norms, rule, sizes)
     else:
@@ -311,10 +322,10 @@ def _cylindrical(
     setup: Setup, norms: Array, regularization: Regularization, single: bool, bar: tqdm
 ) -> tuple[Densities, DensityReport]:
     """Groups of frequencies with the same number of orders; within a group a few at a time."""
-    curve, region, _, sizes = plane_of(setup)
+    _, region, _, sizes = plane_of(setup)
     frequencies, angles = sizes.frequencies, sizes.angles
     with jax.ensure_compile_time_eval():
-        geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
+        geometry = _geometry(setup)
         orders = wave_orders(geometry, np.asarray(frequencies))
         # numpy, of which parts can be taken without a compilation for each
         table = wave_table(geometry, frequencies, int(orders.max()))
@@ -349,7 +360,7 @@ def _collocation(
         mirror = find_mirror(curve, region)
         units = single_crossing(frequencies) ** 2
         if regularization.has_unit and sizes.reached:
-            geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
+            geometry = _geometry(setup)
             n_max = int(wave_orders(geometry, np.asarray(frequencies)).max())
             units = alpha_units(geometry, wave_table(geometry, frequencies, n_max))
         rules = rules.in_units_of(units, frequencies)

@@ -13,6 +13,7 @@ from jaxtyping import Array, Complex, Float
 from ..base.checks import by_library, is_concrete
 from ..densities import Basis, Densities, phases_from, solve_on_boundary
 from ..densities.cylindrical_waves import (
+    BodyKernels,
     PolarGeometry,
     RuleInputs,
     WaveTable,
@@ -21,7 +22,7 @@ from ..densities.cylindrical_waves import (
     solve_cylindrical_waves,
     wave_table,
 )
-from ..geometry import DetectorCurve, ImageGrid, Region
+from ..geometry import DetectorCurve, DiskBody, ImageGrid, Region
 from ..regularization import (
     DEFAULT_KAPPA,
     RelativeTikhonov,
@@ -135,7 +136,8 @@ class CylindricalWaves(_Solved):
         harmonics, report = _harmonics(
             geometry, table, sizes.groups, transformed, inputs, self.mesh
         )
-        return _on_polar_grid(geometry, harmonics, sizes.frequencies, sizes.angles), report
+        where = geometry, self.region.center, sizes.frequencies, sizes.angles
+        return _on_polar_grid(*where, harmonics), report
 
 
 class BoundaryTraces(_Solved):
@@ -148,9 +150,18 @@ class BoundaryTraces(_Solved):
         return _on_boundary(self, transformed, self.inputs(rule))
 
 
-def data_kernels(radii: Float[Array, " radii"], sizes: PlaneSizes) -> tuple[Array, Array]:
-    """`PlaneBasis.kernels` and `totals`."""
-    return _data_kernels(radii, sizes.frequencies)
+def data_kernels(
+    radii: Float[Array, " radii"], sizes: PlaneSizes, medium: DiskBody | None = None
+) -> tuple[Array, Array]:
+    """`PlaneBasis.kernels` and `totals`.
+
+    Outside of a body the waves of lambda in it have the frequency lambda c_1/c_2; its sources are
+    counted by their strength in the body.
+    """
+    if medium is None:
+        return _data_kernels(radii, sizes.frequencies)
+    kernels, totals = _data_kernels(radii, sizes.frequencies * medium.speed_ratio)
+    return kernels / medium.source_strength, totals / medium.source_strength
 
 
 @jax.jit
@@ -176,15 +187,16 @@ def plane_basis(
     radii: Array,
     sizes: PlaneSizes,
     mesh: Mesh | None,
+    medium: DiskBody | None = None,
 ) -> PlaneBasis:
     """Cylindrical waves if they reach, else the boundary; arguments as in `solve`, checked."""
-    common = curve, region, sizes, *data_kernels(radii, sizes)
+    common = curve, region, sizes, *data_kernels(radii, sizes, medium)
     if not sizes.reached:
         return BoundaryTraces(*common, mesh)
     # of a known geometry known inside jax.jit too
-    known = is_concrete(curve, region)
+    known = is_concrete(curve, region, medium)
     with jax.ensure_compile_time_eval() if known else nullcontext():
-        geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
+        geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset, medium)
     return CylindricalWaves(*common, mesh, geometry)
 
 
@@ -235,12 +247,13 @@ def _harmonics(
 
 @eqx.filter_jit
 def _on_polar_grid(
-    geometry: PolarGeometry, harmonics: Array, frequencies: Array, angles: Array
+    geometry: PolarGeometry, center: Array, frequencies: Array, angles: Array, harmonics: Array
 ) -> Complex[Array, "images frequencies directions"]:
     """fhat on the polar grid, phases counted from the region's centre."""
     fhat = circular_harmonics_at(harmonics, angles - geometry.axis)
-    if not geometry.disk:  # the harmonics count them from the centre of the waves
-        offset = geometry.region.center - geometry.center
+    # the harmonics count them from the centre of the waves
+    if not geometry.disk or isinstance(geometry.kernels, BodyKernels):
+        offset = center - geometry.center
         fhat = fhat * phases_from(frequencies, angles, offset)
     return fhat
 

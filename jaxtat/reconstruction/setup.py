@@ -14,7 +14,7 @@ from ..base.checks import (
     require_x64,
 )
 from ..base.memory_maps import drop_programs_if_short_of_maps
-from ..geometry import DetectorCurve, Region
+from ..geometry import DetectorCurve, DiskBody, Region
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, SphericalCap
 from ..spherical.sizes import SpaceSizes
@@ -32,11 +32,16 @@ class Setup(eqx.Module):
     when it is made. With `jax.jit`, make it outside, pass it in, and change its arrays by
     `replace`: no new program is compiled.
 
+    With a ``medium``, a body of another speed of sound, what a detector records are no integrals
+    over circles. The data are then what `pressure_to_circular_integrals` makes of the record with
+    the water's speed: integrals that waves in water alone would give the same record for.
+
     Attributes:
         curve: the detectors.
         region: where the image means something.
         grid: where it is wanted.
-        radii: r of the data, (radii,) [length].
+        radii: r of the data, (radii,) [length]. Through a medium r/c_2 is the time.
+        medium: what sound goes through; None for one speed of sound.
         sizes: numbers of frequencies, directions and waves.
         complete: whether the radii cover the region. Where they do not, as in records that end
             early, there is no formula: `model_based` fits what was recorded.
@@ -48,6 +53,7 @@ class Setup(eqx.Module):
     radii: Float[Array, " radii"]
     sizes: PlaneSizes | SpaceSizes
     complete: bool = eqx.field(static=True)
+    medium: DiskBody | None
 
     def __init__(
         self,
@@ -56,6 +62,7 @@ class Setup(eqx.Module):
         grid: Any,
         radii: Numbers | None = None,
         *,
+        medium: Any = None,
         max_frequency: Numbers | None = None,
         n_directions: int | None = None,
         _n_groups: int = GROUPS,  # of frequencies: fewer compile sooner and run longer
@@ -70,13 +77,15 @@ class Setup(eqx.Module):
             radii: r > 0 of the data, increasing, (radii,) [length]; by default those of
                 `data_radii`, a pixel apart (in space half a voxel). All but `model_based` needs
                 those that cover the region and all other sources.
+            medium: a `DiskBody` in water, in the plane; by default one speed of sound.
             max_frequency: lambda_max [rad/length]; by default π over the larger of pixel and radial
                 step, beyond which neither data nor image hold anything.
             n_directions: by default enough for lambda_max, a multiple of 32.
 
         Raises:
-            ValueError: for detectors in the region, radii with holes, a grid that misses the
-                region, wrong shapes, NaN, a traced geometry, or 64-bit arithmetic off.
+            ValueError: for detectors in the region or the body, a region that reaches beyond the
+                body, radii with holes, a grid that misses the region, wrong shapes, NaN, a traced
+                geometry, or 64-bit arithmetic off.
 
         Warns:
             VisibilityWarning: if lines through the region miss the curve.
@@ -90,27 +99,35 @@ class Setup(eqx.Module):
         require_x64()
         drop_programs_if_short_of_maps()  # before those of new sizes
         kind = kind_of(curve)
-        for name, part in {"curve": curve, "region": region, "grid": grid}.items():
-            kind.require(name, part)
-        if not is_concrete(curve, region, grid, radii, max_frequency):
+        parts = {"curve": curve, "region": region, "grid": grid, "medium": medium}
+        for name, part in parts.items():
+            if part is not None or name != "medium":
+                kind.require(name, part)
+        if not is_concrete(curve, region, grid, radii, medium, max_frequency):
             raise ValueError(
-                "curve, region, grid or radii are traced, and sizes depend on them: make the Setup "
-                "of typical ones outside, and inside setup.replace(curve=..., radii=...)."
+                "curve, region, grid, radii or medium are traced, and sizes depend on them: make "
+                "the Setup of typical ones outside, and inside setup.replace(curve=..., radii=...)."
             )
+        self.curve, self.grid, self.medium = curve, grid, medium
         if radii is None:
             with jax.ensure_compile_time_eval():  # inside jax.jit too
-                radii = kind.radii(curve, region, grid.spacing.max() / kind.radii_per_pixel)
-        self.curve, self.grid = curve, grid
+                step = grid.spacing.max() / kind.radii_per_pixel
+                radii = kind.radii(curve, region, step, *self.through)
         self.radii = real_array("radii", radii, ("radii",))
         self.sizes, self.region = kind.sizes(
-            curve, region, grid, self.radii, max_frequency, n_directions, _n_groups
+            curve, region, grid, self.radii, max_frequency, n_directions, _n_groups, *self.through
         )
-        self.complete = not kind.uncovered(curve, self.region, self.radii)
+        self.complete = not kind.uncovered(curve, self.region, self.radii, *self.through)
 
     @property
     def kind(self) -> Kind:
         """What differs between the plane and space."""
         return kind_of(self.curve)
+
+    @property
+    def through(self) -> tuple[DiskBody, ...]:
+        """The medium, as one argument more or none."""
+        return () if self.medium is None else (self.medium,)
 
     @property
     def frequencies(self) -> Float[Array, " frequencies"]:
@@ -134,6 +151,7 @@ class Setup(eqx.Module):
         region: Any = None,
         grid: Any = None,
         radii: Numbers | None = None,
+        medium: DiskBody | None = None,
     ) -> "Setup":
         """The same sizes with other positions, which may be traced.
 
@@ -143,6 +161,7 @@ class Setup(eqx.Module):
             curve, region, grid: of the same kind and size; the region's boundary gets as many
                 points as before.
             radii: as many as before, (radii,) [length].
+            medium: in place of the one that the setup has.
 
         Raises:
             ValueError: for other kinds or sizes, and, of concrete ones, as when a setup is made.
@@ -155,7 +174,7 @@ class Setup(eqx.Module):
         >>> float(jax.grad(farthest)(1.3)) > 0
         True
         """
-        parts = {"curve": curve, "region": region, "grid": grid}
+        parts = {"curve": curve, "region": region, "grid": grid, "medium": medium}
         new = {name: part for name, part in parts.items() if part is not None}
         if isinstance(region, Region) and isinstance(self.region, Region):
             new["region"] = _with_counts(region, self.region)
@@ -167,9 +186,10 @@ class Setup(eqx.Module):
         changed = eqx.tree_at(
             lambda setup: [getattr(setup, name) for name in names], self, list(new.values())
         )
-        if is_concrete(changed) and new.keys() & {"curve", "region", "radii"}:
-            self.kind.require_fitting(changed.curve, changed.region)
-            if self.complete and self.kind.uncovered(changed.curve, changed.region, changed.radii):
+        if is_concrete(changed) and new.keys() & {"curve", "region", "radii", "medium"}:
+            where, through = (changed.curve, changed.region), changed.through
+            self.kind.require_fitting(*where, *through)
+            if self.complete and self.kind.uncovered(*where, changed.radii, *through):
                 raise ValueError(_incomplete(changed))
         return changed
 
@@ -190,6 +210,14 @@ def plane_of(setup: Setup) -> tuple[DetectorCurve, Region, Array, PlaneSizes]:
     return curve, region, setup.radii, sizes
 
 
+def require_one_speed(setup: Setup, name: str) -> None:
+    """Raise ValueError for a setup with a medium, for what knows one speed of sound alone."""
+    if setup.medium is not None:
+        raise ValueError(
+            f"the setup has a medium, and {name} takes one speed of sound: leave the medium out."
+        )
+
+
 def require_setup(setup: Any) -> None:
     """Raise ValueError for what is no `Setup`."""
     if not isinstance(setup, Setup):
@@ -205,7 +233,7 @@ def require_complete(setup: Setup) -> None:
 
 
 def _incomplete(setup: Setup) -> str:
-    missing = setup.kind.uncovered(setup.curve, setup.region, setup.radii)
+    missing = setup.kind.uncovered(setup.curve, setup.region, setup.radii, *setup.through)
     return (
         f"{missing or 'the radii of this setup do not cover its region'}: record longer, shrink "
         "the region, check that radii and positions use the same unit of length, or fit what "
@@ -251,4 +279,6 @@ def _sizes_of(part: Any) -> Any:
         return part.shape, None if size is None else size.shape
     if isinstance(part, Region):
         return part.counts
+    if isinstance(part, DiskBody):
+        return ()
     return part.shape

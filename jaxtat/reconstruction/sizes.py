@@ -19,10 +19,12 @@ from ..densities.cylindrical_waves import (
 from ..forward import CircleSizes, circle_sizes
 from ..geometry import (
     DetectorCurve,
+    DiskBody,
     ImageGrid,
     Region,
     near_circle,
     require_radii,
+    require_surrounded,
     visibility,
 )
 from ..geometry.elements import enough_nodes
@@ -105,6 +107,7 @@ def plane_sizes(
     max_frequency: Numbers | None,
     n_directions: int | None,
     n_groups: int,
+    medium: DiskBody | None = None,
 ) -> tuple[PlaneSizes, Region]:
     """Sizes of a concrete problem, which is checked, and the region with enough boundary points.
 
@@ -113,16 +116,20 @@ def plane_sizes(
     with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
         require_pixels(grid, float(region.reach))  # by which default radii are chosen
         require_radii(radii)  # before anything is made of their steps
-        frequencies, angles = polar_grid(region, grid, radii, max_frequency, n_directions)
+        outside = radii if medium is None else radii * medium.speed_ratio
+        frequencies, angles = polar_grid(region, grid, outside, max_frequency, n_directions)
         highest = float(np.asarray(frequencies)[-1])
         if region.automatic:
             length = float(np.asarray(region.weights).sum())
             region = region.with_counts(region.shared_out(enough_boundary(length, highest)))
         require_problem(curve, region, grid)
         groups: tuple[tuple[int, int, int], ...] = ()
-        geometry, reached = polar_geometry(curve, region), waves_reach(curve, region)
-        systems_fit(curve, region, radii, (frequencies, angles), reached)
-        if reached:
+        if medium is not None:
+            require_surrounded(curve, region, medium)
+        geometry = polar_geometry(curve, region, medium=medium)
+        reached = waves_reach(curve, region, medium)
+        systems_fit(curve, region, radii, (frequencies, angles), reached, medium=medium)
+        if reached or medium is not None:  # or say that nothing else goes through a body
             orders = wave_orders(geometry, np.asarray(frequencies))
             groups = tuple(
                 (part.start, part.stop, -(-n // 4) * 4)
@@ -139,7 +146,7 @@ def plane_sizes(
             groups=groups,
             wave_offset=wave_offset(curve, region),
             norm_orders=enough_orders(1.1 * farthest) if on_quadrature else 0,
-            operator=circle_sizes(curve, grid),
+            operator=circle_sizes(curve, grid, medium),
             as_in_the_paper=on_quadrature
             and float(visibility(curve, region).invisible_fraction) == 0,
             n_nodes=enough_nodes(curve.element_width, highest),
@@ -160,6 +167,7 @@ def systems_fit(
     polar: tuple[Any, Any],
     cylindrical: bool,
     plan: bool = False,
+    medium: DiskBody | None = None,
 ) -> None:
     """Raise ValueError unless the systems of step 1 fit into memory, or the densities of a plan.
 
@@ -168,9 +176,10 @@ def systems_fit(
         polar: frequencies and angles.
         cylindrical: in cylindrical waves, or on the boundary.
         plan: whether densities are kept.
+        medium: a body of another speed of sound.
     """
     highest, n_all, n_directions = float(np.asarray(polar[0])[-1]), len(polar[0]), len(polar[1])
-    geometry = polar_geometry(curve, region) if cylindrical else None
+    geometry = polar_geometry(curve, region, medium=medium) if cylindrical else None
     mirror, disk, on_circle = False, True, False
     if geometry is not None:
         mirror, disk, on_circle = geometry.mirror, geometry.disk, geometry.on_circle

@@ -1,11 +1,13 @@
 """From pressure records to circular integrals: conditioning, noise, channels, sampling."""
 
 from .channels import ChannelQuality, channel_quality, ranges
+from .image_records import simulate_pressure
 from .impulse_response import apply_impulse_response, remove_impulse_response
 from .noise import LEAST_SAMPLES, RecordNoise, noise_of_record, record_noise_level
 from .pressure import MODELS, condition_record, pressure_to_circular_integrals, require_equispaced
 from .pressure_simulation import circular_integrals_to_pressure, pressure_matrix
 from .sampling import Supported, first_arrival, sampled_frequency, supported
+from .water import water_speed
 
 __all__ = [
     "LEAST_SAMPLES",
@@ -26,5 +28,7 @@ __all__ = [
     "remove_impulse_response",
     "require_equispaced",
     "sampled_frequency",
+    "simulate_pressure",
     "supported",
+    "water_speed",
 ]

@@ -367,7 +367,12 @@ def _kernels(
     pressure: Pressure | None, radii: Array, setup: Setup, dtype: np.dtype
 ) -> Float[Array, "rows radii"]:
     """The matrix from integrals to transformed data; radii of pressure are equispaced."""
-    kernels = integrals_to_waves(radii, setup.frequencies, equispaced=pressure is not None)
+    medium, frequencies = setup.medium, setup.frequencies
+    if medium is not None:
+        frequencies = frequencies * medium.speed_ratio
+    kernels = integrals_to_waves(radii, frequencies, equispaced=pressure is not None)
+    if medium is not None:
+        kernels = kernels / medium.source_strength
     return kernels.astype(dtype)  # here, so that both precisions have one program
 
 
@@ -402,7 +407,7 @@ def _waves_of(setup: Setup, dtype: np.dtype) -> DecomposedWaves | None:
     curve, region, _, sizes = plane_of(setup)
     if not sizes.reached:
         return None
-    geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset)
+    geometry = polar_geometry(curve, region, sizes.n_nodes, sizes.wave_offset, setup.medium)
     return decomposed_waves(geometry, sizes.frequencies, sizes.angles, sizes.groups, dtype)
 
 

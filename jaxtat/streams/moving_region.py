@@ -109,7 +109,15 @@ def _setup_around(setup: Setup, region: Disk, grid: Grid, end: float | None) -> 
     radii = np.asarray(radii)
     if end is not None:
         radii = _covering(radii, np.asarray(data_radii(curve, region, radii[1] - radii[0])), end)
-    made = Setup(curve, region, grid, radii, max_frequency=sizes.max_frequency, _n_groups=N_GROUPS)
+    made = Setup(
+        curve,
+        region,
+        grid,
+        radii,
+        medium=setup.medium,
+        max_frequency=sizes.max_frequency,
+        _n_groups=N_GROUPS,
+    )
     require_complete(made)
     return made
 

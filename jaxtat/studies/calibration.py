@@ -44,7 +44,7 @@ from ..densities.cylindrical_waves import (
 )
 from ..geometry import CircularArc, DetectorCurve, Region, turned_views
 from ..reconstruction import Setup
-from ..reconstruction.setup import plane_of, require_waves
+from ..reconstruction.setup import plane_of, require_one_speed, require_waves
 from ..reconstruction.sizes import PlaneSizes
 from ..steps import delayed_transform, radial_transform
 from ..steps.quadrature import interpolation_matrix
@@ -162,6 +162,7 @@ def calibrate(
     """
     require_x64()
     curve, region, radii, sizes = plane_of(setup)
+    require_one_speed(setup, "calibrate")
     _require_unknowns(unknown, curve, turns)
     views = real_array("turns", [0.0] if turns is None else turns, ("views",))
     values = _flat(g, views.shape[0], turns is not None, curve.n_detectors, radii.shape[0])

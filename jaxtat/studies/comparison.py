@@ -31,7 +31,7 @@ from ..densities.cylindrical_waves import (
 )
 from ..phantoms import Phantom, noise_like
 from ..reconstruction import Setup
-from ..reconstruction.setup import plane_of
+from ..reconstruction.setup import plane_of, require_one_speed
 from ..regularization import NormBound, Tikhonov, unit_norms
 from ..regularization.filtered import filtered_solve
 from ..steps import polar_grid
@@ -123,6 +123,7 @@ def compare_regularizations(
     """
     require_x64()
     curve, region, radii, sizes = plane_of(setup)
+    require_one_speed(setup, "compare_regularizations")
     require_objects(phantom=phantom)
     grid = setup.grid
     bounds, alphas = real_array("K", K, ("values",)), real_array("alpha", alpha, ("values",))

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, data_array, real_array, require_positive
 from ..reconstruction import ReconstructionPlan
 from ..reconstruction.plan import require_plan
-from ..steps.radial_transforms import noise_power, radial_transform
+from ..steps.radial_transforms import kernel_noise_power, transform_by
 
 
 def expected_error(
@@ -98,7 +98,7 @@ def image_power(
 
 @eqx.filter_jit
 def _power(plan: ReconstructionPlan, g: Array, sigma: Array) -> Float[Array, " frequencies"]:
-    transformed = radial_transform(g, plan.radii, plan.frequencies)
+    transformed = transform_by(plan.kernels, g)
     fhat = plan.densities.polar_fourier(transformed, plan.curve.weights)
     noise = _noise(plan, sigma)
     raw = jnp.mean(jnp.abs(fhat) ** 2, axis=(0, 2)) - noise
@@ -108,5 +108,5 @@ def _power(plan: ReconstructionPlan, g: Array, sigma: Array) -> Float[Array, " f
 
 def _noise(plan: ReconstructionPlan, sigma: Array) -> Float[Array, " frequencies"]:
     """sigma² p ||rho||² / 4π²: the noise that the densities let through."""
-    unit = noise_power(plan.radii, plan.frequencies, plan.curve.weights)
+    unit = kernel_noise_power(plan.kernels, plan.curve.weights)
     return sigma**2 * unit / (4 * jnp.pi**2) * jnp.mean(plan.report.norm**2, axis=1)

@@ -18,7 +18,7 @@ from ..base.rows import map_rows
 from ..geometry import DetectorCurve, ImageGrid
 from ..geometry.line_weights import kernel_width, weight_at
 from ..reconstruction import Setup
-from ..reconstruction.setup import plane_of
+from ..reconstruction.setup import plane_of, require_one_speed
 from ..regularization import DEFAULT_KAPPA
 from ..steps import trapezoid_weights
 from ..steps.radon import low_pass_values
@@ -72,6 +72,7 @@ def predict_noise(
     True
     """
     curve, _, radii, sizes = plane_of(setup)
+    require_one_speed(setup, "predict_noise")
     nodes = setup.grid if grid is None else grid
     require_objects(grid=nodes)
     sigma = real_array("sigma", sigma, None)

@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.checks import Numbers, data_array, real_array
-from ..geometry import DetectorCurve, Region
+from ..geometry import DetectorCurve, DiskBody, Region
+from ..geometry.bodies import lag
 from ..reconstruction import Setup, forward_operator
 from ..reconstruction.setup import plane_of
 
@@ -95,7 +96,9 @@ def data_residual(setup: Setup, g: Numbers, image: Numbers) -> DataResidual:
         raise ValueError(f"image has shape {np.shape(image)}, expected {grid.shape}.")
     image = jnp.where(region.contains(grid.points), jnp.asarray(image), 0.0)
     image = real_array("image", image, grid.shape)
-    return _compared(g, forward_operator(setup)(image), _meeting(curve, region, radii))
+    return _compared(
+        g, forward_operator(setup)(image), _meeting(curve, region, radii, setup.medium)
+    )
 
 
 @jax.jit
@@ -120,10 +123,17 @@ def _compared(g: Array, modelled: Array, meets: Array) -> DataResidual:
 
 
 @jax.jit
-def _meeting(curve: DetectorCurve, region: Region, radii: Array) -> Bool[Array, "detectors radii"]:
-    """Whether a circle meets the region, which is connected: between its nearest and farthest."""
+def _meeting(
+    curve: DetectorCurve, region: Region, radii: Array, medium: DiskBody | None
+) -> Bool[Array, "detectors radii"]:
+    """Whether a circle meets the region, which is connected: between its nearest and farthest.
+
+    Through a body by the straight way; its echoes come later.
+    """
     offset = curve.points[:, None] - region.points
     distance = jnp.linalg.norm(offset, axis=-1)
+    if medium is not None:
+        distance = distance + lag(medium, curve.points, region.points)
     nearest, farthest = distance.min(axis=1), distance.max(axis=1)
     return (radii >= nearest[:, None]) & (radii <= farthest[:, None])
 

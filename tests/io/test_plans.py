@@ -109,7 +109,7 @@ def seal(path):
     """Give a changed file the digest that goes with it: the format, spelled out once more."""
     content = path.read_bytes()
     digest = hashlib.blake2b(content[BLOCK:]).hexdigest()
-    line = f"jaxtat plan 7 {digest}\n".encode()
+    line = f"jaxtat plan 8 {digest}\n".encode()
     path.write_bytes(line + content[len(line) :])
 
 
@@ -387,18 +387,18 @@ def test_other_files_are_refused(tmp_path):
         file["image"] = np.ones((3, 3))
     with pytest.raises(ValueError, match=r"other\.h5 is not a jaxtat plan"):
         load_plan(path)
-    path.write_bytes(b"jaxtat plan 7 " + hashlib.blake2b(b"text").hexdigest().encode() + b"\n")
+    path.write_bytes(b"jaxtat plan 8 " + hashlib.blake2b(b"text").hexdigest().encode() + b"\n")
     path.write_bytes(path.read_bytes().ljust(BLOCK, b"\0") + b"text")
     with pytest.raises(ValueError, match=r"other\.h5 holds a plan that this jaxtat cannot read"):
         load_plan(path)
 
 
-@pytest.mark.parametrize("version", [1, 2, 6, 8])
+@pytest.mark.parametrize("version", [1, 2, 7, 9])
 def test_another_version_is_refused(tiny_file, tmp_path, version):
     path, line = tmp_path / "other.h5", f"jaxtat plan {version} ".encode()
-    path.write_bytes(tiny_file.read_bytes().replace(b"jaxtat plan 7 ", line, 1))
+    path.write_bytes(tiny_file.read_bytes().replace(b"jaxtat plan 8 ", line, 1))
     message = (
-        rf"other\.h5 .* version '{version}', this jaxtat reads version 7: build the plan again"
+        rf"other\.h5 .* version '{version}', this jaxtat reads version 8: build the plan again"
     )
     with pytest.raises(ValueError, match=message):
         load_plan(path)

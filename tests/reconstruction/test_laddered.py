@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 import jaxtat
-from jaxtat import ImageGrid, Setup, circular_arc, detector_curve, disk, phantoms
+from jaxtat import DiskBody, ImageGrid, Setup, circular_arc, detector_curve, disk, phantoms
 from jaxtat.base.size_ladder import rung
 from jaxtat.geometry import keep_detectors, rectangle
 from jaxtat.reconstruction import on_ladder, solve_on_ladder
@@ -80,6 +80,15 @@ GEOMETRIES = {
 def test_images_are_the_same_in_every_geometry(name):
     curve, region = GEOMETRIES[name]
     setup = Setup(curve, region, ImageGrid(33, 0.9), max_frequency=17.0)
+    assert_the_same(*both_images(setup, 91))
+
+
+@pytest.mark.parametrize("center", [(0.0, 0.0), (0.05, 0.1)], ids=["concentric", "off the centre"])
+@pytest.mark.parametrize("name", ["an arc", "a rectangle", "elements off a circle"])
+def test_images_through_a_body_are_the_same(name, center):
+    curve, region = GEOMETRIES[name]
+    body = DiskBody(center, 1.0, 1.04, 1.0, 1.02)
+    setup = Setup(curve, region, ImageGrid(33, 0.9), medium=body, max_frequency=17.0)
     assert_the_same(*both_images(setup, 91))
 
 

@@ -17,7 +17,7 @@ from .densities import (
     unfold,
     wave_system,
 )
-from .kernels import HankelKernels, Kernels
+from .kernels import BodyKernels, HankelKernels, Kernels
 from .orders import frequency_groups
 from .polar import PolarGeometry, polar_geometry, wave_offset, wave_orders, waves_reach
 from .table import WaveTable, wave_table
@@ -26,6 +26,7 @@ from .tikhonov_rows import DecomposedWaves, decomposed_waves, tikhonov_densities
 from .waves import circular_harmonics_at
 
 __all__ = [
+    "BodyKernels",
     "CylindricalDensities",
     "DecomposedWaves",
     "DensityGroup",

@@ -5,8 +5,8 @@ A source at x in the region and a detector at z, both counted from the centre of
     G_J + i G_Y = Σ_n J_n(lambda |x|) h_n(|z|) e^{in(theta_z - theta_x)},
 
 with h_n = h_-n by the speed of sound on the way. Where it is that of the region, h_n = H_n = J_n +
-i Y_n of lambda |z| (Graf, DLMF 10.23.7). An interface, a circle about the same centre, multiplies
-each order by a complex factor and changes the frequency outside: that is another class.
+i Y_n of lambda |z| (Graf, DLMF 10.23.7). The rim of a body of another speed, a circle about the
+same centre, multiplies each order by a complex factor and changes the frequency outside.
 """
 
 from abc import abstractmethod
@@ -16,11 +16,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...special import scaled_hankel_sequence
+from ...geometry import DiskBody
+from ...special import scaled_hankel_sequence, transmitted_factors
 
 
 class Kernels(eqx.Module):
     """h_n at one or many frequencies and distances."""
+
+    @property
+    def highest_ratio(self) -> Float[Array | np.ndarray, ""]:
+        """The largest frequency on the way, over that in the region: orders are to resolve both."""
+        return np.ones(())
 
     @abstractmethod
     def at(
@@ -47,6 +53,33 @@ class HankelKernels(Kernels):
         scale = jnp.cumprod(steps[:-1], axis=0)
         eps = twice(steps.shape[0] - 2).reshape(-1, *[1] * argument.ndim)
         return eps * jnp.stack([j * scale**2, y])
+
+
+class BodyKernels(Kernels):
+    """h_n = t_n H_n(lambda |z| c_1/c_2): sources in a body, detectors in the water around it.
+
+    Attributes:
+        body: about the centre of the waves.
+    """
+
+    body: DiskBody
+
+    @property
+    def highest_ratio(self) -> Float[Array, ""]:
+        return jnp.maximum(self.body.speed_ratio, 1.0)
+
+    def at(self, frequency: Array, distance: Array, steps: Array) -> Array:
+        body, n_max = self.body, steps.shape[0] - 2
+        inner = frequency * body.radius
+        outer = inner * body.speed_ratio
+        factors = transmitted_factors(n_max, inner, outer, body.density_ratio)
+        argument = frequency * distance * body.speed_ratio
+        each = n_max + 1, *[1] * (argument.ndim - inner.ndim), *inner.shape
+        real, imaginary = (factor.reshape(each) for factor in factors)
+        j, y = scaled_hankel_sequence(argument, steps[:-1])
+        j = j * jnp.cumprod(steps[:-1], axis=0) ** 2
+        eps = twice(n_max).reshape(-1, *[1] * argument.ndim)
+        return eps * jnp.stack([real * j - imaginary * y, real * y + imaginary * j])
 
 
 def twice(n_max: int) -> Float[Array, " orders"]:

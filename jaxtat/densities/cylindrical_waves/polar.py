@@ -15,10 +15,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.checks import by_library, is_concrete
-from ...geometry import CircularArc, DetectorCurve, Disk, Region, circle_through, near_circle
+from ...geometry import (
+    CircularArc,
+    DetectorCurve,
+    Disk,
+    DiskBody,
+    Region,
+    circle_through,
+    near_circle,
+    region_about,
+)
 from ...geometry.elements import NODES, gauss_rule, nodes_touching_circle, touch_circle
 from ..symmetry import elements_mirrored, mirrored_pairs
-from .kernels import HankelKernels, Kernels
+from .kernels import BodyKernels, HankelKernels, Kernels
 from .orders import highest_orders
 
 _ROUNDING = 1e-9  # relative, for positions that are called equal
@@ -124,17 +133,19 @@ def wave_orders(geometry: PolarGeometry, frequencies: np.ndarray) -> np.ndarray:
             f"only {distance:.6g} away: cylindrical waves need every detector farther off than "
             "the region. Use a smaller region, or method='auto' or 'collocation' of build_plan."
         )
-    return highest_orders(frequencies, reach, distance)
+    highest = frequencies * float(geometry.kernels.highest_ratio)
+    return highest_orders(highest, reach, distance)
 
 
-def waves_reach(curve: DetectorCurve, region: Region) -> bool:
+def waves_reach(curve: DetectorCurve, region: Region, medium: DiskBody | None = None) -> bool:
     """Whether cylindrical waves write the potentials of a concrete geometry with few orders.
 
     For detectors off a circle they are asked to reach with a ratio of 1.2; below it orders, and
-    products over detectors, grow until direct kernels are cheaper.
+    products over detectors, grow until direct kernels are cheaper, which there are none of through
+    a body.
     """
-    geometry = polar_geometry(curve, region)
-    least = 1 / REACHED if near_circle(curve) else FARTHER * (1 - _ROUNDING)
+    geometry = polar_geometry(curve, region, medium=medium)
+    least = 1 / REACHED if medium is not None or near_circle(curve) else FARTHER * (1 - _ROUNDING)
     return geometry.nearest > least * float(geometry.reach)
 
 
@@ -173,7 +184,7 @@ def polar_geometry(
     region: Region,
     n_nodes: int = NODES,
     offset: tuple[float, float] | None = None,
-    kernels: Kernels = HankelKernels(),  # noqa: B008
+    medium: DiskBody | None = None,
 ) -> PolarGeometry:
     """Curve and region about the centre of the waves.
 
@@ -185,9 +196,14 @@ def polar_geometry(
         curve, region: the geometry.
         n_nodes: on elements of finite width, where they are no arcs about the centre.
         offset: `wave_offset`; by default that of a concrete geometry.
-        kernels: what detectors record of each wave; by default at one speed of sound.
+        medium: a body of another speed of sound. The waves are about its centre, and the region is
+            the disk about it that holds the other.
     """
-    return replace(_polar_geometry(curve, region, n_nodes, offset), kernels=kernels)
+    if medium is None:
+        return _polar_geometry(curve, region, n_nodes, offset)
+    about = region_about(medium, region)
+    geometry = _polar_geometry(curve, about, n_nodes, (0.0, 0.0))
+    return replace(geometry, kernels=BodyKernels(medium))
 
 
 def _polar_geometry(

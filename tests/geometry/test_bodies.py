@@ -1,0 +1,96 @@
+"""A body of another speed of sound: its numbers, what is refused, and ways through it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtat import (
+    DiskBody,
+    ImageGrid,
+    Setup,
+    VolumeGrid,
+    circular_arc,
+    data_radii,
+    disk,
+    spherical,
+)
+from jaxtat.geometry import polygon, region_about
+from jaxtat.geometry.bodies import lag
+
+BODY = DiskBody((0.1, -0.06), 0.45, 1560.0, 1500.0)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"radius": 0.0}, "radius is 0.0, expected a value above zero"),
+        ({"radius": np.nan}, "radius is nan"),
+        ({"center": (0.0, 0.0, 0.0)}, r"center has shape \(3,\), expected \(2\)"),
+        ({"sound_speed": 1.5}, "a ratio of 0.001, expected 0.7 to 1.4: give both in the same"),
+        ({"water_speed": -1500.0}, "water_speed is -1500.0, expected a value above zero"),
+        ({"density_ratio": 0.0}, "density_ratio is 0.0"),
+    ],
+)
+def test_what_is_no_body_is_refused(changed, message):
+    given = {"center": (0, 0), "radius": 0.4, "sound_speed": 1560.0, "water_speed": 1500.0}
+    with pytest.raises(ValueError, match=message):
+        DiskBody(**(given | changed))
+
+
+@pytest.mark.parametrize(
+    ("curve", "region", "medium", "message"),
+    [
+        (circular_arc(0.5, 0.5, 60), disk(0.3), BODY, "a detector is 0.38.* expected detectors in"),
+        (circular_arc(1.3, 1.3, 60), disk(0.6), BODY, "region reaches 0.716.* sources in the body"),
+        (circular_arc(1.3, 1.3, 60), disk(0.4), 1560.0, "medium is 1560.0, expected .* DiskBody"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(curve, region, medium, message):
+    with pytest.raises(ValueError, match=message):
+        Setup(curve, region, ImageGrid(21), medium=medium)
+
+
+def test_in_space_there_is_one_speed():
+    cap = spherical.spherical_cap(1.3, 1.3, 8, 8)
+    with pytest.raises(ValueError, match=r"medium is a DiskBody, expected none .* in space"):
+        Setup(cap, spherical.ball(0.4), VolumeGrid(9), medium=BODY)
+
+
+def test_numbers_are_traced():
+    def ratio(c):
+        return DiskBody((0.0, 0.0), 0.4, c, 1500.0).speed_ratio
+
+    assert np.isclose(jax.jit(jax.grad(ratio))(1560.0), 1 / 1500)
+    assert np.isclose(BODY.source_strength, (1500 / 1560) ** 2)
+
+
+def test_the_least_disk_about_the_body():
+    around = region_about(BODY, disk(0.3, center=(0.2, -0.06)))
+    assert np.isclose(around.radius, 0.4)
+    corners = np.array([[-0.2, -0.3], [0.3, -0.3], [0.3, 0.2]])
+    farthest = np.hypot(*(corners - BODY.center).T).max()
+    found = float(region_about(BODY, polygon(corners)).radius)
+    assert farthest - 0.01 < found <= farthest
+
+
+def test_lags_by_steps_along_the_way():
+    detectors, points = np.array([(1.0, 0.2), (0.1, 1.0)]), np.array([(0.0, 0.0), (0.3, 0.3)])
+    share = (np.arange(20000) + 0.5) / 20000
+    way = detectors[:, None, None] + share[:, None] * (points - detectors[:, None])[:, :, None]
+    inside = (np.linalg.norm(way - np.asarray(BODY.center), axis=-1) < 0.45).mean(axis=-1)
+    length = np.linalg.norm(points - detectors[:, None], axis=-1)
+    found = lag(BODY, jnp.asarray(detectors), jnp.asarray(points))
+    assert np.abs(found - length * inside * (1500 / 1560 - 1)).max() < 1e-5
+
+
+def test_radii_are_those_of_the_time_in_water():
+    """Across the body that is concentric: 0.55 in water, then 0.9 at another speed."""
+    body = DiskBody((0.0, 0.0), 0.45, 0.9, 1.0)
+    curve, region = circular_arc(1.0, 1.0, 90), disk(0.45, n_boundary=90)
+    radii = data_radii(curve, region, 0.01, medium=body)
+    assert np.isclose(radii[0], 0.55, atol=1e-3)
+    assert -1e-9 < radii[-1] - (0.55 + 0.9 / 0.9) < 0.011
+    setup = Setup(curve, region, ImageGrid(21, 0.45), radii[:-10], medium=body)
+    assert not setup.complete
+    assert Setup(curve, region, ImageGrid(21, 0.45), radii[:-10]).complete

@@ -1,0 +1,267 @@
+"""A body of another speed of sound, from image to data and back.
+
+The reference is the series of a Gaussian in a disk, with scipy's functions: for f = exp(-|x - s|² /
+2 b²) the integral of f J_n(k |x|) e^{in theta} is 2π b² exp(-k² b²/2) J_n(k |s|) e^{in theta_s}.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.special as sp
+
+import jaxtat
+from jaxtat import (
+    DiskBody,
+    ImageGrid,
+    RelativeTikhonov,
+    Setup,
+    Tikhonov,
+    build_plan,
+    circular_arc,
+    disk,
+    forward_operator,
+    live,
+    model_based,
+    reconstruct,
+    solve,
+)
+from jaxtat.fitting.coarse_grids import ladder
+from jaxtat.forward import circle_integrals
+from jaxtat.io import load_plan, save_plan
+from jaxtat.reconstruction import operator_on
+from jaxtat.records import (
+    circular_integrals_to_pressure,
+    pressure_to_circular_integrals,
+    simulate_pressure,
+)
+from jaxtat.studies import calibrate, data_residual, pixel_standard_deviation
+
+CENTER, RADIUS, WIDTH = np.array([0.1, -0.06]), 0.45, 0.05
+SOURCES, HEIGHTS = CENTER + np.array([(0.12, 0.1), (-0.15, -0.08)]), np.array([1.0, -0.6])
+CURVE = circular_arc(1.0, np.cos(np.pi / 4), 90)  # 270 degrees
+RADII = np.arange(0.4, 2.6, 1 / 40)
+GRID = ImageGrid(37, 0.45, CENTER)
+INSIDE = np.asarray(disk(0.42, center=CENTER).contains(GRID.points))
+
+
+def body(sound_speed=1.04, density=1.0, center=CENTER):
+    return DiskBody(center, RADIUS, sound_speed, 1.0, density)
+
+
+def gaussians(grid):
+    square = np.sum((np.asarray(grid.points)[..., None, :] - SOURCES) ** 2, axis=-1)
+    return np.exp(-square / 2 / WIDTH**2) @ HEIGHTS
+
+
+def series(medium, points, outside):
+    """G of the Gaussians at frequencies in water, (frequencies, points): by the rim's equations."""
+    c, density = float(medium.sound_speed), float(medium.density_ratio)
+    n, a = np.arange(-70, 71), RADIUS
+    z, s = points - CENTER, SOURCES - CENTER
+    turn = np.arctan2(z[:, 1], z[:, 0]) - np.arctan2(s[:, 1], s[:, 0])[:, None]
+    found = []
+    for k in outside:
+        inner = k / c
+        bracket = inner / density * sp.jvp(n, inner * a) * sp.hankel1(n, k * a)
+        bracket = bracket - k * sp.jv(n, inner * a) * sp.h1vp(n, k * a)
+        waves = -2j / np.pi / a / bracket * sp.hankel1(n, k * np.hypot(*z.T)[:, None])
+        waves = np.where(np.isfinite(waves), waves, 0)
+        size = 2 * np.pi * WIDTH**2 * np.exp(-((inner * WIDTH) ** 2) / 2) * HEIGHTS
+        inside = sp.jv(n, inner * np.hypot(*s.T)[:, None]) * size[:, None]
+        found.append(
+            np.einsum("sn,kn,snk->k", inside, waves, np.exp(1j * n[:, None] * turn[:, None]))
+        )
+    return np.stack(found) / (c**2 * density)
+
+
+@pytest.fixture(scope="module")
+def through():
+    return Setup(CURVE, disk(RADIUS, center=CENTER), GRID, RADII, medium=body())
+
+
+@pytest.fixture(scope="module")
+def data(through):
+    return forward_operator(through)(gaussians(GRID))
+
+
+@pytest.mark.parametrize("density", [1.0, 1.1])
+@pytest.mark.parametrize("speed", [0.9, 1.04])
+@pytest.mark.parametrize("center", [CENTER, (0.0, 0.0)], ids=["off the centre", "concentric"])
+def test_waves_at_the_detectors_are_those_of_the_series(speed, density, center, monkeypatch):
+    """A disk in a disk in closed form: every frequency of the forward operator."""
+    center = np.asarray(center)
+    monkeypatch.setattr(f"{__name__}.SOURCES", SOURCES - CENTER + center)
+    monkeypatch.setattr(f"{__name__}.CENTER", center)
+    medium, grid = body(speed, density, center), ImageGrid(65, 0.45, center)
+    curve = circular_arc(1.0, np.cos(np.pi / 4), 24)
+    setup = Setup(curve, disk(RADIUS, center=center), grid, RADII, medium=medium)
+    sizes = setup.sizes.operator
+    integrals = circle_integrals(curve, grid, setup.radii, sizes, None, 1e-12, medium)
+    terms = eqx.tree_at(lambda tree: tree.series, integrals, jnp.eye(sizes.n_frequencies))
+    found = terms(jnp.asarray(gaussians(grid))[None])[0].T * float(medium.source_strength)
+    wanted = series(medium, np.asarray(curve.points), sizes.frequencies).real
+    assert np.abs(found - wanted).max() < 1e-8 * np.abs(wanted).max()
+
+
+def test_the_image_of_exact_data(through, data):
+    """Data from the series itself, on a longer period; with one speed the image is wrong."""
+    period, n = 8.0, 420
+    zeros = sp.jn_zeros(0, n)
+    each = series(through.medium, np.asarray(CURVE.points), zeros / period).real
+    each = each / (np.pi * period**2 * sp.j1(zeros)[:, None] ** 2)
+    g = 2 * np.pi * RADII * (each.T @ sp.j0(zeros[:, None] / period * RADII))
+    assert np.abs(data - g).max() < 2e-3 * np.abs(g).max()  # but for late waves, which wrap around
+    truth, image = gaussians(GRID)[INSIDE], solve(through, g, 1e-7).image[INSIDE]
+    one = solve(Setup(CURVE, disk(RADIUS, center=CENTER), GRID, RADII), g, 1e-7).image[INSIDE]
+    error = [np.linalg.norm(found - truth) / np.linalg.norm(truth) for found in (image, one)]
+    assert error[0] < 3e-3 < 0.25 < error[1]
+
+
+def test_equal_speeds_are_one_speed(through):
+    same = through.replace(medium=body(1.0))
+    plain = Setup(CURVE, through.region, GRID, RADII)
+    g = forward_operator(plain)(gaussians(GRID))
+    assert np.abs(forward_operator(same)(gaussians(GRID)) - g).max() < 1e-7 * np.abs(g).max()
+    image, wanted = solve(same, g, 1e-6).image, solve(plain, g, 1e-6).image
+    assert np.abs(image - wanted)[INSIDE].max() < 1e-5 * np.abs(wanted).max()
+
+
+def test_a_region_beside_the_centre_of_the_body(through, data):
+    """A smaller region, a polygon, and one that turns with the axis: the same pixels."""
+    corners = CENTER + 0.3 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    wanted = solve(through, data, 1e-7).image
+    for region in (jaxtat.polygon(corners), disk(0.35, center=CENTER + 0.03)):
+        setup = Setup(CURVE, region, GRID, RADII, medium=through.medium)
+        image, inside = solve(setup, data, 1e-7).image, region.contains(GRID.points)
+        assert np.abs(image - wanted)[np.asarray(inside)].max() < 0.01 * np.abs(wanted).max()
+
+
+def test_the_transpose_is_exact(through):
+    rng = np.random.default_rng(0)
+    f, g = rng.standard_normal(GRID.shape), rng.standard_normal(through.data_shape)
+    operator = forward_operator(through)
+    assert np.isclose(np.vdot(operator(f), g), np.vdot(f, operator.T(g)), rtol=1e-11)
+
+
+def test_plans_give_the_same_images(through, data, tmp_path):
+    plan = build_plan(through, Tikhonov(1e-6))
+    wanted = solve(through, data, 1e-6).image
+    image = reconstruct(plan, data)
+    assert np.abs(image - wanted).max() < 1e-8 * np.abs(wanted).max()
+    save_plan(plan, tmp_path / "plan.h5")
+    again = load_plan(tmp_path / "plan.h5")
+    assert np.array_equal(reconstruct(again, data), image)
+    deviation = pixel_standard_deviation(plan, 0.1)
+    rng, images = np.random.default_rng(0), []
+    for _ in range(40):
+        images.append(reconstruct(plan, 0.1 * rng.standard_normal((5, *data.shape))))
+    ratio = np.concatenate(images).std(axis=0)[INSIDE] / np.asarray(deviation)[INSIDE]
+    assert abs(np.median(ratio) - 1) < 0.03
+
+
+def test_live_images_are_those_of_solve(through, data):
+    to_images = live(through, rule=1e-6, dtype=np.float64)
+    wanted = solve(through, data, 1e-6).image
+    assert np.abs(to_images(data) - wanted)[INSIDE].max() < 1e-8 * np.abs(wanted).max()
+
+
+def test_the_residual_of_the_true_image_is_nothing(through, data):
+    image = gaussians(GRID)
+    wrong = through.replace(medium=body(1.03))
+    right, wrong = (data_residual(one, data, image).relative for one in (through, wrong))
+    assert right < 0.01 < 0.05 < wrong
+
+
+def test_fits_begin_on_coarser_grids(through):
+    """Whose operator takes the first frequencies; the image's are those of the water over 1.04."""
+    grid = ImageGrid(101, 0.45, CENTER)
+    where = CURVE, through.region, grid, RADII
+    setup = Setup(*where, medium=through.medium, max_frequency=60.0)
+    truth, operator = gaussians(grid), forward_operator(setup)
+    data, coarse = operator(truth), ladder(grid)[0]
+    assert coarse.shape == (26, 26)
+    found = operator_on(setup, coarse)
+    assert np.abs(found(gaussians(coarse)) - data).max() < 3e-3 * np.abs(data).max()
+    assert found.report.n_frequencies < 0.3 * operator.report.n_frequencies
+    assert abs(float(operator.max_frequency) / (np.pi / float(grid.spacing[0])) - 1) < 0.01
+    low = operator_on(setup, grid, max_frequency=float(found.max_frequency) * 1.0001)
+    assert low.report.n_frequencies == found.report.n_frequencies
+    options = {"weight": 1e-4, "max_steps": 100}
+    image = model_based(setup, data, **options).image
+    inside = np.asarray(through.region.contains(grid.points))
+    assert np.linalg.norm((image - truth)[inside]) < 0.03 * np.linalg.norm(truth)
+
+
+@pytest.mark.parametrize("model", ["2d", "in-plane"])
+def test_pressure_goes_with_the_integrals(through, data, model):
+    times = np.linspace(0.0, 2.7, 271) / 1500
+    speeds = DiskBody(CENTER, RADIUS, 1560.0, 1500.0)
+    setup = through.replace(medium=speeds)
+    record = simulate_pressure(setup, gaussians(GRID), times, model=model)
+    sound = {"sound_speed": 1500.0, "model": model}
+    again = pressure_to_circular_integrals(record, times, RADII, **sound)
+    assert np.abs(again - data).max() < 3e-3 * np.abs(data).max()
+    found = model_based(setup, record, times=times, model=model, max_steps=60)
+    truth = gaussians(GRID)
+    assert np.linalg.norm((found.image - truth)[INSIDE]) < 0.1 * np.linalg.norm(truth[INSIDE])
+    with pytest.raises(ValueError, match="sound_speed is given, and the setup has a medium"):
+        model_based(setup, record, times=times, **sound)
+    with pytest.raises(ValueError, match="sound_speed is given, and the setup has a medium"):
+        simulate_pressure(setup, gaussians(GRID), times, sound_speed=1500.0)
+
+
+def test_pressure_of_one_speed_is_that_of_its_integrals():
+    setup = Setup(CURVE, disk(RADIUS, center=CENTER), GRID, RADII)
+    times = np.linspace(0.0, 4.0, 200)  # longer than the period of the operator
+    record = simulate_pressure(setup, gaussians(GRID), times)
+    fine = Setup(CURVE, setup.region, GRID, np.arange(0.3, 2.2, 1 / 160))
+    g = forward_operator(fine)(gaussians(GRID))
+    wanted = circular_integrals_to_pressure(g, fine.radii, times)
+    assert np.abs(record - wanted).max() < 1e-4 * np.abs(wanted).max()
+
+
+def numbers(setup, x):
+    """The setup with a body of other numbers: c_1, c_2, a, rho_1/rho_2 and the centre."""
+    return setup.replace(medium=DiskBody(x[4:], x[2], x[0], x[1], x[3]))
+
+
+def test_derivatives_in_the_numbers_of_the_body(check_both_modes):
+    """Against differences: c_1, c_2, a, densities and centre, of images and of data."""
+    grid, curve = ImageGrid(13, 0.45, CENTER), circular_arc(1.0, np.cos(np.pi / 4), 30)
+    small = Setup(curve, disk(RADIUS, center=CENTER), grid, RADII[::2], medium=body())
+    data = forward_operator(small)(gaussians(grid))
+    weights = jnp.asarray(np.random.default_rng(1).standard_normal(grid.shape))
+
+    def summed(x):
+        setup = numbers(small, x)
+        image = solve(setup, data, 1e-4).image
+        return jnp.vdot(weights, image), jnp.sum(forward_operator(setup)(weights) * data)
+
+    # off the region's centre: at it there is a kink, of the disk that holds the region
+    at = jnp.array([1.04, 1.0, RADIUS, 1.02, *CENTER + 0.02])
+    check_both_modes(summed, (at,), step=3e-6, rtol=1e-6, atol=1e-6)
+
+
+def test_new_numbers_compile_nothing(through, data):
+    @eqx.filter_jit
+    def image(x):
+        count.append(x)
+        return solve(numbers(through, x), data, 1e-4).image
+
+    count = []
+    for speed in (1.04, 1.03, 0.97):
+        found = image(jnp.array([speed, 1.0, RADIUS, 1.0, *CENTER]))
+    assert len(count) == 1
+    wanted = solve(through.replace(medium=body(0.97)), data, 1e-4).image
+    assert np.abs(found - wanted).max() < 1e-6 * np.abs(wanted).max()
+
+
+def test_what_takes_one_speed_says_so(through, data):
+    with pytest.raises(ValueError, match="has a medium, and calibrate takes one speed of sound"):
+        calibrate(through, data)
+    with pytest.raises(ValueError, match="has a medium, and method 'collocation' takes one"):
+        build_plan(through, RelativeTikhonov(0.1), method="collocation")
+    with pytest.raises(ValueError, match=r"times are traced, expected known ones"):
+        jax.jit(lambda t: simulate_pressure(through, gaussians(GRID), t))(jnp.ones(3))
