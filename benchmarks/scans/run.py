@@ -3,6 +3,7 @@
     python benchmarks/scans/run.py [--half rules|held-out] [--only NAME] [--quick] [--no-oracle]
         [--out FOLDER]
 
+The image without options is the fitted one for most records; "direct" is the formula's error.
 Writes scans.csv, scans.md and contact sheets (truth, with no option, oracle) into the folder.
 Rules in `jaxtat.scans` are made by looking at the half "rules" alone; the other half is what
 documentation quotes, and decides nothing. Scans through a body and water of different speeds are
