@@ -85,7 +85,7 @@ def a_scan(number: int, folder: Path) -> tuple[Path, dict]:
 def scans(n: int, fit: bool, counted: list[str]) -> None:
     from jaxtat.scans import reconstruct_file
 
-    options = {"model_based": True} if fit else {}
+    options = {} if fit else {"model_based": False}
     print(
         "| scan | programs | maps | memory [MB] | processor [s] |\n| --- | --- | --- | --- | --- |"
     )
@@ -124,9 +124,11 @@ def cold() -> None:
         other = write(folder / "other.npz", counts(SAMPLES - 9), sound_speed=1.003 * SPEED)
         print("| start | processor [s] | wall [s] |\n| --- | --- | --- |")
         for name, scan, cache in (
+            ("no folder of programs, --direct", first, "--no-cache --direct"),
             ("no folder of programs", first, "--no-cache"),
             ("an empty one", first, f"--cache {folder / 'kept'}"),
             ("one filled by another scan", other, f"--cache {folder / 'kept'}"),
+            ("one filled by another scan, --direct", other, f"--cache {folder / 'kept'} --direct"),
             ("one filled by this scan", other, f"--cache {folder / 'kept'}"),
         ):
             words = f"reconstruct {scan} {cache} --quiet --out {folder / 'image.h5'}".split()

@@ -90,7 +90,7 @@ def test_a_report_with_nothing_given(data_file, tmp_path, capsys):
     assert 1472 < float(speed) < 1484  # the data agree best at 1480 to 1483
     assert len(re.findall("✓ good|! caution", page)) == 7
     assert "✗ bad" not in page
-    assert page.count("data:image/png;base64,") == 6
+    assert page.count("data:image/png;base64,") == 7
 
 
 @pytest.mark.parametrize("data_file", [FULL_CIRCLE], indirect=True)
@@ -187,7 +187,7 @@ def test_one_command_without_options_makes_the_picture_made_by_hand(measured, ca
     """
     path, by_hand = measured
     out = path.with_suffix(".h5")
-    assert main(["reconstruct", str(path), "--out", str(out)]) == 0
+    assert main(["reconstruct", str(path), "--direct", "--out", str(out)]) == 0
     assert "the image is sharpest" in capsys.readouterr().out
     settings = load_settings(out)
     assert settings["model"] == "in-plane"

@@ -40,7 +40,7 @@ def filled_up(values: Any, shape: tuple[int, ...], *, by: str = "zeros") -> np.n
 
 
 def reshaped(values: Any, shape: tuple[int, ...]) -> Any:
-    """``values.reshape(shape)``, without a program where they are known."""
-    if not is_concrete(values):
+    """``values.reshape(shape)``, without a program where they are known, on one device."""
+    if not is_concrete(values) or (isinstance(values, jax.Array) and len(values.devices()) > 1):
         return values.reshape(shape)
     return jax.device_put(np.asarray(values).reshape(shape))

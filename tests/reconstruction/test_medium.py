@@ -176,12 +176,12 @@ def test_the_residual_of_the_true_image_is_nothing(through, data):
 
 def test_fits_begin_on_coarser_grids(through):
     """Whose operator takes the first frequencies; the image's are those of the water over 1.04."""
-    grid = ImageGrid(101, 0.45, CENTER)
+    grid = ImageGrid(161, 0.45, CENTER)
     where = CURVE, through.region, grid, RADII
     setup = Setup(*where, medium=through.medium, max_frequency=60.0)
     truth, operator = gaussians(grid), forward_operator(setup)
     data, coarse = operator(truth), ladder(grid)[0]
-    assert coarse.shape == (26, 26)
+    assert coarse.shape == (41, 41)
     found = operator_on(setup, coarse)
     assert np.abs(found(gaussians(coarse)) - data).max() < 3e-3 * np.abs(data).max()
     assert found.report.n_frequencies < 0.3 * operator.report.n_frequencies

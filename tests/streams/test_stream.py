@@ -307,7 +307,8 @@ def test_each_signal_ends_with_everything_written(small, name):
         yield from frames_for(small, 3)
         while not sink.images:  # what listens for signals is ready by then
             time.sleep(0.01)
-        os.kill(os.getpid(), getattr(signal, name))
+        # to the main thread, as signals from outside: one to the process may come to any thread
+        signal.pthread_kill(threading.main_thread().ident, getattr(signal, name))
         silent.wait()
 
     before = signal.getsignal(getattr(signal, name))
