@@ -23,9 +23,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .data_fit import DataFit
+from .level import Level
 from .penalties import Penalty, Ridge
-from .scale import Scale
-from .spectrum import Spectrum, preconditioned
+from .spectrum import preconditioned
 
 EDGE = 0.1  # a = w / (EDGE max f): smaller differences are shrunk to zero at once
 HOLD = 5e-3  # c over max m
@@ -57,25 +57,16 @@ class Bonds(NamedTuple):
     images: Float[Array, ""]
 
 
-def bonds(
-    penalty: Any,
-    spectrum: Spectrum,
-    scale: Scale,
-    weight: Float[Array, ""],
-    image: Float[Array, "stack *space"],
-) -> Bonds:
+def bonds(level: Level, weight: Float[Array, ""], image: Float[Array, "stack *space"]) -> Bonds:
     """a and c for an image of that size."""
-    largest = jnp.max(spectrum.data)
-    size = jnp.maximum(jnp.max(jnp.abs(image)), 5 * scale.image)
-    least = 1e-9 * largest  # without a weight
-    return Bonds(weight / (EDGE * size) + least, HOLD * largest)
+    size = jnp.maximum(jnp.max(jnp.abs(image)), 5 * level.scale.image)
+    least = 1e-9 * level.scale.square  # without a weight
+    return Bonds(weight / (EDGE * size) + least, HOLD * level.scale.square)
 
 
 def split(
-    fit: DataFit,
-    back: Float[Array, "stack *space"],
+    level: Level,
     penalty: Any,
-    bond: Bonds,
     weight: Float[Array, ""],
     image: Float[Array, "stack *space"],
     fitted: Float[Array, "stack *data"],
@@ -85,7 +76,8 @@ def split(
 
     p is w D f / |D f| at edges; q the slope where f = 0, and 0 elsewhere and for f = 0 everywhere.
     """
-    slope, parts, parts_dual = normal - back, None, None
+    fit, bond = level.fit, bonds(level, weight, image)
+    slope, parts, parts_dual = normal - level.back, None, None
     if isinstance(penalty, Penalty):
         parts = penalty.parts(image)
         parts_dual = weight * parts / jnp.maximum(penalty.sizes(parts), weight / bond.parts)
@@ -98,11 +90,8 @@ def split(
 
 
 def step(
-    fit: DataFit,
-    back: Float[Array, "stack *space"],
+    level: Level,
     penalty: Any,
-    spectrum: Spectrum,
-    scale: Scale,
     weight: Float[Array, ""],
     image: Float[Array, "stack *space"],
     state: Split,
@@ -110,17 +99,16 @@ def step(
     """One step: v and the rest.
 
     Args:
-        back: B^T H^T H b.
         image: v of the step before.
     """
-    bond = bonds(penalty, spectrum, scale, weight, image)
-    state = _nearer(fit, back, penalty, spectrum, bond, weight, image, state)
+    bond = bonds(level, weight, image)
+    state = _nearer(level, penalty, bond, weight, image, state)
     mixed = OVER * state.free + (1 - OVER) * image
-    new = fit.allowed(mixed + state.dual / bond.images)
+    new = level.fit.allowed(mixed + state.dual / bond.images)
     state = state._replace(dual=state.dual + bond.images * (mixed - new))
     if isinstance(penalty, Penalty):
         ahead = OVER * penalty.parts(state.free) + (1 - OVER) * state.parts
-        delta = (penalty.smoothing * scale.image).astype(image.dtype)
+        delta = (penalty.smoothing * level.scale.image).astype(image.dtype)
         parts = penalty.shrunk(ahead + state.parts_dual / bond.parts, weight / bond.parts, delta)
         dual = state.parts_dual + bond.parts * (ahead - parts)
         state = state._replace(parts=parts, parts_dual=dual)
@@ -128,18 +116,12 @@ def step(
 
 
 def _nearer(
-    fit: DataFit,
-    back: Array,
-    penalty: Any,
-    spectrum: Spectrum,
-    bond: Bonds,
-    weight: Array,
-    image: Array,
-    state: Split,
+    level: Level, penalty: Any, bond: Bonds, weight: Array, image: Array, state: Split
 ) -> Split:
     """f after one step towards the least of what depends on it."""
+    fit, spectrum = level.fit, level.spectrum
     ridge = weight if isinstance(penalty, Ridge) else 0.0
-    left = back - state.normal - ridge * state.free - state.dual
+    left = level.back - state.normal - ridge * state.free - state.dual
     left = left + bond.images * (image - state.free)
     symbol = spectrum.data + bond.images + ridge
     if isinstance(penalty, Penalty):

@@ -21,7 +21,7 @@ from ..base.checks import (
 from ..reconstruction import Setup, operator_on
 from ..records import pressure_matrix
 from .data_fit import DataFit
-from .penalties import NoPenalty, Penalty, Ridge, TotalVariation
+from .penalties import NoPenalty, Penalty, Ridge, TotalVariation, is_known
 from .radial_filter import high_pass
 
 Pressure = tuple[Any, Any, str, Any]  # times, sound speed, model, conditioning
@@ -141,9 +141,7 @@ def checked_penalty(penalty: Any) -> Any:
     """The penalty itself, total variation for None, or ValueError."""
     if penalty is None:
         return TotalVariation()
-    if isinstance(penalty, type) or not (
-        isinstance(penalty, Penalty | Ridge | NoPenalty) or callable(penalty)
-    ):
+    if isinstance(penalty, type) or not (is_known(penalty) or callable(penalty)):
         raise ValueError(
             f"penalty is {named(penalty)}, expected TotalVariation(), SecondOrderVariation(), "
             "Ridge(), NoPenalty() or a function (images, step) -> images."
@@ -167,7 +165,7 @@ def checked_weight(weight: Numbers | None, penalty: Any, dtype: Any) -> Float[Ar
 
 def require_prox(penalty: Any, images: Array, step: Array) -> None:
     """Raise ValueError for a proximal map of the user's that changes the shape or gives NaN."""
-    if isinstance(penalty, Penalty | Ridge | NoPenalty):
+    if is_known(penalty):
         return
     try:
         output = jax.eval_shape(penalty, images, step)
@@ -187,7 +185,7 @@ def require_prox(penalty: Any, images: Array, step: Array) -> None:
 
 def require_numbers(penalty: Any, image: Array, step: Array) -> None:
     """Raise ValueError for a proximal map of the user's that gave NaN during the iteration."""
-    if isinstance(penalty, Penalty | Ridge | NoPenalty) or not is_concrete(image):
+    if is_known(penalty) or not is_concrete(image):
         return
     if not np.isfinite(image).all():
         raise ValueError(

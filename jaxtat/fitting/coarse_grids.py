@@ -15,8 +15,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .penalties import NoPenalty, Penalty, Ridge
-
 COARSEST = 40  # nodes along the shortest axis; of fewer, steps cost less than their programs
 COARSEST_IN_SPACE = 17
 STEP = 4  # from grid to grid
@@ -66,8 +64,3 @@ def weight_on(
         return weight
     ratio = np.mean([(n - 1) / (m - 1) for n, m in zip(fine, coarse, strict=True)])
     return weight * ratio ** (len(fine) - 1 - penalty.order)
-
-
-def same_on_all_grids(penalty: Any) -> bool:
-    """Whether a penalty means the same on all grids, as a denoiser of the user's need not."""
-    return isinstance(penalty, Penalty | Ridge | NoPenalty)

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .data_fit import DataFit
-from .scale import Scale
+from .level import Scale
 
 _MARGIN = 1.05  # of L over the symbol's largest value; it grows where a step shows that it must
 

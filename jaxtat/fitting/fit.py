@@ -36,15 +36,15 @@ from .arguments import (
     require_prox,
     weight_unit,
 )
-from .coarse_grids import between_nodes, ladder, same_on_all_grids, weight_on
+from .coarse_grids import between_nodes, ladder, weight_on
 from .data_fit import DataFit
 from .fista import Momentum
 from .implicit import Problem, with_derivatives
-from .penalties import NoPenalty, Penalty, Ridge
+from .level import Level, scale_of
+from .penalties import NoPenalty, Penalty, Ridge, is_known
 from .progress import EVERY, Progress, after, before
 from .relative_cg import RelativeCG
-from .scale import Scale, scale_of
-from .spectrum import Spectrum, middle_pixel, spectrum_of
+from .spectrum import middle_pixel, spectrum_of
 from .weight import balanced_weight
 
 _BAR = "{desc} {percentage:3.0f}% |{bar}| {elapsed}<{remaining}{postfix}"
@@ -163,11 +163,11 @@ def model_based(
     if times is None:
         require_pressure(sound_speed, model, conditioning)
     pressure = None if times is None else (times, sound_speed, model, conditioning)
-    whole = initial is None and not unrolled and same_on_all_grids(penalty)
+    whole = initial is None and not unrolled and is_known(penalty)
     grids = ladder(setup.grid) if whole else [setup.grid]
     fits = data_fits(setup, pressure, nonnegative, noise, mask, max_frequency, dtype, grids)
     data, batch, size = checked_data(data, fits[-1])
-    if not same_on_all_grids(penalty):
+    if not is_known(penalty):
         size = jnp.ones_like(size)  # a map of the user's may do as it likes with large images
     fits, data = in_units_of(size, fits, data)
     space = setup.grid.shape
@@ -200,22 +200,6 @@ def model_based(
     return eqx.tree_at(
         lambda answer: (answer.image, answer.weight), answer, (image, answer.weight / unit)
     )
-
-
-class Level(NamedTuple):
-    """A problem on one grid, and what is computed of it once.
-
-    Attributes:
-        fit, data: B and b.
-        back: B^T H^T H b.
-        spectrum, scale: of B.
-    """
-
-    fit: DataFit
-    data: Float[Array, "stack *data"]
-    back: Float[Array, "stack *space"]
-    spectrum: Spectrum
-    scale: Scale
 
 
 class State(NamedTuple):
@@ -312,11 +296,8 @@ def _begun(
     if weight is None:
         weight = balanced_weight(fit, penalty, image, fitted - data, level.scale)
     weight = weight.astype(image.dtype)
-    if same_on_all_grids(penalty):
-        bond = alternating.bonds(penalty, spectrum, level.scale, weight, image)
-        inner: Split | Momentum = alternating.split(
-            fit, back, penalty, bond, weight, image, fitted, normal
-        )
+    if is_known(penalty):
+        inner: Split | Momentum = alternating.split(level, penalty, weight, image, fitted, normal)
     else:
         inner = fista.momentum(level.scale, image, fitted)
     return level, State(image, inner, weight, before(image, max_steps))
@@ -324,16 +305,16 @@ def _begun(
 
 def _step(level: Level, penalty: Any, find_weight: bool, state: State) -> State:
     """One step; with ``find_weight`` the weight follows the image."""
-    fit, data, back, spectrum, scale = level
+    fit, data = level.fit, level.data
     old, inner, weight, progress = state
     if isinstance(inner, Momentum):
         new, inner = fista.step(fit, data, penalty, weight, old, inner)
         return State(new, inner, weight, after(progress, old, new))
     if find_weight:
         misfit = inner.fitted - data
-        found = balanced_weight(fit, penalty, old, misfit, scale).astype(weight.dtype)
+        found = balanced_weight(fit, penalty, old, misfit, level.scale).astype(weight.dtype)
         inner, weight = alternating.of_weight(inner, found / weight), found
-    new, inner = alternating.step(fit, back, penalty, spectrum, scale, weight, old, inner)
+    new, inner = alternating.step(level, penalty, weight, old, inner)
     return State(new, inner, weight, after(progress, old, new))
 
 

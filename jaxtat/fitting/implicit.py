@@ -18,9 +18,9 @@ import optimistix.internal as optxi
 from jaxtyping import Array, Bool, Float
 
 from .data_fit import DataFit
-from .penalties import NoPenalty, Penalty, Ridge
+from .level import Scale
+from .penalties import Penalty, Ridge, is_known
 from .relative_cg import RelativeCG
-from .scale import Scale
 
 _TOLERANCE, _STEPS = 1e-8, 2000
 
@@ -35,17 +35,12 @@ class Problem(NamedTuple):
     scale: Scale
 
 
-def smooth(penalty: Any) -> bool:
-    """Whether P is one of jaxtat's penalties that have a second derivative."""
-    return isinstance(penalty, Penalty | Ridge | NoPenalty)
-
-
 def with_derivatives(
     problem: Problem, image: Float[Array, "stack *space"]
 ) -> Float[Array, "stack *space"]:
     """The minimiser ``image`` with derivatives in all parts of the problem, in both modes."""
     image = jax.lax.stop_gradient(image)
-    if smooth(problem.penalty):
+    if is_known(problem.penalty):
         slope, tags = _slope, frozenset({lx.positive_semidefinite_tag})
         solver: lx.AbstractLinearSolver = RelativeCG(_TOLERANCE, _STEPS)
     else:

@@ -6,7 +6,7 @@ the image that minimises is a smooth function of the data.
 """
 
 import abc
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -122,6 +122,11 @@ class NoPenalty(eqx.Module):
     """P(f) = 0: the data alone, with f >= 0 if asked."""
 
     order: ClassVar[int] = 0
+
+
+def is_known(penalty: Any) -> bool:
+    """Whether it is a penalty of this file, smooth and the same on all grids, or a user's map."""
+    return isinstance(penalty, Penalty | Ridge | NoPenalty)
 
 
 def _forward(images: Array, axis: int) -> Array:

@@ -43,8 +43,8 @@ from .facts import (
     arc_through,
     begin_behind_gap,
     facts_of,
+    nominal_water_speed,
     typical_frame,
-    water_speed,
 )
 from .found import (
     DEFAULT_SHARE,
@@ -187,7 +187,7 @@ def _say_contradiction(
 
 def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"], found: Found) -> str:
     """Take the acoustic model by size, sampling rate, counts and tail, or leave it to images."""
-    if water_speed(facts.units) is None:
+    if nominal_water_speed(facts.units) is None:
         why = "sizes are not a scanner's: two-dimensional waves"
         return found.take("model", "2d", why, LIKELY)
     if facts.in_space:

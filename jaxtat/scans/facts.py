@@ -245,10 +245,10 @@ def units_of(radius: float, times: np.ndarray | None) -> Units:
     return Units()
 
 
-def water_speed(units: Units) -> float | None:
+def nominal_water_speed(units: Units) -> float | None:
     """The nominal speed of sound in water, in the scan's units; None if they are not known.
 
-    >>> water_speed(Units("mm", "us")), water_speed(Units())
+    >>> nominal_water_speed(Units("mm", "us")), nominal_water_speed(Units())
     (1.5, None)
     """
     if units.length is None or units.time is None:

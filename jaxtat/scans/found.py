@@ -14,7 +14,7 @@ from ..geometry import require_radii
 from ..io import Scan
 from ..records import Supported
 from .choices import Choices
-from .facts import SLOWEST, water_speed
+from .facts import SLOWEST, nominal_water_speed
 
 DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not show it
 SHARES = (0.1, 0.9)  # least and largest region radius over the arc's
@@ -188,7 +188,7 @@ def take_nominal_speed(scan: Scan, found: Found, units: Units) -> float:
     """Take the speed of the file, or water's until images tell it [length/time]."""
     if "sound_speed" in scan.known:
         return float(found.take("sound_speed", *_one_speed(scan.known["sound_speed"], units)))
-    water = water_speed(units)
+    water = nominal_water_speed(units)
     if water is None:
         why = "none in the file, and sizes are not a scanner's: taken to be 1"
         return float(found.take("sound_speed", 1.0, why, GUESSED))

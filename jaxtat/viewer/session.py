@@ -16,7 +16,7 @@ from ..geometry import ImageGrid, fit_circle
 from ..io import Scan
 from ..scans import Choices, choose, integrals
 from ..scans.constrained import fitted
-from ..scans.facts import FASTEST, SLOWEST, facts_of, frame_numbers, water_speed
+from ..scans.facts import FASTEST, SLOWEST, facts_of, frame_numbers, nominal_water_speed
 from ..scans.frames import per_energy
 from ..scans.speed import SPEEDS, sharpness_by_speed
 from ..steps import universal_back_projection
@@ -135,7 +135,7 @@ class Session:
 
     def speeds(self) -> tuple[float, float]:
         """Least and greatest speed of sound that is offered [length/time]."""
-        nominal = water_speed(self.choices.units) or self.choices.sound_speed
+        nominal = nominal_water_speed(self.choices.units) or self.choices.sound_speed
         known = self.choices.sound_speed
         return min(SLOWEST * nominal, 0.97 * known), max(FASTEST * nominal, 1.03 * known)
 

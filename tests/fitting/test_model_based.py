@@ -351,7 +351,7 @@ def test_bad_input_is_refused(few, data, change, message):
 def test_what_is_minimised_is_the_formula(few, data):
     """The objective from which derivatives come, spelled out with the operator."""
     from jaxtat.fitting.arguments import checked_data, data_fits
-    from jaxtat.fitting.scale import Scale
+    from jaxtat.fitting.level import Scale
 
     (fit,) = data_fits(few, None, False, 0.5, None, None, None, [few.grid])
     whitened, *_ = checked_data(data, fit)

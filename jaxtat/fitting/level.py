@@ -1,10 +1,11 @@
-"""Sizes of a problem: of the operator, and of the image."""
+"""A problem on one grid, and what is computed of it once."""
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .data_fit import DataFit
 from .spectrum import Spectrum
 
 
@@ -18,6 +19,22 @@ class Scale(NamedTuple):
 
     square: Float[Array, ""]
     image: Float[Array, ""]
+
+
+class Level(NamedTuple):
+    """A problem on one grid.
+
+    Attributes:
+        fit, data: B and b.
+        back: B^T H^T H b.
+        spectrum, scale: of B.
+    """
+
+    fit: DataFit
+    data: Float[Array, "stack *data"]
+    back: Float[Array, "stack *space"]
+    spectrum: Spectrum
+    scale: Scale
 
 
 def scale_of(spectrum: Spectrum, back: Float[Array, "stack *space"]) -> Scale:
