@@ -80,7 +80,8 @@ def split(
     slope, parts, parts_dual = normal - level.back, None, None
     if isinstance(penalty, Penalty):
         parts = penalty.parts(image)
-        parts_dual = weight * parts / jnp.maximum(penalty.sizes(parts), weight / bond.parts)
+        largest = jnp.maximum(penalty.sizes(parts), weight / bond.parts)
+        parts_dual = weight * parts / jnp.where(largest > 0, largest, 1.0)
         slope = slope + _pull(fit, penalty, parts_dual)
     dual = jnp.zeros_like(image)
     if fit.nonnegative:
@@ -143,11 +144,11 @@ def _nearer(
     )
 
 
-def of_weight(state: Split, ratio: Float[Array, ""]) -> Split:
-    """The same state for a weight that is larger by a ratio: p stays as near to its bound."""
+def of_weight(state: Split, old: Float[Array, ""], new: Float[Array, ""]) -> Split:
+    """The same state for another weight: p stays as near to its bound."""
     if state.parts_dual is None:
         return state
-    return state._replace(parts_dual=state.parts_dual * ratio)
+    return state._replace(parts_dual=state.parts_dual * (new / jnp.where(old > 0, old, 1.0)))
 
 
 def _pull(fit: DataFit, penalty: Penalty, parts: Array) -> Array:

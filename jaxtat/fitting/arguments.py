@@ -163,6 +163,17 @@ def checked_weight(weight: Numbers | None, penalty: Any, dtype: Any) -> Float[Ar
     return weight.astype(dtype)
 
 
+def checked_frequency(max_frequency: Numbers | None) -> float | None:
+    """The highest frequency as a number, of which sizes follow, or ValueError."""
+    if max_frequency is None:
+        return None
+    value = real_array("max_frequency", max_frequency, ())
+    require_positive("max_frequency", value)
+    if not is_concrete(value):
+        raise ValueError("max_frequency is traced, and sizes depend on it: pass a number.")
+    return float(value)
+
+
 def require_prox(penalty: Any, images: Array, step: Array) -> None:
     """Raise ValueError for a proximal map of the user's that changes the shape or gives NaN."""
     if is_known(penalty):

@@ -27,6 +27,7 @@ from . import alternating, fista
 from .alternating import Split
 from .arguments import (
     checked_data,
+    checked_frequency,
     checked_penalty,
     checked_weight,
     data_fits,
@@ -87,7 +88,7 @@ def model_based(
     sound_speed: Numbers = 1.0,
     model: str = "2d",
     conditioning: Callable[[Array], Array] | None = None,
-    max_frequency: float | None = None,
+    max_frequency: Numbers | None = None,
     initial: Numbers | None = None,
     tolerance: float = 1e-3,
     max_steps: int = 500,
@@ -143,8 +144,8 @@ def model_based(
 
     Raises:
         ValueError: for data that do not fit, NaN, a negative weight, an unknown penalty, a proximal
-            map that changes the shape or gives NaN, a mask that leaves nothing, or what pressure
-            needs without ``times``.
+            map that changes the shape or gives NaN, a mask that leaves nothing, what pressure needs
+            without ``times``, or a highest frequency that is traced or not above zero.
 
     Source: `jaxtat.fitting.alternating`, after `jaxtat.fitting.coarse_grids`; `fista` for maps of
     the user's; conjugate gradients for `Ridge` and `NoPenalty`.
@@ -163,9 +164,10 @@ def model_based(
     if times is None:
         require_pressure(sound_speed, model, conditioning)
     pressure = None if times is None else (times, sound_speed, model, conditioning)
+    highest = checked_frequency(max_frequency)
     whole = initial is None and not unrolled and is_known(penalty)
     grids = ladder(setup.grid) if whole else [setup.grid]
-    fits = data_fits(setup, pressure, nonnegative, noise, mask, max_frequency, dtype, grids)
+    fits = data_fits(setup, pressure, nonnegative, noise, mask, highest, dtype, grids)
     data, batch, size = checked_data(data, fits[-1])
     if not is_known(penalty):
         size = jnp.ones_like(size)  # a map of the user's may do as it likes with large images
@@ -313,7 +315,7 @@ def _step(level: Level, penalty: Any, find_weight: bool, state: State) -> State:
     if find_weight:
         misfit = inner.fitted - data
         found = balanced_weight(fit, penalty, old, misfit, level.scale).astype(weight.dtype)
-        inner, weight = alternating.of_weight(inner, found / weight), found
+        inner, weight = alternating.of_weight(inner, weight, found), found
     new, inner = alternating.step(level, penalty, weight, old, inner)
     return State(new, inner, weight, after(progress, old, new))
 

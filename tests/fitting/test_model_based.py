@@ -307,6 +307,20 @@ def nan_later(images, step):
     return jnp.where(jnp.any(images != 0), jnp.nan, images)
 
 
+@pytest.mark.parametrize("nonnegative", [False, True])
+def test_zeros_are_fitted_by_zeros_and_a_weight_may_be_zero(few, data, nonnegative):
+    options = {"nonnegative": nonnegative, "max_steps": 40}
+    zero = model_based(few, 0 * data, **options)
+    assert zero.converged and not np.asarray(zero.image).any()
+    plain = model_based(few, data, weight=0.0, **options)
+    assert np.isfinite(np.asarray(plain.image)).all() and float(plain.residual) < 0.2
+
+
+def test_the_highest_frequency_cannot_be_traced(few, data):
+    with pytest.raises(ValueError, match="max_frequency is traced"):
+        jax.jit(lambda highest: model_based(few, data, max_frequency=highest).image)(8.0)
+
+
 def test_not_converged_is_said(few, data):
     assert not model_based(few, data, weight=1e-3, max_steps=4).converged
     assert not model_based(few, data, penalty=NoPenalty(), max_steps=2).converged
@@ -333,6 +347,9 @@ def test_not_converged_is_said(few, data):
         ({"noise": np.ones(3)}, "noise has shape"),
         ({"tolerance": 0.0}, "tolerance is"),
         ({"max_steps": 0}, "max_steps is 0"),
+        ({"max_frequency": 0.0}, "max_frequency is 0"),
+        ({"max_frequency": np.nan}, "max_frequency is nan"),
+        ({"max_frequency": "high"}, "max_frequency"),
         ({"steps": 3}, "steps= and unrolled=True"),
         ({"unrolled": True}, "steps= and unrolled=True"),
         ({"initial": np.zeros((3, 3))}, "initial has shape"),
