@@ -312,7 +312,7 @@ CHOICES = (
         {
             "action": "store_true",
             "default": None,
-            "help": "no pixel is below zero (default: of pressure records)",
+            "help": "no pixel is below zero (default, unless a fit is asked for)",
         },
         off="signed",
         off_help="pixels may be below zero",
