@@ -12,7 +12,7 @@ from scipy.ndimage import map_coordinates
 
 from jaxtat.io import Scan
 from jaxtat.scans import Choices, ScanImages, choose, reconstruct
-from jaxtat.scans.facts import typical_frame
+from jaxtat.scans.acquisition import typical_frame
 from jaxtat.scans.speed import sharpness_by_speed
 
 ALPHAS = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)

@@ -163,6 +163,14 @@ CHOICES = (
         lambda c: "divided out" if c.laser_energy else "not corrected",
     ),
     Choice(
+        "time_shift",
+        _number,
+        lambda c: c.units.of_time(c.time_shift),
+        RECORD,
+        _NUMBER | {"metavar": "T", "help": "added to the times of the record"},
+        quantity="time",
+    ),
+    Choice(
         "dead_time",
         _number,
         lambda c: c.units.of_time(c.dead_time),

@@ -36,14 +36,13 @@ def info(options: argparse.Namespace) -> None:
     from ..scans import choose, describe, with_best_method
     from ..scans.found import NoRegion
     from ..scans.info import describe_without_region
-    from ..scans.speed import compare_sound_speed
     from .hints import suggestions
     from .inputs import given, scan_of
 
     scan, options = scan_of(options)
     asked = given(options, scan)
     try:
-        choices = compare_sound_speed(scan, choose(scan, **asked))
+        choices = choose(scan, **asked)
     except NoRegion as error:
         if options.json:
             raise
@@ -249,7 +248,7 @@ def _prepared(options: argparse.Namespace, start: float, *, fits: bool = False):
     accurate.
     """
     from ..io.plans import load_plan
-    from ..scans import choose, estimate, integrals, with_best_method
+    from ..scans import choose, integrals, with_best_method
     from .inputs import (
         given,
         plan_for,
@@ -270,8 +269,6 @@ def _prepared(options: argparse.Namespace, start: float, *, fits: bool = False):
         options_set = given(left, scan, plan)
         choices = choose(scan, **options_set)
         require_size(scan, choices)
-        if plan is None:
-            choices = estimate(scan, choices, **options_set)
         if fits and plan is None and not wants_plan(options):
             choices = with_best_method(scan, choices)
     else:

@@ -14,7 +14,7 @@ from ..io.frames import LazyFrames
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..regularization import FixedRank, NormBound, Regularization, SingularValueCutoff
 from ..scans import Choices, choose, setup_of, with_facts
-from ..scans.facts import facts_of, in_space
+from ..scans.acquisition import facts_of, in_space
 from ..scans.frames import require_radii
 from ..steps import polar_grid
 from .option_checks import band, is_given, require_values, slices

@@ -238,7 +238,7 @@ def _fitted(
         shape = fit.support.shape
         here = weight_on(shape, space, penalty, weight)
         start = between_nodes(start, shape)
-        level, state = _begun(fit, data, penalty, here, start, max_steps)
+        level, state = begun(fit, data, penalty, here, start, max_steps)
         advance = partial(_advance, level, penalty, here is None)
         return level, _until(advance, state, tolerance, max_steps, progress)
 
@@ -275,7 +275,7 @@ def _until(
 
 
 @eqx.filter_jit
-def _begun(
+def begun(
     fit: DataFit,
     data: Array,
     penalty: Any,
@@ -348,7 +348,7 @@ def _conjugate_gradients(
     max_steps: int,
 ) -> tuple[Level, State]:
     """The minimum of a quadratic function, in units in which ||B|| is about 1."""
-    level, state = _begun(fit, data, penalty, weight, start, max_steps)
+    level, state = begun(fit, data, penalty, weight, start, max_steps)
     held, weight, start = constants((level, weight, state.image))
     fit, square = held.fit, held.scale.square
     alpha = weight if isinstance(penalty, Ridge) else 0.0
@@ -372,7 +372,7 @@ def _unrolled(
     fit: DataFit, data: Array, penalty: Any, weight: Array | None, start: Array, steps: int
 ) -> ModelBased:
     """A fixed number of steps, each of them done again on the way back."""
-    level, state = _begun(fit, data, penalty, weight, start, steps)
+    level, state = begun(fit, data, penalty, weight, start, steps)
 
     def advance(state: State, _: None) -> tuple[State, None]:
         return _step(level, penalty, weight is None, state), None

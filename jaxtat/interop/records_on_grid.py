@@ -11,7 +11,7 @@ from ..geometry import ImageGrid
 from ..geometry.measured_curves import flat_axis
 from ..io import Scan
 from ..reconstruction import Setup
-from ..scans import Choices, choose, estimate, integrals, setup_of, with_best_method
+from ..scans import Choices, choose, integrals, setup_of, with_best_method
 from ..scans.constrained import fitted
 from ..scans.images import formula_images
 
@@ -54,8 +54,7 @@ def images_on_grid(
     ends = np.array([along[[0, -1]] for along in nodes])
     with jax.enable_x64(True):
         if chosen is None:
-            chosen = estimate(scan, choose(scan, **choices), **choices)
-            chosen = with_best_method(scan, chosen)
+            chosen = with_best_method(scan, choose(scan, **choices))
         grid = ImageGrid(tuple(map(len, nodes)), np.ptp(ends, axis=1) / 2, ends.mean(axis=1))
         of_choices = setup_of(scan, chosen)
         where = of_choices.curve, of_choices.region, grid, of_choices.radii

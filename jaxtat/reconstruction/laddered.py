@@ -124,7 +124,7 @@ def on_ladder(setup: Setup, n_detectors: int = 0, *, n_groups: int = 1) -> OnLad
     sizes = _sizes(geometry, sizes, n_groups)
     return OnLadder(
         setup,
-        _curve(curve, n),
+        longer_curve(curve, n),
         _grid(setup.grid),
         longer,
         sizes,
@@ -145,7 +145,7 @@ def setup_to_fit(setup: Setup, n_detectors: int = 0) -> Setup:
     longer, grid = _radii(radii), setup.grid
     if float(np.asarray(grid.half_width).min()) >= float(region.reach):
         grid = _grid(grid)
-    larger = _curve(curve, rung(max(curve.n_detectors, n_detectors)))
+    larger = longer_curve(curve, rung(max(curve.n_detectors, n_detectors)))
     parts = larger, grid, radii if longer is None else longer
     return eqx.tree_at(lambda setup: (setup.curve, setup.grid, setup.radii), setup, parts)
 
@@ -197,7 +197,7 @@ def _radii(radii: Array) -> Float[Array, " radii"] | None:
     return jax.device_put(np.concatenate([known, known[-1] + more * steps.mean()]))
 
 
-def _curve(curve: DetectorCurve, n: int) -> SampledCurve:
+def longer_curve(curve: DetectorCurve, n: int) -> SampledCurve:
     width = curve.element_width
     if width is not None and width.ndim:
         width = _last(width, n)

@@ -16,15 +16,14 @@ from ..regularization import Tikhonov
 from ..scans import (
     Choices,
     choose,
-    estimate,
     integrals,
     setup_of,
     with_best_method,
     with_facts,
 )
+from ..scans.acquisition import facts_of
 from ..scans.constrained import compared, fitted
 from ..scans.deviations import draw, quiet_noise
-from ..scans.facts import facts_of
 from ..scans.frames import lit_frames
 from ..steps import UnreachedWaves
 from ..studies import Diagnosis
@@ -62,7 +61,7 @@ def report_file(
     facts = {"detectors": detectors, "sampling_rate": sampling_rate, "times": times}
     facts["start_time"] = start_time
     scan = with_facts(load_scan(path), scanner=scanner, **facts)
-    choices = with_best_method(scan, estimate(scan, choose(scan, **given), **given))
+    choices = with_best_method(scan, choose(scan, **given))
     return report_scan(out, scan, choices, title=Path(path).name, inputs=[path], progress=progress)
 
 

@@ -53,6 +53,7 @@ class Choices(eqx.Module):
         model: acoustic model of a pressure record, "2d", "in-plane" or, of a volume, "in-space";
             "none" for circular or spherical integrals.
         sound_speed: c [length/time].
+        time_shift: what is added to the times of the file [time].
         dead_time: before it the record is silenced [time].
         band: pass band (f_lo, f_hi), or None for no filter [cycles/time].
         impulse_response: whether the one in the file is divided out.
@@ -75,7 +76,6 @@ class Choices(eqx.Module):
         standard_errors: pairs of a name above and the standard error of its number, where there is
             one [unit of the number].
         user_set: names of the options that were given, as in `choose`.
-        to_estimate: names of choices that images of the scan still have to tell, see `estimate`.
         units: of positions and record, for the words.
         model_based: whether images are fitted under constraints, see `constrained`.
         penalty, nonnegative, weight: of these.
@@ -85,6 +85,7 @@ class Choices(eqx.Module):
     left_out: tuple[int, ...] = eqx.field(static=True)
     model: str = eqx.field(static=True)
     sound_speed: float
+    time_shift: float
     dead_time: float
     band: tuple[float, float] | None
     impulse_response: bool = eqx.field(static=True)
@@ -105,7 +106,6 @@ class Choices(eqx.Module):
     grades: tuple[tuple[str, str], ...] = eqx.field(static=True, default=())
     standard_errors: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
     user_set: tuple[str, ...] = eqx.field(static=True, default=())
-    to_estimate: tuple[str, ...] = eqx.field(static=True, default=())
     units: Units = eqx.field(static=True, default=Units())
     region_size: tuple[float, float] | None = None
     laser_energy: bool = eqx.field(static=True, default=False)
@@ -180,7 +180,6 @@ class Choices(eqx.Module):
             reasons=tuple({**dict(self.reasons), name: reason}.items()),
             grades=tuple({**dict(self.grades), name: grade}.items()),
             standard_errors=tuple((n, error) for n, error in errors.items() if error is not None),
-            to_estimate=tuple(n for n in self.to_estimate if n != name),
         )
 
     def regularised_by_plan(self) -> "Choices":
@@ -233,7 +232,7 @@ class Choices(eqx.Module):
             grades = tuple((str(name), str(grade)) for name, grade in settings["grades"])
             errors = tuple((str(n), float(error)) for n, error in settings["standard_errors"])
             values |= {"reasons": reasons, "grades": grades, "standard_errors": errors}
-            values |= {n: tuple(map(str, settings[n])) for n in ("user_set", "to_estimate")}
+            values["user_set"] = tuple(map(str, settings["user_set"]))
             values["units"] = Units(*settings["units"])
         except (TypeError, ValueError) as error:
             raise ValueError(f"the settings cannot be read ({error}).") from error

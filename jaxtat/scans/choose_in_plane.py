@@ -5,6 +5,7 @@ A function of the scan alone: nothing is remembered, nothing drawn by chance.
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -13,6 +14,7 @@ from jaxtyping import Float
 
 from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import (
+    ArcFit,
     DetectorCurve,
     Region,
     data_radii,
@@ -21,6 +23,7 @@ from ..geometry import (
     keep_detectors,
     require_outside,
     uncovered,
+    visible_disk,
 )
 from ..io import Scan
 from ..records import MODELS, channel_quality, ranges, supported
@@ -34,11 +37,11 @@ from ..records.signal_power import (
     tail_share,
     totals,
 )
-from ..steps import AccuracyWarning, TooFewDetectors
-from .choices import IN_SPACE, Choices, plane_region
-from .contradictions import contradiction
-from .facts import (
+from ..steps import TooFewDetectors
+from .acoustics import sound_within, tell_acoustics
+from .acquisition import (
     FEWEST,
+    SLOWEST,
     Facts,
     arc_through,
     begin_behind_gap,
@@ -46,6 +49,7 @@ from .facts import (
     nominal_water_speed,
     typical_frame,
 )
+from .choices import IN_SPACE, Choices, plane_region
 from .found import (
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
@@ -57,10 +61,9 @@ from .found import (
     radii_of,
     require_detail,
     require_middle,
-    slowest,
     take_nominal_speed,
 )
-from .hearing import muted_start, noise_floor, power_after, sound_after, sound_begins
+from .hearing import muted_start, noise_floor, sound_after, sound_begins
 from .region_in_plane import (
     center_within,
     circle_without_detectors,
@@ -96,21 +99,37 @@ def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
     facts = facts._replace(units=facts.units.in_length(given.get("length_unit")))
     values = {"order": tuple(int(k) for k in facts.order), "units": facts.units}
     found = found_with_rectangle(given, values)
+    assumed = ""
     if scan.kind == "pressure":
-        _from_record(scan, facts, found)
+        assumed = _from_record(scan, facts, found)
     else:
         _from_integrals(scan, facts, found)
     found.take_laser_energy(scan)
     found.take("inversion", "fourier", "the faster way to the same image")
     found.take_constraints()
-    return found.choices()
+    made = found.choices()
+    if scan.kind == "pressure" and made.model != assumed:
+        return _by_other_model(scan, given, made)
+    return made
 
 
-def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
+def _by_other_model(scan: Scan, given: Mapping[str, Any], made: Choices) -> Choices:
+    """All choices by the model that images tell, where the record alone spoke for another."""
+    told = {name: getattr(made, name) for name in ("model", "sound_speed", "time_shift")}
+    other = choices_in_plane(scan, told | {k: v for k, v in given.items() if v is not None})
+    reasons, errors = dict(made.reasons), dict(made.standard_errors)
+    for name in told:
+        other = other.with_reason(name, reasons[name], made.grade(name), errors.get(name))
+    return replace(other, user_set=made.user_set)
+
+
+def _from_record(scan: Scan, facts: Facts, found: Found) -> str:
+    """Choices for a pressure record; returns the model by which it was prepared."""
     assert facts.times is not None
     times, frame = facts.times, typical_frame(scan)[facts.order]
     model = _model(facts, frame, found)
     speed = take_nominal_speed(scan, found, facts.units)
+    times = times + float(found.take("time_shift", 0.0, "as the file says"))
     detrend = model == "in-plane"
     whole = np.where(np.isfinite(frame), frame, 0.0)
     power = record_power(whole, times, detrend)
@@ -136,7 +155,13 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     if facts.arc is not None:
         facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
     begin = sound_begins(float(times[0]), dead_time, muted, floor)
-    power = power.after(begin)
+    _tell_acoustics(scan, facts, found, whole, good, begin)
+    speed = float(found.values["sound_speed"])
+    assert facts.times is not None
+    shift = float(found.values["time_shift"] - (times[0] - facts.times[0]))  # that was told
+    times, begin = times + shift, begin + shift
+    facts = facts._replace(times=times)
+    power = RecordPower(power.times + shift, power.power).after(begin)
     sound = sound_after(begin, whole[good], times, middle)
     region_of_sound(scan, facts, found, sound, speed, good)
     start = int(np.searchsorted(times, begin))
@@ -148,9 +173,33 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> None:
     _band(found, times, speed, highest)
     _radii(where, facts, found, float(times[-1]) * speed)
     _noise(found, RecordPower(power.times, power.power[good]), arrival, floor)
-    # whatever model and dead time are: sound is judged, not what the laser does to the amplifiers
-    end = end if detrend else _artefact_end(whole, times, True, middle)
-    _say_contradiction(facts, found, good, whole[good], max(begin, end), speed)
+    return model
+
+
+def _tell_acoustics(
+    scan: Scan, facts: Facts, found: Found, record: np.ndarray, good: np.ndarray, begin: float
+) -> None:
+    """Speed, model and start, by the best image of all that may sound within the detectors."""
+    assert facts.times is not None
+    times, points = facts.times + float(found.values["time_shift"]), facts.points[facts.order]
+    arc, speed = facts.arc or _free_circle(facts, found), float(found.values["sound_speed"])
+    sound = sound_within(arc, points, record, times, good, begin, speed)
+    if sound is None:
+        found.settle_all("the record is too short to tell it")
+        return
+    known = found.given.get("time_shift") is not None or "times" in scan.known
+    tell_acoustics(sound, arc, found, known)
+
+
+def _free_circle(facts: Facts, found: Found) -> ArcFit:
+    """Of detectors on no circle: the largest without any about what they see, or the region."""
+    center, radius = (found.given.get(name) for name in ("region_center", "region_radius"))
+    if center is not None and radius is not None:
+        arc = circle_without_detectors(facts.points[facts.order], center)
+        return arc._replace(radius=min(arc.radius, 2 * float(radius)))
+    points = facts.points[facts.order]
+    seen = visible_disk(detector_curve(points), center=center)
+    return circle_without_detectors(points, points.mean(axis=0) if seen is None else seen[0])
 
 
 def _artefact_end(
@@ -159,30 +208,6 @@ def _artefact_end(
     """`artefact_end` of the record from when the laser fires."""
     fired = int(np.searchsorted(times, 0.0))
     return artefact_end(record_power(record[:, fired:], times[fired:], detrend), middle)
-
-
-def _say_contradiction(
-    facts: Facts,
-    found: Found,
-    good: np.ndarray,
-    record: Float[np.ndarray, "detectors times"],
-    begin: float,
-    speed: float,
-) -> None:
-    """Warn of a record that the positions contradict; no speed of sound can be estimated of it."""
-    assert facts.times is not None
-    kept = facts.times >= begin
-    record = record[:, kept]
-    power = power_after(begin, record, facts.times[kept], detrend=True)
-    points, arc = facts.points[facts.order][good], facts.arc
-    center, radius = (np.array(arc.center), arc.radius) if arc else (points.mean(axis=0), None)
-    said = contradiction(record, power, points - center, radius, speed)
-    if said:
-        warnings.warn(f"{said}.", AccuracyWarning, stacklevel=5)
-    if said and "sound_speed" in found.to_estimate:
-        found.to_estimate.remove("sound_speed")
-        why = "that of water: the record contradicts the positions, by which it could be told"
-        found.explain("sound_speed", why, GUESSED)
 
 
 def _model(facts: Facts, frame: Float[np.ndarray, "detectors times"], found: Found) -> str:
@@ -241,7 +266,7 @@ def _without_faded(
     assert facts.times is not None
     if facts.arc is None or found.given.get("use") is not None:
         return good
-    least = found.values["sound_speed"] * slowest(found)
+    least = found.values["sound_speed"] * SLOWEST
     times = facts.times[facts.times <= 2 * facts.arc.radius / least]
     if least * facts.times[-1] < (1 + RIM) * facts.arc.radius or len(times) < FEWEST_SAMPLES:
         return good  # not all that sounds within the circle has passed, or hardly sampled
@@ -303,9 +328,8 @@ def _resolution(
     where: _Where, times: np.ndarray, found: Found, speed: float, highest: float
 ) -> None:
     """lambda_max by detectors, band and pixels, whichever is least, and the pixels by it."""
-    speed_at_least = speed * slowest(found)
-    support = supported(*where, times, sound_speed=speed_at_least)
-    require_middle(support, speed_at_least)
+    support = supported(*where, times, sound_speed=speed)
+    require_middle(support, speed)
     if support.ends_early:
         found.expect(support.shortfalls[0])
     of_detectors = float(support.frequency_of_detectors) / SAMPLED
@@ -382,7 +406,9 @@ def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:
         found.take_radii(np.asarray(found.given["radii"]))
         return
     step = 2 * float(found.values["half_width"]) / (int(found.values["pixels"]) - 1)
-    arc = facts.arc or circle_without_detectors(facts, found.values["region_center"])
+    arc = facts.arc or circle_without_detectors(
+        facts.points[facts.order], found.values["region_center"]
+    )
     # the last radius may lie a step beyond the farthest source
     reach = min(RIM * arc.radius, end - step - arc.radius)
     sources = disk(reach, center=np.array(arc.center)) if reach > 0 else None
@@ -406,7 +432,12 @@ def _noise(found: Found, power: RecordPower, arrival: float, floor: float) -> No
 
 def _from_integrals(scan: Scan, facts: Facts, found: Found) -> None:
     """Circular integrals, as simulated: there is little to choose."""
-    for name, value in (("model", "none"), ("sound_speed", 1.0), ("dead_time", 0.0)):
+    for name, value in (
+        ("model", "none"),
+        ("sound_speed", 1.0),
+        ("time_shift", 0.0),
+        ("dead_time", 0.0),
+    ):
         found.values[name] = value
     found.values.update(band=None, impulse_response=False, left_out=())
     found.explain("channels", "all", LIKELY)

@@ -5,6 +5,7 @@ data are left out where the others are on whole rings, or few enough to lie anyw
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -18,8 +19,8 @@ from ..records.signal_power import highest_frequency, noise_before, record_power
 from ..records.source_extent import sounding_disk
 from ..spherical import cap_radii
 from ..spherical.sizes import resolved_frequency
+from .acquisition import SLOWEST, typical_frame
 from .choices import IN_SPACE, Choices
-from .facts import typical_frame
 from .found import (
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
@@ -33,10 +34,10 @@ from .found import (
     require_detail,
     require_end,
     require_scale,
-    slowest,
     take_nominal_speed,
 )
 from .hearing import heard_after
+from .opposite_detectors import speed_in_space
 from .space import MOST_POINTS, FactsInSpace, facts_in_space
 
 MARGIN = 1.4  # of the region beyond where sound comes from: sound from the rims of balls is weak
@@ -44,7 +45,7 @@ VOXELS = (17, 129)  # along an axis, if none are given
 SHOWN = 8  # rows, at most, that a message names
 LISTENED = 512  # detectors, at most, by which noise is judged
 UNKNOWN_NOISE = 1e-3  # alpha of a record that starts with sound
-_NOT_HERE = ("region_angle", "region_center", "region_size", "model")
+_NOT_HERE = ("time_shift", "region_angle", "region_center", "region_size", "model")
 
 
 def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
@@ -64,7 +65,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     values["left_out"] = left_out
     values |= {"region_center": center, "region_angle": 0.0, "region_size": None}
     values["units"] = facts.units
-    found = Found(given, values, {}, {}, set())
+    found = Found(given, values, {}, {}, set(), {})
     if left_out:
         why = f"{facts.arrangement}; left out: {ranges(silent)} recorded nothing, or NaN"
         found.explain("channels", why, LIKELY)
@@ -79,7 +80,8 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     found.take_laser_energy(scan)
     found.take("inversion", "fourier", "the faster way to the same image")
     found.take_constraints()
-    return found.choices()
+    made = found.choices()
+    return with_speed_in_space(scan, made) if "sound_speed" in found.to_estimate else made
 
 
 def _facts_with_sound(scan: Scan, use: Any) -> tuple[FactsInSpace, np.ndarray]:
@@ -109,11 +111,12 @@ def _facts_with_sound(scan: Scan, use: Any) -> tuple[FactsInSpace, np.ndarray]:
 
 def _sound(scan: Scan, facts: FactsInSpace, found: Found) -> None:
     if facts.times is None:
-        found.values.update(model="none", sound_speed=1.0, dead_time=0.0, band=None)
+        found.values.update(model="none", sound_speed=1.0, time_shift=0.0, dead_time=0.0, band=None)
         found.values["impulse_response"] = False
         return
     found.take("model", IN_SPACE, "detectors in space, around a volume")
     take_nominal_speed(scan, found, facts.units)
+    found.take("time_shift", 0.0, "as the file says")
     found.take("dead_time", 0.0, "the record is taken as it is", LIKELY)
     if found.given.get("band") == "none":
         found.values["band"] = None
@@ -139,7 +142,7 @@ def _region(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) ->
             share, grade = max(MARGIN * reach, SHARES[0] * facts.radius), LIKELY
             length = facts.units.of_length
             why = f"sound comes from within {length(reach)}, and {MARGIN - 1:.0%} to spare"
-        path *= slowest(found)
+        path *= SLOWEST if "sound_speed" in found.to_estimate else 1.0
         if path - facts.radius < share:
             share, why, grade = path - facts.radius, "as much as the record covers", GUESSED
     share, why = covered(found, share, why, radii_of(scan, found), np.array([facts.radius]))
@@ -166,6 +169,34 @@ def _sounding(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) 
     known = "sound_speed" not in found.to_estimate
     body = sounding_disk(points - center, when, found.values["sound_speed"], known)
     return body.reach
+
+
+def with_speed_in_space(scan: Scan, choices: Choices) -> Choices:
+    """Choices with the speed of sound at which opposite detectors agree, or water's."""
+    found = speed_in_space(scan, choices)
+    error = found.standard_error
+    error = None if error is None else choices.sound_speed * error
+    why = f"{found.why}; none in the file" if error is not None else f"water's: {found.why}"
+    at = at_speed(choices, found.stretch)
+    return at.with_reason("sound_speed", why, found.grade, error)
+
+
+def at_speed(choices: Choices, stretch: float) -> Choices:
+    """Choices at another speed of sound: radii for the same times, no farther apart than before.
+
+    Args:
+        choices: of a pressure record.
+        stretch: the other speed over that of the choices.
+    """
+    n_steps = choices.n_radii - 1
+    n_more = max(n_steps, int(np.ceil(n_steps * stretch - 1e-9)))
+    return replace(
+        choices,
+        sound_speed=choices.sound_speed * stretch,
+        first_radius=choices.first_radius * stretch,
+        radial_step=choices.radial_step * stretch * n_steps / n_more,
+        n_radii=n_more + 1,
+    )
 
 
 def _arrival(facts: FactsInSpace, found: Found) -> float:

@@ -7,17 +7,15 @@ from ..base.checks import real_array
 from ..base.choice_table import OPTIONS, SURE, require_pixels
 from ..io import Scan
 from ..io.scan import require_one_rate
+from .acquisition import in_space
 from .choices import Choices
 from .choose_in_plane import choices_in_plane
 from .choose_in_space import choices_in_space
-from .facts import in_space
-from .model import OTHER, better_model, in_doubt
 from .noise import estimate_alpha
-from .speed import compare_sound_speed, estimate_sound_speed
 
 
 def choose(scan: Scan, **given: Any) -> Choices:
-    """All choices for a scan, before those are estimated that need images, see `estimate`.
+    """All choices for a scan, by its file and by what images leave of it, see `misfit`.
 
     Args:
         scan: from `load_scan`.
@@ -35,41 +33,10 @@ def choose(scan: Scan, **given: Any) -> Choices:
     _require_known(given)
     require_one_rate(scan)
     made = choices_in_space(scan, given) if in_space(scan) else choices_in_plane(scan, given)
+    made = estimate_alpha(scan, made)
     if given.get("length_unit") is None:
         return made
     return made.with_reason("length_unit", "given", SURE)
-
-
-def estimate(scan: Scan, choices: Choices, **given: Any) -> Choices:
-    """Choices with those estimated from images that are not known: model, speed of sound, alpha.
-
-    A speed from the file is compared with that of the sharpest image. See `better_model`,
-    `estimate_sound_speed`, `compare_sound_speed` and `noise.estimate_alpha`.
-
-    Args:
-        scan: as for `choose`.
-        choices: of `choose`.
-        given: the options with which they were chosen.
-
-    Raises:
-        ValueError: for options of the choices that are not given here too, where the model is told
-            by images: the choices for the other model need them.
-    """
-    if in_doubt(choices):
-        _require_options(choices, given)
-        other = choose(scan, **given | {"model": OTHER[choices.model]})
-        choices = better_model(scan, choices, other)
-    choices = compare_sound_speed(scan, estimate_sound_speed(scan, choices))
-    return estimate_alpha(scan, choices)
-
-
-def _require_options(choices: Choices, given: Mapping[str, Any]) -> None:
-    missing = [name for name in choices.user_set if given.get(name) is None]
-    if missing:
-        raise ValueError(
-            f"the choices were made with {', '.join(missing)} given: give estimate the same "
-            "options."
-        )
 
 
 NAMES = (

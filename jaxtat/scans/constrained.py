@@ -30,8 +30,7 @@ from ..reconstruction import Setup
 from ..reconstruction.laddered import around, middle, setup_to_fit
 from ..records import apply_impulse_response
 from .choices import Choices
-from .facts import times_of
-from .frames import has_baseline, in_band, integrals
+from .frames import has_baseline, in_band, integrals, shifted_times
 
 PENALTIES = {
     "tv": TotalVariation,
@@ -94,7 +93,7 @@ class _Recorded(NamedTuple):
 
 
 def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) -> _Recorded:
-    times = times_of(scan)
+    times = shifted_times(scan, choices)
     if choices.in_space:
         return _Recorded(setup, integrals(scan, choices, setup, frames), {}, setup.complete)
     n_detectors = len(choices.order)

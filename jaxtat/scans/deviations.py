@@ -16,8 +16,7 @@ from ..reconstruction import ReconstructionPlan, Setup
 from ..records import LEAST_SAMPLES, RecordNoise, noise_of_record
 from ..steps import AccuracyWarning
 from .choices import Choices
-from .facts import times_of
-from .frames import integrals, lit_frames, setup_of
+from .frames import integrals, lit_frames, setup_of, shifted_times
 from .images import formula_images, frames_together, without_blank_frames
 
 DRAWN = 32  # records: standard deviations are good to 13 %
@@ -66,7 +65,7 @@ def quiet_noise(
 
     None for circular integrals, where no part of the record is quiet, and where that holds nothing.
     """
-    times = times_of(scan)
+    times = shifted_times(scan, choices)
     if times is None:
         return None
     start = 2 * choices.dead_time or float(

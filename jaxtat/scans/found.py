@@ -13,8 +13,8 @@ from ..base.units import Units
 from ..geometry import require_radii
 from ..io import Scan
 from ..records import Supported
+from .acquisition import nominal_water_speed
 from .choices import Choices
-from .facts import SLOWEST, nominal_water_speed
 
 DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not show it
 SHARES = (0.1, 0.9)  # least and largest region radius over the arc's
@@ -33,6 +33,7 @@ class Found(NamedTuple):
         given: options by name, None for those that are not.
         values, reasons, grades: by name of a choice.
         to_estimate: names of choices that images still have to tell.
+        errors: standard errors by name.
         follows: names of those options that follow from another one, and how.
     """
 
@@ -41,6 +42,7 @@ class Found(NamedTuple):
     reasons: dict[str, str]
     grades: dict[str, str]
     to_estimate: set[str]
+    errors: dict[str, float]
     follows: Mapping[str, str] = MappingProxyType({})
 
     def take(self, name: str, value: Any, reason: str, grade: str = SURE) -> Any:
@@ -52,6 +54,28 @@ class Found(NamedTuple):
 
     def explain(self, name: str, reason: str, grade: str = SURE) -> None:
         self.reasons[name], self.grades[name] = reason, grade
+
+    def settle(
+        self, name: str, value: Any, reason: str, grade: str, error: float = math.inf
+    ) -> None:
+        """Take what images tell of a choice that was left to them."""
+        self.values[name] = value
+        self.to_estimate.discard(name)
+        self.explain(name, reason, grade)
+        if math.isfinite(error):
+            self.errors[name] = error
+
+    def settle_all(self, reason: str) -> None:
+        """Leave what images should have told as it is."""
+        for name in sorted(self.to_estimate):
+            self.settle(name, self.values[name], f"{self.reasons[name]}; {reason}", GUESSED)
+
+    def doubt(self, reason: str) -> None:
+        """Nothing that images should tell is known, and what was chosen is a guess."""
+        self.settle_all(reason)
+        for name, grade in self.grades.items():
+            if grade != SURE:
+                self.grades[name] = GUESSED
 
     def estimate_later(self, name: str) -> None:
         """Leave a choice to `estimate`, unless it is given."""
@@ -150,9 +174,10 @@ class Found(NamedTuple):
                 for name, value in self.given.items()
                 if value is not None and name not in self.follows
             ),
-            "to_estimate": tuple(sorted(self.to_estimate)),
         }
-        return Choices.from_settings(self.values | why | names | {"standard_errors": ()})
+        return Choices.from_settings(
+            self.values | why | names | {"standard_errors": tuple(self.errors.items())}
+        )
 
 
 class NoRegion(ValueError):
@@ -206,11 +231,6 @@ def _one_speed(speeds: np.ndarray, units: Units) -> tuple[float, str, str]:
     between = f"{units.of_speed(least)} to {units.of_speed(most)}"
     why = f"the mean of {of_what} speeds in the file, {between}: images are made with one"
     return float(speeds.mean()), why, GUESSED
-
-
-def slowest(found: Found) -> float:
-    """The least speed to search, over the nominal one, for which the record is long enough."""
-    return SLOWEST if "sound_speed" in found.to_estimate else 1.0
 
 
 def covered(

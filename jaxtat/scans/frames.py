@@ -10,8 +10,8 @@ from ..io import Scan
 from ..reconstruction import OnLadder, Setup, on_ladder
 from ..records import condition_record, pressure_to_circular_integrals, remove_impulse_response
 from ..spherical import pressure_to_spherical_integrals
+from .acquisition import facts_of, times_of
 from .choices import IN_SPACE, Choices
-from .facts import facts_of, times_of
 from .space import facts_in_space
 
 GROUPS = 2  # of frequencies, at most: for few images, compiling is what takes time
@@ -68,6 +68,12 @@ def per_energy(
     return frames / scan.known["laser_energy"][numbers, None, None]
 
 
+def shifted_times(scan: Scan, choices: Choices) -> Float[np.ndarray, " times"] | None:
+    """Times of the samples of a pressure record, with the shift that was chosen."""
+    times = times_of(scan)
+    return None if times is None else times + choices.time_shift
+
+
 def integrals(
     scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray
 ) -> Float[Array, "..."]:
@@ -87,7 +93,7 @@ def integrals(
 
 def _integrals(scan: Scan, choices: Choices, radii: Array, frames: np.ndarray) -> Array:
     part = real_array(scan.kind, frames[..., list(choices.channels), :], None)
-    times = times_of(scan)
+    times = shifted_times(scan, choices)
     if times is None:
         require_radii(part.shape[-1], radii.shape[0])
         return part

@@ -2,12 +2,9 @@
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..io import Scan
-from ..records import channel_quality
 from ..records.channels import ChannelQuality
 from ..records.signal_power import RecordPower, muted_until, record_power
 from ..records.source_extent import (
@@ -18,8 +15,6 @@ from ..records.source_extent import (
     sounding_disk,
     sounding_place,
 )
-from .choices import Choices
-from .facts import FASTEST, SLOWEST, facts_of, typical_frame
 
 EXACT = 1e-8  # noise over signal power, below which a record is simulated, not muted
 LEFT_TO_JUDGE = 128  # samples after a muted start, by which channels and noise are judged
@@ -156,32 +151,3 @@ def near_side_heard(
     """The disk by first times alone, for a record that ends before sound from the far side."""
     begins = body.when._replace(ceases=np.zeros_like(body.when.ceases))
     return sounding_disk(points, begins, speed, True)
-
-
-def speed_heard(scan: Scan, choices: Choices) -> float | None:
-    """The speed of sound by the times of first and last sound, over the speed of the choices.
-
-    Sound of a body of radius a about m arrives at distances |y - m| ∓ a. The speed is the one at
-    which the middle of these times fits the distances |y - m|. On simulated arcs of 125 degrees and
-    more it was 1 to 2 % off; on those of 90 degrees it was hardly better than water's. None if the
-    record does not show both times.
-
-    Args:
-        scan, choices: in the plane, of pressure.
-    """
-    facts = facts_of(scan)
-    assert facts.times is not None
-    record = jnp.asarray(typical_frame(scan)[list(choices.channels)])
-    power = record_power(np.asarray(record), facts.times, detrend=True)
-    muted = muted_start(power, facts.times)
-    quality = channel_quality(record, facts.times, dead_time=max(choices.dead_time, muted))
-    floor = noise_floor(quality, np.ones(len(record), bool))
-    begin = sound_begins(float(facts.times[0]), choices.dead_time, muted, floor)
-    points = facts.points[list(choices.channels)] - np.array(choices.region_center)
-    middle = float(np.median(np.hypot(*points.T))) / choices.sound_speed
-    sound = sound_after(begin, np.asarray(record), facts.times, middle)
-    body = body_heard(sound, points, choices.sound_speed, False)
-    if not (body.when.begins.mean() > 0.5 and body.when.ceases.mean() > 0.5):
-        return None
-    speed = body.disk.speed
-    return float(np.clip(speed, SLOWEST, FASTEST))

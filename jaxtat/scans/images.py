@@ -25,10 +25,10 @@ from ..reconstruction import (
 from ..reconstruction import reconstruct as reconstruct_by
 from ..records import ranges
 from ..steps import AccuracyWarning, TooFewDetectors
+from .acquisition import blank_frames, facts_of, frame_numbers, some_frames, with_facts
 from .choices import Choices
-from .choosing import choose, estimate
+from .choosing import choose
 from .constrained import fitted
-from .facts import blank_frames, facts_of, frame_numbers, some_frames, with_facts
 from .frames import GROUPS, integrals, lit_frames, setup_of
 from .method import with_best_method
 from .space import TurnedOver, facts_in_space
@@ -113,7 +113,7 @@ def reconstruct_file(
         start_time=start_time,
         frames=frames,
     )
-    choices = with_best_method(scan, estimate(scan, choose(scan, **given), **given))
+    choices = with_best_method(scan, choose(scan, **given))
     if report is not None:
         report(choices.table())
     return reconstruct(scan, choices, out=out, progress=progress)

@@ -6,10 +6,8 @@ from ..geometry import visibility
 from ..geometry.regions import Region
 from ..io import Scan
 from ..records import ranges, supported
+from .acquisition import Facts, arc_through, blank_frames, facts_of, frame_numbers, in_space
 from .choices import Choices
-from .facts import Facts, arc_through, blank_frames, facts_of, frame_numbers, in_space
-from .model import in_doubt
-from .noise import wants_alpha
 from .space import FactsInSpace, facts_in_space
 
 STRAIGHT = 1e-3  # extent across over extent along, of a line
@@ -23,9 +21,7 @@ def describe(scan: Scan, choices: Choices) -> str:
         lines += _of_sphere(facts)
     else:
         lines += [*_of_curve(facts, list(choices.channels)), *_of_region(facts, choices)]
-    estimated = ", the model by which an image explains more" if in_doubt(choices) else ""
-    estimated += ", alpha and filter by cross-validation" if wants_alpha(choices) else ""
-    return "\n".join([*lines, "", f"A reconstruction would use{estimated}", choices.table()])
+    return "\n".join([*lines, "", "A reconstruction would use", choices.table()])
 
 
 def describe_without_region(scan: Scan, length_unit: str | None) -> str:

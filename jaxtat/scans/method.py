@@ -12,8 +12,8 @@ from dataclasses import replace
 from ..base.choice_table import GUESSED, LIKELY
 from ..geometry import Region, visibility
 from ..io import Scan
+from .acquisition import facts_of
 from .choices import Choices
-from .facts import facts_of
 from .found import OF_FORMULA
 
 

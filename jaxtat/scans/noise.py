@@ -16,8 +16,8 @@ from ..densities.cylindrical_waves import cross_validation, waves_of
 from ..io import Scan
 from ..reconstruction import OnLadder
 from ..steps.radial_transforms import radial_transform
+from .acquisition import typical_frame
 from .choices import Choices
-from .facts import typical_frame
 from .found import ALPHAS
 from .frames import integrals, problem_of
 

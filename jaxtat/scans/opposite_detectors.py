@@ -1,4 +1,4 @@
-"""The speed of sound at which opposite detectors agree, in space and in the plane.
+"""The speed of sound at which opposite detectors agree, in space.
 
 A wave front that runs towards one detector runs away from the one opposite. Back-projected at the
 true speed, they lie on each other with the same sign where the record is filtered evenly in time,
@@ -11,10 +11,6 @@ filtered record as an analytic signal, the real part adds up and the imaginary o
 more than the term -2 t dp/dt of Xu and Wang, since to long waves the detectors are not far away:
 these displace the peak, by 1/(kR)² of the speed, mean over the spectrum of b. That is taken off; it
 was found on simulated records, which it fits to a fifth.
-
-In the plane b = -d²g/dr² of the circular integrals g, whose last part fades out where the record
-ends early: what is beyond the middle is heard by detectors of both sides even then, but no image
-of a whole region is sharp.
 
 Source of the back-projection: Xu, Wang, Phys. Rev. E 71 (2005) 016706.
 """
@@ -29,9 +25,9 @@ from jaxtyping import Array, Complex, Float, Int
 from ..base.size_ladder import filled_up, rung
 from ..geometry import DetectorPoints
 from ..io import Scan
+from .acquisition import FASTEST, SLOWEST, times_of, typical_frame
 from .choices import Choices
-from .facts import FASTEST, SLOWEST, facts_of, times_of, typical_frame
-from .frames import conditioned, integrals, setup_of
+from .frames import conditioned
 from .space import facts_in_space
 from .speed_found import SpeedFound, believed, jackknife, summit, unknown
 
@@ -40,13 +36,8 @@ AGREE = 0.3  # M at the peak, at least
 FITS = 0.2  # of what displaces the peak, to which that is known
 SECTORS = 6  # of azimuths, each of which is left out in turn
 LISTENED = 700  # detectors, at most
-ACROSS = 25  # points along the region's diameter, at which they agree or not
-# in the plane: more speeds, and more points
-CLOSER_SPEEDS, CLOSER = np.linspace(SLOWEST, FASTEST, 21), 41
-RIVAL = 0.7  # M at another peak over that at the highest, at most
-FADING = 0.15  # last part of the integrals, which fades out
-WAVES = 300.0  # kR at most: of shorter ones the peak is narrower than the steps between speeds
 SHARPER = 1.5  # times the image's highest frequency, up to which the record is heard
+ACROSS = 25  # points along the region's diameter, at which they agree or not
 
 
 def speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
@@ -66,23 +57,6 @@ def speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
     error = float(np.hypot(best.error, FITS * displaced * speed))
     why = f"opposite detectors agree best, to {best.agreement:.0%}"
     return believed(speed, error, why, "detectors")
-
-
-def speed_from_both_sides(scan: Scan, choices: Choices) -> SpeedFound:
-    """The same in the plane, of detectors on 200 degrees or more.
-
-    For a record that ends when sound from beyond the middle has arrived, too. On 29 simulated scans
-    of that kind the conditions refused four. On the 18 others of one speed it was 0.07 % off in the
-    median, and up to 1 % for smooth objects; if body and water differ, up to 4 %.
-
-    Args:
-        scan, choices: in the plane, of pressure.
-    """
-    best = _best(_faded_out(scan, choices), choices.sound_speed, CLOSER_SPEEDS)
-    if best.agreement < AGREE or best.rival > RIVAL * best.agreement:
-        return unknown("opposite detectors agree on none")
-    why = f"opposite detectors agree best, to {best.agreement:.0%}"
-    return believed(best.speed, best.error, why, "detectors")
 
 
 class _Best(NamedTuple):
@@ -173,25 +147,6 @@ def _agreements(record: _Record, speed: float) -> list[float]:
 
 def _agreement(z: np.ndarray) -> float:
     return float(np.sum(z**2).real / max(np.sum(np.abs(z) ** 2), 1e-300))
-
-
-def _faded_out(scan: Scan, choices: Choices) -> _Record:
-    """-d²g/dr² of a record in the plane, as analytic signals."""
-    setup = setup_of(scan, choices, n_groups=1)
-    g = np.asarray(integrals(scan, choices, setup, typical_frame(scan)))
-    radii, n = np.asarray(setup.radii), g.shape[-1]
-    points = facts_of(scan).points[list(choices.channels)] - np.array(choices.region_center)
-    highest = min(choices.max_frequency, WAVES / float(np.median(np.hypot(*points.T))))
-    from_end = np.arange(n, 0, -1) / (FADING * n + 1)
-    fading = 0.5 - 0.5 * np.cos(np.pi * np.minimum(from_end, 1.0))
-    k = 2 * np.pi * np.fft.fftfreq(2 * n, radii[1] - radii[0])
-    passed = np.where((k > 0) & (k < highest), 1 + np.cos(np.pi * k / highest), 0.0)
-    filtered = np.fft.ifft(np.fft.fft(g * fading, 2 * n) * passed * k**2)[:, :n]
-    filtered = filtered * np.asarray(setup.curve.weights)[:, None]
-    line = np.linspace(-choices.region_radius, choices.region_radius, CLOSER)
-    where = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    where = where[np.linalg.norm(where, axis=1) < choices.region_radius]
-    return _Record(points, filtered, radii / choices.sound_speed, _sectors(points), where)
 
 
 def _sectors(points: Float[np.ndarray, "detectors space"]) -> Int[np.ndarray, " detectors"]:

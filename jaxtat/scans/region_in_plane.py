@@ -10,8 +10,8 @@ from ..base.checks import real_array, require_positive
 from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import ArcFit, detector_curve, visible_disk
 from ..io import Scan
-from .facts import Facts
-from .found import SHARES, Found, NoRegion, covered, require_scale, slowest
+from .acquisition import Facts
+from .found import SHARES, Found, NoRegion, covered, require_scale
 from .hearing import Sound, body_heard, near_side_heard
 
 MARGIN, SPREAD = 1.1, 2.0  # of the region: times as far as sound comes from, and deviations
@@ -36,13 +36,11 @@ def region_of_sound(
     assert facts.times is not None
     center = center_within(arc, found)
     points = facts.points[facts.order][good] - np.array(arc.center)
-    known = "sound_speed" not in found.to_estimate
-    heard = body_heard(sound, points, speed, known)
+    heard = body_heard(sound, points, speed, True)
     body, tells = heard.disk, heard.when.tells
     path = float(facts.times[-1]) * speed
     if found.given.get("region_radius") is None:
         require_scale(path, arc.radius, speed)
-    path *= slowest(found)
     near = near_side_heard(heard, points, speed)
     late = tells and path - arc.radius < near.reach < SHARES[1] * arc.radius
     body = near if late else body
@@ -98,7 +96,7 @@ def found_with_rectangle(given: Mapping[str, Any], values: dict[str, Any]) -> Fo
     """
     size = given.get("region_size")
     if size is None:
-        return Found(given, values | {"region_size": None}, {}, {}, set())
+        return Found(given, values | {"region_size": None}, {}, {}, set(), {})
     for name in ("region_radius", "region_cut"):
         if given.get(name) is not None:
             raise ValueError(f"region_size is of a rectangle and {name} of a disk: give one.")
@@ -109,7 +107,7 @@ def found_with_rectangle(given: Mapping[str, Any], values: dict[str, Any]) -> Fo
     implied = {"region_radius": float(np.hypot(*sides)) / 2}
     if given.get("half_width") is None:
         follows["half_width"], implied["half_width"] = "the rectangle", float(sides.max()) / 2
-    found = Found({**given, **implied}, values, {}, {}, set(), follows)
+    found = Found({**given, **implied}, values, {}, {}, set(), {}, follows)
     found.take("region_size", size, "given")
     return found
 
@@ -170,10 +168,10 @@ def _field_of_view(scan: Scan, center: Any) -> float | None:
     return float(np.hypot(*half)) if there else None
 
 
-def circle_without_detectors(facts: Facts, center: Any) -> ArcFit:
+def circle_without_detectors(points: Float[np.ndarray, "detectors 2"], center: Any) -> ArcFit:
     """For other curves than arcs: the largest circle about the centre without detectors."""
     middle = (float(center[0]), float(center[1]))
-    radius = float(np.hypot(*(facts.points[facts.order] - np.array(middle)).T).min())
+    radius = float(np.hypot(*(points - np.array(middle)).T).min())
     return ArcFit(middle, radius, 0.0, 2 * np.pi, 0.0, 0.0, np.inf)
 
 

@@ -12,7 +12,7 @@ from ..geometry import DetectorPoints, SphericalCap, find_rings
 from ..geometry.balls import Ball
 from ..geometry.rings import fit_sphere
 from ..io import Scan
-from .facts import rows_used, times_of, units_of
+from .acquisition import rows_used, times_of, units_of
 
 MOST_POINTS = 800  # detectors off rings: their systems are dense
 

@@ -5,13 +5,12 @@ from typing import Any
 
 from ..base.choice_table import NUMBERS
 from ..io import Scan
+from .acquisition import in_space, some_frames
 from .choices import Choices
 from .choosing import choose
-from .facts import in_space, some_frames
 from .found import OF_FORMULA
 from .frames import setup_of
 from .images import ScanImages, reconstruct
-from .noise import estimate_alpha
 
 _OF_IMAGE = (
     "region_radius",
@@ -23,7 +22,7 @@ _OF_IMAGE = (
     "max_frequency",
     "pixels",
 )
-_OF_RECORD = ("model", "sound_speed", "dead_time", "band")
+_OF_RECORD = ("model", "sound_speed", "time_shift", "dead_time", "band")
 _FOLLOW = {"region_radius": ("region_cut", "half_width", "pixels", *OF_FORMULA)}
 """What follows from a choice, and is chosen anew with it."""
 
@@ -39,7 +38,7 @@ def trials(
 
     Args:
         scan: in the plane.
-        choices: from `choose`, with its speed of sound estimated.
+        choices: from `choose`, of the scan.
         given: options with which they were chosen.
         name: of the choice, a number.
         values: to try, in the units of the scan.
@@ -63,7 +62,7 @@ def trials(
     scan = some_frames(scan, [0])
     others = dict(given) | _kept(scan, choices, name)
     chosen = [_trial(scan, others, name, value) for value in values]
-    return (reconstruct(scan, estimate_alpha(scan, trial)) for trial in chosen)
+    return (reconstruct(scan, trial) for trial in chosen)
 
 
 def _kept(scan: Scan, choices: Choices, name: str) -> dict[str, Any]:

@@ -11,9 +11,8 @@ from ..geometry import Region
 from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup
 from ..reconstruction.setup import plane_of, require_complete
-from ..scans import Choices, choose, estimate, setup_of
-from ..scans.facts import times_of
-from ..scans.frames import conditioned, has_baseline
+from ..scans import Choices, choose, setup_of
+from ..scans.frames import conditioned, has_baseline, shifted_times
 from .moving_region import N_GROUPS, setup_within_reach
 from .samples import Pressure, pressure_of, record_end
 
@@ -45,7 +44,7 @@ def of_setup(setup: Setup, rule: Any, low_pass: Any, reach: Numbers | None) -> L
 def of_scan(
     scan: Scan, choices: Choices | None, plan: ReconstructionPlan | None, reach: Numbers | None
 ) -> LiveSettings:
-    choices = estimate(scan, choose(scan)) if choices is None else choices
+    choices = choose(scan) if choices is None else choices
     _require_formula(choices)
     setup = setup_of(scan, choices, n_groups=N_GROUPS) if plan is None else plan.setup
     require_complete(setup)
@@ -75,7 +74,7 @@ def speed_of(speed: Numbers) -> float:
 
 def _pressure_of(scan: Scan, choices: Choices) -> tuple[Pressure | None, bool]:
     """The conditioning of a record, and whether offset and drift are subtracted before."""
-    times = times_of(scan)
+    times = shifted_times(scan, choices)
     if times is None:
         return None, False
 

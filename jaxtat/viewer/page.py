@@ -110,7 +110,7 @@ class ViewerPage:
 
     def _make_curve(self, low: float, high: float) -> None:
         """Sharpness by speed of sound, as wide as the slider below it."""
-        self.curve = ColumnDataSource({"speed": [], "sharpness": []})
+        self.curve = ColumnDataSource({"speed": [], "share": []})
         self.curve_plot = figure(
             width=WIDTH,
             height=120,
@@ -121,9 +121,9 @@ class ViewerPage:
             visible=False,
         )
         self.curve_plot.yaxis.visible = False
-        title = Title(text="sharpness of the image", text_font_style="normal")
+        title = Title(text="share that no image explains", text_font_style="normal")
         self.curve_plot.add_layout(title, "above")
-        self.curve_plot.line("speed", "sharpness", source=self.curve, line_width=2)
+        self.curve_plot.line("speed", "share", source=self.curve, line_width=2)
         self.at_speed = Span(location=self.speed.value, dimension="height", line_color="#c0392b")
         self.curve_plot.add_layout(self.at_speed)
 
@@ -295,14 +295,14 @@ class ViewerPage:
     def _ask_for_curve(self) -> None:
         session, controls = self._session, self.controls
         if session.scan.kind == "pressure":
-            self._curves.want(lambda: session.sharpness(controls), self._show_curve)
+            self._curves.want(lambda: session.unexplained(controls), self._show_curve)
 
     def _show_curve(self, curve: Any, error: str) -> None:
         if error or curve is None:  # the picture's own message says why
             return
-        speeds, sharpness = curve
-        self.curve.data = {"speed": self.scale * speeds, "sharpness": sharpness}
-        least = float(sharpness.min())
+        speeds, shares = curve
+        self.curve.data = {"speed": self.scale * speeds, "share": shares}
+        least = float(shares.min())
         self.curve_plot.y_range.update(start=least - 0.05 * (1 - least), end=1 + 0.1 * (1 - least))
         self.curve_plot.visible = True
 

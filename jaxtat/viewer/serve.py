@@ -13,7 +13,7 @@ import jax
 
 from ..base.optional_packages import optional
 from ..io import Scan, load_scan
-from ..scans import Choices, choose, estimate
+from ..scans import Choices, choose
 from .session import PIXELS, Session
 
 HOST = "127.0.0.1"
@@ -154,7 +154,7 @@ def view(
     source = None if source is None else Path(source)
     with jax.enable_x64(True):
         if choices is None:
-            choices = estimate(scan, choose(scan, pixels=PIXELS), pixels=PIXELS)
+            choices = choose(scan, pixels=PIXELS)
         session = Session(scan, choices, facts)
         session.image(session.start)  # compiled before the first page is opened
     return Viewer(session, source.name if source else "scan", source, Path(folder), port)

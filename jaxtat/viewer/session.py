@@ -15,13 +15,14 @@ from ..base.units import ROUNDING
 from ..geometry import ImageGrid, fit_circle
 from ..io import Scan
 from ..scans import Choices, choose, integrals
+from ..scans.acoustics import shares_by_speed
+from ..scans.acquisition import FASTEST, SLOWEST, facts_of, frame_numbers, nominal_water_speed
 from ..scans.constrained import fitted
-from ..scans.facts import FASTEST, SLOWEST, facts_of, frame_numbers, nominal_water_speed
 from ..scans.frames import per_energy
-from ..scans.speed import SPEEDS, sharpness_by_speed
 from ..steps import universal_back_projection
 from ..streams import live
 
+SPEEDS = 25  # of the curve by which one is chosen
 PIXELS = 257  # of images, where nothing else is said
 DIRECT, BACK_PROJECTION, MODEL_BASED = METHODS = "direct", "back-projection", "model-based"
 Shown = tuple[float, tuple[float, float]]  # radius and centre of a disk [length]
@@ -139,27 +140,20 @@ class Session:
         known = self.choices.sound_speed
         return min(SLOWEST * nominal, 0.97 * known), max(FASTEST * nominal, 1.03 * known)
 
-    def sharpness(
+    def unexplained(
         self, controls: ControlValues
     ) -> tuple[Float[np.ndarray, " speeds"], Float[np.ndarray, " speeds"]] | None:
-        """Speeds of sound, and how sharp the image is at each, over the sharpest.
+        """Speeds of sound, and what share of the record the best image leaves unexplained at each.
 
-        None for circular integrals, and for records that end too early.
+        None for circular integrals, and for a record that is too short to tell.
         """
         if self.scan.kind != "pressure":
             return None
         low, high = self.speeds()
-        choices = replace(self.choices, alpha=controls.alpha, low_pass=controls.low_pass)
+        speeds = np.linspace(low, high, SPEEDS)
         frame = np.asarray(self.scan.frame(controls.frame), float)
-        sharpness_at = sharpness_by_speed(self.scan, choices, frame)
-        if sharpness_at is None:
-            return None
-        speeds = np.linspace(low, high, 3 * len(SPEEDS))
-        parts = np.split(
-            speeds / choices.sound_speed, 3
-        )  # as many at once as where speeds are estimated
-        values = np.concatenate([sharpness_at(part).sum(axis=1) for part in parts])
-        return speeds, values / values.max()
+        shares = shares_by_speed(self.scan, self.choices, frame, speeds)
+        return None if shares is None else (speeds, shares)
 
     def with_region(
         self, radius: float, center: tuple[float, float], controls: ControlValues
@@ -187,7 +181,7 @@ class Session:
             if name in before:
                 moved = moved.with_reason(name, before[name], self.choices.grade(name))
         start = self.choices
-        moved = replace(moved, user_set=start.user_set, to_estimate=start.to_estimate)
+        moved = replace(moved, user_set=start.user_set)
         with self._naming_unit():
             return Session(self.scan, moved, self.facts)
 

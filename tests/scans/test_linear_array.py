@@ -9,7 +9,7 @@ from jaxtat import VisibilityWarning, detector_curve, phantoms
 from jaxtat.cli import main
 from jaxtat.geometry import rectangle
 from jaxtat.io import Scan, load_settings
-from jaxtat.scans import choose, describe, estimate, reconstruct, trials
+from jaxtat.scans import choose, describe, reconstruct, trials
 
 N, PITCH, SPEED, RATE = 64, 0.3e-3, 1500.0, 2e7
 POSITIONS = np.stack([(np.arange(N) - (N - 1) / 2) * PITCH, np.zeros(N)], axis=1)
@@ -69,7 +69,7 @@ def test_the_rectangle_is_the_region(scan):
 def test_what_faces_the_array_is_seen(scan):
     """Bells stand where they are, from the estimated image too; settings repeat it."""
     given = {"model": "in-plane", "pixels": 57, "band": "none"} | REGION
-    choices = estimate(scan, choose(scan, **given), **given)
+    choices = choose(scan, **given)
     found = reconstruct(scan, choices)
     inside = np.asarray(found.region.contains(found.grid.points))
     image = np.where(inside, found.image, 0)

@@ -7,7 +7,7 @@ import pytest
 from made_scans import RATE, SPEED, N, raw_counts, record, scan
 
 from jaxtat.io import Scan
-from jaxtat.scans import choose, estimate, reconstruct
+from jaxtat.scans import choose, reconstruct
 
 MAPS = Path("/proc/self/maps")
 
@@ -31,7 +31,7 @@ def a_scan(number: int) -> tuple[Scan, dict]:
 def image_of(number: int, **fit):
     made, options = a_scan(number)
     given = options | fit
-    return reconstruct(made, estimate(made, choose(made, **given), **given)).image
+    return reconstruct(made, choose(made, **given)).image
 
 
 @pytest.mark.parametrize("fit", [{}, {"model_based": True}], ids=["direct", "fitted"])

@@ -6,7 +6,7 @@ from made_scans import RATE, SPEED, TIMES, positions, raw_counts, record
 
 from jaxtat import reconstruct_file
 from jaxtat.io import Scan, load_scan, save_ipasc
-from jaxtat.scans import choose, estimate_sound_speed, integrals, reconstruct, setup_of, with_facts
+from jaxtat.scans import choose, integrals, reconstruct, setup_of, with_facts
 from jaxtat.steps import AccuracyWarning
 
 GIVEN = {"region_radius": 0.011, "pixels": 33, "max_frequency": 3000.0, "alpha": 1e-3}
@@ -59,7 +59,7 @@ def test_a_late_first_sample_gives_the_true_speed_once_it_is_said():
     noisy = record() + 0.01 * record().max() * np.random.default_rng(0).standard_normal((90, 230))
     late = with_facts(made(noisy[:, 8:]), start_time=8 / RATE)
     assert late.known["times"][0] == pytest.approx(8 / RATE)
-    found = estimate_sound_speed(late, choose(late, model="in-plane"))
+    found = choose(late, model="in-plane")
     assert found.sound_speed == pytest.approx(SPEED, rel=2e-3)
 
 

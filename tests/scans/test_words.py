@@ -11,7 +11,7 @@ from made_scans import RATE, SPEED, positions, record
 
 import jaxtat
 from jaxtat.io import Scan
-from jaxtat.scans import Choices, as_json, choose, estimate, reconstruct, to_look_at
+from jaxtat.scans import Choices, as_json, choose, reconstruct, to_look_at
 from jaxtat.scans.found import Found
 from jaxtat.steps import AccuracyWarning
 
@@ -32,14 +32,13 @@ def decided(scan, **options):
     """All that was chosen, but the words."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", AccuracyWarning)
-        first = choose(scan, **options)
-        choices = estimate(scan, first, **options)
+        choices = choose(scan, **options)
     entries = as_json(choices)["choices"]
     for entry in entries.values():
         del entry["reason"]
     fields = {f.name: getattr(choices, f.name) for f in dataclasses.fields(choices)}
     del fields["reasons"]
-    return fields, entries, to_look_at(first, 9), to_look_at(choices, 9), list(dict(first.reasons))
+    return fields, entries, to_look_at(choices, 9), list(dict(choices.reasons))
 
 
 def test_other_words_give_the_same_choices(monkeypatch):

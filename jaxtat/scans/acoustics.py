@@ -1,0 +1,300 @@
+"""Speed of sound, acoustic model and start of a scan in the plane, and what contradicts them.
+
+All by one criterion, `misfit`. The bounds here were set on scans of `benchmarks/scans` with numbers
+below 300, small size.
+"""
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..base.choice_table import GUESSED, LIKELY
+from ..geometry import ArcFit, detector_curve
+from ..io import Scan
+from ..steps import AccuracyWarning
+from .acquisition import FASTEST, SLOWEST, arc_through, facts_of, nominal_water_speed
+from .choices import Choices
+from .found import RIM, Found
+from .frames import shifted_times
+from .misfit import Misfit, Sound, misfit_of
+from .region_in_plane import circle_without_detectors
+from .sound_speed import STEP, Least, Start, best_start, least_share
+
+FEWEST_SAMPLES = 64  # in which sound passes
+DISTINCT = 0.3  # depth from which a speed is believed, of detectors on most sides
+FROM_ONE_SIDE = 0.25  # depth from which it is taken at all, of detectors on less than `HALF`
+MOST_SIDES, HALF, TOO_FEW = 200.0, 150.0, 110.0  # degrees under which detectors see the middle
+UNSURE = 0.005  # standard error over the speed, above which it is not believed
+LATE = 1.0 / 13  # of the arrival from the middle: a start may be wrong by that
+CLEARLY = 0.1  # share² that the right model must spare, to be told
+MUCH_LESS = 0.3  # and another start
+NO_IMAGE = 0.88  # share² over that of rows in another order, from which no image explains
+HARDLY = 0.5  # of that ratio, from which other speeds than the file's and mistakes are tried
+BETTER = 0.4  # times that ratio, with which a usual mistake is named
+MISTAKES = {"twice": 0.5, "half": 2.0}  # the sampling rate, and what times are multiplied by
+WHAT = {"2d": "two-dimensional waves", "in-plane": "sound in the plane"}
+
+
+class Told(NamedTuple):
+    """The best image of a record by one model.
+
+    Attributes:
+        model: "2d" or "in-plane".
+        misfit, weight: the criterion.
+        speed: where least is unexplained.
+    """
+
+    model: str
+    misfit: Misfit
+    weight: float
+    speed: Least
+
+
+def span_seen(points: np.ndarray, center: np.ndarray) -> float:
+    """Angle under which a curve is seen from a point: 360 less the widest gap [degrees].
+
+    >>> round(span_seen(np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]]), np.zeros(2)), 6)
+    180.0
+    """
+    angles = np.sort(np.arctan2(*(points - center).T[::-1]))
+    gaps = np.append(np.diff(angles), angles[0] + 2 * np.pi - angles[-1])
+    return float(np.degrees(2 * np.pi - gaps.max()))
+
+
+def sound_within(
+    arc: ArcFit,
+    points: Float[np.ndarray, "detectors 2"],
+    record: Float[np.ndarray, "detectors samples"],
+    times: Float[np.ndarray, " samples"],
+    good: Bool[np.ndarray, " detectors"],
+    begin: float,
+    speed: float,
+) -> Sound | None:
+    """The part of a record that holds sound from within the detectors; None if that is too short.
+
+    Args:
+        arc: circle of the detectors, or the largest without any.
+        points, record, times: of the detectors in order along the curve.
+        good: those that count.
+        begin: when sound may begin [time].
+        speed: of sound, nominal [length/time].
+    """
+    center, reach = np.array(arc.center), RIM * arc.radius
+    farthest = float(np.hypot(*(points - center).T).max())
+    end = min(float(times[-1]), (farthest + reach) / ((1 - LATE) * SLOWEST * speed))
+    begin = max(begin, float(times[0]))
+    if np.count_nonzero((times >= begin) & (times <= end)) < FEWEST_SAMPLES:
+        return None
+    level = record - np.median(record, axis=1, keepdims=True)
+    return Sound(detector_curve(points), level, times, good, begin, end, center, reach)
+
+
+def shares_by_speed(
+    scan: Scan,
+    choices: Choices,
+    frame: Float[np.ndarray, "rows samples"],
+    speeds: Float[np.ndarray, " speeds"],
+) -> Float[np.ndarray, " speeds"] | None:
+    """What share of a frame the best image leaves unexplained at each speed of sound.
+
+    Args:
+        scan, choices: in the plane, of pressure.
+        frame: rows as in the file.
+        speeds: (speeds,) [length/time].
+
+    Returns:
+        ||record of the image - record|| / ||record||, see `misfit`; None of a record that is too
+        short to tell.
+    """
+    facts, rows = facts_of(scan), list(choices.channels)
+    times = shifted_times(scan, choices)
+    if times is None:
+        raise ValueError("the speed of sound is of pressure records, and the data are integrals.")
+    points = facts.points[rows]
+    arc = arc_through(points) or circle_without_detectors(points, choices.region_center)
+    good = np.ones(len(rows), bool)
+    begin, speed = 2 * choices.dead_time, choices.sound_speed
+    sound = sound_within(arc, points, np.asarray(frame, float)[rows], times, good, begin, speed)
+    if sound is None:
+        return None
+    misfit = misfit_of(sound, choices.model, (float(min(speeds)), float(max(speeds))))
+    weight = misfit.best(speed).weight
+    return np.array([misfit.best(float(c), weight=weight).share for c in speeds])
+
+
+def tell_acoustics(sound: Sound, arc: ArcFit, found: Found, start_known: bool) -> None:
+    """Take what the record tells of speed, model and start, and warn of what it contradicts.
+
+    Args:
+        sound: the record.
+        arc: circle of the detectors, or the largest without any.
+        found: with the speed of the file, the one given, or water's.
+        start_known: whether the file or the user says when the record starts.
+    """
+    nominal, distance = float(found.values["sound_speed"]), arc.radius
+    unknown = "sound_speed" in found.to_estimate
+    seen = span_seen(np.asarray(sound.curve.points)[sound.good], sound.center)
+    stretch = np.arange(SLOWEST, FASTEST + STEP / 2, STEP)
+    models = list(WHAT) if "model" in found.to_estimate else [str(found.values["model"])]
+    told = [_told(sound, model, nominal, stretch if unknown else None) for model in models]
+    best = min(told, key=lambda each: each.speed.fit.share)
+    if len(told) > 1:
+        _take_model(found, best, max(told, key=lambda each: each.speed.fit.share))
+    chance = _share_by_chance(sound, best)
+    of_file = found.given.get("sound_speed") is None and not unknown
+    badly = (best.speed.fit.share / chance) ** 2 > HARDLY
+    if of_file and badly and seen >= MOST_SIDES and nominal_water_speed(found.values["units"]):
+        best = _told(sound, best.model, nominal, stretch)
+        _compare(found, best, nominal)
+    reason = _contradiction(sound, best, nominal, chance)
+    if reason:
+        warnings.warn(f"{reason}.", AccuracyWarning, stacklevel=6)
+        found.doubt(reason)
+        return
+    if unknown:
+        start = None
+        if not start_known and seen > HALF:
+            best, start = _with_start(sound, best, nominal, distance)
+        _take_speed(found, best, start, seen)
+
+
+def _told(sound: Sound, model: str, nominal: float, stretch: np.ndarray | None) -> Told:
+    ends = (SLOWEST * (1 - LATE) * nominal, FASTEST * (1 + LATE) * nominal)
+    misfit = misfit_of(sound, model, ends)
+    first = misfit.best(nominal)
+    if stretch is None:
+        return Told(model, misfit, first.weight, Least(nominal, np.inf, 0.0, first))
+
+    speed = least_share(
+        lambda c: misfit.best(c, weight=first.weight), nominal * stretch, sound.good
+    )
+    return Told(model, misfit, first.weight, speed)
+
+
+def _take_model(found: Found, best: Told, other: Told) -> None:
+    """The model by which the best image leaves less unexplained."""
+    ratio = (best.speed.fit.share / other.speed.fit.share) ** 2
+    clear = ratio < 1 - CLEARLY and best.speed.depth >= DISTINCT
+    why = (
+        f"the best image leaves {best.speed.fit.share:.0%} of the record unexplained as "
+        f"{WHAT[best.model]}, {other.speed.fit.share:.0%} as {WHAT[other.model]}"
+    )
+    if best.model == "2d" and not clear:
+        warnings.warn(f"{why}; a scanner's record needs model in-plane.", AccuracyWarning, 7)
+    found.settle("model", best.model, why, LIKELY if clear else GUESSED)
+
+
+def _with_start(
+    sound: Sound, told: Told, nominal: float, distance: float
+) -> tuple[Told, Start | None]:
+    """The speed with another start of the record, where that spares much."""
+    speed, misfit = told.speed, told.misfit
+    if not speed.inside or speed.depth < DISTINCT:
+        ends = (1 - LATE) * SLOWEST, (1 + LATE) * FASTEST
+        stretch = np.arange(*ends, STEP)
+        wide = least_share(
+            lambda c: misfit.best(c, weight=told.weight), nominal * stretch, sound.good
+        )
+        speed = wide if wide.inside and wide.depth > speed.depth else speed
+    if not speed.inside:
+        return told, None
+    possible = nominal * SLOWEST, nominal * FASTEST
+    start = best_start(misfit, told.weight, speed, distance, possible, sound.good)
+    if start is None or start.gain < MUCH_LESS:
+        return told, None
+    return told._replace(speed=start.speed), start
+
+
+def _take_speed(found: Found, told: Told, start: Start | None, seen: float) -> None:
+    speed, units = told.speed, found.values["units"]
+    error = speed.standard_error
+    if start is not None:
+        found.values["time_shift"] = start.shift
+        gone = units.of_time(abs(start.shift))
+        when = "late" if start.shift > 0 else "early"
+        why = (
+            f"the record starts {gone} {when}: {start.gain:.0%} less is left unexplained; "
+            "--start-time gives another start"
+        )
+        found.explain("time_shift", why, GUESSED)
+    doubt = _doubt(speed, seen)
+    if doubt:
+        found.settle("sound_speed", found.values["sound_speed"], f"water's: {doubt}", GUESSED)
+        return
+    sure = seen >= MOST_SIDES and speed.depth >= DISTINCT and error <= UNSURE * speed.value
+    why = f"the best image leaves {speed.fit.share:.0%} unexplained, least of all speeds"
+    if not sure:
+        why += (
+            f", but by {max(speed.depth, 0.0):.0%} only"
+            if seen >= MOST_SIDES
+            else (f"; from {seen:.0f} degrees edges are seen once")
+        )
+    if start is not None:
+        sure, why = False, f"{why}, with the shift of times"
+    grade = LIKELY if sure else GUESSED
+    found.settle("sound_speed", speed.value, f"{why}; none in the file", grade, error)
+
+
+def _compare(found: Found, told: Told, nominal: float) -> None:
+    """Doubt the speed of the file where another one leaves much less unexplained."""
+    speed, own = told.speed, told.misfit.best(nominal, weight=told.weight)
+    spared = 1 - (speed.fit.share / max(own.share, 1e-300)) ** 2
+    other = speed.inside and abs(speed.value / nominal - 1) > UNSURE and spared > MUCH_LESS
+    if other:
+        units = found.values["units"]
+        why = f"{found.reasons['sound_speed']}; but at {units.of_speed(speed.value)}"
+        found.explain("sound_speed", f"{why} {spared:.0%} less is unexplained: try that", GUESSED)
+
+
+def _doubt(speed: Least, seen: float) -> str:
+    """Why a speed is not believed at all."""
+    if seen < TOO_FEW:
+        return f"from {seen:.0f} degrees a nearer body and faster sound are alike"
+    if not speed.inside:
+        return "no speed within 10 % of it leaves least unexplained"
+    if seen < HALF and speed.depth < FROM_ONE_SIDE:
+        return f"from {seen:.0f} degrees all speeds leave nearly as much unexplained"
+    return ""
+
+
+def _contradiction(sound: Sound, told: Told, nominal: float, chance: float) -> str:
+    """What the record contradicts, in a sentence; "" for nothing."""
+    least = told.speed.fit.share
+    ratio = (least / chance) ** 2
+    if ratio < HARDLY:
+        return ""
+    left = f"the best leaves {least:.0%} of it, and {chance:.0%} with its rows mixed"
+    for name, stretch in MISTAKES.items():
+        start, end = stretch * sound.start, stretch * sound.end
+        other = sound._replace(times=stretch * sound.times, start=start, end=end)
+        tried = _told(other, told.model, nominal, np.arange(SLOWEST, FASTEST, STEP))
+        share, by_chance = tried.speed.fit.share, _share_by_chance(other, tried)
+        if (share / by_chance) ** 2 < BETTER * ratio:
+            return (
+                f"no image explains this record well: {left}; with {name} the sampling rate it is "
+                f"{share:.0%}, and {by_chance:.0%}"
+            )
+    if ratio < NO_IMAGE:
+        return ""
+    return (
+        f"no image explains this record: {left}. Check the order of the rows, the sampling rate, "
+        "the start of the record, and the units of positions and times"
+    )
+
+
+def _share_by_chance(sound: Sound, told: Told) -> float:
+    """The share that the same kind of fit leaves of the record with its rows mixed."""
+    speed = told.speed.value
+    ends = (SLOWEST * (1 - LATE) * speed, FASTEST * (1 + LATE) * speed)
+    misfit = misfit_of(sound._replace(record=_mixed(sound)), told.model, ends)
+    return max(misfit.best(speed, weight=told.weight).share, 1e-300)
+
+
+def _mixed(sound: Sound) -> np.ndarray:
+    """The record of the detectors that count, each at another's place."""
+    rows = np.flatnonzero(sound.good)
+    record = sound.record.copy()
+    record[rows] = sound.record[np.random.default_rng(0).permutation(rows)]
+    return record

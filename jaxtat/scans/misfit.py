@@ -1,0 +1,257 @@
+"""What of a record the best image f >= 0 leaves unexplained, for any speed of sound and start time.
+
+An image on coarse pixels, over all that may sound, is fitted to the record in its frequency domain
+(`fitting.alternating`). Of the series of `records.image_records`,
+
+    p(z, t) = Σ_k a_k(z) w_k(c (t + t_0)),    w_k(r) = cos(lambda_k r) in two dimensions,
+
+the a_k are linear in the image and know of the geometry alone. The speed c and what has to be added
+to the times t_0 are in the waves w_k, whose windowed Fourier transforms over time are one small
+matrix. So a candidate needs no new geometry, the same samples count for all, and nothing is
+compiled anew. Least over c, t_0 is
+
+    share(c, t_0)² = ||W (A(c, t_0) f - b)||² / ||W b||²,    f = the image after some steps,
+
+b the windowed spectrum of the record, W nearly flattening it: speed is told by high frequencies,
+which are weak. A fit that goes on to its end explains a record at a wrong speed nearly as well.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float
+
+from ..base.size_ladder import filled_up, rung
+from ..fitting import TotalVariation
+from ..fitting.alternating import of_weight, step
+from ..fitting.data_fit import DataFit
+from ..fitting.fit import begun
+from ..fitting.weight import balanced_weight
+from ..forward import CircleIntegrals, circle_integrals
+from ..forward.circular_sizes import circle_sizes
+from ..geometry import DetectorCurve, ImageGrid, disk
+from ..reconstruction import ForwardOperator
+from ..reconstruction.laddered import longer_curve
+from ..special import j1
+
+PIXELS = 97  # along an axis
+SHORTEST = 0.9  # of the highest frequency that such pixels hold
+TOLERANCE = 1e-5  # of the non-uniform FFTs, in single precision
+RAMP = 0.04  # of the window, at either end
+LONGER = 1.05  # of the period than the fastest sound's path
+CYCLES = 5.0  # within a record in the plane, at least: what is slower is drift
+NYQUIST = 0.45  # over the sampling rate
+SMOOTH, FAINT, FLATTENED = 7, 1e-3, 0.5  # frequencies, amplitude over the largest, exponent of W
+FIRST_STEPS, STEPS = 40, 25  # of fits from zero: for the weight, for each candidate
+
+
+class Sound(NamedTuple):
+    """A record and where it was made.
+
+    Attributes:
+        curve: of the detectors.
+        record: of these, without offsets, (detectors, samples).
+        times: of the samples [time].
+        good: detectors that count.
+        start, end: of the part of the record that counts [time].
+        center, reach: of the disk of all that may sound [length].
+    """
+
+    curve: DetectorCurve
+    record: Float[np.ndarray, "detectors samples"]
+    times: Float[np.ndarray, " samples"]
+    good: Bool[np.ndarray, " detectors"]
+    start: float
+    end: float
+    center: Float[np.ndarray, "2"]
+    reach: float
+
+
+class Fit(NamedTuple):
+    """An image and what it leaves.
+
+    Attributes:
+        image: f [any unit].
+        modelled, recorded: its spectra and those of the record, (detectors, frequencies).
+        share: unexplained, ||difference|| / ||record||.
+        weight: of total variation.
+    """
+
+    image: Float[np.ndarray, "x1 x2"]
+    modelled: Complex[np.ndarray, "detectors frequencies"]
+    recorded: Complex[np.ndarray, "detectors frequencies"]
+    share: float
+    weight: float
+
+    @property
+    def left(self) -> Float[np.ndarray, " detectors"]:
+        """Energy that is unexplained, by detector."""
+        return np.sum(np.abs(self.modelled - self.recorded) ** 2, axis=1)
+
+
+class Misfit(eqx.Module):
+    """The criterion for one record; arrays have sizes on the ladder.
+
+    Attributes:
+        integrals: from images to G(z, lambda_k) of `forward.fast_circles`.
+        zeros: of J_0.
+        support: pixels that may sound.
+        data: W b, real and imaginary parts, (1, detectors, parts).
+        whitening: W; 0 for detectors that are left out.
+        times: of the samples [time].
+        fourier: window times exp(-2πi f t), (samples, frequencies).
+        model: "2d" or "in-plane".
+        counts: detectors and frequencies that were not added.
+    """
+
+    integrals: CircleIntegrals
+    zeros: Float[Array, " k"]
+    support: Bool[Array, "x1 x2"]
+    data: Float[Array, "1 detectors parts"]
+    whitening: Float[Array, "detectors parts"]
+    times: Float[Array, " samples"]
+    fourier: Complex[Array, "samples frequencies"]
+    model: str = eqx.field(static=True)
+    counts: tuple[int, int]
+
+    def best(self, sound_speed: float, shift: float = 0.0, *, weight: float | None = None) -> Fit:
+        """The image at a speed [length/time], with times later by the shift [time].
+
+        Args:
+            weight: of total variation; found by `fitting.weight` where there is none.
+        """
+        dtype, steps = self.data.dtype, FIRST_STEPS if weight is None else STEPS
+        found = _fitted(
+            self,
+            jax.device_put(np.float64(sound_speed)),
+            jax.device_put(np.float64(shift)),
+            jax.device_put(np.asarray(0.0 if weight is None else weight, dtype)),
+            jax.device_put(weight is None),
+            jax.device_put(steps),
+        )
+        image, modelled, share, used = (np.asarray(part) for part in found)
+        spectra = self._complex(modelled), self._complex(np.asarray(self.data[0]))
+        return Fit(image, *spectra, float(share), float(used))
+
+    def _complex(self, parts: np.ndarray) -> Complex[np.ndarray, "detectors frequencies"]:
+        n, m = self.counts
+        real, imaginary = np.split(parts[:n], 2, axis=-1)
+        return (real + 1j * imaginary)[:, :m]
+
+    def waves(self, sound_speed: Array, shift: Array) -> Float[Array, "k parts"]:
+        """From G to the spectrum of the record."""
+        of = self.integrals.of
+        paths, numbers = sound_speed * (self.times + shift), of.frequencies[:, None]
+        term = jnp.cos(numbers * paths)
+        if self.model != "2d":
+            term = -2 * jnp.pi * numbers * j1(numbers * jnp.abs(paths))
+        size = jnp.pi * of.period**2 * j1(self.zeros[:, None]) ** 2
+        sounds = (paths > 0) & (paths < of.period)
+        spectrum = (jnp.where(sounds, term, 0.0) / size) @ self.fourier
+        return jnp.concatenate([spectrum.real, spectrum.imag], axis=-1)
+
+    def fit_at(self, sound_speed: Array, shift: Array) -> DataFit:
+        """The model of the record for one candidate."""
+        series = self.waves(sound_speed, shift).astype(self.data.dtype)
+        integrals = eqx.tree_at(lambda tree: tree.series, self.integrals, series)
+        shapes = self.support.shape, self.data.shape[1:]
+        operator = ForwardOperator(integrals, jnp.zeros(()), *shapes)
+        return DataFit(operator, self.whitening, None, self.support, True, False)
+
+
+@eqx.filter_jit
+def _fitted(
+    misfit: Misfit, sound_speed: Array, shift: Array, weight: Array, find: Array, steps: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Image, W A f, share and weight after some steps from zero."""
+    fit, data, penalty = misfit.fit_at(sound_speed, shift), misfit.data, TotalVariation()
+    start = jnp.zeros((1, *misfit.support.shape), data.dtype)
+    level, state = begun(fit, data, penalty, weight, start, 1)
+
+    def advance(_: Any, parts: Any) -> Any:
+        image, inner, weight = parts
+        balanced = balanced_weight(fit, penalty, image, inner.fitted - data, level.scale)
+        new = jnp.where(find, balanced, weight).astype(weight.dtype)
+        return *step(level, penalty, new, image, of_weight(inner, weight, new)), new
+
+    parts = state.image, state.inner, state.weight
+    image, _, weight = jax.lax.fori_loop(0, steps, advance, parts)
+    modelled = fit.modelled(image)
+    share = jnp.sqrt(jnp.sum((modelled - data) ** 2) / jnp.sum(data**2))
+    return image[0], modelled[0], share, weight
+
+
+def misfit_of(
+    sound: Sound, model: str, speeds: tuple[float, float], *, pixels: int = PIXELS
+) -> Misfit:
+    """The criterion for a record.
+
+    Args:
+        sound: the record.
+        model: "2d" or "in-plane".
+        speeds: least and greatest that may be asked for [length/time].
+    """
+    grid = ImageGrid(pixels, sound.reach, sound.center)
+    curve = longer_curve(sound.curve, rung(sound.curve.n_detectors))
+    sizes = circle_sizes(curve, grid)
+    longest = float(LONGER * speeds[1] * sound.end)
+    sizes = sizes.with_period(longest) if longest > sizes.period else sizes
+    integrals = circle_integrals(curve, grid, jnp.ones(1), sizes, None, TOLERANCE)
+    integrals = jax.tree.map(
+        lambda leaf: leaf.astype(np.complex64 if jnp.iscomplexobj(leaf) else np.float32), integrals
+    )
+    times, fourier, n = _spectra(sound, SHORTEST * sizes.highest * speeds[0] / (2 * np.pi))
+    known = np.where(sound.good[:, None], sound.record, 0.0)
+    spectrum: Any = known @ fourier[: len(sound.times)]
+    flat = _flattening(np.sqrt(np.mean(np.abs(spectrum) ** 2, axis=0)), n)
+    size = max(float(np.sqrt(np.mean(np.abs(spectrum * flat)[sound.good] ** 2))), 1e-300)
+    weights = np.where(sound.good[:, None], np.tile(flat, 2) / size, 0.0)
+    parts = np.concatenate([spectrum.real, spectrum.imag], axis=-1) * weights
+    shape = curve.n_detectors, parts.shape[1]
+    return Misfit(
+        integrals=integrals,
+        zeros=jax.device_put(sizes.zeros),
+        support=disk(sound.reach, center=sound.center).contains(grid.points),
+        data=jax.device_put(filled_up(parts, shape)[None].astype(np.float32)),
+        whitening=jax.device_put(filled_up(weights, shape).astype(np.float32)),
+        times=jax.device_put(times),
+        fourier=jax.device_put(fourier),
+        model=model,
+        counts=(sound.curve.n_detectors, n),
+    )
+
+
+def _spectra(
+    sound: Sound, highest: float
+) -> tuple[np.ndarray, Complex[np.ndarray, "samples frequencies"], int]:
+    """Times, window times exp(-2πi f t), and how many frequencies are not added."""
+    step, span = sound.times[1] - sound.times[0], sound.end - sound.start
+    lowest = CYCLES / (sound.times[-1] - sound.times[0])
+    last = min(highest, NYQUIST / step) * span
+    frequencies = np.arange(np.ceil(lowest * span), max(np.floor(last), lowest * span) + 1) / span
+    n = rung(len(sound.times))
+    times = sound.times[0] + step * np.arange(n)
+    waves = np.exp(-2j * np.pi * frequencies * times[:, None])
+    fourier = filled_up(_window(sound), (n,))[:, None] * waves
+    return times, filled_up(fourier, (n, rung(len(frequencies)))), len(frequencies)
+
+
+def _window(sound: Sound) -> Float[np.ndarray, " samples"]:
+    within = np.flatnonzero((sound.times >= sound.start) & (sound.times <= sound.end))
+    window, n = np.zeros(len(sound.times)), max(int(RAMP * len(within)), 1)
+    ramp = np.sin(np.linspace(0, np.pi / 2, n + 2)[1:-1]) ** 2
+    window[within] = 1.0
+    window[within[:n]] *= ramp
+    window[within[-n:]] *= ramp[::-1]
+    return window
+
+
+def _flattening(amplitude: np.ndarray, n: int) -> Float[np.ndarray, " frequencies"]:
+    """One over the root of the smoothed amplitude of the first n frequencies."""
+    padded = np.pad(amplitude[:n], SMOOTH // 2, mode="edge")
+    smooth = np.convolve(padded, np.ones(SMOOTH) / SMOOTH, "valid")
+    flat = (smooth / max(float(smooth.max()), 1e-300) + FAINT) ** -FLATTENED
+    return filled_up(flat, amplitude.shape)
