@@ -16,7 +16,6 @@ from jaxtat import (
     NormBound,
     RelativeCutoff,
     RelativeTikhonov,
-    ResidualTarget,
     Setup,
     SingularValueCutoff,
     Tikhonov,
@@ -346,8 +345,6 @@ def test_known_geometries_stay_known_inside_jit(name):
         Tikhonov(1e-3),
         RelativeTikhonov(0.05),
         TikhonovNormBound(2.0),
-        ResidualTarget(0.02, 1e3),
-        ResidualTarget(1e-6, 1.5),
     ],
     ids=lambda rule: type(rule).__name__,
 )
