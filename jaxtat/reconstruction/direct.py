@@ -11,7 +11,8 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float
 
 from ..base.checks import Numbers, data_array, is_concrete, require_x64
-from ..base.parallel import checked_mesh, in_groups, map_shards, replicated
+from ..base.parallel import checked_mesh, map_shards, replicated
+from ..base.rows import in_groups
 from ..base.size_ladder import reshaped
 from ..base.threads import one_blas_thread
 from ..densities import Basis
