@@ -163,4 +163,5 @@ package: .venv/ready
 		'import jaxtat; print(jaxtat.__version__, jaxtat.__file__)'
 
 clean:
-	rm -rf .venv .venv-lowest .venv-newest .venv-interop .venv-deepinv .venv-napari .venv-peers out dist
+	rm -rf .venv .venv-lowest .venv-newest .venv-interop .venv-deepinv .venv-napari .venv-peers \
+		.pytest_cache out dist

@@ -1,14 +1,12 @@
 """64 bits, shapes and types of every call checked, and what several tests share."""
 
-import atexit
 import gc
 import logging
 import os
-import shutil
-import tempfile
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from zlib import crc32
 
 import jax
 import jax.numpy as jnp
@@ -36,18 +34,17 @@ if "XLA_FLAGS" not in os.environ:
     os.environ["XLA_FLAGS"] = UNOPTIMISED
     jax.devices()  # reads them
     del os.environ["XLA_FLAGS"]
+PROGRAMS = Path(__file__).parent / ".pytest_cache" / "programs"
+MOST_BYTES = 1e9  # of them; the oldest go
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    # many tests want the same programs, and so do commands and notebooks: they are compiled once
-    folder = tempfile.mkdtemp(prefix="jaxtat-tests-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
-# what tests compile, write and start stays out of the user's own cache
-os.environ["JAXTAT_CACHE"] = os.environ["JAX_COMPILATION_CACHE_DIR"]
-# in a folder of its own: the flags that are gone are not in a program's key
-own = os.path.join(os.environ["JAX_COMPILATION_CACHE_DIR"], "unoptimised")
-jax.config.update("jax_compilation_cache_dir", own)
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+    # many tests want the same programs, and so do commands, notebooks and the next run: they are
+    # compiled once, and what tests compile stays out of the user's own cache
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(PROGRAMS)
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+# in a folder of these flags: they are gone, and not in a program's key
+OWN = Path(os.environ["JAX_COMPILATION_CACHE_DIR"]) / f"{crc32(UNOPTIMISED.encode()):08x}"
+jax.config.update("jax_compilation_cache_dir", str(OWN))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_enable_x64", True)
 # the lines of Python that operations come from: written into programs, and read by no one here
 jax.config.update("jax_traceback_in_locations_limit", 0)
@@ -64,6 +61,15 @@ def pytest_configure(config):
     gc.collect()
     gc.freeze()
     gc.set_threshold(200_000, 20, 100)
+
+
+def pytest_sessionfinish(session):
+    """Remove the programs that were not used for longest."""
+    if PROGRAMS in OWN.parents and not hasattr(session.config, "workerinput"):
+        from jaxtat.cli.cache import remove_oldest
+
+        for folder in (PROGRAMS, OWN):
+            remove_oldest(folder, MOST_BYTES / 2)
 
 
 # modules that are one with a package that not everyone has: nothing in them without it

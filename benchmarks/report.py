@@ -15,7 +15,8 @@ import numpy as np
 from jaxtat.version import __version__
 
 HEADER = (
-    "| benchmark | run per image | compile | max error | relative L2 | iterations | peak memory |"
+    "| benchmark | run per image | compile | max error | relative L2 | iterations | peak memory | "
+    "programs | maps |"
 )
 
 
@@ -35,10 +36,12 @@ def table(runs: list[dict]) -> str:
         info = run["extra_info"]
         error = "" if np.isnan(info["max_error"]) else f"{info['max_error']:.1e}"
         relative = f"{info['relative_error']:.1e}" if "relative_error" in info else ""
+        peak = "" if np.isnan(info["peak_mb"]) else f"{info['peak_mb']:.0f} MB"
         name = run["name"].removeprefix("bench_")
         lines.append(
             f"| {name} | {_seconds(info['median_s'])} | {info['compile_s']:.1f} s | {error} | "
-            f"{relative} | {info.get('iterations', '')} | {info['peak_mb']:.0f} MB |"
+            f"{relative} | {info.get('iterations', '')} | {peak} | {info.get('programs', '')} | "
+            f"{info.get('maps', '')} |"
         )
     return "\n".join(lines)
 

@@ -8,7 +8,8 @@
 Scans are of one scanner, 256 x 2030 samples, and differ in channels left out, region, speed, band,
 frames and samples; from the fourth on nothing should be compiled. Sizes are numbers of detectors
 and pixels of a study in Python, each of which is compiled anew. ``--cold`` times processes of their
-own: without a folder of programs, with one that another scan has filled, and the second image.
+own: without a folder of programs, with an empty one, and with one that another scan has filled.
+`bench_sessions.py` makes rows of the benchmarks of it.
 """
 
 import argparse
@@ -18,7 +19,9 @@ import sys
 import tempfile
 import time
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -82,13 +85,19 @@ def a_scan(number: int, folder: Path) -> tuple[Path, dict]:
     return path, options
 
 
-def scans(n: int, fit: bool, counted: list[str]) -> None:
+class Row(NamedTuple):
+    """What one scan took, and what the process holds after it."""
+
+    programs: int
+    maps: int
+    memory: float  # [MB]
+    processor: float  # [s]
+
+
+def scans(n: int, fit: bool, counted: list[str]) -> Iterator[Row]:
     from jaxtat.scans import reconstruct_file
 
     options = {} if fit else {"model_based": False}
-    print(
-        "| scan | programs | maps | memory [MB] | processor [s] |\n| --- | --- | --- | --- | --- |"
-    )
     with tempfile.TemporaryDirectory() as folder:
         for k in range(n):
             path, chosen = a_scan(k, Path(folder))
@@ -96,8 +105,7 @@ def scans(n: int, fit: bool, counted: list[str]) -> None:
             start = time.process_time()
             reconstruct_file(path, **chosen, **options)
             spent = time.process_time() - start
-            row = k + 1, len(counted), maps(), f"{resident():.0f}", f"{spent:.1f}"
-            print("|", " | ".join(map(str, row)), "|", flush=True)
+            yield Row(len(counted), maps(), resident(), spent)
 
 
 def sizes(n: int, counted: list[str]) -> None:
@@ -116,27 +124,41 @@ def sizes(n: int, counted: list[str]) -> None:
         print(f"| {detectors} | {pixels} | {len(counted)} | {maps()} | {spent:.1f} |", flush=True)
 
 
-def cold() -> None:
-    """Processor time of ``jaxtat reconstruct`` in processes of their own."""
-    with tempfile.TemporaryDirectory() as made:
-        folder = Path(made)
-        first = write(folder / "first.npz", counts())
+def command(words: str, program: str = COMMAND) -> tuple[float, float]:
+    """Processor and wall time of a command in a process of its own [s]."""
+    before, start = os.times(), time.time()
+    subprocess.run([sys.executable, "-c", program, *words.split()], check=True)
+    after = os.times()
+    return sum(after[2:4]) - sum(before[2:4]), time.time() - start
+
+
+STARTS = {  # folder of programs, and what fills it beforehand
+    "no folder of programs": (None, False),
+    "an empty one": ("kept", False),
+    "one filled by another scan": ("kept", True),
+}
+
+
+def started(folder: Path, start: str, options: str = "") -> tuple[float, float]:
+    """Processor and wall time of ``jaxtat reconstruct`` after one of `STARTS` [s]."""
+    kept, filled = STARTS[start]
+    cache = "--no-cache" if kept is None else f"--cache {folder / kept}"
+    words = f"{cache} {options} --quiet --out {folder / 'image.h5'}"
+    if filled and not (folder / str(kept)).is_dir():
         other = write(folder / "other.npz", counts(SAMPLES - 9), sound_speed=1.003 * SPEED)
-        print("| start | processor [s] | wall [s] |\n| --- | --- | --- |")
-        for name, scan, cache in (
-            ("no folder of programs, --direct", first, "--no-cache --direct"),
-            ("no folder of programs", first, "--no-cache"),
-            ("an empty one", first, f"--cache {folder / 'kept'}"),
-            ("one filled by another scan", other, f"--cache {folder / 'kept'}"),
-            ("one filled by another scan, --direct", other, f"--cache {folder / 'kept'} --direct"),
-            ("one filled by this scan", other, f"--cache {folder / 'kept'}"),
-        ):
-            words = f"reconstruct {scan} {cache} --quiet --out {folder / 'image.h5'}".split()
-            before, start = os.times(), time.time()
-            subprocess.run([sys.executable, "-c", COMMAND, *words], check=True)
-            after = os.times()
-            spent = sum(after[2:4]) - sum(before[2:4])
-            print(f"| {name} | {spent:.1f} | {time.time() - start:.1f} |", flush=True)
+        command(f"reconstruct {other} {words}")
+    scan = write(folder / "first.npz", counts())
+    return command(f"reconstruct {scan} {words}")
+
+
+def cold() -> None:
+    """Print the times of ``jaxtat reconstruct`` in processes of their own."""
+    print("| start | processor [s] | wall [s] |\n| --- | --- | --- |")
+    for options in ("", "--direct"):
+        for start in STARTS:
+            with tempfile.TemporaryDirectory() as folder:
+                spent, wall = started(Path(folder), start, options)
+            print(f"| {start} {options} | {spent:.1f} | {wall:.1f} |", flush=True)
 
 
 def main() -> None:
@@ -159,7 +181,11 @@ def main() -> None:
         lambda event, *_, **__: counted.append(event) if event == PROGRAM else None
     )
     if options.scans:
-        scans(options.scans, options.fit, counted)
+        print("| scan | programs | maps | memory [MB] | processor [s] |")
+        print("| --- | --- | --- | --- | --- |")
+        for k, row in enumerate(scans(options.scans, options.fit, counted), 1):
+            memory, spent = f"{row.memory:.0f}", f"{row.processor:.1f}"
+            print(f"| {k} | {row.programs} | {row.maps} | {memory} | {spent} |", flush=True)
     if options.sizes:
         sizes(options.sizes, counted)
 

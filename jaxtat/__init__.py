@@ -22,7 +22,6 @@ __all__ = [
     "ReconstructionPlan",
     "RelativeCutoff",
     "RelativeTikhonov",
-    "ResidualTarget",
     "Setup",
     "SingularValueCutoff",
     "Tikhonov",

@@ -45,7 +45,6 @@ from .regularization import (
     NormBound,
     RelativeCutoff,
     RelativeTikhonov,
-    ResidualTarget,
     SingularValueCutoff,
     Tikhonov,
     TikhonovNormBound,

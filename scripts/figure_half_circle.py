@@ -35,7 +35,7 @@ def main() -> None:
     sigma = float(noise.std())
     direct = jaxtat.reconstruct(setup, g + noise, jaxtat.NoiseLevel(sigma))
     fitted = jaxtat.model_based(setup, g + noise, noise=sigma, nonnegative=True).image
-    seen = jaxtat.studies.visibility_map(setup, least=0.5)
+    seen = jaxtat.geometry.visibility_map(setup.curve, setup.grid, least=0.5)
     inside = np.asarray(region.contains(grid.points))
 
     figure, axes = plt.subplots(1, 4, figsize=(13, 3.2), layout="constrained")

@@ -38,7 +38,7 @@ def main() -> None:
     sigma = float(noise.std())
     direct = jaxtat.reconstruct(setup, g + noise, jaxtat.NoiseLevel(sigma))
     fitted = jaxtat.model_based(setup, g + noise, noise=sigma, nonnegative=True).image
-    seen = jaxtat.studies.visibility_map(setup)
+    seen = jaxtat.geometry.visibility_map(setup.curve, setup.grid)
 
     figure, axes = plt.subplots(2, 2, figsize=(9, 5.6), layout="constrained")
     pictures = {"object": disks.image(grid), "direct": direct, "with constraints": fitted}

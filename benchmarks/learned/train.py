@@ -35,8 +35,8 @@ from problem import (
 )
 
 import jaxtat
+from jaxtat.geometry import visibility_map
 from jaxtat.plotting import show_image
-from jaxtat.studies import visibility_map
 
 PIXELS, DETECTORS = 65, 64
 ITERATIONS, CHANNELS = 5, 8
@@ -67,7 +67,7 @@ def main() -> None:
         name: examples(of, kind, TRIED, seed=1 + k) for k, (name, kind) in enumerate(KINDS.items())
     }
     images = {name: images_of(of, network, some, alpha) for name, some in tried.items()}
-    seen = np.asarray(visibility_map(of.setup))
+    seen = np.asarray(visibility_map(of.setup.curve, of.setup.grid))
     results = {
         "date": date.today().isoformat(),
         "versions": {"jaxtat": jaxtat.__version__, "jax": jax.__version__},

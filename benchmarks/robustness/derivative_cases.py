@@ -351,7 +351,6 @@ def of_direct(rng: Rng) -> Cases:
     alphas = {
         "1e-3": 1e-3, "1e-6": 1e-6, "RelativeTikhonov": jt.RelativeTikhonov(0.1),
         "NoiseLevel": jt.NoiseLevel(0.01), "TikhonovNormBound": jt.TikhonovNormBound(3.0),
-        "ResidualTarget": jt.ResidualTarget(0.01, 30.0),
     }  # fmt: skip
     for cut in (None, 0.5, 0.0):
         problem = _Problem(1.0 if cut is None else cut, cut, grid, bell)
@@ -416,7 +415,7 @@ def of_plans(rng: Rng) -> Cases:
         (jt.Tikhonov, 1e-3), (jt.RelativeTikhonov, 0.1), (jt.TikhonovNormBound, 3.0),
         (jt.NormBound, 2.34), (partial(jt.NormBound, softness=0.2), 2.34),
         (jt.FixedRank, 10.3), (partial(jt.FixedRank, softness=5.0), 10.3),
-        (jt.SingularValueCutoff, 0.05), (jt.RelativeCutoff, 0.13), (jt.ResidualTarget, 1e-2),
+        (jt.SingularValueCutoff, 0.05), (jt.RelativeCutoff, 0.13),
     )  # fmt: skip
     for problem in (_Problem(1.0, None, grid, bell), _Problem(0.0, 0.0, grid, bell)):
         for rule, number in rules:

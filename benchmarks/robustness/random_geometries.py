@@ -34,9 +34,13 @@ from jaxtat import (  # noqa: E402
     polyline,
     solve,
 )
-from jaxtat.geometry import DetectorCurve, Region, join_curves  # noqa: E402
+from jaxtat.geometry import (  # noqa: E402
+    DetectorCurve,
+    Region,
+    join_curves,
+    visibility_map,
+)
 from jaxtat.steps.inversion import invert  # noqa: E402
-from jaxtat.studies import visibility_map  # noqa: E402
 
 DETECTORS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 300, 600)
 HARM = 0.05  # of the bells' height
@@ -156,7 +160,7 @@ def judge(problem: Problem) -> Outcome:
     center = p.region.center  # the origin, as fhat's
     best = np.asarray(invert(fhat, frequencies[0], angles, p.grid, center, eta, "fbp"))
     image, exact = np.asarray(found.image), np.asarray(p.phantom.image(p.grid))
-    seen = np.asarray(visibility_map(setup, least=0.5)) == 1
+    seen = np.asarray(visibility_map(setup.curve, setup.grid, least=0.5)) == 1
     seen &= np.asarray(p.region.contains(p.grid.points))
     if not seen.any():
         raise ValueError("nowhere in the region every edge is recorded")

@@ -78,20 +78,3 @@ def map_shards(work: Callable[[Any, Any], Any], common: Any, stack: Any, mesh: M
         work, mesh=mesh, in_specs=(whole, shard), out_specs=shard, check_vma=False
     )
     return jax.tree.map(collect, spread(common, jax.tree.map(deal, stack)))
-
-
-def in_groups(work: Callable[[Array], Array], stack: Array, size: int) -> Array:
-    """``work`` on a stack of data, a few at a time, so that its temporary memory stays bounded.
-
-    Args:
-        work: (n, detectors, radii) -> (n, x1, x2), image by image.
-        stack: (n, detectors, radii).
-        size: the most at a time; the last group is filled up with zeros.
-    """
-    n, n_groups = stack.shape[0], -(-stack.shape[0] // size)
-    if n_groups <= 1:
-        return work(stack)
-    size = -(-n // n_groups)
-    padded = jnp.pad(stack, ((0, n_groups * size - n), (0, 0), (0, 0)))
-    groups = jax.lax.map(work, padded.reshape(n_groups, size, *stack.shape[1:]))
-    return groups.reshape(-1, *groups.shape[2:])[:n]

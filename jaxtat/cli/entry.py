@@ -1,6 +1,7 @@
 """Entry: read the arguments, run the command, turn errors into one line and an exit code."""
 
 import argparse
+import gc
 import os
 import sys
 import warnings
@@ -60,6 +61,9 @@ def _run(options: argparse.Namespace) -> None:
     """The command itself; only now is JAX imported, for which help and refusals need not wait."""
     if "jax" not in sys.modules:
         _compile_quickly()
+        # imports and tracing make many objects, few of them garbage: looked for every 700, that
+        # takes a tenth of the time of a first image
+        gc.set_threshold(200_000, 20, 100)
     import jax
 
     from ..base.threads import one_blas_thread

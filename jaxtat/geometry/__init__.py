@@ -19,7 +19,7 @@ from .regions import Disk, Region, disk, require_outside
 from .rings import DetectorRings, find_rings
 from .seen_lines import Visibility, VisibilityWarning, visibility
 from .shapes import elliptic_arc, join_curves, parametric_curve, polyline
-from .visible_edges import VISIBLE, edge_weight, seen_share, visible_disk
+from .visible_edges import VISIBLE, edge_weight, visibility_map, visible_disk
 
 __all__ = [
     "VISIBLE",
@@ -66,12 +66,12 @@ __all__ = [
     "require_outside",
     "require_radii",
     "require_surrounded",
-    "seen_share",
     "spherical_cap",
     "transverse_weight",
     "turned_views",
     "uncovered",
     "union_of_regions",
     "visibility",
+    "visibility_map",
     "visible_disk",
 ]

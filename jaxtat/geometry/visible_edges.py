@@ -12,7 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..base.checks import (
+    Numbers,
+    is_concrete,
+    real_array,
+    require_objects,
+    require_positive,
+    whole_number,
+)
 from .curves import DetectorCurve
 from .grids import ImageGrid
 from .line_weights import kernel_width, line_normals, transverse_weight, weight_of_line
@@ -51,7 +58,7 @@ def edge_weight(
     return transverse_weight(curve, angles + jnp.pi / 2, offsets, width=width)
 
 
-def seen_share(
+def visibility_map(
     curve: DetectorCurve,
     grid: ImageGrid,
     *,
@@ -61,9 +68,10 @@ def seen_share(
 ) -> Float[Array, "x1 x2"]:
     """For each pixel the share of edge directions that can be seen: W >= least.
 
-    1 where every line through the pixel meets the curve. With ``least=0.5`` lines that cross the
-    curve squarely count up to its very ends; 0.75 leaves out those within about one width of an
-    end, whose waves are recorded but in part.
+    An edge sends its wave along its normal, both ways; it is seen if that line meets the curve. 1
+    where every line through the pixel does. With ``least=0.5`` lines that cross the curve squarely
+    count up to its very ends; 0.75 leaves out those within about one width of an end, whose waves
+    are recorded but in part.
 
     Args:
         curve: the detectors, of any shape.
@@ -81,10 +89,11 @@ def seen_share(
     Source: E. T. Quinto, SIAM J. Math. Anal. 24 (1993) 1215-1225 (which edges data determine).
 
     >>> from jaxtat import ImageGrid, circular_arc
-    >>> seen = seen_share(circular_arc(1.3, 0.0, 200), ImageGrid(5, 0.65), least=0.5)
+    >>> seen = visibility_map(circular_arc(1.3, 0.0, 200), ImageGrid(5, 0.65), least=0.5)
     >>> [round(float(v), 1) for v in np.asarray(seen)[:, 2]]  # half the circle, from left to right
     [1.0, 1.0, 1.0, 0.8, 0.7]
     """
+    require_objects(curve=curve, grid=grid)
     least = real_array("least", least, ())
     require_positive("least", least)
     width = kernel_width(curve, width)
@@ -123,7 +132,7 @@ def visible_disk(
     if not is_concrete(curve, center):
         raise ValueError(
             "curve or center are traced, expected known ones: compute the disk outside of jax.jit. "
-            "seen_share can be traced."
+            "visibility_map can be traced."
         )
     with jax.ensure_compile_time_eval():  # inside jax.jit too
         return _visible_disk(curve, center, n)
@@ -140,7 +149,7 @@ def _visible_disk(
     grid = ImageGrid(n, half, (points.max(axis=0) + points.min(axis=0)) / 2)
     nodes = np.asarray(grid.points)
     # the transverse weight looks past the ends of the curve by its width, and is not enough alone
-    seen = np.asarray(seen_share(curve, grid, n_angles=90)) > 0.99
+    seen = np.asarray(visibility_map(curve, grid, n_angles=90)) > 0.99
     seen &= _meets_every_line(curve, nodes)
     nearest, which = KDTree(points).query(nodes)
     seen &= nearest > np.asarray(kernel_width(curve, None))[which]  # points on the curve itself

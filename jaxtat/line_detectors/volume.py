@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from tqdm import tqdm
 
 from ..base.checks import Numbers, data_array, is_concrete, real_array
-from ..base.parallel import in_groups
+from ..base.rows import in_groups
 from ..geometry import ImageGrid, Region, VisibilityWarning
 from ..reconstruction import ReconstructionPlan
 from ..reconstruction import reconstruct as reconstruct_plane

@@ -14,7 +14,7 @@ from ..geometry import (
     Region,
     edge_weight,
     fit_circle,
-    seen_share,
+    visibility_map,
 )
 from ..geometry.measured_curves import behind_gap
 from .canvas import SEQUENTIAL
@@ -86,7 +86,7 @@ def show_visibility(
     Returns:
         What a colour bar needs.
     """
-    seen = seen_share(curve, grid)
+    seen = visibility_map(curve, grid)
     return show_image(axes, seen, grid, limits=(0.0, 1.0), cmap=SEQUENTIAL, unit=unit)
 
 

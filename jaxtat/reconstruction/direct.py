@@ -11,7 +11,8 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float
 
 from ..base.checks import Numbers, data_array, is_concrete, require_x64
-from ..base.parallel import checked_mesh, in_groups, map_shards, replicated
+from ..base.parallel import checked_mesh, map_shards, replicated
+from ..base.rows import in_groups
 from ..base.size_ladder import reshaped
 from ..base.threads import one_blas_thread
 from ..densities import Basis
@@ -126,10 +127,9 @@ def solve(
         rule: how much to regularise: a number, relative to the largest diagonal entry of A A^T at
             each frequency (1e-12 for exact data, 1e-3 for poor ones), or one per frequency;
             `NoiseLevel(sigma)` for data with noise of known size, `RelativeTikhonov(kappa)`,
-            `TikhonovNormBound(K)`, `ResidualTarget(residual, K)` or `Tikhonov(alpha)`. By default
-            ("auto" or None) 1e-6 for detectors on a circle that see all of the region (1e-3 at
-            frequencies that they do not sample), and in space, else ``RelativeTikhonov(0.1)``, also
-            where lines are missed.
+            `TikhonovNormBound(K)` or `Tikhonov(alpha)`. By default ("auto" or None) 1e-6 for
+            detectors on a circle that see all of the region (1e-3 at frequencies that they do not
+            sample), and in space, else ``RelativeTikhonov(0.1)``, also where lines are missed.
         low_pass, inversion: as in `reconstruct`.
         mesh: devices among which the frequencies are divided, see `jaxtat.base.parallel`.
 

@@ -149,9 +149,9 @@ def build_plan(
     Args:
         setup: detectors, region, grid and radii, in the plane.
         rule: which singular components are kept: `NormBound`, `FixedRank`, `SingularValueCutoff` or
-            `RelativeCutoff`, or one of Tikhonov's, `Tikhonov`, `RelativeTikhonov`,
-            `TikhonovNormBound` or `ResidualTarget`, with a number or one for each frequency; a
-            number without a rule is the alpha of `Tikhonov`, as in `solve`. By default the paper's
+            `RelativeCutoff`, or one of Tikhonov's, `Tikhonov`, `RelativeTikhonov` or
+            `TikhonovNormBound`, with a number or one for each frequency; a number without a rule is
+            the alpha of `Tikhonov`, as in `solve`. By default the paper's
             bound, ``NormBound(PAPER_K)``, where its assumptions hold: detectors on a circle (within
             5 % of its radius) that see all of the region. Else ``RelativeCutoff(0.1)``: it asks for
             no norm, and leaves out what no detector records instead of magnifying it.

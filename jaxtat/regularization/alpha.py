@@ -7,9 +7,7 @@ One family for plans and for `solve`. A plan takes alpha as filter factors of si
 """
 
 from abc import abstractmethod
-from collections.abc import Callable
-from functools import partial
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -17,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_number, named, real_array, require_positive
-from .rules import Excess, Regularization, Truncation, not_negative, per_frequency, single_crossing
+from .rules import Regularization, Truncation, not_negative, per_frequency, single_crossing
 from .solutions import spectrum
 
 _HALVINGS = 60  # of an interval of 48, for the logarithm of alpha
@@ -145,16 +143,7 @@ class NoiseLevel(TikhonovRule):
         return noise / signal * jnp.sum(data.diagonal) / data.n_data
 
 
-class ByPlaneWaves(TikhonovRule):
-    """`Tikhonov` with an alpha that is chosen by what becomes of all plane waves together."""
-
-    needs_matrix = True
-
-    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
-        return self.chosen(sigma, size, unit_norm).factors(sigma, size, unit_norm)
-
-
-class TikhonovNormBound(ByPlaneWaves):
+class TikhonovNormBound(TikhonovRule):
     """`Tikhonov` with the alpha for which the root mean square of ||rho|| is K N(lambda).
 
     The mean is that over all directions: alpha is one number for each frequency.
@@ -163,65 +152,30 @@ class TikhonovNormBound(ByPlaneWaves):
     Discrete Ill-Posed Problems (SIAM 1998), section 5.1.
     """
 
+    needs_matrix = True
     K: Float[Array, "*each"]
 
     def __init__(self, K: Numbers):
         self.K = not_negative("K", K)
 
-    def chosen(
-        self,
-        sigma: Array,
-        size: Array,
-        unit_norm: Array,
-        excess: Excess = Excess(),  # noqa: B008
-    ) -> Tikhonov:
-        weights = sigma**2 * jnp.mean(size**2, axis=-1)
-        square = jnp.mean((self.K * unit_norm) ** 2) - excess.norm
-        return Tikhonov(alpha_where(NORM, sigma**2, weights, square))
-
-    def absolute(self, data: FrequencyData) -> Array:
-        matrix, plane = _matrices(self, data)
-        square = (self.K * data.unit_norm) ** 2
-        return _alphas_of_matrix((NORM,), matrix, plane, square[None])[0]
-
-
-class ResidualTarget(ByPlaneWaves):
-    """`Tikhonov` with the largest alpha whose residual is small enough, but no norm above K N.
-
-    The residual is ||A rho - u|| / ||u|| of the traces u of plane waves. Its and the norm's squares
-    are means over all directions: alpha is one number for each frequency. With a target for the
-    residual alone, the discrepancy principle, the norm diverges where directions are not seen. With
-    a bound on the norm alone, more noise than necessary passes where all are seen.
-
-    Source: the discrepancy principle, Morozov, Soviet Math. Dokl. 7 (1966) 414-417, with a bound.
-    """
-
-    residual: Float[Array, "*each"]
-    K: Float[Array, "*each"]
-
-    def __init__(self, residual: Numbers = 1e-3, K: Numbers = 2.0):
-        """residual: root mean square of ||A rho - u|| / ||u||; K: bound, in units of N(lambda)."""
-        self.residual, self.K = not_negative("residual", residual), not_negative("K", K)
+    def factors(self, sigma: Array, size: Array, unit_norm: Array) -> Array:
+        return self.chosen(sigma, size, unit_norm).factors(sigma, size, unit_norm)
 
     def chosen(
-        self,
-        sigma: Array,
-        size: Array,
-        unit_norm: Array,
-        excess: Excess = Excess(),  # noqa: B008
+        self, sigma: Array, size: Array, unit_norm: Array, excess: Array | float = 0.0
     ) -> Tikhonov:
         weights = sigma**2 * jnp.mean(size**2, axis=-1)
-        total = jnp.sum(weights) + excess.rhs
-        of_residual = self.residual**2 * total - excess.residual
-        of_norm = jnp.mean((self.K * unit_norm) ** 2) - excess.norm
-        wanted = alpha_where(RESIDUAL, sigma**2, weights, of_residual)
-        return Tikhonov(jnp.maximum(wanted, alpha_where(NORM, sigma**2, weights, of_norm)))
+        square = jnp.mean((self.K * unit_norm) ** 2) - excess
+        return Tikhonov(alpha_of_norm(sigma**2, weights, square))
 
     def absolute(self, data: FrequencyData) -> Array:
-        matrix, plane = _matrices(self, data)
-        total = jnp.sum(jnp.trace(plane, axis1=-2, axis2=-1))
-        squares = self.residual**2 * total, (self.K * data.unit_norm) ** 2
-        return _alphas_of_matrix((RESIDUAL, NORM), matrix, plane, jnp.stack(squares)).max()
+        if data.matrix is None or data.plane is None:
+            raise ValueError(
+                "TikhonovNormBound needs the matrix of every frequency in cylindrical waves: use a "
+                "region that they reach, or build_plan, or take a number, NoiseLevel(sigma) or "
+                "RelativeTikhonov(kappa)."
+            )
+        return _alpha_of_matrix(data.matrix, data.plane, (self.K * data.unit_norm) ** 2)
 
 
 def tikhonov_rule(rule: Any, n_frequencies: int) -> TikhonovRule:
@@ -251,62 +205,26 @@ def tikhonov_rule(rule: Any, n_frequencies: int) -> TikhonovRule:
     return per_frequency(rule, n_frequencies)
 
 
-class Measure(NamedTuple):
-    """Σ_j f(s_j, alpha) w_j, by which alpha is chosen; s_j of A A^T, w_j mean squares of p_j·u.
-
-    Attributes:
-        f: of s and alpha.
-        divided: (f(s, alpha) - f(t, alpha)) / (s - t) of s, t and alpha; df / ds where s = t.
-        sign: 1 if f falls with alpha, -1 if it rises.
-    """
-
-    f: Callable[[Array, Array], Array]
-    divided: Callable[[Array, Array, Array], Array]
-    sign: int
+def _norm(s: Array, alpha: Array) -> Array:
+    """f(s, alpha), of which ||A^T (A A^T + alpha)^-1 u||² = Σ_j f(s_j, alpha) (p_j·u)²."""
+    return s / (s + alpha) ** 2
 
 
-NORM = Measure(
-    f=lambda s, alpha: s / (s + alpha) ** 2,
-    divided=lambda s, t, alpha: (alpha**2 - s * t) / ((s + alpha) * (t + alpha)) ** 2,
-    sign=1,
-)
-"""||A^T (A A^T + alpha)^-1 u||²."""
-
-RESIDUAL = Measure(
-    f=lambda s, alpha: (alpha / (s + alpha)) ** 2,
-    divided=lambda s, t, alpha: (
-        -(alpha**2) * (s + t + 2 * alpha) / ((s + alpha) * (t + alpha)) ** 2
-    ),
-    sign=-1,
-)
-"""||A A^T (A A^T + alpha)^-1 u - u||²."""
+def _divided(s: Array, t: Array, alpha: Array) -> Array:
+    """(f(s, alpha) - f(t, alpha)) / (s - t); df / ds where s = t."""
+    return (alpha**2 - s * t) / ((s + alpha) * (t + alpha)) ** 2
 
 
-def _matrices(rule: TikhonovRule, data: FrequencyData) -> tuple[Array, Array]:
-    """A A^T and the mean of u u^H."""
-    if data.matrix is None or data.plane is None:
-        raise ValueError(
-            f"{type(rule).__name__} needs the matrix of every frequency in cylindrical waves: use "
-            "a region that they reach, or build_plan, or take a number, NoiseLevel(sigma) or "
-            "RelativeTikhonov(kappa)."
-        )
-    return data.matrix, data.plane
-
-
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def alpha_where(
-    measure: Measure,
-    eigenvalues: Float[Array, "*k"],
-    weights: Float[Array, "*k"],
-    square: Float[Array, ""],
+@jax.custom_jvp
+def alpha_of_norm(
+    eigenvalues: Float[Array, "*k"], weights: Float[Array, "*k"], square: Float[Array, ""]
 ) -> Float[Array, ""]:
     """alpha with Σ_j f(s_j, alpha) w_j = square, between 1e-15 and 1e6 times the largest s.
 
     Args:
-        measure: f.
         eigenvalues: s_j of A A^T.
         weights: w_j, mean squares of p_j·u.
-        square: of norm or residual. Where it is not reached alpha is one of the two bounds.
+        square: of the norm. Where it is not reached alpha is one of the two bounds.
     """
     largest = eigenvalues.max()
     largest = jnp.where(largest > 0, largest, 1.0)
@@ -316,8 +234,7 @@ def alpha_where(
     def halved(_: Array, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         below, above = bounds
         middle = (below + above) / 2
-        reached = jnp.sum(measure.f(eigenvalues, jnp.exp(middle)) * weights)
-        too_small = measure.sign * (reached - aim) > 0
+        too_small = jnp.sum(_norm(eigenvalues, jnp.exp(middle)) * weights) > aim
         return jnp.where(too_small, middle, below), jnp.where(too_small, above, middle)
 
     # to the last bit; no call of Python, by which libraries check bounds and for which threads wait
@@ -325,52 +242,47 @@ def alpha_where(
     return jnp.exp((below + above) / 2)
 
 
-@alpha_where.defjvp
-def _(measure: Measure, primals: tuple[Array, ...], tangents: tuple[Array, ...]):
-    # implicit differentiation of F(alpha, s, w) = square, but none at the bounds
+@alpha_of_norm.defjvp
+def _(primals: tuple[Array, ...], tangents: tuple[Array, ...]):
+    # implicit differentiation of F(alpha, s, w) = square
     eigenvalues, weights, square = primals
     d_eigenvalues, d_weights, d_square = tangents
-    alpha = alpha_where(measure, *primals)
-    values, slopes = _with_slopes(measure, eigenvalues, alpha)
-    change = jnp.sum(values * d_weights)
-    change += jnp.sum(measure.divided(eigenvalues, eigenvalues, alpha) * weights * d_eigenvalues)
-    total, slope = jnp.sum(values * weights), jnp.sum(slopes * weights)
-    return alpha, _implicit(total, slope, square, d_square - change)
+    alpha = alpha_of_norm(*primals)
+    change = jnp.sum(_norm(eigenvalues, alpha) * d_weights)
+    change += jnp.sum(_divided(eigenvalues, eigenvalues, alpha) * weights * d_eigenvalues)
+    return alpha, _implicit(eigenvalues, weights, alpha, square, d_square - change)
 
 
-def _with_slopes(measure: Measure, eigenvalues: Array, alpha: Array) -> tuple[Array, Array]:
-    """f and df / dalpha."""
-    return jax.jvp(lambda alpha: measure.f(eigenvalues, alpha), (alpha,), (jnp.ones_like(alpha),))
-
-
-def _implicit(total: Array, slope: Array, square: Array, change: Array) -> Array:
-    """dalpha = change / slope, and 0 where alpha is a bound."""
-    reached = jnp.abs(total - square) < 1e-6 * square
-    return jnp.where(reached, change / jnp.where(reached, slope, 1.0), 0.0)
-
-
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _alphas_of_matrix(
-    measures: tuple[Measure, ...], matrix: Array, plane: Array, squares: Array
+def _implicit(
+    eigenvalues: Array, weights: Array, alpha: Array, square: Array, change: Array
 ) -> Array:
-    """alpha for each measure, with tr(plane f(matrix, alpha)) the given square.
+    """dalpha = change / (dF / dalpha), and 0 where alpha is a bound."""
+    values, slopes = jax.jvp(lambda a: _norm(eigenvalues, a), (alpha,), (jnp.ones_like(alpha),))
+    reached = jnp.abs(jnp.sum(values * weights) - square) < 1e-6 * square
+    return jnp.where(reached, change / jnp.where(reached, jnp.sum(slopes * weights), 1.0), 0.0)
+
+
+@jax.custom_jvp
+def _alpha_of_matrix(
+    matrix: Float[Array, "blocks r r"], plane: Float[Array, "blocks r r"], square: Array
+) -> Array:
+    """alpha with tr(plane f(matrix, alpha)) = square.
 
     With matrix = V diag(s) V^T the trace is Σ_j f(s_j, alpha) (V^T plane V)_jj.
     """
     eigenvalues, vectors = spectrum(matrix)
-    known = eigenvalues, jnp.einsum("bij,bik,bkj->bj", vectors, plane, vectors)
-    alphas = (alpha_where(of, *known, square) for of, square in zip(measures, squares, strict=True))
-    return jnp.stack(list(alphas))
+    weights = jnp.einsum("bij,bik,bkj->bj", vectors, plane, vectors)
+    return alpha_of_norm(eigenvalues, weights, square)
 
 
-@_alphas_of_matrix.defjvp
-def _(measures: tuple[Measure, ...], primals: tuple[Array, ...], tangents: tuple[Array, ...]):
+@_alpha_of_matrix.defjvp
+def _(primals: tuple[Array, ...], tangents: tuple[Array, ...]):
     # Implicit differentiation of F(alpha, matrix, plane) = square. The derivative of f(matrix) is
     # made of (f(s_i) - f(s_j)) / (s_i - s_j), which exists where eigenvalues coincide (Daleckii and
     # Krein; Bhatia, Matrix Analysis (1997), theorem V.3.3).
-    matrix, plane, squares = primals
-    matrix_dot, plane_dot, squares_dot = tangents
-    alphas = _alphas_of_matrix(measures, *primals)
+    matrix, plane, square = primals
+    matrix_dot, plane_dot, square_dot = tangents
+    alpha = _alpha_of_matrix(*primals)
     eigenvalues, vectors = spectrum(matrix)
 
     def turned(matrix: Array) -> Array:
@@ -379,15 +291,7 @@ def _(measures: tuple[Measure, ...], primals: tuple[Array, ...], tangents: tuple
     def diagonal(matrix: Array) -> Array:
         return jnp.diagonal(matrix, axis1=-2, axis2=-1)
 
-    rows, columns = eigenvalues[:, :, None], eigenvalues[:, None, :]
-    here, matrix_dot, plane_dot = turned(plane), turned(matrix_dot), diagonal(turned(plane_dot))
-
-    def changed(measure: Measure, alpha: Array, square: Array, square_dot: Array) -> Array:
-        values, slopes = _with_slopes(measure, eigenvalues, alpha)
-        change = jnp.sum(measure.divided(rows, columns, alpha) * here * matrix_dot)
-        change += jnp.sum(values * plane_dot)
-        total, slope = jnp.sum(values * diagonal(here)), jnp.sum(slopes * diagonal(here))
-        return _implicit(total, slope, square, square_dot - change)
-
-    each = zip(measures, alphas, squares, squares_dot, strict=True)
-    return alphas, jnp.stack([changed(*one) for one in each])
+    rows, columns, here = eigenvalues[:, :, None], eigenvalues[:, None, :], turned(plane)
+    change = jnp.sum(_divided(rows, columns, alpha) * here * turned(matrix_dot))
+    change += jnp.sum(_norm(eigenvalues, alpha) * diagonal(turned(plane_dot)))
+    return alpha, _implicit(eigenvalues, diagonal(here), alpha, square, square_dot - change)

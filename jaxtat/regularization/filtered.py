@@ -18,7 +18,7 @@ from jaxtyping import Array, Complex, Float, Int
 
 from ..base.linear_algebra import svd
 from ..special import root
-from .rules import Excess, Regularization
+from .rules import Regularization
 
 SINGULAR = "singular value decomposition"  # its name, for `jax.checkpoint`
 # relative distance of squared singular values that count as one: derivatives cannot separate them
@@ -114,8 +114,7 @@ def singular_components(
     )
     order = jnp.argsort(-sigma, axis=None)
     size = _modulus(amplitudes).reshape(-1, n_rhs)[order]
-    outside = _outside(sigma.ravel()[order], size, rhs)
-    rule = regularization.chosen(sigma.ravel()[order], size, unit_norm, outside)
+    rule = regularization.chosen(sigma.ravel()[order], size, unit_norm)
     factors = rule.factors(sigma.ravel()[order], size, unit_norm)
     factors *= (inverse > 0).ravel()[order][:, None]
     unordered = factors[jnp.argsort(order)].reshape(n_blocks, -1, n_rhs)
@@ -197,7 +196,7 @@ def _(primals: tuple, tangents: tuple) -> tuple[Solution, Solution]:
     # phi, (phi_i - phi_j) gamma_ij tends to dphi / d(sigma²). The factors themselves change with
     # sigma and with the sizes |β / sigma|. The parts of dA that lead out of the spans of P and Q
     # follow from P^T dp = 0 likewise. A rule that chooses another by the norm of q changes its
-    # choice as is needed for the norm and residual that dq, with the choice kept, leads to. See
+    # choice as is needed for the norm that dq, with the choice kept, leads to. See
     # Noferini, SIAM J. Matrix Anal. Appl. 38 (2017) 436-457.
     blocks, rhs, rule, unit_norm = primals
     d_blocks, d_rhs, d_rule, d_unit_norm = tangents
@@ -209,10 +208,9 @@ def _(primals: tuple, tangents: tuple) -> tuple[Solution, Solution]:
     d_q = change.at_fixed_factors() + components.combined(d_factors)
     misfit = _real_times(blocks, q) - rhs
     d_misfit = _real_times(d_blocks, q) - d_rhs  # beside A dq
-    if chooses:  # by the norm and residual that dq above, with the choice kept, would lead to
-        kept = (q, d_q), (misfit, d_misfit + _real_times(blocks, d_q)), (rhs, d_rhs)
-        d_excess = Excess(*(jnp.mean(jax.jvp(_square_norm, (x,), (dx,))[1]) for x, dx in kept))
-        d_used = _choice_change(components, rhs, (rule, unit_norm), (d_rule, d_unit_norm), d_excess)
+    if chooses:  # by the norm that dq above, with the choice kept, would lead to
+        d_norm = jnp.mean(jax.jvp(_square_norm, (q,), (d_q,))[1])
+        d_used = _choice_change(components, (rule, unit_norm), (d_rule, d_unit_norm), d_norm)
         more = _factors_change(components, None, unit_norm, d_used, jnp.zeros_like(d_unit_norm))
         d_factors, d_q = d_factors + more, d_q + components.combined(more)
     d_misfit += _real_times(blocks, d_q)
@@ -328,26 +326,16 @@ def _factors_change(
 
 
 def _choice_change(
-    components: Components, rhs: Array, given: tuple, d_given: tuple, d_excess: Excess
+    components: Components, given: tuple, d_given: tuple, d_norm: Array
 ) -> Regularization:
-    """Change of the chosen rule's numbers, where the mean squares change by d_excess."""
-    sigma, size = (
-        components.ordered(components.sigma),
-        components.ordered(jnp.abs(components.amplitudes)),
-    )
-    _, change = jax.jvp(
+    """Change of the chosen rule's numbers, where the mean square norm changes by d_norm."""
+    sigma = components.ordered(components.sigma)
+    size = components.ordered(jnp.abs(components.amplitudes))
+    return jax.jvp(
         lambda rule, unit_norm, excess: rule.chosen(sigma, size, unit_norm, excess),
-        (*given, _outside(sigma, size, rhs)),
-        (*d_given, d_excess),
-    )
-    return change
-
-
-def _outside(sigma: Array, size: Array, rhs: Array) -> Excess:
-    """What no component of A has of u: all of it is residual."""
-    within = jnp.sum((sigma[:, None] * size) ** 2, axis=0)
-    outside = jnp.mean(jnp.maximum(_square_norm(rhs) - within, 0.0))
-    return Excess(jnp.zeros(()), outside, outside)
+        (*given, jnp.zeros(())),
+        (*d_given, d_norm),
+    )[1]
 
 
 def _real_times(matrix: Float[Array, "*b m n"], columns: Complex[Array, "*b n c"]) -> Array:

@@ -10,7 +10,7 @@ parameters are numbers, or arrays with one entry for each frequency of a plan.
 """
 
 from abc import abstractmethod
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import equinox as eqx
 import jax
@@ -19,20 +19,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, by_library, is_concrete, real_array
-
-
-class Excess(NamedTuple):
-    """Mean squares over all right-hand sides, beyond those of the singular components.
-
-    Attributes:
-        norm: of ||q||.
-        residual: of ||A q - u||.
-        rhs: of ||u||.
-    """
-
-    norm: Array | float = 0.0
-    residual: Array | float = 0.0
-    rhs: Array | float = 0.0
 
 
 class Regularization(eqx.Module):
@@ -66,13 +52,13 @@ class Regularization(eqx.Module):
         sigma: Float[Array, " rank"],
         size: Float[Array, "rank rhs"],
         unit_norm: Float[Array, "*one_or_rhs"],
-        excess: Excess = Excess(),  # noqa: B008
+        excess: Array | float = 0.0,
     ) -> "Regularization":
-        """The rule that is used, for one that chooses among others by norm or residual.
+        """The rule that is used, for one that chooses among others by the norm of solutions.
 
         Args:
             sigma, size, unit_norm: as in `factors`.
-            excess: to be added to what follows from sigma and size.
+            excess: of the mean square of the norm over what follows from sigma and size.
         """
         return self
 

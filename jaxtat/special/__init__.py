@@ -3,8 +3,6 @@
 from .bessel import both_kinds as both_kinds
 from .bessel import j0 as j0
 from .bessel import j1 as j1
-from .bessel import y0 as y0
-from .bessel import y1 as y1
 from .nufft import from_grid as from_grid
 from .nufft import to_grid as to_grid
 from .roots import root as root

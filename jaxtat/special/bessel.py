@@ -83,48 +83,6 @@ def j1(x: Num[ArrayLike, "..."]) -> Float[Array, "..."]:
     return _j1(as_floating(x))
 
 
-def y0(x: Num[ArrayLike, "..."]) -> Float[Array, "..."]:
-    """Y_0(x) = (2/pi) (log(x/2) + Euler's constant) J_0(x) + an even power series from x^2 on.
-
-    Args:
-        x: real, any shape, no unit. float32 and float64 keep their dtype, integers are converted.
-
-    Returns:
-        Y_0(x), the shape of x; -inf at 0, NaN for x < 0. Derivatives exist for x > 0 only: where x
-        may be 0, replace it before the call, not the result after it.
-
-    Raises:
-        TypeError: x is complex or has half precision.
-
-    Source: DLMF 10.8.2; derivative 10.6.3, Y_0' = -Y_1.
-
-    >>> print(f"{y0(2.5):.12f}")
-    0.498070359615
-    """
-    return _both(0, as_floating(x))[1]
-
-
-def y1(x: Num[ArrayLike, "..."]) -> Float[Array, "..."]:
-    """Y_1(x) = (2/pi) (log(x/2) J_1(x) - 1/x) + an odd power series.
-
-    Args:
-        x: real, any shape, no unit. float32 and float64 keep their dtype, integers are converted.
-
-    Returns:
-        Y_1(x), the shape of x; -inf at 0, NaN for x < 0. Derivatives exist for x > 0 only: where x
-        may be 0, replace it before the call, not the result after it.
-
-    Raises:
-        TypeError: x is complex or has half precision.
-
-    Source: DLMF 10.8.1; derivative 10.6.2, Y_1' = Y_0 - Y_1 / x.
-
-    >>> print(f"{y1(2.5):.12f}")
-    0.145918137967
-    """
-    return _both(1, as_floating(x))[1]
-
-
 def both_kinds(
     order: int, x: Num[ArrayLike, "*shape"]
 ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
@@ -132,9 +90,25 @@ def both_kinds(
 
     Programs that want both are half as long, and so are their derivatives.
 
+    Args:
+        order: n.
+        x: real, any shape, no unit. float32 and float64 keep their dtype, integers are converted.
+
+    Returns:
+        J_n as `j0` and `j1`; Y_n is -inf at 0, NaN for x < 0. Derivatives of Y_n exist for x > 0
+        only: where x may be 0, replace it before the call, not the result after it.
+
+    Raises:
+        TypeError: x is complex or has half precision.
+
+    Source: Y_n is (2/pi) log(x/2) J_n(x), -2/(pi x) for n = 1, and a power series, DLMF 10.8.1,
+    10.8.2; derivatives 10.6.2, 10.6.3, Y_0' = -Y_1 and Y_1' = Y_0 - Y_1 / x.
+
     >>> j, y = both_kinds(0, 2.5)
     >>> print(f"{j:.12f} {y:.12f}")
     -0.048383776468 0.498070359615
+    >>> print(f"{both_kinds(1, 2.5)[1]:.12f}")
+    0.145918137967
     """
     return _both(order, as_floating(x))
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
+from ..base.rows import equal_parts
 from ..geometry.caps import SphericalCap
 from ..steps.quadrature import interpolation_matrix
 
@@ -72,10 +73,9 @@ def _back_projection(cap: SphericalCap, radii: Array, g: Array, points: Array) -
     def add(total: Array, some: tuple[Array, Array]) -> tuple[Array, None]:
         return total + jnp.sum(jax.vmap(of_detector)(*some), axis=0), None
 
-    n = cap.n_rings * cap.n_azimuths
-    missing = -n % _DETECTORS
-    z = jnp.pad(cap.points.reshape(n, 3), ((0, missing), (0, 0)))
-    values = jnp.pad(filtered.reshape(n, -1), ((0, missing), (0, 0)))
-    blocks = z.reshape(-1, _DETECTORS, 3), values.reshape(-1, _DETECTORS, len(radii))
+    blocks = (
+        equal_parts(cap.points.reshape(-1, 3), _DETECTORS),
+        equal_parts(filtered.reshape(-1, len(radii)), _DETECTORS),
+    )
     total, _ = jax.lax.scan(add, jnp.zeros(len(points)), blocks)
     return -total / (8 * jnp.pi**2 * cap.radius)

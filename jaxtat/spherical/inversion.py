@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from ..base.parallel import in_groups
+from ..base.rows import in_groups
 from ..geometry import ImageGrid, VolumeGrid
 from ..steps.inversion import IMAGES, invert
 from ..steps.radon import offset_step, polar_fourier_of_projections

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..base.interpolation import QUINTIC, polynomial, quintic_prefilter
+from ..base.rows import equal_parts
 from ..geometry import ImageGrid
 
 OVERSAMPLING = 3  # spline nodes per sample of the projections
@@ -60,11 +61,11 @@ def filtered_back_projection(
         return image + back_project(coefficients, spacing, theta, grid, center), None
 
     def of_group(p: Array) -> Array:
-        blocks = _split(jnp.moveaxis(p, 1, 0), DIRECTIONS), _split(angles, DIRECTIONS)
+        blocks = equal_parts(jnp.moveaxis(p, 1, 0), DIRECTIONS), equal_parts(angles, DIRECTIONS)
         return jax.lax.scan(add, jnp.zeros((*grid.shape, p.shape[0]), p.dtype), blocks)[0]
 
     together = max(1, min(IMAGES, LARGEST_GROUP // (n_directions * n_offsets)))
-    groups = _split(projections.reshape(n_images, n_directions, n_offsets), together)
+    groups = equal_parts(projections.reshape(n_images, n_directions, n_offsets), together)
     images = jnp.moveaxis(jax.lax.map(of_group, groups), -1, 1).reshape(-1, *grid.shape)
     return images[:n_images].reshape(*batch, *grid.shape) / (2 * n_directions)
 
@@ -207,15 +208,6 @@ def _cells(
 def _weights(t: Float[Array, "x1 x2"]) -> list[Float[Array, "x1 x2"]]:
     """Weights of the six nodes, by the fraction of the way from the third to the fourth."""
     return [polynomial(list(row), t) for row in QUINTIC]
-
-
-def _split(array: Float[Array, "n *rest"], largest: int) -> Float[Array, "parts size *rest"]:
-    """Equal parts of at most `largest` items, the last filled up with zeros."""
-    n = array.shape[0]
-    n_parts = max(1, -(-n // largest))
-    size = max(1, -(-n // n_parts))
-    padded = jnp.pad(array, [(0, n_parts * size - n)] + [(0, 0)] * (array.ndim - 1))
-    return padded.reshape(n_parts, size, *array.shape[1:])
 
 
 def _ramp_kernel(n: int) -> Float[np.ndarray, " kernel"]:

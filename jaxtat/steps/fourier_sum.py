@@ -24,7 +24,7 @@ import numpy as np
 import scipy.special
 from jaxtyping import Array, Complex, Float
 
-from ..base.parallel import in_groups
+from ..base.rows import in_groups
 from ..base.size_ladder import filled_up
 from ..geometry import ImageGrid
 from ..special import to_grid

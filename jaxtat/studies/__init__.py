@@ -17,7 +17,6 @@ from .expected_errors import expected_error, image_power
 from .image_sharpness import sharpness
 from .noise_law import predict_noise
 from .residual import DataResidual, data_residual
-from .seen_edges import visibility_map
 from .uncertainty import pixel_standard_deviation
 
 __all__ = [
@@ -41,6 +40,5 @@ __all__ = [
     "plan_of",
     "predict_noise",
     "sharpness",
-    "visibility_map",
     "wave_accuracy",
 ]

@@ -8,14 +8,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, real_array, require_positive, require_x64
-from ..geometry import ImageGrid, Visibility, visibility
+from ..geometry import ImageGrid, Visibility, visibility, visibility_map
 from ..reconstruction import Reconstruction, ReconstructionPlan, Setup, build_plan, reconstruct
 from ..reconstruction.setup import plane_of
 from ..regularization import RelativeTikhonov, Tikhonov
 from ..steps.radon import LowPass, low_pass_values
 from .data_noise import DataNoise, NoiseSource, noise_of_residual
 from .residual import DataResidual, data_residual
-from .seen_edges import visibility_map
 from .uncertainty import BLOCK, pixel_standard_deviation
 
 UNCERTAINTY_PIXELS = 3 * BLOCK  # nodes per axis, of plans that are not too large for it
@@ -152,7 +151,7 @@ def diagnose(
         g=jnp.asarray(g, float),
         image=jnp.where(inside, jnp.asarray(image, float), jnp.nan),
         lines=visibility(curve, region),
-        visible=jnp.where(inside, visibility_map(setup), jnp.nan),
+        visible=jnp.where(inside, visibility_map(curve, setup.grid), jnp.nan),
         residual=residual,
         noise=data_noise,
         waves=None if plan is None else wave_accuracy(plan, low_pass),

@@ -259,7 +259,6 @@ for wrong in (
     lambda: jt.forward_operator(g),
     lambda: jt.circular_means(image, setup),
     lambda: jt.model_based(g, setup),
-    lambda: jt.studies.visibility_map(curve),
     lambda: jt.build_plan(setup, jt.NoiseLevel(0.1)),
     lambda: jt.solve(setup, g, jt.NormBound(4.0)),
 ):
@@ -282,7 +281,7 @@ for wrong in (
     assert number.startswith("region is 0.7, expected")
     assert grid.startswith("grid is 129, expected") and "ImageGrid(n)" in grid
     assert space.startswith("region is a Ball, expected for detectors in the plane what disk(")
-    assert len(setups) == 7
+    assert len(setups) == 6
     for line in setups:
         assert "expected a Setup(curve, region, grid, radii) first." in line
     assert level.startswith("NoiseLevel looks at the data, which a plan has not seen: use solve(")
@@ -317,7 +316,8 @@ for said, wrong in (
     (fill, lambda: jt.detector_curve(masked[:, :2])),
     ("grid is (21, 21), expected an ImageGrid", lambda: bell.image((21, 21))),
     ("grid is (21, 21), expected", lambda: jt.Setup(setup.curve, setup.region, (21, 21))),
-    ("grid is 5, expected an ImageGrid", lambda: studies.visibility_map(setup, grid=5)),
+    ("grid is 5, expected an ImageGrid", lambda: jt.geometry.visibility_map(setup.curve, 5)),
+    ("curve is a Setup, expected", lambda: jt.geometry.visibility_map(setup, setup.grid)),
     ("grid is 5, expected an ImageGrid", lambda: studies.predict_noise(setup, 0.1, grid=5)),
     ("write A.mv(image), A.T.mv(data)", lambda: A.T @ g),
     ("write A.mv(image), A.T.mv(data)", lambda: image @ A),

@@ -9,7 +9,7 @@ from scipy.stats import norm
 from jaxtat import ImageGrid, circular_arc, detector_curve, polyline
 from jaxtat.geometry import VISIBLE, SampledCurve, edge_weight, join_curves, visible_disk
 from jaxtat.geometry.seen_lines import connected_pieces
-from jaxtat.geometry.visible_edges import seen_share
+from jaxtat.geometry.visible_edges import visibility_map
 
 N_ANGLES = 360
 ANGLES = np.arange(360) * np.pi / 360
@@ -42,7 +42,7 @@ def test_map_of_an_arc_is_the_angle_under_which_it_appears(right, level):
     curve = circular_arc(1.3, right, 400)
     eps = 3 * float(curve.weights[0])
     exact, moved = directions_seen(np.asarray(GRID.points), 1.3, right, level, eps)
-    found = np.asarray(seen_share(curve, GRID, least=level, n_angles=N_ANGLES))
+    found = np.asarray(visibility_map(curve, GRID, least=level, n_angles=N_ANGLES))
     assert found.shape == (9, 7)
     part = exact < 0.97  # nearer to 1 the limits of both ends meet
     assert part.sum() > 2
@@ -55,10 +55,10 @@ def test_map_of_an_arc_is_the_angle_under_which_it_appears(right, level):
 
 def test_a_full_circle_sees_everything_and_far_away_little():
     full = circular_arc(1.3, 1.3, 400)
-    assert (np.asarray(seen_share(full, GRID, n_angles=90)) == 1).all()
+    assert (np.asarray(visibility_map(full, GRID, n_angles=90)) == 1).all()
     far = ImageGrid((9, 7), 0.1, (5.0, 0.0))  # where a whole circle appears under 2 asin(R/d)
     d, eps = np.linalg.norm(np.asarray(far.points), axis=-1), 3 * 2.6 * np.pi / 400
-    found = np.asarray(seen_share(full, far, n_angles=N_ANGLES))
+    found = np.asarray(visibility_map(full, far, n_angles=N_ANGLES))
     least, most = (2 * np.arcsin((1.3 + beyond) / d) / np.pi for beyond in (0, 3 * eps))
     assert (found > least - 2 / N_ANGLES).all()
     assert (found < most + 2 / N_ANGLES).all()
@@ -104,7 +104,7 @@ def test_the_map_counts_the_edges_of_every_pixel():
     assert weights.shape == (9, 7, 360)
     certain = np.abs(weights - VISIBLE).min(axis=-1) > 5e-3
     share = (weights >= VISIBLE).mean(axis=-1)
-    found = np.asarray(seen_share(curve, GRID))
+    found = np.asarray(visibility_map(curve, GRID))
     assert certain.mean() > 0.5
     assert_allclose(found[certain], share[certain], rtol=1e-12)
     assert_allclose(found, share, atol=2 / 360)
@@ -145,7 +145,7 @@ def test_no_disk_is_seen_by_a_straight_array():
 )
 def test_bad_arguments_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
-        seen_share(circular_arc(1.3, 0.0, 20), GRID, **change)
+        visibility_map(circular_arc(1.3, 0.0, 20), GRID, **change)
 
 
 def test_points_of_another_shape_are_refused():
@@ -157,8 +157,8 @@ def test_the_map_may_be_traced():
     """Its table of offsets is then as fine as the standard width wants it, and so the share."""
     curve = circular_arc(1.3, 0.0, 20)
     width = 3 * float(curve.weights[0])
-    traced = jax.jit(lambda w: seen_share(curve, GRID, width=w))(width)
-    assert_allclose(traced, seen_share(curve, GRID, width=width), atol=1 / 360)
+    traced = jax.jit(lambda w: visibility_map(curve, GRID, width=w))(width)
+    assert_allclose(traced, visibility_map(curve, GRID, width=width), atol=1 / 360)
 
 
 def test_scattered_positions_are_one_curve():

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from jaxtat import ImageGrid, VolumeGrid, circular_arc, disk
 from jaxtat.geometry import SampledCurve
-from jaxtat.geometry.visible_edges import seen_share
+from jaxtat.geometry.visible_edges import visibility_map
 from jaxtat.plotting import (
     contact_sheet,
     new_figure,
@@ -165,7 +165,7 @@ def test_what_is_seen_is_bright(axes):
     curve, grid = circular_arc(0.0013, 0.0, 60), ImageGrid(7, 0.001)
     shown = show_visibility(axes, curve, grid, unit="m")
     drawn = np.asarray(shown.get_array())
-    assert_allclose(drawn, np.asarray(seen_share(curve, grid)).T)
+    assert_allclose(drawn, np.asarray(visibility_map(curve, grid)).T)
     assert drawn[3, 0] > 0.9 > 0.6 > drawn[3, -1], "the half circle is on the left"
     assert shown.get_clim() == (0, 1)
     assert_allclose(shown.get_extent(), np.array([-1, 1, -1, 1]) * 7 / 6)

@@ -188,7 +188,7 @@ def test_fits_begin_on_coarser_grids(through):
     assert abs(float(operator.max_frequency) / (np.pi / float(grid.spacing[0])) - 1) < 0.01
     low = operator_on(setup, grid, max_frequency=float(found.max_frequency) * 1.0001)
     assert low.report.n_frequencies == found.report.n_frequencies
-    options = {"weight": 1e-4, "max_steps": 100}
+    options = {"weight": 1e-4, "max_steps": 50}
     image = model_based(setup, data, **options).image
     inside = np.asarray(through.region.contains(grid.points))
     assert np.linalg.norm((image - truth)[inside]) < 0.03 * np.linalg.norm(truth)

@@ -11,7 +11,6 @@ import pytest
 from jaxtat import (
     FixedRank,
     NormBound,
-    ResidualTarget,
     SingularValueCutoff,
     Tikhonov,
     TikhonovNormBound,
@@ -56,7 +55,6 @@ OF_RULE = {
     "cutoff": partial(parts, rule=SingularValueCutoff(0.3, fractional=False)),
     "Tikhonov": numbered(Tikhonov),
     "Tikhonov by its norm": numbered(TikhonovNormBound),
-    "Tikhonov by its residual": numbered(lambda residual: ResidualTarget(residual, 1e3)),
     "fractional rank": numbered(FixedRank),
     "fractional cutoff": numbered(SingularValueCutoff),
 }
@@ -65,7 +63,6 @@ NUMBERS = {
     "cutoff": (),
     "Tikhonov": (0.05,),
     "Tikhonov by its norm": (1.5,),
-    "Tikhonov by its residual": (0.6,),
 }
 
 

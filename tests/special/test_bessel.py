@@ -16,10 +16,20 @@ import numpy as np
 import pytest
 import scipy.special
 
-from jaxtat.special import j0, j1, y0, y1
+from jaxtat.special import both_kinds, j0, j1
 from jaxtat.special.bessel import SWITCH_POINT
 
 mp.mp.dps = 30
+
+
+def y0(x):
+    return both_kinds(0, x)[1]
+
+
+def y1(x):
+    return both_kinds(1, x)[1]
+
+
 FUNCTIONS = {"j0": (j0, mp.besselj, 0), "j1": (j1, mp.besselj, 1),
              "y0": (y0, mp.bessely, 0), "y1": (y1, mp.bessely, 1)}  # fmt: skip
 each_function = pytest.mark.parametrize("name", FUNCTIONS)
