@@ -80,7 +80,7 @@ def images(scan, choices, constrained) -> tuple[dict[str, np.ndarray], jaxtat.Se
 def measured():
     """The public scan: no option but the constraints of the last image."""
     scan = load_scan(jaxtat.io.datasets.fetch("msot_scan9"))
-    choices = jaxtat.scans.estimate(scan, jaxtat.scans.choose(scan))
+    choices = jaxtat.scans.choose(scan)
     given = {"sound_speed": choices.sound_speed, "pixels": choices.pixels}
     constrained = jaxtat.scans.choose(scan, **given, **MODEL_BASED)
     made, setup = images(scan, choices, constrained)

@@ -28,7 +28,7 @@ def back_projection(setup: jaxtat.Setup, g: jax.Array) -> jax.Array:
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
     scan = load_scan(jaxtat.io.datasets.fetch("msot_scan9"))
-    choices = jaxtat.scans.estimate(scan, jaxtat.scans.choose(scan))
+    choices = jaxtat.scans.choose(scan)
     best = jaxtat.scans.with_best_method(scan, choices)
     print(best.table())
     setup = jaxtat.scans.setup_of(scan, choices)

@@ -18,7 +18,7 @@ def examine(case: Case, size: str, oracle: bool, folder: Path) -> dict:
     from oracle import window
 
     from jaxtat.io import load_scan
-    from jaxtat.scans import choose, estimate, reconstruct, with_best_method
+    from jaxtat.scans import choose, reconstruct, with_best_method
 
     path = write(case, SIZES[size], folder)
     body = truth(case, SIZES[size])
@@ -29,7 +29,7 @@ def examine(case: Case, size: str, oracle: bool, folder: Path) -> dict:
     pictures = {"truth": where.truth, "corners": corners}
     try:
         scan = load_scan(path)
-        direct = estimate(scan, choose(scan))
+        direct = choose(scan)
         choices = with_best_method(scan, direct)
         row |= _chosen(case, body, direct)
         pictures["chosen"] = where.seen(reconstruct(scan, choices))

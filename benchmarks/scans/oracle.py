@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from bodies import Body
 from cases import Case
+from jaxtat.scans.speed import sharpness_by_speed
 from scipy.ndimage import map_coordinates
 
 from jaxtat.io import Scan
 from jaxtat.scans import Choices, ScanImages, choose, reconstruct
 from jaxtat.scans.acquisition import typical_frame
-from jaxtat.scans.speed import sharpness_by_speed
 
 ALPHAS = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
 RULES = tuple((alpha, low_pass) for alpha in ALPHAS for low_pass in ("none", "cosine"))

@@ -19,13 +19,12 @@ from .choices import Choices
 from .found import RIM, Found
 from .frames import shifted_times
 from .misfit import Misfit, Sound, misfit_of
+from .one_side import SEEN_TWICE, span
 from .region_in_plane import circle_without_detectors
 from .sound_speed import STEP, Least, Start, best_start, least_share
 
 FEWEST_SAMPLES = 64  # in which sound passes
 DISTINCT = 0.3  # depth from which a speed is believed, of detectors on most sides
-FROM_ONE_SIDE = 0.25  # depth from which it is taken at all, of detectors on less than `HALF`
-MOST_SIDES, HALF, TOO_FEW = 200.0, 150.0, 110.0  # degrees under which detectors see the middle
 UNSURE = 0.005  # standard error over the speed, above which it is not believed
 LATE = 1.0 / 13  # of the arrival from the middle: a start may be wrong by that
 CLEARLY = 0.1  # share² that the right model must spare, to be told
@@ -50,17 +49,6 @@ class Told(NamedTuple):
     misfit: Misfit
     weight: float
     speed: Least
-
-
-def span_seen(points: np.ndarray, center: np.ndarray) -> float:
-    """Angle under which a curve is seen from a point: 360 less the widest gap [degrees].
-
-    >>> round(span_seen(np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]]), np.zeros(2)), 6)
-    180.0
-    """
-    angles = np.sort(np.arctan2(*(points - center).T[::-1]))
-    gaps = np.append(np.diff(angles), angles[0] + 2 * np.pi - angles[-1])
-    return float(np.degrees(2 * np.pi - gaps.max()))
 
 
 def sound_within(
@@ -134,18 +122,22 @@ def tell_acoustics(sound: Sound, arc: ArcFit, found: Found, start_known: bool) -
         start_known: whether the file or the user says when the record starts.
     """
     nominal, distance = float(found.values["sound_speed"]), arc.radius
-    unknown = "sound_speed" in found.to_estimate
-    seen = span_seen(np.asarray(sound.curve.points)[sound.good], sound.center)
+    seen = span(np.asarray(sound.curve.points)[sound.good], sound.center)
+    unknown = "sound_speed" in found.to_estimate and seen >= SEEN_TWICE
     stretch = np.arange(SLOWEST, FASTEST + STEP / 2, STEP)
-    models = list(WHAT) if "model" in found.to_estimate else [str(found.values["model"])]
+    models = [str(found.values["model"])]
+    if "model" in found.to_estimate and seen >= SEEN_TWICE:
+        models = list(WHAT)
+    elif "model" in found.to_estimate:
+        _keep_model(found, seen)
     told = [_told(sound, model, nominal, stretch if unknown else None) for model in models]
     best = min(told, key=lambda each: each.speed.fit.share)
     if len(told) > 1:
         _take_model(found, best, max(told, key=lambda each: each.speed.fit.share))
     chance = _share_by_chance(sound, best)
-    of_file = found.given.get("sound_speed") is None and not unknown
+    of_file = found.given.get("sound_speed") is None and "sound_speed" not in found.to_estimate
     badly = (best.speed.fit.share / chance) ** 2 > HARDLY
-    if of_file and badly and seen >= MOST_SIDES and nominal_water_speed(found.values["units"]):
+    if of_file and badly and seen >= SEEN_TWICE and nominal_water_speed(found.values["units"]):
         best = _told(sound, best.model, nominal, stretch)
         _compare(found, best, nominal)
     reason = _contradiction(sound, best, nominal, chance)
@@ -155,9 +147,9 @@ def tell_acoustics(sound: Sound, arc: ArcFit, found: Found, start_known: bool) -
         return
     if unknown:
         start = None
-        if not start_known and seen > HALF:
+        if not start_known:
             best, start = _with_start(sound, best, nominal, distance)
-        _take_speed(found, best, start, seen)
+        _take_speed(found, best, start)
 
 
 def _told(sound: Sound, model: str, nominal: float, stretch: np.ndarray | None) -> Told:
@@ -181,9 +173,16 @@ def _take_model(found: Found, best: Told, other: Told) -> None:
         f"the best image leaves {best.speed.fit.share:.0%} of the record unexplained as "
         f"{WHAT[best.model]}, {other.speed.fit.share:.0%} as {WHAT[other.model]}"
     )
-    if best.model == "2d" and not clear:
-        warnings.warn(f"{why}; a scanner's record needs model in-plane.", AccuracyWarning, 7)
     found.settle("model", best.model, why, LIKELY if clear else GUESSED)
+
+
+def _keep_model(found: Found, seen: float) -> None:
+    """The model that the record alone spoke for: seen once, edges fit either."""
+    model = found.values["model"]
+    why = f"{found.reasons['model']}; from {seen:.0f} degrees images do not tell"
+    if model == "2d":
+        warnings.warn(f"{why}; a scanner's record needs model in-plane.", AccuracyWarning, 7)
+    found.settle("model", model, why, GUESSED)
 
 
 def _with_start(
@@ -207,7 +206,7 @@ def _with_start(
     return told._replace(speed=start.speed), start
 
 
-def _take_speed(found: Found, told: Told, start: Start | None, seen: float) -> None:
+def _take_speed(found: Found, told: Told, start: Start | None) -> None:
     speed, units = told.speed, found.values["units"]
     error = speed.standard_error
     if start is not None:
@@ -219,18 +218,14 @@ def _take_speed(found: Found, told: Told, start: Start | None, seen: float) -> N
             "--start-time gives another start"
         )
         found.explain("time_shift", why, GUESSED)
-    doubt = _doubt(speed, seen)
-    if doubt:
-        found.settle("sound_speed", found.values["sound_speed"], f"water's: {doubt}", GUESSED)
+    if not speed.inside:
+        why = "water's: no speed within 10 % of it leaves least unexplained"
+        found.settle("sound_speed", found.values["sound_speed"], why, GUESSED)
         return
-    sure = seen >= MOST_SIDES and speed.depth >= DISTINCT and error <= UNSURE * speed.value
+    sure = speed.depth >= DISTINCT and error <= UNSURE * speed.value
     why = f"the best image leaves {speed.fit.share:.0%} unexplained, least of all speeds"
     if not sure:
-        why += (
-            f", but by {max(speed.depth, 0.0):.0%} only"
-            if seen >= MOST_SIDES
-            else (f"; from {seen:.0f} degrees edges are seen once")
-        )
+        why += f", but by {max(speed.depth, 0.0):.0%} only"
     if start is not None:
         sure, why = False, f"{why}, with the shift of times"
     grade = LIKELY if sure else GUESSED
@@ -246,17 +241,6 @@ def _compare(found: Found, told: Told, nominal: float) -> None:
         units = found.values["units"]
         why = f"{found.reasons['sound_speed']}; but at {units.of_speed(speed.value)}"
         found.explain("sound_speed", f"{why} {spared:.0%} less is unexplained: try that", GUESSED)
-
-
-def _doubt(speed: Least, seen: float) -> str:
-    """Why a speed is not believed at all."""
-    if seen < TOO_FEW:
-        return f"from {seen:.0f} degrees a nearer body and faster sound are alike"
-    if not speed.inside:
-        return "no speed within 10 % of it leaves least unexplained"
-    if seen < HALF and speed.depth < FROM_ONE_SIDE:
-        return f"from {seen:.0f} degrees all speeds leave nearly as much unexplained"
-    return ""
 
 
 def _contradiction(sound: Sound, told: Told, nominal: float, chance: float) -> str:

@@ -237,3 +237,21 @@ class Choices(eqx.Module):
         except (TypeError, ValueError) as error:
             raise ValueError(f"the settings cannot be read ({error}).") from error
         return cls(**values)
+
+
+def at_speed(choices: Choices, stretch: float) -> Choices:
+    """Choices at another speed of sound: radii for the same times, no farther apart than before.
+
+    Args:
+        choices: of a pressure record.
+        stretch: the other speed over that of the choices.
+    """
+    n_steps = choices.n_radii - 1
+    n_more = max(n_steps, int(np.ceil(n_steps * stretch - 1e-9)))
+    return dataclasses.replace(
+        choices,
+        sound_speed=choices.sound_speed * stretch,
+        first_radius=choices.first_radius * stretch,
+        radial_step=choices.radial_step * stretch * n_steps / n_more,
+        n_radii=n_more + 1,
+    )

@@ -61,6 +61,8 @@ from .found import (
     radii_of,
     require_detail,
     require_middle,
+    require_scale,
+    slowest,
     take_nominal_speed,
 )
 from .hearing import muted_start, noise_floor, sound_after, sound_begins
@@ -73,6 +75,7 @@ from .region_in_plane import (
     region_of_sound,
     seen_region,
 )
+from .speed_from_one_side import with_speed_from_one_side
 
 PIXELS = (65, 1025)
 FITTED = 513  # pixels at most where there is no formula: half a minute's work
@@ -108,6 +111,8 @@ def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
     found.take("inversion", "fourier", "the faster way to the same image")
     found.take_constraints()
     made = found.choices()
+    if "sound_speed" in found.to_estimate:
+        return with_speed_from_one_side(scan, made)
     if scan.kind == "pressure" and made.model != assumed:
         return _by_other_model(scan, given, made)
     return made
@@ -183,6 +188,8 @@ def _tell_acoustics(
     assert facts.times is not None
     times, points = facts.times + float(found.values["time_shift"]), facts.points[facts.order]
     arc, speed = facts.arc or _free_circle(facts, found), float(found.values["sound_speed"])
+    if facts.arc is not None and found.given.get("region_radius") is None:
+        require_scale(float(times[-1]) * speed, arc.radius, speed)
     sound = sound_within(arc, points, record, times, good, begin, speed)
     if sound is None:
         found.settle_all("the record is too short to tell it")
@@ -328,8 +335,9 @@ def _resolution(
     where: _Where, times: np.ndarray, found: Found, speed: float, highest: float
 ) -> None:
     """lambda_max by detectors, band and pixels, whichever is least, and the pixels by it."""
-    support = supported(*where, times, sound_speed=speed)
-    require_middle(support, speed)
+    speed_at_least = speed * slowest(found)
+    support = supported(*where, times, sound_speed=speed_at_least)
+    require_middle(support, speed_at_least)
     if support.ends_early:
         found.expect(support.shortfalls[0])
     of_detectors = float(support.frequency_of_detectors) / SAMPLED

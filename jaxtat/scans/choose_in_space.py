@@ -5,7 +5,6 @@ data are left out where the others are on whole rings, or few enough to lie anyw
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import jax
@@ -19,8 +18,8 @@ from ..records.signal_power import highest_frequency, noise_before, record_power
 from ..records.source_extent import sounding_disk
 from ..spherical import cap_radii
 from ..spherical.sizes import resolved_frequency
-from .acquisition import SLOWEST, typical_frame
-from .choices import IN_SPACE, Choices
+from .acquisition import typical_frame
+from .choices import IN_SPACE, Choices, at_speed
 from .found import (
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
@@ -34,6 +33,7 @@ from .found import (
     require_detail,
     require_end,
     require_scale,
+    slowest,
     take_nominal_speed,
 )
 from .hearing import heard_after
@@ -142,7 +142,7 @@ def _region(scan: Scan, facts: FactsInSpace, found: Found, frame: np.ndarray) ->
             share, grade = max(MARGIN * reach, SHARES[0] * facts.radius), LIKELY
             length = facts.units.of_length
             why = f"sound comes from within {length(reach)}, and {MARGIN - 1:.0%} to spare"
-        path *= SLOWEST if "sound_speed" in found.to_estimate else 1.0
+        path *= slowest(found)
         if path - facts.radius < share:
             share, why, grade = path - facts.radius, "as much as the record covers", GUESSED
     share, why = covered(found, share, why, radii_of(scan, found), np.array([facts.radius]))
@@ -179,24 +179,6 @@ def with_speed_in_space(scan: Scan, choices: Choices) -> Choices:
     why = f"{found.why}; none in the file" if error is not None else f"water's: {found.why}"
     at = at_speed(choices, found.stretch)
     return at.with_reason("sound_speed", why, found.grade, error)
-
-
-def at_speed(choices: Choices, stretch: float) -> Choices:
-    """Choices at another speed of sound: radii for the same times, no farther apart than before.
-
-    Args:
-        choices: of a pressure record.
-        stretch: the other speed over that of the choices.
-    """
-    n_steps = choices.n_radii - 1
-    n_more = max(n_steps, int(np.ceil(n_steps * stretch - 1e-9)))
-    return replace(
-        choices,
-        sound_speed=choices.sound_speed * stretch,
-        first_radius=choices.first_radius * stretch,
-        radial_step=choices.radial_step * stretch * n_steps / n_more,
-        n_radii=n_more + 1,
-    )
 
 
 def _arrival(facts: FactsInSpace, found: Found) -> float:

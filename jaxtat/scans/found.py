@@ -13,7 +13,7 @@ from ..base.units import Units
 from ..geometry import require_radii
 from ..io import Scan
 from ..records import Supported
-from .acquisition import nominal_water_speed
+from .acquisition import SLOWEST, nominal_water_speed
 from .choices import Choices
 
 DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not show it
@@ -231,6 +231,11 @@ def _one_speed(speeds: np.ndarray, units: Units) -> tuple[float, str, str]:
     between = f"{units.of_speed(least)} to {units.of_speed(most)}"
     why = f"the mean of {of_what} speeds in the file, {between}: images are made with one"
     return float(speeds.mean()), why, GUESSED
+
+
+def slowest(found: Found) -> float:
+    """The least speed to search, over the nominal one, for which the record is long enough."""
+    return SLOWEST if "sound_speed" in found.to_estimate else 1.0
 
 
 def covered(

@@ -10,12 +10,11 @@ from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, N, positions, raw_coun
 
 from jaxtat import detector_curve, phantoms
 from jaxtat.cli import main
-from jaxtat.geometry import VisibilityWarning
 from jaxtat.io import Scan, load_scan
 from jaxtat.io.datasets import sample_scan
 from jaxtat.records import circular_integrals_to_pressure
 from jaxtat.scans import choose
-from jaxtat.scans.acoustics import shares_by_speed, span_seen
+from jaxtat.scans.acoustics import shares_by_speed
 from jaxtat.steps import AccuracyWarning
 
 NO_IMAGE = "no image explains this record"
@@ -53,7 +52,7 @@ def test_a_quarter_of_a_circle_does_not_tell_the_speed():
     rows = slice(30, 60)
     chosen = choose(made(record()[rows], detectors=positions()[rows]), **GIVEN)
     assert (chosen.sound_speed, chosen.grade("sound_speed")) == (1500.0, "guessed")
-    assert "a nearer body and faster sound are alike" in dict(chosen.reasons)["sound_speed"]
+    assert dict(chosen.reasons)["sound_speed"].startswith("water's: from 8")
 
 
 def test_noise_alone_tells_no_speed_and_no_image_explains_it():
@@ -112,19 +111,20 @@ def saved(pressure, rows, drift=0.0):
 
 
 @pytest.mark.parametrize("model", ["2d", "in-plane"])
-@pytest.mark.parametrize("rows", [ARC, HALF])
-def test_the_best_image_tells_the_model(rows, model):
+def test_the_best_image_tells_the_model(model):
     """A record of elements focused into the plane drifts, which looks like a tail of waves."""
-    one = saved(waves() if model == "2d" else record(), rows, 0.05 * (model == "in-plane"))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", AccuracyWarning)  # of a guess
-        warnings.simplefilter("ignore", VisibilityWarning)
-        found = choose(one)
-        asked = choose(one, model=model)
-    assert found.model == model
+    one = saved(waves() if model == "2d" else record(), ARC, 0.05 * (model == "in-plane"))
+    found, asked = choose(one), choose(one, model=model)
+    assert (found.model, found.grade("model")) == (model, "likely")
     for name in ("band", "low_pass", "pixels", "dead_time"):
         assert getattr(found, name) == getattr(asked, name), name
     assert asked.grade("model") == "sure" and "model" not in found.user_set
+
+
+def test_from_half_a_circle_the_model_is_a_guess_and_a_note():
+    with pytest.warns(AccuracyWarning, match="images do not tell; .* needs model in-plane"):
+        found = choose(saved(waves(), HALF))
+    assert (found.model, found.grade("model")) == ("2d", "guessed")
 
 
 def mixed(pressure):
@@ -199,9 +199,3 @@ def test_where_an_array_lies_does_not_matter():
     np.testing.assert_allclose(moved.region_center, 1e3, rtol=1e-12)
     for name in ("region_radius", "max_frequency", "alpha", "first_radius"):
         assert getattr(moved, name) == pytest.approx(getattr(wanted, name), rel=1e-6)
-
-
-def test_the_span_is_all_but_the_widest_gap():
-    for span in (90.0, 200.0, 350.0):
-        points = positions(span=span, n=400)[:, :2]
-        assert span_seen(points, np.zeros(2)) == pytest.approx(span, abs=1e-9)

@@ -100,7 +100,8 @@ def test_bad_channels_are_left_out_and_named(counts, pressure):
     assert dict(blanks.reasons)["channels"] == "left out: NaN or infinite 7, 12"
     with pytest.raises(ValueError, match="4: left out: NaN or infinite 0-89"):
         choose(scan(np.full_like(pressure, np.nan)))
-    assert choose(scan(bad), use=np.arange(N)).left_out == ()
+    with pytest.warns(AccuracyWarning, match="no image explains"):  # one is louder than all
+        assert choose(scan(bad), use=np.arange(N)).left_out == ()
     with pytest.raises(ValueError, match="of 90 detectors are good"):
         choose(scan(np.zeros_like(counts)))
 
@@ -145,14 +146,14 @@ def test_positions_in_the_plane_are_a_scanners_if_sizes_rate_and_counts_are(coun
         assert chosen.model == "in-plane"
         assert "rate and counts" in dict(chosen.reasons)["model"]
     found = choose(Scan("pressure", pressure, known))  # exact: no counts, but no tail either
-    assert found.model == "in-plane" and "no tail" in dict(found.reasons)["model"]
+    assert (found.model, found.grade("model")) == ("in-plane", "likely")
     radii = np.arange(1e-3, 62e-3, 4e-4)
     bells = phantoms.Bells(BELLS["centers"], BELLS["radii"])
     g = bells.circular_integrals(detector_curve(positions()[:, :2]), radii)
     waves = np.asarray(circular_integrals_to_pressure(g, radii, SPEED * TIMES))
     noise = 0.1 * waves.std() * np.random.default_rng(0).standard_normal(waves.shape)
     found = choose(Scan("pressure", waves + noise, known))
-    assert found.model == "2d" and "a slow tail" in dict(found.reasons)["model"]
+    assert (found.model, found.grade("model")) == ("2d", "likely")
     assert choose(Scan("pressure", pressure, known), model="2d").model == "2d"
 
 
@@ -178,7 +179,7 @@ def test_millimetres_and_microseconds(counts, chosen):
     other = Scan(
         "pressure", counts, {"detectors": 1e3 * positions(), "times": 1e6 * TIMES}, {"date": "now"}
     )
-    assert choose(other).sound_speed == 1.5  # nominal
+    assert choose(other).sound_speed == pytest.approx(1.5, rel=1e-3)
     found = choose(other, sound_speed=1e-3 * SPEED)
     assert found.model == "in-plane"
     assert found.sound_speed == 1.5  # nominal
@@ -189,7 +190,8 @@ def test_millimetres_and_microseconds(counts, chosen):
 def test_the_unit_of_length_that_is_given_is_that_of_table_and_reasons(counts, chosen):
     """Lengths of this size would be taken for millimetres."""
     known = {"detectors": 1e2 * positions(), "times": TIMES}
-    assert choose(Scan("pressure", counts, known), length_unit="cm").sound_speed == 1.5e5
+    found = choose(Scan("pressure", counts, known), length_unit="cm")
+    assert found.sound_speed == pytest.approx(1.5e5, rel=1e-3)
     known["sound_speed"] = 1e2 * SPEED
     found = choose(Scan("pressure", counts, known), length_unit="cm")
     assert found.units == ("cm", "s")
@@ -221,6 +223,7 @@ def test_the_file_bounds_the_view(counts):
     assert choose(scan(counts, field_of_view=[0.0] * 6)).region_radius == wide.region_radius
 
 
+@pytest.mark.filterwarnings("ignore:no image explains")  # noise alone
 def test_beyond_the_ends_of_the_arc_nothing_is_seen(pressure):
     """Sources all over: the region ends at the chord of the opening."""
     points = positions(n=N, span=240.0)  # the chord is half the radius from the middle
@@ -233,6 +236,7 @@ def test_beyond_the_ends_of_the_arc_nothing_is_seen(pressure):
     assert given.region_cut == given.region_radius  # as asked
 
 
+@pytest.mark.filterwarnings("ignore:no image explains")  # noise alone
 @pytest.mark.parametrize("degrees", [180.0, 90.0])
 def test_the_chord_of_a_short_arc_does_not_cut_off_the_middle(pressure, degrees):
     """Sources all over, from detectors whose chord leaves half of the disk, or hardly any of it."""
@@ -243,6 +247,7 @@ def test_the_chord_of_a_short_arc_does_not_cut_off_the_middle(pressure, degrees)
     assert chosen.region_cut == chosen.region_radius > 0.6 * RADIUS
 
 
+@pytest.mark.filterwarnings("ignore:no image explains")  # of five
 def test_detectors_too_few_for_an_image_are_said_so(pressure):
     """Five of them show three details across the region; so many as are asked for suffice."""
 
@@ -287,6 +292,7 @@ def test_what_sounds_beyond_the_ends_of_the_arc_is_shown():
         ("inversion", "fourier"),
     ],
 )
+@pytest.mark.filterwarnings("ignore:no image explains")  # an artefact that is kept
 def test_every_choice_can_be_given(counts, name, value):
     chosen = choose(scan(counts), **{name: value})
     assert getattr(chosen, name) == value
@@ -332,7 +338,7 @@ def test_what_a_file_lacks(counts, tmp_path):
     for clock in ({"times": TIMES}, {"sampling_rate": RATE}):
         assert set(with_facts(twice, **clock).known) == set(clock)
     known = with_facts(bare, detectors=positions(), sampling_rate=4e6)
-    assert choose(known).sound_speed == 1500.0
+    assert choose(known).sound_speed == pytest.approx(1500.0, rel=1e-3)
     line = np.stack([np.linspace(-0.02, 0.02, N), np.zeros(N)], axis=1)
     with pytest.raises(ValueError, match="see no point from all sides"):
         choose(with_facts(bare, detectors=line, sampling_rate=4e6))
@@ -344,6 +350,7 @@ def test_what_a_file_lacks(counts, tmp_path):
     assert np.array_equal(turned.data, counts)
 
 
+@pytest.mark.filterwarnings("ignore:no image explains")  # noise alone
 def test_a_record_that_ends_early_bounds_the_region_and_what_is_asked_beyond_is_fitted():
     """48.4 mm of sound from everywhere, detectors at 40."""
     short, end = scan(np.random.default_rng(0).standard_normal((N, 130))), SPEED * TIMES[129]
@@ -431,6 +438,7 @@ def test_a_record_that_is_cut_off_in_all_channels_is_said_to_be(counts, chosen):
     assert re.search(r"[\d.]+% of all samples have the highest", dict(cut.reasons)["channels"])
 
 
+@pytest.mark.filterwarnings("ignore:no image explains")  # it is the record of an arc
 def test_a_line_of_a_scanners_size_has_a_scanners_units():
     """Half its extent stands in for a radius: water's speed is known then."""
     line = np.stack([np.linspace(-0.04, 0.04, 64), np.zeros(64)], axis=1)

@@ -1,0 +1,166 @@
+"""The speed of sound at which an image explains a record best, where most edges are seen once.
+
+From half a circle an edge is seen once: at any speed an image explains it, elsewhere. But edges
+across the lines between detectors at both ends are seen from both sides, and an image in the region
+explains both only at the true speed. So of √w G, the record at a frequency lambda,
+
+    E(c) = mean over lambda of log min_y (|√w G - A^T y|² + alpha |y|²) / |√w G|²,
+
+what no image explains, has a dip there. Each frequency counts alike, however much noise it has.
+The speed stretches the radii only, so that one decomposition does for all speeds.
+
+The model of the record delays waves by an eighth of a period against the other: a wrong one
+displaces the dip, to the other side for waves from the other end, and makes it less deep.
+
+For A and y see `jaxtat.densities.cylindrical_waves.consistency`.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..densities.cylindrical_waves import unexplained_share, waves_of
+from ..io import Scan
+from ..reconstruction import OnLadder
+from .acquisition import FASTEST, SLOWEST, facts_of, typical_frame
+from .all_speeds import data_by_speed, problem_for_speeds
+from .choices import Choices
+from .frames import integrals
+from .one_side import seen_once
+from .speed_found import SpeedFound, believed, jackknife, summit, unknown
+
+SPEEDS = np.linspace(SLOWEST, FASTEST, 41)
+BESIDE = 4  # speeds to each side that belong to a dip
+ALPHA = 1e-3  # what is left matters, not the image
+WAVES = 300.0  # kR at most: of shorter ones the dip is narrower than the steps between speeds
+FREQUENCIES = 64  # at most, among those
+BANDS = 8  # of frequencies, each of which is left out in turn
+DEEP = 0.2  # log of what is left at most speeds, over that at the best one
+ELSEWHERE = 0.5  # depth at all other speeds over that of the dip, at most
+SURE_TO = 1e-3  # standard error over the speed; smooth bodies have larger ones, and may mislead
+CLEAR = 0.3  # depth, from which on nothing misled it
+
+
+class Dip(NamedTuple):
+    """Where most is explained.
+
+    Attributes:
+        found: the speed, with a standard error if it is one.
+        depth: log of what is left at most speeds, over what is left there.
+        complete: whether the record ends after all sound from the region.
+    """
+
+    found: SpeedFound
+    depth: float
+    complete: bool = True
+
+
+def speed_best_explained(scan: Scan, choices: Choices) -> tuple[SpeedFound, str]:
+    """The speed at which an image in the region explains most of a typical frame.
+
+    Args:
+        scan, choices: in the plane, of pressure.
+
+    Returns:
+        A speed, with a standard error if the record shows one, and what casts doubt on it, in
+        words; "" for nothing.
+    """
+    if seen_once(scan, choices):
+        return unknown("little of the region is between any two detectors"), ""
+    dip = dip_of(scan, choices)
+    return dip.found, _doubt(dip)
+
+
+def dip_of(scan: Scan, choices: Choices) -> Dip:
+    """The dip of a typical frame, by the model of the choices.
+
+    Args:
+        scan, choices: in the plane, of pressure.
+    """
+    points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
+    highest = min(choices.max_frequency, WAVES / float(np.median(np.hypot(*points.T))))
+    whole = replace(choices, max_frequency=highest, region_cut=choices.region_radius)
+    problem = problem_for_speeds(scan, whole)
+    if problem.geometry is None:
+        return Dip(unknown("cylindrical waves do not reach the detectors"), 0.0)
+    found = deepest(share_by_speed(scan, whole, problem))
+    return found._replace(complete=problem.setup.complete)
+
+
+def _doubt(dip: Dip) -> str:
+    error = (dip.found.standard_error or 0.0) / dip.found.stretch
+    if not dip.complete:
+        return "but the record ends early"
+    if error > SURE_TO:
+        return f"but edges agree to {error:.2%} only"
+    return "" if dip.depth > CLEAR else "but that is not much"
+
+
+def share_by_speed(
+    scan: Scan, choices: Choices, problem: OnLadder
+) -> Callable[[np.ndarray], Float[np.ndarray, "frequencies speeds"]]:
+    """The share of a typical frame's power, by frequency and speed, that no image explains.
+
+    Without what arrives before or after sound from the region.
+
+    Args:
+        scan, choices: in the plane, of pressure.
+        problem: of `problem_for_speeds`, whose region is a disk that waves reach.
+    """
+    geometry, sizes = problem.geometry, problem.sizes
+    assert geometry is not None
+    g = problem.data(integrals(scan, choices, problem.setup, typical_frame(scan)))
+    some, n = problem.some_frequencies(FREQUENCIES)
+    frequencies = jax.device_put(some)
+    alpha = jax.device_put(ALPHA)
+    waves = waves_of(geometry, frequencies, sizes.groups[-1][-1])
+    points = np.asarray(problem.curve.points)
+    distance = np.hypot(*(points - np.asarray(choices.region_center)).T)
+    reach = choices.region_radius * np.array([-1.0, 1.0])
+    sounding = jax.device_put(distance[:, None] + reach)
+
+    def share_at(speeds: np.ndarray) -> np.ndarray:
+        data = data_by_speed(g, problem.radii, jax.device_put(speeds), frequencies, sounding)
+        return np.asarray(_share(geometry, waves, data, alpha))[:n]
+
+    return share_at
+
+
+_share = eqx.filter_jit(unexplained_share)
+
+
+def deepest(
+    share_at: Callable[[np.ndarray], Float[np.ndarray, "frequencies speeds"]],
+) -> Dip:
+    """The speed at which the mean over frequencies of the log of a share has its deepest dip.
+
+    As many speeds again between the neighbours of that dip, and a parabola through the three
+    lowest values. The standard error is the jackknife's, by leaving out each band of frequencies.
+
+    Args:
+        share_at: of speeds over that of water.
+
+    >>> dip = lambda speeds: np.exp(-np.exp(-(((speeds - 0.9877) / 0.01) ** 2))) * np.ones((64, 1))
+    >>> found, depth, _ = deepest(dip)
+    >>> round(found.stretch, 5), round(found.standard_error, 9), round(depth, 1)
+    (0.9877, 0.0, 1.0)
+    """
+    explained = -np.log(share_at(SPEEDS)).mean(axis=0)
+    depths = explained - np.median(explained)
+    best = int(np.argmax(depths[1:-1])) + 1
+    depth, elsewhere = float(depths[best]), np.abs(np.arange(len(depths)) - best) > BESIDE
+    if depth < DEEP or depths[elsewhere].max() > ELSEWHERE * depth:
+        return Dip(unknown("no speed explains the record much better than others"), depth)
+    near = np.linspace(SPEEDS[best - 1], SPEEDS[best + 1], len(SPEEDS))
+    bands = np.array_split(-np.log(share_at(near)), BANDS)
+    of_bands = np.array([band.sum(axis=0) for band in bands])
+    total = of_bands.sum(axis=0)
+    error = jackknife([summit(near, total - band) for band in of_bands])
+    left = f"{np.exp(depth):.1f} times as much is left at most speeds"
+    why = f"an image explains the record best: {left}"
+    return Dip(believed(summit(near, total), error, why, "edges"), depth)
