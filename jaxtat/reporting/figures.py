@@ -36,13 +36,16 @@ def image(diagnosis: Diagnosis, unit: str | None) -> Figure:
 
 
 def constrained(diagnosis: Diagnosis, fitted_image: Constrained, unit: str | None) -> Figure:
-    """The direct image and the fitted one, in the same grey levels."""
+    """The fitted image and the direct one, in the same grey levels."""
     figure = new_figure(11, 5.2)
     outside = np.isnan(np.asarray(diagnosis.image))
-    pair = diagnosis.image, np.where(outside, np.nan, np.asarray(fitted_image.image))
-    limits = limits_of(*pair)
-    for axes, image in zip(figure.subplots(1, 2), pair, strict=True):
-        show_image(axes, image, diagnosis.setup.grid, limits=limits, unit=unit)
+    pair = {
+        "fitted": np.where(outside, np.nan, np.asarray(fitted_image.image)),
+        "direct": diagnosis.image,
+    }
+    limits = limits_of(*pair.values())
+    for axes, (title, image) in zip(figure.subplots(1, 2), pair.items(), strict=True):
+        show_image(axes, image, diagnosis.setup.grid, limits=limits, title=title, unit=unit)
     return figure
 
 
