@@ -1,5 +1,6 @@
 """Images with constraints: the least misfit plus penalty, f >= 0 if asked."""
 
+from .cancelling import FitCancelled, cancelled_by
 from .comparison import Comparison, compare_fits
 from .fit import ModelBased, model_based
 from .penalties import (
@@ -12,12 +13,14 @@ from .penalties import (
 
 __all__ = [
     "Comparison",
+    "FitCancelled",
     "ModelBased",
     "NoPenalty",
     "Penalty",
     "Ridge",
     "SecondOrderVariation",
     "TotalVariation",
+    "cancelled_by",
     "compare_fits",
     "model_based",
 ]

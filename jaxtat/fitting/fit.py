@@ -37,6 +37,7 @@ from .arguments import (
     require_prox,
     weight_unit,
 )
+from .cancelling import can_be_cancelled, require_wanted
 from .coarse_grids import between_nodes, ladder, weight_on
 from .data_fit import DataFit
 from .fista import Momentum
@@ -257,12 +258,13 @@ def _until(
     progress: bool,
 ) -> State:
     """Steps on one grid; the bar counts how much of the way, in orders of magnitude, is gone."""
-    if not (progress and is_concrete(state.image)):
+    if not ((progress or can_be_cancelled()) and is_concrete(state.image)):
         return advance(state, tolerance, jnp.asarray(max_steps))
     grid, goal = " x ".join(map(str, state.image.shape[1:])), float(tolerance)
-    with tqdm(total=100, desc=grid, bar_format=_BAR) as bar:
+    with tqdm(total=100, desc=grid, bar_format=_BAR, disable=not progress) as bar:
         begun = None
         for until in (*range(2 * EVERY, max_steps, EVERY), max_steps):
+            require_wanted()
             state = advance(state, tolerance, jnp.asarray(until))
             left = float(state.progress.remaining)
             begun = max(left, 2 * goal) if begun is None else begun

@@ -12,7 +12,14 @@ from scipy.optimize import minimize
 
 import jaxtat
 from jaxtat import model_based
-from jaxtat.fitting import NoPenalty, Ridge, SecondOrderVariation, TotalVariation
+from jaxtat.fitting import (
+    FitCancelled,
+    NoPenalty,
+    Ridge,
+    SecondOrderVariation,
+    TotalVariation,
+    cancelled_by,
+)
 from jaxtat.fitting.implicit import Problem, objective
 from jaxtat.records import circular_integrals_to_pressure, condition_record
 
@@ -400,3 +407,21 @@ def test_data_that_single_precision_cannot_hold_are_refused(arc):
     data = BELL.circular_integrals(arc.curve, arc.radii)
     with pytest.raises(ValueError, match=r"data are as large as .*e\+.*leave out dtype"):
         model_based(arc, 1e200 * data, dtype=jnp.float32)
+
+
+def test_a_fit_that_is_cancelled_ends_soon_and_one_that_is_not_is_the_same(few, data):
+    looks = []
+
+    def asked():
+        looks.append(1)
+        return len(looks) == 3
+
+    options = {"nonnegative": True, "tolerance": 1e-12, **LONG}
+    with pytest.raises(FitCancelled), cancelled_by(asked):
+        model_based(few, data, **options)
+    assert len(looks) == 3
+    options["tolerance"] = 1e-3
+    alone = model_based(few, data, **options)
+    with cancelled_by(lambda: False):
+        looked = model_based(few, data, **options)
+    assert looked.steps == alone.steps and jnp.array_equal(looked.image, alone.image)
