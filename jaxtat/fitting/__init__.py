@@ -10,8 +10,10 @@ from .penalties import (
     SecondOrderVariation,
     TotalVariation,
 )
+from .perturbed import NINETY, fitted_deviation
 
 __all__ = [
+    "NINETY",
     "Comparison",
     "FitCancelled",
     "ModelBased",
@@ -22,5 +24,6 @@ __all__ = [
     "TotalVariation",
     "cancelled_by",
     "compare_fits",
+    "fitted_deviation",
     "model_based",
 ]

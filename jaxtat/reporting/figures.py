@@ -4,10 +4,12 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Array, Float
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from ..geometry import ImageGrid
 from ..plotting import (
     SEQUENTIAL,
     greatest,
@@ -155,16 +157,18 @@ def detectors(residual: DataResidual) -> Figure:
 
 
 def uncertainty(diagnosis: Diagnosis, unit: str | None) -> Figure:
-    """Standard deviations of pixels."""
+    """Standard deviations of pixels of the direct image."""
     uncertainty = diagnosis.uncertainty
     assert uncertainty is not None
+    return deviations(uncertainty.deviation, uncertainty.grid, unit)
+
+
+def deviations(deviation: Float[Array, "x1 x2"], grid: ImageGrid, unit: str | None) -> Figure:
+    """Standard deviations of pixels, blank where they are NaN."""
     figure = new_figure(7.2, 5.6)
     axes = figure.subplots()
-    high = float(np.nanpercentile(np.asarray(uncertainty.deviation), 98))
-    low = float(np.nanmin(np.asarray(uncertainty.deviation)))
+    high, low = float(np.nanpercentile(np.asarray(deviation), 98)), float(np.nanmin(deviation))
     limits = (low, max(high, 1.01 * low))
-    shown = show_image(
-        axes, uncertainty.deviation, uncertainty.grid, limits=limits, cmap=SEQUENTIAL, unit=unit
-    )
+    shown = show_image(axes, deviation, grid, limits=limits, cmap=SEQUENTIAL, unit=unit)
     _bar(figure, shown, axes, "standard deviation", shrink=0.9, extend="max")
     return figure

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from ..studies import UNCERTAINTY_PIXELS, Diagnosis
 from . import figures
-from .constrained import Constrained, in_words
+from .constrained import Constrained, errors_in_words, in_words, not_in_the_data
 from .html import Html, element, join, picture
 from .verdicts import Finding, Level, findings
 
@@ -138,7 +138,22 @@ def _image(diagnosis: Diagnosis, fitted_image: Constrained | None, unit: str | N
         f"image, in the same grey levels. {levels}"
     )
     pair = _figure(figures.constrained(diagnosis, fitted_image, unit), caption)
-    return [pair, element("p", in_words(fitted_image))]
+    texts = filter(None, (in_words(fitted_image), not_in_the_data(fitted_image)))
+    return [pair, *(element("p", text) for text in texts), *_errors(fitted_image, unit)]
+
+
+def _errors(fitted_image: Constrained, unit: str | None) -> list[Html]:
+    errors = fitted_image.errors
+    if errors is None:
+        return []
+    caption = (
+        f"How far the fitted image may be off, on {errors.grid.shape[0]} x {errors.grid.shape[1]} "
+        "pixels: root mean square error of fits of simulated data, whose images are this one "
+        "with other details, and whose noise is what it leaves unexplained. What the model gets "
+        "wrong for all images, such as the speed of sound, is not in it."
+    )
+    figure = figures.deviations(errors.deviation, errors.grid, unit)
+    return [_figure(figure, caption), element("p", errors_in_words(errors))]
 
 
 def _choices(rows: Rows) -> list[Html]:
