@@ -37,7 +37,11 @@ COLUMNS = (
     "region_ratio",
     "model_right",
     "alpha",
+    "max_frequency",
+    "oracle_method",
     "oracle_alpha",
+    "oracle_weight",
+    "oracle_frequency",
     "pixels",
     "seconds",
     "speed_why",
@@ -126,7 +130,7 @@ def line(row: dict) -> str:
         row["name"],
         row["dirt"],
         f"{number(row, 'error'):.3f}",
-        f"{number(row, 'oracle'):.3f}",
+        f"{number(row, 'oracle'):.3f}" + f" {row.get('oracle_method', '')}".rstrip(),
         f"{ratio:.2f}",
         "" if np.isnan(speed) else f"{100 * speed:+.2f} %",
         row.get("speed_grade", ""),
@@ -144,6 +148,25 @@ HEAD = (
 )
 
 
+def errors_in_words(done: list[dict]) -> list[str]:
+    """Errors themselves, median and quartiles, of the default image and of those beside it."""
+    lines = []
+    for name, column in (
+        ("without options", "error"),
+        ("formula", "direct"),
+        ("oracle", "oracle"),
+    ):
+        errors = np.array([number(row, column) for row in done])
+        errors = errors[np.isfinite(errors)]
+        if len(errors):
+            quarter, median, three = np.quantile(errors, (0.25, 0.5, 0.75))
+            lines.append(
+                f"- Error, {name}: median {median:.3f}, a quarter below {quarter:.3f}, three "
+                f"quarters below {three:.3f} ({len(errors)} scans)."
+            )
+    return lines
+
+
 def summary(rows: list[dict]) -> str:
     """The figures that are wanted, and those that are had."""
     done = [row for row in rows if not row["failed"]]
@@ -156,6 +179,7 @@ def summary(rows: list[dict]) -> str:
     wrong = [r for r in known if abs(r["speed_error"]) > 5e-3 and r["speed_grade"] != "guessed"]
     lines = [
         f"- {len(rows)} scans, {len(rows) - len(done)} ended in an error.",
+        *errors_in_words(done),
         f"- Speed within 0.5 %: {sum(right)} of {len(shown)} whose sharpness shows one; wrong by "
         f"more with a confident reason: {len(wrong)} of {len(known)}.",
         f"- Region holds the body and is at most 1.5 times its size: "
