@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers
 from ..fitting import NINETY, Comparison
-from .fit_errors import FitErrors
+from .errors_of_fits import FitErrors
 
 
 class Constrained(NamedTuple):

@@ -29,7 +29,7 @@ from ..scans.frames import lit_frames
 from ..steps import UnreachedWaves
 from ..studies import Diagnosis
 from .constrained import Constrained
-from .fit_errors import fit_errors
+from .errors_of_fits import fit_errors
 from .writing import report
 
 

@@ -8,7 +8,7 @@ from made_scans import SPEED, record, scan, truth
 from jaxtat import ImageGrid
 from jaxtat.fitting import NINETY, Comparison
 from jaxtat.reporting.constrained import Constrained, errors_in_words, not_in_the_data
-from jaxtat.reporting.fit_errors import FitErrors, _heard, _means, fit_errors
+from jaxtat.reporting.errors_of_fits import FitErrors, _heard, _means, fit_errors
 from jaxtat.scans import choose, setup_of
 from jaxtat.scans.constrained import fitted
 
