@@ -34,6 +34,7 @@ def examine(case: Case, size: str, oracle: bool, folder: Path) -> dict:
         row |= _chosen(case, body, direct)
         pictures["chosen"] = where.seen(reconstruct(scan, choices))
         row |= {"error": where.error(pictures["chosen"]), "seconds": time.process_time() - start}
+        row["max_frequency"] = choices.max_frequency
         row["direct"] = where.error(where.seen(reconstruct(scan, direct)))
         row["reasons"] = choices.table()
     except Exception as problem:
@@ -55,7 +56,13 @@ def _best(scan, case: Case, body, where, pictures: dict) -> dict:
     except Exception as problem:
         return {"oracle_failed": f"{type(problem).__name__}: {problem}"}
     pictures["oracle"] = found.image
-    return {"oracle": found.error, "oracle_alpha": found.alpha, "shows": found.shows}
+    return {
+        "oracle": found.error,
+        "oracle_method": found.method,
+        "oracle_alpha": None if found.choices.model_based else found.choices.alpha,
+        "oracle_weight": found.choices.weight,
+        "oracle_frequency": found.choices.max_frequency,
+    }
 
 
 def _without_frames(known: dict) -> dict:

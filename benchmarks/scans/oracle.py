@@ -1,27 +1,28 @@
-"""The best picture of a scan that jaxtat's formula can make, the truth being known; and errors.
+"""The best picture of a scan that jaxtat can make, the truth being known; and errors.
 
-Speed of sound, region and model are the true ones, alpha and filter those of least error.
+Speed of sound, region and model are the true ones. Of the formula's pictures and the fitted ones
+that of least error is taken: alpha, low pass and highest frequency of the former, weight and
+highest frequency of the latter. One is varied after the other, and not all combinations are tried.
+Volumes are made by the formula alone: a fit takes minutes.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from bodies import Body
 from cases import Case
-from jaxtat.scans.speed import sharpness_by_speed
 from scipy.ndimage import map_coordinates
 
 from jaxtat.io import Scan
-from jaxtat.scans import Choices, ScanImages, choose, reconstruct
-from jaxtat.scans.acquisition import typical_frame
+from jaxtat.scans import Choices, ScanImages, choose, reconstruct, setup_of
+from jaxtat.scans.constrained import fitted
 
 ALPHAS = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
 RULES = tuple((alpha, low_pass) for alpha in ALPHAS for low_pass in ("none", "cosine"))
+WEIGHTS = (1 / 16, 1 / 4, 4.0)  # times that which balances penalty and misfit
+FREQUENCIES = (0.7, 1.4)  # times that which is chosen
 SHARES = (0.0, 0.25, 0.5)  # of the way from the water's speed to the body's
-SPEEDS = np.linspace(0.9, 1.1, 81)  # over the true one
-BESIDE = 0.0201  # of the true speed: what is farther off is the surroundings of a peak there
-PEAK = 1.05  # of sharpness over the straight line through its surroundings: then images show it
-TO = 0.0051  # of the true speed: as near as the peak must be
 TO_SPARE = 1.1  # of the body's radius: where errors are taken
 
 
@@ -60,37 +61,89 @@ def window(body: Body, n: int = 160) -> Window:
 
 @dataclass(frozen=True)
 class Best:
-    """What the oracle found: its picture, error, choices, and whether sharpness shows the speed."""
+    """What the oracle found: its picture, error and choices."""
 
     image: np.ndarray
     error: float
-    alpha: float
-    speed: float
-    shows: bool
+    choices: Choices
+
+    @property
+    def method(self) -> str:
+        return "fitted" if self.choices.model_based else "direct"
 
 
 def best(scan: Scan, case: Case, body: Body, where: Window) -> Best:
     """The picture of least error."""
     given = _known(case, body)
     speeds = sorted({case.water + share * (case.speed - case.water) for share in SHARES})
-    direct = not choose(scan, sound_speed=speeds[0], **given).model_based
-    found: list[tuple[float, float, float, Choices]] = []
-    for speed in speeds:
-        for alpha, low_pass in RULES if direct else ((0.0, ""),):
-            rule = {"alpha": alpha, "low_pass": low_pass}
-            choices = choose(scan, sound_speed=speed, **given, **(rule if direct else {}))
-            image = where.seen(reconstruct(scan, _coarse(choices)))
-            found.append((where.error(image), alpha, speed, choices))
-    _, alpha, speed, choices = min(found, key=lambda entry: entry[0])
-    image = where.seen(reconstruct(scan, choices))
-    shows = direct and _shows(scan, given | {"alpha": max(alpha, 1e-3)}, case)
-    return Best(image, where.error(image), alpha, speed, shows)
+    at_speed = [choose(scan, sound_speed=speed, **given) for speed in speeds]
+    trial = _Trial(scan, where)
+    ends: list[tuple[float, Choices]] = []
+    if not at_speed[0].model_based:  # there is a formula
+        ends.append(_direct(trial, at_speed))
+    if case.model != "in-space":
+        ends.append(_fitted(trial, at_speed))
+    # with all pixels the order may be another
+    found = [where.seen(reconstruct(scan, choices)) for _, choices in ends]
+    errors = [where.error(image) for image in found]
+    least = int(np.argmin(errors))
+    return Best(found[least], errors[least], ends[least][1])
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Errors of pictures with fewer pixels and the faster last step, enough to compare by."""
+
+    scan: Scan
+    where: Window
+
+    def least(self, tried: Iterable[Choices]) -> tuple[float, Choices]:
+        """The choices of least error among these, with it."""
+        each = [(self._error(choices), choices) for choices in tried]
+        return min(each, key=lambda entry: entry[0])
+
+    def _error(self, choices: Choices) -> float:
+        return self.where.error(self.where.seen(reconstruct(self.scan, _coarse(choices))))
+
+
+def _direct(trial: _Trial, at_speed: list[Choices]) -> tuple[float, Choices]:
+    """Of the formula: speed, alpha and low pass together, then the highest frequency."""
+    rules = [
+        replace(choices, alpha=alpha, low_pass=low_pass)
+        for choices in at_speed
+        for alpha, low_pass in RULES
+    ]
+    first = trial.least(rules)
+    return min(first, trial.least(_frequencies(first[1])), key=lambda entry: entry[0])
+
+
+def _fitted(trial: _Trial, at_speed: list[Choices]) -> tuple[float, Choices]:
+    """Of fits with total variation and f >= 0: speed, then weight, then the highest frequency."""
+    fits = [
+        replace(choices, model_based=True, penalty="tv", nonnegative=True, weight=None)
+        for choices in at_speed
+    ]
+    found = trial.least(fits)
+    coarse = _coarse(found[1])
+    setup, scan = setup_of(trial.scan, coarse), trial.scan
+    balanced = float(fitted(scan, coarse, setup, scan.frame(0)).weight)
+    balanced *= (coarse.pixels - 1) / (found[1].pixels - 1)
+    others = [replace(found[1], weight=times * balanced) for times in WEIGHTS]
+    found = min(found, trial.least(others), key=lambda entry: entry[0])
+    return min(found, trial.least(_frequencies(found[1])), key=lambda entry: entry[0])
+
+
+def _frequencies(choices: Choices) -> list[Choices]:
+    return [replace(choices, max_frequency=times * choices.max_frequency) for times in FREQUENCIES]
 
 
 def _coarse(choices: Choices) -> Choices:
     """With fewer pixels and the faster last step, enough to compare by."""
     pixels = int(choices.pixels / 1.6) // 2 * 2 + 1
-    return replace(choices, pixels=pixels, inversion="fourier")
+    weight = choices.weight
+    if weight is not None:  # total variation, a sum over pixels, grows with their number on a line
+        weight *= (choices.pixels - 1) / (pixels - 1)
+    return replace(choices, pixels=pixels, inversion="fourier", weight=weight)
 
 
 def _known(case: Case, body: Body) -> dict:
@@ -101,23 +154,3 @@ def _known(case: Case, body: Body) -> dict:
         "region_center": (0.0, 0.0),
         "region_radius": min(TO_SPARE * body.reach, 0.9 * 38e-3),
     }
-
-
-def _shows(scan: Scan, given: dict, case: Case) -> bool:
-    """Whether sharpness has a peak over its surroundings within 0.5 % of the true speed.
-
-    Of images that know region and model, but are not scaled to the truth as for errors: of an image
-    that is displaced so little of the truth is left that anything would be sharpest at its speed.
-    Higher peaks far from there do not count.
-    """
-    if case.model == "in-space" or case.water != case.speed:
-        return False
-    choices = choose(scan, sound_speed=case.speed, **given)
-    sharpness_at = sharpness_by_speed(scan, choices, typical_frame(scan))
-    if sharpness_at is None:
-        return False
-    values, around = sharpness_at(SPEEDS).sum(axis=1), np.abs(SPEEDS - 1) > BESIDE
-    line = np.polyval(np.polyfit(SPEEDS[around], values[around], 1), SPEEDS)
-    heights = np.where(around, 0.0, values / line)
-    highest = int(np.argmax(heights))
-    return bool(abs(SPEEDS[highest] - 1) < TO and heights[highest] > PEAK)

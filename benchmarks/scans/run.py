@@ -33,11 +33,14 @@ COLUMNS = (
     "speed_error",
     "speed_grade",
     "speed_standard_error",
-    "shows",
     "region_ratio",
     "model_right",
     "alpha",
+    "max_frequency",
+    "oracle_method",
     "oracle_alpha",
+    "oracle_weight",
+    "oracle_frequency",
     "pixels",
     "seconds",
     "speed_why",
@@ -126,11 +129,10 @@ def line(row: dict) -> str:
         row["name"],
         row["dirt"],
         f"{number(row, 'error'):.3f}",
-        f"{number(row, 'oracle'):.3f}",
+        f"{number(row, 'oracle'):.3f}" + f" {row.get('oracle_method', '')}".rstrip(),
         f"{ratio:.2f}",
         "" if np.isnan(speed) else f"{100 * speed:+.2f} %",
         row.get("speed_grade", ""),
-        {True: "yes", False: "no"}.get(row.get("shows"), ""),
         f"{number(row, 'region_ratio'):.2f}",
         f"{number(row, 'seconds'):.0f}",
         row["failed"][:120],
@@ -139,9 +141,28 @@ def line(row: dict) -> str:
 
 
 HEAD = (
-    "| scan | what it is | error | oracle's | ratio | speed | graded | shows | region | s "
-    "| failed |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+    "| scan | what it is | error | oracle's | ratio | speed | graded | region | s "
+    "| failed |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
 )
+
+
+def errors_in_words(done: list[dict]) -> list[str]:
+    """Errors themselves, median and quartiles, of the default image and of those beside it."""
+    lines = []
+    for name, column in (
+        ("without options", "error"),
+        ("formula", "direct"),
+        ("oracle", "oracle"),
+    ):
+        errors = np.array([number(row, column) for row in done])
+        errors = errors[np.isfinite(errors)]
+        if len(errors):
+            quarter, median, three = np.quantile(errors, (0.25, 0.5, 0.75))
+            lines.append(
+                f"- Error, {name}: median {median:.3f}, a quarter below {quarter:.3f}, three "
+                f"quarters below {three:.3f} ({len(errors)} scans)."
+            )
+    return lines
 
 
 def summary(rows: list[dict]) -> str:
@@ -150,14 +171,14 @@ def summary(rows: list[dict]) -> str:
     ratio = np.array([number(row, "error") / number(row, "oracle") for row in done])
     ratio = ratio[np.isfinite(ratio)]
     region = np.array([number(row, "region_ratio") for row in done])
-    shown = [row for row in done if row.get("shows")]
     known = [row for row in done if not np.isnan(number(row, "speed_error"))]
-    right = [abs(row["speed_error"]) < 5e-3 for row in shown]
+    right = [abs(row["speed_error"]) < 5e-3 for row in known]
     wrong = [r for r in known if abs(r["speed_error"]) > 5e-3 and r["speed_grade"] != "guessed"]
     lines = [
         f"- {len(rows)} scans, {len(rows) - len(done)} ended in an error.",
-        f"- Speed within 0.5 %: {sum(right)} of {len(shown)} whose sharpness shows one; wrong by "
-        f"more with a confident reason: {len(wrong)} of {len(known)}.",
+        *errors_in_words(done),
+        f"- Speed within 0.5 %: {sum(right)} of {len(known)} that have one; wrong by more with a "
+        f"confident reason: {len(wrong)}.",
         f"- Region holds the body and is at most 1.5 times its size: "
         f"{int(np.sum((region >= 0.99) & (region <= 1.5)))} of {len(done)}.",
     ]

@@ -1,5 +1,6 @@
 """Images with constraints: the least misfit plus penalty, f >= 0 if asked."""
 
+from .cancelling import FitCancelled, cancelled_by
 from .comparison import Comparison, compare_fits
 from .fit import ModelBased, model_based
 from .penalties import (
@@ -9,15 +10,20 @@ from .penalties import (
     SecondOrderVariation,
     TotalVariation,
 )
+from .perturbed import NINETY, fitted_deviation
 
 __all__ = [
+    "NINETY",
     "Comparison",
+    "FitCancelled",
     "ModelBased",
     "NoPenalty",
     "Penalty",
     "Ridge",
     "SecondOrderVariation",
     "TotalVariation",
+    "cancelled_by",
     "compare_fits",
+    "fitted_deviation",
     "model_based",
 ]

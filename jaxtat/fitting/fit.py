@@ -37,6 +37,7 @@ from .arguments import (
     require_prox,
     weight_unit,
 )
+from .cancelling import can_be_cancelled, require_wanted
 from .coarse_grids import between_nodes, ladder, weight_on
 from .data_fit import DataFit
 from .fista import Momentum
@@ -131,8 +132,9 @@ def model_based(
             ``functools.partial(condition_record, times=times, band=band, baseline=False)``.
         max_frequency: above which images are taken to have no spectrum [rad/length]; by default
             π over the pixel's side. Finer pixels than the data resolve then cost little more.
-        initial: image to start from, like the result, on the last grid at once. By default fits on
-            coarser grids come first, each of half the nodes along an axis.
+        initial: image to start from, like the result, on the last grid at once; zeros instead if
+            they explain the data better. By default fits on coarser grids come first, each of a
+            quarter of the nodes along an axis.
         tolerance: how far the image may be from the minimum, relative, as the iteration estimates.
         max_steps: the most steps on a grid.
         steps, unrolled: this many steps, none less, through which derivatives go back.
@@ -257,12 +259,13 @@ def _until(
     progress: bool,
 ) -> State:
     """Steps on one grid; the bar counts how much of the way, in orders of magnitude, is gone."""
-    if not (progress and is_concrete(state.image)):
+    if not ((progress or can_be_cancelled()) and is_concrete(state.image)):
         return advance(state, tolerance, jnp.asarray(max_steps))
     grid, goal = " x ".join(map(str, state.image.shape[1:])), float(tolerance)
-    with tqdm(total=100, desc=grid, bar_format=_BAR) as bar:
+    with tqdm(total=100, desc=grid, bar_format=_BAR, disable=not progress) as bar:
         begun = None
         for until in (*range(2 * EVERY, max_steps, EVERY), max_steps):
+            require_wanted()
             state = advance(state, tolerance, jnp.asarray(until))
             left = float(state.progress.remaining)
             begun = max(left, 2 * goal) if begun is None else begun
@@ -289,6 +292,10 @@ def begun(
     """
     image = fit.allowed(start)
     fitted = fit.modelled(jnp.concatenate([image, middle_pixel(fit)]))
+    # of a start so large that squares overflow, or digits of the data are lost, nothing comes
+    better = fit.misfit(fitted[: len(image)] - data) <= fit.misfit(data)
+    image = jnp.where(better, image, 0.0)
+    fitted = fitted.at[: len(image)].set(jnp.where(better, fitted[: len(image)], 0.0))
     normal, kernel, back = jnp.split(
         fit.transposed(jnp.concatenate([fitted, data])), [len(image), len(image) + 1]
     )

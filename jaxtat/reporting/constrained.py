@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers
-from ..fitting import Comparison
+from ..fitting import NINETY, Comparison
+from .errors_of_fits import FitErrors
 
 
 class Constrained(NamedTuple):
@@ -17,12 +18,16 @@ class Constrained(NamedTuple):
         how: penalty and constraint, in words.
         comparison: with the direct image, which comes first.
         converged: whether it was found to the tolerance.
+        band: pass band of the record in words, if it begins above zero.
+        errors: how far the image may be off; None if that was not computed.
     """
 
     image: Float[Array, "x1 x2"]
     how: str
     comparison: Comparison
     converged: bool
+    band: str = ""
+    errors: FitErrors | None = None
 
 
 def in_words(constrained: Constrained) -> str:
@@ -48,6 +53,29 @@ def in_words(constrained: Constrained) -> str:
     else:
         text += "The data favour the direct image: the constraints are too strong, or wrong."
     return text if constrained.converged else f"{text} The iterations did not converge."
+
+
+def not_in_the_data(constrained: Constrained) -> str:
+    """Text on what a record without low frequencies does not hold; nothing for others."""
+    if not constrained.band:
+        return ""
+    return (
+        f"The level inside the body is not in the record (band from {constrained.band}); edges "
+        f"are. The level follows from penalty and constraint ({constrained.how})."
+    )
+
+
+def errors_in_words(errors: FitErrors) -> str:
+    """Text on the size of the errors."""
+    image, deviation = np.asarray(errors.image), np.asarray(errors.deviation)
+    most = float(np.nanmax(np.abs(image)))
+    middle, high = (float(np.nanpercentile(deviation, share)) for share in (50, 95))
+    of_most = f" ({middle / most:.1%} of its largest value)" if most > 0 else ""
+    return (
+        f"Means of the fitted image over these pixels are off by {middle:.2g} in the median"
+        f"{of_most}, and by {high:.2g} where errors are largest. Nine of ten errors are taken to "
+        f"be below {NINETY} times that."
+    )
 
 
 def limits_of(*images: Numbers) -> tuple[float, float]:

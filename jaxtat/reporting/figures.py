@@ -4,10 +4,12 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Array, Float
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from ..geometry import ImageGrid
 from ..plotting import (
     SEQUENTIAL,
     greatest,
@@ -36,13 +38,16 @@ def image(diagnosis: Diagnosis, unit: str | None) -> Figure:
 
 
 def constrained(diagnosis: Diagnosis, fitted_image: Constrained, unit: str | None) -> Figure:
-    """The direct image and the fitted one, in the same grey levels."""
+    """The fitted image and the direct one, in the same grey levels."""
     figure = new_figure(11, 5.2)
     outside = np.isnan(np.asarray(diagnosis.image))
-    pair = diagnosis.image, np.where(outside, np.nan, np.asarray(fitted_image.image))
-    limits = limits_of(*pair)
-    for axes, image in zip(figure.subplots(1, 2), pair, strict=True):
-        show_image(axes, image, diagnosis.setup.grid, limits=limits, unit=unit)
+    pair = {
+        "fitted": np.where(outside, np.nan, np.asarray(fitted_image.image)),
+        "direct": diagnosis.image,
+    }
+    limits = limits_of(*pair.values())
+    for axes, (title, image) in zip(figure.subplots(1, 2), pair.items(), strict=True):
+        show_image(axes, image, diagnosis.setup.grid, limits=limits, title=title, unit=unit)
     return figure
 
 
@@ -152,16 +157,18 @@ def detectors(residual: DataResidual) -> Figure:
 
 
 def uncertainty(diagnosis: Diagnosis, unit: str | None) -> Figure:
-    """Standard deviations of pixels."""
+    """Standard deviations of pixels of the direct image."""
     uncertainty = diagnosis.uncertainty
     assert uncertainty is not None
+    return deviations(uncertainty.deviation, uncertainty.grid, unit)
+
+
+def deviations(deviation: Float[Array, "x1 x2"], grid: ImageGrid, unit: str | None) -> Figure:
+    """Standard deviations of pixels, blank where they are NaN."""
     figure = new_figure(7.2, 5.6)
     axes = figure.subplots()
-    high = float(np.nanpercentile(np.asarray(uncertainty.deviation), 98))
-    low = float(np.nanmin(np.asarray(uncertainty.deviation)))
+    high, low = float(np.nanpercentile(np.asarray(deviation), 98)), float(np.nanmin(deviation))
     limits = (low, max(high, 1.01 * low))
-    shown = show_image(
-        axes, uncertainty.deviation, uncertainty.grid, limits=limits, cmap=SEQUENTIAL, unit=unit
-    )
+    shown = show_image(axes, deviation, grid, limits=limits, cmap=SEQUENTIAL, unit=unit)
     _bar(figure, shown, axes, "standard deviation", shrink=0.9, extend="max")
     return figure

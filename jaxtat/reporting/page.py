@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from ..studies import UNCERTAINTY_PIXELS, Diagnosis
 from . import figures
-from .constrained import Constrained, in_words
+from .constrained import Constrained, errors_in_words, in_words, not_in_the_data
 from .html import Html, element, join, picture
 from .verdicts import Finding, Level, findings
 
@@ -61,11 +61,8 @@ def html_page(diagnosis: Diagnosis, page: Page) -> str:
     """The whole page as text."""
     conclusions = findings(diagnosis, page.unit, page.channels)
     sections = [
-        _section("Summary", _list(conclusions)),
-        _section("Image", *_image(diagnosis, page.unit)),
-        _section("Fitted image", *_constrained(diagnosis, page.constrained, page.unit))
-        if page.constrained
-        else Html(),
+        _section("Summary", _list(conclusions), *_of_which(page.constrained)),
+        _section("Image", *_image(diagnosis, page.constrained, page.unit)),
         _section("Choices", *_choices(page.choices)) if page.choices else Html(),
         _section("Visible edges", *_geometry(diagnosis, page.unit)),
         _section("Accuracy of plane waves", *_waves(diagnosis, page.unit)),
@@ -119,21 +116,44 @@ def _figure(figure, caption: str) -> Html:
     return element("figure", picture(figure, caption), element("figcaption", caption))
 
 
-def _image(diagnosis: Diagnosis, unit: str | None) -> list[Html]:
-    caption = (
-        "The image inside the region of interest. Grey levels run from the 0.2th to the 99.8th "
-        "percentile; outside the region the image means nothing and is left blank."
+def _of_which(fitted_image: Constrained | None) -> list[Html]:
+    if fitted_image is None:
+        return []
+    text = (
+        "The picture is the fitted image. What is said of plane waves, residual and standard "
+        "deviations is of the direct image of the same data, of which formulas tell it."
     )
-    return [_figure(figures.image(diagnosis, unit), caption)]
+    return [element("p", text)]
 
 
-def _constrained(diagnosis: Diagnosis, fitted_image: Constrained, unit: str | None) -> list[Html]:
-    caption = (
-        "Left: the direct image. Right: the image of least misfit plus penalty "
-        f"({fitted_image.how}). The same grey levels."
+def _image(diagnosis: Diagnosis, fitted_image: Constrained | None, unit: str | None) -> list[Html]:
+    levels = (
+        "Grey levels run from the 0.2th to the 99.8th percentile; outside the region of interest "
+        "images mean nothing and are left blank."
     )
-    figure = figures.constrained(diagnosis, fitted_image, unit)
-    return [element("p", in_words(fitted_image)), _figure(figure, caption)]
+    if fitted_image is None:
+        return [_figure(figures.image(diagnosis, unit), f"The image. {levels}")]
+    caption = (
+        f"Left: the image of least misfit plus penalty ({fitted_image.how}). Right: the direct "
+        f"image, in the same grey levels. {levels}"
+    )
+    pair = _figure(figures.constrained(diagnosis, fitted_image, unit), caption)
+    texts = filter(None, (in_words(fitted_image), not_in_the_data(fitted_image)))
+    return [pair, *(element("p", text) for text in texts), *_errors(fitted_image, unit)]
+
+
+def _errors(fitted_image: Constrained, unit: str | None) -> list[Html]:
+    errors = fitted_image.errors
+    if errors is None:
+        return []
+    caption = (
+        f"How far the fitted image may be off, on {errors.grid.shape[0]} x {errors.grid.shape[1]} "
+        "pixels: root mean square error of fits of simulated data, whose images are this one "
+        "with other details, and whose noise is what it leaves unexplained. What the model gets "
+        "wrong for all images, such as the speed of sound, is not in it."
+    )
+    figure = figures.deviations(errors.deviation, errors.grid, unit)
+    return [_figure(figure, caption), element("p", errors_in_words(errors))]
 
 
 def _choices(rows: Rows) -> list[Html]:

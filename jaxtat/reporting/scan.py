@@ -28,6 +28,7 @@ from ..scans.frames import lit_frames
 from ..steps import UnreachedWaves
 from ..studies import Diagnosis
 from .constrained import Constrained
+from .errors_of_fits import fit_errors
 from .writing import report
 
 
@@ -91,7 +92,8 @@ def report_scan(
         choices: from `choose`.
         plan: that has decided geometry and regularisation.
         frame: number of the image, from 0.
-        sigma, uncertainty_pixels, title, inputs, progress: as in `report`.
+        sigma, uncertainty_pixels, title, inputs, progress: as in `report`; 0 pixels also leave
+            out how far a fitted image may be off.
         unit: of length, by default what the sizes in the scan say.
 
     Returns:
@@ -119,6 +121,9 @@ def report_scan(
     constrained = None
     if choices.model_based:
         constrained = _constrained(scan, choices, setup, recorded, image, progress)
+        if uncertainty_pixels != 0:
+            errors = fit_errors(scan, choices, recorded, constrained.image)
+            constrained = constrained._replace(errors=errors)
     several = f", frame {frame} of {scan.n_frames}" if scan.n_frames > 1 else ""
     return report(
         setup,
@@ -153,7 +158,10 @@ def _constrained(
     fit = fitted(scan, choices, setup, frame, progress=progress)
     both = compared(scan, choices, setup, frame, direct, fit.image)
     how = f"{choices.penalty}, f >= 0" if choices.nonnegative else choices.penalty
-    return Constrained(fit.image, how, both, bool(fit.converged))
+    band = ""
+    if choices.band is not None and choices.band[0] > 0:
+        band = choices.units.of_band(*choices.band)
+    return Constrained(fit.image, how, both, bool(fit.converged), band)
 
 
 def _noise_alone(

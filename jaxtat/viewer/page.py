@@ -1,6 +1,7 @@
 """The page: controls and choices beside the picture. What it shows is computed by `Session`."""
 
 import math
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,6 +27,7 @@ from bokeh.models import (
 from bokeh.plotting import figure
 
 from ..base.option_values import LOW_PASSES
+from ..fitting import FitCancelled, cancelled_by
 from ..geometry import ImageGrid
 from .export import command_line, keep
 from .latest_only_worker import LatestOnlyWorker
@@ -55,9 +57,10 @@ class ViewerPage:
         self._document, self._session = document, session
         self._source, self._folder = source, folder
         self._shown: _ShownImage | None = None
-        self._images, self._curves, self._regions = (
-            LatestOnlyWorker(self._later) for _ in range(3)
+        self._images, self._fits, self._curves, self._regions = (
+            LatestOnlyWorker(self._later) for _ in range(4)
         )
+        self._unwanted = threading.Event()  # of the fit that was asked for last
         self.picture = Picture(session)
         self._make_controls()
         self._make_rest(name)
@@ -79,8 +82,7 @@ class ViewerPage:
         shown = [] if self.wavelengths is None else np.unique(self.wavelengths)
         names: list[str | None] = [f"{wavelength:g}" for wavelength in shown]
         self.wavelength = Select(title="wavelength [nm]", options=names, visible=len(names) > 1)
-        self.method = RadioButtonGroup(labels=list(METHODS), active=0)
-        self.fit = Button(label="Fit", button_type="primary", visible=False)
+        self.method = RadioButtonGroup(labels=list(METHODS), active=METHODS.index(start.method))
         self.scale = session.choices.units.metres_per_second
         low, high = (self.scale * speed for speed in session.speeds())
         speed = self.scale * start.sound_speed
@@ -142,7 +144,7 @@ class ViewerPage:
             self.title,
             self.frame,
             self.wavelength,
-            row(self.method, self.fit),
+            self.method,
             self.curve_plot,
             self.speed,
             self.alpha,
@@ -175,7 +177,6 @@ class ViewerPage:
         for slider in (self.frame, self.alpha):  # when it is let go
             _on_change(slider, "value_throttled", self._ask_for_curve)
         _on_change(self.wavelength, "value", self._take_wavelength)
-        self.fit.on_click(self._look)
         self.move.on_click(self._take_region)
         self.keep_picture.on_click(lambda: self._keep(".png"))
         self.keep_choices.on_click(lambda: self._keep(".h5"))
@@ -196,22 +197,40 @@ class ViewerPage:
 
     def _changed(self) -> None:
         self.at_speed.location = self.speed.value
-        method = METHODS[self.method.active or 0]
-        self.fit.visible = method == MODEL_BASED
-        self.alpha.disabled = self.low_pass.disabled = method != DIRECT
-        self._name_controls()
-        if method == MODEL_BASED:
-            self.status.text = "Press <b>Fit</b>: a fit under constraints takes its time."
-        else:
-            self._look()
+        self._look()
 
     def _look(self) -> None:
-        """Ask for the image of the controls as they stand."""
+        """Ask for the image of the controls as they stand; of a fit for the direct one first."""
         controls, session = self.controls, self._session
         self._name_controls()
-        if controls.method == MODEL_BASED:
-            self.status.text = "fitting (total variation, f ≥ 0) ..."
-        self._images.want(lambda: self._seen(session, controls), self._show)
+        self._unwanted.set()
+        unwanted = self._unwanted = threading.Event()
+        first = _at_once(controls)
+
+        def show(seen: Any, error: str) -> None:
+            self._show(seen, error)
+            if first != controls and not (error or unwanted.is_set()):
+                self._fit(session, controls, unwanted)
+
+        self._images.want(lambda: self._seen(session, first), show)
+
+    def _fit(self, session: Session, controls: ControlValues, unwanted: threading.Event) -> None:
+        """Ask for the fitted image, while the direct one is shown and can be changed."""
+        own = session.copy()
+        self.status.text += "; fitting under constraints ..."
+
+        def work() -> _ShownImage | None:
+            try:
+                with cancelled_by(unwanted.is_set):
+                    return self._seen(own, controls)._replace(session=session)
+            except FitCancelled:
+                return None
+
+        def show(seen: Any, error: str) -> None:
+            if not unwanted.is_set() and (error or seen is not None):
+                self._show(seen, error)
+
+        self._fits.want(work, show)
 
     def _seen(self, session: Session, controls: ControlValues) -> "_ShownImage":
         """Compute an image, in the other thread."""
@@ -219,13 +238,12 @@ class ViewerPage:
         image = session.image(controls)
         taken, grid = time.perf_counter() - start, session.grid(controls)
         if controls.method == BACK_PROJECTION:
-            return _ShownImage(
-                session, image, grid, "only the viewer shows it, to compare with", None, taken
-            )
+            command = "only the viewer shows it, to compare with"
+            return _ShownImage(session, controls.method, image, grid, command, None, taken)
         choices = session.choices_of(controls)
         facts = session.frame_facts(controls.frame)
         command = command_line(choices, facts, str(self._source or "FILE"))
-        return _ShownImage(session, image, grid, command, choices.rows(), taken)
+        return _ShownImage(session, controls.method, image, grid, command, choices.rows(), taken)
 
     def _show(self, seen: Any, error: str) -> None:
         if error:
@@ -234,8 +252,8 @@ class ViewerPage:
         if seen.session is not self._session:  # of the region before
             return
         self._document.hold("combine")
-        self.picture.show(seen.image, seen.grid)
-        self.status.text = f"image in {1e3 * seen.seconds:.0f} ms"
+        self.picture.show(seen.image, seen.grid, seen.method)
+        self.status.text = f"{seen.method} image in {1e3 * seen.seconds:.0f} ms"
         self._document.unhold()
         self._shown = seen
         self._document.add_timeout_callback(lambda: self._tell(seen), CHOICES_LATER)
@@ -252,6 +270,7 @@ class ViewerPage:
 
     def _take_session(self, session: Session) -> None:
         """Show another region."""
+        self._unwanted.set()
         self._session = session
         self.looking.take(session)
         scale, _ = lengths(session)
@@ -277,16 +296,15 @@ class ViewerPage:
         radius, *center = (float(spinner.value or 0.0) / scale for spinner in self.region)
 
         def work() -> _ShownImage:
-            return self._seen(
-                session.with_region(radius, (center[0], center[1]), controls), controls
-            )
+            moved = session.with_region(radius, (center[0], center[1]), controls)
+            return self._seen(moved, _at_once(controls))
 
         def show(seen: Any, error: str) -> None:
             self.move.update(label=TAKE_REGION, disabled=False)
             if not error:
                 self._take_session(seen.session)
             self._show(seen, error)
-            if not error and controls != self.controls:  # controls that were moved meanwhile
+            if not error and self.controls != _at_once(controls):  # a fit, or moved meanwhile
                 self._changed()
 
         self.move.update(label=TAKING_REGION, disabled=True)
@@ -320,8 +338,11 @@ class ViewerPage:
     # in words
 
     def _name_controls(self) -> None:
-        """Labels of the sliders, with values where these are not shown."""
+        """Labels of the sliders, with values where these are not shown; some mean nothing now."""
         controls = self.controls
+        self.alpha.disabled = self.low_pass.disabled = controls.method != DIRECT
+        for slider in self.looking.sliders:  # a fit is of all of the region
+            slider.disabled = controls.method == MODEL_BASED
         self.alpha.title = f"alpha {controls.alpha:.2g}, its power of ten"
         number = self._session.frame_number(controls.frame)
         in_file = "" if number == controls.frame else f" ({number} in the file)"
@@ -334,7 +355,8 @@ class ViewerPage:
         self._document.add_next_tick_callback(work)
 
     def _close(self, _: Any) -> None:
-        for worker in (self._images, self._curves, self._regions):
+        self._unwanted.set()
+        for worker in (self._images, self._fits, self._curves, self._regions):
             worker.close()
 
 
@@ -342,11 +364,19 @@ class _ShownImage(NamedTuple):
     """An image, its pixels and the texts about it."""
 
     session: Session
+    method: str
     image: np.ndarray
     grid: ImageGrid
     command: str
     rows: list[tuple[str, str, str, str]] | None  # of choices
     seconds: float
+
+
+def _at_once(controls: ControlValues) -> ControlValues:
+    """Of an image that is there at once: in place of a fit the direct one."""
+    if controls.method != MODEL_BASED:
+        return controls
+    return replace(controls, method=DIRECT, disk=None)
 
 
 def _on_change(widget: Any, its: str, do: Callable[[], Any]) -> None:

@@ -14,6 +14,7 @@ from bokeh.models import (
     Range1d,
     RangeSlider,
     Select,
+    Title,
     Toggle,
 )
 from bokeh.palettes import Greys256, Inferno256, Viridis256
@@ -34,6 +35,7 @@ class Picture:
 
     Attributes:
         figure: of Bokeh.
+        title: above it, the method that made the image.
         levels: slider of the percentiles between which colours are.
         controls: this slider, and those that go with it.
     """
@@ -59,15 +61,18 @@ class Picture:
         self._hold.on_change("active", lambda attr, old, new: self._take_levels())
         self._palette.on_change("value", lambda attr, old, new: self._take_palette())
 
-    def show(self, image: np.ndarray, grid: ImageGrid) -> None:
-        """An image (x1, x2) with its pixels; axes that were zoomed stay so while these do."""
+    def show(self, image: np.ndarray, grid: ImageGrid, method: str) -> None:
+        """An image (x1, x2) with its pixels and the method that made it.
+
+        Axes that were zoomed stay so while the pixels do.
+        """
         if not all(map(np.array_equal, _numbers(grid), _numbers(self._grid))):
             self._grid = grid
             low, size = _corner_and_size(grid, self._scale)
             self._glyph.glyph.update(**_as_place(low, size))
             self.figure.x_range.update(start=low[0], end=low[0] + size[0])
             self.figure.y_range.update(start=low[1], end=low[1] + size[1])
-        self._image = image
+        self._image, self.title.text = image, f"{method} image"
         self._pixels.data = {"image": [np.ascontiguousarray(image.T, np.float32)]}
         self._take_levels()
 
@@ -84,6 +89,8 @@ class Picture:
             y_axis_label=f"x₂{unit}",
         )
         self.figure.toolbar.logo = None
+        self.title = Title(text="", text_font_style="normal")
+        self.figure.add_layout(self.title, "above")
         self.figure.grid.visible = False
         self._glyph = self.figure.image(
             "image",

@@ -5,6 +5,7 @@ import secrets
 import socket
 import threading
 from collections.abc import Mapping
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import jax
 from ..base.optional_packages import optional
 from ..io import Scan, load_scan
 from ..scans import Choices, choose
-from .session import PIXELS, Session
+from .session import DIRECT, PIXELS, Session
 
 HOST = "127.0.0.1"
 # Of pages: what this server gives, and nothing from elsewhere or to elsewhere. Bokeh's programs
@@ -156,5 +157,6 @@ def view(
         if choices is None:
             choices = choose(scan, pixels=PIXELS)
         session = Session(scan, choices, facts)
-        session.image(session.start)  # compiled before the first page is opened
+        # compiled before the first page is opened; a fit takes longer, and comes after it
+        session.image(replace(session.start, method=DIRECT))
     return Viewer(session, source.name if source else "scan", source, Path(folder), port)

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..base.choice_table import METHOD, OPTIONS, PLAIN, RECORD, SURE
+from ..base.choice_table import METHOD, OF_CONSTRAINTS, OPTIONS, PLAIN, RECORD, SURE
 from ..base.units import ROUNDING
 from ..geometry import ImageGrid, fit_circle
 from ..io import Scan
-from ..scans import Choices, choose, integrals
+from ..scans import Choices, choose, integrals, with_best_method
 from ..scans.acoustics import shares_by_speed
 from ..scans.acquisition import FASTEST, SLOWEST, facts_of, frame_numbers, nominal_water_speed
 from ..scans.constrained import fitted
 from ..scans.frames import per_energy
 from ..steps import universal_back_projection
-from ..streams import live
+from ..streams import Live, live
 
 SPEEDS = 25  # of the curve by which one is chosen
 PIXELS = 257  # of images, where nothing else is said
@@ -38,7 +38,7 @@ class ControlValues:
         alpha: Tikhonov's, as in `solve`.
         low_pass: "none" or "cosine".
         frame: of the scan, from 0.
-        method: "direct", "back-projection" or "model-based" (total variation, f >= 0).
+        method: "direct", "back-projection" or "model-based", a fit.
         disk: radius and centre of a part of the region that is looked at, with as many pixels
             [length]; None for all of it, as always model-based.
     """
@@ -60,27 +60,35 @@ class Session:
 
     Args:
         scan: in the plane; its frames may be lazy, and only those that are shown are read.
-        choices: with which everything begins.
+        choices: with which everything begins; those of a fit are of the model-based images.
         facts: what was said of the scan in options of the command, by their names.
 
     Attributes:
-        scan, choices, facts: those; images are made with ``inversion="fourier"``.
-        start: where the controls stand at first.
+        scan, facts: those.
+        choices: of the direct image, made with ``inversion="fourier"``.
+        start: where the controls stand at first, with the method that is more accurate.
 
     Raises:
         ValueError: as `live`: for scans in space, and records that end too early for a formula.
     """
 
     def __init__(self, scan: Scan, choices: Choices, facts: Mapping[str, Any] | None = None):
+        self._best = with_best_method(scan, choices)
+        choices = _direct(choices)
         if choices.inversion != "fourier":
             choices = replace(choices, inversion="fourier")
             choices = _with_reasons(choices, {"inversion": "the viewer's"})
         self.scan, self.choices, self.facts = scan, choices, dict(facts or {})
-        self.start = ControlValues(choices.sound_speed, choices.alpha, choices.low_pass)
-        self._live, self._made = live(scan, choices), self.start
+        direct = ControlValues(choices.sound_speed, choices.alpha, choices.low_pass)
+        self._solved = live(scan, choices), direct  # one object: copies may be made meanwhile
+        self.start = replace(direct, method=MODEL_BASED) if self._best.model_based else direct
         self._frame = 0, self._lit(0)
         grid = self._live.setup.grid
         self.inside = np.asarray(self._live.setup.region.contains(grid.points))
+
+    @property
+    def _live(self) -> Live:
+        return self._solved[0]
 
     def copy(self) -> "Session":
         """A session for another page: changes in one are not seen in the other."""
@@ -126,13 +134,20 @@ class Session:
                 "picture, or choose another method."
             )
         turned = self._choices_by_controls(controls)
-        if controls.method == MODEL_BASED:
-            turned = replace(turned, model_based=True, penalty="tv", nonnegative=True)
-            said = "chosen in the viewer"
-            turned = _with_reasons(
-                turned, dict.fromkeys(("model_based", "penalty", "nonnegative"), said)
-            )
-        return turned
+        return self._as_fit(turned) if controls.method == MODEL_BASED else turned
+
+    def _as_fit(self, choices: Choices) -> Choices:
+        """Those of a fit: as they were given, or as such scans are fitted best."""
+        best = self._best
+        if not best.model_based:
+            fit = replace(choices, model_based=True, penalty="tv", nonnegative=True)
+            names = "model_based", "penalty", "nonnegative"
+            return _with_reasons(fit, dict.fromkeys(names, "chosen in the viewer"))
+        fit = replace(choices, **{name: getattr(best, name) for name in OF_CONSTRAINTS})
+        for name, reason in best.reasons:
+            if name in OF_CONSTRAINTS:
+                fit = fit.with_reason(name, reason, best.grade(name))
+        return fit
 
     def speeds(self) -> tuple[float, float]:
         """Least and greatest speed of sound that is offered [length/time]."""
@@ -182,6 +197,8 @@ class Session:
                 moved = moved.with_reason(name, before[name], self.choices.grade(name))
         start = self.choices
         moved = replace(moved, user_set=start.user_set)
+        if self._best.model_based:
+            moved = self._as_fit(moved)
         with self._naming_unit():
             return Session(self.scan, moved, self.facts)
 
@@ -236,16 +253,17 @@ class Session:
             "rule": controls.alpha,
             "low_pass": controls.low_pass,
         }
-        made = {"sound_speed": self._made.sound_speed, "rule": self._made.alpha}
-        made |= {"low_pass": self._made.low_pass}
+        before = self._solved[1]
+        made = {"sound_speed": before.sound_speed, "rule": before.alpha}
+        made |= {"low_pass": before.low_pass}
         turned: dict[str, Any] = {name: value for name, value in new.items() if value != made[name]}
         disk = None if controls.method == MODEL_BASED else controls.disk
         controls = replace(controls, disk=disk)
-        if disk != self._made.disk:
+        if disk != before.disk:
             turned |= self._looked_at(disk)
         if turned:
             with self._naming_unit():
-                self._live, self._made = self._live.replace(**turned), controls
+                self._solved = self._live.replace(**turned), controls
 
     def _looked_at(self, disk: Shown | None) -> dict[str, Any]:
         choices = self.choices
@@ -292,6 +310,14 @@ class Session:
     def _fitted(self, controls: ControlValues) -> Any:
         choices, setup = self.choices_of(controls), self._live.setup.replace(radii=self._live.radii)
         return fitted(self.scan, choices, setup, self._read(controls.frame)).image
+
+
+def _direct(choices: Choices) -> Choices:
+    """The same of the formula, without what only a fit has reasons for."""
+    if not choices.model_based:
+        return choices
+    kept = tuple(pair for pair in choices.reasons if pair[0] not in OF_CONSTRAINTS)
+    return replace(choices, model_based=False, reasons=kept)
 
 
 def _with_reasons(choices: Choices, reasons: Mapping[str, str]) -> Choices:

@@ -12,7 +12,14 @@ from scipy.optimize import minimize
 
 import jaxtat
 from jaxtat import model_based
-from jaxtat.fitting import NoPenalty, Ridge, SecondOrderVariation, TotalVariation
+from jaxtat.fitting import (
+    FitCancelled,
+    NoPenalty,
+    Ridge,
+    SecondOrderVariation,
+    TotalVariation,
+    cancelled_by,
+)
 from jaxtat.fitting.implicit import Problem, objective
 from jaxtat.records import circular_integrals_to_pressure, condition_record
 
@@ -400,3 +407,33 @@ def test_data_that_single_precision_cannot_hold_are_refused(arc):
     data = BELL.circular_integrals(arc.curve, arc.radii)
     with pytest.raises(ValueError, match=r"data are as large as .*e\+.*leave out dtype"):
         model_based(arc, 1e200 * data, dtype=jnp.float32)
+
+
+def test_a_fit_that_is_cancelled_ends_soon_and_one_that_is_not_is_the_same(few, data):
+    looks = []
+
+    def asked():
+        looks.append(1)
+        return len(looks) == 3
+
+    options = {"nonnegative": True, "tolerance": 1e-12, **LONG}
+    with pytest.raises(FitCancelled), cancelled_by(asked):
+        model_based(few, data, **options)
+    assert len(looks) == 3
+    options["tolerance"] = 1e-3
+    alone = model_based(few, data, **options)
+    with cancelled_by(lambda: False):
+        looked = model_based(few, data, **options)
+    assert looked.steps == alone.steps and jnp.array_equal(looked.image, alone.image)
+
+
+@pytest.mark.parametrize("size", [1e3, 1e30, -1e300, 1e300])
+@pytest.mark.parametrize(
+    "options", [{"nonnegative": True}, {"penalty": Ridge(), "weight": 1e-3}, {"dtype": jnp.float32}]
+)
+def test_a_start_worse_than_zeros_is_no_start(few, data, size, options):
+    options = {"max_steps": 100} | options
+    from_zeros = model_based(few, data, initial=np.zeros(few.grid.shape), **options)
+    found = model_based(few, data, initial=np.full(few.grid.shape, size), **options)
+    assert_allclose(found.image, from_zeros.image, atol=1e-12 * abs(from_zeros.image).max())
+    assert found.steps == from_zeros.steps

@@ -1,11 +1,14 @@
-"""A page with the image under constraints beside the direct one."""
+"""A page with the image under constraints, and the direct one beside it."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from jaxtat import build_plan, circular_arc, phantoms
+from jaxtat import ImageGrid, build_plan, circular_arc, phantoms
 from jaxtat.cli import main
 from jaxtat.fitting import Comparison
+from jaxtat.reporting import figures
 from jaxtat.reporting.constrained import Constrained, in_words
 
 CURVE = circular_arc(1.3, 1.0, 24)  # as in test_report_of_a_scan.py
@@ -49,6 +52,20 @@ def test_the_command_puts_them_side_by_side(tmp_path, monkeypatch):
     )
     assert main([*line.split(), "--model-based", "--nonnegative"]) == 0
     page = (tmp_path / "page.html").read_text()
-    assert "Fitted image" in page and "f >= 0" in page.replace("&gt;", ">")
+    assert "The picture is the fitted image." in page and "f >= 0" in page.replace("&gt;", ">")
     assert "of the data unexplained" in page
-    assert any("least misfit plus penalty (tv, f >= 0)" in caption for caption in shown)
+    first = shown[0]
+    assert first.startswith("Left: the image of least misfit plus penalty (tv, f >= 0). Right: ")
+
+
+def test_the_fitted_image_comes_first():
+    grid = ImageGrid(11)
+    direct, fit = np.full(grid.shape, 2.0), np.ones(grid.shape)
+    direct[0] = np.nan
+    diagnosis = SimpleNamespace(image=direct, setup=SimpleNamespace(grid=grid))
+    figure = figures.constrained(diagnosis, Constrained(fit, "tv", None, True), None)
+    left, right = figure.axes
+    for axes, title, value in ((left, "fitted", 1.0), (right, "direct", 2.0)):
+        image = np.ma.filled(axes.images[0].get_array(), np.nan)
+        assert axes.get_title() == title and np.nanmax(image) == value
+        assert np.isnan(image[:, 0]).all()

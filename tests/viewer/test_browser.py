@@ -106,7 +106,7 @@ def seen(browser):
         if not browser.execute_script("return !!(window.Bokeh && Bokeh.documents.length)"):
             return None
         found = browser.execute_script(SEEN)
-        words = "image in", "<code>"  # the command, which comes last
+        words = "direct image in", "<code>"  # the command, which comes last
         there = [any(text.startswith(word) for text in found["texts"]) for word in words]
         return found if all(there) else None
 

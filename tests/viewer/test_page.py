@@ -2,12 +2,14 @@
 
 import queue
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from bokeh.document import Document
 from viewed import GIVEN, relative, write_scan
 
+from jaxtat.fitting import FitCancelled
 from jaxtat.io import load_scan
 from jaxtat.scans import choose
 from jaxtat.viewer import Session
@@ -26,13 +28,30 @@ def session(path):
 
 
 @pytest.fixture
-def page(session, path, monkeypatch):
+def make_page(path, monkeypatch):
     waiting = queue.Queue()
     monkeypatch.setattr(ViewerPage, "_later", lambda self, work: waiting.put(work))
-    page = ViewerPage(Document(), session.copy(), "scan.h5", path, path.parent)
-    page.waiting = waiting
-    until(page, lambda: page.status.text.startswith("image in"))
-    return page
+
+    def make(session):
+        page = ViewerPage(Document(), session, "scan.h5", path, path.parent)
+        page.waiting = waiting
+        until(page, lambda: page.status.text.startswith("direct image in"))
+        return page
+
+    return make
+
+
+@pytest.fixture
+def page(session, make_page):
+    return make_page(session.copy())
+
+
+@pytest.fixture
+def fitting_page(path, make_page):
+    """Of a scan of which nothing asks for the formula."""
+    scan = load_scan(path)
+    given = {name: value for name, value in GIVEN.items() if name != "alpha"}
+    return make_page(Session(scan, replace(choose(scan, **given), alpha=1e-2)))
 
 
 def until(page, there):
@@ -78,3 +97,68 @@ def test_a_region_that_cannot_be_leaves_the_page_as_it_is(page):
     until(page, lambda: not page.move.disabled)
     assert "region" in page.status.text
     assert page._session is first and np.array_equal(shown(page), before)
+
+
+def test_the_direct_image_is_shown_until_the_fit_is_there(fitting_page):
+    page, session = fitting_page, fitting_page._session
+    assert session.start.method == "model-based" and page.method.active == 2
+    assert page.picture.title.text == "direct image"
+    assert page.status.text.endswith("; fitting under constraints ...")
+    direct = session.copy().image(replace(session.start, method="direct"))
+    assert relative(shown(page), np.nan_to_num(direct)) < 1e-6
+    until(page, lambda: page.picture.title.text == "model-based image")
+    assert page.status.text.startswith("model-based image in")
+    fit = np.nan_to_num(session.copy().image(session.start))
+    assert relative(shown(page), fit) < 1e-6 and fit.min() >= 0
+
+
+def test_a_fit_ends_when_a_control_is_moved(fitting_page, monkeypatch):
+    """The first one waits in the middle; what is shown in the end is that of the second."""
+    page, image = fitting_page, Session.image
+    until(page, lambda: page.picture.title.text == "model-based image")
+    begun, go, ended = threading.Event(), threading.Event(), []
+
+    def slow(session, controls):
+        if controls.method == "model-based" and not begun.is_set():
+            begun.set()
+            assert go.wait(60)
+            try:
+                return image(session, controls)
+            except FitCancelled:
+                ended.append(controls.frame)
+                raise
+        return image(session, controls)
+
+    monkeypatch.setattr(Session, "image", slow)
+    page.frame.value = 1
+    until(page, lambda: page.picture.title.text == "direct image")
+    assert begun.wait(60)
+    before = shown(page)
+    page.frame.value = 2
+    until(page, lambda: not np.array_equal(shown(page), before))
+    assert page.picture.title.text == "direct image" and not ended
+    go.set()
+    until(page, lambda: page.picture.title.text == "model-based image")
+    assert ended == [1]
+    wanted = image(page._session.copy(), replace(page._session.start, frame=2))
+    assert relative(shown(page), np.nan_to_num(wanted)) < 1e-6
+
+
+def test_another_method_leaves_the_direct_image(fitting_page, monkeypatch):
+    page, go = fitting_page, threading.Event()
+    until(page, lambda: page.picture.title.text == "model-based image")
+    image = Session.image
+    monkeypatch.setattr(
+        Session,
+        "image",
+        lambda session, controls: (
+            (controls.method == "direct" or go.wait(60)) and image(session, controls)
+        ),
+    )
+    assert page.alpha.disabled and all(slider.disabled for slider in page.looking.sliders)
+    page.frame.value = 3
+    until(page, lambda: page.picture.title.text == "direct image")
+    page.method.active = 0
+    go.set()
+    until(page, lambda: not page._fits._busy and "fitting" not in page.status.text)
+    assert not page.alpha.disabled and page.picture.title.text == "direct image"

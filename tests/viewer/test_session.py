@@ -203,3 +203,18 @@ def test_plans_are_refused(path, capsys):
     assert "--alpha is for a reconstruction without" in capsys.readouterr().err
     assert main(["view", str(path), "--K", "4"]) == 2
     assert "leave out --K" in capsys.readouterr().err
+
+
+def test_choices_of_a_fit_are_kept_for_its_images(session, path):
+    scan = load_scan(path)
+    given = {name: value for name, value in GIVEN.items() if name != "alpha"}
+    fit = choose(scan, **given, penalty="second-order", nonnegative=True)
+    mine = Session(scan, fit)
+    assert mine.start.method == "model-based" and not mine.choices.model_based
+    found, direct = mine.choices_of(mine.start), replace(mine.start, method="direct")
+    assert (found.penalty, found.nonnegative, found.model_based) == ("second-order", True, True)
+    assert dict(found.reasons)["penalty"] == "given"
+    assert "penalty" not in dict(mine.choices_of(direct).reasons)
+    moved = mine.with_region(0.008, (0.001, -0.002), mine.start)
+    assert moved.choices_of(moved.start).penalty == "second-order"
+    assert session.start.method == "direct"  # its alpha is given

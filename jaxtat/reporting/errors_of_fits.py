@@ -1,0 +1,123 @@
+"""How far a scan's fitted image may be off, on few pixels."""
+
+import warnings
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.ndimage import map_coordinates
+from jaxtyping import Array, Float
+
+from ..fitting import fitted_deviation
+from ..geometry import ImageGrid, data_radii
+from ..io import Scan
+from ..reconstruction import Setup, forward_operator
+from ..records import apply_impulse_response, circular_integrals_to_pressure
+from ..scans import Choices, setup_of
+from ..scans.constrained import fitted
+from ..scans.frames import shifted_times
+from ..steps import AccuracyWarning
+
+PIXELS = 48  # along an axis, at most: what is wide takes no more
+FITTED = 2  # along an axis, pixels that are fitted for each of them
+FINER = 4  # parts of a pixel over which the image is averaged
+
+
+class FitErrors(NamedTuple):
+    """Standard deviations of a fitted image's errors.
+
+    Attributes:
+        grid: its nodes, fewer than the image has.
+        image: means of the image over these pixels, NaN outside of the region.
+        deviation: (x1, x2), NaN outside of the region [unit of f].
+    """
+
+    grid: ImageGrid
+    image: Float[Array, "x1 x2"]
+    deviation: Float[Array, "x1 x2"]
+
+
+def fit_errors(
+    scan: Scan,
+    choices: Choices,
+    frame: Float[np.ndarray, "detectors samples"],
+    image: Float[Array, "x1 x2"],
+    *,
+    samples: int = 8,
+) -> FitErrors:
+    """`fitted_deviation` of a frame's fitted image, made again from simulated records.
+
+    Args:
+        scan, choices: of the image.
+        frame: of which it was made, rows as in the file.
+        image: in the plane.
+        samples: fits that are made for it.
+    """
+    shown = _shown(choices)
+    coarse = _coarse(choices, shown)
+    setup, rows = setup_of(scan, coarse), list(choices.channels)
+    fine, grid = choices.grid, setup.grid
+    assert isinstance(fine, ImageGrid) and isinstance(grid, ImageGrid)
+
+    def in_file(data: Array) -> np.ndarray:
+        frames = np.zeros((*data.shape[:-2], *frame.shape))
+        frames[..., rows, :] = np.asarray(data)
+        return frames
+
+    inside = setup.region.contains(grid.points)
+    means = _means(fine, image, grid)
+    deviation = fitted_deviation(
+        lambda data: fitted(scan, coarse, setup, in_file(data)).image,
+        lambda images: _heard(scan, coarse, setup, images),
+        means,
+        np.asarray(frame, float)[rows],
+        inside,
+        nonnegative=choices.nonnegative,
+        seen=shown.means,
+        samples=samples,
+    )
+    means = jnp.where(jnp.isnan(deviation), jnp.nan, shown.means(means))
+    return FitErrors(shown, means, deviation)
+
+
+def _shown(choices: Choices) -> ImageGrid:
+    """The grid on which errors are shown, of at most half as many pixels as the image has."""
+    n = max(4, min(PIXELS, choices.pixels // FITTED))
+    return ImageGrid(n, choices.half_width, np.array(choices.region_center))
+
+
+def _coarse(choices: Choices, shown: ImageGrid) -> Choices:
+    """Of images on a grid as fine as `FITTED` says, and no finer waves than it holds."""
+    grid = shown.finer(FITTED)
+    highest = min(choices.max_frequency, float(np.pi / grid.spacing.max()))
+    half_width = float(grid.half_width.max())
+    return replace(choices, pixels=grid.shape[0], half_width=half_width, max_frequency=highest)
+
+
+def _heard(scan: Scan, choices: Choices, setup: Setup, images: Array) -> Array:
+    """What a scanner would have recorded, (images, detectors that are used, samples)."""
+    times = shifted_times(scan, choices)
+    if times is None:
+        return forward_operator(setup)(images)
+    radii = data_radii(setup.curve, setup.region, setup.grid.spacing.max())
+    reaching = Setup(
+        setup.curve, setup.region, setup.grid, radii, max_frequency=choices.max_frequency
+    )
+    g = forward_operator(reaching)(images)
+    with warnings.catch_warnings():  # details reach to the rim of the region, and no farther
+        warnings.simplefilter("ignore", AccuracyWarning)
+        pressure = circular_integrals_to_pressure(
+            g, radii, times, sound_speed=choices.sound_speed, model=choices.model
+        )
+    if not choices.impulse_response:
+        return pressure
+    response = scan.known["impulse_response"]  # its time 0 is in the middle
+    return apply_impulse_response(pressure, response, origin=len(response) // 2)
+
+
+def _means(fine: ImageGrid, image: Array, coarse: ImageGrid) -> Float[Array, "x1 x2"]:
+    """Means over the pixels of a coarser grid; what is beyond the image is zero."""
+    points = coarse.finer(FINER).points
+    places = (points - fine.points[0, 0]) / fine.spacing
+    return coarse.means(map_coordinates(image, list(jnp.moveaxis(places, -1, 0)), order=1))
