@@ -17,4 +17,3 @@ from .spherical import legendre_functions as legendre_functions
 from .spherical import scaled_spherical_sequence as scaled_spherical_sequence
 from .spherical import spherical_sequence as spherical_sequence
 from .transmission import transmitted_factors as transmitted_factors
-from .transmission import transmitted_sequence as transmitted_sequence
