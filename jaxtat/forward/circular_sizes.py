@@ -12,7 +12,15 @@ import scipy.special
 from jaxtyping import Float
 
 from ..base.size_ladder import rung
-from ..geometry import CircularArc, DetectorCurve, DiskBody, ImageGrid, circle_through
+from ..geometry import (
+    Body,
+    CircularArc,
+    DetectorCurve,
+    DiskBody,
+    ImageGrid,
+    OutlineBody,
+    circle_through,
+)
 from ..geometry.circles import ROUNDING
 from ..geometry.elements import enough_nodes
 from .circular_harmonics import LARGE
@@ -83,7 +91,7 @@ class CircleSizes(eqx.Module):
 def circle_sizes(
     curve: DetectorCurve,
     grid: ImageGrid,
-    medium: DiskBody | None = None,
+    medium: Body | None = None,
 ) -> CircleSizes:
     """The sizes of a concrete geometry: T by its farthest pixel, orders by the image's reach.
 
@@ -117,7 +125,8 @@ def circle_sizes(
         period = farthest + slow * reach + ECHOES * float(medium.radius)
     period, highest = MARGIN * period, np.pi / float(spacing.max()) / ratio
     n, period = _on_ladder(period, highest)
-    most = GROUPS_OFF_CIRCLE if circle is None else GROUPS
+    off = circle is None or isinstance(medium, OutlineBody)
+    most = GROUPS_OFF_CIRCLE if off else GROUPS
     n_groups = min(most, 1 + n // WORTH_A_GROUP)
     groups = _groups(zeros_of_j0(n) / period, ratio * reach, n_groups, moved)
     # more than densities need: the error is 1e-9 instead of 5e-6
@@ -125,9 +134,9 @@ def circle_sizes(
     return CircleSizes(period, n, groups, n_nodes, ratio * reach, ratio, moved)
 
 
-def _moved(curve: DetectorCurve, circle: Any, medium: DiskBody) -> tuple[float, ...]:
+def _moved(curve: DetectorCurve, circle: Any, medium: Body) -> tuple[float, ...]:
     """`CircleSizes.moved`, with room for other positions."""
-    if circle is None:
+    if circle is None or not isinstance(medium, DiskBody):
         return ()
     away = float(np.hypot(*(circle - np.asarray(medium.center))))
     radius = float(np.hypot(*(np.asarray(curve.points) - circle).T).min())

@@ -26,9 +26,12 @@ about the body's centre, lambda that of the water and t_m of `special.transmissi
 sources in the body count for. It takes the place of J_m; g is what integrals would be that give the
 same record in water alone. They do not quite vanish beyond T, for which T has a margin. Where the
 detectors lie on a circle about another centre the waves are moved there, see `circular_harmonics`.
+Of a body with any outline t_m H_m (cos|sin)(m theta) become what `special.outline_waves` has.
 
 Source: the series: DLMF 10.23.18 and Watson, Theory of Bessel Functions (1944), chapter XVIII.
 """
+
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -39,7 +42,16 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.checks import is_concrete
 from ..base.rows import map_rows
-from ..geometry import Circle, CircularArc, DetectorCurve, DiskBody, ImageGrid, circle_through
+from ..geometry import (
+    Body,
+    Circle,
+    CircularArc,
+    DetectorCurve,
+    DiskBody,
+    ImageGrid,
+    OutlineBody,
+    circle_through,
+)
 from ..geometry.circles import ROUNDING
 from ..geometry.elements import (
     gauss_rule,
@@ -48,11 +60,13 @@ from ..geometry.elements import (
     touch_circle,
 )
 from ..special import (
+    decay_steps,
     from_grid,
     hankel_sequence,
     j0,
     j1,
     transmitted_factors,
+    waves_through_outline,
 )
 from .circular_harmonics import MovedWaves, half_turn_of, harmonics_of, signs, within_reason
 from .circular_sizes import CircleSizes
@@ -60,6 +74,7 @@ from .circular_sizes import CircleSizes
 # bytes of cosines and sines up to which a product with them is faster than a non-uniform FFT
 DENSE = 2**24
 KEPT = 1.5e9  # bytes of waves at detectors off a circle, above which they are made anew each time
+NOTHING = 1e-10  # of a wave in an image, with the factors of an outline
 TOGETHER = 8  # frequencies whose waves are made at once
 
 
@@ -219,7 +234,7 @@ def circle_integrals(
     sizes: CircleSizes,
     eta: Float[Array, " frequencies"] | None,
     tolerance: float,
-    medium: DiskBody | None = None,
+    medium: Body | None = None,
 ) -> CircleIntegrals:
     """The operator of a geometry, with all its tables.
 
@@ -233,6 +248,8 @@ def circle_integrals(
     # outside of the program: of known detectors it is seen whether they lie on a circle
     circle = _common_circle(curve)
     about = None if circle is None else _on_circle(curve, circle, sizes.n_nodes)
+    if isinstance(medium, OutlineBody):
+        about = None
     if about is not None and (medium is None or _concentric(about, medium)):
         positions = about
     else:
@@ -253,14 +270,15 @@ def _integrals(
     of: Series,
     eta: Array | None,
     tolerance: float,
-    medium: DiskBody | None,
+    medium: Body | None,
 ) -> CircleIntegrals:
     """With positions about the centre of a circle too, where there is one."""
     series = _series(radii, of)
     through = None
     if medium is not None:
         series = series * medium.source_strength
-        through = _through(of, medium)
+        if isinstance(medium, DiskBody):
+            through = _through(of, medium)
     none: tuple[None, ...] = (None,) * len(of.groups)
     concentric = positions.turns is not None
     moved = none if concentric or about is None else _moved(positions, about, of, through)
@@ -273,7 +291,11 @@ def _integrals(
         moved=moved,
         turned=_turned(about.angles, of) if about is not None and dense else None,
         middle=_middle(about.angles, of) if about is not None and not dense else None,
-        tables=none if concentric else _tables(positions, of, through, moved),
+        tables=_outline_tables(positions, of, medium)
+        if isinstance(medium, OutlineBody)
+        else none
+        if concentric
+        else _tables(positions, of, through, moved),
         series=series if eta is None else series * eta[:, None],
         through=through,
         of=of,
@@ -319,7 +341,7 @@ def _common_circle(curve: DetectorCurve) -> Circle | None:
     return circle if touch_circle(curve.normals, outward, ROUNDING) else None
 
 
-def _concentric(about: Positions, medium: DiskBody) -> bool:
+def _concentric(about: Positions, medium: Body) -> bool:
     """Whether the centre of detectors is that of a body, both known."""
     if not is_concrete(about.center, about.radii, medium.center):
         return False
@@ -328,7 +350,7 @@ def _concentric(about: Positions, medium: DiskBody) -> bool:
 
 
 def _samples(
-    grid: ImageGrid, center: Float[Array, "2"], of: Series, medium: DiskBody | None
+    grid: ImageGrid, center: Float[Array, "2"], of: Series, medium: Body | None
 ) -> PolarSamples:
     frequencies, parts = of.frequencies, []
     for first, last, _, turn, _ in of.groups:
@@ -363,7 +385,7 @@ def _mean(
     return jnp.sum(waves * cosines[:, None, :], axis=-1).T
 
 
-def _through(of: Series, medium: DiskBody) -> Float[Array, "frequencies 2 orders"]:
+def _through(of: Series, medium: Body) -> Float[Array, "frequencies 2 orders"]:
     highest, outside = max(group[2] for group in of.groups), of.frequencies * medium.radius
     inside = outside / medium.speed_ratio
     real, imaginary = transmitted_factors(highest, inside, outside, medium.density_ratio)
@@ -433,6 +455,38 @@ def _tables(
         )
 
     return tuple(None if group is None else of_group(*group[:3]) for group in groups)
+
+
+def _outline_tables(
+    positions: Positions, of: Series, body: OutlineBody
+) -> tuple[Float[Array, "..."], ...]:
+    """`_products` of a body with an outline, which take long and are always kept."""
+
+    def of_node(k: Array, steps: Array, node: tuple[Array, Array]) -> Array:
+        radius, angles = node
+        orders = steps.shape[0] - 2
+        waves = waves_through_outline(
+            body.nodes(orders),
+            (k / body.speed_ratio, k),
+            body.density_ratio,
+            steps,
+            (radius * jnp.stack([jnp.cos(angles), jnp.sin(angles)])).T,
+        )
+        m = np.arange(orders + 1)
+        decay = jnp.cumprod(steps[:-1])
+        # an image has hardly more of these orders than rounding
+        scales = jnp.where(decay < NOTHING, 0.0, (-1.0) ** (m // 2) / decay)
+        return jnp.concatenate([waves[0, 0], -waves[0, 1]]) * jnp.tile(scales, 2)[:, None]
+
+    def at(k: Array, orders: int) -> Array:
+        steps = decay_steps(orders + 1, k / body.speed_ratio * body.radius)
+        nodes = positions.radii, positions.angles
+        return mean_over_nodes(partial(of_node, k, steps), nodes, positions.weights)
+
+    return tuple(
+        jax.lax.map(partial(at, orders=orders), of.frequencies[first:last])
+        for first, last, orders, _, _ in of.groups
+    )
 
 
 def _part(of: Series, through: Array | None, first: int, last: int) -> tuple[Array, ...]:
