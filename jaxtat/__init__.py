@@ -18,6 +18,7 @@ __all__ = [
     "ImageGrid",
     "NoiseLevel",
     "NormBound",
+    "OutlineBody",
     "Reconstruction",
     "ReconstructionPlan",
     "RelativeCutoff",

@@ -17,6 +17,7 @@ from .fitting import model_based
 from .geometry import (
     DiskBody,
     ImageGrid,
+    OutlineBody,
     VisibilityWarning,
     VolumeGrid,
     circular_arc,

@@ -16,7 +16,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap, sequential_vmap
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Inexact
 
 
 def cholesky_solve(
@@ -37,9 +37,9 @@ def cholesky_solve(
 
 
 def lu_solve(
-    matrix: Float[Array, "blocks r r"], rhs: Float[Array, "blocks r columns"]
-) -> Float[Array, "blocks r columns"]:
-    """matrix^-1 rhs of any regular blocks.
+    matrix: Inexact[Array, "blocks r r"], rhs: Inexact[Array, "blocks r columns"]
+) -> Inexact[Array, "blocks r columns"]:
+    """matrix^-1 rhs of any regular blocks, real or complex.
 
     >>> lu_solve(jnp.array([[[0.0, 2.0], [1.0, 0.0]]]), jnp.array([[[4.0], [3.0]]])).tolist()
     [[[3.0], [2.0]]]
@@ -111,8 +111,8 @@ def qr(
 
 
 def product_of_blocks(
-    matrix: Float[Array, "blocks m r"], columns: Float[Array, "blocks r c"]
-) -> Float[Array, "blocks m c"]:
+    matrix: Inexact[Array, "blocks m r"], columns: Inexact[Array, "blocks r c"]
+) -> Inexact[Array, "blocks m c"]:
     """Block by block: products of batches do not reach the fast library routine."""
     return jnp.stack([block @ part for block, part in zip(matrix, columns, strict=True)])
 

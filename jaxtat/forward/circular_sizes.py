@@ -1,5 +1,6 @@
 """Sizes of the fast integrals over circles, chosen once from concrete positions."""
 
+from bisect import bisect_left
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -11,8 +12,18 @@ import scipy.special
 from jaxtyping import Float
 
 from ..base.size_ladder import rung
-from ..geometry import CircularArc, DetectorCurve, DiskBody, ImageGrid, circle_through
+from ..geometry import (
+    Body,
+    CircularArc,
+    DetectorCurve,
+    DiskBody,
+    ImageGrid,
+    OutlineBody,
+    circle_through,
+)
+from ..geometry.circles import ROUNDING
 from ..geometry.elements import enough_nodes
+from .circular_harmonics import LARGE
 
 # Of a body's radius, up to which images are taken at least: all of a region that may reach to 1.25
 # has orders enough, and beyond it the waves of the body grow without meaning.
@@ -22,6 +33,7 @@ MARGIN = 1.04  # of the period over the farthest pixel from a detector: position
 # at most so many groups of frequencies with as many orders; off a circle each has its own table
 GROUPS, GROUPS_OFF_CIRCLE = 8, 4
 WORTH_A_GROUP = 60  # frequencies: each group is compiled by itself
+LEFT_OUT = 1e-11  # of waves about the detectors' circle, where Y is large
 
 
 class CircleSizes(eqx.Module):
@@ -30,25 +42,29 @@ class CircleSizes(eqx.Module):
     Attributes:
         period: T, beyond which no circle about a detector meets the image [length].
         n_frequencies: of the zeros j_k of J_0 with about j_k / T <= π / pixel.
-        groups: (first, last + 1, highest order M, directions over a whole turn) of frequencies
-            that share them.
+        groups: (first, last + 1, highest order M, directions over a whole turn, highest order
+            about the detectors' circle) of frequencies that share them. The last is 0 where waves
+            are not moved there, see `circular_harmonics`.
         n_nodes: on elements of finite width.
         reach: of the image from the centre of the waves, times its frequencies over lambda
             [length].
         ratio: those frequencies over lambda: c_2/c_1 of a body, else 1.
+        moved: from the centre of the waves to that of the detectors' circle, and the least radius
+            of this; none where waves are not moved [length].
     """
 
     period: float = eqx.field(static=True)
     n_frequencies: int = eqx.field(static=True)
-    groups: tuple[tuple[int, int, int, int], ...] = eqx.field(static=True)
+    groups: tuple[tuple[int, int, int, int, int], ...] = eqx.field(static=True)
     n_nodes: int = eqx.field(static=True)
     reach: float = eqx.field(static=True)
     ratio: float = eqx.field(static=True)
+    moved: tuple[float, ...] = eqx.field(static=True, default=())
 
     def with_period(self, period: float) -> "CircleSizes":
         """As many frequencies more as another period needs up to the same highest one."""
         n, period = _on_ladder(period, float(self.frequencies[-1]))
-        groups = _groups(zeros_of_j0(n) / period, self.reach, len(self.groups))
+        groups = _groups(zeros_of_j0(n) / period, self.reach, len(self.groups), self.moved)
         return replace(self, period=period, n_frequencies=n, groups=groups)
 
     @property
@@ -68,14 +84,14 @@ class CircleSizes(eqx.Module):
 
     def first(self, n: int) -> "CircleSizes":
         """The sizes of the first n frequencies alone, for an image on coarser pixels."""
-        groups = tuple((a, min(b, n), m, turn) for a, b, m, turn in self.groups if a < n)
+        groups = tuple((a, min(b, n), *more) for a, b, *more in self.groups if a < n)
         return replace(self, n_frequencies=n, groups=groups)
 
 
 def circle_sizes(
     curve: DetectorCurve,
     grid: ImageGrid,
-    medium: DiskBody | None = None,
+    medium: Body | None = None,
 ) -> CircleSizes:
     """The sizes of a concrete geometry: T by its farthest pixel, orders by the image's reach.
 
@@ -90,14 +106,15 @@ def circle_sizes(
     spacing, points = np.asarray(grid.spacing), np.asarray(curve.points)
     corners = center + half_width * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
     reach = farthest = 0.0
-    ratio = slow = 1.0
+    ratio, slow, moved = 1.0, 1.0, ()
     circle = _circle_center(curve)
     centers = [center] if circle is None else [circle]
     if medium is not None:
-        circle, centers = None, [np.asarray(medium.center)]
+        centers = [np.asarray(medium.center)]
+        moved = _moved(curve, circle, medium)
         ratio = 1 / float(medium.speed_ratio)
         slow = max(1.0, ratio)
-    if circle is not None and not isinstance(curve, CircularArc):
+    elif circle is not None and not isinstance(curve, CircularArc):
         centers.append(center)  # about which the waves are taken when positions are traced
     for about in centers:
         reach = max(reach, float(np.hypot(*(corners - about).T).max()))
@@ -108,11 +125,22 @@ def circle_sizes(
         period = farthest + slow * reach + ECHOES * float(medium.radius)
     period, highest = MARGIN * period, np.pi / float(spacing.max()) / ratio
     n, period = _on_ladder(period, highest)
-    most = GROUPS if circle is not None else GROUPS_OFF_CIRCLE
-    groups = _groups(zeros_of_j0(n) / period, ratio * reach, min(most, 1 + n // WORTH_A_GROUP))
+    off = circle is None or isinstance(medium, OutlineBody)
+    most = GROUPS_OFF_CIRCLE if off else GROUPS
+    n_groups = min(most, 1 + n // WORTH_A_GROUP)
+    groups = _groups(zeros_of_j0(n) / period, ratio * reach, n_groups, moved)
     # more than densities need: the error is 1e-9 instead of 5e-6
     n_nodes = 1 if curve.element_width is None else 4 + enough_nodes(curve.element_width, highest)
-    return CircleSizes(period, n, groups, n_nodes, ratio * reach, ratio)
+    return CircleSizes(period, n, groups, n_nodes, ratio * reach, ratio, moved)
+
+
+def _moved(curve: DetectorCurve, circle: Any, medium: Body) -> tuple[float, ...]:
+    """`CircleSizes.moved`, with room for other positions."""
+    if circle is None or not isinstance(medium, DiskBody):
+        return ()
+    away = float(np.hypot(*(circle - np.asarray(medium.center))))
+    radius = float(np.hypot(*(np.asarray(curve.points) - circle).T).min())
+    return () if away <= ROUNDING * radius else (MARGIN * away, radius)
 
 
 def _on_ladder(period: float, highest: float) -> tuple[int, float]:
@@ -123,16 +151,37 @@ def _on_ladder(period: float, highest: float) -> tuple[int, float]:
 
 
 def _groups(
-    frequencies: Float[np.ndarray, " frequencies"], reach: float, n_groups: int
-) -> tuple[tuple[int, int, int, int], ...]:
+    frequencies: Float[np.ndarray, " frequencies"],
+    reach: float,
+    n_groups: int,
+    moved: tuple[float, ...],
+) -> tuple[tuple[int, int, int, int, int], ...]:
     n = len(frequencies)
-    bounds = np.unique(np.linspace(0, n, n_groups + 1).round().astype(int))
+    low = 0 if not moved else _first_moved(frequencies, reach + moved[0], moved[1])
+    bounds = np.linspace(low, n, n_groups + 1).round().astype(int)
     groups = []
-    for first, last in pairwise(bounds):
-        orders = rung(highest_order(float(frequencies[last - 1]) * reach))
+    for first, last in pairwise(np.unique([0, *bounds])):
+        highest = float(frequencies[last - 1])
+        orders, outer = rung(highest_order(highest * reach)), 0
+        if moved and last > low:
+            outer = rung(highest_order(highest * (reach + moved[0])))
         turn = 2 * int(scipy.fft.next_fast_len(orders + 1, real=True) or 0)
-        groups.append((int(first), int(last), orders, turn))
+        groups.append((int(first), int(last), orders, turn, outer))
     return tuple(groups)
+
+
+def _first_moved(
+    frequencies: Float[np.ndarray, " frequencies"], reach: float, radius: float
+) -> int:
+    """From which frequency on orders with a large Y_n(k radius) have a J_n(k reach) of nothing."""
+
+    def exact(frequency: float) -> bool:
+        n = np.arange(highest_order(frequency * max(reach, radius)) + 1)
+        large = scipy.special.yv(n, frequency * radius) < -LARGE
+        lost = np.abs(scipy.special.jv(n, frequency * reach))[large]
+        return bool(LARGE * lost.max(initial=0.0) < LEFT_OUT)
+
+    return bisect_left(frequencies, True, key=exact)
 
 
 def highest_order(x: float) -> int:

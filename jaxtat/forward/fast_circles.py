@@ -24,20 +24,34 @@ Through a body of another speed of sound G is the real part of
 
 about the body's centre, lambda that of the water and t_m of `special.transmission`, times what
 sources in the body count for. It takes the place of J_m; g is what integrals would be that give the
-same record in water alone. They do not quite vanish beyond T, for which T has a margin.
+same record in water alone. They do not quite vanish beyond T, for which T has a margin. Where the
+detectors lie on a circle about another centre the waves are moved there, see `circular_harmonics`.
+Of a body with any outline t_m H_m (cos|sin)(m theta) become what `special.outline_waves` has.
 
 Source: the series: DLMF 10.23.18 and Watson, Theory of Bessel Functions (1944), chapter XVIII.
 """
+
+from functools import partial
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.fft
 from jaxtyping import Array, Complex, Float
 
 from ..base.checks import is_concrete
 from ..base.rows import map_rows
-from ..geometry import Circle, CircularArc, DetectorCurve, DiskBody, ImageGrid, circle_through
+from ..geometry import (
+    Body,
+    Circle,
+    CircularArc,
+    DetectorCurve,
+    DiskBody,
+    ImageGrid,
+    OutlineBody,
+    circle_through,
+)
 from ..geometry.circles import ROUNDING
 from ..geometry.elements import (
     gauss_rule,
@@ -45,12 +59,22 @@ from ..geometry.elements import (
     nodes_touching_circle,
     touch_circle,
 )
-from ..special import from_grid, hankel_sequence, j0, j1, transmitted_sequence
+from ..special import (
+    decay_steps,
+    from_grid,
+    hankel_sequence,
+    j0,
+    j1,
+    transmitted_factors,
+    waves_through_outline,
+)
+from .circular_harmonics import MovedWaves, half_turn_of, harmonics_of, signs, within_reason
 from .circular_sizes import CircleSizes
 
 # bytes of cosines and sines up to which a product with them is faster than a non-uniform FFT
 DENSE = 2**24
 KEPT = 1.5e9  # bytes of waves at detectors off a circle, above which they are made anew each time
+NOTHING = 1e-10  # of a wave in an image, with the factors of an outline
 TOGETHER = 8  # frequencies whose waves are made at once
 
 
@@ -97,11 +121,13 @@ class Series(eqx.Module):
 
     frequencies: Float[Array, " frequencies"]
     period: Float[Array, ""]
-    groups: tuple[tuple[int, int, int, int], ...] = eqx.field(static=True)
+    groups: tuple[tuple[int, int, int, int, int], ...] = eqx.field(static=True)
 
     @property
     def last_order(self) -> int:
-        return self.groups[-1][2]
+        """Of all waves about the centre of a circle."""
+        _, _, orders, _, moved = self.groups[-1]
+        return moved or orders
 
 
 class CircleIntegrals(eqx.Module):
@@ -109,18 +135,22 @@ class CircleIntegrals(eqx.Module):
 
     Attributes:
         samples: where the transform of the image is needed.
-        positions: of the detectors.
+        positions: of the detectors about the centre of the image's waves.
+        angles: of detectors on a circle, about its centre; else None [rad].
         radial: (-i)^m J_m(lambda_k R), m >= 0, on a circle: (frequencies, orders), of elements the
             mean of J_m(lambda |z|) cos m (theta - theta_k); else None.
+        moved: for each group of frequencies the waves about the centre of a circle that is not the
+            one of the body; None of few orders, and everywhere else.
         turned: cos m theta and -sin m theta on a circle, (2, orders, detectors); None of many
             detectors, and elsewhere.
         middle: exp(i m theta) of the order in the middle of each group, of many detectors on a
             circle, (groups, detectors); else None.
         tables: elsewhere J_m(lambda |z|) cos m theta and sin m theta with these factors, for each
-            group of frequencies (frequencies, pairs, detectors); none on a circle, and where they
+            group of frequencies (frequencies, pairs, detectors); None on a circle, and where they
             would not fit into memory and are made anew each time.
         series: (2 r/T²) J_0(lambda_k r) / J_1(lambda_k T)², times the low-pass.
-        medium: a body of another speed of sound.
+        through: real and minus imaginary part of t_m, (frequencies, 2, orders); None in one speed
+            of sound.
         of: the frequencies.
         shape: of the image.
         tolerance: of the non-uniform FFT.
@@ -128,12 +158,14 @@ class CircleIntegrals(eqx.Module):
 
     samples: PolarSamples
     positions: Positions
+    angles: Float[Array, " detectors"] | None
     radial: Float[Array, "frequencies orders"] | None
+    moved: tuple[MovedWaves | None, ...]
     turned: Float[Array, "2 orders detectors"] | None
     middle: Complex[Array, "groups detectors"] | None
-    tables: tuple[Float[Array, "..."], ...]
+    tables: tuple[Float[Array, "..."] | None, ...]
     series: Float[Array, "frequencies radii"]
-    medium: DiskBody | None
+    through: Float[Array, "frequencies 2 inner_orders"] | None
     of: Series
     shape: tuple[int, int] = eqx.field(static=True)
     tolerance: float = eqx.field(static=True)
@@ -142,47 +174,57 @@ class CircleIntegrals(eqx.Module):
         images = jax.lax.complex(images, jnp.zeros_like(images))
         values = from_grid(images, self.samples.points, self.tolerance) * self.samples.factors
         parts, start = [], 0
-        for number, (first, last, orders, turn) in enumerate(self.of.groups):
+        for number, (first, last, orders, turn, _) in enumerate(self.of.groups):
             stop = start + (last - first) * (turn // 2)
             part = values[:, start:stop].reshape(-1, last - first, turn // 2)
-            parts.append(self._at_detectors(number, _harmonics(part, orders)))
+            parts.append(self._at_detectors(number, harmonics_of(part, orders)))
             start = stop
         return jnp.einsum("bkd,kr->bdr", jnp.concatenate(parts, axis=1), self.series)
 
     @property
     def kept(self) -> bool:
         """Whether the waves at the detectors are stored, or recomputed in every product."""
-        return self.radial is not None or bool(self.tables)
+        groups = zip(self.moved, self.tables, strict=True)
+        return self.radial is not None or all(
+            moved is not None or table is not None for moved, table in groups
+        )
 
     def _at_detectors(
         self, number: int, harmonics: Complex[Array, "images k orders"]
     ) -> Float[Array, "images k detectors"]:
         """G(z, lambda_k) of the frequencies of one group."""
-        first, last, orders, _ = self.of.groups[number]
+        first, last, orders, _, _ = self.of.groups[number]
+        moved, table = self.moved[number], self.tables[number]
+        if moved is not None:
+            return self._on_circle(number, moved(harmonics))
         if self.radial is not None:
-            harmonics = harmonics * self.radial[first:last, : orders + 1]
-            if self.middle is not None:
-                # about the middle one, which the non-uniform FFT counts from
-                angles = self.positions.angles[:, None]
-                return (from_grid(harmonics, angles, self.tolerance) * self.middle[number]).real
-            assert self.turned is not None
-            cosines, sines = self.turned[:, : orders + 1]
-            return harmonics.real @ cosines + harmonics.imag @ sines
-        if self.tables:
-            return jnp.einsum("bkm,kmd->bkd", _real_pairs(harmonics), self.tables[number])
-        frequencies = self.of.frequencies[first:last]
+            return self._on_circle(number, harmonics * self.radial[first:last, : orders + 1])
+        if table is not None:
+            return jnp.einsum("bkm,kmd->bkd", _real_pairs(harmonics), table)
 
         @jax.checkpoint
-        def at(positions: Positions, frequency: Array, one: Array) -> Array:
-            table = _products(positions, frequency, orders, self.medium)
-            return jnp.einsum("bm,md->bd", _real_pairs(one), table)
+        def at(positions: Positions, one: Array, *wave: Array) -> Array:
+            return jnp.einsum("bm,md->bd", _real_pairs(one), _products(positions, orders, *wave))
 
         values = map_rows(
             lambda item: at(self.positions, *item),
-            (frequencies, jnp.moveaxis(harmonics, 1, 0)),
+            (jnp.moveaxis(harmonics, 1, 0), *_part(self.of, self.through, first, last)),
             TOGETHER,
         )
         return jnp.moveaxis(values, 0, 1)
+
+    def _on_circle(
+        self, number: int, waves: Complex[Array, "images k orders"]
+    ) -> Float[Array, "images k detectors"]:
+        """The real part of Σ_m waves_m exp(i m theta) at the detectors."""
+        if self.middle is not None:
+            assert self.angles is not None
+            # about the middle one, which the non-uniform FFT counts from
+            values = from_grid(waves, self.angles[:, None], self.tolerance)
+            return (values * self.middle[number]).real
+        assert self.turned is not None
+        cosines, sines = self.turned[:, : waves.shape[-1]]
+        return waves.real @ cosines + waves.imag @ sines
 
 
 def circle_integrals(
@@ -192,7 +234,7 @@ def circle_integrals(
     sizes: CircleSizes,
     eta: Float[Array, " frequencies"] | None,
     tolerance: float,
-    medium: DiskBody | None = None,
+    medium: Body | None = None,
 ) -> CircleIntegrals:
     """The operator of a geometry, with all its tables.
 
@@ -204,56 +246,75 @@ def circle_integrals(
         medium: a body of another speed of sound; may be traced.
     """
     # outside of the program: of known detectors it is seen whether they lie on a circle
-    positions = _positions(curve, grid, sizes.n_nodes, medium)
+    circle = _common_circle(curve)
+    about = None if circle is None else _on_circle(curve, circle, sizes.n_nodes)
+    if isinstance(medium, OutlineBody):
+        about = None
+    if about is not None and (medium is None or _concentric(about, medium)):
+        positions = about
+    else:
+        center = grid.center if medium is None else medium.center
+        positions = _positions(curve, center, sizes.n_nodes)
+        about = about if sizes.moved else None
     frequencies, period = jax.device_put((sizes.frequencies, np.float64(sizes.period)))
     of = Series(frequencies, period, sizes.groups)
-    return _integrals(positions, grid, radii, of, eta, tolerance, medium)
+    return _integrals(positions, about, grid, radii, of, eta, tolerance, medium)
 
 
 @eqx.filter_jit
 def _integrals(
     positions: Positions,
+    about: Positions | None,
     grid: ImageGrid,
     radii: Array,
     of: Series,
     eta: Array | None,
     tolerance: float,
-    medium: DiskBody | None,
+    medium: Body | None,
 ) -> CircleIntegrals:
+    """With positions about the centre of a circle too, where there is one."""
     series = _series(radii, of)
+    through = None
     if medium is not None:
         series = series * medium.source_strength
-    round_about = positions.turns is not None
-    dense = round_about and _dense(positions, of)
+        if isinstance(medium, DiskBody):
+            through = _through(of, medium)
+    none: tuple[None, ...] = (None,) * len(of.groups)
+    concentric = positions.turns is not None
+    moved = none if concentric or about is None else _moved(positions, about, of, through)
+    dense = about is not None and _dense(about, of)
     return CircleIntegrals(
         samples=_samples(grid, positions.center, of, medium),
         positions=positions,
-        radial=_radial(positions, of, medium) if round_about else None,
-        turned=_turned(positions.angles, of) if dense else None,
-        middle=_middle(positions.angles, of) if round_about and not dense else None,
-        tables=() if round_about else _tables(positions, of, medium),
+        angles=None if about is None else about.angles,
+        radial=_radial(positions, of, through) if concentric else None,
+        moved=moved,
+        turned=_turned(about.angles, of) if about is not None and dense else None,
+        middle=_middle(about.angles, of) if about is not None and not dense else None,
+        tables=_outline_tables(positions, of, medium)
+        if isinstance(medium, OutlineBody)
+        else none
+        if concentric
+        else _tables(positions, of, through, moved),
         series=series if eta is None else series * eta[:, None],
-        medium=medium,
+        through=through,
         of=of,
         shape=grid.shape,
         tolerance=tolerance,
     )
 
 
-def _positions(
-    curve: DetectorCurve, grid: ImageGrid, n_nodes: int, medium: DiskBody | None
-) -> Positions:
-    """Positions about the centre of the detectors' circle, or of the grid if they lie on none.
-
-    About that of a body, if there is one.
-    """
+def _positions(curve: DetectorCurve, center: Float[Array, "2"], n_nodes: int) -> Positions:
+    """Positions about any centre: that of the grid, or of a body if there is one."""
     points, weights = curve.element_nodes(n_nodes)
-    circle = _common_circle(curve)
-    center = grid.center if medium is None else medium.center
-    if circle is None or (medium is not None and not _concentric(circle, medium)):
-        local = jnp.moveaxis(points, 1, 0) - center
-        angles = jnp.arctan2(local[..., 1], local[..., 0])
-        return Positions(center, jnp.linalg.norm(local, axis=-1), angles, None, weights)
+    local = jnp.moveaxis(points, 1, 0) - center
+    angles = jnp.arctan2(local[..., 1], local[..., 0])
+    return Positions(center, jnp.linalg.norm(local, axis=-1), angles, None, weights)
+
+
+def _on_circle(curve: DetectorCurve, circle: Circle, n_nodes: int) -> Positions:
+    """Positions about the centre of the detectors' circle."""
+    weights = curve.element_nodes(n_nodes)[1]
     if isinstance(curve, CircularArc):
         # in a turn about zero, where rounding to 32 bits loses least
         angles = jnp.mod(curve.angle + curve.angles, 2 * jnp.pi) - jnp.pi
@@ -280,22 +341,20 @@ def _common_circle(curve: DetectorCurve) -> Circle | None:
     return circle if touch_circle(curve.normals, outward, ROUNDING) else None
 
 
-def _concentric(circle: Circle, medium: DiskBody) -> bool:
+def _concentric(about: Positions, medium: Body) -> bool:
     """Whether the centre of detectors is that of a body, both known."""
-    if not is_concrete(circle, medium.center):
+    if not is_concrete(about.center, about.radii, medium.center):
         return False
-    off = np.asarray(circle.center) - np.asarray(medium.center)
-    return bool(np.hypot(*off) <= ROUNDING * float(circle.radius))
+    off = np.asarray(about.center) - np.asarray(medium.center)
+    return bool(np.hypot(*off) <= ROUNDING * float(about.radii.max()))
 
 
 def _samples(
-    grid: ImageGrid, center: Float[Array, "2"], of: Series, medium: DiskBody | None
+    grid: ImageGrid, center: Float[Array, "2"], of: Series, medium: Body | None
 ) -> PolarSamples:
     frequencies, parts = of.frequencies, []
-    for first, last, _, turn in of.groups:
-        omega = 2 * np.pi / turn * np.arange(turn // 2)
-        directions = np.stack([np.cos(omega), np.sin(omega)], axis=-1)
-        parts.append((frequencies[first:last, None, None] * directions).reshape(-1, 2))
+    for first, last, _, turn, _ in of.groups:
+        parts.append((frequencies[first:last, None, None] * half_turn_of(turn)).reshape(-1, 2))
     xi = jnp.concatenate(parts)
     if medium is not None:
         xi = xi / medium.speed_ratio
@@ -308,14 +367,53 @@ def _samples(
 
 
 def _radial(
-    positions: Positions, of: Series, medium: DiskBody | None
+    positions: Positions, of: Series, through: Array | None
 ) -> Float[Array, "frequencies orders"]:
     """Elements are symmetric about their middle, so that sines have the mean 0."""
-    assert positions.turns is not None
     orders = of.last_order
-    j = _waves(orders, of.frequencies[:, None], positions.radii, medium)
-    cosines = jnp.cos(jnp.arange(orders + 1.0)[:, None] * positions.turns) * positions.weights
-    return jnp.sum(j * cosines[:, None, :], axis=-1).T * _signs(orders)
+    waves = None if through is None else jnp.moveaxis(through, 0, -1)[..., None]
+    j = _waves(orders, of.frequencies[:, None] * positions.radii, waves)
+    return _mean(j, positions) * signs(orders)
+
+
+def _mean(
+    waves: Float[Array, "orders frequencies nodes"], positions: Positions
+) -> Float[Array, "frequencies orders"]:
+    assert positions.turns is not None
+    orders = jnp.arange(float(waves.shape[0]))
+    cosines = jnp.cos(orders[:, None] * positions.turns) * positions.weights
+    return jnp.sum(waves * cosines[:, None, :], axis=-1).T
+
+
+def _through(of: Series, medium: Body) -> Float[Array, "frequencies 2 orders"]:
+    highest, outside = max(group[2] for group in of.groups), of.frequencies * medium.radius
+    inside = outside / medium.speed_ratio
+    real, imaginary = transmitted_factors(highest, inside, outside, medium.density_ratio)
+    return jnp.stack([real.T, -imaginary.T], axis=1)
+
+
+def _moved(
+    positions: Positions, about: Positions, of: Series, through: Array | None
+) -> tuple[MovedWaves | None, ...]:
+    """From the centre of a body to that of the detectors' circle, for each group."""
+    assert through is not None
+    offset, last_order = about.center - positions.center, of.last_order
+    # all frequencies at once: each sequence of orders is a program
+    j, y = hankel_sequence(last_order, of.frequencies[:, None] * about.radii)
+    radial = jnp.stack([_mean(j, about), _mean(within_reason(y), about)]) * signs(last_order)
+
+    def of_group(first: int, last: int, inner: int, outer: int) -> MovedWaves:
+        turn = 2 * int(scipy.fft.next_fast_len(outer + 1, real=True) or 0)
+        phase = of.frequencies[first:last, None] * (half_turn_of(turn) @ offset)
+        phases = jax.lax.complex(jnp.cos(phase), -jnp.sin(phase))
+        few = radial[:, first:last, : outer + 1]
+        factors = jnp.moveaxis(through[first:last, :, : inner + 1], 1, 0)
+        return MovedWaves(factors, phases, few)
+
+    return tuple(
+        of_group(first, last, inner, outer) if outer else None
+        for first, last, inner, _, outer in of.groups
+    )
 
 
 def _dense(positions: Positions, of: Series) -> bool:
@@ -330,74 +428,95 @@ def _turned(angles: Float[Array, " detectors"], of: Series) -> Float[Array, "2 o
 
 def _middle(angles: Float[Array, " detectors"], of: Series) -> Complex[Array, "groups detectors"]:
     """Made here, in 64 bits: in 32 these phases would lose what high orders need."""
-    middle = np.array([(orders + 1) // 2 for _, _, orders, _ in of.groups])
+    middle = np.array([((moved or orders) + 1) // 2 for _, _, orders, _, moved in of.groups])
     phase = middle[:, None] * angles
     return jax.lax.complex(jnp.cos(phase), jnp.sin(phase))
 
 
 def _tables(
-    positions: Positions, of: Series, medium: DiskBody | None
-) -> tuple[Float[Array, "..."], ...]:
-    entries = sum((last - first) * 2 * (m + 1) for first, last, m, _ in of.groups)
+    positions: Positions,
+    of: Series,
+    through: Array | None,
+    moved: tuple[MovedWaves | None, ...],
+) -> tuple[Float[Array, "..."] | None, ...]:
+    """Of all groups that are not moved, or of none if these do not fit."""
+    groups = [
+        group if there is None else None for group, there in zip(of.groups, moved, strict=True)
+    ]
+    entries = sum((group[1] - group[0]) * 2 * (group[2] + 1) for group in groups if group)
     if 8 * entries * positions.angles.shape[-1] > KEPT:
-        return ()
-    return tuple(
-        map_rows(
-            lambda frequency, orders=orders: _products(positions, frequency, orders, medium),
-            of.frequencies[first:last],
+        return (None,) * len(groups)
+
+    def of_group(first: int, last: int, orders: int) -> Array:
+        return map_rows(
+            lambda wave: _products(positions, orders, *wave),
+            _part(of, through, first, last),
             TOGETHER,
         )
-        for first, last, orders, _ in of.groups
+
+    return tuple(None if group is None else of_group(*group[:3]) for group in groups)
+
+
+def _outline_tables(
+    positions: Positions, of: Series, body: OutlineBody
+) -> tuple[Float[Array, "..."], ...]:
+    """`_products` of a body with an outline, which take long and are always kept."""
+
+    def of_node(k: Array, steps: Array, node: tuple[Array, Array]) -> Array:
+        radius, angles = node
+        orders = steps.shape[0] - 2
+        waves = waves_through_outline(
+            body.nodes(orders),
+            (k / body.speed_ratio, k),
+            body.density_ratio,
+            steps,
+            (radius * jnp.stack([jnp.cos(angles), jnp.sin(angles)])).T,
+        )
+        m = np.arange(orders + 1)
+        decay = jnp.cumprod(steps[:-1])
+        # an image has hardly more of these orders than rounding
+        scales = jnp.where(decay < NOTHING, 0.0, (-1.0) ** (m // 2) / decay)
+        return jnp.concatenate([waves[0, 0], -waves[0, 1]]) * jnp.tile(scales, 2)[:, None]
+
+    def at(k: Array, orders: int) -> Array:
+        steps = decay_steps(orders + 1, k / body.speed_ratio * body.radius)
+        nodes = positions.radii, positions.angles
+        return mean_over_nodes(partial(of_node, k, steps), nodes, positions.weights)
+
+    return tuple(
+        jax.lax.map(partial(at, orders=orders), of.frequencies[first:last])
+        for first, last, orders, _, _ in of.groups
     )
 
 
-def _waves(
-    orders: int, frequency: Float[Array, "..."], radii: Array, medium: DiskBody | None
-) -> Float[Array, "orders ..."]:
-    """J_m(lambda |z|), through a body the real part of t_m H_m(lambda |z|)."""
-    x = frequency * radii
-    if medium is None:
-        return hankel_sequence(orders, x)[0]
-    outer = frequency * medium.radius
-    inner = outer / medium.speed_ratio
-    return transmitted_sequence(orders, inner, outer, medium.density_ratio, x)
+def _part(of: Series, through: Array | None, first: int, last: int) -> tuple[Array, ...]:
+    """Frequencies of a group, and what goes through a body."""
+    each = (of.frequencies,) if through is None else (of.frequencies, through)
+    return tuple(values[first:last] for values in each)
+
+
+def _waves(orders: int, x: Array, through: Array | None) -> Float[Array, "orders ..."]:
+    """J_m(x), through a body the real part of t_m H_m(x); factors as (2, orders, ...)."""
+    j, y = hankel_sequence(orders, x)
+    return j if through is None else through[0, : orders + 1] * j + through[1, : orders + 1] * y
 
 
 def _products(
-    positions: Positions, frequency: Float[Array, ""], orders: int, medium: DiskBody | None
+    positions: Positions, orders: int, frequency: Float[Array, ""], through: Array | None = None
 ) -> Float[Array, "pairs detectors"]:
     """(-i)^m J_m(lambda |z|) (cos m theta, -sin m theta), for the real parts of harmonics."""
+    factors = None if through is None else through[..., None]
 
     def of_node(node: tuple[Array, Array]) -> Array:
         radii, angles = node
-        j = _waves(orders, frequency, radii, medium)
+        j = _waves(orders, frequency * radii, factors) * signs(orders)[:, None]
         phase = jnp.arange(orders + 1.0)[:, None] * angles
-        factors = j * _signs(orders)[:, None]
-        return jnp.concatenate([factors * jnp.cos(phase), -factors * jnp.sin(phase)])
+        return jnp.concatenate([j * jnp.cos(phase), -j * jnp.sin(phase)])
 
     nodes = positions.radii, positions.angles
     if positions.radii.shape[0] == 1:
         return of_node((positions.radii[0], positions.angles[0]))
     return mean_over_nodes(of_node, nodes, positions.weights)
-
-
-def _signs(orders: int) -> Float[np.ndarray, " orders"]:
-    """(-i)^m of even m, (-i)^m i of odd m, for m and -m together."""
-    m = np.arange(orders + 1)
-    return np.where(m > 0, 2.0, 1.0) * (-1.0) ** (m // 2)
-
-
-def _harmonics(
-    values: Complex[Array, "images k half_turn"], orders: int
-) -> Complex[Array, "images k orders"]:
-    """H_m, m = 0..M, with F_m = H_m for even and i H_m for odd m.
-
-    f is real, F = a + i b with a(-xi) = a(xi) and b(-xi) = -b(xi): of the real function a + b the
-    even harmonics are those of a, the odd ones those of b.
-    """
-    a, b = values.real, values.imag
-    turn = jnp.concatenate([a + b, a - b], axis=-1)
-    return jnp.fft.rfft(turn, norm="forward")[..., : orders + 1]
 
 
 def _real_pairs(values: Complex[Array, "*n orders"]) -> Float[Array, "*n pairs"]:

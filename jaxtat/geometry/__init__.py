@@ -6,7 +6,7 @@ radius of the region of interest as in the paper.
 
 from .arcs import ArcFit, fit_arc, order_along_curve
 from .balls import Ball, ball
-from .bodies import DiskBody, region_about, require_surrounded
+from .bodies import Body, DiskBody, OutlineBody, region_about, require_surrounded
 from .caps import DetectorPoints, SphericalCap, spherical_cap
 from .circles import Circle, circle_through, fit_circle, near_circle
 from .curves import CircularArc, DetectorCurve, SampledCurve, circular_arc, turned_views
@@ -25,6 +25,7 @@ __all__ = [
     "VISIBLE",
     "ArcFit",
     "Ball",
+    "Body",
     "Circle",
     "CircularArc",
     "DetectorCurve",
@@ -34,6 +35,7 @@ __all__ = [
     "DiskBody",
     "Grid",
     "ImageGrid",
+    "OutlineBody",
     "Polygon",
     "Region",
     "RegionUnion",

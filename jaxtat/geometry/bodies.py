@@ -1,22 +1,60 @@
-"""A body whose speed of sound differs from that of the water around it."""
+"""A body whose speed of sound differs from that of the water around it: a disk, or any outline."""
 
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, by_library, is_concrete, real_array, require_positive
 from ..base.hashable_methods import ComparedByIdentity
-from ..special import root
+from ..special import OutlineNodes, outline_sizes, root
 from .curves import DetectorCurve
 from .regions import Disk, Region, disk
 
 SPEEDS = 0.7, 1.4  # of the body over the water: no tissue is farther from water
+FEWEST, ELLIPSE = 8, 16  # points of an outline, and of an ellipse, whose degree is 1
+DENSE = 360  # points of an outline, for sizes and checks
 BEYOND = 1.25  # of the body's radius, up to which its waves may be continued outside
 
 
-class DiskBody(ComparedByIdentity, eqx.Module):
+class Body(ComparedByIdentity, eqx.Module):
+    """What all bodies have: the medium of a `Setup`.
+
+    All numbers are traced. The speeds count by their ratio alone, except where times are given.
+
+    Attributes:
+        center: about which its waves are taken, (2,) [length].
+        radius: how far it reaches from there [length].
+        sound_speed: c_1, in the body [length/time].
+        water_speed: c_2, around it [length/time].
+        density_ratio: rho_1/rho_2, of body and water.
+    """
+
+    center: eqx.AbstractVar[Float[Array, "2"]]
+    radius: eqx.AbstractVar[Float[Array, ""]]
+    sound_speed: eqx.AbstractVar[Float[Array, ""]]
+    water_speed: eqx.AbstractVar[Float[Array, ""]]
+    density_ratio: eqx.AbstractVar[Float[Array, ""]]
+
+    @property
+    def speed_ratio(self) -> Float[Array, ""]:
+        """c_1/c_2; waves of k in the body have the number k c_1/c_2 in water."""
+        return self.sound_speed / self.water_speed
+
+    @property
+    def source_strength(self) -> Float[Array, ""]:
+        """rho_2 c_2² / (rho_1 c_1²), the pressure of a source in the body over that in water."""
+        return 1 / (self.speed_ratio**2 * self.density_ratio)
+
+    @property
+    def equal_radius(self) -> Float[Array, ""]:
+        """Of a disk of the same area [length]."""
+        return self.radius
+
+
+class DiskBody(Body):
     """|x - c| < a with the speed of sound c_1, in water of c_2: the medium of a `Setup`.
 
     All numbers are traced. The speeds count by their ratio alone, except where times are given.
@@ -61,27 +99,195 @@ class DiskBody(ComparedByIdentity, eqx.Module):
         1.0267
         """
         self.center = real_array("center", center, (2,))
-        numbers = {
-            "radius": radius,
-            "sound_speed": sound_speed,
-            "water_speed": water_speed,
-            "density_ratio": density_ratio,
-        }
-        for name, number in numbers.items():
-            value = real_array(name, number, ())
-            require_positive(name, value)
-            setattr(self, name, value)
-        _require_similar(self.sound_speed, self.water_speed)
+        radius = real_array("radius", radius, ())
+        require_positive("radius", radius)
+        self.radius = radius
+        speeds = _speeds(sound_speed, water_speed, density_ratio)
+        self.sound_speed, self.water_speed, self.density_ratio = speeds
+
+
+class OutlineBody(Body):
+    """A smooth closed outline with the speed of sound c_1 in it, in water of c_2.
+
+    The outline is the trigonometric polynomial through its points, in equal steps of the parameter:
+    x(t) = Σ_m a_m exp(i m t), x as a complex number. All numbers are traced.
+
+    Attributes:
+        points: of the outline, in their order, (points, 2) [length].
+        sound_speed, water_speed: c_1 and c_2 [length/time].
+        density_ratio: rho_1/rho_2, of body and water.
+    """
+
+    points: Float[Array, "points 2"]
+    sound_speed: Float[Array, ""]
+    water_speed: Float[Array, ""]
+    density_ratio: Float[Array, ""]
+
+    def __init__(
+        self,
+        points: Numbers,
+        sound_speed: Numbers,
+        water_speed: Numbers,
+        density_ratio: Numbers = 1.0,
+    ):
+        """A body with any smooth outline.
+
+        Args:
+            points: on the outline, in their order, (points, 2) [length]; distances between
+                neighbours may vary slowly. 16 to 64 are enough for smooth outlines.
+            sound_speed: c_1 > 0, in the body, 0.7 to 1.4 of the water's [length/time].
+            water_speed: c_2 > 0 [length/time].
+            density_ratio: rho_1/rho_2 > 0.
+
+        Raises:
+            ValueError: for fewer than 8 points, NaN, an outline that crosses itself or is not seen
+                whole from the mean of its points, and numbers as of `DiskBody`.
+
+        >>> angles = np.arange(16) * np.pi / 8
+        >>> body = OutlineBody(np.stack([np.cos(angles), np.sin(angles)], axis=1), 1.04, 1.0)
+        >>> round(float(body.radius), 12), round(float(body.equal_radius), 12)
+        (1.0, 1.0)
+        """
+        self.points = real_array("points", points, ("points", 2))
+        if self.points.shape[0] < FEWEST:
+            raise ValueError(
+                f"the outline has {self.points.shape[0]} points, expected at least {FEWEST}."
+            )
+        speeds = _speeds(sound_speed, water_speed, density_ratio)
+        self.sound_speed, self.water_speed, self.density_ratio = speeds
+        _require_simple(self)
+
+    @classmethod
+    def ellipse(
+        cls,
+        center: Numbers,
+        half_axes: Numbers,
+        sound_speed: Numbers,
+        water_speed: Numbers,
+        density_ratio: Numbers = 1.0,
+        *,
+        angle: Numbers = 0.0,
+    ) -> "OutlineBody":
+        """A body that is an ellipse.
+
+        Args:
+            center: (2,) [length].
+            half_axes: a, b > 0, (2,) [length].
+            sound_speed, water_speed, density_ratio: as of any outline.
+            angle: from the first axis to that of a [rad].
+
+        >>> body = OutlineBody.ellipse((0.1, 0.0), (0.5, 0.4), 1540.0, 1500.0)
+        >>> round(float(body.radius), 12), np.round(body.center, 12).tolist()
+        (0.5, [0.1, 0.0])
+        """
+        middle, axes = real_array("center", center, (2,)), real_array("half_axes", half_axes, (2,))
+        turn = real_array("angle", angle, ())
+        require_positive("half_axes", axes)
+        t = 2 * np.pi / ELLIPSE * np.arange(ELLIPSE)
+        x, y = axes[0] * np.cos(t), axes[1] * np.sin(t)
+        cosine, sine = jnp.cos(turn), jnp.sin(turn)
+        points = jnp.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
+        return cls(middle + points, sound_speed, water_speed, density_ratio)
+
+    @property  # of arrays, as the disk's field is
+    def center(  # pyright: ignore[reportIncompatibleVariableOverride]
+        self,
+    ) -> Float[Array, "2"]:
+        """The mean of its points [length]."""
+        return by_library(lambda xp, points: xp.mean(points, axis=0), (self.points,))
 
     @property
-    def speed_ratio(self) -> Float[Array, ""]:
-        """c_1/c_2; waves of k in the body have the number k c_1/c_2 in water."""
-        return self.sound_speed / self.water_speed
+    def radius(  # pyright: ignore[reportIncompatibleVariableOverride]
+        self,
+    ) -> Float[Array, ""]:
+        """The largest distance from the centre [length]."""
+        return by_library(_reach_of_outline, (self.points, self.center))
 
     @property
-    def source_strength(self) -> Float[Array, ""]:
-        """rho_2 c_2² / (rho_1 c_1²), the pressure of a source in the body over that in water."""
-        return 1 / (self.speed_ratio**2 * self.density_ratio)
+    def equal_radius(self) -> Float[Array, ""]:
+        """Of a disk of the same area [length]."""
+        return by_library(_equal_radius, (self.points,))
+
+    def nodes(self, n_max: int, axis: Numbers = 0.0) -> OutlineNodes:
+        """The outline about its centre, as waves up to an order need it.
+
+        Args:
+            n_max: highest order.
+            axis: which becomes the first axis [rad].
+        """
+        n_nodes, n_tests = outline_sizes(n_max)
+        turned = _turned(jnp, self.points - self.center, -jnp.asarray(axis))
+        points, slopes = outline_at(jnp, turned, max(n_nodes, 4 * turned.shape[0]))
+        length = jnp.sqrt(jnp.sum(slopes**2, axis=1))
+        # whichever way around the points go
+        area = jnp.sum(points[:, 0] * slopes[:, 1] - points[:, 1] * slopes[:, 0])
+        normals = jnp.stack([slopes[:, 1], -slopes[:, 0]], axis=1) / length[:, None]
+        return OutlineNodes(
+            points=points,
+            normals=jnp.sign(area) * normals,
+            weights=2 * np.pi / points.shape[0] * length,
+            tests=outline_at(jnp, turned, n_tests)[0],
+        )
+
+
+def outline_at(xp: Any, points: Any, n: int) -> tuple[Any, Any]:
+    """The trigonometric polynomial through points, and its slope, at n equal steps."""
+    given, degree = points.shape[0], (points.shape[0] - 1) // 2
+    m, old = np.arange(-degree, degree + 1), 2 * np.pi / given * np.arange(given)
+    # of an even number of points without the highest wave, of which there is one half
+    to_waves = np.exp(-1j * m[:, None] * old) / given
+    waves = np.exp(2j * np.pi / n * np.arange(n)[:, None] * m)
+    return xp.asarray((waves @ to_waves).real) @ points, xp.asarray(
+        (waves @ (1j * m[:, None] * to_waves)).real
+    ) @ points
+
+
+def _turned(xp: Any, points: Any, angle: Any) -> Any:
+    cosine, sine = xp.cos(angle), xp.sin(angle)
+    x, y = points[:, 0], points[:, 1]
+    return xp.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
+
+
+def _reach_of_outline(xp: Any, points: Any, center: Any) -> Any:
+    fine = outline_at(xp, points, DENSE)[0]
+    return root(xp.sum((fine - center) ** 2, axis=1).max(), xp)
+
+
+def _equal_radius(xp: Any, points: Any) -> Any:
+    fine, slopes = outline_at(xp, points, DENSE)
+    area = xp.sum(fine[:, 0] * slopes[:, 1] - fine[:, 1] * slopes[:, 0]) * np.pi / DENSE
+    return root(xp.abs(area) / np.pi, xp)
+
+
+def _require_simple(body: OutlineBody) -> None:
+    """Raise ValueError unless the outline is seen whole from its centre; nothing if traced."""
+    if not is_concrete(body.points):
+        return
+    fine = outline_at(np, np.asarray(body.points), DENSE)[0] - np.asarray(body.center)
+    after = np.roll(fine, -1, axis=0)
+    across = fine[:, 0] * after[:, 1] - fine[:, 1] * after[:, 0]
+    turns = np.arctan2(across, np.sum(fine * after, axis=1))
+    if np.abs(np.abs(turns.sum()) - 2 * np.pi) > 1e-6 or not (turns > 0).all() | (turns < 0).all():
+        raise ValueError(
+            "the outline crosses itself, or is not seen whole from the mean of its points, "
+            f"{np.asarray(body.center)}: pass points in their order around the body, evenly "
+            "spread, and smoothed where they wiggle."
+        )
+
+
+def _speeds(
+    sound_speed: Numbers, water_speed: Numbers, density_ratio: Numbers
+) -> tuple[Array, Array, Array]:
+    numbers = {
+        "sound_speed": sound_speed,
+        "water_speed": water_speed,
+        "density_ratio": density_ratio,
+    }
+    values = {name: real_array(name, number, ()) for name, number in numbers.items()}
+    for name, value in values.items():
+        require_positive(name, value)
+    _require_similar(values["sound_speed"], values["water_speed"])
+    return values["sound_speed"], values["water_speed"], values["density_ratio"]
 
 
 def _require_similar(body: Array, water: Array) -> None:
@@ -96,22 +302,30 @@ def _require_similar(body: Array, water: Array) -> None:
         )
 
 
-def region_about(body: DiskBody, region: Region) -> Disk:
-    """The least disk about the body's centre that holds the region.
+def region_about(body: Body, region: Region) -> Disk:
+    """The least disk about the body's centre that holds the region, and a body with an outline.
 
-    Its radius has a kink where both have one centre; the derivative there is the mean, 0.
+    The waves of an outline are found there. Its radius has a kink where both have one centre; the
+    derivative there is the mean, 0.
     """
-    size = region.radius if isinstance(region, Disk) and region.whole else None
-    where = region.points if size is None else region.center[None]
-    reach = by_library(_farthest, (where, body.center, 0.0 if size is None else size))
+    reach = by_library(_farthest, _where(body, region))
+    if isinstance(body, OutlineBody):
+        reach = by_library(lambda xp, *reaches: xp.maximum(*reaches), (reach, body.radius))
     return disk(reach, center=body.center, n_boundary=region.n_boundary)
+
+
+def _where(body: Body, region: Region) -> tuple[Any, Any, Any]:
+    """Points of a region, the body's centre, and how far the region reaches from the points."""
+    if isinstance(region, Disk) and region.whole:
+        return region.center[None], body.center, region.radius
+    return region.points, body.center, 0.0
 
 
 def _farthest(xp: Any, points: Any, center: Any, more: Any) -> Any:
     return root(xp.sum((points - center) ** 2, axis=1).max(), xp) + more
 
 
-def require_surrounded(curve: DetectorCurve, region: Region, body: DiskBody) -> None:
+def require_surrounded(curve: DetectorCurve, region: Region, body: Body) -> None:
     """Raise ValueError where body, region and detectors do not go together; nothing if traced.
 
     Outside of the body its own waves are continued. Sources there are taken too early or too late
@@ -127,7 +341,7 @@ def require_surrounded(curve: DetectorCurve, region: Region, body: DiskBody) -> 
             "there, expected detectors in the water: make its radius smaller, or check that both "
             "use the same unit of length."
         )
-    reach = float(region_about(body, region).radius)
+    reach = float(by_library(_farthest, _where(body, region)))
     if reach > BEYOND * radius * (1 + 1e-9):
         raise ValueError(
             f"the region reaches {reach:.6g} from the centre of the body, whose radius is "
@@ -137,10 +351,13 @@ def require_surrounded(curve: DetectorCurve, region: Region, body: DiskBody) -> 
 
 
 def lag(
-    body: DiskBody, detectors: Float[Array, "detectors 2"], points: Float[Array, "n 2"]
+    body: Body, detectors: Float[Array, "detectors 2"], points: Float[Array, "n 2"]
 ) -> Float[Array, "detectors n"]:
-    """L (c_2/c_1 - 1), L the part of the straight way from a detector to a point in the body."""
-    where = detectors, points, body.center, body.radius, body.speed_ratio
+    """L (c_2/c_1 - 1), L the part of the straight way from a detector to a point in the body.
+
+    Of an outline that in the disk of its area.
+    """
+    where = detectors, points, body.center, body.equal_radius, body.speed_ratio
     return by_library(_lag, where)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_objects, require_positive
-from .bodies import DiskBody, lag
+from .bodies import Body, lag
 from .curves import DetectorCurve
 from .regions import Region
 
@@ -16,7 +16,7 @@ def data_radii(
     step: Numbers,
     *,
     sources: Region | None = None,
-    medium: DiskBody | None = None,
+    medium: Body | None = None,
 ) -> Float[Array, " radii"]:
     """Equispaced radii r_min, r_min + step, ... up to the first one at or beyond r_max.
 
@@ -91,7 +91,7 @@ def uncovered(
     curve: DetectorCurve,
     region: Region,
     radii: Float[Array, " radii"],
-    medium: DiskBody | None = None,
+    medium: Body | None = None,
 ) -> str:
     """Text about circles that meet the region but have no data; "" for none, or traced ones.
 
@@ -116,9 +116,7 @@ def uncovered(
     return missing
 
 
-def _distances(
-    curve: DetectorCurve, region: Region, medium: DiskBody | None
-) -> tuple[float, float]:
+def _distances(curve: DetectorCurve, region: Region, medium: Body | None) -> tuple[float, float]:
     """Least and largest distance from a detector to the boundary of the region.
 
     Through a body the straight way, as far as water would be crossed in the same time.

@@ -10,8 +10,8 @@ from ..base.checks import named
 from ..densities import Basis
 from ..forward import circle_integrals, sphere_integrals
 from ..geometry import (
+    Body,
     DetectorCurve,
-    DiskBody,
     ImageGrid,
     Region,
     VolumeGrid,
@@ -86,14 +86,14 @@ class Kind(NamedTuple):
 
 
 def _plane_radii(
-    curve: DetectorCurve, region: Region, step: Array, medium: DiskBody | None = None
+    curve: DetectorCurve, region: Region, step: Array, medium: Body | None = None
 ) -> Array:
     if region.automatic:  # the same, whichever setup the region has been in
         region = region.with_counts(region.shared_out(DEFAULT_BOUNDARY))
     return data_radii(curve, region, step, medium=medium)
 
 
-def _require_plane(curve: DetectorCurve, region: Region, medium: DiskBody | None = None) -> None:
+def _require_plane(curve: DetectorCurve, region: Region, medium: Body | None = None) -> None:
     require_outside(curve, region)
     if medium is not None:
         require_surrounded(curve, region, medium)
@@ -115,7 +115,7 @@ PLANE = Kind(
         "curve": (DetectorCurve, "detector_curve(positions) or circular_arc"),
         "region": (Region, "disk(radius), polygon or rectangle"),
         "grid": (ImageGrid, "ImageGrid(n)"),
-        "medium": (DiskBody, "DiskBody"),
+        "medium": (Body, "DiskBody or OutlineBody"),
     },
     radii=_plane_radii,
     radii_per_pixel=1,

@@ -13,7 +13,7 @@ from jaxtyping import Array, Complex, Float
 from ..base.checks import by_library, is_concrete
 from ..densities import Basis, Densities, phases_from, solve_on_boundary
 from ..densities.cylindrical_waves import (
-    BodyKernels,
+    HankelKernels,
     PolarGeometry,
     RuleInputs,
     WaveTable,
@@ -22,7 +22,7 @@ from ..densities.cylindrical_waves import (
     solve_cylindrical_waves,
     wave_table,
 )
-from ..geometry import DetectorCurve, DiskBody, ImageGrid, Region
+from ..geometry import Body, DetectorCurve, ImageGrid, Region
 from ..regularization import (
     DEFAULT_KAPPA,
     RelativeTikhonov,
@@ -151,7 +151,7 @@ class BoundaryTraces(_Solved):
 
 
 def data_kernels(
-    radii: Float[Array, " radii"], sizes: PlaneSizes, medium: DiskBody | None = None
+    radii: Float[Array, " radii"], sizes: PlaneSizes, medium: Body | None = None
 ) -> tuple[Array, Array]:
     """`PlaneBasis.kernels` and `totals`.
 
@@ -187,7 +187,7 @@ def plane_basis(
     radii: Array,
     sizes: PlaneSizes,
     mesh: Mesh | None,
-    medium: DiskBody | None = None,
+    medium: Body | None = None,
 ) -> PlaneBasis:
     """Cylindrical waves if they reach, else the boundary; arguments as in `solve`, checked."""
     common = curve, region, sizes, *data_kernels(radii, sizes, medium)
@@ -252,7 +252,7 @@ def _on_polar_grid(
     """fhat on the polar grid, phases counted from the region's centre."""
     fhat = circular_harmonics_at(harmonics, angles - geometry.axis)
     # the harmonics count them from the centre of the waves
-    if not geometry.disk or isinstance(geometry.kernels, BodyKernels):
+    if not geometry.disk or not isinstance(geometry.kernels, HankelKernels):
         offset = center - geometry.center
         fhat = fhat * phases_from(frequencies, angles, offset)
     return fhat

@@ -14,7 +14,7 @@ from ..base.checks import (
     require_x64,
 )
 from ..base.memory_maps import drop_programs_if_short_of_maps
-from ..geometry import DetectorCurve, DiskBody, Region
+from ..geometry import Body, DetectorCurve, OutlineBody, Region
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, SphericalCap
 from ..spherical.sizes import SpaceSizes
@@ -53,7 +53,7 @@ class Setup(eqx.Module):
     radii: Float[Array, " radii"]
     sizes: PlaneSizes | SpaceSizes
     complete: bool = eqx.field(static=True)
-    medium: DiskBody | None
+    medium: Body | None
 
     def __init__(
         self,
@@ -77,7 +77,8 @@ class Setup(eqx.Module):
             radii: r > 0 of the data, increasing, (radii,) [length]; by default those of
                 `data_radii`, a pixel apart (in space half a voxel). All but `model_based` needs
                 those that cover the region and all other sources.
-            medium: a `DiskBody` in water, in the plane; by default one speed of sound.
+            medium: a `DiskBody` or `OutlineBody` in water, in the plane; by default there is one
+                speed of sound.
             max_frequency: lambda_max [rad/length]; by default π over the larger of pixel and radial
                 step, beyond which neither data nor image hold anything.
             n_directions: by default enough for lambda_max, a multiple of 32.
@@ -125,7 +126,7 @@ class Setup(eqx.Module):
         return kind_of(self.curve)
 
     @property
-    def through(self) -> tuple[DiskBody, ...]:
+    def through(self) -> tuple[Body, ...]:
         """The medium, as one argument more or none."""
         return () if self.medium is None else (self.medium,)
 
@@ -151,7 +152,7 @@ class Setup(eqx.Module):
         region: Any = None,
         grid: Any = None,
         radii: Numbers | None = None,
-        medium: DiskBody | None = None,
+        medium: Body | None = None,
     ) -> "Setup":
         """The same sizes with other positions, which may be traced.
 
@@ -279,6 +280,8 @@ def _sizes_of(part: Any) -> Any:
         return part.shape, None if size is None else size.shape
     if isinstance(part, Region):
         return part.counts
-    if isinstance(part, DiskBody):
+    if isinstance(part, OutlineBody):
+        return part.points.shape
+    if isinstance(part, Body):
         return ()
     return part.shape

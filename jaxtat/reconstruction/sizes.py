@@ -12,14 +12,15 @@ from ..base.cost import Systems, available_memory, most_that_fit, require_room, 
 from ..densities.cylindrical_waves import (
     frequency_groups,
     polar_geometry,
+    require_resolved,
     wave_offset,
     wave_orders,
     waves_reach,
 )
 from ..forward import CircleSizes, circle_sizes
 from ..geometry import (
+    Body,
     DetectorCurve,
-    DiskBody,
     ImageGrid,
     Region,
     near_circle,
@@ -107,7 +108,7 @@ def plane_sizes(
     max_frequency: Numbers | None,
     n_directions: int | None,
     n_groups: int,
-    medium: DiskBody | None = None,
+    medium: Body | None = None,
 ) -> tuple[PlaneSizes, Region]:
     """Sizes of a concrete problem, which is checked, and the region with enough boundary points.
 
@@ -135,6 +136,7 @@ def plane_sizes(
                 (part.start, part.stop, -(-n // 4) * 4)
                 for part, n in frequency_groups(orders, n_groups)
             )
+            require_resolved(geometry, highest, groups[-1][-1])
         if not (groups and geometry.disk):
             require_boundary(region, highest)
         on_quadrature = near_circle(curve)
@@ -167,7 +169,7 @@ def systems_fit(
     polar: tuple[Any, Any],
     cylindrical: bool,
     plan: bool = False,
-    medium: DiskBody | None = None,
+    medium: Body | None = None,
 ) -> None:
     """Raise ValueError unless the systems of step 1 fit into memory, or the densities of a plan.
 

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .sequences import decay_steps, hankel_sequence, scaled_hankel_sequence
+from .sequences import decay_steps, scaled_hankel_sequence
 
 
 @partial(jax.jit, static_argnums=0)
@@ -65,26 +65,6 @@ def transmitted_factors(
     imaginary = slope_1 * y_2 - j_1 * slope_y
     size = (real**2 + imaginary**2) * jnp.pi / 2
     return -imaginary / size, -real / size
-
-
-def transmitted_sequence(
-    n_max: int,
-    inner: Float[Array, "*broadcast"],
-    outer: Float[Array, "*broadcast"],
-    density_ratio: Float[Array, ""],
-    x: Float[Array, "*shape"],
-) -> Float[Array, "orders *shape"]:
-    """The real part of t_n H_n(x), n = 0 .. n_max, which are J_n(x) in one medium.
-
-    Args:
-        n_max: highest order.
-        inner, outer, density_ratio: as in `transmitted_factors`.
-        x: k_2 |z|, positive; against its last axes the others broadcast.
-    """
-    real, imaginary = transmitted_factors(n_max, inner, outer, density_ratio)
-    each = n_max + 1, *[1] * (x.ndim - inner.ndim), *inner.shape
-    j, y = hankel_sequence(n_max, x)
-    return real.reshape(each) * j - imaginary.reshape(each) * y
 
 
 def _slope(j: Array, steps: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.checks import Numbers, data_array, real_array
-from ..geometry import DetectorCurve, DiskBody, Region
+from ..geometry import Body, DetectorCurve, Region
 from ..geometry.bodies import lag
 from ..reconstruction import Setup, forward_operator
 from ..reconstruction.setup import plane_of
@@ -124,7 +124,7 @@ def _compared(g: Array, modelled: Array, meets: Array) -> DataResidual:
 
 @jax.jit
 def _meeting(
-    curve: DetectorCurve, region: Region, radii: Array, medium: DiskBody | None
+    curve: DetectorCurve, region: Region, radii: Array, medium: Body | None
 ) -> Bool[Array, "detectors radii"]:
     """Whether a circle meets the region, which is connected: between its nearest and farthest.
 

@@ -3,6 +3,8 @@
 Exact bells, transposes, derivatives and precision are in tests/reconstruction/test_operator.py.
 """
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,7 +12,17 @@ import numpy as np
 import pytest
 import scipy.special
 
-from jaxtat import ImageGrid, circular_arc, detector_curve, elliptic_arc, phantoms
+from jaxtat import (
+    DiskBody,
+    ImageGrid,
+    Setup,
+    circular_arc,
+    detector_curve,
+    disk,
+    elliptic_arc,
+    forward_operator,
+    phantoms,
+)
 from jaxtat.forward import circle_integrals, circle_sizes
 from jaxtat.geometry import SampledCurve
 
@@ -82,6 +94,38 @@ def test_data_of_wide_elements_are_means_of_those_of_points(kind):
     sizes, image = circle_sizes(wide, grid), np.asarray(bell.image(grid))
     g = integrals(wide, grid, RADII, sizes, image)
     assert np.allclose(g, mean(brute_force(many, grid, RADII, sizes, image)), atol=2e-5)
+
+
+@pytest.mark.parametrize("kind", ["points", "arc", "straight", "many"])
+def test_waves_about_a_body_are_moved_to_the_circle_of_the_detectors(kind, monkeypatch):
+    """As tables of all waves at each detector, which need no circle."""
+    width = None if kind in ("points", "many") else 0.1
+    curve = circular_arc(1.3, 1.0, 6, element_width=width)
+    if kind == "straight":
+        curve = detector_curve(curve.points, element_width=width)
+    if kind == "many":  # by non-uniform FFTs
+        monkeypatch.setattr("jaxtat.forward.fast_circles.DENSE", 0)
+    grid, body = ImageGrid(65, 0.5, (0.2, -0.1)), DiskBody((0.2, -0.1), 0.5, 1.1, 1.0, 1.05)
+    sizes = circle_sizes(curve, grid, body)
+    low, moved = sizes.groups[0], sizes.groups[1:]
+    assert low[-1] == 0 < min(group[-1] for group in moved)
+    noise = np.random.default_rng(1).standard_normal((1, *grid.shape))
+    image = jnp.where(disk(0.5, center=(0.2, -0.1)).contains(grid.points), noise, 0.0)
+    g, wanted = (
+        circle_integrals(curve, grid, RADII, each, None, 1e-11, body)(image)
+        for each in (sizes, replace(sizes, moved=()))
+    )
+    assert np.abs(g - wanted).max() < 1e-8 * np.abs(wanted).max()
+
+
+def test_moved_waves_in_single_precision():
+    curve, grid = circular_arc(1.0, 0.97, 20), ImageGrid(65, 0.8, (0.15, 0.0))
+    body = DiskBody((0.15, 0.0), 0.8, 0.95, 1.0)  # 0.05 from a detector: the worst case
+    region = disk(0.8, center=(0.15, 0.0))
+    setup = Setup(curve, region, grid, medium=body, max_frequency=8.0)
+    image = phantoms.Bells([[0.3, 0.2]], [0.4]).image(grid)
+    single, double = (forward_operator(setup, dtype=dtype)(image) for dtype in ("f4", "f8"))
+    assert np.abs(single - double).max() < 3e-5 * np.abs(double).max()
 
 
 def sampled(points):

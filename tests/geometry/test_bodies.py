@@ -8,6 +8,7 @@ import pytest
 from jaxtat import (
     DiskBody,
     ImageGrid,
+    OutlineBody,
     Setup,
     VolumeGrid,
     circular_arc,
@@ -94,3 +95,23 @@ def test_radii_are_those_of_the_time_in_water():
     setup = Setup(curve, region, ImageGrid(21, 0.45), radii[:-10], medium=body)
     assert not setup.complete
     assert Setup(curve, region, ImageGrid(21, 0.45), radii[:-10]).complete
+
+
+@pytest.mark.parametrize(
+    ("points", "speeds", "message"),
+    [
+        (np.ones((5, 2)), (1.0, 1.0), "outline has 5 points, expected at least 8"),
+        (np.full((9, 2), np.nan), (1.0, 1.0), "points .*NaN"),
+        ("eight", (1.0, 1.0), "crosses itself, or is not seen whole"),
+        ("circle", (2.0, 1.0), "a ratio of 2, expected 0.7 to 1.4"),
+    ],
+)
+def test_outlines_that_are_refused(points, speeds, message):
+    t = 2 * np.pi * np.arange(16) / 16
+    shapes = {
+        "eight": np.stack([np.cos(t), np.sin(2 * t)], axis=1),
+        "circle": np.stack([np.cos(t), np.sin(t)], axis=1),
+    }
+    points = shapes[points] if isinstance(points, str) else points
+    with pytest.raises(ValueError, match=message):
+        OutlineBody(points, *speeds)

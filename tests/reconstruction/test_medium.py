@@ -15,6 +15,7 @@ import jaxtat
 from jaxtat import (
     DiskBody,
     ImageGrid,
+    OutlineBody,
     RelativeTikhonov,
     Setup,
     Tikhonov,
@@ -256,6 +257,52 @@ def test_new_numbers_compile_nothing(through, data):
     assert len(count) == 1
     wanted = solve(through.replace(medium=body(0.97)), data, 1e-4).image
     assert np.abs(found - wanted).max() < 1e-6 * np.abs(wanted).max()
+
+
+def test_an_outline_that_is_a_circle_is_a_disk(through, data):
+    """Data, images and plans; straight elements too."""
+    outline = OutlineBody.ellipse(CENTER, (RADIUS, RADIUS), 1.04, 1.0)
+    grid, curve = ImageGrid(21, 0.45, CENTER), circular_arc(1.0, np.cos(np.pi / 4), 40)
+    where = curve, disk(RADIUS, center=CENTER), grid, RADII[::2]
+    one, other = (Setup(*where, medium=medium) for medium in (through.medium, outline))
+    image = gaussians(grid)
+    wanted, operator = forward_operator(one)(image), forward_operator(other)
+    assert np.abs(operator(image) - wanted).max() < 1e-8 * np.abs(wanted).max()
+    weights = np.random.default_rng(0).standard_normal(wanted.shape)
+    assert np.isclose(np.vdot(operator(image), weights), np.vdot(image, operator.T(weights)))
+    image, again = (solve(each, wanted, 1e-6).image for each in (one, other))
+    assert np.abs(image - again).max() < 1e-8 * np.abs(image).max()
+    plan = build_plan(other, Tikhonov(1e-6))
+    assert np.abs(reconstruct(plan, wanted) - again).max() < 1e-8 * np.abs(image).max()
+
+
+def test_an_ellipse_in_its_own_numbers(through):
+    """The image of its own data; derivatives in speed and half axes against differences."""
+    grid, curve = ImageGrid(13, 0.45, CENTER), circular_arc(1.0, np.cos(np.pi / 4), 30)
+    region = disk(0.36, center=CENTER)
+
+    def body_of(x):
+        return OutlineBody.ellipse(CENTER + 0.01, x[1:], x[0], 1.0, angle=0.3)
+
+    at = jnp.array([1.06, 0.45, 0.38])
+    setup = Setup(curve, region, grid, RADII[::2], medium=body_of(at))
+    truth = gaussians(grid)
+    data = forward_operator(setup)(truth)
+    inside = np.asarray(region.contains(grid.points))
+    wrong = [
+        np.linalg.norm((solve(each, data, 1e-6).image - truth)[inside])
+        for each in (setup, Setup(curve, region, grid, RADII[::2], medium=through.medium))
+    ]
+    assert wrong[0] < 0.1 * np.linalg.norm(truth) and wrong[0] < wrong[1]
+
+    @jax.jit
+    def total(x):
+        return jnp.sum(solve(setup.replace(medium=body_of(x)), data, 1e-4).image * truth)
+
+    slopes = jax.jit(jax.grad(total))(at)
+    for number, unit in enumerate(np.eye(3)):
+        difference = (total(at + 1e-4 * unit) - total(at - 1e-4 * unit)) / 2e-4
+        assert abs(slopes[number] - difference) < 1e-4 * np.abs(slopes).max()
 
 
 def test_what_takes_one_speed_says_so(through, data):

@@ -251,7 +251,7 @@ def test_many_detectors_on_a_circle_keep_their_phases_in_single_precision(monkey
     curve, grid = jaxtat.circular_arc(1.3, 1.0, 37), jaxtat.ImageGrid(65)
     setup = jaxtat.Setup(curve, jaxtat.disk(1.0), grid, max_frequency=30.0)
     single, double = forward_operator(setup, dtype=jnp.float32), forward_operator(setup)
-    middle = [(orders + 1) // 2 for _, _, orders, _ in single.integrals.of.groups]
+    middle = [(orders + 1) // 2 for _, _, orders, _, _ in single.integrals.of.groups]
     theta = np.arctan2(*np.asarray(curve.points).T[::-1])
     exact = np.exp(1j * np.outer(middle, theta))
     assert np.abs(single.integrals.middle - exact).max() < 1e-7

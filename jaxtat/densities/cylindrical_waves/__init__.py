@@ -17,9 +17,16 @@ from .densities import (
     unfold,
     wave_system,
 )
-from .kernels import BodyKernels, HankelKernels, Kernels
+from .kernels import BodyKernels, HankelKernels, Kernels, OutlineKernels
 from .orders import frequency_groups
-from .polar import PolarGeometry, polar_geometry, wave_offset, wave_orders, waves_reach
+from .polar import (
+    PolarGeometry,
+    polar_geometry,
+    require_resolved,
+    wave_offset,
+    wave_orders,
+    waves_reach,
+)
 from .table import WaveTable, wave_table
 from .tikhonov import RuleInputs, solve_cylindrical_waves
 from .tikhonov_rows import DecomposedWaves, decomposed_waves, tikhonov_densities
@@ -32,6 +39,7 @@ __all__ = [
     "DensityGroup",
     "HankelKernels",
     "Kernels",
+    "OutlineKernels",
     "PolarGeometry",
     "RuleInputs",
     "WaveTable",
@@ -44,6 +52,7 @@ __all__ = [
     "frequency_groups",
     "group_of",
     "polar_geometry",
+    "require_resolved",
     "sampled_cylindrical_densities",
     "solve_cylindrical_waves",
     "tikhonov_densities",

@@ -25,9 +25,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...geometry import Disk
-from ...special import scaled_hankel_sequence
+from ...special import angular, scaled_hankel_sequence
 from .polar import PolarGeometry
-from .waves import angular
 
 
 class CutDisk(eqx.Module):

@@ -22,6 +22,7 @@ from jaxtyping import Array, Complex, Float
 from ...base.checks import is_concrete
 from ...regularization import SINGULAR, Regularization, per_frequency, singular_components
 from ...regularization.filtered import filtered_solve
+from ...special import angular
 from ..stored import Densities, DensityReport, density_report, in_precision
 from .polar import PolarGeometry, half_weights
 from .table import (
@@ -34,7 +35,7 @@ from .table import (
     pairs,
     region_factor,
 )
-from .waves import angular, circular_harmonics_at, minus_i_powers
+from .waves import circular_harmonics_at, minus_i_powers
 
 ROUNDING = 1e-11  # relative size of rows and components that are left out
 _SIZES = 16  # orders and components are kept in multiples of this, as far as there are any

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from ...base.linear_algebra import product_of_blocks
 from ...regularization import tikhonov_solution
+from ...special import angular
 from .cut_disks import CutDisk
 from .polar import PolarGeometry
 from .table import (
@@ -28,7 +29,6 @@ from .table import (
     region_factor,
     region_gram,
 )
-from .waves import angular
 
 
 class NormalEquations(eqx.Module):

@@ -5,6 +5,7 @@ from c than every point of the region. The axis is the line in which the geometr
 is: then cosines and sines do not mix.
 """
 
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -16,23 +17,27 @@ from jaxtyping import Array, Float
 
 from ...base.checks import by_library, is_concrete
 from ...geometry import (
+    Body,
     CircularArc,
     DetectorCurve,
     Disk,
     DiskBody,
+    OutlineBody,
     Region,
     circle_through,
     near_circle,
     region_about,
 )
 from ...geometry.elements import NODES, gauss_rule, nodes_touching_circle, touch_circle
+from ...special import decay_steps
 from ..symmetry import elements_mirrored, mirrored_pairs
-from .kernels import BodyKernels, HankelKernels, Kernels
+from .kernels import BodyKernels, HankelKernels, Kernels, OutlineKernels
 from .orders import highest_orders
 
 _ROUNDING = 1e-9  # relative, for positions that are called equal
 _ROUNDED = 1e-15  # relative, for what is left out because it is zero
 FARTHER = 1.2  # nearest detector over farthest point of the region, from which waves are worth it
+RESOLVED = 0.02  # residual of an outline's equations half as deep as those that are solved
 REACHED = 0.99  # the same, inverted, up to which they can be used at all
 _CANDIDATES = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 17)] * 2), axis=-1).reshape(-1, 2)
 
@@ -137,7 +142,27 @@ def wave_orders(geometry: PolarGeometry, frequencies: np.ndarray) -> np.ndarray:
     return highest_orders(highest, reach, distance)
 
 
-def waves_reach(curve: DetectorCurve, region: Region, medium: DiskBody | None = None) -> bool:
+def require_resolved(geometry: PolarGeometry, frequency: float, n_max: int) -> None:
+    """Raise ValueError where waves about its centre do not solve the equations of an outline."""
+    if not isinstance(geometry.kernels, OutlineKernels):
+        return
+    few = slice(None, None, max(1, geometry.weights.shape[0] // 8))
+    highest = jnp.asarray(frequency)
+    residual = geometry.kernels.residual(
+        highest,
+        geometry.detector_radius[few],
+        geometry.detector_angles[few],
+        decay_steps(n_max + 1, highest * geometry.reach),
+    )
+    if not float(residual) < RESOLVED:
+        raise ValueError(
+            f"waves about {np.asarray(geometry.center)} miss the equations at the body's outline "
+            f"by {float(residual):.2g} of their size, expected less than {RESOLVED}: smooth the "
+            "outline, or take a DiskBody, or a lower max_frequency."
+        )
+
+
+def waves_reach(curve: DetectorCurve, region: Region, medium: Body | None = None) -> bool:
     """Whether cylindrical waves write the potentials of a concrete geometry with few orders.
 
     For detectors off a circle they are asked to reach with a ratio of 1.2; below it orders, and
@@ -184,7 +209,7 @@ def polar_geometry(
     region: Region,
     n_nodes: int = NODES,
     offset: tuple[float, float] | None = None,
-    medium: DiskBody | None = None,
+    medium: Body | None = None,
 ) -> PolarGeometry:
     """Curve and region about the centre of the waves.
 
@@ -202,6 +227,11 @@ def polar_geometry(
     if medium is None:
         return _polar_geometry(curve, region, n_nodes, offset)
     about = region_about(medium, region)
+    if isinstance(medium, OutlineBody):
+        with jax.ensure_compile_time_eval() if is_concrete(curve, about) else nullcontext():
+            geometry = _with_nodes(_about_center(curve, about, (0.0, 0.0)), curve, n_nodes)
+        return replace(geometry, kernels=OutlineKernels(medium, geometry.axis))
+    assert isinstance(medium, DiskBody)
     geometry = _polar_geometry(curve, about, n_nodes, (0.0, 0.0))
     return replace(geometry, kernels=BodyKernels(medium))
 

@@ -18,10 +18,11 @@ from jaxtyping import Array, Float, Inexact
 
 from ...base.linear_algebra import qr
 from ...geometry.elements import element_factor, mean_over_nodes
+from ...special import angular
 from .cut_disks import CutDisk, cut_disk_gram
-from .kernels import twice
+from .kernels import RadialKernels, twice
 from .polar import PolarGeometry
-from .waves import angular, boundary_traces, disk_norms, scales, wave_steps
+from .waves import boundary_traces, disk_norms, scales, wave_steps
 
 
 class WaveTable(eqx.Module):
@@ -81,6 +82,7 @@ def _on_circle(
 ) -> Float[Array, "2 fewer f"]:
     """The kernels at R_g, or the mean of them times cos n theta over an element."""
     kernels = geometry.kernels
+    assert isinstance(kernels, RadialKernels)
     order = jnp.arange(steps.shape[0] - 1)
     if geometry.nodes is None:
         waves = kernels.at(frequencies, geometry.detector_radius, steps)
@@ -138,15 +140,13 @@ def detector_matrix(
     """M without √w, for J and for Y, of one frequency, each detector with its own distance."""
     if wave.matrix is not None:
         return wave.matrix
-    n_max, nodes = wave.steps.shape[-1] - 2, geometry.nodes
+    nodes = geometry.nodes
 
     def at(place: tuple[Array, Array]) -> Array:
-        radius, angles = place
-        radial = geometry.kernels.at(wave.frequencies, radius, wave.steps[:, None])
-        return radial[:, None] * angular(n_max, angles)
+        return geometry.kernels.of_detectors(wave.frequencies, *place, wave.steps)
 
     if wave.on_circle is not None:
-        waves = wave.on_circle[:, None, :, None] * angular(n_max, geometry.detector_angles)
+        waves = wave.on_circle[:, None, :, None] * angular(wave.n_max, geometry.detector_angles)
     elif nodes is None:
         waves = at((geometry.detector_radius, geometry.detector_angles))
     else:

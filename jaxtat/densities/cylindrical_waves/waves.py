@@ -21,14 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ...special import decay_steps, scaled_hankel_sequence
+from ...special import angular, decay_steps, radial_waves, wave_traces
 from .polar import PolarGeometry
-
-
-def angular(n_max: int, angles: Float[Array, " n"]) -> Float[Array, "2 orders n"]:
-    """cos n theta and sin n theta, n = 0..n_max."""
-    phase = jnp.arange(n_max + 1)[:, None] * angles
-    return jnp.stack([jnp.cos(phase), jnp.sin(phase)])
 
 
 def minus_i_powers(n_max: int) -> Complex[Array, " orders"]:
@@ -73,7 +67,7 @@ def disk_norms(
 
     s_n² = π R (1 + [n = 0]) (J_n² + J_n'²)(lambda R) / Delta_n²; 0 for sin 0.
     """
-    value, slope, _ = _radial(frequencies * radius, steps)
+    value, slope, _ = radial_waves(frequencies * radius, steps)
     norm = jnp.sqrt(jnp.pi * radius * (value**2 + slope**2))
     first = np.arange(norm.shape[0]).reshape(-1, *[1] * frequencies.ndim) == 0
     return jnp.stack([jnp.where(first, jnp.sqrt(2.0), 1.0) * norm, jnp.where(first, 0.0, norm)])
@@ -84,33 +78,9 @@ def boundary_traces(
     steps: Float[Array, " orders"],
     geometry: PolarGeometry,
 ) -> Float[Array, "traces 2 fewer"]:
-    """(phi, (1/lambda) dphi/dn) of all waves at the boundary points, rows scaled by √w_x.
-
-    The normal derivative is J_n' cos(n theta) (n·e_r) - (n J_n / lambda r) sin(n theta) (n·e_t),
-    and for sines alike; n J_n(x)/x = (J_{n-1} + J_{n+1})/2 needs no division near c.
-    """
+    """(phi, (1/lambda) dphi/dn) of all waves at the boundary points, rows scaled by √w_x."""
     region = geometry.region
     local = region.points - geometry.center
-    distance = jnp.sqrt(jnp.sum(local**2, axis=1))
-    theta = jnp.arctan2(local[:, 1], local[:, 0]) - geometry.axis
-    value, slope, turn = _radial(frequency * distance, steps[:, None])
-    outward = local / distance[:, None]
-    radial = jnp.sum(region.normals * outward, axis=1)
-    tangential = region.normals[:, 1] * outward[:, 0] - region.normals[:, 0] * outward[:, 1]
-    cosine, sine = angular(value.shape[0] - 1, theta)
-    normal = jnp.stack(
-        [
-            slope * radial * cosine - turn * tangential * sine,
-            slope * radial * sine + turn * tangential * cosine,
-        ]
-    )
-    traces = jnp.concatenate([jnp.stack([value * cosine, value * sine]), normal], axis=-1)
+    parts = wave_traces(frequency, steps, local, region.normals, geometry.axis)
+    traces = jnp.concatenate(parts, axis=-1)
     return jnp.moveaxis(traces * jnp.tile(jnp.sqrt(region.weights), 2), -1, 0)
-
-
-def _radial(x: Array, steps: Array) -> tuple[Array, Array, Array]:
-    """J_n, J_n' and n J_n / x, each over Delta_n, n = 0..N, of steps up to N + 1."""
-    j, _ = scaled_hankel_sequence(x, steps)
-    before = jnp.concatenate([-j[1:2] * steps[1], j[:-2] / steps[1:-1]])  # J_{-1} = -J_1
-    after = j[1:] * steps[1:]
-    return j[:-1], (before - after) / 2, (before + after) / 2
