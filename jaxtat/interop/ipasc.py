@@ -53,7 +53,7 @@ class IpascAlgorithm:
             field_of_view: first and last x, y and z [m]; none across that plane.
             spacing_m: of the pixels [m].
             speed_of_sound_m_s: [m/s]; by default that of the file, if ``ipasc_data`` has one, else
-                the sharpest image's.
+                that at which least is unexplained.
             choices: by name as in `scans.choose`, such as ``{"alpha": 1e-3}``.
             others: of their other algorithms, and of what is done before and after: not used.
 

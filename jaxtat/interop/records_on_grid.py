@@ -32,7 +32,7 @@ def images_on_grid(
     Args:
         records: from time 0, with (detectors, 3) positions in a coordinate plane [m].
         sampling_rate: [Hz].
-        sound_speed: [m/s]; None to find that of the sharpest image.
+        sound_speed: [m/s]; None to find that at which least is unexplained.
         axes: equispaced nodes along x, y and z [m], one across the plane of the detectors.
         choices: choices by name, as in `scans.choose`.
         chosen: in place of new choices: those of an earlier call with these positions.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.ndimage import map_coordinates
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Real
 
 from ..fitting import fitted_deviation
 from ..geometry import ImageGrid, data_radii
@@ -41,7 +41,7 @@ class FitErrors(NamedTuple):
 def fit_errors(
     scan: Scan,
     choices: Choices,
-    frame: Float[np.ndarray, "detectors samples"],
+    frame: Real[np.ndarray, "detectors samples"],
     image: Float[Array, "x1 x2"],
     *,
     samples: int = 8,

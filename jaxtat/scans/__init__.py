@@ -1,5 +1,6 @@
 """From a scan file to images: facts of the scan, automatic choices, reconstruction."""
 
+from .acoustics import shares_by_speed
 from .acquisition import with_facts
 from .choices import Choices
 from .choosing import choose
@@ -21,6 +22,7 @@ __all__ = [
     "reconstruct",
     "reconstruct_file",
     "setup_of",
+    "shares_by_speed",
     "standard_deviations",
     "to_look_at",
     "trials",

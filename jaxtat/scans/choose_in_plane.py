@@ -184,7 +184,12 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> str:
 def _tell_acoustics(
     scan: Scan, facts: Facts, found: Found, record: np.ndarray, good: np.ndarray, begin: float
 ) -> None:
-    """Speed, model and start, by the best image of all that may sound within the detectors."""
+    """Speed, model and start, by the best image of all that may sound within the detectors.
+
+    Of records of a scanner's size: of others nothing is estimated.
+    """
+    if nominal_water_speed(facts.units) is None:
+        return
     assert facts.times is not None
     times, points = facts.times + float(found.values["time_shift"]), facts.points[facts.order]
     arc, speed = facts.arc or _free_circle(facts, found), float(found.values["sound_speed"])

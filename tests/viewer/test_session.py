@@ -131,10 +131,10 @@ def test_back_projection_is_shown_but_is_no_choice(session):
         session.choices_of(controls)
 
 
-def test_the_image_is_sharpest_at_the_speed_of_the_record(session):
-    speeds, sharpness = session.sharpness(session.start)
-    assert speeds[0] <= 1400.0 and speeds[-1] >= 1600.0 and sharpness.max() == 1.0
-    assert abs(speeds[np.argmax(sharpness)] - SPEED) < 12.0
+def test_least_is_unexplained_at_the_speed_of_the_record(session):
+    speeds, shares = session.unexplained(session.start)
+    assert speeds[0] <= 1400.0 and speeds[-1] >= 1600.0 and 0 < shares.min() < shares.max() < 1
+    assert abs(speeds[np.argmin(shares)] - SPEED) < 12.0
 
 
 def test_another_region(session):
