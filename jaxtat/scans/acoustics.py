@@ -27,7 +27,7 @@ FEWEST_SAMPLES = 64  # in which sound passes
 DISTINCT = 0.3  # depth from which a speed is believed, of detectors on most sides
 UNSURE = 0.005  # standard error over the speed, above which it is not believed
 LATE = 1.0 / 13  # of the arrival from the middle: a start may be wrong by that
-CLEARLY = 0.1  # share² that the right model must spare, to be told
+CLEARLY = 0.5  # share² that the right model must spare, to be likely
 MUCH_LESS = 0.3  # and another start
 NO_IMAGE = 0.88  # share² over that of rows in another order, from which no image explains
 HARDLY = 0.5  # of that ratio, from which other speeds than the file's and mistakes are tried
@@ -75,8 +75,7 @@ def sound_within(
     begin = max(begin, float(times[0]))
     if np.count_nonzero((times >= begin) & (times <= end)) < FEWEST_SAMPLES:
         return None
-    level = record - np.median(record, axis=1, keepdims=True)
-    return Sound(detector_curve(points), level, times, good, begin, end, center, reach)
+    return Sound(detector_curve(points), record, times, good, begin, end, center, reach)
 
 
 def shares_by_speed(
@@ -131,9 +130,12 @@ def tell_acoustics(sound: Sound, arc: ArcFit, found: Found, start_known: bool) -
     elif "model" in found.to_estimate:
         _keep_model(found, seen)
     told = [_told(sound, model, nominal, stretch if unknown else None) for model in models]
-    best = min(told, key=lambda each: each.speed.fit.share)
+    best = told[0]
     if len(told) > 1:
-        _take_model(found, best, max(told, key=lambda each: each.speed.fit.share))
+        # each with the weight that goes with it: those of water's speed are too large
+        shares = [each.misfit.best(each.speed.value).share for each in told]
+        best, other = (told[k] for k in np.argsort(shares))
+        _take_model(found, best, other, min(shares), max(shares))
     chance = _share_by_chance(sound, best)
     of_file = found.given.get("sound_speed") is None and "sound_speed" not in found.to_estimate
     badly = (best.speed.fit.share / chance) ** 2 > HARDLY
@@ -165,14 +167,16 @@ def _told(sound: Sound, model: str, nominal: float, stretch: np.ndarray | None) 
     return Told(model, misfit, first.weight, speed)
 
 
-def _take_model(found: Found, best: Told, other: Told) -> None:
+def _take_model(found: Found, best: Told, other: Told, least: float, most: float) -> None:
     """The model by which the best image leaves less unexplained."""
-    ratio = (best.speed.fit.share / other.speed.fit.share) ** 2
-    clear = ratio < 1 - CLEARLY and best.speed.depth >= DISTINCT
+    # of smooth bodies two-dimensional waves explained a record of the other kind better
+    clear = (least / most) ** 2 < 1 - CLEARLY and best.model != "2d"
     why = (
-        f"the best image leaves {best.speed.fit.share:.0%} of the record unexplained as "
-        f"{WHAT[best.model]}, {other.speed.fit.share:.0%} as {WHAT[other.model]}"
+        f"the best image leaves {least:.0%} of the record unexplained as {WHAT[best.model]}, "
+        f"{most:.0%} as {WHAT[other.model]}"
     )
+    if best.model == "2d":
+        warnings.warn(f"{why}; a scanner's record needs model in-plane.", AccuracyWarning, 7)
     found.settle("model", best.model, why, LIKELY if clear else GUESSED)
 
 
@@ -223,6 +227,7 @@ def _take_speed(found: Found, told: Told, start: Start | None) -> None:
         found.settle("sound_speed", found.values["sound_speed"], why, GUESSED)
         return
     sure = speed.depth >= DISTINCT and error <= UNSURE * speed.value
+    sure = sure and found.grades["model"] != GUESSED
     why = f"the best image leaves {speed.fit.share:.0%} unexplained, least of all speeds"
     if not sure:
         why += f", but by {max(speed.depth, 0.0):.0%} only"

@@ -53,7 +53,7 @@ class Sound(NamedTuple):
 
     Attributes:
         curve: of the detectors.
-        record: of these, without offsets, (detectors, samples).
+        record: of these, (detectors, samples).
         times: of the samples [time].
         good: detectors that count.
         start, end: of the part of the record that counts [time].
@@ -236,6 +236,10 @@ def _spectra(
     times = sound.times[0] + step * np.arange(n)
     waves = np.exp(-2j * np.pi * frequencies * times[:, None])
     fourier = filled_up(_window(sound), (n,))[:, None] * waves
+    # nothing of offset and drift, of which a window lets some through
+    lines = np.stack([np.ones(n), np.linspace(-1, 1, n)]) @ fourier
+    basis = np.linalg.qr(lines.T)[0]
+    fourier = fourier - (fourier @ basis.conj()) @ basis.T
     return times, filled_up(fourier, (n, rung(len(frequencies)))), len(frequencies)
 
 

@@ -14,7 +14,8 @@ from jaxtat.scans import Choices, ScanImages
 WAVELENGTHS = np.array([700.0, 850.0, 930.0])
 CHOICES = {
     "order": (0, 1, 2, 3), "left_out": (), "model": "in-plane", "sound_speed": 1.5,
-    "time_shift": 0.0, "dead_time": 0.0, "band": None, "impulse_response": False, "laser_energy": True,
+    "time_shift": 0.0,
+    "dead_time": 0.0, "band": None, "impulse_response": False, "laser_energy": True,
     "region_center": (1.0, -2.0), "region_radius": 4.0, "region_cut": 4.0, "region_angle": 0.0,
     "pixels": 9, "half_width": 4.0, "first_radius": 1.0, "radial_step": 0.5, "n_radii": 7,
     "max_frequency": 2.0, "alpha": 1e-3, "low_pass": "none", "inversion": "fbp",

@@ -45,6 +45,7 @@ def test_a_record_that_ends_early_gives_a_guess():
     assert found.grade("sound_speed") == "guessed"
 
 
+@pytest.mark.filterwarnings("ignore:no image explains")
 def test_noise_from_one_side_shows_no_speed():
     made = half(noise=3.0)
     found = choose(made, **SIZES)
