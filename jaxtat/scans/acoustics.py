@@ -60,7 +60,8 @@ def sound_within(
     begin: float,
     speed: float,
 ) -> Sound | None:
-    """The part of a record that holds sound from within the detectors; None if that is too short.
+    """The part of a record that holds sound from within the detectors; None if that is too short,
+    or nothing.
 
     Args:
         arc: circle of the detectors, or the largest without any.
@@ -73,7 +74,8 @@ def sound_within(
     farthest = float(np.hypot(*(points - center).T).max())
     end = min(float(times[-1]), (farthest + reach) / ((1 - LATE) * SLOWEST * speed))
     begin = max(begin, float(times[0]))
-    if np.count_nonzero((times >= begin) & (times <= end)) < FEWEST_SAMPLES:
+    within = (times >= begin) & (times <= end)
+    if np.count_nonzero(within) < FEWEST_SAMPLES or not record[good][:, within].any():
         return None
     return Sound(detector_curve(points), record, times, good, begin, end, center, reach)
 

@@ -61,7 +61,8 @@ def least_share(
     squares = np.array([fit.share**2 for fit in fits.values()])
     k = int(np.argmin(squares))
     elsewhere = np.abs(np.arange(len(values)) - k) > BESIDE
-    depth = float(1 - squares[k] / np.median(squares[elsewhere])) if elsewhere.any() else 0.0
+    typical = float(np.median(squares[elsewhere])) if elsewhere.any() else 0.0
+    depth = 1 - float(squares[k]) / typical if typical > 0 else 0.0
     step, best = float(values[1] - values[0]), float(values[k])
     if not 0 < k < len(values) - 1:
         return Least(best, np.inf, depth, fits[best])
