@@ -32,7 +32,7 @@ MUCH_LESS = 0.3  # and another start
 NO_IMAGE = 0.88  # share² over that of rows in another order, from which no image explains
 HARDLY = 0.5  # of that ratio, from which other speeds than the file's and mistakes are tried
 BETTER = 0.4  # times that ratio, with which a usual mistake is named
-# The sampling rate, and what times are multiplied by. Not twice: then sources close to each detector
+# The sampling rate, and what times are multiplied by. Not twice: then sources close to detectors
 # explain any record.
 MISTAKES = {"half": 2.0}
 WHAT = {"2d": "two-dimensional waves", "in-plane": "sound in the plane"}

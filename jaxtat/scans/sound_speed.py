@@ -88,7 +88,7 @@ def least_share(
 
 def _summit(best: float, step: float, left: np.ndarray) -> float:
     """Where the parabola through three sums over detectors is least, within a step."""
-    before, here, behind = left.sum(axis=1)
+    before, here, behind = map(float, left.sum(axis=1))
     curvature = max(before - 2 * here + behind, 1e-300)
     return best + step * float(np.clip((before - behind) / (2 * curvature), -1.0, 1.0))
 
