@@ -1,5 +1,6 @@
 """Images with constraints: the least misfit plus penalty, f >= 0 if asked."""
 
+from .bootstrap import NINETY, fitted_deviation
 from .cancelling import FitCancelled, cancelled_by
 from .comparison import Comparison, compare_fits
 from .fit import ModelBased, model_based
@@ -10,7 +11,6 @@ from .penalties import (
     SecondOrderVariation,
     TotalVariation,
 )
-from .perturbed import NINETY, fitted_deviation
 
 __all__ = [
     "NINETY",

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from jaxtat.fitting import fitted_deviation
-from jaxtat.fitting.perturbed import _details, _steepness
+from jaxtat.fitting.bootstrap import _details, _steepness
 
 SHAPE = 20, 24
 INSIDE = np.hypot(*np.meshgrid(np.linspace(-1, 1, 20), np.linspace(-1, 1, 24), indexing="ij")) < 0.9
