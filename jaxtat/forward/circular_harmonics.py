@@ -17,6 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.fft
 from jaxtyping import Array, Complex, Float
 
 LARGE = 100.0  # |Y_n| up to which rounding to 32 bits is harmless
@@ -48,6 +49,11 @@ def signs(orders: int) -> Float[np.ndarray, " orders"]:
     """(-i)^m of even m, (-i)^m i of odd m, for m and -m together."""
     m = np.arange(orders + 1)
     return np.where(m > 0, 2.0, 1.0) * (-1.0) ** (m // 2)
+
+
+def turn_for(orders: int) -> int:
+    """Directions of a whole turn for harmonics up to an order, of which FFTs are fast."""
+    return 2 * int(scipy.fft.next_fast_len(orders + 1, real=True) or 0)
 
 
 def half_turn_of(turn: int) -> Float[np.ndarray, "half_turn 2"]:

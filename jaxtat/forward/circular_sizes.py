@@ -7,7 +7,6 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.fft
 import scipy.special
 from jaxtyping import Float
 
@@ -23,7 +22,7 @@ from ..geometry import (
 )
 from ..geometry.circles import ROUNDING
 from ..geometry.elements import enough_nodes
-from .circular_harmonics import LARGE
+from .circular_harmonics import LARGE, turn_for
 
 # Of a body's radius, up to which images are taken at least: all of a region that may reach to 1.25
 # has orders enough, and beyond it the waves of the body grow without meaning.
@@ -165,8 +164,7 @@ def _groups(
         orders, outer = rung(highest_order(highest * reach)), 0
         if moved and last > low:
             outer = rung(highest_order(highest * (reach + moved[0])))
-        turn = 2 * int(scipy.fft.next_fast_len(orders + 1, real=True) or 0)
-        groups.append((int(first), int(last), orders, turn, outer))
+        groups.append((int(first), int(last), orders, turn_for(orders), outer))
     return tuple(groups)
 
 

@@ -37,7 +37,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.fft
 from jaxtyping import Array, Complex, Float
 
 from ..base.checks import is_concrete
@@ -68,7 +67,14 @@ from ..special import (
     transmitted_factors,
     waves_through_outline,
 )
-from .circular_harmonics import MovedWaves, half_turn_of, harmonics_of, signs, within_reason
+from .circular_harmonics import (
+    MovedWaves,
+    half_turn_of,
+    harmonics_of,
+    signs,
+    turn_for,
+    within_reason,
+)
 from .circular_sizes import CircleSizes
 
 # bytes of cosines and sines up to which a product with them is faster than a non-uniform FFT
@@ -403,8 +409,7 @@ def _moved(
     radial = jnp.stack([_mean(j, about), _mean(within_reason(y), about)]) * signs(last_order)
 
     def of_group(first: int, last: int, inner: int, outer: int) -> MovedWaves:
-        turn = 2 * int(scipy.fft.next_fast_len(outer + 1, real=True) or 0)
-        phase = of.frequencies[first:last, None] * (half_turn_of(turn) @ offset)
+        phase = of.frequencies[first:last, None] * (half_turn_of(turn_for(outer)) @ offset)
         phases = jax.lax.complex(jnp.cos(phase), -jnp.sin(phase))
         few = radial[:, first:last, : outer + 1]
         factors = jnp.moveaxis(through[first:last, :, : inner + 1], 1, 0)

@@ -184,9 +184,7 @@ class OutlineBody(Body):
         turn = real_array("angle", angle, ())
         require_positive("half_axes", axes)
         t = 2 * np.pi / ELLIPSE * np.arange(ELLIPSE)
-        x, y = axes[0] * np.cos(t), axes[1] * np.sin(t)
-        cosine, sine = jnp.cos(turn), jnp.sin(turn)
-        points = jnp.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
+        points = _turned(jnp, axes * np.stack([np.cos(t), np.sin(t)], axis=1), turn)
         return cls(middle + points, sound_speed, water_speed, density_ratio)
 
     @property  # of arrays, as the disk's field is
