@@ -146,7 +146,7 @@ CHOICES = (
         _NUMBER
         | {
             "metavar": "C",
-            "help": "default: from the file, else the sharpest image's, or 1 without metres and "
+            "help": "default: from the file, else the best image's, or 1 without metres and "
             "seconds",
         },
         POSITIVE,

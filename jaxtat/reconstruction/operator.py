@@ -228,7 +228,7 @@ def _made(
         integrals = eqx.tree_at(lambda each: each.series, integrals, integrals.series @ record.T)
         shape = (*shape[:-1], record.shape[0])
     if chosen == np.float32:
-        integrals = _in_single_precision(integrals)
+        integrals = in_single_precision(integrals)
     highest = jax.device_put(np.float64(sizes.highest))
     return ForwardOperator(integrals, highest, grid.shape, shape)
 
@@ -260,7 +260,8 @@ def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:
 
 
 @eqx.filter_jit
-def _in_single_precision(integrals: Any) -> Any:
+def in_single_precision(integrals: Any) -> Any:
+    """Arrays of 32 bits in place of those of 64."""
     return jax.tree.map(
         lambda leaf: leaf.astype(np.complex64 if jnp.iscomplexobj(leaf) else np.float32), integrals
     )

@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, is_concrete, real_array, require_positive
 from ..forward import CircleSizes, circle_integrals
 from ..forward.circular_sizes import MARGIN
+from ..forward.fast_circles import Series
 from ..special import j1
 from .pressure import MODELS
 
@@ -99,20 +100,32 @@ def _long_enough(sizes: CircleSizes, times: np.ndarray, speed: Array, echoes: fl
     return sizes if longest <= sizes.period else sizes.with_period(longest)
 
 
+def pressure_series(
+    of: Series, paths: Float[Array, " times"], model: str
+) -> Float[Array, "frequencies times"]:
+    """What takes G(z, lambda_k) to pressure: the terms above over π T² J_1(j_k)².
+
+    Args:
+        of: the frequencies.
+        paths: c t, from 0 to T [length].
+        model: "2d" or "in-plane".
+    """
+    frequencies = of.frequencies[:, None]
+    terms = jnp.cos(frequencies * paths)
+    if model != "2d":
+        terms = -2 * jnp.pi * frequencies * j1(frequencies * paths)
+    return terms / (jnp.pi * of.period**2 * j1(frequencies * of.period) ** 2)
+
+
 @eqx.filter_jit
 def _records(
     setup: Any, sizes: CircleSizes, paths: Array, image: Array, model: str
 ) -> Float[Array, "*batch detectors times"]:
     where = setup.curve, setup.grid, jnp.abs(paths)
     integrals = circle_integrals(*where, sizes, None, TOLERANCE, *setup.through)
-    # of 2π r J_0(lambda r) the pressure
-    frequencies = jnp.asarray(sizes.frequencies)[:, None]
-    of_term = jnp.cos(frequencies * paths)
-    if model != "2d":
-        of_term = -2 * jnp.pi * frequencies * j1(frequencies * paths)
-    size = jnp.pi * sizes.period**2 * j1(jnp.asarray(sizes.zeros)[:, None]) ** 2
+    series = pressure_series(integrals.of, jnp.abs(paths), model)
     strength = 1.0 if setup.medium is None else setup.medium.source_strength
-    series = jnp.where(paths < 0, 0.0, jnp.where(paths < sizes.period, of_term, jnp.nan))
-    integrals = eqx.tree_at(lambda tree: tree.series, integrals, strength * series / size)
+    series = jnp.where(paths < 0, 0.0, jnp.where(paths < sizes.period, series, jnp.nan))
+    integrals = eqx.tree_at(lambda tree: tree.series, integrals, strength * series)
     values = integrals(image.reshape(-1, *setup.grid.shape))
     return values.reshape(*image.shape[:-2], *values.shape[1:])

@@ -10,13 +10,13 @@ from jax.scipy.ndimage import map_coordinates
 from jaxtyping import Array, Float, Real
 
 from ..fitting import fitted_deviation
-from ..geometry import ImageGrid, data_radii
+from ..geometry import ImageGrid
 from ..io import Scan
 from ..reconstruction import Setup, forward_operator
-from ..records import apply_impulse_response, circular_integrals_to_pressure
+from ..records import circular_integrals_to_pressure
 from ..scans import Choices, setup_of
-from ..scans.constrained import fitted
-from ..scans.frames import shifted_times
+from ..scans.constrained import fitted, of_all_sound
+from ..scans.frames import shifted_times, through_elements
 from ..steps import AccuracyWarning
 
 PIXELS = 48  # along an axis, at most: what is wide takes no more
@@ -100,20 +100,14 @@ def _heard(scan: Scan, choices: Choices, setup: Setup, images: Array) -> Array:
     times = shifted_times(scan, choices)
     if times is None:
         return forward_operator(setup)(images)
-    radii = data_radii(setup.curve, setup.region, setup.grid.spacing.max())
-    reaching = Setup(
-        setup.curve, setup.region, setup.grid, radii, max_frequency=choices.max_frequency
-    )
+    reaching = of_all_sound(setup, choices)
     g = forward_operator(reaching)(images)
     with warnings.catch_warnings():  # details reach to the rim of the region, and no farther
         warnings.simplefilter("ignore", AccuracyWarning)
         pressure = circular_integrals_to_pressure(
-            g, radii, times, sound_speed=choices.sound_speed, model=choices.model
+            g, reaching.radii, times, sound_speed=choices.sound_speed, model=choices.model
         )
-    if not choices.impulse_response:
-        return pressure
-    response = scan.known["impulse_response"]  # its time 0 is in the middle
-    return apply_impulse_response(pressure, response, origin=len(response) // 2)
+    return through_elements(scan, choices, pressure)
 
 
 def _means(fine: ImageGrid, image: Array, coarse: ImageGrid) -> Float[Array, "x1 x2"]:

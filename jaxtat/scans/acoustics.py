@@ -14,7 +14,7 @@ from ..base.choice_table import GUESSED, LIKELY
 from ..geometry import ArcFit, detector_curve
 from ..io import Scan
 from ..steps import AccuracyWarning
-from .acquisition import FASTEST, SLOWEST, arc_through, facts_of, nominal_water_speed
+from .acquisition import FASTEST, SLOWEST, arc_through, facts_of
 from .choices import Choices
 from .found import RIM, Found
 from .frames import shifted_times
@@ -22,19 +22,17 @@ from .misfit import Misfit, Sound, misfit_of
 from .one_side import SEEN_TWICE, span
 from .region_in_plane import circle_without_detectors
 from .sound_speed import STEP, Least, Start, best_start, least_share
+from .speed_found import UNSURE
 
 FEWEST_SAMPLES = 64  # in which sound passes
 DISTINCT = 0.3  # depth from which a speed is believed, of detectors on most sides
-UNSURE = 0.005  # standard error over the speed, above which it is not believed
 LATE = 1.0 / 13  # of the arrival from the middle: a start may be wrong by that
 CLEARLY = 0.5  # share² that the right model must spare, to be likely
 MUCH_LESS = 0.3  # and another start
+EXPLAINED = 0.5  # share, below which an image explains most of a record
 NO_IMAGE = 0.88  # share² over that of rows in another order, from which no image explains
-HARDLY = 0.5  # of that ratio, from which other speeds than the file's and mistakes are tried
-BETTER = 0.4  # times that ratio, with which a usual mistake is named
-# The sampling rate, and what times are multiplied by. Not twice: then sources close to detectors
-# explain any record.
-MISTAKES = {"half": 2.0}
+HARDLY = 0.5  # of that ratio, from which other speeds than the file's are tried
+STRETCHES = np.arange(SLOWEST, FASTEST + STEP / 2, STEP)  # speeds that are tried, over nominal
 WHAT = {"2d": "two-dimensional waves", "in-plane": "sound in the plane"}
 
 
@@ -127,29 +125,30 @@ def tell_acoustics(sound: Sound, arc: ArcFit, found: Found, start_known: bool) -
     nominal, distance = float(found.values["sound_speed"]), arc.radius
     seen = span(np.asarray(sound.curve.points)[sound.good], sound.center)
     unknown = "sound_speed" in found.to_estimate and seen >= SEEN_TWICE
-    stretch = np.arange(SLOWEST, FASTEST + STEP / 2, STEP)
     models = [str(found.values["model"])]
     if "model" in found.to_estimate and seen >= SEEN_TWICE:
         models = list(WHAT)
     elif "model" in found.to_estimate:
         _keep_model(found, seen)
-    told = [_told(sound, model, nominal, stretch if unknown else None) for model in models]
+    told = [_told(sound, model, nominal, sought=unknown) for model in models]
     best = told[0]
     if len(told) > 1:
         # each with the weight that goes with it: those of water's speed are too large
         shares = [each.misfit.best(each.speed.value).share for each in told]
         best, other = (told[k] for k in np.argsort(shares))
         _take_model(found, best, other, min(shares), max(shares))
-    chance = _share_by_chance(sound, best)
+    chance = _share_by_chance(best)
     of_file = found.given.get("sound_speed") is None and "sound_speed" not in found.to_estimate
     badly = (best.speed.fit.share / chance) ** 2 > HARDLY
-    if of_file and badly and seen >= SEEN_TWICE and nominal_water_speed(found.values["units"]):
-        best = _told(sound, best.model, nominal, stretch)
+    if of_file and badly and seen >= SEEN_TWICE:
+        best = _told(sound, best.model, nominal, sought=True)
         _compare(found, best, nominal)
-    reason = _contradiction(sound, best, nominal, chance)
+    reason = _contradiction(best, chance)
     if reason:
         warnings.warn(f"{reason}.", AccuracyWarning, stacklevel=6)
-        found.doubt(reason)
+        if seen >= SEEN_TWICE:
+            found.settle_all(reason)
+        found.doubt()
         return
     if unknown:
         start = None
@@ -158,39 +157,40 @@ def tell_acoustics(sound: Sound, arc: ArcFit, found: Found, start_known: bool) -
         _take_speed(found, best, start)
 
 
-def _told(sound: Sound, model: str, nominal: float, stretch: np.ndarray | None) -> Told:
+def _told(sound: Sound, model: str, nominal: float, *, sought: bool) -> Told:
+    """The best image, at the speed of which least is unexplained, or at the nominal one."""
     ends = (SLOWEST * (1 - LATE) * nominal, FASTEST * (1 + LATE) * nominal)
     misfit = misfit_of(sound, model, ends)
     first = misfit.best(nominal)
-    if stretch is None:
+    if not sought:
         return Told(model, misfit, first.weight, Least(nominal, np.inf, 0.0, first))
-
     speed = least_share(
-        lambda c: misfit.best(c, weight=first.weight), nominal * stretch, sound.good
+        lambda c: misfit.best(c, weight=first.weight), nominal * STRETCHES, sound.good
     )
     return Told(model, misfit, first.weight, speed)
 
 
 def _take_model(found: Found, best: Told, other: Told, least: float, most: float) -> None:
     """The model by which the best image leaves less unexplained."""
-    # of smooth bodies two-dimensional waves explained a record of the other kind better
-    clear = (least / most) ** 2 < 1 - CLEARLY and best.model != "2d"
+    clear = (least / most) ** 2 < 1 - CLEARLY
     why = (
         f"the best image leaves {least:.0%} of the record unexplained as {WHAT[best.model]}, "
         f"{most:.0%} as {WHAT[other.model]}"
     )
-    if best.model == "2d":
-        warnings.warn(f"{why}; a scanner's record needs model in-plane.", AccuracyWarning, 7)
-    found.settle("model", best.model, why, LIKELY if clear else GUESSED)
+    _settle_model(found, best.model, why, LIKELY if clear else GUESSED)
 
 
 def _keep_model(found: Found, seen: float) -> None:
     """The model that the record alone spoke for: seen once, edges fit either."""
     model = found.values["model"]
     why = f"{found.reasons['model']}; from {seen:.0f} degrees images do not tell"
+    _settle_model(found, model, why, GUESSED)
+
+
+def _settle_model(found: Found, model: str, why: str, grade: str) -> None:
     if model == "2d":
-        warnings.warn(f"{why}; a scanner's record needs model in-plane.", AccuracyWarning, 7)
-    found.settle("model", model, why, GUESSED)
+        warnings.warn(f"{why}; a scanner's record needs model in-plane.", AccuracyWarning, 8)
+    found.settle("model", model, why, grade)
 
 
 def _with_start(
@@ -252,42 +252,20 @@ def _compare(found: Found, told: Told, nominal: float) -> None:
         found.explain("sound_speed", f"{why} {spared:.0%} less is unexplained: try that", GUESSED)
 
 
-def _contradiction(sound: Sound, told: Told, nominal: float, chance: float) -> str:
-    """What the record contradicts, in a sentence; "" for nothing."""
+def _contradiction(told: Told, chance: float) -> str:
+    """That little is explained, and of mixed rows as much, in a sentence; "" if not."""
     least = told.speed.fit.share
-    ratio = (least / chance) ** 2
-    if ratio < HARDLY:
-        return ""
-    left = f"the best leaves {least:.0%} of it, and {chance:.0%} with its rows mixed"
-    for name, stretch in MISTAKES.items():
-        start, end = stretch * sound.start, stretch * sound.end
-        other = sound._replace(times=stretch * sound.times, start=start, end=end)
-        tried = _told(other, told.model, nominal, np.arange(SLOWEST, FASTEST, STEP))
-        share, by_chance = tried.speed.fit.share, _share_by_chance(other, tried)
-        if (share / by_chance) ** 2 < BETTER * ratio:
-            return (
-                f"no image explains this record well: {left}; with {name} the sampling rate it is "
-                f"{share:.0%}, and {by_chance:.0%}"
-            )
-    if ratio < NO_IMAGE:
+    # what is round about the middle gives all detectors the same record
+    if least < EXPLAINED or (least / chance) ** 2 < NO_IMAGE:
         return ""
     return (
-        f"no image explains this record: {left}. Check the order of the rows, the sampling rate, "
-        "the start of the record, and the units of positions and times"
+        f"no image explains this record: the best leaves {least:.0%} of it, and {chance:.0%} with "
+        "its rows mixed. Check the order of the rows, the sampling rate, the start of the record, "
+        "the units of positions and times, and whether there is more than noise"
     )
 
 
-def _share_by_chance(sound: Sound, told: Told) -> float:
+def _share_by_chance(told: Told) -> float:
     """The share that the same kind of fit leaves of the record with its rows mixed."""
-    speed = told.speed.value
-    ends = (SLOWEST * (1 - LATE) * speed, FASTEST * (1 + LATE) * speed)
-    misfit = misfit_of(sound._replace(record=_mixed(sound)), told.model, ends)
-    return max(misfit.best(speed, weight=told.weight).share, 1e-300)
-
-
-def _mixed(sound: Sound) -> np.ndarray:
-    """The record of the detectors that count, each at another's place."""
-    rows = np.flatnonzero(sound.good)
-    record = sound.record.copy()
-    record[rows] = sound.record[np.random.default_rng(0).permutation(rows)]
-    return record
+    mixed = told.misfit.with_rows_mixed()
+    return max(mixed.best(told.speed.value, weight=told.weight).share, 1e-300)

@@ -50,6 +50,10 @@ class Facts(NamedTuple):
     units: Units
     in_space: bool
 
+    def later(self, shift: float) -> "Facts":
+        """The same with a pressure record whose samples are later [time]."""
+        return self if self.times is None else self._replace(times=self.times + shift)
+
 
 def with_facts(
     scan: Scan,

@@ -37,7 +37,7 @@ from ..records.signal_power import (
     tail_share,
     totals,
 )
-from ..steps import TooFewDetectors
+from ..steps import AccuracyWarning, TooFewDetectors
 from .acoustics import sound_within, tell_acoustics
 from .acquisition import (
     FEWEST,
@@ -49,6 +49,7 @@ from .acquisition import (
     nominal_water_speed,
     typical_frame,
 )
+from .arrival_times import early_or_late
 from .choices import IN_SPACE, Choices, plane_region
 from .found import (
     DEFAULT_SHARE,
@@ -65,7 +66,7 @@ from .found import (
     slowest,
     take_nominal_speed,
 )
-from .hearing import muted_start, noise_floor, sound_after, sound_begins
+from .hearing import muted_start, noise_floor, power_after, sound_after, sound_begins
 from .region_in_plane import (
     center_within,
     circle_without_detectors,
@@ -131,10 +132,13 @@ def _by_other_model(scan: Scan, given: Mapping[str, Any], made: Choices) -> Choi
 def _from_record(scan: Scan, facts: Facts, found: Found) -> str:
     """Choices for a pressure record; returns the model by which it was prepared."""
     assert facts.times is not None
-    times, frame = facts.times, typical_frame(scan)[facts.order]
+    frame = typical_frame(scan)[facts.order]
     model = _model(facts, frame, found)
     speed = take_nominal_speed(scan, found, facts.units)
-    times = times + float(found.take("time_shift", 0.0, "as the file says"))
+    given = float(found.take("time_shift", 0.0, "as the file says"))
+    facts = facts.later(given)
+    times = facts.times
+    assert times is not None
     detrend = model == "in-plane"
     whole = np.where(np.isfinite(frame), frame, 0.0)
     power = record_power(whole, times, detrend)
@@ -160,12 +164,14 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> str:
     if facts.arc is not None:
         facts = facts._replace(arc=arc_through(facts.points[facts.order[good]]))
     begin = sound_begins(float(times[0]), dead_time, muted, floor)
-    _tell_acoustics(scan, facts, found, whole, good, begin)
-    speed = float(found.values["sound_speed"])
-    assert facts.times is not None
-    shift = float(found.values["time_shift"] - (times[0] - facts.times[0]))  # that was told
-    times, begin = times + shift, begin + shift
-    facts = facts._replace(times=times)
+    if facts.arc is not None and found.given.get("region_radius") is None:
+        require_scale(float(times[-1]) * speed, facts.arc.radius, speed)
+    # whatever model and dead time are: sound is judged, not what the laser does to the amplifiers
+    end = end if detrend else _artefact_end(whole, times, True, middle)
+    if not _say_if_early_or_late(facts, found, good, whole[good], max(begin, end)):
+        _tell_acoustics(scan, facts, found, whole, good, begin)
+    speed, shift = float(found.values["sound_speed"]), float(found.values["time_shift"]) - given
+    facts, times, begin = facts.later(shift), times + shift, begin + shift
     power = RecordPower(power.times + shift, power.power).after(begin)
     sound = sound_after(begin, whole[good], times, middle)
     region_of_sound(scan, facts, found, sound, speed, good)
@@ -181,6 +187,24 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> str:
     return model
 
 
+def _say_if_early_or_late(
+    facts: Facts, found: Found, good: np.ndarray, record: np.ndarray, begin: float
+) -> bool:
+    """Warn of sound at times that the positions contradict; nothing can be told by it then."""
+    if facts.arc is None:
+        return False
+    assert facts.times is not None
+    kept, arc = facts.times >= begin, facts.arc
+    power = power_after(begin, record[:, kept], facts.times[kept], detrend=True)
+    points = facts.points[facts.order][good] - np.array(arc.center)
+    said = early_or_late(power, points, arc.radius, float(found.values["sound_speed"]))
+    if said:
+        warnings.warn(f"{said}.", AccuracyWarning, stacklevel=5)
+        found.settle_all(said)
+        found.doubt()
+    return bool(said)
+
+
 def _tell_acoustics(
     scan: Scan, facts: Facts, found: Found, record: np.ndarray, good: np.ndarray, begin: float
 ) -> None:
@@ -191,10 +215,8 @@ def _tell_acoustics(
     if nominal_water_speed(facts.units) is None:
         return
     assert facts.times is not None
-    times, points = facts.times + float(found.values["time_shift"]), facts.points[facts.order]
+    times, points = facts.times, facts.points[facts.order]
     arc, speed = facts.arc or _free_circle(facts, found), float(found.values["sound_speed"])
-    if facts.arc is not None and found.given.get("region_radius") is None:
-        require_scale(float(times[-1]) * speed, arc.radius, speed)
     sound = sound_within(arc, points, record, times, good, begin, speed)
     if sound is None:
         found.settle_all("the record is too short to tell it")

@@ -28,9 +28,8 @@ from ..geometry import data_radii
 from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.laddered import around, middle, setup_to_fit
-from ..records import apply_impulse_response
 from .choices import Choices
-from .frames import has_baseline, in_band, integrals, shifted_times
+from .frames import has_baseline, in_band, integrals, shifted_times, through_elements
 
 PENALTIES = {
     "tv": TotalVariation,
@@ -92,6 +91,13 @@ class _Recorded(NamedTuple):
     whole: bool
 
 
+def of_all_sound(setup: Setup, choices: Choices) -> Setup:
+    """The same with the radii of all sound from the region, whatever the record holds of it."""
+    radii = data_radii(setup.curve, setup.region, setup.grid.spacing.max())
+    where = setup.curve, setup.region, setup.grid
+    return Setup(*where, radii, max_frequency=choices.max_frequency)
+
+
 def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) -> _Recorded:
     times = shifted_times(scan, choices)
     if choices.in_space:
@@ -102,10 +108,8 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
         g = integrals(scan, choices, setup, frames)
         return _Recorded(larger, *_masked(g, larger.data_shape), setup.complete)
     record = real_array(scan.kind, frames[..., list(choices.channels), :], None)
-    radii = data_radii(setup.curve, setup.region, setup.grid.spacing.max())
-    reaching = Setup(
-        setup.curve, setup.region, setup.grid, radii, max_frequency=choices.max_frequency
-    )
+    reaching = of_all_sound(setup, choices)
+    radii = reaching.radii
     larger, n_radii = setup_to_fit(reaching, n_detectors), len(radii)
     path = choices.sound_speed * np.asarray(times)
     within = np.flatnonzero((path >= float(radii[0])) & (path <= float(radii[-1])))
@@ -116,9 +120,7 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
         return np.asarray(in_band(choices, record, times, baseline=baseline))[..., window]
 
     def as_recorded(pressure: Array) -> Array:
-        if choices.impulse_response:
-            response = scan.known["impulse_response"]  # its time 0 is in the middle
-            pressure = apply_impulse_response(pressure, response, origin=len(response) // 2)
+        pressure = through_elements(scan, choices, pressure)
         kept = windowed(pressure, baseline=False)[:n_radii]
         return jax.device_put(filled_up(kept, (pressure.shape[0], n_samples)))
 

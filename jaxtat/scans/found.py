@@ -70,15 +70,14 @@ class Found(NamedTuple):
         for name in sorted(self.to_estimate):
             self.settle(name, self.values[name], f"{self.reasons[name]}; {reason}", GUESSED)
 
-    def doubt(self, reason: str) -> None:
-        """Nothing that images should tell is known, and what was chosen is a guess."""
-        self.settle_all(reason)
+    def doubt(self) -> None:
+        """What was chosen by the record is a guess."""
         for name, grade in self.grades.items():
             if grade != SURE:
                 self.grades[name] = GUESSED
 
     def estimate_later(self, name: str) -> None:
-        """Leave a choice to `estimate`, unless it is given."""
+        """Leave a choice to images, unless it is given."""
         if self.given.get(name) is None:
             self.to_estimate.add(name)
 

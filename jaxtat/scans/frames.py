@@ -8,7 +8,12 @@ from jaxtyping import Array, Float, Num
 from ..base.checks import real_array
 from ..io import Scan
 from ..reconstruction import OnLadder, Setup, on_ladder
-from ..records import condition_record, pressure_to_circular_integrals, remove_impulse_response
+from ..records import (
+    apply_impulse_response,
+    condition_record,
+    pressure_to_circular_integrals,
+    remove_impulse_response,
+)
 from ..spherical import pressure_to_spherical_integrals
 from .acquisition import facts_of, times_of
 from .choices import IN_SPACE, Choices
@@ -112,9 +117,23 @@ def conditioned(
     """A pressure record with start, band and response as chosen; linear but for baselines."""
     record = in_band(choices, record, times, baseline=baseline)
     if choices.impulse_response:
-        response = scan.known["impulse_response"]  # its time 0 is in the middle
-        record = remove_impulse_response(record, times, response, origin=len(response) // 2)
+        response, origin = _response(scan)
+        record = remove_impulse_response(record, times, response, origin=origin)
     return record
+
+
+def through_elements(scan: Scan, choices: Choices, pressure: Array) -> Array:
+    """Pressure as the elements record it, with their response if that is chosen."""
+    if not choices.impulse_response:
+        return pressure
+    response, origin = _response(scan)
+    return apply_impulse_response(pressure, response, origin=origin)
+
+
+def _response(scan: Scan) -> tuple[np.ndarray, int]:
+    """The impulse response of the file, whose time 0 is in the middle."""
+    response = scan.known["impulse_response"]
+    return response, len(response) // 2
 
 
 def in_band(choices: Choices, record: Array, times: Any, *, baseline: bool) -> Array:

@@ -24,7 +24,7 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
 
     Args:
         scan: any.
-        choices: of `estimate`.
+        choices: of `choose`.
     """
     decided = {"model_based", *OF_FORMULA} & set(choices.user_set)
     if scan.kind != "pressure" or choices.in_space or choices.model_based or decided:

@@ -12,8 +12,10 @@ compiled anew. Least over c, t_0 is
 
     share(c, t_0)² = ||W (A(c, t_0) f - b)||² / ||W b||²,    f = the image after some steps,
 
-b the windowed spectrum of the record, W nearly flattening it: speed is told by high frequencies,
-which are weak. A fit that goes on to its end explains a record at a wrong speed nearly as well.
+b the spectrum of the record times t within a window, W nearly flattening it: speed is told by high
+frequencies, which are weak. Sound at a distance r from a pixel is as 1/r: times t, pixels near the
+detectors count as much as those in the middle, and few steps do for all of them. A fit that goes on
+to its end explains a record at a wrong speed nearly as well.
 """
 
 from typing import Any, NamedTuple
@@ -22,7 +24,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ..base.size_ladder import filled_up, rung
 from ..fitting import TotalVariation
@@ -35,7 +37,8 @@ from ..forward.circular_sizes import circle_sizes
 from ..geometry import DetectorCurve, ImageGrid, disk
 from ..reconstruction import ForwardOperator
 from ..reconstruction.laddered import longer_curve
-from ..special import j1
+from ..reconstruction.operator import in_single_precision
+from ..records.image_records import pressure_series
 
 PIXELS = 97  # along an axis
 SHORTEST = 0.9  # of the highest frequency that such pixels hold
@@ -44,7 +47,8 @@ RAMP = 0.04  # of the window, at either end
 LONGER = 1.05  # of the period than the fastest sound's path
 CYCLES = 5.0  # within a record in the plane, at least: what is slower is drift
 NYQUIST = 0.45  # over the sampling rate
-SMOOTH, FAINT, FLATTENED = 7, 1e-3, 0.5  # frequencies, amplitude over the largest, exponent of W
+SMOOTH, FAINT, FLATTENED = 7, 0.1, 0.5  # frequencies, amplitude over the largest, exponent of W
+EIGHT = 8  # frequencies at a time are added: records that are a little longer take one program
 FIRST_STEPS, STEPS = 40, 25  # of fits from zero: for the weight, for each candidate
 
 
@@ -71,25 +75,17 @@ class Sound(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """An image and what it leaves.
+    """What an image leaves of a record.
 
     Attributes:
-        image: f [any unit].
-        modelled, recorded: its spectra and those of the record, (detectors, frequencies).
-        share: unexplained, ||difference|| / ||record||.
+        left: energy that is unexplained, by detector, (detectors,).
+        share: of all, the root of its part.
         weight: of total variation.
     """
 
-    image: Float[np.ndarray, "x1 x2"]
-    modelled: Complex[np.ndarray, "detectors frequencies"]
-    recorded: Complex[np.ndarray, "detectors frequencies"]
+    left: Float[np.ndarray, " detectors"]
     share: float
     weight: float
-
-    @property
-    def left(self) -> Float[np.ndarray, " detectors"]:
-        """Energy that is unexplained, by detector."""
-        return np.sum(np.abs(self.modelled - self.recorded) ** 2, axis=1)
 
 
 class Misfit(eqx.Module):
@@ -97,25 +93,23 @@ class Misfit(eqx.Module):
 
     Attributes:
         integrals: from images to G(z, lambda_k) of `forward.fast_circles`.
-        zeros: of J_0.
         support: pixels that may sound.
         data: W b, real and imaginary parts, (1, detectors, parts).
         whitening: W; 0 for detectors that are left out.
         times: of the samples [time].
-        fourier: window times exp(-2πi f t), (samples, frequencies).
+        fourier: window times t exp(-2πi f t), (samples, frequencies).
         model: "2d" or "in-plane".
-        counts: detectors and frequencies that were not added.
+        n_detectors: that were not added.
     """
 
     integrals: CircleIntegrals
-    zeros: Float[Array, " k"]
     support: Bool[Array, "x1 x2"]
     data: Float[Array, "1 detectors parts"]
     whitening: Float[Array, "detectors parts"]
     times: Float[Array, " samples"]
     fourier: Complex[Array, "samples frequencies"]
     model: str = eqx.field(static=True)
-    counts: tuple[int, int]
+    n_detectors: Int[Array, ""]
 
     def best(self, sound_speed: float, shift: float = 0.0, *, weight: float | None = None) -> Fit:
         """The image at a speed [length/time], with times later by the shift [time].
@@ -132,25 +126,23 @@ class Misfit(eqx.Module):
             jax.device_put(weight is None),
             jax.device_put(steps),
         )
-        image, modelled, share, used = (np.asarray(part) for part in found)
-        spectra = self._complex(modelled), self._complex(np.asarray(self.data[0]))
-        return Fit(image, *spectra, float(share), float(used))
+        left, share, used = (np.asarray(part, float) for part in found)
+        return Fit(left[: int(self.n_detectors)], float(share), float(used))
 
-    def _complex(self, parts: np.ndarray) -> Complex[np.ndarray, "detectors frequencies"]:
-        n, m = self.counts
-        real, imaginary = np.split(parts[:n], 2, axis=-1)
-        return (real + 1j * imaginary)[:, :m]
+    def with_rows_mixed(self) -> "Misfit":
+        """The criterion for the record of each detector that counts at another's place."""
+        data = np.asarray(self.data)
+        rows = np.flatnonzero(np.asarray(self.whitening).any(axis=1))
+        mixed = data.copy()
+        mixed[:, rows] = data[:, np.random.default_rng(0).permutation(rows)]
+        return eqx.tree_at(lambda misfit: misfit.data, self, jax.device_put(mixed))
 
     def waves(self, sound_speed: Array, shift: Array) -> Float[Array, "k parts"]:
         """From G to the spectrum of the record."""
-        of = self.integrals.of
-        paths, numbers = sound_speed * (self.times + shift), of.frequencies[:, None]
-        term = jnp.cos(numbers * paths)
-        if self.model != "2d":
-            term = -2 * jnp.pi * numbers * j1(numbers * jnp.abs(paths))
-        size = jnp.pi * of.period**2 * j1(self.zeros[:, None]) ** 2
+        of, paths = self.integrals.of, sound_speed * (self.times + shift)
+        series = pressure_series(of, jnp.abs(paths), self.model)
         sounds = (paths > 0) & (paths < of.period)
-        spectrum = (jnp.where(sounds, term, 0.0) / size) @ self.fourier
+        spectrum = jnp.where(sounds, series, 0.0) @ self.fourier
         return jnp.concatenate([spectrum.real, spectrum.imag], axis=-1)
 
     def fit_at(self, sound_speed: Array, shift: Array) -> DataFit:
@@ -165,8 +157,8 @@ class Misfit(eqx.Module):
 @eqx.filter_jit
 def _fitted(
     misfit: Misfit, sound_speed: Array, shift: Array, weight: Array, find: Array, steps: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Image, W A f, share and weight after some steps from zero."""
+) -> tuple[Array, Array, Array]:
+    """What is left, by detector, its share, and the weight, after some steps from zero."""
     fit, data, penalty = misfit.fit_at(sound_speed, shift), misfit.data, TotalVariation()
     start = jnp.zeros((1, *misfit.support.shape), data.dtype)
     level, state = begun(fit, data, penalty, weight, start, 1)
@@ -179,9 +171,8 @@ def _fitted(
 
     parts = state.image, state.inner, state.weight
     image, _, weight = jax.lax.fori_loop(0, steps, advance, parts)
-    modelled = fit.modelled(image)
-    share = jnp.sqrt(jnp.sum((modelled - data) ** 2) / jnp.sum(data**2))
-    return image[0], modelled[0], share, weight
+    left = jnp.sum((fit.modelled(image) - data)[0] ** 2, axis=1)
+    return left, jnp.sqrt(jnp.sum(left) / jnp.sum(data**2)), weight
 
 
 def misfit_of(
@@ -200,9 +191,6 @@ def misfit_of(
     longest = float(LONGER * speeds[1] * sound.end)
     sizes = sizes.with_period(longest) if longest > sizes.period else sizes
     integrals = circle_integrals(curve, grid, jnp.ones(1), sizes, None, TOLERANCE)
-    integrals = jax.tree.map(
-        lambda leaf: leaf.astype(np.complex64 if jnp.iscomplexobj(leaf) else np.float32), integrals
-    )
     times, fourier, n = _spectra(sound, SHORTEST * sizes.highest * speeds[0] / (2 * np.pi))
     known = np.where(sound.good[:, None], sound.record, 0.0)
     spectrum: Any = known @ fourier[: len(sound.times)]
@@ -212,22 +200,21 @@ def misfit_of(
     parts = np.concatenate([spectrum.real, spectrum.imag], axis=-1) * weights
     shape = curve.n_detectors, parts.shape[1]
     return Misfit(
-        integrals=integrals,
-        zeros=jax.device_put(sizes.zeros),
+        integrals=in_single_precision(integrals),
         support=disk(sound.reach, center=sound.center).contains(grid.points),
         data=jax.device_put(filled_up(parts, shape)[None].astype(np.float32)),
         whitening=jax.device_put(filled_up(weights, shape).astype(np.float32)),
         times=jax.device_put(times),
         fourier=jax.device_put(fourier),
         model=model,
-        counts=(sound.curve.n_detectors, n),
+        n_detectors=jax.device_put(sound.curve.n_detectors),
     )
 
 
 def _spectra(
     sound: Sound, highest: float
 ) -> tuple[np.ndarray, Complex[np.ndarray, "samples frequencies"], int]:
-    """Times, window times exp(-2πi f t), and how many frequencies are not added."""
+    """Times, window times t exp(-2πi f t), and how many frequencies are not added."""
     step, span = sound.times[1] - sound.times[0], sound.end - sound.start
     lowest = CYCLES / (sound.times[-1] - sound.times[0])
     last = min(highest, NYQUIST / step) * span
@@ -235,12 +222,13 @@ def _spectra(
     n = rung(len(sound.times))
     times = sound.times[0] + step * np.arange(n)
     waves = np.exp(-2j * np.pi * frequencies * times[:, None])
-    fourier = filled_up(_window(sound), (n,))[:, None] * waves
+    fourier = filled_up(_window(sound) * sound.times / sound.end, (n,))[:, None] * waves
     # nothing of offset and drift, of which a window lets some through
     lines = np.stack([np.ones(n), np.linspace(-1, 1, n)]) @ fourier
     basis = np.linalg.qr(lines.T)[0]
     fourier = fourier - (fourier @ basis.conj()) @ basis.T
-    return times, filled_up(fourier, (n, rung(len(frequencies)))), len(frequencies)
+    most = rung(EIGHT * -(-len(frequencies) // EIGHT))
+    return times, filled_up(fourier, (n, most)), len(frequencies)
 
 
 def _window(sound: Sound) -> Float[np.ndarray, " samples"]:

@@ -47,7 +47,7 @@ def speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
         scan, choices: in space, of pressure.
     """
     record = _filtered_record(scan, choices)
-    best = _best(record, choices.sound_speed, SPEEDS)
+    best = _best(record, choices.sound_speed)
     if best.agreement < AGREE:
         return unknown(
             f"opposite detectors agree at no other within 10 %, to {best.agreement:.0%} at most"
@@ -64,28 +64,24 @@ class _Best(NamedTuple):
 
     Attributes:
         speed, error: with the jackknife's standard error.
-        agreement, rival: M there, and at the next highest peak.
+        agreement: M there.
     """
 
     speed: float
     error: float
     agreement: float
-    rival: float
 
 
-def _best(record: "_Record", assumed: float, speeds: np.ndarray) -> _Best:
+def _best(record: "_Record", assumed: float) -> _Best:
     def agreement_at(speeds: np.ndarray) -> np.ndarray:
         return np.array([_agreements(record, speed) for speed in assumed * speeds])
 
-    coarse = agreement_at(speeds)[:, 0]
+    coarse = agreement_at(SPEEDS)[:, 0]
     best = int(np.argmax(coarse[1:-1])) + 1
-    near = np.linspace(speeds[best - 1], speeds[best + 1], 9)
+    near = np.linspace(SPEEDS[best - 1], SPEEDS[best + 1], 9)
     found = agreement_at(near)
     error = jackknife([summit(near, without) for without in found[:, 1:].T])
-    elsewhere = np.abs(np.arange(len(speeds)) - best) > 1
-    higher = np.maximum(np.append(coarse[1:], -1.0), np.append(-1.0, coarse[:-1])) <= coarse
-    rival = float(np.max(coarse[elsewhere & higher], initial=0.0))
-    return _Best(summit(near, found[:, 0]), error, float(found[:, 0].max()), rival)
+    return _Best(summit(near, found[:, 0]), error, float(found[:, 0].max()))
 
 
 class _Record(NamedTuple):

@@ -11,7 +11,7 @@ from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import ArcFit, detector_curve, visible_disk
 from ..io import Scan
 from .acquisition import Facts
-from .found import SHARES, Found, NoRegion, covered, require_scale, slowest
+from .found import SHARES, Found, NoRegion, covered, slowest
 from .hearing import Sound, body_heard, near_side_heard
 
 MARGIN, SPREAD = 1.1, 2.0  # of the region: times as far as sound comes from, and deviations
@@ -40,8 +40,6 @@ def region_of_sound(
     heard = body_heard(sound, points, speed, known)
     body, tells = heard.disk, heard.when.tells
     path = float(facts.times[-1]) * speed
-    if found.given.get("region_radius") is None:
-        require_scale(path, arc.radius, speed)
     path *= slowest(found)
     near = near_side_heard(heard, points, speed)
     late = tells and path - arc.radius < near.reach < SHARES[1] * arc.radius

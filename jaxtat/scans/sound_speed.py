@@ -7,19 +7,22 @@ arrivals from there stay the same, and that line is searched for the start.
 """
 
 from collections.abc import Callable
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
 
 from .misfit import Fit, Misfit
+from .speed_found import jackknife, summit
 
 STEP = 1 / 120  # between speeds, over water's
 FINER = 2  # halvings of it
 SECTORS = 8  # of detectors, each of which is left out in turn
 BESIDE = 2  # steps to each side of the least share that are no measure of the others
 SHIFTS = 0.025 * np.arange(-4, 5)  # of the start, over the time from the middle to the detectors
-FINER_SHIFTS = 3  # halvings of their steps
+CLOSER = 0.25  # times these, the second time
+FARTHER = 1.5  # at most, than the middle
 
 
 class Least(NamedTuple):
@@ -47,7 +50,6 @@ def least_share(
     fit_at: Callable[[float], Fit],
     values: np.ndarray,
     good: Bool[np.ndarray, " detectors"],
-    finer: int = FINER,
 ) -> Least:
     """Where the unexplained share is least, between equispaced values.
 
@@ -55,42 +57,31 @@ def least_share(
         fit_at: the fit at a value.
         values: that are tried, (some,).
         good: detectors that count.
-        finer: halvings of the step around the best.
     """
-    fits = {float(value): fit_at(float(value)) for value in values}
-    squares = np.array([fit.share**2 for fit in fits.values()])
+    fit_at = cache(fit_at)
+    squares = np.array([fit_at(float(value)).share ** 2 for value in values])
     k = int(np.argmin(squares))
     elsewhere = np.abs(np.arange(len(values)) - k) > BESIDE
     typical = float(np.median(squares[elsewhere])) if elsewhere.any() else 0.0
     depth = 1 - float(squares[k]) / typical if typical > 0 else 0.0
     step, best = float(values[1] - values[0]), float(values[k])
     if not 0 < k < len(values) - 1:
-        return Least(best, np.inf, depth, fits[best])
+        return Least(best, np.inf, depth, fit_at(best))
 
     def three() -> list[float]:
         return [best - step, best, best + step]
 
-    for _ in range(finer):
+    for _ in range(FINER):
         step /= 2
-        for value in three():
-            if value not in fits:
-                fits[value] = fit_at(value)
-        best = min(three(), key=lambda value: fits[value].share)
-    for value in three():
-        if value not in fits:
-            fits[value] = fit_at(value)
-    left = np.array([fits[value].left for value in three()])
+        best = min(three(), key=lambda value: fit_at(value).share)
+    near, left = np.array(three()), np.array([fit_at(value).left for value in three()])
+
+    def where_least(left: np.ndarray) -> float:
+        return summit(near, -left.sum(axis=1))
+
     parts = np.array_split(np.flatnonzero(good), SECTORS)
-    without = np.array([_summit(best, step, np.delete(left, part, axis=1)) for part in parts])
-    error = np.sqrt((SECTORS - 1) / SECTORS * np.sum((without - np.mean(without)) ** 2))
-    return Least(_summit(best, step, left), float(error), depth, fits[best])
-
-
-def _summit(best: float, step: float, left: np.ndarray) -> float:
-    """Where the parabola through three sums over detectors is least, within a step."""
-    before, here, behind = map(float, left.sum(axis=1))
-    curvature = max(before - 2 * here + behind, 1e-300)
-    return best + step * float(np.clip((before - behind) / (2 * curvature), -1.0, 1.0))
+    error = jackknife([where_least(np.delete(left, part, axis=1)) for part in parts])
+    return Least(where_least(left), error, depth, fit_at(best))
 
 
 class Start(NamedTuple):
@@ -123,20 +114,43 @@ def best_start(
         distance: of the detectors from the middle [length].
         speeds: least and greatest that are possible.
     """
-    arrival = distance / without.value
+    speed, shift, found = without.value, 0.0, without
+    for spread in (1.0, CLOSER):
+        on_line = _along_line(misfit, weight, distance, speed, shift, spread, speeds, good)
+        if on_line is None or not on_line.inside:
+            return None
+        near = distance / (distance / speed - shift + on_line.value)
+        shift = on_line.value
+        fit_at = partial(misfit.best, shift=shift, weight=weight)
+        found = least_share(fit_at, near * (1 + STEP * np.arange(-2, 3)), good)
+        if not found.inside:
+            return None
+        speed = found.value
+        # the distance of what sounds, by the two speeds: the second line runs along the valley
+        slowness = 1 / speed - 1 / without.value
+        if shift * slowness > 0:
+            distance = min(max(shift / slowness, distance / FARTHER), distance * FARTHER)
+    gain = 1 - (found.fit.share / without.fit.share) ** 2
+    return Start(shift, found._replace(depth=without.depth), gain)
 
-    def along(shift: float) -> Fit:
-        return misfit.best(distance / (arrival + shift), shift, weight=weight)
 
-    possible = distance / (arrival * (1 + SHIFTS))
-    shifts = arrival * SHIFTS[(possible >= speeds[0]) & (possible <= speeds[1])]
+def _along_line(
+    misfit: Misfit,
+    weight: float,
+    distance: float,
+    speed: float,
+    shift: float,
+    spread: float,
+    speeds: tuple[float, float],
+    good: Bool[np.ndarray, " detectors"],
+) -> Least | None:
+    """The best shift about another one, with sound from the middle at the same samples."""
+    arrival = distance / speed - shift
+    shifts = shift + spread * distance / speed * SHIFTS
+    possible = distance / (arrival + shifts)
+    shifts = shifts[(possible >= speeds[0]) & (possible <= speeds[1])]
     if len(shifts) < 3:
         return None
-    found = least_share(along, shifts, good, FINER_SHIFTS)
-    if not found.inside:
-        return None
-    speed, shift = distance / (arrival + found.value), found.value
-    near = speed * (1 + STEP * np.arange(-2, 3) / 4)
-    best = least_share(lambda c: misfit.best(c, shift, weight=weight), near, good, 0)
-    gain = 1 - (best.fit.share / without.fit.share) ** 2
-    return Start(shift, best._replace(depth=without.depth), gain)
+    return least_share(
+        lambda later: misfit.best(distance / (arrival + later), later, weight=weight), shifts, good
+    )

@@ -111,7 +111,7 @@ class ViewerPage:
         self.move = Button(label=TAKE_REGION)
 
     def _make_curve(self, low: float, high: float) -> None:
-        """Sharpness by speed of sound, as wide as the slider below it."""
+        """What is unexplained by speed of sound, as wide as the slider below it."""
         self.curve = ColumnDataSource({"speed": [], "share": []})
         self.curve_plot = figure(
             width=WIDTH,

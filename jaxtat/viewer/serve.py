@@ -137,7 +137,7 @@ def view(
     Args:
         scan: in the plane, or its file.
         choices: with which it begins; by default of `scans.choose`, with 257 x 257 pixels and the
-            speed of sound of the sharpest image where none is known.
+            speed of sound that leaves least unexplained where none is known.
         facts: what options of the command said of the scan, by their names; for the commands shown.
         source: the scan's file, if the scan is no path.
         folder: where images are kept.

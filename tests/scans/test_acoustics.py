@@ -18,6 +18,7 @@ from jaxtat.scans.acoustics import shares_by_speed
 from jaxtat.steps import AccuracyWarning
 
 NO_IMAGE = "no image explains this record"
+LATE, EARLIER = "sound arrives later than", "sound arrives earlier than"
 ARC, HALF = slice(None), slice(15, 75)  # 270 and 179 degrees
 GIVEN = {"model": "in-plane", "region_radius": 0.011, "pixels": 33, "max_frequency": 3000.0}
 
@@ -110,15 +111,26 @@ def saved(pressure, rows, drift=0.0):
     return Scan("pressure", (pressure + largest * dirt)[rows], known)
 
 
+@pytest.mark.parametrize("noise", [0.01, 0.1])
+def test_a_body_round_about_the_middle_raises_no_alarm(noise):
+    """All detectors have the same record, in whatever order the rows are."""
+    radii, h = np.maximum(SPEED * TIMES, 1e-3), 1e-6
+    bell = phantoms.Bells([[0.0, 0.0]], [8e-3])
+    both = np.concatenate([radii - h / 2, radii + h / 2])
+    means = np.asarray(bell.circular_integrals(detector_curve(positions()[:, :2]), both)) / both
+    pressure = (means[:, len(radii) :] - means[:, : len(radii)]) / h
+    dirt = noise * np.abs(pressure).max() * np.random.default_rng(0).standard_normal(pressure.shape)
+    choose(scan(pressure + dirt))
+
+
 @pytest.mark.parametrize("model", ["2d", "in-plane"])
 def test_the_best_image_tells_the_model(model):
     """A record of elements focused into the plane drifts, which looks like a tail of waves."""
     one = saved(waves() if model == "2d" else record(), ARC, 0.05 * (model == "in-plane"))
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", ".* needs model in-plane")  # of waves it is a guess
+        warnings.filterwarnings("ignore", ".* needs model in-plane")
         found, asked = choose(one), choose(one, model=model)
-    grade = "likely" if model == "in-plane" else "guessed"
-    assert (found.model, found.grade("model")) == (model, grade)
+    assert (found.model, found.grade("model")) == (model, "likely")
     for name in ("band", "low_pass", "pixels", "dead_time"):
         assert getattr(found, name) == getattr(asked, name), name
     assert asked.grade("model") == "sure" and "model" not in found.user_set
@@ -156,6 +168,23 @@ def test_a_contradiction_is_said_and_no_speed_is_told_by_it(damaged):
     assert NO_IMAGE in dict(chosen.reasons)["sound_speed"]
 
 
+@pytest.mark.parametrize(
+    ("damaged", "said"),
+    [
+        (lambda: made(detectors=100 * positions()), LATE),  # centimetres
+        (lambda: made(sampling_rate=RATE / 2), LATE),
+        (lambda: made(np.pad(record(), ((0, 0), (0, 230))), sampling_rate=2 * RATE), EARLIER),
+        (lambda: made(record()[:, 40:]), EARLIER),  # a delay that the file does not tell
+        (lambda: made(np.pad(record(), ((0, 0), (60, 0)))), LATE),
+    ],
+)
+def test_sound_at_times_that_positions_contradict_is_said(damaged, said):
+    found = damaged()
+    with pytest.warns(AccuracyWarning, match=said):
+        chosen = choose(found, model="in-plane")
+    assert chosen.grade("sound_speed") == "guessed"
+
+
 def test_a_wrong_sampling_rate_is_named():
     whole = np.pad(record(), ((0, 0), (0, 230)))
     with pytest.warns(AccuracyWarning, match="with half the sampling rate it is"):
@@ -186,6 +215,9 @@ def test_a_measured_scan_raises_no_alarm_but_damaged(data_file):
     rows = np.random.default_rng(0).permutation(measured.n_detectors)
     with pytest.warns(AccuracyWarning, match=NO_IMAGE):
         choose(Scan("pressure", measured.frame(0)[rows], measured.known))
+    known = dict(measured.known) | {"detectors": 100 * measured.known["detectors"]}
+    with pytest.warns(AccuracyWarning, match=LATE):
+        choose(Scan("pressure", measured.frame(0), known))
 
 
 def test_the_command_says_it_in_a_line(tmp_path, capsys, monkeypatch):

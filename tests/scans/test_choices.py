@@ -18,6 +18,7 @@ CHOICES = Choices(
     left_out=(3, 17),
     model="in-plane",
     sound_speed=1481.1 / 3,
+    time_shift=1e-7 / 3,
     dead_time=1e-6 / 3,
     band=(1e5 / 3, 7e6),
     impulse_response=True,
@@ -175,7 +176,7 @@ def test_what_is_least_sure_is_looked_at_first_and_then_what_decides_most():
     ],
 )
 def test_alpha_says_what_it_means(ratio, alpha, why):
-    found = Found({}, {}, {}, {}, set())
+    found = Found({}, {}, {}, {}, set(), {})
     found.take_alpha(ratio, "by hand")
     assert (found.values["alpha"], found.reasons["alpha"]) == (alpha, why)
 

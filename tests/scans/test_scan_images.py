@@ -199,4 +199,4 @@ def test_info_tells_without_an_image(counts, command, capsys):
     assert command("info scan.npz") == 0
     printed = capsys.readouterr().out
     assert "arc of 270.0 degrees" in printed
-    assert "to be estimated" in printed
+    assert "the best image leaves" in printed

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from made_scans import RATE, SPEED, positions
+from made_scans import SPEED, raw_counts, record, scan
 
 from jaxtat import ImageGrid, Setup, circular_arc, data_radii, disk, phantoms, reconstruct
 from jaxtat.io import Scan
@@ -35,32 +35,29 @@ def test_images_are_those_of_each_value_and_differ_by_nothing_else():
 
 @pytest.fixture
 def tried(monkeypatch):
-    """A pulse in all detectors at once, and a function (name, values) -> choices of the trials."""
-    record = 0.01 * np.random.default_rng(0).standard_normal((90, 400)) + 1000.0
-    record[:, 150:170] += np.sin(np.arange(20.0))
-    known = {"detectors": positions(), "sampling_rate": RATE * 400 / 230, "sound_speed": SPEED}
-    scan = Scan("pressure", record, known)
+    """A record, and a function (name, values) -> choices of the trials."""
+    made = scan(raw_counts(record()), sound_speed=SPEED)
     monkeypatch.setattr("jaxtat.scans.trying.reconstruct", lambda scan, choices: choices)
-    return scan, lambda name, values: list(trials(scan, choose(scan), {}, name, values))
+    return made, lambda name, values: list(trials(made, choose(made), {}, name, values))
 
 
 def test_a_speed_leaves_the_region_as_it_was(tried):
     """Which the choice would let grow with it."""
-    scan, found = tried
-    chosen, made = choose(scan), found("sound_speed", [1450.0, 1550.0])
+    raw, found = tried
+    chosen, made = choose(raw), found("sound_speed", [1450.0, 1550.0])
     assert [one.sound_speed for one in made] == [1450.0, 1550.0]
     for name in ("region_radius", "max_frequency", "pixels", "alpha", "band", "dead_time"):
         assert getattr(made[0], name) == getattr(made[1], name) == getattr(chosen, name), name
-    assert choose(scan, sound_speed=1550.0).region_radius != chosen.region_radius
+    assert choose(raw, sound_speed=1550.0).region_radius != chosen.region_radius
 
 
 def test_what_follows_from_a_choice_follows_it(tried):
     """A smaller region has fewer pixels and is shown wholly."""
-    scan, found = tried
+    raw, found = tried
     small, large = found("region_radius", [5e-3, 20e-3])
     assert (small.half_width, large.half_width) == (5e-3, 20e-3)
     assert small.pixels < large.pixels
-    assert small.max_frequency == large.max_frequency == choose(scan).max_frequency
+    assert small.max_frequency == large.max_frequency == choose(raw).max_frequency
 
 
 def test_a_value_that_cannot_be_ends_it_before_the_first_image(monkeypatch):
