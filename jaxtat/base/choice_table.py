@@ -87,6 +87,10 @@ def _numbers(values: Any) -> tuple[float, ...]:
     return tuple(_number(x) for x in values)
 
 
+def _number_or_none(value: Any) -> float | None:
+    return None if value is None else _number(value)
+
+
 def _so_many(n: int, values: Any) -> list[float]:
     numbers = list(_numbers(values))
     if len(numbers) != n:
@@ -151,6 +155,36 @@ CHOICES = (
         },
         POSITIVE,
         "speed",
+    ),
+    Choice(
+        "water_speed",
+        _number_or_none,
+        lambda c: c.units.of_speed(c.water_speed),
+        RECORD,
+        _NUMBER
+        | {
+            "metavar": "C",
+            "help": "around the body, where that is another one; --sound-speed is the body's then",
+        },
+        POSITIVE,
+        "speed",
+    ),
+    Choice(
+        "body_radius",
+        _number_or_none,
+        lambda c: c.units.of_length(c.body_radius),
+        RECORD,
+        _NUMBER | {"metavar": "R", "help": "of the body in --water-speed (default: the region's)"},
+        POSITIVE,
+        "length",
+    ),
+    Choice(
+        "body_center",
+        lambda values: None if values is None else _numbers(values),
+        lambda c: c.units.of_place(c.body_center, c.body_radius),
+        RECORD,
+        _NUMBER | {"nargs": 2, "metavar": ("X1", "X2"), "help": "(default: the region's)"},
+        quantity="length",
     ),
     Choice(
         "impulse_response",
@@ -320,14 +354,14 @@ CHOICES = (
         {
             "action": "store_true",
             "default": None,
-            "help": "no pixel is below zero (default, unless a fit is asked for)",
+            "help": "no pixel is below zero (default for pressure records)",
         },
         off="signed",
         off_help="pixels may be below zero",
     ),
     Choice(
         "weight",
-        lambda value: None if value is None else _number(value),
+        _number_or_none,
         lambda c: "from the misfit" if c.weight is None else f"{c.weight:.3g}",
         CONSTRAINTS,
         _NUMBER | {"metavar": "W", "help": "of the penalty (default: by what is not explained)"},

@@ -12,20 +12,21 @@ from .option_checks import require_options
 from .parser import build_parser
 
 QUICK = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
-NO_READER, BAD_INPUT, INTERRUPTED = 1, 2, 130
+NO_READER, BAD_INPUT, CONTRADICTED, INTERRUPTED = 1, 2, 3, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``jaxtat`` with the given arguments (by default those of the process).
 
     Returns:
-        0 after success, 2 for input that was refused (a line on stderr says why), 130 if
+        0 after success, 2 for input that was refused (a line on stderr says why), 3 after success
+        with a record that contradicts what is known about it, without ``--force``; 130 if
         interrupted; 1, without a word, if standard output was closed, as by ``head``.
     """
     options = build_parser().parse_args(arguments)
     try:
         require_options(options)
-        _run(options)
+        contradicted = _run(options)
         sys.stdout.flush()  # a reader that is gone is noticed here, not when Python ends
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is still held
@@ -46,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("jaxtat: interrupted", file=sys.stderr)
         return INTERRUPTED
-    return 0
+    return CONTRADICTED if contradicted and not options.force else 0
 
 
 def _is_of_memory(error: Exception) -> bool:
@@ -57,8 +58,11 @@ def _is_of_memory(error: Exception) -> bool:
     )
 
 
-def _run(options: argparse.Namespace) -> None:
-    """The command itself; only now is JAX imported, for which help and refusals need not wait."""
+def _run(options: argparse.Namespace) -> bool:
+    """The command itself; only now is JAX imported, for which help and refusals need not wait.
+
+    Returns whether it noted that a record contradicts what is known about it.
+    """
     if "jax" not in sys.modules:
         _compile_quickly()
         # imports and tracing make many objects, few of them garbage: looked for every 700, that
@@ -68,7 +72,7 @@ def _run(options: argparse.Namespace) -> None:
 
     from ..base.threads import one_blas_thread
     from ..geometry import VisibilityWarning
-    from ..steps import AccuracyWarning
+    from ..steps import AccuracyWarning, Contradiction
     from .cache import keep_programs
 
     jax.config.update("jax_enable_x64", True)  # the command is the program: its flag to set
@@ -76,8 +80,10 @@ def _run(options: argparse.Namespace) -> None:
     with one_blas_thread(), warnings.catch_warnings():
         warnings.simplefilter("always", VisibilityWarning)
         warnings.simplefilter("always", AccuracyWarning)
-        warnings.showwarning = _notes()
+        shown: dict[str, type[Warning]] = {}
+        warnings.showwarning = _notes(shown)
         options.run(options)
+    return Contradiction in shown.values()
 
 
 def _compile_quickly() -> None:
@@ -91,13 +97,12 @@ def _compile_quickly() -> None:
         os.environ.setdefault("XLA_FLAGS", QUICK)
 
 
-def _notes() -> Callable[..., None]:
-    """A function that shows each warning once, as one line."""
-    shown: set[str] = set()
+def _notes(shown: dict[str, type[Warning]]) -> Callable[..., None]:
+    """A function that shows each warning once, as one line, and keeps its kind."""
 
     def show(message, category, filename, lineno, file=None, line=None) -> None:
         if str(message) not in shown:
-            shown.add(str(message))
+            shown[str(message)] = category
             print(f"jaxtat: note: {message}", file=sys.stderr)
 
     return show

@@ -26,6 +26,7 @@ _OPTIONS = (
     "out",
     "format",
     "quiet",
+    "force",
     "cache",
     "no_cache",
     "repeat",

@@ -99,7 +99,7 @@ def _command(subparsers, name: str, run, help: str) -> argparse.ArgumentParser:
         epilog=f"examples:{_EXAMPLES[name]}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, force=False)
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no report")
     cache = parser.add_mutually_exclusive_group()
     cache.add_argument(
@@ -280,6 +280,11 @@ def _add_sample(subparsers) -> None:
 
 def _add_choices(parser: argparse.ArgumentParser) -> None:
     """Options for parameters that are otherwise chosen from the scan."""
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="exit code 0 also where the record contradicts its geometry, times or units (else 3)",
+    )
     _add_options(parser, PLAIN)
     data = parser.add_argument_group("pressure records (default: by the record)")
     times = data.add_mutually_exclusive_group()

@@ -105,7 +105,7 @@ def _heard(scan: Scan, choices: Choices, setup: Setup, images: Array) -> Array:
     with warnings.catch_warnings():  # details reach to the rim of the region, and no farther
         warnings.simplefilter("ignore", AccuracyWarning)
         pressure = circular_integrals_to_pressure(
-            g, reaching.radii, times, sound_speed=choices.sound_speed, model=choices.model
+            g, reaching.radii, times, sound_speed=choices.path_speed, model=choices.model
         )
     return through_elements(scan, choices, pressure)
 

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from ..base.choice_table import GUESSED, LIKELY
 from ..geometry import ArcFit, detector_curve
 from ..io import Scan
-from ..steps import AccuracyWarning
+from ..steps import AccuracyWarning, Contradiction
 from .acquisition import FASTEST, SLOWEST, arc_through, facts_of
 from .choices import Choices
 from .found import RIM, Found
@@ -113,16 +113,19 @@ def shares_by_speed(
     return np.array([misfit.best(float(c), weight=weight).share for c in speeds])
 
 
-def tell_acoustics(sound: Sound, arc: ArcFit, found: Found, start_known: bool) -> None:
+def tell_acoustics(
+    sound: Sound, arc: ArcFit, found: Found, nominal: float, start_known: bool
+) -> None:
     """Take what the record tells of speed, model and start, and warn of what it contradicts.
 
     Args:
         sound: the record.
         arc: circle of the detectors, or the largest without any.
         found: with the speed of the file, the one given, or water's.
+        nominal: that speed, of two the single one that comes nearest [length/time].
         start_known: whether the file or the user says when the record starts.
     """
-    nominal, distance = float(found.values["sound_speed"]), arc.radius
+    distance = arc.radius
     seen = span(np.asarray(sound.curve.points)[sound.good], sound.center)
     unknown = "sound_speed" in found.to_estimate and seen >= SEEN_TWICE
     models = [str(found.values["model"])]
@@ -138,14 +141,15 @@ def tell_acoustics(sound: Sound, arc: ArcFit, found: Found, start_known: bool) -
         best, other = (told[k] for k in np.argsort(shares))
         _take_model(found, best, other, min(shares), max(shares))
     chance = _share_by_chance(best)
-    of_file = found.given.get("sound_speed") is None and "sound_speed" not in found.to_estimate
+    told_by_user = any(found.given.get(name) is not None for name in ("sound_speed", "water_speed"))
+    of_file = not told_by_user and "sound_speed" not in found.to_estimate
     badly = (best.speed.fit.share / chance) ** 2 > HARDLY
     if of_file and badly and seen >= SEEN_TWICE:
         best = _told(sound, best.model, nominal, sought=True)
         _compare(found, best, nominal)
     reason = _contradiction(best, chance)
     if reason:
-        warnings.warn(f"{reason}.", AccuracyWarning, stacklevel=6)
+        warnings.warn(f"{reason}.", Contradiction, stacklevel=6)
         if seen >= SEEN_TWICE:
             found.settle_all(reason)
         found.doubt()

@@ -15,6 +15,7 @@ from ..base.option_values import PENALTIES
 from ..base.units import Units
 from ..geometry import (
     DetectorCurve,
+    DiskBody,
     ImageGrid,
     Region,
     VolumeGrid,
@@ -41,6 +42,14 @@ def plane_region(values: Mapping[str, Any]) -> Region:
     return disk(radius, cut if cut < radius else None, center=center, angle=angle)
 
 
+def body_of(values: Mapping[str, Any]) -> DiskBody | None:
+    """The body of choices by name; None for one speed of sound."""
+    if values["water_speed"] is None:
+        return None
+    shape = values["body_center"], values["body_radius"]
+    return DiskBody(*shape, values["sound_speed"], values["water_speed"])
+
+
 class Choices(eqx.Module):
     """Parameters of the reconstruction of a scan, chosen or given.
 
@@ -52,7 +61,9 @@ class Choices(eqx.Module):
         left_out: those among them that are not used.
         model: acoustic model of a pressure record, "2d", "in-plane" or, of a volume, "in-space";
             "none" for circular or spherical integrals.
-        sound_speed: c [length/time].
+        sound_speed: c, with a water speed that of the body [length/time].
+        water_speed: around the body, where that is another one [length/time]; None for one speed.
+        body_radius, body_center: of the disk of the other speed [length]; None for one speed.
         time_shift: what is added to the times of the file [time].
         dead_time: before it the record is silenced [time].
         band: pass band (f_lo, f_hi), or None for no filter [cycles/time].
@@ -113,6 +124,9 @@ class Choices(eqx.Module):
     penalty: str = eqx.field(static=True, default="tv")
     nonnegative: bool = eqx.field(static=True, default=False)
     weight: float | None = None
+    water_speed: float | None = None
+    body_radius: float | None = None
+    body_center: tuple[float, float] | None = None
 
     def __check_init__(self) -> None:
         models = *MODELS, IN_SPACE, "none"
@@ -149,6 +163,16 @@ class Choices(eqx.Module):
             center = jax.device_put(np.array(self.region_center))
             return ball(self.region_radius, cut, center=center)
         return plane_region(self.settings())
+
+    @property
+    def path_speed(self) -> float:
+        """c by which times are radii, the water's where there are two speeds [length/time]."""
+        return self.sound_speed if self.water_speed is None else self.water_speed
+
+    @property
+    def medium(self) -> DiskBody | None:
+        """The body of another speed than the water's."""
+        return body_of(self.settings())
 
     @property
     def grid(self) -> ImageGrid | VolumeGrid:
@@ -192,7 +216,8 @@ class Choices(eqx.Module):
         """What, how much, how sure, why."""
         reasons = dict(self.reasons)
         shown = {"channels": f"{len(self.channels)} of {len(self.order)}"}
-        shown |= {choice.name: choice.shown(self) for choice in CHOICES if choice.shown}
+        told = [choice for choice in CHOICES if choice.shown and choice.name in reasons]
+        shown |= {choice.name: choice.shown(self) for choice in told if choice.shown}
         shown["length_unit"] = self.units.length or "unknown"
         return [
             (name, value, self.grade(name), reasons[name])
@@ -242,10 +267,14 @@ class Choices(eqx.Module):
 def at_speed(choices: Choices, stretch: float) -> Choices:
     """Choices at another speed of sound: radii for the same times, no farther apart than before.
 
+    Where there are two, radii are those of the water's, and stay.
+
     Args:
         choices: of a pressure record.
         stretch: the other speed over that of the choices.
     """
+    if choices.water_speed is not None:
+        return dataclasses.replace(choices, sound_speed=choices.sound_speed * stretch)
     n_steps = choices.n_radii - 1
     n_more = max(n_steps, int(np.ceil(n_steps * stretch - 1e-9)))
     return dataclasses.replace(

@@ -23,7 +23,6 @@ from ..geometry import (
     keep_detectors,
     require_outside,
     uncovered,
-    visible_disk,
 )
 from ..io import Scan
 from ..records import MODELS, channel_quality, ranges, supported
@@ -37,7 +36,7 @@ from ..records.signal_power import (
     tail_share,
     totals,
 )
-from ..steps import AccuracyWarning, TooFewDetectors
+from ..steps import Contradiction, TooFewDetectors
 from .acoustics import sound_within, tell_acoustics
 from .acquisition import (
     FEWEST,
@@ -68,11 +67,13 @@ from .found import (
 )
 from .hearing import muted_start, noise_floor, power_after, sound_after, sound_begins
 from .region_in_plane import (
+    SUPPOSED,
     center_within,
     circle_without_detectors,
     cut_at_opening,
     distances_of,
     found_with_rectangle,
+    largest_seen,
     region_of_sound,
     seen_region,
 )
@@ -108,9 +109,11 @@ def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
         assumed = _from_record(scan, facts, found)
     else:
         _from_integrals(scan, facts, found)
+        found.require_body_speed(scan.kind)
+        found.take_body()
     found.take_laser_energy(scan)
     found.take("inversion", "fourier", "the faster way to the same image")
-    found.take_constraints()
+    found.take_constraints(scan.kind)
     made = found.choices()
     if "sound_speed" in found.to_estimate:
         return with_speed_from_one_side(scan, made)
@@ -135,6 +138,7 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> str:
     frame = typical_frame(scan)[facts.order]
     model = _model(facts, frame, found)
     speed = take_nominal_speed(scan, found, facts.units)
+    found.require_body_speed(scan.kind)
     given = float(found.take("time_shift", 0.0, "as the file says"))
     facts = facts.later(given)
     times = facts.times
@@ -170,11 +174,13 @@ def _from_record(scan: Scan, facts: Facts, found: Found) -> str:
     end = end if detrend else _artefact_end(whole, times, True, middle)
     if not _say_if_early_or_late(facts, found, good, whole[good], max(begin, end)):
         _tell_acoustics(scan, facts, found, whole, good, begin)
-    speed, shift = float(found.values["sound_speed"]), float(found.values["time_shift"]) - given
+    speed, shift = _one_speed(facts, found), float(found.values["time_shift"]) - given
     facts, times, begin = facts.later(shift), times + shift, begin + shift
     power = RecordPower(power.times + shift, power.power).after(begin)
     sound = sound_after(begin, whole[good], times, middle)
     region_of_sound(scan, facts, found, sound, speed, good)
+    found.take_body()
+    speed = float(found.values["water_speed"] or speed)  # by which times are radii
     start = int(np.searchsorted(times, begin))
     arrival = _first_arrival(facts, found, speed)
     quiet = slice(0, max(int(np.searchsorted(times, arrival)) - start, 0))
@@ -199,7 +205,7 @@ def _say_if_early_or_late(
     points = facts.points[facts.order][good] - np.array(arc.center)
     said = early_or_late(power, points, arc.radius, float(found.values["sound_speed"]))
     if said:
-        warnings.warn(f"{said}.", AccuracyWarning, stacklevel=5)
+        warnings.warn(f"{said}.", Contradiction, stacklevel=5)
         found.settle_all(said)
         found.doubt()
     return bool(said)
@@ -216,13 +222,23 @@ def _tell_acoustics(
         return
     assert facts.times is not None
     times, points = facts.times, facts.points[facts.order]
-    arc, speed = facts.arc or _free_circle(facts, found), float(found.values["sound_speed"])
+    arc, speed = facts.arc or _free_circle(facts, found), _one_speed(facts, found)
     sound = sound_within(arc, points, record, times, good, begin, speed)
     if sound is None:
         found.settle_all("the record is too short to tell it")
         return
     known = found.given.get("time_shift") is not None or "times" in scan.known
-    tell_acoustics(sound, arc, found, known)
+    tell_acoustics(sound, arc, found, speed, known)
+
+
+def _one_speed(facts: Facts, found: Found) -> float:
+    """The speed of sound; of two the single one by which sound from the middle takes as long."""
+    speed, water = float(found.values["sound_speed"]), found.given.get("water_speed")
+    if water is None:
+        return speed
+    radius = found.given.get("body_radius")
+    share = SUPPOSED if radius is None or facts.arc is None else float(radius) / facts.arc.radius
+    return 1 / (share / speed + (1 - share) / float(water))
 
 
 def _free_circle(facts: Facts, found: Found) -> ArcFit:
@@ -231,9 +247,7 @@ def _free_circle(facts: Facts, found: Found) -> ArcFit:
     if center is not None and radius is not None:
         arc = circle_without_detectors(facts.points[facts.order], center)
         return arc._replace(radius=min(arc.radius, 2 * float(radius)))
-    points = facts.points[facts.order]
-    seen = visible_disk(detector_curve(points), center=center)
-    return circle_without_detectors(points, points.mean(axis=0) if seen is None else seen[0])
+    return circle_without_detectors(facts.points[facts.order], largest_seen(facts, center)[0])
 
 
 def _artefact_end(
@@ -369,10 +383,11 @@ def _resolution(
         found.expect(support.shortfalls[0])
     of_detectors = float(support.frequency_of_detectors) / SAMPLED
     _warn_of_few_details(found, len(where[0].points), of_detectors)
+    in_body = 2 * np.pi / float(found.values["sound_speed"])
     _frequency_and_pixels(
         found,
         Limit(of_detectors, SPACING, SURE),
-        Limit(2 * np.pi * highest / speed, "what the record holds above its noise", LIKELY),
+        Limit(in_body * highest, "what the record holds above its noise", LIKELY),
     )
 
 

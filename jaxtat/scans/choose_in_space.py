@@ -79,7 +79,9 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     _noise(facts, found, record)
     found.take_laser_energy(scan)
     found.take("inversion", "fourier", "the faster way to the same image")
-    found.take_constraints()
+    found.require_body_speed(scan.kind)
+    found.take_body()
+    found.take_constraints(scan.kind)
     made = found.choices()
     return with_speed_in_space(scan, made) if "sound_speed" in found.to_estimate else made
 

@@ -93,9 +93,10 @@ class _Recorded(NamedTuple):
 
 def of_all_sound(setup: Setup, choices: Choices) -> Setup:
     """The same with the radii of all sound from the region, whatever the record holds of it."""
-    radii = data_radii(setup.curve, setup.region, setup.grid.spacing.max())
+    spacing, medium = setup.grid.spacing.max(), setup.medium
+    radii = data_radii(setup.curve, setup.region, spacing, medium=medium)
     where = setup.curve, setup.region, setup.grid
-    return Setup(*where, radii, max_frequency=choices.max_frequency)
+    return Setup(*where, radii, max_frequency=choices.max_frequency, medium=medium)
 
 
 def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) -> _Recorded:
@@ -111,7 +112,7 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
     reaching = of_all_sound(setup, choices)
     radii = reaching.radii
     larger, n_radii = setup_to_fit(reaching, n_detectors), len(radii)
-    path = choices.sound_speed * np.asarray(times)
+    path = choices.path_speed * np.asarray(times)
     within = np.flatnonzero((path >= float(radii[0])) & (path <= float(radii[-1])))
     window = slice(int(within[0]), int(within[-1]) + 1) if within.size else slice(0, 0)
     n_samples = rung(window.stop - window.start)
@@ -126,7 +127,7 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
 
     model = {
         "times": times,
-        "sound_speed": choices.sound_speed,
+        "sound_speed": choices.sound_speed if setup.medium is None else 1.0,  # else the body's
         "model": choices.model,
         "conditioning": as_recorded,
     }

@@ -73,7 +73,7 @@ def quiet_noise(
     )  # what is silenced is faded in over as long again
     points, center = np.asarray(setup.curve.points), np.asarray(setup.region.center)
     nearest = np.linalg.norm(points - center, axis=1).min()
-    arrival = float(nearest - setup.region.reach) / choices.sound_speed
+    arrival = float(nearest - setup.region.reach) / choices.path_speed
     if np.count_nonzero((times >= start) & (times < arrival)) < LEAST_SAMPLES:
         return None
     quiet = frame[list(choices.channels)].astype(float)

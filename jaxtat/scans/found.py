@@ -12,7 +12,7 @@ from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
 from ..base.units import Units
 from ..geometry import require_radii
 from ..io import Scan
-from ..records import Supported
+from ..records import MODELS, Supported
 from .acquisition import SLOWEST, nominal_water_speed
 from .choices import Choices
 
@@ -23,6 +23,8 @@ RIM = 0.95  # of the detectors' radius, up to which sources are reckoned with
 ALPHAS = (1e-6, 1e-1)
 CLEAN = 1e-5  # alpha below which no low-pass filter is needed
 INTEGRALS_ALPHA = 1e-6
+ADDS = "light that is absorbed only adds pressure; --signed allows f < 0"
+OF_BODY = ("water_speed", "body_radius", "body_center")
 OF_FORMULA = ("alpha", "low_pass", "inversion")  # choices that mean nothing to a fit
 
 
@@ -117,14 +119,42 @@ class Found(NamedTuple):
         step = float(radii[1] - radii[0])
         self.values.update(first_radius=float(radii[0]), radial_step=step, n_radii=len(radii))
 
+    def require_body_speed(self, kind: str) -> None:
+        """Raise ValueError for a part of a body of another speed, where others are missing."""
+        asked = [name for name in OF_BODY if self.given.get(name) is not None]
+        if not asked:
+            return
+        if kind != "pressure" or self.values["model"] not in MODELS:
+            raise ValueError(f"{asked[0]} is of pressure records in the plane: leave it out.")
+        if "water_speed" not in asked:
+            raise ValueError(f"{asked[0]} is given, and the speed around it is not: water_speed.")
+        if "sound_speed" in self.to_estimate:
+            raise ValueError(
+                "water_speed is given, and the body's own speed is neither given nor in the file: "
+                "give sound_speed too."
+            )
+
+    def take_body(self) -> None:
+        """Take the disk of another speed than the water's, where that is given."""
+        self.values.update(dict.fromkeys(OF_BODY))
+        if self.given.get("water_speed") is None:
+            return
+        self.take("water_speed", None, "given")
+        for name, of_region in zip(OF_BODY[1:], ("region_radius", "region_center"), strict=True):
+            self.take(name, self.values[of_region], "the region's", GUESSED)
+
     def expect(self, missing: str) -> None:
         """Images are fitted where data are missing, in words; "" for none."""
         if missing:
             self.values["model_based"] = True
             self.explain("model_based", f"there is no formula: {missing}")
 
-    def take_constraints(self) -> None:
-        """Take the choices of fitted images; a given penalty implies that they are fitted."""
+    def take_constraints(self, kind: str) -> None:
+        """Take the choices of fitted images; a given penalty implies that they are fitted.
+
+        Args:
+            kind: of the data; the source of a measured pressure is nowhere negative.
+        """
         asked = [name for name in OF_CONSTRAINTS if self.given.get(name)]
         if self.given.get("nonnegative") is False:
             asked.append("nonnegative")
@@ -143,7 +173,8 @@ class Found(NamedTuple):
             return
         self._require_no_formula()
         self.take("penalty", "tv", "total variation: for objects with edges", GUESSED)
-        self.take("nonnegative", False, "not asked for", LIKELY)
+        measured = kind == "pressure"
+        self.take("nonnegative", measured, ADDS if measured else "not asked for", LIKELY)
         self.take("weight", None, "balances penalty and misfit", LIKELY)
 
     def _require_direct(self, asked: list[str]) -> None:

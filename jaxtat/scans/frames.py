@@ -43,6 +43,7 @@ def setup_of(scan: Scan, choices: Choices, *, n_groups: int = GROUPS) -> Setup:
         choices.grid,
         radii,
         max_frequency=choices.max_frequency,
+        medium=choices.medium,
         _n_groups=n_groups,
     )
 
@@ -103,7 +104,7 @@ def _integrals(scan: Scan, choices: Choices, radii: Array, frames: np.ndarray) -
         require_radii(part.shape[-1], radii.shape[0])
         return part
     part = conditioned(scan, choices, part, times, baseline=has_baseline(choices))
-    speed = choices.sound_speed
+    speed = choices.path_speed
     if choices.model == IN_SPACE:
         return pressure_to_spherical_integrals(part, times, radii, sound_speed=speed)
     return pressure_to_circular_integrals(

@@ -88,7 +88,6 @@ def _of_region(facts: Facts, choices: Choices) -> list[str]:
     assert isinstance(region, Region)
     lines = [f"region of interest: {visibility(curve, region)}"]
     if facts.times is not None:
-        speed = choices.sound_speed
-        support = supported(curve, region, facts.times, sound_speed=speed)
+        support = supported(curve, region, facts.times, sound_speed=choices.path_speed)
         lines.append(f"sampling: {support.in_words(facts.units)}")
     return lines

@@ -14,7 +14,7 @@ from ..geometry import Region, visibility
 from ..io import Scan
 from .acquisition import facts_of
 from .choices import Choices
-from .found import OF_FORMULA
+from .found import ADDS, OF_FORMULA
 
 
 def with_best_method(scan: Scan, choices: Choices) -> Choices:
@@ -36,9 +36,7 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
         "model_based", "more accurate for measured pressure; --direct for the formula", LIKELY
     )
     fitted = fitted.with_reason("penalty", "total variation: for objects with edges", GUESSED)
-    fitted = fitted.with_reason(
-        "nonnegative", "light that is absorbed only adds pressure; --signed allows f < 0", LIKELY
-    )
+    fitted = fitted.with_reason("nonnegative", ADDS, LIKELY)
     return fitted.with_reason("weight", "balances penalty and misfit", LIKELY)
 
 

@@ -120,20 +120,32 @@ def seen_region(facts: Facts, found: Found, radii: np.ndarray | None = None) -> 
     """
     center, radius = (found.given.get(name) for name in ("region_center", "region_radius"))
     if center is None or radius is None:
-        seen = visible_disk(detector_curve(facts.points[facts.order]), center=center)
-        if seen is None:
-            raise NoRegion(
-                "the detectors lie on no circle, and see no point from all sides: give "
-                "--region-center and --region-size (or --region-radius); jaxtat warns of what is "
-                "not seen."
-            )
-        center, radius = tuple(float(x) for x in seen[0]), seen[1]
+        center, radius = largest_seen(facts, center)
     center = found.take("region_center", center, "the middle of the largest disk that is seen")
     radius, why = covered(found, radius, "that disk", radii, distances_of(facts, found))
     radius = float(found.take("region_radius", radius, why, LIKELY))
     found.take("region_cut", radius, "all of the disk")
     found.take("region_angle", 0.0, "nothing is cut off")
     found.take("half_width", radius, "the region", LIKELY)
+
+
+def largest_seen(facts: Facts, center: Any) -> tuple[tuple[float, float], float]:
+    """Middle and radius of the largest disk that detectors on no circle see from all sides.
+
+    Args:
+        center: of the disk, if that is given.
+
+    Raises:
+        NoRegion: if there is none.
+    """
+    seen = visible_disk(detector_curve(facts.points[facts.order]), center=center)
+    if seen is None:
+        raise NoRegion(
+            "the detectors lie on no circle, and see no point from all sides: give --region-center "
+            "and --region-size (or --region-radius); jaxtat warns of what is not seen."
+        )
+    (first, second), radius = seen
+    return (float(first), float(second)), float(radius)
 
 
 def cut_at_opening(arc: ArcFit, found: Found, radius: float, beyond: float = -np.inf) -> None:

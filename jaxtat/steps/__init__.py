@@ -10,6 +10,7 @@ from .radon import cosine_filter, offset_step, polar_fourier_of_projections, rad
 from .resolution import (
     UNSAMPLED,
     AccuracyWarning,
+    Contradiction,
     TooFewDetectors,
     UnreachedWaves,
     enough_boundary,
@@ -24,6 +25,7 @@ from .universal import universal_back_projection
 __all__ = [
     "UNSAMPLED",
     "AccuracyWarning",
+    "Contradiction",
     "TooFewDetectors",
     "UnreachedWaves",
     "classical_fbp",

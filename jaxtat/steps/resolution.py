@@ -31,6 +31,10 @@ class AccuracyWarning(UserWarning):
     """The image may be inaccurate: too few detectors or radii, or unsolved linear systems."""
 
 
+class Contradiction(AccuracyWarning):
+    """A record cannot be of the detectors, times and units that it is said to have."""
+
+
 class TooFewDetectors(AccuracyWarning):
     """The image holds waves that the detectors do not sample."""
 

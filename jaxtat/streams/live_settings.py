@@ -49,7 +49,7 @@ def of_scan(
     setup = setup_of(scan, choices, n_groups=N_GROUPS) if plan is None else plan.setup
     require_complete(setup)
     pressure, leveled = _pressure_of(scan, choices)
-    speed, region = speed_of(choices.sound_speed), setup.region
+    speed, region = speed_of(choices.path_speed), setup.region
     if reach is not None:
         setup = setup_within_reach(setup, reach, record_end(pressure, speed))
     return LiveSettings(

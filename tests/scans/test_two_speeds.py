@@ -1,0 +1,103 @@
+"""Scans of a body whose speed of sound is another than the water's, by given speeds."""
+
+import json
+import shlex
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made_scans import BELLS, RATE, TIMES, positions
+
+from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, phantoms
+from jaxtat.cli import main
+from jaxtat.io import Scan
+from jaxtat.records import simulate_pressure
+from jaxtat.scans import choose, reconstruct, trials
+
+WATER, TISSUE, RADIUS, CENTER = 1480.0, 1600.0, 0.011, (1e-3, -5e-4)
+BODY = DiskBody(CENTER, RADIUS, TISSUE, WATER)
+CURVE = detector_curve(positions()[:, :2])
+SIZES = {"region_radius": RADIUS, "region_center": CENTER, "pixels": 41, "max_frequency": 3500.0}
+GIVEN = SIZES | {"sound_speed": TISSUE, "water_speed": WATER}
+
+
+@pytest.fixture(scope="module")
+def truth():
+    bells = phantoms.Bells(BELLS["centers"], BELLS["radii"], [1.0, 0.7, 0.5])
+    return lambda grid: np.asarray(bells.image(grid))
+
+
+@pytest.fixture(scope="module")
+def two_speeds(truth):
+    """The record of the bells through the body, in finer pixels than images have."""
+    setup = Setup(CURVE, disk(RADIUS, center=CENTER), ImageGrid(97, RADIUS, CENTER), medium=BODY)
+    pressure = simulate_pressure(setup, truth(setup.grid), jnp.asarray(TIMES), model="in-plane")
+    return Scan("pressure", np.asarray(pressure), {"detectors": positions(), "sampling_rate": RATE})
+
+
+def error(found, truth):
+    wanted, inside = truth(found.grid), np.asarray(found.region.contains(found.grid.points))
+    return np.linalg.norm((found.image - wanted)[inside]) / np.linalg.norm(wanted)
+
+
+@pytest.mark.parametrize("fit", [False, True], ids=["direct", "fitted"])
+def test_images_through_the_body_are_right(two_speeds, truth, fit):
+    """And those by one speed, the best of which is told by the record, are not."""
+    of_fit = {"model_based": True} if fit else {"alpha": 1e-6}  # no filter
+    chosen = choose(two_speeds, band="none", **GIVEN, **of_fit)
+    assert (chosen.water_speed, chosen.body_radius, chosen.body_center) == (WATER, RADIUS, CENTER)
+    assert chosen.grade("body_radius") == "guessed" and chosen.grade("water_speed") == "sure"
+    off = error(reconstruct(two_speeds, chosen), truth)
+    one = choose(two_speeds, band="none", **SIZES, **of_fit)
+    assert WATER < one.sound_speed < TISSUE
+    off_of_one = error(reconstruct(two_speeds, one), truth)
+    assert off < 0.1 and off < 0.5 * off_of_one, (off, off_of_one)
+
+
+def test_the_body_is_kept_in_files_and_tables(two_speeds):
+    chosen = choose(two_speeds, body_radius=0.0115, **GIVEN)
+    again = type(chosen).from_settings(json.loads(json.dumps(chosen.settings())))
+    assert again.settings() == chosen.settings() and again.medium.radius == 0.0115
+    rows = {name: value for name, value, _, _ in chosen.rows()}
+    assert (rows["water_speed"], rows["body_radius"]) == ("1480 m/s", "11.5 mm")
+    one = choose(two_speeds, **SIZES)
+    assert one.medium is None and "water_speed" not in one.table()
+
+
+def test_the_speed_of_the_body_is_tried_and_radii_stay(two_speeds, monkeypatch):
+    monkeypatch.setattr("jaxtat.scans.trying.reconstruct", lambda scan, choices: choices)
+    chosen = choose(two_speeds, **GIVEN)
+    found = trials(two_speeds, chosen, GIVEN, "sound_speed", [1580.0, 1620.0])
+    for one, speed in zip(found, (1580.0, 1620.0), strict=True):
+        assert (one.sound_speed, one.water_speed) == (speed, WATER)
+
+
+def test_the_command_takes_two_speeds(two_speeds, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    np.savez("scan.npz", pressure=two_speeds.data, **two_speeds.known)
+    line = "reconstruct scan.npz --sound-speed 1600 --water-speed 1480 --direct --pixels 41"
+    line += " --body-radius 0.0115 --body-center 0.001 -0.0005 --out a.h5"
+    assert main(shlex.split(line)) == 0
+    for name in ("a.npy", "b.npy"):
+        assert main(shlex.split(f"reconstruct scan.npz --repeat a.h5 --out {name}")) == 0
+    assert np.array_equal(np.load("a.npy"), np.load("b.npy"))
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"water_speed": 1490.0}, "give sound_speed too"),
+        ({"body_radius": 0.01}, "the speed around it is not: water_speed"),
+        ({"water_speed": 900.0, "sound_speed": 1550.0}, "0.7 to 1.4"),
+        ({"water_speed": -1.0, "sound_speed": 1550.0}, "water_speed is -1"),
+    ],
+)
+def test_parts_of_a_body_are_refused(two_speeds, given, reason):
+    with pytest.raises(ValueError, match=reason):
+        reconstruct(two_speeds, choose(two_speeds, **SIZES, **given))
+
+
+def test_integrals_have_no_body():
+    integrals = Scan("circular_integrals", np.ones((90, 40)), {"detectors": positions()[:, :2]})
+    with pytest.raises(ValueError, match="is of pressure records in the plane"):
+        choose(integrals, water_speed=1490.0)
