@@ -456,6 +456,8 @@ def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:
         found.take_radii(np.asarray(found.given["radii"]))
         return
     step = 2 * float(found.values["half_width"]) / (int(found.values["pixels"]) - 1)
+    if found.values["water_speed"] is not None:  # in slower water waves are shorter
+        step *= min(1.0, float(found.values["water_speed"]) / float(found.values["sound_speed"]))
     arc = facts.arc or circle_without_detectors(
         facts.points[facts.order], found.values["region_center"]
     )

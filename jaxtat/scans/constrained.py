@@ -93,8 +93,10 @@ class _Recorded(NamedTuple):
 
 def of_all_sound(setup: Setup, choices: Choices) -> Setup:
     """The same with the radii of all sound from the region, whatever the record holds of it."""
-    spacing, medium = setup.grid.spacing.max(), setup.medium
-    radii = data_radii(setup.curve, setup.region, spacing, medium=medium)
+    step, medium = setup.grid.spacing.max(), setup.medium
+    if medium is not None:  # in slower water waves are shorter
+        step = step / jnp.maximum(medium.speed_ratio, 1.0)
+    radii = data_radii(setup.curve, setup.region, step, medium=medium)
     where = setup.curve, setup.region, setup.grid
     return Setup(*where, radii, max_frequency=choices.max_frequency, medium=medium)
 

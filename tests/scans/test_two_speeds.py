@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_scans import BELLS, RATE, TIMES, positions
 
-from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, phantoms
+from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, live, phantoms, view
 from jaxtat.cli import main
 from jaxtat.io import Scan
 from jaxtat.records import simulate_pressure
@@ -70,6 +70,20 @@ def test_the_speed_of_the_body_is_tried_and_radii_stay(two_speeds, monkeypatch):
     found = trials(two_speeds, chosen, GIVEN, "sound_speed", [1580.0, 1620.0])
     for one, speed in zip(found, (1580.0, 1620.0), strict=True):
         assert (one.sound_speed, one.water_speed) == (speed, WATER)
+
+
+def test_live_images_go_through_the_body(two_speeds):
+    chosen = choose(two_speeds, alpha=1e-4, **GIVEN)
+    found = reconstruct(two_speeds, chosen)
+    inside = np.asarray(found.region.contains(found.grid.points))
+    image = np.asarray(live(two_speeds, chosen)(two_speeds.data))
+    np.testing.assert_allclose(image[inside], found.image[inside], atol=2e-6)
+
+
+def test_the_viewer_has_one_speed(two_speeds):
+    pytest.importorskip("bokeh")
+    with pytest.raises(ValueError, match="the viewer turns one speed of sound"):
+        view(two_speeds, choose(two_speeds, **GIVEN))
 
 
 def test_the_command_takes_two_speeds(two_speeds, tmp_path, monkeypatch):
