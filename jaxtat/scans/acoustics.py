@@ -29,7 +29,7 @@ DISTINCT = 0.3  # depth from which a speed is believed, of detectors on most sid
 LATE = 1.0 / 13  # of the arrival from the middle: a start may be wrong by that
 CLEARLY = 0.5  # share² that the right model must spare, to be likely
 MUCH_LESS = 0.3  # and another start
-EXPLAINED = 0.5  # share, below which an image explains most of a record
+EXPLAINED = 0.4  # share, below which an image explains most of a record
 NO_IMAGE = 0.88  # share² over that of rows in another order, from which no image explains
 HARDLY = 0.5  # of that ratio, from which other speeds than the file's are tried
 STRETCHES = np.arange(SLOWEST, FASTEST + STEP / 2, STEP)  # speeds that are tried, over nominal
@@ -259,6 +259,8 @@ def _compare(found: Found, told: Told, nominal: float) -> None:
 def _contradiction(told: Told, chance: float) -> str:
     """That little is explained, and of mixed rows as much, in a sentence; "" if not."""
     least = told.speed.fit.share
+    if told.speed.inside and told.speed.depth >= DISTINCT:
+        return ""  # mixed rows have no such speed, 0.27 at most
     # what is round about the middle gives all detectors the same record
     if least < EXPLAINED or (least / chance) ** 2 < NO_IMAGE:
         return ""
