@@ -28,6 +28,8 @@ FEWEST_SAMPLES = 64  # in which sound passes
 DISTINCT = 0.3  # depth from which a speed is believed, of detectors on most sides
 LATE = 1.0 / 13  # of the arrival from the middle: a start may be wrong by that
 CLEARLY = 0.5  # share² that the right model must spare, to be likely
+UNEQUAL = 0.02  # distances of detectors from the middle, of which a start can be told
+MICROSECOND = 1e-6  # s
 MUCH_LESS = 0.3  # and another start
 EXPLAINED = 0.4  # share, below which an image explains most of a record
 NO_IMAGE = 0.88  # share² over that of rows in another order, from which no image explains
@@ -156,8 +158,10 @@ def tell_acoustics(
         return
     if unknown:
         start = None
-        if not start_known:
+        if not start_known and _tells_start(sound):
             best, start = _with_start(sound, best, nominal, distance)
+        elif not start_known:
+            _say_what_start_does(found, best.speed.value, distance)
         _take_speed(found, best, start)
 
 
@@ -195,6 +199,25 @@ def _settle_model(found: Found, model: str, why: str, grade: str) -> None:
     if model == "2d":
         warnings.warn(f"{why}; a scanner's record needs model in-plane.", AccuracyWarning, 8)
     found.settle("model", model, why, grade)
+
+
+def _tells_start(sound: Sound) -> bool:
+    """Whether detectors are not all as far from the middle: else another speed does as well."""
+    offset = np.asarray(sound.curve.points)[sound.good] - sound.center
+    distances = np.hypot(*offset.T)
+    return bool(distances.min() < (1 - UNEQUAL) * distances.max())
+
+
+def _say_what_start_does(found: Found, speed: float, distance: float) -> None:
+    """The line that joins speeds and starts: sound from the middle arrives when it does."""
+    units = found.values["units"]
+    later = MICROSECOND / units.in_si("time")[0]
+    faster = distance / (distance / speed - later) - speed
+    why = (
+        f"{found.reasons['time_shift']}, which a circle of detectors does not tell: "
+        f"{units.of_time(later)} more would make the speed {units.of_speed(faster)} more"
+    )
+    found.explain("time_shift", why, LIKELY)
 
 
 def _with_start(

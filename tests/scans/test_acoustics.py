@@ -235,3 +235,13 @@ def test_where_an_array_lies_does_not_matter():
     np.testing.assert_allclose(moved.region_center, 1e3, rtol=1e-12)
     for name in ("region_radius", "max_frequency", "alpha", "first_radius"):
         assert getattr(moved, name) == pytest.approx(getattr(wanted, name), rel=1e-6)
+
+
+def test_on_a_circle_no_start_is_told():
+    """A speed that goes with it does as well, and the file's start is kept."""
+    made_late = Scan("pressure", record()[:, 3:], {"detectors": positions(), "sampling_rate": RATE})
+    chosen = choose(made_late, model="in-plane")
+    assert chosen.time_shift == 0.0 and chosen.grade("time_shift") == "likely"
+    speed = chosen.sound_speed
+    more = RADIUS / (RADIUS / speed - 1e-6) - speed
+    assert f"1 us more would make the speed {more:.2f}"[:-1] in dict(chosen.reasons)["time_shift"]
