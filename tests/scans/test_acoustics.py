@@ -223,7 +223,7 @@ def test_a_measured_scan_raises_no_alarm_but_damaged(data_file):
 def test_the_command_says_it_in_a_line(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     np.savez("scan.npz", pressure=mixed(record()), detectors=positions(), fs=RATE)
-    assert main(["info", "scan.npz", "--region-radius", "0.011"]) == 0
+    assert main(["info", "scan.npz", "--region-radius", "0.011"]) == 3
     (note,) = capsys.readouterr().err.splitlines()
     assert note.startswith(f"jaxtat: note: {NO_IMAGE}") and "order of the rows" in note
 
