@@ -144,6 +144,11 @@ class Choices(eqx.Module):
         if unknown:
             raise ValueError(f"grades are {unknown}, expected some of {', '.join(GRADES)}.")
         require_inversion(self.inversion)
+        body = self.water_speed, self.body_radius, self.body_center
+        if any(part is None for part in body) and any(part is not None for part in body):
+            raise ValueError(
+                "water_speed, body_radius and body_center belong together: give all or none."
+            )
 
     @property
     def channels(self) -> tuple[int, ...]:
