@@ -26,8 +26,8 @@ def texts():
 SHOWN = list(texts())
 
 
-def test_there_are_ten():
-    assert len(set(MESSAGES)) == 10
+def test_there_are_ten_at_least():
+    assert len(set(MESSAGES)) == len(MESSAGES) >= 10
 
 
 @pytest.mark.parametrize("message", MESSAGES)
