@@ -6,7 +6,14 @@ radius of the region of interest as in the paper.
 
 from .arcs import ArcFit, fit_arc, order_along_curve
 from .balls import Ball, ball
-from .bodies import Body, DiskBody, OutlineBody, region_about, require_surrounded
+from .bodies import (
+    Body,
+    DiskBody,
+    OutlineBody,
+    radial_step,
+    region_about,
+    require_surrounded,
+)
 from .caps import DetectorPoints, SphericalCap, spherical_cap
 from .circles import Circle, circle_through, fit_circle, near_circle
 from .curves import CircularArc, DetectorCurve, SampledCurve, circular_arc, turned_views
@@ -63,6 +70,7 @@ __all__ = [
     "parametric_curve",
     "polygon",
     "polyline",
+    "radial_step",
     "rectangle",
     "region_about",
     "require_outside",

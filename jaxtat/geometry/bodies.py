@@ -54,6 +54,11 @@ class Body(ComparedByIdentity, eqx.Module):
         return self.radius
 
 
+def radial_step(spacing: Any, medium: Body | None) -> Any:
+    """Distance of radii for pixels so far apart [length]: waves are shorter in slower water."""
+    return spacing if medium is None else spacing * jnp.minimum(1 / medium.speed_ratio, 1.0)
+
+
 class DiskBody(Body):
     """|x - c| < a with the speed of sound c_1, in water of c_2: the medium of a `Setup`.
 

@@ -221,8 +221,11 @@ class Choices(eqx.Module):
         """What, how much, how sure, why."""
         reasons = dict(self.reasons)
         shown = {"channels": f"{len(self.channels)} of {len(self.order)}"}
-        told = [choice for choice in CHOICES if choice.shown and choice.name in reasons]
-        shown |= {choice.name: choice.shown(self) for choice in told if choice.shown}
+        shown |= {
+            choice.name: choice.shown(self)
+            for choice in CHOICES
+            if choice.shown and choice.name in reasons
+        }
         shown["length_unit"] = self.units.length or "unknown"
         return [
             (name, value, self.grade(name), reasons[name])

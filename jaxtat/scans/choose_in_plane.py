@@ -21,6 +21,7 @@ from ..geometry import (
     detector_curve,
     disk,
     keep_detectors,
+    radial_step,
     require_outside,
     uncovered,
 )
@@ -49,7 +50,7 @@ from .acquisition import (
     typical_frame,
 )
 from .arrival_times import early_or_late
-from .choices import IN_SPACE, Choices, plane_region
+from .choices import IN_SPACE, Choices, body_of, plane_region
 from .found import (
     DEFAULT_SHARE,
     INTEGRALS_ALPHA,
@@ -455,9 +456,8 @@ def _radii(where: _Where, facts: Facts, found: Found, end: float) -> None:
     if found.given.get("radii") is not None:
         found.take_radii(np.asarray(found.given["radii"]))
         return
-    step = 2 * float(found.values["half_width"]) / (int(found.values["pixels"]) - 1)
-    if found.values["water_speed"] is not None:  # in slower water waves are shorter
-        step *= min(1.0, float(found.values["water_speed"]) / float(found.values["sound_speed"]))
+    spacing = 2 * float(found.values["half_width"]) / (int(found.values["pixels"]) - 1)
+    step = float(radial_step(spacing, body_of(found.values)))
     arc = facts.arc or circle_without_detectors(
         facts.points[facts.order], found.values["region_center"]
     )

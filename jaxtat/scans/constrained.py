@@ -24,7 +24,7 @@ from ..fitting import (
     compare_fits,
     model_based,
 )
-from ..geometry import data_radii
+from ..geometry import data_radii, radial_step
 from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.laddered import around, middle, setup_to_fit
@@ -93,9 +93,8 @@ class _Recorded(NamedTuple):
 
 def of_all_sound(setup: Setup, choices: Choices) -> Setup:
     """The same with the radii of all sound from the region, whatever the record holds of it."""
-    step, medium = setup.grid.spacing.max(), setup.medium
-    if medium is not None:  # in slower water waves are shorter
-        step = step / jnp.maximum(medium.speed_ratio, 1.0)
+    medium = setup.medium
+    step = radial_step(setup.grid.spacing.max(), medium)
     radii = data_radii(setup.curve, setup.region, step, medium=medium)
     where = setup.curve, setup.region, setup.grid
     return Setup(*where, radii, max_frequency=choices.max_frequency, medium=medium)
