@@ -31,15 +31,18 @@ def truth(points, turn=0.0):
 
 @cache
 def record(turn=0.0):
-    """p with g = r ∫_0^r p dr': p = d(g/r)/dr, by differences of exact integrals."""
     bells = phantoms.Bells(turned(BELLS["centers"], turn), BELLS["radii"], [1.0, 0.7, 0.5])
-    curve = detector_curve(positions(turn)[:, :2])
+    found = in_plane(bells, detector_curve(positions(turn)[:, :2]))
+    found.flags.writeable = False
+    return found
+
+
+def in_plane(bells, curve):
+    """p with g = r ∫_0^r p dr': p = d(g/r)/dr, by differences of exact integrals."""
     radii, h = np.maximum(SPEED * TIMES, 1e-3), 1e-6
     both = np.concatenate([radii - h / 2, radii + h / 2])
     means = np.asarray(bells.circular_integrals(curve, both)) / both
-    found = (means[:, len(radii) :] - means[:, : len(radii)]) / h
-    found.flags.writeable = False
-    return found
+    return (means[:, len(radii) :] - means[:, : len(radii)]) / h
 
 
 def scan(pressure, turn=0.0, **known):

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, positions, record
+from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, in_plane, positions, record
 
 from jaxtat import detector_curve, elliptic_arc, phantoms
 from jaxtat.scans.acquisition import FASTEST, SLOWEST
@@ -106,10 +106,7 @@ def test_the_share_is_least_at_the_true_speed(speed):
 def test_a_start_that_is_wrong_is_told_from_speed_on_an_ellipse():
     """Its detectors are not all as far from the middle."""
     curve = elliptic_arc((0.045, 0.035), 90, start=-1.0, stop=4.2)
-    radii, h = np.maximum(SPEED * TIMES, 1e-3), 1e-6
-    both = np.concatenate([radii - h / 2, radii + h / 2])
-    means = np.asarray(BODY.circular_integrals(curve, both)) / both
-    pressure = (means[:, len(radii) :] - means[:, : len(radii)]) / h
+    pressure = in_plane(BODY, curve)
     late = 6
     made = sound(pressure[:, late:], curve, TIMES[:-late])  # the file says they begin at 0
     misfit = misfit_of(made, "in-plane", ENDS)
