@@ -3,11 +3,14 @@
 import ast
 import importlib
 import re
+import runpy
 import shlex
 import tomllib
 from pathlib import Path
+from unittest import mock
 
 import jax
+import numpy as np
 import pytest
 
 import jaxtat
@@ -36,6 +39,16 @@ def test_python_runs_from_top_to_bottom(page, tmp_path, monkeypatch):
     program = "\n".join(shown(page, "python"))
     exec(compile(program, page.name, "exec"), {"__name__": page.stem})
     assert jax.config.jax_enable_x64
+
+
+def test_the_record_of_k_wave_is_made_as_its_page_shows(tmp_path, monkeypatch):
+    # on import the package fetches compiled solvers, which are not used here
+    with mock.patch("urllib.request.urlretrieve", side_effect=TimeoutError):
+        pytest.importorskip("kwave", reason="pip install -e '.[kwave]' for k-Wave")
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(DOCS / "snippets" / "k_wave.py"))
+    scan = jaxtat.io.load_scan("record.npz")
+    assert scan.data.shape == (256, len(scan.known["times"])) and np.isfinite(scan.data).all()
 
 
 def test_the_first_page_shows_the_lines_that_others_include():
@@ -83,8 +96,10 @@ def lines(page):
 def test_commands_parse(page):
     for line in lines(page):
         program, *arguments = shlex.split(line)
-        assert program in ("jaxtat", "pip")
-        if program == "pip":
+        assert program in ("jaxtat", "pip", "python")
+        if program == "python":
+            assert (ROOT / arguments[0]).is_file()
+        elif program == "pip":
             extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
             for extra in re.findall(r"\[(.*)\]", line):
                 assert extra in extras["optional-dependencies"]
