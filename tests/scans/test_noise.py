@@ -13,6 +13,7 @@ from jaxtat.scans import choose, reconstruct
 from jaxtat.scans.noise import estimate_alpha
 
 GIVEN = {"region_radius": 0.011, "pixels": 33, "inversion": "fourier", "max_frequency": 3500.0}
+GIVEN |= {"sound_speed": SPEED}  # which need not be searched for
 ALPHAS = 10.0 ** np.arange(-6.0, 0.0)
 
 
