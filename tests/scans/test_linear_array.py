@@ -16,6 +16,7 @@ POSITIONS = np.stack([(np.arange(N) - (N - 1) / 2) * PITCH, np.zeros(N)], axis=1
 SIZE, CENTER = (0.014, 0.008), (0.0, 0.0065)
 BELLS = phantoms.Bells([[-2e-3, 6e-3], [3e-3, 7.5e-3]], [1.5e-3, 2e-3])
 REGION = {"region_size": SIZE, "region_center": CENTER}
+GIVEN = {"model": "in-plane", "pixels": 57, "band": "none"} | REGION
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +29,11 @@ def scan():
     pressure = (means[:, len(radii) :] - means[:, : len(radii)]) / h
     known = {"detectors": POSITIONS, "sampling_rate": RATE, "sound_speed": SPEED}
     return Scan("pressure", pressure, known)
+
+
+@pytest.fixture(scope="module")
+def choices(scan):
+    return choose(scan, **GIVEN)
 
 
 @pytest.fixture
@@ -46,8 +52,7 @@ def test_info_informs_without_a_region(file, capsys):
     assert main(["reconstruct", str(file), "--out", str(file.with_suffix(".png"))]) == 2
 
 
-def test_the_rectangle_is_the_region(scan):
-    choices = choose(scan, model="in-plane", **REGION)
+def test_the_rectangle_is_the_region(scan, choices):
     wanted = rectangle(np.array(SIZE) / 2, center=CENTER)
     np.testing.assert_allclose(choices.region.vertices, wanted.vertices)
     assert choices.half_width == SIZE[0] / 2
@@ -66,10 +71,8 @@ def test_the_rectangle_is_the_region(scan):
 
 
 @pytest.mark.filterwarnings("ignore::jaxtat.VisibilityWarning")
-def test_what_faces_the_array_is_seen(scan):
+def test_what_faces_the_array_is_seen(scan, choices):
     """Bells stand where they are, from the estimated image too; settings repeat it."""
-    given = {"model": "in-plane", "pixels": 57, "band": "none"} | REGION
-    choices = choose(scan, **given)
     found = reconstruct(scan, choices)
     inside = np.asarray(found.region.contains(found.grid.points))
     image = np.where(inside, found.image, 0)
@@ -80,7 +83,7 @@ def test_what_faces_the_array_is_seen(scan):
     again = type(choices).from_settings(json.loads(json.dumps(choices.settings())))
     assert again.region_size == SIZE
     np.testing.assert_array_equal(reconstruct(scan, again).image, found.image)
-    (tried,) = trials(scan, choices, given, "alpha", [1e-2])
+    (tried,) = trials(scan, choices, GIVEN, "alpha", [1e-2])
     assert tried.choices.region_size == SIZE
 
 

@@ -6,13 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_scans import TIMES, N, raw_counts, record, scan
+from made_scans import SPEED, TIMES, N, raw_counts, record, scan
 
 from jaxtat.scans import choose, reconstruct
 from jaxtat.streams import live
 
 GIVEN = {"region_radius": 0.011, "pixels": 45, "max_frequency": 3500.0, "band": (2e4, 1.5e6)}
-GIVEN |= {"alpha": 1e-2, "dead_time": 4e-6, "inversion": "fourier"}
+GIVEN |= {"alpha": 1e-2, "dead_time": 4e-6, "inversion": "fourier", "sound_speed": SPEED}
 RESPONSE = np.exp(-((np.arange(31) - 15) ** 2) / 18) * np.cos((np.arange(31) - 15) / 1.5)
 
 

@@ -46,12 +46,17 @@ def page(session, make_page):
     return make_page(session.copy())
 
 
-@pytest.fixture
-def fitting_page(path, make_page):
+@pytest.fixture(scope="module")
+def fitting_session(path):
     """Of a scan of which nothing asks for the formula."""
     scan = load_scan(path)
     given = {name: value for name, value in GIVEN.items() if name != "alpha"}
-    return make_page(Session(scan, replace(choose(scan, **given), alpha=1e-2)))
+    return Session(scan, replace(choose(scan, **given), alpha=1e-2))
+
+
+@pytest.fixture
+def fitting_page(fitting_session, make_page):
+    return make_page(fitting_session.copy())
 
 
 def until(page, there):
