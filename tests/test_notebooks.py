@@ -93,6 +93,9 @@ SMALLER = {
         "range(1, 41)": "range(1, 4)",
         "examples(kind, 8, level, seed=99)": "examples(kind, 2, level, seed=99)",
     },
+    "12_looking_at_a_scan.ipynb": {
+        "pixels=81, max_frequency=6e3": "pixels=45, max_frequency=3.5e3",
+    },
 }
 
 

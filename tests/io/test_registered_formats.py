@@ -52,7 +52,8 @@ def test_the_format_of_the_page_is_read(register, lab_file, tmp_path, capsys):
     scan = load_scan(lab_file)
     assert np.array_equal(scan.data, RECORD)
     assert np.array_equal(scan.known["detectors"], POSITIONS)
-    assert main(["info", str(lab_file), "--force"]) == 0  # the record is noise
+    line = f"info {lab_file} --model in-plane --sound-speed 1500 --force"
+    assert main(line.split()) == 0  # the record is noise
     assert "of our laboratory" in capsys.readouterr().out
     np.savez(tmp_path / "own.npz", pressure=RECORD, detectors=POSITIONS)
     assert load_scan(tmp_path / "own.npz").about["format"] == "NumPy archive"

@@ -126,7 +126,7 @@ flips = st.lists(
 
 @pytest.mark.parametrize("name", NAMES)
 @given(places=flips)
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 def test_wrong_bytes_are_refused_or_give_a_scan_whose_parts_fit(files, name, places):
     """Where all is under a checksum, they change nothing; elsewhere a digit cannot be told."""
     path = damaged(files, name, flip(files[name][1], places))
@@ -145,7 +145,7 @@ def test_wrong_bytes_are_refused_or_give_a_scan_whose_parts_fit(files, name, pla
 
 
 @given(place=st.floats(0, 1, exclude_max=True), change=st.integers(1, 255))
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 def test_a_wrong_digit_in_the_data_of_an_ipasc_file_of_ours_is_told(files, place, change):
     path, content = files["ipasc"]
     where = content.index(DATA[1].tobytes())

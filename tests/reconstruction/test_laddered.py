@@ -48,7 +48,7 @@ def assert_the_same(problem, image, exact):
     assert np.abs(image - exact.image).max() < 1e-9 * np.abs(exact.image).max()
 
 
-@settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=3, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     n=st.integers(40, 120),
     pixels=st.integers(15, 60),
