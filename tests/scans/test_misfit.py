@@ -47,6 +47,7 @@ def test_derivatives_in_speed_and_shift_are_differences(misfit):
     """With the image held, by which they are those of the best share."""
     image = jnp.asarray(BODY(pixels(misfit)))[None]
 
+    @jax.jit
     def left(speed, shift):
         series = misfit.waves(speed, shift)
         modelled = misfit.integrals
