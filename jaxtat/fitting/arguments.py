@@ -40,17 +40,16 @@ def data_fits(
 ) -> list[DataFit]:
     """The operators of the fit on each grid: A up to what was recorded, W, H and C."""
     record, shape = None, setup.data_shape
-    whitening = jnp.broadcast_to(1 / jnp.sqrt(setup.radii), shape)
     if pressure is not None:
         record = _record(setup, *pressure)
         shape = (*setup.detectors_shape, record.shape[0])
-        whitening = jnp.ones(shape)
     if noise is not None:
         noise = real_array("noise", noise, None)
         require_positive("noise", noise)
-        whitening = 1 / _spread("noise", noise, shape)
-    if mask is not None:
-        whitening = jnp.where(_mask(mask, shape), whitening, 0.0)
+        sizes = _spread("noise", noise, shape)
+    else:
+        sizes = by_library(_sizes, (setup.radii,), shape) if pressure is None else np.ones(shape)
+    counted = np.ones((), bool) if mask is None else _mask(mask, shape)
 
     def on(grid: Any) -> DataFit:
         operator = operator_on(setup, grid, max_frequency=max_frequency, record=record, dtype=dtype)
@@ -58,10 +57,20 @@ def data_fits(
         if noise is not None and grid.dimension == 3:
             radial = high_pass(setup.radii, 1 / grid.spacing.max()).astype(operator.dtype)
         support = setup.region.contains(grid.points)
-        weights = whitening.astype(operator.dtype)
+        weights = by_library(_weights, (sizes, counted), operator.dtype)
         return DataFit(operator, weights, radial, support, bool(nonnegative), noise is not None)
 
     return [on(grid) for grid in grids]
+
+
+def _sizes(xp: Any, radii: Any, shape: tuple[int, ...]) -> Any:
+    """√r, by which integrals are divided."""
+    return xp.broadcast_to(xp.sqrt(radii), shape)
+
+
+def _weights(xp: Any, sizes: Any, counted: Any, dtype: Any) -> Any:
+    """One over the sizes of data that count."""
+    return xp.where(counted, 1 / sizes, 0.0).astype(dtype)
 
 
 def _record(
@@ -98,26 +107,43 @@ def checked_data(
     require_unmasked("data", data)
     values = jnp.asarray(data)
     if values.ndim >= len(shape) and values.shape[values.ndim - len(shape) :] == shape:
-        values = jnp.where(fit.whitening > 0, values, 0)  # what is left out may be NaN
+        values = by_library(_counted, (values, fit.whitening))  # what is left out may be NaN
     values = real_array("data", values, ("...", *shape))
     if not values.size:
         raise ValueError(f"data have shape {values.shape}: a stack of no images at all.")
     size = size_of(values, fit.operator.dtype)
-    whitened = values.astype(fit.operator.dtype) * fit.whitening
-    return whitened.reshape(-1, *shape), values.shape[: values.ndim - len(shape)], size
+    whitened = by_library(_whitened, (values, fit.whitening))
+    return whitened, values.shape[: values.ndim - len(shape)], size
+
+
+def _counted(xp: Any, values: Any, whitening: Any) -> Any:
+    return xp.where(whitening > 0, values, 0)
+
+
+def _whitened(xp: Any, values: Any, whitening: Any) -> Any:
+    return (values.astype(whitening.dtype) * whitening).reshape(-1, *whitening.shape)
 
 
 def size_of(data: Float[Array, "*data"], dtype: Any) -> Float[Array, ""]:
     """The power of two below the largest number, 1 for zeros: exact as a unit."""
-    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(data)))
-    if is_concrete(largest) and dtype == jnp.float32 and largest > 0:
+    largest = jax.lax.stop_gradient(by_library(_largest, (data,)))
+    if is_concrete(largest) and dtype == jnp.float32 and float(largest) > 0:
         low, high = SINGLE
-        if not low < largest < high:
+        if not low < float(largest) < high:
             raise ValueError(
                 f"data are as large as {float(largest):.3g}, and float32 is for numbers between "
                 f"{low:g} and {high:g}: leave out dtype, or change the unit."
             )
-    return jnp.where(largest > 0, jnp.ldexp(1.0, jnp.frexp(largest)[1] - 1), 1.0).astype(dtype)
+    return by_library(_power_of_two, (largest,), dtype)
+
+
+def _largest(xp: Any, data: Any) -> Any:
+    return xp.max(xp.abs(data))
+
+
+def _power_of_two(xp: Any, largest: Any, dtype: Any) -> Any:
+    power = xp.ldexp(1.0, xp.frexp(largest)[1] - 1)
+    return xp.where(largest > 0, power, 1.0).astype(dtype)
 
 
 def in_units_of(
@@ -128,13 +154,24 @@ def in_units_of(
     W g stays where W divides by the noise, which then is in the same unit.
     """
     if not fits[-1].white:
-        return fits, data / size
-    return [eqx.tree_at(lambda fit: fit.whitening, fit, fit.whitening * size) for fit in fits], data
+        return fits, by_library(_over, (data, size))
+    whitenings = [by_library(_times, (fit.whitening, size)) for fit in fits]
+    larger = zip(fits, whitenings, strict=True)
+    return [eqx.tree_at(lambda fit: fit.whitening, fit, each) for fit, each in larger], data
+
+
+def _over(xp: Any, values: Any, size: Any) -> Any:
+    return values / size
+
+
+def _times(xp: Any, values: Any, size: Any) -> Any:
+    return values * size
 
 
 def weight_unit(size: Float[Array, ""], fit: DataFit, penalty: Any) -> Float[Array, ""]:
     """What a weight is multiplied by then: size^p of P of degree p, over that of the misfit."""
-    return size ** ((2 if isinstance(penalty, Ridge) else 1) - (0 if fit.white else 2))
+    degree = (2 if isinstance(penalty, Ridge) else 1) - (0 if fit.white else 2)
+    return by_library(lambda xp, size: size**degree, (size,))
 
 
 def checked_penalty(penalty: Any) -> Any:
@@ -176,8 +213,6 @@ def checked_frequency(max_frequency: Numbers | None) -> float | None:
 
 def require_prox(penalty: Any, images: Array, step: Array) -> None:
     """Raise ValueError for a proximal map of the user's that changes the shape or gives NaN."""
-    if is_known(penalty):
-        return
     try:
         output = jax.eval_shape(penalty, images, step)
     except jax.errors.JAXTypeError as error:
@@ -217,7 +252,7 @@ def require_pressure(sound_speed: Any, model: str, conditioning: Any) -> None:
 def _spread(name: str, values: Array, shape: tuple[int, ...]) -> Array:
     """Values broadcast to the data of one image, or ValueError."""
     try:
-        return jnp.broadcast_to(values, shape)
+        return by_library(lambda xp, values: xp.broadcast_to(values, shape), (values,))
     except ValueError:
         raise ValueError(
             f"{name} has shape {values.shape}, expected one that goes with the data of one image, "
@@ -226,9 +261,10 @@ def _spread(name: str, values: Array, shape: tuple[int, ...]) -> Array:
 
 
 def _mask(mask: Any, shape: tuple[int, ...]) -> Array:
-    if jnp.asarray(mask).dtype != bool:
-        raise ValueError(f"mask has dtype {jnp.asarray(mask).dtype}, expected True and False.")
-    chosen = _spread("mask", jnp.asarray(mask), shape)
+    values = by_library(lambda _, mask: mask, (mask,)) if is_concrete(mask) else jnp.asarray(mask)
+    if values.dtype != bool:
+        raise ValueError(f"mask has dtype {values.dtype}, expected True and False.")
+    chosen = _spread("mask", values, shape)
     if is_concrete(chosen) and not np.asarray(chosen).any():
         raise ValueError("mask is False everywhere: there are no data left.")
     return chosen

@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from ..base.checks import (
     Numbers,
+    by_library,
     constants,
     is_concrete,
     real_array,
@@ -175,35 +176,52 @@ def model_based(
         size = jnp.ones_like(size)  # a map of the user's may do as it likes with large images
     fits, data = in_units_of(size, fits, data)
     space = setup.grid.shape
-    start = jnp.zeros(space) if initial is None else real_array("initial", initial, ("...", *space))
-    start = (jnp.broadcast_to(start, (*batch, *space)) / size).astype(data.dtype)
-    start, unit = start.reshape(-1, *space), weight_unit(size, fits[-1], penalty)
+    start = jax.device_put(np.zeros((len(data), *space), data.dtype))
+    if initial is not None:
+        begin = real_array("initial", initial, ("...", *space))
+        begin = (jnp.broadcast_to(begin, (*batch, *space)) / size).astype(data.dtype)
+        start = begin.reshape(start.shape)
+    unit = weight_unit(size, fits[-1], penalty)
     weight = checked_weight(weight, penalty, data.dtype)
     weight = None if weight is None else weight * unit
-    require_prox(penalty, start[:1], jnp.ones((), data.dtype))
+    if not is_known(penalty):
+        require_prox(penalty, start[:1], jnp.ones((), data.dtype))
     stop = real_array("tolerance", tolerance, ())
     require_positive("tolerance", stop)
     joint = isinstance(penalty, Penalty) and penalty.joint
-    parts = (
-        [(data, start)] if joint else [(d[None], s[None]) for d, s in zip(data, start, strict=True)]
-    )
+    stacks = [(data, start)] if joint else list(zip(*map(_each, (data, start)), strict=True))
     if unrolled != (steps is not None):
         raise ValueError("steps= and unrolled=True go together; max_steps bounds the others.")
     if unrolled:
         count = whole_number("steps", steps, 1)
-        found = [_unrolled(fits[-1], d, penalty, weight, s, count) for d, s in parts]
+        found = [_unrolled(fits[-1], d, penalty, weight, s, count) for d, s in stacks]
     else:
         count = whole_number("max_steps", max_steps, 1)
-        found = [_fitted(fits, d, penalty, weight, s, stop, count, progress) for d, s in parts]
-    answer = jax.tree.map(lambda *each: jnp.stack(each), *found)
-    if joint:
-        answer = jax.tree.map(lambda leaf: leaf[0], answer)
-    else:
-        answer = jax.tree.map(lambda leaf: leaf.reshape(*batch, *leaf.shape[1:]), answer)
-    image = answer.image.reshape(*batch, *space) * size
-    return eqx.tree_at(
-        lambda answer: (answer.image, answer.weight), answer, (image, answer.weight / unit)
-    )
+        found = [_fitted(fits, d, penalty, weight, s, stop, count, progress) for d, s in stacks]
+    return by_library(_answer_of, (found, size, unit), (*batch, *space), None if joint else batch)
+
+
+def _each(images: Array) -> list[Array]:
+    """Stacks of one image."""
+    return by_library(lambda xp, all: [all[k : k + 1] for k in range(len(all))], (images,))
+
+
+def _answer_of(
+    xp: Any,
+    found: list[ModelBased],
+    size: Any,
+    unit: Any,
+    shape: tuple[int, ...],
+    batch: tuple[int, ...] | None,
+) -> ModelBased:
+    """What was found for each stack, in the units of the data; one for all without a batch."""
+
+    def together(*each: Any) -> Any:
+        return each[0] if batch is None else xp.stack(each).reshape((*batch, *each[0].shape))
+
+    answer = jax.tree.map(together, *found)
+    scaled = answer.image.reshape(shape) * size, answer.weight / unit
+    return eqx.tree_at(lambda answer: (answer.image, answer.weight), answer, scaled)
 
 
 class State(NamedTuple):
@@ -260,13 +278,13 @@ def _until(
 ) -> State:
     """Steps on one grid; the bar counts how much of the way, in orders of magnitude, is gone."""
     if not ((progress or can_be_cancelled()) and is_concrete(state.image)):
-        return advance(state, tolerance, jnp.asarray(max_steps))
+        return advance(state, tolerance, jax.device_put(np.asarray(max_steps)))
     grid, goal = " x ".join(map(str, state.image.shape[1:])), float(tolerance)
     with tqdm(total=100, desc=grid, bar_format=_BAR, disable=not progress) as bar:
         begun = None
         for until in (*range(2 * EVERY, max_steps, EVERY), max_steps):
             require_wanted()
-            state = advance(state, tolerance, jnp.asarray(until))
+            state = advance(state, tolerance, jax.device_put(np.asarray(until)))
             left = float(state.progress.remaining)
             begun = max(left, 2 * goal) if begun is None else begun
             gone = 100 if left <= goal else np.log(begun / left) / np.log(begun / goal) * 100

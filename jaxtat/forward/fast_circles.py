@@ -32,6 +32,7 @@ Source: the series: DLMF 10.23.18 and Watson, Theory of Bessel Functions (1944),
 """
 
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -39,7 +40,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ..base.checks import is_concrete
+from ..base.checks import by_library, is_concrete
 from ..base.rows import map_rows
 from ..geometry import (
     Body,
@@ -313,9 +314,19 @@ def _integrals(
 def _positions(curve: DetectorCurve, center: Float[Array, "2"], n_nodes: int) -> Positions:
     """Positions about any centre: that of the grid, or of a body if there is one."""
     points, weights = curve.element_nodes(n_nodes)
-    local = jnp.moveaxis(points, 1, 0) - center
-    angles = jnp.arctan2(local[..., 1], local[..., 0])
-    return Positions(center, jnp.linalg.norm(local, axis=-1), angles, None, weights)
+    radii, angles = by_library(_polar, (points, center))
+    return Positions(center, radii, angles, None, weights)
+
+
+def _polar(xp: Any, points: Any, center: Any) -> tuple[Any, Any]:
+    """Distances and directions, (nodes, detectors), of points (detectors, nodes, 2)."""
+    local = xp.moveaxis(points, 1, 0)
+    return xp.linalg.norm(local - center, axis=-1), _directions(xp, local, center)
+
+
+def _directions(xp: Any, points: Any, center: Any) -> Any:
+    local = points - center
+    return xp.arctan2(local[..., 1], local[..., 0])
 
 
 def _on_circle(curve: DetectorCurve, circle: Circle, n_nodes: int) -> Positions:
@@ -323,15 +334,20 @@ def _on_circle(curve: DetectorCurve, circle: Circle, n_nodes: int) -> Positions:
     weights = curve.element_nodes(n_nodes)[1]
     if isinstance(curve, CircularArc):
         # in a turn about zero, where rounding to 32 bits loses least
-        angles = jnp.mod(curve.angle + curve.angles, 2 * jnp.pi) - jnp.pi
-        turns = jnp.zeros(1)
+        angles = by_library(_about_zero, (curve.angle, curve.angles))
+        turns = jax.device_put(np.zeros(1))
         if curve.element_angle is not None:
             turns = curve.element_angle / 2 * gauss_rule(n_nodes)[0]
         return Positions(circle.center, circle.radius[None], angles, turns, weights)
-    local = curve.points - circle.center
-    width, nodes = curve.element_width, gauss_rule(n_nodes)[0]
-    radii, turns = nodes_touching_circle(circle.radius, 0.0 if width is None else width, nodes)
-    return Positions(circle.center, radii, jnp.arctan2(local[:, 1], local[:, 0]), turns, weights)
+    width = 0.0 if curve.element_width is None else curve.element_width
+    radii, turns = by_library(nodes_touching_circle, (circle.radius, width), gauss_rule(n_nodes)[0])
+    angles = by_library(_directions, (curve.points, circle.center))
+    return Positions(circle.center, radii, angles, turns, weights)
+
+
+def _about_zero(xp: Any, angle: Any, angles: Any) -> Any:
+    """Angles from -π to π."""
+    return xp.mod(angle + angles, 2 * np.pi) - np.pi
 
 
 def _common_circle(curve: DetectorCurve) -> Circle | None:

@@ -175,7 +175,7 @@ def nodes_along_circle(
     return center + radius * turned
 
 
-def nodes_touching_circle(radius: Any, width: Any, nodes: Any) -> tuple[Array, Array]:
+def nodes_touching_circle(xp: Any, radius: Any, width: Any, nodes: Any) -> tuple[Any, Any]:
     """Distances from a circle's centre, and angles, of a straight element that touches it.
 
     Args:
@@ -183,7 +183,7 @@ def nodes_touching_circle(radius: Any, width: Any, nodes: Any) -> tuple[Array, A
         nodes: in (-1, 1).
     """
     along = width / 2 * nodes
-    return jnp.hypot(radius, along), jnp.arctan2(along, radius)
+    return xp.hypot(radius, along), xp.arctan2(along, radius)
 
 
 def nodes_on_sphere(

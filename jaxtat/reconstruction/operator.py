@@ -225,10 +225,9 @@ def _made(
     integrals = setup.kind.fast_integrals(*where, sizes, eta, tolerance, *setup.through)
     shape = setup.data_shape
     if record is not None:
-        integrals = eqx.tree_at(lambda each: each.series, integrals, integrals.series @ record.T)
         shape = (*shape[:-1], record.shape[0])
-    if chosen == np.float32:
-        integrals = in_single_precision(integrals)
+    if record is not None or chosen == np.float32:
+        integrals = _of_record(integrals, record, chosen == np.float32)
     highest = jax.device_put(np.float64(sizes.highest))
     return ForwardOperator(integrals, highest, grid.shape, shape)
 
@@ -260,6 +259,13 @@ def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:
 
 
 @eqx.filter_jit
+def _of_record(integrals: Any, record: Array | None, single: bool) -> Any:
+    """The integrals followed by a matrix over radii, of 32 bits if that is asked."""
+    if record is not None:
+        integrals = eqx.tree_at(lambda each: each.series, integrals, integrals.series @ record.T)
+    return in_single_precision(integrals) if single else integrals
+
+
 def in_single_precision(integrals: Any) -> Any:
     """Arrays of 32 bits in place of those of 64."""
     return jax.tree.map(

@@ -94,7 +94,7 @@ class _Recorded(NamedTuple):
 def of_all_sound(setup: Setup, choices: Choices) -> Setup:
     """The same with the radii of all sound from the region, whatever the record holds of it."""
     medium = setup.medium
-    step = radial_step(setup.grid.spacing.max(), medium)
+    step = radial_step(np.asarray(setup.grid.spacing).max(), medium)
     radii = data_radii(setup.curve, setup.region, step, medium=medium)
     where = setup.curve, setup.region, setup.grid
     return Setup(*where, radii, max_frequency=choices.max_frequency, medium=medium)
@@ -111,10 +111,10 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
         return _Recorded(larger, *_masked(g, larger.data_shape), setup.complete)
     record = real_array(scan.kind, frames[..., list(choices.channels), :], None)
     reaching = of_all_sound(setup, choices)
-    radii = reaching.radii
+    radii = np.asarray(reaching.radii)
     larger, n_radii = setup_to_fit(reaching, n_detectors), len(radii)
     path = choices.path_speed * np.asarray(times)
-    within = np.flatnonzero((path >= float(radii[0])) & (path <= float(radii[-1])))
+    within = np.flatnonzero((path >= radii[0]) & (path <= radii[-1]))
     window = slice(int(within[0]), int(within[-1]) + 1) if within.size else slice(0, 0)
     n_samples = rung(window.stop - window.start)
 
@@ -134,7 +134,7 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
     }
     recorded = windowed(record, baseline=has_baseline(choices))
     data, mask = _masked(recorded, (larger.curve.n_detectors, n_samples))
-    whole = bool(path[-1] >= float(radii[-1]))
+    whole = bool(path[-1] >= radii[-1])
     return _Recorded(larger, data, model | mask, whole)
 
 

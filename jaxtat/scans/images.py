@@ -247,11 +247,12 @@ def _solved(setup: Setup, choices: Choices, worst: float) -> str:
 
 def _fitted(found: ModelBased) -> str:
     """Text about a fit; of several frames the worst values."""
-    steps, residual = int(np.max(found.steps)), float(np.max(found.residual))
-    ended = "" if np.all(found.converged) else ", not converged"
+    parts = found.steps, found.residual, found.weight, found.converged
+    steps, residual, weight, converged = map(np.asarray, parts)  # else NumPy asks JAX
+    ended = "" if converged.all() else ", not converged"
     return (
-        f"{steps} steps{ended}, weight {float(np.max(found.weight)):.2e}; "
-        f"{100 * residual:.0f} % of the record is not explained"
+        f"{steps.max()} steps{ended}, weight {weight.max():.2e}; "
+        f"{100 * residual.max():.0f} % of the record is not explained"
     )
 
 

@@ -353,7 +353,7 @@ def _with_nodes(geometry: PolarGeometry, curve: DetectorCurve, n: int) -> PolarG
     nodes, weights = map(jnp.asarray, gauss_rule(n))
     if geometry.on_circle:  # straight, and touching the circle in their middles
         where = geometry.detector_radius, curve.element_width, nodes
-        distance, angles = nodes_touching_circle(*where)
+        distance, angles = nodes_touching_circle(jnp, *where)
     else:
         local = jnp.moveaxis(curve.element_nodes(n)[0], 1, 0) - geometry.center
         distance = jnp.linalg.norm(local, axis=-1)
