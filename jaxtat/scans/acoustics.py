@@ -5,6 +5,8 @@ below 300, small size.
 """
 
 import warnings
+from collections.abc import Callable
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -142,11 +144,10 @@ def tell_acoustics(
         shares = [each.misfit.best(each.speed.value).share for each in told]
         best, other = (told[k] for k in np.argsort(shares))
         _take_model(found, best, other, min(shares), max(shares))
-    chance = _share_by_chance(best)
+    chance = cache(partial(_share_by_chance, best))
     told_by_user = any(found.given.get(name) is not None for name in ("sound_speed", "water_speed"))
     of_file = not told_by_user and "sound_speed" not in found.to_estimate
-    badly = (best.speed.fit.share / chance) ** 2 > HARDLY
-    if of_file and badly and seen >= SEEN_TWICE:
+    if of_file and seen >= SEEN_TWICE and (best.speed.fit.share / chance()) ** 2 > HARDLY:
         best = _told(sound, best.model, nominal, sought=True)
         _compare(found, best, nominal)
     reason = _contradiction(best, chance)
@@ -172,9 +173,8 @@ def _told(sound: Sound, model: str, nominal: float, *, sought: bool) -> Told:
     first = misfit.best(nominal)
     if not sought:
         return Told(model, misfit, first.weight, Least(nominal, np.inf, 0.0, first))
-    speed = least_share(
-        lambda c: misfit.best(c, weight=first.weight), nominal * STRETCHES, sound.good
-    )
+    fit_at = partial(misfit.best, weight=first.weight)
+    speed = least_share(fit_at, nominal * STRETCHES, sound.good)
     return Told(model, misfit, first.weight, speed)
 
 
@@ -228,9 +228,8 @@ def _with_start(
     if not speed.inside or speed.depth < DISTINCT:
         ends = (1 - LATE) * SLOWEST, (1 + LATE) * FASTEST
         stretch = np.arange(*ends, STEP)
-        wide = least_share(
-            lambda c: misfit.best(c, weight=told.weight), nominal * stretch, sound.good
-        )
+        fit_at = partial(misfit.best, weight=told.weight)
+        wide = least_share(fit_at, nominal * stretch, sound.good)
         speed = wide if wide.inside and wide.depth > speed.depth else speed
     if not speed.inside:
         return told, None
@@ -279,18 +278,18 @@ def _compare(found: Found, told: Told, nominal: float) -> None:
         found.explain("sound_speed", f"{why} {spared:.0%} less is unexplained: try that", GUESSED)
 
 
-def _contradiction(told: Told, chance: float) -> str:
+def _contradiction(told: Told, chance: Callable[[], float]) -> str:
     """That little is explained, and of mixed rows as much, in a sentence; "" if not."""
     least = told.speed.fit.share
     if told.speed.inside and told.speed.depth >= DISTINCT:
         return ""  # mixed rows have no such speed, 0.27 at most
     # what is round about the middle gives all detectors the same record
-    if least < EXPLAINED or (least / chance) ** 2 < NO_IMAGE:
+    if least < EXPLAINED or (least / chance()) ** 2 < NO_IMAGE:
         return ""
     return (
-        f"no image explains this record: the best leaves {least:.0%} of it, and {chance:.0%} with "
-        "its rows mixed. Check the order of the rows, the sampling rate, the start of the record, "
-        "the units of positions and times, and whether there is more than noise"
+        f"no image explains this record: the best leaves {least:.0%} of it, and {chance():.0%} "
+        "with its rows mixed. Check the order of the rows, the sampling rate, the start of the "
+        "record, the units of positions and times, and whether there is more than noise"
     )
 
 

@@ -18,6 +18,7 @@ detectors count as much as those in the middle, and few steps do for all of them
 to its end explains a record at a wrong speed nearly as well.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -26,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
+from ..base.checks import by_library
 from ..base.size_ladder import filled_up, rung
 from ..fitting import TotalVariation
 from ..fitting.alternating import of_weight, step
@@ -50,6 +52,7 @@ NYQUIST = 0.45  # over the sampling rate
 SMOOTH, FAINT, FLATTENED = 7, 0.1, 0.5  # frequencies, amplitude over the largest, exponent of W
 EIGHT = 8  # frequencies at a time are added: records that are a little longer take one program
 FIRST_STEPS, STEPS = 40, 25  # of fits from zero: for the weight, for each candidate
+FEW_STEPS = 6  # that tell which candidates are worth more
 
 
 class Sound(NamedTuple):
@@ -98,7 +101,8 @@ class Misfit(eqx.Module):
         whitening: W; 0 for detectors that are left out.
         times: of the samples [time].
         fourier: window times t exp(-2πi f t), (samples, frequencies).
-        model: "2d" or "in-plane".
+        in_plane: whether the model is that of sound focused into the plane, else that of waves in
+            two dimensions: traced, so that both take one program.
         n_detectors: that were not added.
     """
 
@@ -108,16 +112,24 @@ class Misfit(eqx.Module):
     whitening: Float[Array, "detectors parts"]
     times: Float[Array, " samples"]
     fourier: Complex[Array, "samples frequencies"]
-    model: str = eqx.field(static=True)
+    in_plane: Bool[Array, ""]
     n_detectors: Int[Array, ""]
 
-    def best(self, sound_speed: float, shift: float = 0.0, *, weight: float | None = None) -> Fit:
+    def best(
+        self,
+        sound_speed: float,
+        shift: float = 0.0,
+        *,
+        weight: float | None = None,
+        steps: int = STEPS,
+    ) -> Fit:
         """The image at a speed [length/time], with times later by the shift [time].
 
         Args:
             weight: of total variation; found by `fitting.weight` where there is none.
+            steps: of the fit from zero, if the weight is known.
         """
-        dtype, steps = self.data.dtype, FIRST_STEPS if weight is None else STEPS
+        dtype, steps = self.data.dtype, FIRST_STEPS if weight is None else steps
         found = _fitted(
             self,
             jax.device_put(np.float64(sound_speed)),
@@ -140,7 +152,12 @@ class Misfit(eqx.Module):
     def waves(self, sound_speed: Array, shift: Array) -> Float[Array, "k parts"]:
         """From G to the spectrum of the record."""
         of, paths = self.integrals.of, sound_speed * (self.times + shift)
-        series = pressure_series(of, jnp.abs(paths), self.model)
+        series = jax.lax.cond(
+            self.in_plane,
+            partial(pressure_series, of, model="in-plane"),
+            partial(pressure_series, of, model="2d"),
+            jnp.abs(paths),
+        )
         sounds = (paths > 0) & (paths < of.period)
         spectrum = jnp.where(sounds, series, 0.0) @ self.fourier
         return jnp.concatenate([spectrum.real, spectrum.imag], axis=-1)
@@ -190,7 +207,7 @@ def misfit_of(
     sizes = circle_sizes(curve, grid)
     longest = float(LONGER * speeds[1] * sound.end)
     sizes = sizes.with_period(longest) if longest > sizes.period else sizes
-    integrals = circle_integrals(curve, grid, jnp.ones(1), sizes, None, TOLERANCE)
+    integrals = circle_integrals(curve, grid, jax.device_put(np.ones(1)), sizes, None, TOLERANCE)
     times, fourier, n = _spectra(sound, SHORTEST * sizes.highest * speeds[0] / (2 * np.pi))
     known = np.where(sound.good[:, None], sound.record, 0.0)
     spectrum: Any = known @ fourier[: len(sound.times)]
@@ -200,13 +217,13 @@ def misfit_of(
     parts = np.concatenate([spectrum.real, spectrum.imag], axis=-1) * weights
     shape = curve.n_detectors, parts.shape[1]
     return Misfit(
-        integrals=in_single_precision(integrals),
+        integrals=by_library(lambda _, each: in_single_precision(each), (integrals,)),
         support=disk(sound.reach, center=sound.center).contains(grid.points),
         data=jax.device_put(filled_up(parts, shape)[None].astype(np.float32)),
         whitening=jax.device_put(filled_up(weights, shape).astype(np.float32)),
         times=jax.device_put(times),
         fourier=jax.device_put(fourier),
-        model=model,
+        in_plane=jax.device_put(model == "in-plane"),
         n_detectors=jax.device_put(sound.curve.n_detectors),
     )
 

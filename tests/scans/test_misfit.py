@@ -1,5 +1,7 @@
 """What the best image leaves of a record: the model of the record, its derivatives, its least."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,7 @@ from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, in_plane, positions, r
 
 from jaxtat import detector_curve, elliptic_arc, phantoms
 from jaxtat.scans.acquisition import FASTEST, SLOWEST
-from jaxtat.scans.misfit import Sound, misfit_of
+from jaxtat.scans.misfit import STEPS, Fit, Sound, misfit_of
 from jaxtat.scans.sound_speed import STEP, best_start, least_share
 
 PIXELS = 61  # fewer than by default, where many fits are made
@@ -100,7 +102,7 @@ def test_the_share_is_least_at_the_true_speed(speed):
     misfit = misfit_of(sound(times=TIMES * SPEED / speed), "in-plane", ENDS, pixels=PIXELS)
     weight = misfit.best(SPEED).weight
     speeds = SPEED * np.arange(SLOWEST, FASTEST, STEP)
-    told = least_share(lambda c: misfit.best(c, weight=weight), speeds, np.ones(90, bool))
+    told = least_share(partial(misfit.best, weight=weight), speeds, np.ones(90, bool))
     assert told.value == pytest.approx(speed, rel=1e-3)
     assert told.inside and told.depth > 0.5 and told.standard_error < 2e-3 * speed
 
@@ -114,7 +116,7 @@ def test_a_start_that_is_wrong_is_told_from_speed_on_an_ellipse():
     misfit = misfit_of(made, "in-plane", ENDS, pixels=PIXELS)
     weight, good = misfit.best(SPEED).weight, made.good
     stretch = np.arange(0.93 * SLOWEST, 1.07 * FASTEST, STEP)
-    told = least_share(lambda c: misfit.best(c, weight=weight), SPEED * stretch, good)
+    told = least_share(partial(misfit.best, weight=weight), SPEED * stretch, good)
     start = best_start(misfit, weight, told, 0.04, (SLOWEST * SPEED, FASTEST * SPEED), good)
     assert start is not None and start.gain > 0.3
     assert start.shift == pytest.approx(late / RATE, abs=1 / RATE)  # to a sample
@@ -122,20 +124,30 @@ def test_a_start_that_is_wrong_is_told_from_speed_on_an_ellipse():
     assert abs(told.value / SPEED - 1) > 0.02
 
 
-class _Left:
+def leaving(left):
     """A fit that leaves sums over detectors."""
-
-    def __init__(self, left):
-        self.left, self.share = left, np.sqrt(left.sum())
+    return Fit(left, float(np.sqrt(left.sum())), 0.0)
 
 
 def test_parabolas_give_their_least_and_the_error_of_a_mean():
     """Of parabolas about s_k the sum is least at their mean, and the jackknife is exact."""
     places = 3.03 + 0.02 * np.random.default_rng(0).standard_normal(8)
-    told = least_share(
-        lambda x: _Left(1 + (x - places) ** 2), np.arange(0.0, 6.0), np.ones(8, bool)
-    )
+    values, good = np.arange(0.0, 6.0), np.ones(8, bool)
+    told = least_share(lambda x, steps: leaving(1 + (x - places) ** 2), values, good)
     assert told.value == pytest.approx(places.mean(), abs=1e-9)
     assert told.standard_error == pytest.approx(places.std(ddof=1) / np.sqrt(8), rel=1e-6)
-    ends = least_share(lambda x: _Left(np.full(8, 9.0 + x)), np.arange(0.0, 6.0), np.ones(8, bool))
+    ends = least_share(lambda x, steps: leaving(np.full(8, 9.0 + x)), values, good)
     assert not ends.inside and ends.value == 0.0
+
+
+def test_where_few_steps_are_a_little_off_whole_fits_go_on_downhill():
+    """Least by a few steps is at 2, by whole fits at 3.4; the depth is that of these at 2."""
+    values, good = np.arange(0.0, 9.0), np.ones(8, bool)
+
+    def fit_at(x, *, steps):
+        return leaving(np.full(8, (x - 2.0) ** 2 if steps < STEPS else 1 + (x - 3.4) ** 2))
+
+    told = least_share(fit_at, values, good)
+    assert told.value == pytest.approx(3.4, abs=1e-9)
+    typical = 1 + (7.0 - 3.4) ** 2  # few steps leave as much at 7 as at most values
+    assert told.depth == pytest.approx(1 - (1 + 1.4**2) / typical, rel=1e-9)
