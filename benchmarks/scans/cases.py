@@ -4,7 +4,7 @@ The truth of a scan is made again from its case: files hold what a scanner would
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import acoustics
@@ -26,9 +26,12 @@ SEEDS = {
     700: 2032,
     800: 2033,
     900: 2034,
+    1000: 2035,
 }
 HELD_OUT = 900  # from there on: rules are made on the others, these tell how good they are
 HALVES = ("rules", "held-out")
+HARDER = 1000  # from there on with more of what scanners do, see `_harder`
+LATE, WRONG = 2e-6, 0.005  # s that a record starts late or early, and radius of an array, at most
 RATE, SAMPLES = 40e6, 2030  # of a scanner
 LOUDER = 0.12  # of the sound: root mean square of what comes from out of the plane
 
@@ -56,6 +59,8 @@ class Case:
         water: of sound around it; the same, but for a few [m/s].
         noise: over the sound.
         dirt: names, see `record`.
+        start: time of the first sample, of which the file does not know [s].
+        stretch: of the array in the file over the true one.
     """
 
     number: int
@@ -66,6 +71,8 @@ class Case:
     water: float
     noise: float
     dirt: tuple[str, ...]
+    start: float = 0.0
+    stretch: float = 1.0
 
     @property
     def name(self) -> str:
@@ -112,7 +119,25 @@ def _case(seed: int, number: int) -> Case:
     mixed = model == "in-plane" and rng.uniform() < 0.2
     water = speed - rng.uniform(20, 60) if mixed else speed
     names += [name for name, share in (("shuffled", 0.2), ("early", 0.08)) if rng.uniform() < share]
-    return Case(number, array, body, model, speed, float(water), noise, tuple(names))
+    case = Case(number, array, body, model, speed, float(water), noise, tuple(names))
+    return _harder(seed, case) if number >= HARDER else case
+
+
+def _harder(seed: int, case: Case) -> Case:
+    """The same with, in some, another start, radius, silence of zeros, elements that differ."""
+    rng = np.random.default_rng([seed, case.number, *b"harder"])
+    names, start, stretch = list(case.dirt), 0.0, 1.0
+    if rng.uniform() < 1 / 3:
+        start = float(rng.uniform(-LATE, LATE))
+        names.append(f"start {1e6 * start:+.2f} us")
+    if rng.uniform() < 0.3:
+        stretch = float(rng.uniform(1 - WRONG, 1 + WRONG))
+        names.append(f"radius {100 * (stretch - 1):+.2f} %")
+    if rng.uniform() < 0.25:
+        names.append("silent")
+    if rng.uniform() < 0.25 and not {"band", "band-known"} & set(names):
+        names.append("elements")
+    return replace(case, dirt=tuple(names), start=start, stretch=stretch)
 
 
 def _dirt(rng: np.random.Generator) -> list[str]:
@@ -149,7 +174,7 @@ def write(case: Case, size: Size, folder: Path) -> Path:
         pressure, response = np.load(simulated_by_k_wave(case, folder)), np.ones(1)
     else:
         pressure, response = record(case, size)
-    positions = array.positions
+    positions = case.stretch * array.positions
     if case.model == "2d" or "plane" in case.dirt:
         positions = positions[:, :2]
     order = np.arange(len(positions))
@@ -172,22 +197,26 @@ def _frames(case: Case, pressure: np.ndarray, rate: float) -> Iterator[np.ndarra
     strengths = (0.6, 1.0, 0.4) if "frames" in case.dirt else (1.0,)
     for strength in strengths:
         frame = dirt.noise(rng, strength * pressure, case.noise / strength, _colour(case))
-        yield _as_written(case, frame, rate, rng)
+        yield _as_written(case, frame, pressure, rate, rng)
 
 
 def _colour(case: Case) -> str:
     return "coloured" if "coloured" in case.dirt else "white"
 
 
-def _as_written(case: Case, frame: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:
+def _as_written(
+    case: Case, frame: np.ndarray, pressure: np.ndarray, rate: float, rng: np.random.Generator
+) -> np.ndarray:
     if "artefact" in case.dirt:
-        frame = dirt.artefact(frame, rate, 20.0)
+        frame = dirt.artefact(frame, rate, 20.0, late(case, rate))
+    if "silent" in case.dirt:
+        frame = dirt.silent(frame, pressure)
     if "bad" in case.dirt:
         frame = dirt.bad_channels(case.generator("bad"), frame, 0.05)
     if "counts" in case.dirt:
-        frame = dirt.counts(rng, frame).copy()
+        frame = dirt.counts(rng, frame, level="silent" in case.dirt).copy()
     if "muted" in case.dirt:
-        first = int(0.55 * ARRAYS[case.array](0.1).radius / case.water * rate)
+        first = int(0.55 * ARRAYS[case.array](0.1).radius / case.water * rate) - late(case, rate)
         frame = frame.copy()
         frame[:, :first] = 32768 if "counts" in case.dirt else 0
     if "early" in case.dirt:
@@ -195,10 +224,22 @@ def _as_written(case: Case, frame: np.ndarray, rate: float, rng: np.random.Gener
     return frame
 
 
+def late(case: Case, rate: float) -> int:
+    """Whole samples that a record starts late."""
+    return round(case.start * rate)
+
+
 def record(case: Case, size: Size) -> tuple[np.ndarray, np.ndarray]:
     """Exact pressure (detectors, samples) without noise, and the response of the elements."""
+    n, first = int(SAMPLES * size.share), late(case, RATE * size.share)
+    found, pulse = _sound(case, size, n + max(first, 0))
+    return dirt.starting(found, first, n), pulse
+
+
+def _sound(case: Case, size: Size, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """That of n samples from the time 0."""
     array, body, rate = geometry(case, size), truth(case, size), RATE * size.share
-    n, step = int(SAMPLES * size.share), case.water / rate
+    step = case.water / rate
     points, rng = array.positions, case.generator("sound")
     pulse = dirt.response(rate, 3.5e6 * size.share, rng.uniform(0.9, 1.4))
     if case.model == "in-space":
@@ -222,4 +263,6 @@ def record(case: Case, size: Size) -> tuple[np.ndarray, np.ndarray]:
         found = found + acoustics.in_plane(wall, points, n, step)
     if {"band", "band-known"} & set(case.dirt):
         found = dirt.heard_by(found, pulse)
+    if "elements" in case.dirt:
+        found = dirt.heard_by_each(case.generator("elements"), found, rate, 3.5e6 * size.share)
     return found, pulse

@@ -74,11 +74,17 @@ def _chosen(case: Case, body, choices) -> dict:
     edge = np.linalg.norm(body.centers - center, axis=1) + body.radii + body.edges
     errors = dict(choices.standard_errors)
     return {
-        "speed_error": choices.sound_speed / case.speed - 1 if case.water == case.speed else None,
+        # a wrong radius is made good by a speed that is wrong alike
+        "speed_error": choices.sound_speed / (case.stretch * case.speed) - 1
+        if case.water == case.speed
+        else None,
         "speed_grade": choices.grade("sound_speed"),
         "speed_why": dict(choices.reasons)["sound_speed"],
         "speed_standard_error": errors.get("sound_speed"),
         "region_ratio": choices.region_radius / float(edge.max()),
+        "start": case.start,
+        "start_error": choices.time_shift - case.start,
+        "start_grade": choices.grade("time_shift"),
         "model": choices.model,
         "model_right": choices.model == case.model,
         "alpha": choices.alpha,

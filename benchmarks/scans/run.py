@@ -34,6 +34,9 @@ COLUMNS = (
     "speed_grade",
     "speed_standard_error",
     "region_ratio",
+    "start",
+    "start_error",
+    "start_grade",
     "model_right",
     "alpha",
     "max_frequency",
@@ -50,6 +53,7 @@ LONGEST = 1500  # s that a scan may take with its oracle
 # small scans are compiled longer than they are computed
 UNOPTIMISED = {"XLA_FLAGS": "--xla_backend_optimization_level=0"}
 ON_A_SHEET = 12  # scans
+NEAR = 2e-7  # s
 
 
 def main() -> None:
@@ -116,6 +120,11 @@ def described(case) -> str:
     return ", ".join([case.model, f"{speeds} m/s", noise, *case.dirt])
 
 
+def moved(row: dict) -> bool:
+    """Whether another start than the file's was chosen."""
+    return number(row, "start_error") + number(row, "start") != 0
+
+
 def number(row: dict, name: str) -> float:
     value = row.get(name)
     return float("nan") if value is None else float(value)
@@ -134,6 +143,8 @@ def line(row: dict) -> str:
         "" if np.isnan(speed) else f"{100 * speed:+.2f} %",
         row.get("speed_grade", ""),
         f"{number(row, 'region_ratio'):.2f}",
+        "right" if row.get("model_right") else "wrong",
+        f"{1e6 * number(row, 'start_error'):+.2f}",
         f"{number(row, 'seconds'):.0f}",
         row["failed"][:120],
     )
@@ -141,8 +152,8 @@ def line(row: dict) -> str:
 
 
 HEAD = (
-    "| scan | what it is | error | oracle's | ratio | speed | graded | region | s "
-    "| failed |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+    "| scan | what it is | error | oracle's | ratio | speed | graded | region | model "
+    "| start off [us] | s | failed |\n|" + " --- |" * 12
 )
 
 
@@ -171,6 +182,9 @@ def summary(rows: list[dict]) -> str:
     ratio = np.array([number(row, "error") / number(row, "oracle") for row in done])
     ratio = ratio[np.isfinite(ratio)]
     region = np.array([number(row, "region_ratio") for row in done])
+    late = [row for row in done if number(row, "start") != 0]
+    others = [row for row in done if number(row, "start") == 0]
+    off = [abs(number(row, "start_error")) for row in late]
     known = [row for row in done if not np.isnan(number(row, "speed_error"))]
     right = [abs(row["speed_error"]) < 5e-3 for row in known]
     wrong = [r for r in known if abs(r["speed_error"]) > 5e-3 and r["speed_grade"] != "guessed"]
@@ -181,6 +195,9 @@ def summary(rows: list[dict]) -> str:
         f"confident reason: {len(wrong)}.",
         f"- Region holds the body and is at most 1.5 times its size: "
         f"{int(np.sum((region >= 0.99) & (region <= 1.5)))} of {len(done)}.",
+        f"- Model right: {sum(row['model_right'] for row in done)} of {len(done)}.",
+        f"- Start within {1e6 * NEAR:.1f} us: {sum(o < NEAR for o in off)} of {len(late)} scans "
+        f"that start at another time; changed in {sum(map(moved, others))} others.",
     ]
     if len(ratio):
         lines.append(
