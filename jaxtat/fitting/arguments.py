@@ -18,6 +18,7 @@ from ..base.checks import (
     require_positive,
     require_unmasked,
 )
+from ..forward import pressure_terms
 from ..reconstruction import Setup, operator_on
 from ..records import pressure_matrix
 from .data_fit import DataFit
@@ -54,7 +55,7 @@ def data_fits(
     def on(grid: Any) -> DataFit:
         operator = operator_on(setup, grid, max_frequency=max_frequency, record=record, dtype=dtype)
         radial = None
-        if noise is not None and grid.dimension == 3:
+        if noise is not None and grid.dimension == 3 and pressure is None:
             radial = high_pass(setup.radii, 1 / grid.spacing.max()).astype(operator.dtype)
         support = setup.region.contains(grid.points)
         weights = by_library(_weights, (sizes, counted), operator.dtype)
@@ -75,24 +76,41 @@ def _weights(xp: Any, sizes: Any, counted: Any, dtype: Any) -> Any:
 
 def _record(
     setup: Setup, times: Any, sound_speed: Any, model: str, conditioning: Any
-) -> Float[Array, "times radii"]:
-    """From integrals to pressure, then the conditioning that was applied to the record."""
+) -> Float[Array, "times terms"]:
+    """From what the operator knows to pressure, then the conditioning that the record had."""
     if setup.grid.dimension == 3:
-        raise ValueError("times is given, and in space model_based takes spherical integrals only.")
-    if setup.medium is not None:
-        if not (is_concrete(sound_speed) and np.ndim(sound_speed) == 0 and sound_speed == 1.0):
-            raise ValueError("sound_speed is given, and the setup has a medium: leave it out.")
-        sound_speed = setup.medium.water_speed
-    matrix = pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
+        matrix = _record_in_space(setup, times, sound_speed, model)
+    else:
+        matrix = _record_in_plane(setup, times, sound_speed, model)
     if conditioning is None:
         return matrix
-    conditioned = jnp.asarray(conditioning(_turned(matrix)))  # a record for each radius
+    conditioned = jnp.asarray(conditioning(_turned(matrix)))  # a record for each column
     if conditioned.ndim != 2 or conditioned.shape[0] != matrix.shape[1]:
         raise ValueError(
             f"conditioning makes {conditioned.shape} of records (detectors, times) of shape "
             f"{matrix.T.shape}, expected as many detectors."
         )
     return _turned(conditioned)
+
+
+def _record_in_space(
+    setup: Setup, times: Any, sound_speed: Any, model: str
+) -> Float[Array, "times frequencies"]:
+    if model != "2d":
+        raise ValueError(f"model is {model!r}, and waves in space have one: leave it out.")
+    times, speed = real_array("times", times, ("times",)), real_array("speed", sound_speed, ())
+    require_positive("sound_speed", speed)
+    return pressure_terms(setup.kind.sizes_inside(setup.sizes), speed * times)
+
+
+def _record_in_plane(
+    setup: Setup, times: Any, sound_speed: Any, model: str
+) -> Float[Array, "times radii"]:
+    if setup.medium is not None:
+        if not (is_concrete(sound_speed) and np.ndim(sound_speed) == 0 and sound_speed == 1.0):
+            raise ValueError("sound_speed is given, and the setup has a medium: leave it out.")
+        sound_speed = setup.medium.water_speed
+    return pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
 
 
 def _turned(matrix: Array) -> Array:

@@ -105,10 +105,11 @@ def model_based(
     detectors, noise, and records that end early or have gaps, where the data do not determine the
     image. In the plane and in space, for detectors anywhere.
 
-    With ``noise``, W divides by it, and in space a high-pass in the radius follows, so that fine
-    details are found as fast as coarse ones: see `jaxtat.fitting.radial_filter`. Without,
-    integrals are weighted by 1/√r, by which A nearly keeps norms. By default the weight follows
-    from image and misfit, see `jaxtat.fitting.weight`.
+    With ``noise``, W divides by it, and of integrals in space a high-pass in the radius follows, so
+    that fine details are found as fast as coarse ones: see `jaxtat.fitting.radial_filter`. Without,
+    integrals are weighted by 1/√r, by which A nearly keeps norms. Records of pressure in space
+    need neither: they tell all details equally well. By default the weight follows from image and
+    misfit, see `jaxtat.fitting.weight`.
 
     Differentiable in both modes with respect to data, a given weight, noise, detectors, radii,
     speed of sound, and what a penalty holds: implicitly, as if converged, a weight that was found
@@ -127,7 +128,7 @@ def model_based(
         mask: where data count, of that shape, or (detectors, 1).
         times: of pressure, equispaced from t >= 0 [time].
         sound_speed: c [length/time]; of a setup with a medium it is the water's.
-        model: "2d" or "in-plane", as in `circular_integrals_to_pressure`.
+        model: in the plane "2d" or "in-plane", as in `circular_integrals_to_pressure`.
         conditioning: what each record went through: a linear function from (detectors, times) to
             (detectors, samples), the same for all detectors, such as
             ``functools.partial(condition_record, times=times, band=band, baseline=False)``.

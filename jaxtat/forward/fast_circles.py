@@ -188,6 +188,10 @@ class CircleIntegrals(eqx.Module):
             start = stop
         return jnp.einsum("bkd,kr->bdr", jnp.concatenate(parts, axis=1), self.series)
 
+    def recorded(self, record: Float[Array, "samples radii"]) -> "CircleIntegrals":
+        """f -> what was recorded, by a matrix from integrals."""
+        return eqx.tree_at(lambda each: each.series, self, self.series @ record.T)
+
     @property
     def kept(self) -> bool:
         """Whether the waves at the detectors are stored, or recomputed in every product."""

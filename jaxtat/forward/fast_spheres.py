@@ -9,6 +9,10 @@ for z anywhere, in the volume too. g(z, r)/r vanishes beyond T, so its sine seri
 
     g(z, r) = (2 r/T) Σ_k lambda_k G(z, lambda_k) sin(lambda_k r),   lambda_k = π k/T.
 
+The pressure of waves in space is p = d/dr (g/4πr) at r = c t, so that a record needs no integrals:
+
+    p(z, t) = (1/2πT) Σ_k lambda_k² G(z, lambda_k) cos(lambda_k c t).
+
 So the operator is a row of linear maps: a non-uniform FFT, `spherical_harmonics` of F, their waves
 at the detectors (`sphere_waves`), a matrix over frequencies; and its transpose is the same
 backwards.
@@ -90,6 +94,14 @@ class SphereIntegrals(eqx.Module):
         phase = directions.frequencies[:, None] * (self.offset @ directions.units)
         return values * jax.lax.complex(jnp.cos(phase), jnp.sin(phase))
 
+    def recorded(self, record: Float[Array, "samples all_k"]) -> "SphereIntegrals":
+        """f -> what was recorded, by a matrix whose columns are those of `pressure_terms`.
+
+        Columns of frequencies above those of this operator are left out.
+        """
+        series = record.T[: self.series.shape[0]] * jnp.prod(self.spacing)
+        return eqx.tree_at(lambda each: each.series, self, series)
+
 
 def sphere_integrals(
     curve: Detectors,
@@ -138,6 +150,21 @@ def sphere_integrals(
         shape=grid.shape,
         tolerance=tolerance,
     )
+
+
+def pressure_terms(sizes: SphereSizes, paths: Float[Array, " times"]) -> Float[Array, "times k"]:
+    """(1/2πT) lambda_k² cos(lambda_k c t), what takes G(z, lambda_k) to pressure.
+
+    Zero before t = 0, and beyond T, where the series would repeat.
+
+    Args:
+        sizes: of the operator.
+        paths: c t [length].
+    """
+    frequencies = jnp.asarray(sizes.frequencies)
+    terms = frequencies**2 * jnp.cos(paths[:, None] * frequencies) / (2 * jnp.pi * sizes.period)
+    heard = (paths >= 0) & (paths < sizes.period)
+    return jnp.where(heard[:, None], terms, 0.0)
 
 
 def _is_zero(offset: Array, grid: VolumeGrid) -> bool:

@@ -87,7 +87,12 @@ class SphereSizes(eqx.Module):
 
 
 def sphere_sizes(
-    curve: Detectors, grid: VolumeGrid, *, tolerance: float = TOLERANCE, n_groups: int = GROUPS
+    curve: Detectors,
+    grid: VolumeGrid,
+    *,
+    within: float = np.inf,
+    tolerance: float = TOLERANCE,
+    n_groups: int = GROUPS,
 ) -> SphereSizes:
     """The sizes of a concrete geometry: T by its farthest voxel, degrees by its reach.
 
@@ -101,6 +106,7 @@ def sphere_sizes(
     Args:
         curve: the detectors.
         grid: nodes of the volume.
+        within: distance from the detectors' centre beyond which volumes are zero [length].
         tolerance: of what is left out.
         n_groups: of frequencies, at most.
 
@@ -113,7 +119,7 @@ def sphere_sizes(
             "outside of jax.jit and jax.grad."
         )
     local = np.abs(np.asarray(grid.center) - np.asarray(curve.center)) + np.asarray(grid.half_width)
-    reach, across = float(np.linalg.norm(local)), float(np.linalg.norm(local[:2]))
+    reach, across = (min(float(np.linalg.norm(x)), within) for x in (local, local[:2]))
     distance = _farthest(curve)
     period = MARGIN * (distance + reach)
     n = max(1, int(period / float(np.asarray(grid.spacing).max())))

@@ -53,6 +53,8 @@ class Kind(NamedTuple):
             error of the image's band limit is larger, and digits cost more.
         fast_integrals: (curve, grid, radii, sizes, eta, tolerance) -> over circles or spheres of
             images that are band-limited, see `forward_operator`.
+        sizes_inside: of sizes, those of the forward operator on images that are zero outside of
+            the region.
         measure: of a circle or sphere, by its radius.
     """
 
@@ -68,6 +70,7 @@ class Kind(NamedTuple):
     default_rule: Callable[[Any], TikhonovRule]
     tolerance: float
     fast_integrals: Callable[..., Any]
+    sizes_inside: Callable[[Any], Any]
     measure: Callable[[Array], Array]
 
     def require(self, name: str, part: Any) -> None:
@@ -126,6 +129,7 @@ PLANE = Kind(
     default_rule=default_rule,
     tolerance=1e-9,
     fast_integrals=circle_integrals,
+    sizes_inside=lambda sizes: sizes.operator,
     measure=lambda radii: 2 * jnp.pi * radii,
 )
 
@@ -146,6 +150,7 @@ SPACE = Kind(
     default_rule=lambda sizes: Tikhonov(DEFAULT_ALPHA_IN_SPACE),
     tolerance=1e-7,
     fast_integrals=sphere_integrals,
+    sizes_inside=lambda sizes: sizes.inside,
     measure=lambda radii: 4 * jnp.pi * radii**2,
 )
 

@@ -179,19 +179,22 @@ def operator_on(
     grid: Any,
     *,
     max_frequency: float | None = None,
-    record: Float[Array, "samples radii"] | None = None,
+    record: Float[Array, "samples terms"] | None = None,
     dtype: Any = None,
 ) -> ForwardOperator:
-    """A from a coarser grid over the same square or box, followed by a matrix over radii.
+    """A from a coarser grid over the same square or box, to what was recorded.
+
+    In space of volumes that are zero outside the region, which need fewer waves than the box.
 
     Args:
         setup: detectors and radii.
         grid: of the same half width and centre as the setup's, with as many nodes or fewer.
         max_frequency: above which the spectrum of an image does not count, concrete [rad/length].
-        record: from integrals to what was recorded.
+        record: from integrals to what was recorded, (samples, radii); in space from the transforms
+            of integrals, see `forward.pressure_terms`, (samples, frequencies).
         dtype: as in `forward_operator`.
     """
-    sizes = setup.sizes.operator
+    sizes = setup.kind.sizes_inside(setup.sizes)
     # by numbers of nodes alone, which are static
     steps = zip(grid.shape, setup.grid.shape, strict=True)
     share = min((coarse - 1) / (fine - 1) for coarse, fine in steps)
@@ -209,7 +212,7 @@ def _made(
     grid: Any,
     sizes: CircleSizes | SphereSizes,
     eta: Float[Array, " frequencies"] | None,
-    record: Float[Array, "samples radii"] | None,
+    record: Float[Array, "samples terms"] | None,
     dtype: Any,
     tolerance: Any,
 ) -> ForwardOperator:
@@ -262,7 +265,7 @@ def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:
 def _of_record(integrals: Any, record: Array | None, single: bool) -> Any:
     """The integrals followed by a matrix over radii, of 32 bits if that is asked."""
     if record is not None:
-        integrals = eqx.tree_at(lambda each: each.series, integrals, integrals.series @ record.T)
+        integrals = integrals.recorded(record)
     return in_single_precision(integrals) if single else integrals
 
 

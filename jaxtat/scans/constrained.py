@@ -102,6 +102,8 @@ def of_all_sound(setup: Setup, choices: Choices) -> Setup:
 
 def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) -> _Recorded:
     times = shifted_times(scan, choices)
+    if choices.in_space and times is not None:
+        return _recorded_in_space(scan, choices, setup, frames, times)
     if choices.in_space:
         return _Recorded(setup, integrals(scan, choices, setup, frames), {}, setup.complete)
     n_detectors = len(choices.order)
@@ -136,6 +138,33 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
     data, mask = _masked(recorded, (larger.curve.n_detectors, n_samples))
     whole = bool(path[-1] >= radii[-1])
     return _Recorded(larger, data, model | mask, whole)
+
+
+def _recorded_in_space(
+    scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray, times: np.ndarray
+) -> _Recorded:
+    """Samples in which sound from the region arrives, means of as many as resolve half a voxel."""
+    path = choices.path_speed * times
+    distance, reach = np.asarray(setup.curve.distance), choices.region_radius
+    first, last = float(distance.min()) - reach, float(distance.max()) + reach
+    within = np.flatnonzero((path >= first) & (path <= last))
+    half_voxel = float(setup.grid.spacing.max()) / 2
+    together = max(1, int(half_voxel * (len(path) - 1) / (path[-1] - path[0])))
+    n = within.size // together
+
+    def means(record: Any) -> Array:
+        record = in_band(choices, record, times, baseline=False)
+        part = jnp.asarray(record)[..., within[: n * together]]
+        return part.reshape(*part.shape[:-1], n, together).mean(axis=-1)
+
+    def as_recorded(pressure: Array) -> Array:
+        return means(through_elements(scan, choices, pressure))
+
+    record = real_array(scan.kind, frames[..., list(choices.channels), :], None)
+    data = means(record)
+    data = data.reshape(*data.shape[:-2], *setup.detectors_shape, n)
+    model = {"times": times, "sound_speed": choices.sound_speed, "conditioning": as_recorded}
+    return _Recorded(setup, data, model, bool(path[-1] >= last))
 
 
 def _masked(data: Any, shape: tuple[int, ...]) -> tuple[Array, dict[str, Any]]:

@@ -31,7 +31,7 @@ from .choosing import choose
 from .constrained import fitted
 from .frames import GROUPS, integrals, lit_frames, setup_of
 from .method import with_best_method
-from .space import TurnedOver, facts_in_space
+from .space import TurnedOver, facts_in_space, require_few
 
 AT_A_TIME = 2**26  # bytes of data, as float64, that are reconstructed together
 TOGETHER, FEW = (32, 8), 2  # frames; the last are filled up, but for a single one
@@ -160,6 +160,8 @@ def reconstruct(
     with tqdm(total=scan.n_frames, unit="image", disable=not progress or scan.n_frames == 1) as bar:
         one_by_one = ((k, 1) for k in range(scan.n_frames))
         fits = choices.model_based and plan is None
+        if choices.in_space and not fits:
+            require_few(setup.curve)
         for start, size in one_by_one if fits else frames_together(scan, scan.n_frames):
             frames = _frames(scan, choices, start, size)
             if fits:

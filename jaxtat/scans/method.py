@@ -4,7 +4,8 @@ Measured records of pressure are fitted, with f >= 0 and total variation: they l
 and hold noise, and detectors on an open arc do not see all edges. On 41 simulated scans such images
 have a median error of 0.27 where those of the formula have 0.59 (`docs/automatic_choices.md`).
 Where detectors all around record two-dimensional waves nothing is missing, and the formula is more
-accurate. A fit in space takes minutes, and is made where it is asked for.
+accurate. In space records are fitted too: for detectors off rings the formula takes dense systems
+of all of them at every frequency, which are slower than a fit and see nothing of what is missing.
 """
 
 from dataclasses import replace
@@ -27,7 +28,7 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
         choices: of `choose`.
     """
     decided = {"model_based", *OF_FORMULA} & set(choices.user_set)
-    if scan.kind != "pressure" or choices.in_space or choices.model_based or decided:
+    if scan.kind != "pressure" or choices.model_based or decided:
         return choices
     if choices.model == "2d" and _sees_all(scan, choices):
         return choices

@@ -14,7 +14,7 @@ from ..geometry.rings import fit_sphere
 from ..io import Scan
 from .acquisition import rows_used, times_of, units_of
 
-MOST_POINTS = 800  # detectors off rings: their systems are dense
+MOST_POINTS = 800  # detectors off rings, for the formula: its systems are dense
 
 
 class FactsInSpace(NamedTuple):
@@ -43,7 +43,7 @@ class FactsInSpace(NamedTuple):
             rings, azimuths = self.detectors.shape
             way = "downwards" if self.upside_down else "upwards"
             return f"{rings} rings of {azimuths} on a sphere, open {way}"
-        return "on no rings: all systems are dense"
+        return "on no rings"
 
 
 def facts_in_space(scan: Scan, use: object = None) -> FactsInSpace:
@@ -54,8 +54,8 @@ def facts_in_space(scan: Scan, use: object = None) -> FactsInSpace:
         use: rows of the data to use, all by default.
 
     Raises:
-        ValueError: for detectors that are neither on rings nor few, and as `rows_used` and
-            `times_of`.
+        ValueError: for integrals of detectors that are neither on rings nor few, and as `rows_used`
+            and `times_of`.
     """
     rows = rows_used(scan, use)
     points = np.asarray(scan.known["detectors"], float)[rows]
@@ -65,7 +65,7 @@ def facts_in_space(scan: Scan, use: object = None) -> FactsInSpace:
         detectors, order, upside_down = found.rings, found.order.ravel(), found.upside_down
         radius = float(found.rings.radius)
     except ValueError as error:
-        if len(points) > MOST_POINTS:
+        if len(points) > MOST_POINTS and times is None:
             raise ValueError(
                 f"{error} Only up to {MOST_POINTS} detectors may lie anywhere, here are "
                 f"{len(points)}: choose some with --use."
@@ -74,6 +74,16 @@ def facts_in_space(scan: Scan, use: object = None) -> FactsInSpace:
         detectors, order = DetectorPoints(points, None, center), np.arange(len(points))
         upside_down = False
     return FactsInSpace(detectors, rows[order], radius, upside_down, times, units_of(radius, times))
+
+
+def require_few(detectors: SphericalCap | DetectorPoints) -> None:
+    """Raise ValueError for more detectors off rings than the formula takes."""
+    if isinstance(detectors, DetectorPoints) and detectors.shape[0] > MOST_POINTS:
+        raise ValueError(
+            f"the formula takes up to {MOST_POINTS} detectors off rings, here are "
+            f"{detectors.shape[0]}: leave out --direct, --alpha, --low-pass and --inversion, and "
+            "the volume is fitted, or choose some with --use."
+        )
 
 
 class TurnedOver(eqx.Module):

@@ -19,6 +19,7 @@ MOST_GROUPS = 4  # of frequencies: one table of detectors' moments is in memory 
 MOST_SIZES = 10  # of systems; each is compiled by itself, which small problems do not repay
 TABLE = 2**22  # entries of a table of Legendre functions, of some orders m at a time
 LEAST_FREQUENCIES = 8  # with fewer the projections between the stages of step 5 are cut short
+OF_FITS = 1e-6  # of what is left out of the waves of a volume that is fitted, as for its FFTs
 PLANES = 64  # meridian planes inverted together, which bounds the memory
 
 
@@ -34,6 +35,7 @@ class SpaceSizes(eqx.Module):
         piece: how many orders m are worked on together.
         n_sizes: of the systems; numbers of degrees are rounded up to one of them.
         operator: of the forward operator.
+        inside: of that on volumes that are zero outside the region, for fits.
         n_nodes: of Gauss's rule on an element of finite size.
         boundary: Gauss points on both parts of a meridian of a cut ball; none of a whole one.
     """
@@ -46,6 +48,7 @@ class SpaceSizes(eqx.Module):
     piece: int = eqx.field(static=True)
     n_sizes: int = eqx.field(static=True)
     operator: SphereSizes
+    inside: SphereSizes
     n_nodes: int = eqx.field(static=True)
     boundary: tuple[int, int] | None = eqx.field(static=True)
 
@@ -136,6 +139,7 @@ def space_sizes(
         piece=-(-n_orders // pieces),
         n_sizes=n_sizes,
         operator=sphere_sizes(detectors, grid),
+        inside=sphere_sizes(detectors, grid, within=reach, tolerance=OF_FITS),
         n_nodes=detectors.enough_nodes(highest),
         boundary=boundary,
     )

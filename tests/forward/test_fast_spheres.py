@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxtat import VolumeGrid
-from jaxtat.forward import sphere_integrals, sphere_sizes
+from jaxtat.forward import pressure_terms, sphere_integrals, sphere_sizes
 from jaxtat.geometry import spherical_cap
 from jaxtat.geometry.caps import DetectorPoints
 from jaxtat.geometry.rings import find_rings
@@ -98,6 +98,31 @@ def test_integrals_of_a_bell_are_exact():
     g = np.asarray(integrals(curve, grid, RADII, sizes, np.asarray(bell.volume(grid))[None]))[0]
     exact = np.asarray(bell.spherical_integrals(curve, RADII))
     assert np.abs(g - exact).max() < 3e-6 * exact.max()
+
+
+def test_pressure_is_the_slope_of_exact_integrals():
+    """p = d/dr (g/4πr), by differences of those of a bell; none before t = 0 and after T."""
+    bell, grid = SolidBells([[0.1, 0.05, -0.1]], [0.8]), VolumeGrid(33)
+    curve = CURVES["fewer azimuths than orders"]
+    sizes = sphere_sizes(curve, grid, n_groups=2)
+    inside = sphere_sizes(curve, grid, within=1.0, tolerance=1e-6, n_groups=2)
+    assert inside.period < sizes.period and inside.bands[-1].degrees < sizes.bands[-1].degrees
+    times = jnp.linspace(-0.15, 3.85, 41)
+
+    @eqx.filter_jit
+    def recorded(volumes):
+        record = pressure_terms(inside, 1.2 * times)
+        return sphere_integrals(curve, grid, RADII, inside, None, 1e-6).recorded(record)(volumes)
+
+    found = np.asarray(recorded(bell.volume(grid)[None]))[0]
+    heard = np.asarray((times > 0) & (1.2 * times < inside.period))
+
+    def over_spheres(r):
+        return np.asarray(bell.spherical_integrals(curve, r)) / np.asarray(4 * np.pi * r)
+
+    exact = differences(lambda r: over_spheres(1.2 * times[heard] + r), 0.0, step=1e-3)
+    assert np.abs(found[..., heard] - exact).max() < 3e-5 * np.abs(exact).max()
+    assert heard.sum() > 10 and not found[..., ~heard].any()
 
 
 def differences(function, x, step=3e-4):
