@@ -97,13 +97,17 @@ class PointWaves(eqx.Module):
                 chunk = jax.tree.map(lambda leaf: leaf.astype(float), tables)
                 tables = _point_tables(chunk, self.frequencies.astype(float), bands[-1])
             functions, radial = tables.functions.astype(dtype), tables.radial.astype(dtype)
-            values = []
-            for part, band in zip(coefficients, bands, strict=True):
-                table = functions[: band.degrees, :, : band.orders]
-                sums = jnp.einsum("lcmbk,lcmd->lbkd", part, table)
-                waves = radial[: band.degrees, None, band.first : band.last]
-                values.append(jnp.sum(sums * waves, axis=0))
-            return jnp.concatenate(values, axis=1)
+            shape = coefficients[0].shape[3], self.sizes.n_frequencies, radial.shape[-1]
+            values, start = jnp.zeros(shape, dtype), 0
+            for number, band in enumerate(bands):  # degrees that the bands before do not have
+                stop, orders = band.degrees, min(band.degrees, bands[-1].orders)
+                parts = [_some_degrees(part, start, stop, orders) for part in coefficients[number:]]
+                table = functions[start:stop, :, :orders]
+                sums = jnp.einsum("lcmbk,lcmd->lbkd", jnp.concatenate(parts, axis=-1), table)
+                more = jnp.sum(sums * radial[start:stop, None, band.first :], axis=0)
+                values += jnp.pad(more, ((0, 0), (band.first, 0), (0, 0)))
+                start = stop
+            return values
 
         chunks = (self.local, self.factor) if self.tables is None else self.tables
         values = jnp.moveaxis(jax.lax.map(lambda chunk: at(chunk, coefficients), chunks), 0, -2)
@@ -181,6 +185,14 @@ def _by_degree(harmonics: Harmonics, band: Band) -> Float[Array, "degrees 2 orde
     odd = jnp.pad(odd, [(0, 0)] * 4 + [(0, even.shape[-1] - odd.shape[-1])])
     mixed = jnp.stack([even, odd], axis=-1).reshape(*even.shape[:-1], -1)[..., : band.degrees]
     return jnp.moveaxis(_shifted(jnp.moveaxis(mixed, -1, 1)), 1, 0).swapaxes(1, 2)
+
+
+def _some_degrees(
+    part: Float[Array, "degrees 2 orders volumes k"], start: int, stop: int, orders: int
+) -> Float[Array, "some 2 fewer volumes k"]:
+    """Degrees from ``start`` to ``stop`` - 1, of which orders from ``stop`` on are zero."""
+    some = part[start:stop, :, :orders]
+    return jnp.pad(some, ((0, 0), (0, 0), (0, orders - some.shape[2]), (0, 0), (0, 0)))
 
 
 def _shifted(values: Float[Array, "orders degrees *n"]) -> Float[Array, "orders degrees *n"]:
