@@ -1,6 +1,11 @@
 """The arguments of every command, with their help."""
 
 import argparse
+import re
+import sys
+from collections.abc import Sequence
+from decimal import Decimal
+from typing import Any
 
 from ..base.choice_table import (
     CONSTRAINTS,
@@ -17,6 +22,9 @@ from ..base.scanners import SCANNERS
 from ..base.units import MILLIMETRES
 from ..version import __version__
 from . import commands
+
+# two digits: -1e999999999 would be written out
+_WITH_EXPONENT = re.compile(r"-(\d+\.?\d*|\.\d+)[eE][+-]?\d{1,2}")
 
 _EXAMPLES = {
     "paper": """
@@ -71,9 +79,28 @@ _EXAMPLES = {
 }
 
 
+class _Parser(argparse.ArgumentParser):
+    """argparse takes -5e-4 for an option, -0.0005 for a number: so it gets that."""
+
+    def parse_known_args(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, args: Sequence[str] | None = None, namespace: Any = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        words = sys.argv[1:] if args is None else args
+        return super().parse_known_args([_without_exponent(word) for word in words], namespace)
+
+
+def _without_exponent(word: str) -> str:
+    """A negative number with an exponent as one without; any other word as it is.
+
+    >>> _without_exponent("-5e-4"), _without_exponent("-e")
+    ('-0.0005', '-e')
+    """
+    return f"{Decimal(word):f}" if _WITH_EXPONENT.fullmatch(word) else word
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The parser; ``options.run`` is the command's function."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="jaxtat",
         description="Thermo- and photoacoustic tomography with detectors on an open curve.",
         epilog="`jaxtat COMMAND --help` has the options of a command, and examples.",
@@ -294,8 +321,7 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
         "--start-time",
         type=float,
         metavar="T",
-        help="time of the first sample, if that is not 0, when the laser fires; for one before it "
-        "--start-time=-1e-6",
+        help="time of the first sample, if that is not 0, when the laser fires; -1e-6 is before it",
     )
     _add_options(data, RECORD)
     _add_geometry(parser)

@@ -902,6 +902,15 @@ def test_two_processes_share_a_folder_of_programs(tmp_path, unoptimised):
 
 
 NUMBERS = (True, -1, 0, 7, 2.5, 1e300, 10**400, np.inf, np.nan)
+
+
+def test_negative_numbers_with_an_exponent_are_no_options():
+    line = "info scan.npz --body-center 1e-3 -5e-4 --region-center -.5E-2 -2.e-3 --start-time -1e-6"
+    options = build_parser().parse_args(shlex.split(line))
+    assert (options.body_center, options.region_center) == ([1e-3, -5e-4], [-5e-3, -2e-3])
+    assert options.start_time == -1e-6
+
+
 LISTS = ([], [1], [1, 2], [1, 2, 3], ["a", "b", "c"], [[]], [2**70])
 HOSTILE = (None, *NUMBERS, *LISTS, "", "none", "a:b", {}, {"a": 1}, "/dev/zero")
 
