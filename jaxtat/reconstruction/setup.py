@@ -14,7 +14,7 @@ from ..base.checks import (
     require_x64,
 )
 from ..base.memory_maps import drop_programs_if_short_of_maps
-from ..geometry import Body, DetectorCurve, OutlineBody, Region
+from ..geometry import Body, DetectorCurve, OutlineBody, Region, radial_step
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, SphericalCap
 from ..spherical.sizes import SpaceSizes
@@ -75,7 +75,8 @@ class Setup(eqx.Module):
             region: region of interest, `disk`, `polygon`, ..., or in space a `ball`.
             grid: `ImageGrid` or `VolumeGrid`.
             radii: r > 0 of the data, increasing, (radii,) [length]; by default those of
-                `data_radii`, a pixel apart (in space half a voxel). All but `model_based` needs
+                `data_radii`, a pixel apart (in space half a voxel), closer where waves are shorter
+                in slower water around a medium. All but `model_based` needs
                 those that cover the region and all other sources.
             medium: a `DiskBody` or `OutlineBody` in water, in the plane; by default there is one
                 speed of sound.
@@ -112,7 +113,7 @@ class Setup(eqx.Module):
         self.curve, self.grid, self.medium = curve, grid, medium
         if radii is None:
             with jax.ensure_compile_time_eval():  # inside jax.jit too
-                step = grid.spacing.max() / kind.radii_per_pixel
+                step = radial_step(grid.spacing.max() / kind.radii_per_pixel, medium)
                 radii = kind.radii(curve, region, step, *self.through)
         self.radii = real_array("radii", radii, ("radii",))
         self.sizes, self.region = kind.sizes(

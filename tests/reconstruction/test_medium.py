@@ -128,6 +128,14 @@ def test_the_image_of_exact_data(through, data):
     assert error[0] < 3e-3 < 0.25 < error[1]
 
 
+@pytest.mark.parametrize(("speed", "step"), [(1.25, 0.02), (0.8, 0.025)])
+def test_radii_by_default_hold_the_waves_of_the_pixels(through, speed, step):
+    """In slower water they are shorter, and radii as far apart as pixels would miss some."""
+    setup = Setup(CURVE, through.region, GRID, medium=body(speed))
+    assert np.isclose(setup.radii[1] - setup.radii[0], step)
+    assert np.isclose(setup.sizes.max_frequency, np.pi / 0.025)
+
+
 def test_equal_speeds_are_one_speed(through):
     same = through.replace(medium=body(1.0))
     plain = Setup(CURVE, through.region, GRID, RADII)
