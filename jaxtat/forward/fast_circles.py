@@ -261,7 +261,7 @@ def circle_integrals(
     about = None if circle is None else _on_circle(curve, circle, sizes.n_nodes)
     if isinstance(medium, OutlineBody):
         about = None
-    if about is not None and (medium is None or _concentric(about, medium)):
+    if about is not None and (medium is None or (not sizes.moved and _concentric(about, medium))):
         positions = about
     else:
         center = grid.center if medium is None else medium.center
