@@ -60,51 +60,42 @@ def info(options: argparse.Namespace) -> None:
 
 def reconstruct(options: argparse.Namespace) -> None:
     """``jaxtat reconstruct``."""
-    from ..io.images import require_suffix, save_image
-    from ..scans import reconstruct as reconstruct_scan
+    from ..io.images import require_suffix
 
+    if Path(options.file).is_dir():
+        from .folders import reconstruct_folder
+
+        return reconstruct_folder(options)
     start = time.perf_counter()
     require_suffix(options.out)  # and the package that writes it
-    scan, choices, plan, options = _prepared(options, start, fits=not options.trial)
+    scan, choices, plan, options = prepared(options, start, fits=not options.trial)
     if options.json:
         _write_json(options, choices)
     if options.trial:
-        _sheet(options, scan, choices, start)
-        return
-    inputs = _inputs(options)
+        return _sheet(options, scan, choices, start)
     if options.format == "patato":
-        from ..interop.patato_files import require_patato
+        return _to_patato(options, scan, choices, plan, start)
+    from .image_file import write_image
 
-        require_patato(options.out, scan, inputs)
-    result = reconstruct_scan(scan, choices, plan=plan, progress=not options.quiet)
-    if result.report:
-        _report(options, result.report, start)
-    settings = {name: value for name, value in vars(options).items() if name != "run"}
-    if options.format == "patato":
-        return _to_patato(options, scan, result, plan, settings, inputs, start)
-    save_image(
-        options.out,
-        result.image,
-        result.grid,
-        result.region,
-        settings | choices.settings(),
-        frames=result.frames,
-        unit=options.length_unit or result.unit,
-        inputs=inputs,
-    )
+    report = write_image(options, scan, choices, plan)
+    if report:
+        _report(options, report, start)
     _report(options, f"image written to {options.out}", start)
 
 
-def _inputs(options: argparse.Namespace) -> list[str]:
-    """The input files of an image."""
-    return [path for path in (options.file, options.plan) if path]
-
-
-def _to_patato(options, scan, result, plan, settings, inputs, start: float) -> None:
+def _to_patato(options, scan, choices, plan, start: float) -> None:
     from ..interop import save_patato
+    from ..interop.patato_files import require_patato
+    from ..scans import reconstruct as reconstruct_scan
     from ..scans import standard_deviations
+    from .image_file import inputs_of, settings_of
 
-    deviation = standard_deviations(scan, result.choices, plan=plan)
+    inputs = inputs_of(options)
+    require_patato(options.out, scan, inputs)
+    result = reconstruct_scan(scan, choices, plan=plan, progress=not options.quiet)
+    if result.report:
+        _report(options, result.report, start)
+    deviation, settings = standard_deviations(scan, choices, plan=plan), settings_of(options)
     save_patato(options.out, scan, result, deviation=deviation, settings=settings, inputs=inputs)
     without = "" if deviation is not None else "; without standard deviations"
     _report(options, f"images are in {options.out}, for PATATO{without}", start)
@@ -157,9 +148,10 @@ def _sheet(options: argparse.Namespace, scan, choices, start: float) -> None:
 def report(options: argparse.Namespace) -> None:
     """``jaxtat report``."""
     from ..reporting import report_scan
+    from .image_file import inputs_of
 
     start = time.perf_counter()
-    scan, choices, plan, options = _prepared(options, start, fits=True)
+    scan, choices, plan, options = prepared(options, start, fits=True)
     report_scan(
         options.out,
         scan,
@@ -169,7 +161,7 @@ def report(options: argparse.Namespace) -> None:
         sigma=options.noise,
         uncertainty_pixels=options.uncertainty_pixels,
         title=Path(options.file).name,
-        inputs=_inputs(options),
+        inputs=inputs_of(options),
         unit=options.length_unit,
         progress=not options.quiet,
     )
@@ -185,7 +177,7 @@ def stream(options: argparse.Namespace) -> None:
     from .streaming import frames_from, sink_at
 
     start = time.perf_counter()
-    scan, choices, plan, options = _prepared(options, start)
+    scan, choices, plan, options = prepared(options, start)
     dtype = scan.data.dtype if options.type is None else np.dtype(options.type)
     to_images = live(scan, choices, plan=plan)
     shape = (scan.n_detectors, scan.n_samples)
@@ -218,7 +210,7 @@ def view(options: argparse.Namespace) -> None:
         raise ValueError("jaxtat view turns alpha, which a plan does not have: leave out --K.")
     if options.pixels is None and not options.repeat:
         options = changed(options, pixels=PIXELS)
-    scan, choices, _, options = _prepared(options, start)
+    scan, choices, _, options = prepared(options, start)
     facts = {name: getattr(options, name, None) for name in FACTS if name != "frames"}
     viewer = view_scan(
         scan, choices, facts=facts, source=options.file, folder=options.folder, port=options.port
@@ -241,7 +233,7 @@ def sample(options: argparse.Namespace) -> None:
     _report(options, f"scan written to {options.out}", start)
 
 
-def _prepared(options: argparse.Namespace, start: float, *, fits: bool = False):
+def prepared(options: argparse.Namespace, start: float, *, fits: bool = False):
     """Scan, choices, plan (or None) and options of a command.
 
     With --repeat they are those of an earlier image. ``fits``: images are fitted where that is more

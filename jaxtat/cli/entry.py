@@ -63,20 +63,11 @@ def _run(options: argparse.Namespace) -> bool:
 
     Returns whether it noted that a record contradicts what is known about it.
     """
-    if "jax" not in sys.modules:
-        _compile_quickly()
-        # imports and tracing make many objects, few of them garbage: looked for every 700, that
-        # takes a tenth of the time of a first image
-        gc.set_threshold(200_000, 20, 100)
-    import jax
-
+    begin(options.cache, options.no_cache)
     from ..base.threads import one_blas_thread
     from ..geometry import VisibilityWarning
     from ..steps import AccuracyWarning, Contradiction
-    from .cache import keep_programs
 
-    jax.config.update("jax_enable_x64", True)  # the command is the program: its flag to set
-    keep_programs(options.cache, off=options.no_cache)
     with one_blas_thread(), warnings.catch_warnings():
         warnings.simplefilter("always", VisibilityWarning)
         warnings.simplefilter("always", AccuracyWarning)
@@ -84,6 +75,26 @@ def _run(options: argparse.Namespace) -> bool:
         warnings.showwarning = _notes(shown)
         options.run(options)
     return Contradiction in shown.values()
+
+
+def begin(cache: str | None, no_cache: bool) -> None:
+    """Import JAX with the settings of the command, once for a process.
+
+    Args:
+        cache: folder of compiled programs, see `keep_programs`.
+        no_cache: whether none are kept.
+    """
+    if "jax" not in sys.modules:
+        _compile_quickly()
+        # imports and tracing make many objects, few of them garbage: looked for every 700, that
+        # takes a tenth of the time of a first image
+        gc.set_threshold(200_000, 20, 100)
+    import jax
+
+    from .cache import keep_programs
+
+    jax.config.update("jax_enable_x64", True)  # the command is the program: its flag to set
+    keep_programs(cache, off=no_cache)
 
 
 def _compile_quickly() -> None:

@@ -34,6 +34,8 @@ _OPTIONS = (
     "plan",
     "json",
     "trial",
+    "jobs",
+    "of_folder",
 )
 
 

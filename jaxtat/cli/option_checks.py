@@ -37,8 +37,12 @@ _SUFFIXES = {"reconstruct": IMAGE_SUFFIXES, "report": (".html",)}
 def require_options(options: argparse.Namespace) -> None:
     """Raise ValueError for options that are impossible, alone or together, for any data."""
     require_values(options)
+    if _is_of_folder(options):
+        _require_of_folder(options)
+    elif is_given(options, "jobs"):
+        raise ValueError("--jobs shares the scans of a folder, and this is a single file.")
     _require_together(options)
-    suffixes = _SUFFIXES.get(options.run.__name__, ("",))
+    suffixes = ("",) if _is_of_folder(options) else _SUFFIXES.get(options.run.__name__, ("",))
     if is_given(options, "format") and options.format in FORMATS:
         suffixes = FORMATS[options.format]
     if not getattr(options, "out", "").endswith(suffixes):
@@ -61,13 +65,36 @@ def require_values(options: argparse.Namespace) -> None:
 
 def _require_files(options: argparse.Namespace) -> None:
     """Raise an error for files that cannot be read or written, before anything else is done."""
-    if options.run.__name__ not in ("paper", "stream") and is_given(options, "out"):
+    into_folder = _is_of_folder(options) or options.run.__name__ in ("paper", "stream")
+    if not into_folder and is_given(options, "out"):
         require_place(options.out)
     if is_given(options, "json") and options.json != "-":
         require_place(options.json)
     for name in ("file", "detectors_from", "repeat", "plan"):
-        if is_given(options, name):
+        if is_given(options, name) and not (name == "file" and _is_of_folder(options)):
             require_file(getattr(options, name))
+
+
+def _is_of_folder(options: argparse.Namespace) -> bool:
+    """Whether the command is to reconstruct all scans of a folder."""
+    return options.run.__name__ == "reconstruct" and Path(options.file).is_dir()
+
+
+def _require_of_folder(options: argparse.Namespace) -> None:
+    """Raise ValueError for options of a single scan, and places that are no folder."""
+    for name in ("format", "trial", "json"):
+        if is_given(options, name):
+            option = "--try" if name == "trial" else option_of(name)
+            raise ValueError(f"{option} is of a single scan, and {options.file} is a folder.")
+    if is_given(options, "jobs") and options.jobs < 1:
+        raise ValueError(f"--jobs {options.jobs}: expected 1 or more processes.")
+    out = Path(options.out)
+    if out.is_file() or (not out.exists() and out.name.endswith(IMAGE_SUFFIXES)):
+        raise ValueError(
+            f"cannot write {out}: {options.file} is a folder, whose images go into a folder."
+        )
+    if not out.resolve().parent.is_dir():
+        raise ValueError(f"cannot write {out}: there is no folder {out.resolve().parent}.")
 
 
 def is_given(options: argparse.Namespace, name: str) -> bool:

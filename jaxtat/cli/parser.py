@@ -49,6 +49,8 @@ _EXAMPLES = {
       sixteen pictures beside each other, to choose by eye
   jaxtat reconstruct data.npz --plan half.h5 --out image.png
       with a plan, of `jaxtat plan`
+  jaxtat reconstruct scans/ --out images/ --jobs 4
+      all scans in a folder; run it again to go on where it was interrupted
   jaxtat reconstruct scan.msot --format patato --out scan.hdf5
       all wavelengths, for PATATO to unmix: images and standard deviations in its own file
 """,
@@ -159,14 +161,28 @@ def _add_plan(subparsers) -> None:
 
 def _add_reconstruct(subparsers) -> None:
     parser = _command(
-        subparsers, "reconstruct", commands.reconstruct, "Reconstruct an image from a data file."
+        subparsers,
+        "reconstruct",
+        commands.reconstruct,
+        "Reconstruct images from a scan, or from all scans of a folder.",
     )
-    parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.load_scan)")
+    parser.add_argument(
+        "file",
+        metavar="FILE|FOLDER",
+        help="a scan (formats: see jaxtat.io.load_scan), or a folder of scans",
+    )
     parser.add_argument(
         "--out",
         required=True,
-        metavar="IMAGE",
-        help=f"image or volume to write: {', '.join(IMAGE_SUFFIXES)}",
+        metavar="IMAGE|FOLDER",
+        help=f"image or volume to write: {', '.join(IMAGE_SUFFIXES)}; of a folder of scans one "
+        "for .h5 files, a summary and a contact sheet",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        metavar="N",
+        help="processes that share the scans of a folder (default: 1)",
     )
     parser.add_argument(
         "--format",

@@ -41,13 +41,18 @@ class HasInside(Protocol):
 class _Output(NamedTuple):
     """What a writer writes: all of it checked."""
 
-    image: np.ndarray  # (x1, x2) or (frames, x1, x2), with x3 of volumes; zero outside the region
+    values: np.ndarray  # (x1, x2) or (frames, x1, x2), with x3 of volumes; of a stack a memory map
     inside: np.ndarray  # (x1, x2) or (x1, x2, x3)
     grid: ImageGrid | VolumeGrid
     frames: np.ndarray | None  # (frames,) of a stack
     unit: str | None
     settings: str  # JSON
     provenance: str  # JSON
+
+    @property
+    def image(self) -> np.ndarray:
+        """All values, zero outside the region."""
+        return np.where(self.inside, self.values, 0.0)
 
     @property
     def text(self) -> str:
@@ -109,8 +114,8 @@ def save_image(
     """
     suffix = require_suffix(path)
     millimetres(unit)
-    values = np.asarray(real_array("image", image, None))
     d = len(grid.shape)
+    values = _checked(image, d)
     if values.shape[-d:] != grid.shape or values.ndim not in (d, d + 1) or values.size == 0:
         raise ValueError(
             f"the image has shape {values.shape}, its grid has {grid.shape}: expected that, or a "
@@ -119,7 +124,7 @@ def save_image(
     everywhere = np.ones(grid.shape, bool)
     inside = everywhere if region is None else np.asarray(region.contains(grid.points))
     output = _Output(
-        image=np.where(inside, values, 0.0),
+        values=values,
         inside=inside,
         grid=grid,
         frames=_frames(frames, values.shape[:-d]),
@@ -129,6 +134,15 @@ def save_image(
     )
     with replacing(path) as temporary:
         _FORMATS[suffix][0](temporary, output)
+
+
+def _checked(image: Numbers, n_axes: int) -> np.ndarray:
+    """The image as float64; a stack may be larger than the memory, and is looked at in parts."""
+    if isinstance(image, np.ndarray) and image.dtype == float and image.ndim == n_axes + 1:
+        for one in image:
+            real_array("image", one, None)
+        return image
+    return np.asarray(real_array("image", image, None))
 
 
 def require_suffix(path: str | Path) -> str:
@@ -228,7 +242,7 @@ def _write_hdf5(path: Path, output: _Output) -> None:
             text = getattr(output, name).encode()
             file.create_dataset(name, data=text, dtype=h5py.string_dtype("utf-8", len(text)))
         # readers of HDF5 check these sums: a damaged image is an error, not another image
-        image = file.create_dataset("image", data=output.image, fletcher32=True)
+        image = _hdf5_images(file, output)
         file.create_dataset("inside", data=output.inside, fletcher32=True)
         nodes = {f"x{k + 1}": output.grid.axis(k) for k in range(len(output.grid.shape))}
         axes = nodes
@@ -241,6 +255,18 @@ def _write_hdf5(path: Path, output: _Output) -> None:
             image.dims[axis].label = name
         for name in nodes:
             file[name].attrs["unit"] = output.unit or "unknown"
+
+
+def _hdf5_images(file: h5py.File, output: _Output) -> h5py.Dataset:
+    """The dataset of the image; of a stack written one by one, and read so by others."""
+    values, dtype = output.values, output.values.dtype
+    if output.frames is None:
+        return file.create_dataset("image", data=output.image, fletcher32=True)
+    chunks = (1, *values.shape[1:]) if len(output.grid.shape) == 2 else True
+    images = file.create_dataset("image", values.shape, dtype, chunks=chunks, fletcher32=True)
+    for number, one in enumerate(values):
+        images[number] = np.where(output.inside, one, 0.0)
+    return images
 
 
 def _write_nifti(path: Path, output: _Output) -> None:

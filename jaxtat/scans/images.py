@@ -50,6 +50,8 @@ class ScanImages:
         numbers: of the frames in the file, from 0, (frames,).
         unit: of length, "m" or "mm" if it is known.
         report: how well the systems were solved, in words; nothing with a plan.
+        unexplained: the share of the record that fitted images leave, the largest of all frames;
+            None of others.
     """
 
     image: Any
@@ -60,6 +62,7 @@ class ScanImages:
     numbers: Int[np.ndarray, " frames"]
     unit: str | None
     report: str
+    unexplained: float | None = None
 
 
 def reconstruct_file(
@@ -125,6 +128,7 @@ def reconstruct(
     *,
     plan: ReconstructionPlan | None = None,
     out: Any = None,
+    done: int = 0,
     progress: bool = False,
 ) -> ScanImages:
     """The images of all frames, a few in memory at a time; the geometry is computed once.
@@ -138,6 +142,7 @@ def reconstruct(
             are none in space.
         out: where images go, (frames that are good, x1, x2), or anything that slices can be
             assigned to; by default a new array.
+        done: number of images that ``out`` has already; those that follow are made.
         progress: whether to show a bar, if there is more than one frame.
 
     Raises:
@@ -151,7 +156,7 @@ def reconstruct(
     room = _room((scan.n_frames, *shape)) if out is None else None
     scan = without_blank_frames(scan, choices)
     setup = setup_of(scan, choices) if plan is None else plan.setup
-    report = ""
+    report, unexplained = "", 0.0
     worst, images = 0.0, (scan.n_frames, *shape)
     out = out if room is None else room[: scan.n_frames]
     if tuple(out.shape) != images:
@@ -163,10 +168,15 @@ def reconstruct(
         if choices.in_space and not fits:
             require_few(setup.curve)
         for start, size in one_by_one if fits else frames_together(scan, scan.n_frames):
+            n = min(size, scan.n_frames - start)
+            if start + n <= done:
+                bar.update(n)
+                continue
             frames = _frames(scan, choices, start, size)
             if fits:
                 found = fitted(scan, choices, setup, frames, progress=progress)
                 image, report = found.image, _fitted(found)
+                unexplained = max(unexplained, float(np.max(found.residual)))
             elif plan is None:
                 g = integrals(scan, choices, setup, frames)
                 found = _solve(setup, g, choices)
@@ -176,7 +186,6 @@ def reconstruct(
             else:
                 image = _by_plan(plan, integrals(scan, choices, setup, frames), choices)
             image = image[..., ::-1] if flipped else image
-            n = min(size, scan.n_frames - start)
             out[start : start + n] = np.asarray(image).reshape(-1, *shape)[:n]
             bar.update(n)
     several = scan.n_frames > 1 or "frame_numbers" in scan.known  # one of several is known by it
@@ -190,6 +199,7 @@ def reconstruct(
         numbers=frame_numbers(scan),
         unit=choices.units.length if plan is None else facts_of(scan).units.length,
         report=report,
+        unexplained=unexplained if fits else None,
     )
 
 

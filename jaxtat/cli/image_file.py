@@ -1,0 +1,94 @@
+"""The images of one scan in a file; those of a series are kept while they are made."""
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from ..io import Scan
+from ..io.images import save_image
+from ..io.unfinished import UnfinishedImages
+from ..reconstruction import ReconstructionPlan
+from ..scans import Choices, ScanImages, reconstruct
+from ..scans.images import without_blank_frames
+from .made_from import made_from
+
+
+def settings_of(options: argparse.Namespace) -> dict[str, Any]:
+    """The options as settings of an image."""
+    return {name: value for name, value in vars(options).items() if name != "run"}
+
+
+def inputs_of(options: argparse.Namespace) -> list[str]:
+    """The input files of an image."""
+    return [path for path in (options.file, options.plan) if path]
+
+
+def write_image(
+    options: argparse.Namespace,
+    scan: Scan,
+    choices: Choices,
+    plan: ReconstructionPlan | None,
+    more: Callable[[ScanImages], dict[str, Any]] = lambda result: {},
+) -> str:
+    """Make the images of a scan and write them to ``options.out``.
+
+    Several images are kept on the disk as they are made, and so need no memory together; a command
+    that was interrupted goes on with them.
+
+    Args:
+        options: of the command.
+        scan, choices, plan: as in `scans.reconstruct`.
+        more: settings of the file besides options and choices.
+
+    Returns:
+        How well systems were solved, or images fitted, in words.
+    """
+    scan = without_blank_frames(scan, choices)
+    with _room_for_images(options, scan, choices, plan) as kept:
+        done = 0 if kept is None else kept.done
+        progress = not options.quiet
+        result = reconstruct(scan, choices, plan=plan, out=kept, done=done, progress=progress)
+        save_image(
+            options.out,
+            result.image if kept is None else kept.images(),
+            result.grid,
+            result.region,
+            settings_of(options) | choices.settings() | more(result),
+            frames=result.frames,
+            unit=options.length_unit or result.unit,
+            inputs=inputs_of(options),
+        )
+    return result.report
+
+
+@contextmanager
+def _room_for_images(
+    options: argparse.Namespace,
+    scan: Scan,
+    choices: Choices,
+    plan: ReconstructionPlan | None,
+) -> Iterator[UnfinishedImages | None]:
+    """A place for the images of several frames, which stays if the command does not end well."""
+    if scan.n_frames == 1:
+        yield None
+        return
+    shape = choices.grid.shape if plan is None else plan.setup.grid.shape
+    kept = UnfinishedImages(options.out, made_from(options), (scan.n_frames, *shape))
+    if kept.done:
+        _note(options, f"goes on after {kept.done} of {scan.n_frames} images of an earlier run")
+    try:
+        yield kept
+    except BaseException:
+        if kept.done:
+            _note(options, f"{kept.done} of {scan.n_frames} images are kept: run it again to go on")
+        else:
+            kept.remove()
+        raise
+    kept.remove()
+
+
+def _note(options: argparse.Namespace, text: str) -> None:
+    if not options.quiet:
+        print(f"jaxtat: note: {text}.", file=sys.stderr)
