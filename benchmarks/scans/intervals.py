@@ -3,7 +3,7 @@
     python benchmarks/scans/intervals.py [--from N] [--to N] [--out FOLDER]
 
 Speed of sound, region and model are known, all else is chosen. An interval is the image's mean over
-a pixel of a coarse grid, plus and minus 1.645 times what `fit_errors` of jaxtat.reporting says. The
+a pixel of a coarse grid, plus and minus 1.645 times what `fit_errors` of jaxtat.scans says. The
 pixels are counted whose true mean is in it, of the region and of the body (where the truth is above
 a hundredth of its largest value).
 """
@@ -35,8 +35,8 @@ def examined(k: int, folder: Path) -> tuple[float, float, float]:
     """Shares of pixels held, of region and body; error over what is said, root mean squares."""
     from jaxtat.fitting import NINETY
     from jaxtat.io import load_scan
-    from jaxtat.reporting.errors_of_fits import fit_errors
     from jaxtat.scans import choose, reconstruct, with_best_method
+    from jaxtat.scans.errors_of_images import fit_errors
 
     this, size = case(k), SIZES["quick"]
     body = truth(this, size)

@@ -2,16 +2,21 @@
 
 import argparse
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+
+from ..geometry import ImageGrid
 from ..io import Scan
 from ..io.images import save_image
 from ..io.unfinished import UnfinishedImages
 from ..reconstruction import ReconstructionPlan
-from ..scans import Choices, ScanImages, reconstruct
+from ..scans import Choices, ScanImages, image_errors, reconstruct
 from ..scans.images import without_blank_frames
+from ..steps import AccuracyWarning
 from .made_from import made_from
 
 
@@ -45,22 +50,45 @@ def write_image(
     Returns:
         How well systems were solved, or images fitted, in words.
     """
+    if options.errors and choices.in_space:
+        raise ValueError("--errors are known of images in the plane, and this is a volume.")
     scan = without_blank_frames(scan, choices)
     with _room_for_images(options, scan, choices, plan) as kept:
         done = 0 if kept is None else kept.done
         progress = not options.quiet
         result = reconstruct(scan, choices, plan=plan, out=kept, done=done, progress=progress)
+        images = result.image if kept is None else kept.images()
+        errors = _errors(scan, choices, images) if options.errors else None
         save_image(
             options.out,
-            result.image if kept is None else kept.images(),
+            images,
             result.grid,
             result.region,
             settings_of(options) | choices.settings() | more(result),
             frames=result.frames,
+            errors=errors,
             unit=options.length_unit or result.unit,
             inputs=inputs_of(options),
         )
+        del images  # a memory map keeps its file
     return result.report
+
+
+def _errors(scan: Scan, choices: Choices, images: Any) -> tuple[np.ndarray, ImageGrid] | None:
+    """How far the images may be off, as `save_image` takes it; None where that is not known."""
+    stack = images if images.ndim == 3 else images[None]
+    found = [image_errors(scan, choices, k, image) for k, image in enumerate(stack)]
+    known = [errors for errors in found if errors is not None]
+    if len(known) < len(found):
+        warnings.warn(
+            "how far the image may be off is not known: its formula's errors are those of noise, "
+            "and no part of the record is quiet.",
+            AccuracyWarning,
+            stacklevel=2,
+        )
+        return None
+    deviations = np.stack([np.asarray(errors.deviation) for errors in known])
+    return deviations.reshape(*images.shape[:-2], *deviations.shape[1:]), known[0].grid
 
 
 @contextmanager

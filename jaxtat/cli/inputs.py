@@ -36,6 +36,7 @@ _OPTIONS = (
     "trial",
     "jobs",
     "of_folder",
+    "errors",
 )
 
 

@@ -21,7 +21,7 @@ from ..base.choice_table import (
     require_pixels,
 )
 from ..base.messages import require_file
-from ..base.option_values import FORMATS, IMAGE_SUFFIXES, STREAM_SUFFIXES
+from ..base.option_values import FORMATS, IMAGE_SUFFIXES, STREAM_SUFFIXES, WITH_ERRORS
 from ..base.scanners import scanner_named
 
 MOST_TRIALS = 36  # images on a sheet
@@ -203,6 +203,8 @@ def _require_together(options: argparse.Namespace) -> None:
         is_given(options, name) for name in ("K", "j_max", "sigma_min")
     ):
         raise ValueError("--series is a closed form: --K, --j-max and --sigma-min do nothing.")
+    if is_given(options, "errors"):
+        _require_room_for_errors(options)
     if getattr(options, "json", None) == "-" and options.run.__name__ != "info":
         raise ValueError("--json -: the report is on standard output, expected a file.")
     if is_given(options, "trial"):
@@ -218,6 +220,18 @@ def _require_together(options: argparse.Namespace) -> None:
         raise ValueError(f"{option_of(constraints[0])} and a plan: images are fitted without one.")
     if wants_plan(options) and is_given(options, "alpha"):
         raise ValueError("--alpha is for a reconstruction without densities: leave out the others.")
+
+
+def _require_room_for_errors(options: argparse.Namespace) -> None:
+    """Raise ValueError for what has no errors, or no place for them."""
+    if not (_is_of_folder(options) or options.out.endswith(WITH_ERRORS)):
+        raise ValueError(f"--errors are kept in an .h5 image, and {options.out} is none.")
+    for name in ("format", "plan", *OF_PLANS):
+        if is_given(options, name):
+            raise ValueError(
+                f"{option_of(name)} and --errors: those are of images that are fitted, or made "
+                "without a plan; `jaxtat report` has them of a plan."
+            )
 
 
 def _require_trial(options: argparse.Namespace) -> None:

@@ -179,6 +179,12 @@ def _add_reconstruct(subparsers) -> None:
         "for .h5 files, a summary and a contact sheet",
     )
     parser.add_argument(
+        "--errors",
+        action="store_true",
+        help="also how far each image may be off, in the .h5 file: of fitted ones by eight more "
+        "fits on few pixels",
+    )
+    parser.add_argument(
         "--jobs",
         type=int,
         metavar="N",

@@ -17,7 +17,7 @@ import numpy as np
 from ..base.atomic import replacing
 from ..base.checks import Numbers, real_array
 from ..base.messages import name_of, require_file
-from ..base.option_values import IMAGE_SUFFIXES
+from ..base.option_values import IMAGE_SUFFIXES, WITH_ERRORS
 from ..base.optional_packages import optional
 from ..base.units import millimetres
 from ..geometry import ImageGrid, VolumeGrid
@@ -46,6 +46,7 @@ class _Output(NamedTuple):
     grid: ImageGrid | VolumeGrid
     frames: np.ndarray | None  # (frames,) of a stack
     unit: str | None
+    errors: tuple[np.ndarray, ImageGrid] | None  # (x1, x2) or (frames, x1, x2), and their grid
     settings: str  # JSON
     provenance: str  # JSON
 
@@ -68,6 +69,7 @@ def save_image(
     settings: dict[str, Any] | None = None,
     *,
     frames: Numbers | None = None,
+    errors: tuple[Numbers, ImageGrid] | None = None,
     unit: str | None = None,
     inputs: Sequence[str | Path] = (),
 ) -> None:
@@ -77,8 +79,9 @@ def save_image(
       millimetres; of a stack, up to 16 images evenly chosen; of a volume, three slices through its
       middle, of up to four frames;
     - ``.npy``: the bare array;
-    - ``.h5``, ``.hdf5``: image, coordinates, whether each pixel is inside the region, frames, all
-      settings (`load_settings` gives them back) and provenance: date, versions, input files;
+    - ``.h5``, ``.hdf5``: image, coordinates, whether each pixel is inside the region, frames, how
+      far the image may be off (``errors``, with ``errors_x1`` and ``errors_x2``), all settings
+      (`load_settings` gives them back) and provenance: date, versions, input files;
     - ``.nii``, ``.nii.gz``: NIfTI in float64, first axis x1, second x2, third x3 or of length 1,
       fourth the frames; the affine gives positions in mm. There is no anatomical orientation in it;
     - ``.tif``, ``.tiff``: ImageJ's, float32, rows from the top (largest x2) downwards, columns
@@ -95,6 +98,8 @@ def save_image(
             none.
         frames: a number for every image of a stack, such as time or wavelength, (frames,); by
             default 0, 1, 2...
+        errors: standard deviations of the image, (x1, x2) or (frames, x1, x2), NaN where there is
+            none, and their grid; for ``.h5`` alone.
         unit: of length in grid and region: "m", "cm", "mm" or "um"; None if it is not known.
         inputs: files from which the image was made; their names and SHA-256 are stored.
 
@@ -113,6 +118,8 @@ def save_image(
     >>> save_image(path, np.ones((5, 5)), grid)
     """
     suffix = require_suffix(path)
+    if errors is not None and suffix not in WITH_ERRORS:
+        raise ValueError(f"cannot write {path}: files ending in .h5 alone hold errors of an image.")
     millimetres(unit)
     d = len(grid.shape)
     values = _checked(image, d)
@@ -129,6 +136,7 @@ def save_image(
         grid=grid,
         frames=_frames(frames, values.shape[:-d]),
         unit=unit,
+        errors=None if errors is None else _errors(*errors, values.shape[:-d]),
         settings=as_json("settings", settings or {}),
         provenance=as_json("provenance", provenance_of(inputs, unit)),
     )
@@ -143,6 +151,15 @@ def _checked(image: Numbers, n_axes: int) -> np.ndarray:
             real_array("image", one, None)
         return image
     return np.asarray(real_array("image", image, None))
+
+
+def _errors(
+    deviation: Numbers, grid: ImageGrid, stack: tuple[int, ...]
+) -> tuple[np.ndarray, ImageGrid]:
+    """Standard deviations of an image or stack, checked; NaN is what is not known."""
+    values = np.asarray(deviation, float)
+    real_array("errors", np.nan_to_num(values), (*stack, *grid.shape))
+    return values, grid
 
 
 def require_suffix(path: str | Path) -> str:
@@ -253,6 +270,11 @@ def _write_hdf5(path: Path, output: _Output) -> None:
             file[name].make_scale(name)  # pyright: ignore[reportAttributeAccessIssue]
             image.dims[axis].attach_scale(file[name])
             image.dims[axis].label = name
+        if output.errors is not None:
+            values, coarse = output.errors
+            file.create_dataset("errors", data=values, fletcher32=True)
+            nodes |= {f"errors_x{k + 1}": coarse.axis(k) for k in range(2)}
+            file.update({name: nodes[name] for name in nodes if name not in file})
         for name in nodes:
             file[name].attrs["unit"] = output.unit or "unknown"
 

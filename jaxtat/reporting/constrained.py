@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers
 from ..fitting import NINETY, Comparison
-from .errors_of_fits import FitErrors
+from ..scans.errors_of_images import ImageErrors
 
 
 class Constrained(NamedTuple):
@@ -27,7 +27,7 @@ class Constrained(NamedTuple):
     comparison: Comparison
     converged: bool
     band: str = ""
-    errors: FitErrors | None = None
+    errors: ImageErrors | None = None
 
 
 def in_words(constrained: Constrained) -> str:
@@ -65,7 +65,7 @@ def not_in_the_data(constrained: Constrained) -> str:
     )
 
 
-def errors_in_words(errors: FitErrors) -> str:
+def errors_in_words(errors: ImageErrors) -> str:
     """Text on the size of the errors."""
     image, deviation = np.asarray(errors.image), np.asarray(errors.deviation)
     most = float(np.nanmax(np.abs(image)))

@@ -24,11 +24,11 @@ from ..scans import (
 from ..scans.acquisition import facts_of
 from ..scans.constrained import compared, fitted
 from ..scans.deviations import draw, quiet_noise
+from ..scans.errors_of_images import fit_errors
 from ..scans.frames import lit_frames
 from ..steps import UnreachedWaves
 from ..studies import Diagnosis
 from .constrained import Constrained
-from .errors_of_fits import fit_errors
 from .writing import report
 
 

@@ -5,6 +5,7 @@ from .acquisition import with_facts
 from .choices import Choices
 from .choosing import choose
 from .deviations import standard_deviations
+from .errors_of_images import ImageErrors, image_errors
 from .frames import integrals, setup_of
 from .graded import as_json, to_look_at
 from .images import ScanImages, reconstruct, reconstruct_file
@@ -14,10 +15,12 @@ from .trying import trials
 
 __all__ = [
     "Choices",
+    "ImageErrors",
     "ScanImages",
     "as_json",
     "choose",
     "describe",
+    "image_errors",
     "integrals",
     "reconstruct",
     "reconstruct_file",

@@ -204,3 +204,21 @@ def test_frames_that_were_made_are_not_made_again(scans, monkeypatch, capsys):
     with h5py.File("some.h5") as file:
         assert np.allclose(file["image"][()], whole, atol=1e-12)
     assert not os.path.exists(".some.h5.unfinished")
+
+
+def test_errors_are_kept_beside_the_image(scans, capsys):
+    """Of circular integrals by the formula nothing tells of noise; of fitted ones eight fits do."""
+    line = f"reconstruct scans/a.npz {REGION} --errors"
+    assert main(shlex.split(f"{line} --out a.h5")) == 0
+    assert "how far the image may be off is not known" in capsys.readouterr().err
+    assert main(shlex.split(f"{line} --model-based --out b.h5")) == 0
+    with h5py.File("a.h5") as without, h5py.File("b.h5") as kept:
+        assert "errors" not in without
+        errors, x1 = kept["errors"][()], kept["errors_x1"][()]
+        assert errors.shape == (5, 5) and x1.shape == (5,)
+        assert np.nanmin(errors) > 0 and np.isnan(errors[0, 0])
+        assert [x1[0], x1[-1]] == [kept["x1"][0], kept["x1"][-1]]
+    assert main(shlex.split(f"{line} --out a.png")) == 2
+    assert "--errors are kept in an .h5 image" in capsys.readouterr().err
+    assert main(shlex.split(f"{line} --K 4 --out a.h5")) == 2
+    assert "--K and --errors" in capsys.readouterr().err

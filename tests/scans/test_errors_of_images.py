@@ -8,9 +8,9 @@ from made_scans import SPEED, record, scan, truth
 from jaxtat import ImageGrid
 from jaxtat.fitting import NINETY, Comparison
 from jaxtat.reporting.constrained import Constrained, errors_in_words, not_in_the_data
-from jaxtat.reporting.errors_of_fits import FitErrors, _heard, _means, fit_errors
-from jaxtat.scans import choose, setup_of
+from jaxtat.scans import choose, image_errors, reconstruct, setup_of, standard_deviations
 from jaxtat.scans.constrained import fitted
+from jaxtat.scans.errors_of_images import ImageErrors, _heard, _means, fit_errors
 
 GIVEN = {"region_radius": 0.011, "pixels": 45, "max_frequency": 3500.0, "band": (2e4, 1.5e6)}
 GIVEN |= {"sound_speed": SPEED, "model_based": True, "nonnegative": True}
@@ -65,5 +65,15 @@ def test_what_is_not_in_the_record_is_said():
     assert not_in_the_data(found._replace(band="")) == ""
     image, off = np.full((5, 5), 4.0), np.full((5, 5), 0.2)
     image[0] = off[0] = np.nan
-    text = errors_in_words(FitErrors(ImageGrid(5), image, off))
+    text = errors_in_words(ImageErrors(ImageGrid(5), image, off))
     assert "off by 0.2 in the median (5.0% of its largest value)" in text
+
+
+def test_errors_of_the_formula_are_those_of_noise(measured):
+    direct = choose(measured, **GIVEN | {"model_based": False, "nonnegative": None, "alpha": 1e-2})
+    image = reconstruct(measured, direct).image
+    found = image_errors(measured, direct, 0, image)
+    outside = ~np.asarray(direct.region.contains(direct.grid.points))
+    assert np.isnan(found.deviation[outside]).all()
+    wanted = standard_deviations(measured, direct)[0]
+    assert np.array_equal(np.asarray(found.deviation)[~outside], wanted[~outside])

@@ -1,4 +1,4 @@
-"""How far a scan's fitted image may be off, on few pixels."""
+"""How far a scan's image may be off: of a fitted one on few pixels, of the formula by its noise."""
 
 import warnings
 from dataclasses import replace
@@ -14,21 +14,23 @@ from ..geometry import ImageGrid
 from ..io import Scan
 from ..reconstruction import Setup, forward_operator
 from ..records import circular_integrals_to_pressure
-from ..scans import Choices, setup_of
-from ..scans.constrained import fitted, of_all_sound
-from ..scans.frames import shifted_times, through_elements
 from ..steps import AccuracyWarning
+from .acquisition import some_frames
+from .choices import Choices
+from .constrained import fitted, of_all_sound
+from .deviations import standard_deviations
+from .frames import lit_frames, setup_of, shifted_times, through_elements
 
 PIXELS = 48  # along an axis, at most: what is wide takes no more
 FITTED = 2  # along an axis, pixels that are fitted for each of them
 FINER = 4  # parts of a pixel over which the image is averaged
 
 
-class FitErrors(NamedTuple):
-    """Standard deviations of a fitted image's errors.
+class ImageErrors(NamedTuple):
+    """Standard deviations of an image's errors.
 
     Attributes:
-        grid: its nodes, fewer than the image has.
+        grid: their nodes, of a fitted image fewer than it has.
         image: means of the image over these pixels, NaN outside of the region.
         deviation: (x1, x2), NaN outside of the region [unit of f].
     """
@@ -38,6 +40,39 @@ class FitErrors(NamedTuple):
     deviation: Float[Array, "x1 x2"]
 
 
+def image_errors(
+    scan: Scan, choices: Choices, number: int, image: Float[Array | np.ndarray, "x1 x2"]
+) -> ImageErrors | None:
+    """How far the image of one frame may be off, by whichever method it was made.
+
+    Of a fitted image that is `fit_errors`: noise, bias, and what the penalty filled in. Of one by
+    the formula it is the noise alone, by `standard_deviations`.
+
+    Args:
+        scan, choices: of the image.
+        number: of the frame in the scan, from 0.
+        image: of that frame.
+
+    Returns:
+        ImageErrors; None where nothing tells of the noise of an image by the formula.
+
+    Raises:
+        ValueError: for volumes.
+    """
+    if choices.in_space:
+        raise ValueError("errors of images are known in the plane alone, and this is a volume.")
+    (frame,) = lit_frames(scan, choices, number, number + 1)
+    if choices.model_based:
+        return fit_errors(scan, choices, frame, jnp.asarray(image))
+    deviation = standard_deviations(some_frames(scan, [number]), choices)
+    if deviation is None:
+        return None
+    inside = np.asarray(choices.region.contains(choices.grid.points))
+    both = (jnp.where(inside, x, jnp.nan) for x in (image, deviation[0]))
+    assert isinstance(choices.grid, ImageGrid)
+    return ImageErrors(choices.grid, *both)
+
+
 def fit_errors(
     scan: Scan,
     choices: Choices,
@@ -45,7 +80,7 @@ def fit_errors(
     image: Float[Array, "x1 x2"],
     *,
     samples: int = 8,
-) -> FitErrors:
+) -> ImageErrors:
     """`fitted_deviation` of a frame's fitted image, made again from simulated records.
 
     Args:
@@ -78,7 +113,7 @@ def fit_errors(
         samples=samples,
     )
     means = jnp.where(jnp.isnan(deviation), jnp.nan, shown.means(means))
-    return FitErrors(shown, means, deviation)
+    return ImageErrors(shown, means, deviation)
 
 
 def _shown(choices: Choices) -> ImageGrid:
