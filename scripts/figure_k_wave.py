@@ -48,15 +48,15 @@ def main() -> None:
         warnings.simplefilter("ignore", jaxtat.AccuracyWarning)  # a scanner's record is in-plane
         made = jaxtat.reconstruct_file(RECORD)
     print(made.choices.table())
-    grid, region = made.grid, made.region
+    scan = jaxtat.io.load_scan(RECORD)
+    setup = jaxtat.scans.setup_of(scan, made.choices)
+    grid, region = setup.grid, setup.region
     points = np.asarray(grid.points)
     mesh = np.stack(np.meshgrid(NODES, NODES, indexing="ij"), axis=-1)
     truth = RegularGridInterpolator((NODES, NODES), initial_pressure(mesh))(points)
-    scan = jaxtat.io.load_scan(RECORD)
-    setup = jaxtat.scans.setup_of(scan, made.choices)
     g = jaxtat.scans.integrals(scan, made.choices, setup, scan.frame(0))
     projected = np.asarray(
-        universal_back_projection(g, setup.radii, setup.curve, grid, np.zeros(2))
+        universal_back_projection(g, setup.radii, setup.curve, grid, jax.numpy.zeros(2))
     )
     inside = np.asarray(region.contains(grid.points))
     # its formula is for waves in space: in the unit in which it is nearest to the truth
@@ -69,10 +69,12 @@ def main() -> None:
     titles = ("initial pressure", "back-projection", "jaxtat")
     for axis, title, image in zip(axes, titles, (truth, projected, made.image), strict=True):
         shown = np.where(inside, np.asarray(image), np.nan)
-        drawn = show_image(axis, shown, grid, limits=(-0.2, 2.0), title=title, unit="m")
+        show_image(axis, shown, grid, limits=(-0.2, 2.0), title=title, unit="m")
         add_scale_bar(axis)
         axis.set_axis_off()
-    figure.colorbar(drawn, ax=axes, label="initial pressure, as in the simulation", shrink=0.9)
+    figure.colorbar(
+        axes[0].images[0], ax=axes, label="initial pressure, as in the simulation", shrink=0.9
+    )
     figure.savefig(DOCS / "pictures" / "k_wave.png", dpi=100)
 
 
