@@ -166,7 +166,6 @@ def by_cosines_of_degrees():
 @pytest.mark.parametrize(
     "damaged",
     [
-        lambda: made(mixed(record())),
         lambda: made(detectors=by_cosines_of_degrees()),
         lambda: made(raw_counts(mixed(record()), noise=0.1)),
     ],
