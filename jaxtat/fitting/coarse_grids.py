@@ -11,9 +11,10 @@ chapter 3.
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+from ..base.checks import by_library
 
 COARSEST = 40  # nodes along the shortest axis; of fewer, steps cost less than their programs
 COARSEST_IN_SPACE = 17
@@ -40,14 +41,17 @@ def between_nodes(
     images: Float[Array, "stack *coarse"], shape: tuple[int, ...]
 ) -> Float[Array, "stack *fine"]:
     """Images on a finer grid over the same square or box, linear between nodes."""
+    return by_library(_between_nodes, (images,), shape)
+
+
+def _between_nodes(xp: Any, images: Any, shape: tuple[int, ...]) -> Any:
     for axis, n in enumerate(shape, start=1):
         m = images.shape[axis]
         if m == n:
             continue
         place = np.linspace(0, m - 1, n)
-        share = np.maximum(0, 1 - np.abs(place[:, None] - np.arange(m)))
-        rows = jnp.tensordot(jnp.asarray(share, images.dtype), images, (1, axis))
-        images = jnp.moveaxis(rows, 0, axis)
+        share = np.maximum(0, 1 - np.abs(place[:, None] - np.arange(m))).astype(images.dtype)
+        images = xp.moveaxis(xp.tensordot(share, images, (1, axis)), 0, axis)
     return images
 
 

@@ -177,20 +177,24 @@ def model_based(
         size = jnp.ones_like(size)  # a map of the user's may do as it likes with large images
     fits, data = in_units_of(size, fits, data)
     space = setup.grid.shape
-    start = jax.device_put(np.zeros((len(data), *space), data.dtype))
+    start = None
     if initial is not None:
-        begin = real_array("initial", initial, ("...", *space))
-        begin = (jnp.broadcast_to(begin, (*batch, *space)) / size).astype(data.dtype)
-        start = begin.reshape(start.shape)
+        start = real_array("initial", initial, ("...", *space))
+        start = (jnp.broadcast_to(start, (*batch, *space)) / size).astype(data.dtype)
+        start = start.reshape(-1, *space)
     unit = weight_unit(size, fits[-1], penalty)
     weight = checked_weight(weight, penalty, data.dtype)
     weight = None if weight is None else weight * unit
     if not is_known(penalty):
-        require_prox(penalty, start[:1], jnp.ones((), data.dtype))
+        first = jnp.zeros((1, *space), data.dtype) if start is None else start[:1]
+        require_prox(penalty, first, jnp.ones((), data.dtype))
     stop = real_array("tolerance", tolerance, ())
     require_positive("tolerance", stop)
     joint = isinstance(penalty, Penalty) and penalty.joint
-    stacks = [(data, start)] if joint else list(zip(*map(_each, (data, start)), strict=True))
+    stacks = [(data, start)]
+    if not joint:
+        starts = [None] * len(data) if start is None else _each(start)
+        stacks = list(zip(_each(data), starts, strict=True))
     if unrolled != (steps is not None):
         raise ValueError("steps= and unrolled=True go together; max_steps bounds the others.")
     if unrolled:
@@ -239,26 +243,24 @@ def _fitted(
     data: Float[Array, "stack *data"],
     penalty: Any,
     weight: Float[Array, ""] | None,
-    start: Float[Array, "stack *space"],
+    start: Float[Array, "stack *space"] | None,
     tolerance: Float[Array, ""],
     max_steps: int,
     progress: bool,
 ) -> ModelBased:
-    """From grid to grid, with derivatives on the last one."""
-    space = start.shape[1:]
+    """From grid to grid, with derivatives on the last one if any are asked for."""
+    space, known = fits[-1].support.shape, is_concrete(fits, data, penalty, weight, start)
     if isinstance(penalty, Ridge | NoPenalty) and not fits[-1].nonnegative and weight is not None:
         most = jnp.asarray(max_steps)  # another number needs no other program
         level, state = _conjugate_gradients(
             fits[-1], data, penalty, weight, start, tolerance, most, max_steps
         )
-        return _report(level, penalty, weight, state, tolerance)
-    if fits[1:]:
-        start = jnp.zeros((len(data), *fits[0].support.shape), data.dtype)
+        return _report(level, penalty, weight, state, tolerance, known)
 
-    def solved_on(fit: DataFit, start: Array) -> tuple[Level, State]:
+    def solved_on(fit: DataFit, start: Array | None) -> tuple[Level, State]:
         shape = fit.support.shape
         here = weight_on(shape, space, penalty, weight)
-        start = between_nodes(start, shape)
+        start = None if start is None else between_nodes(start, shape)
         level, state = begun(fit, data, penalty, here, start, max_steps)
         advance = partial(_advance, level, penalty, here is None)
         return level, _until(advance, state, tolerance, max_steps, progress)
@@ -267,7 +269,7 @@ def _fitted(
         start = solved_on(fit, start)[1].image
     level, state = solved_on(fits[-1], start)
     require_numbers(penalty, state.image, state.progress.step)
-    return _report(level, penalty, weight, state, tolerance)
+    return _report(level, penalty, weight, state, tolerance, known)
 
 
 def _until(
@@ -302,25 +304,31 @@ def begun(
     data: Array,
     penalty: Any,
     weight: Array | None,
-    start: Array,
+    start: Array | None,
     max_steps: int,
 ) -> tuple[Level, State]:
-    """The problem on a grid and the state before the first step.
+    """The problem on a grid and the state before the first step; from zeros without a start.
 
-    With one product of B and one of its transpose, of three images: each is compiled by itself.
+    With one product of B and one of its transpose, of all images: each is compiled by itself.
     """
-    image = fit.allowed(start)
-    fitted = fit.modelled(jnp.concatenate([image, middle_pixel(fit)]))
-    # of a start so large that squares overflow, or digits of the data are lost, nothing comes
-    better = fit.misfit(fitted[: len(image)] - data) <= fit.misfit(data)
-    image = jnp.where(better, image, 0.0)
-    fitted = fitted.at[: len(image)].set(jnp.where(better, fitted[: len(image)], 0.0))
-    normal, kernel, back = jnp.split(
-        fit.transposed(jnp.concatenate([fitted, data])), [len(image), len(image) + 1]
-    )
+    if start is None:
+        image = jnp.zeros((len(data), *fit.support.shape), data.dtype)
+        fitted, normal = jnp.zeros_like(data), jnp.zeros_like(image)
+        pixel = fit.modelled(middle_pixel(fit))
+        kernel, back = jnp.split(fit.transposed(jnp.concatenate([pixel, data])), [1])
+    else:
+        image = fit.allowed(start)
+        fitted, pixel = jnp.split(
+            fit.modelled(jnp.concatenate([image, middle_pixel(fit)])), [len(image)]
+        )
+        # of a start so large that squares overflow, or digits of the data are lost, nothing comes
+        better = fit.misfit(fitted - data) <= fit.misfit(data)
+        image, fitted = jnp.where(better, image, 0.0), jnp.where(better, fitted, 0.0)
+        normal, kernel, back = jnp.split(
+            fit.transposed(jnp.concatenate([fitted, pixel, data])), [len(image), len(image) + 1]
+        )
     spectrum = spectrum_of(fit, penalty, kernel)
     level = Level(fit, data, back, spectrum, scale_of(spectrum, back))
-    fitted = fitted[: len(image)]
     if weight is None:
         weight = balanced_weight(fit, penalty, image, fitted - data, level.scale)
     weight = weight.astype(image.dtype)
@@ -368,7 +376,7 @@ def _conjugate_gradients(
     data: Array,
     penalty: Any,
     weight: Array,
-    start: Array,
+    start: Array | None,
     tolerance: Array,
     most: Array,
     max_steps: int,
@@ -395,7 +403,7 @@ def _conjugate_gradients(
 
 @eqx.filter_jit
 def _unrolled(
-    fit: DataFit, data: Array, penalty: Any, weight: Array | None, start: Array, steps: int
+    fit: DataFit, data: Array, penalty: Any, weight: Array | None, start: Array | None, steps: int
 ) -> ModelBased:
     """A fixed number of steps, each of them done again on the way back."""
     level, state = begun(fit, data, penalty, weight, start, steps)
@@ -409,15 +417,15 @@ def _unrolled(
 
 @eqx.filter_jit
 def _report(
-    level: Level, penalty: Any, weight: Array | None, state: State, tolerance: Array
+    level: Level, penalty: Any, weight: Array | None, state: State, tolerance: Array, known: bool
 ) -> ModelBased:
-    """The image with derivatives, at a fixed weight."""
+    """The image at a fixed weight, with derivatives unless all that it depends on is known."""
     used = jax.lax.stop_gradient(state.weight) if weight is None else weight
     scale = level.scale
     if isinstance(state.inner, Momentum):  # the strength at which the map was applied
         scale = scale._replace(square=jax.lax.stop_gradient(state.inner.square))
     problem = Problem(level.fit, level.data, penalty, used, scale)
-    image = with_derivatives(problem, state.image)
+    image = state.image if known else with_derivatives(problem, state.image)
     done = state.progress.remaining <= tolerance
     return _answer(level, image, state._replace(weight=used), done)
 

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, no_type_check
 import jax
 import jax.numpy as jnp
 import lineax as lx
-import optimistix.internal as optxi
 from jaxtyping import Array, Bool, Float
 
 from .data_fit import DataFit
@@ -39,6 +38,8 @@ def with_derivatives(
     problem: Problem, image: Float[Array, "stack *space"]
 ) -> Float[Array, "stack *space"]:
     """The minimiser ``image`` with derivatives in all parts of the problem, in both modes."""
+    import optimistix.internal as optxi  # slow to import
+
     image = jax.lax.stop_gradient(image)
     if is_known(problem.penalty):
         slope, tags = _slope, frozenset({lx.positive_semidefinite_tag})

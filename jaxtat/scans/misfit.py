@@ -177,8 +177,7 @@ def _fitted(
 ) -> tuple[Array, Array, Array]:
     """What is left, by detector, its share, and the weight, after some steps from zero."""
     fit, data, penalty = misfit.fit_at(sound_speed, shift), misfit.data, TotalVariation()
-    start = jnp.zeros((1, *misfit.support.shape), data.dtype)
-    level, state = begun(fit, data, penalty, weight, start, 1)
+    level, state = begun(fit, data, penalty, weight, None, 1)
 
     def advance(_: Any, parts: Any) -> Any:
         image, inner, weight = parts
