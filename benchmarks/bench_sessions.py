@@ -1,7 +1,8 @@
 """The first image of a process and the next ones: processor time, programs, maps of memory.
 
 A process of its own for each row of ``command``, ``jaxtat reconstruct`` of 256 x 2030 samples on a
-new machine and where another scan of the scanner has filled the folder of programs. Of ``scan`` all
+new machine and where another scan of the scanner has filled the folder of programs; the speed of
+sound is in the file, or estimated. Of ``scan`` all
 rows are of one process, which reconstructs 100 scans of one scanner directly: the time is that of
 the first, third and last of them, programs and maps are all there are by then.
 """
@@ -30,12 +31,16 @@ def report(benchmark):
     return row
 
 
-@pytest.mark.parametrize("options", ["", "--direct"], ids=["chosen", "direct"])
+@pytest.mark.parametrize(
+    ("options", "speed"),
+    [("", None), ("", sessions.SPEED), ("--direct", sessions.SPEED)],
+    ids=["speed-estimated", "chosen", "direct"],
+)
 @pytest.mark.parametrize(
     "start", ["no folder of programs", "one filled by another scan"], ids=["cold", "warm-disk"]
 )
-def bench_command(report, tmp_path, start, options):
-    report(lambda: {"median_s": sessions.started(tmp_path, start, options)[0]})
+def bench_command(report, tmp_path, start, options, speed):
+    report(lambda: {"median_s": sessions.started(tmp_path, start, options, speed=speed)[0]})
 
 
 @pytest.fixture(scope="module")

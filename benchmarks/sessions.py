@@ -65,9 +65,11 @@ def positions() -> np.ndarray:
     return RADIUS * np.stack([np.cos(theta), np.sin(theta), 0 * theta], axis=1)
 
 
-def write(path: Path, pressure: np.ndarray, **known: float) -> Path:
-    facts = {"detectors": positions(), "sampling_rate": RATE, "sound_speed": SPEED}
-    np.savez(path, pressure=pressure, **facts | known)
+def write(path: Path, pressure: np.ndarray, sound_speed: float | None = SPEED) -> Path:
+    facts = {"detectors": positions(), "sampling_rate": RATE}
+    if sound_speed is not None:
+        facts["sound_speed"] = sound_speed
+    np.savez(path, pressure=pressure, **facts)
     return path
 
 
@@ -139,26 +141,35 @@ STARTS = {  # folder of programs, and what fills it beforehand
 }
 
 
-def started(folder: Path, start: str, options: str = "") -> tuple[float, float]:
-    """Processor and wall time of ``jaxtat reconstruct`` after one of `STARTS` [s]."""
+def started(
+    folder: Path, start: str, options: str = "", *, speed: float | None = SPEED
+) -> tuple[float, float]:
+    """Processor and wall time of ``jaxtat reconstruct`` after one of `STARTS` [s].
+
+    Args:
+        speed: in the files; None if it is to be estimated [m/s].
+    """
     kept, filled = STARTS[start]
     cache = "--no-cache" if kept is None else f"--cache {folder / kept}"
     words = f"{cache} {options} --quiet --out {folder / 'image.h5'}"
     if filled and not (folder / str(kept)).is_dir():
-        other = write(folder / "other.npz", counts(SAMPLES - 9), sound_speed=1.003 * SPEED)
+        others = None if speed is None else 1.003 * speed
+        pressure = counts(SAMPLES - 9, speed=1.003 * SPEED)
+        other = write(folder / "other.npz", pressure, sound_speed=others)
         command(f"reconstruct {other} {words}")
-    scan = write(folder / "first.npz", counts())
+    scan = write(folder / "first.npz", counts(), sound_speed=speed)
     return command(f"reconstruct {scan} {words}")
 
 
 def cold() -> None:
     """Print the times of ``jaxtat reconstruct`` in processes of their own."""
-    print("| start | processor [s] | wall [s] |\n| --- | --- | --- |")
-    for options in ("", "--direct"):
+    print("| start | image | speed | processor [s] | wall [s] |\n|" + " --- |" * 5)
+    for options, speed in (("", None), ("", SPEED), ("--direct", SPEED)):
+        words = options or "fitted", "estimated" if speed is None else "in the file"
         for start in STARTS:
             with tempfile.TemporaryDirectory() as folder:
-                spent, wall = started(Path(folder), start, options)
-            print(f"| {start} {options} | {spent:.1f} | {wall:.1f} |", flush=True)
+                spent, wall = started(Path(folder), start, options, speed=speed)
+            print(f"| {start} | {' | '.join(words)} | {spent:.1f} | {wall:.1f} |", flush=True)
 
 
 def main() -> None:
