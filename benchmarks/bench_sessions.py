@@ -2,9 +2,9 @@
 
 A process of its own for each row of ``command``, ``jaxtat reconstruct`` of 256 x 2030 samples on a
 new machine and where another scan of the scanner has filled the folder of programs; the speed of
-sound is in the file, or estimated. Of ``scan`` all
-rows are of one process, which reconstructs 100 scans of one scanner directly: the time is that of
-the first, third and last of them, programs and maps are all there are by then.
+sound is in the file, or estimated. Of ``scan`` all rows are of one process, which reconstructs 100
+scans of one scanner directly: the time is that of the first, third and last of them, programs and
+maps are all there are by then.
 """
 
 import re
