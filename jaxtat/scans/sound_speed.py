@@ -2,8 +2,9 @@
 
 Least over speeds is searched for in steps by fits that are hardly begun, and from the best of these
 downhill in quarters of a step by whole ones; the parabola through the last three gives the speed.
-Few steps leave more, but least at the same speed to a step (by 6, 10 and 15 of 25, on simulated
-scans). Every second speed would not do: a dip can lie between.
+Few steps leave more, but least at the same speed to a step where that speed is distinct (by 6, 10
+and 15 of 25, on simulated scans); where it is not, as from half a circle, fits at all speeds are
+whole ones. Every second speed would not do: a dip can lie between.
 
 A start that is wrong by t_0 shifts all arrivals alike, a wrong speed those from afar more: along
 c = D / (D/c_0 + t_0), D the distance of the middle, arrivals from there stay the same, and that
@@ -23,6 +24,7 @@ from .speed_found import jackknife, summit
 STEP = 1 / 120  # between speeds, over water's
 FINER = 4  # parts of it
 SECTORS = 8  # of detectors, each of which is left out in turn
+TELLING = 0.4  # depth from which fits that are hardly begun tell where the least is
 BESIDE = 2  # steps to each side of the least share that are no measure of the others
 SHIFTS = 0.025 * np.arange(-4, 5)  # of the start, over the time from the middle to the detectors
 CLOSER = 0.25  # times these, the second time
@@ -62,7 +64,6 @@ def least_share(
         values: that are tried, (some,).
         good: detectors that count.
     """
-    rough = np.array([fit_at(float(value), steps=FEW_STEPS).share for value in values])
     step = float(values[1] - values[0]) / FINER
     last = FINER * (len(values) - 1)
 
@@ -70,15 +71,13 @@ def least_share(
     def whole(part: int) -> Fit:
         return fit_at(float(values[0] + part * step), steps=STEPS)
 
-    k = int(np.argmin(rough))
-    elsewhere = np.flatnonzero(np.abs(np.arange(len(values)) - k) > BESIDE)
+    shares = np.array([fit_at(float(value), steps=FEW_STEPS).share for value in values])
+    k, typical = _least_and_typical(shares)
+    if _depth(shares[k], shares[typical]) < TELLING:
+        shares = np.array([whole(FINER * i).share for i in range(len(values))])
+        k, typical = _least_and_typical(shares)
     best = _downhill(lambda part: whole(part).share, FINER * k, last)
-    depth = 0.0
-    if elsewhere.size:
-        typical = elsewhere[np.argsort(rough[elsewhere])[elsewhere.size // 2]]
-        most = whole(FINER * int(typical)).share
-        # a whole step, as the others are
-        depth = 1 - (whole(FINER * k).share / most) ** 2 if most > 0 else 0.0
+    depth = _depth(whole(FINER * k).share, whole(FINER * typical).share)
     if not 0 < best < last:
         return Least(float(values[0] + best * step), np.inf, depth, whole(best))
     three = np.arange(best - 1, best + 2)
@@ -90,6 +89,19 @@ def least_share(
     parts = np.array_split(np.flatnonzero(good), SECTORS)
     error = jackknife([where_least(np.delete(left, part, axis=1)) for part in parts])
     return Least(where_least(left), error, depth, whole(best))
+
+
+def _least_and_typical(shares: np.ndarray) -> tuple[int, int]:
+    """Which share is least, and which is in the middle of those that are not beside it."""
+    k = int(np.argmin(shares))
+    elsewhere = np.flatnonzero(np.abs(np.arange(len(shares)) - k) > BESIDE)
+    if not elsewhere.size:
+        return k, k
+    return k, int(elsewhere[np.argsort(shares[elsewhere])[elsewhere.size // 2]])
+
+
+def _depth(least: float, typical: float) -> float:
+    return 1 - (least / typical) ** 2 if typical > 0 else 0.0
 
 
 def _downhill(height: Callable[[int], float], start: int, last: int) -> int:
