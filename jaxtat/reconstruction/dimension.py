@@ -25,7 +25,7 @@ from ..geometry.caps import DetectorPoints, SphericalCap
 from ..geometry.regions import DEFAULT_BOUNDARY
 from ..regularization import Tikhonov, TikhonovRule
 from ..spherical.basis import SphericalBasis
-from ..spherical.sizes import cap_radii, require_fitting, space_sizes
+from ..spherical.sizes import cap_radii, require_beyond, require_fitting, space_sizes
 from .plane_bases import default_rule, plane_basis
 from .sizes import plane_sizes
 
@@ -104,7 +104,7 @@ def _require_plane(curve: DetectorCurve, region: Region, medium: Body | None = N
 
 def _require_space(curve: Any, region: Ball) -> None:
     require_fitting(curve, region)
-    require_outside(curve.meridian, region.meridian)
+    require_beyond(curve, region)
 
 
 def _uncovered_in_space(curve: Any, region: Ball, radii: Array) -> str:

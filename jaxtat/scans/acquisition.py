@@ -20,6 +20,7 @@ from ..records import require_equispaced
 
 PER_FRAME = {"wavelengths", "laser_energy", "frame_numbers"}
 FEWEST = 4  # detectors of a curve
+NEIGHBOURS = 1.6  # distances to the nearest detector within which others are neighbours
 SHORTEST = 32  # samples of a record, whose power is measured in pieces of 16
 FLAT = 1e-3  # least extent over largest, from which detectors are not in a plane
 WATER = 1500.0  # speed of sound, nominal [m/s]
@@ -148,6 +149,18 @@ def in_space(scan: Scan) -> bool:
     return bool(spread.min() > FLAT * spread.max())
 
 
+def _require_curve(points: Float[np.ndarray, "detectors 2"]) -> None:
+    """Raise ValueError for detectors that fill an area: on a curve few have a third neighbour."""
+    distances = np.linalg.norm(points[:, None] - points, axis=-1)
+    nearest = np.sort(distances, axis=1)[:, 1:]
+    if np.median((nearest < NEIGHBOURS * nearest[:, :1]).sum(axis=1)) > 2:
+        raise ValueError(
+            f"the {len(points)} detectors lie in a plane and fill an area of it: expected those "
+            "of a curve in the plane, or for volumes detectors that surround the object, on a cup "
+            "or a sphere."
+        )
+
+
 def rows_used(scan: Scan, use: Any) -> Int[np.ndarray, " used"]:
     """Rows of the data to use, each at most once; all if none are given.
 
@@ -201,6 +214,8 @@ def facts_of(scan: Scan, use: Any = None) -> Facts:
             f"{len(rows)} detectors, expected at least {FEWEST}: is the record "
             "(detectors, samples)?"
         )
+    if scan.known["detectors"].shape[1] == 3:
+        _require_curve(points[rows])
     order = rows[order_along_curve(points[rows])]
     times = times_of(scan)
     arc = arc_through(points[order])

@@ -9,12 +9,13 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, is_concrete
 from ..densities.cylindrical_waves.orders import highest_orders
 from ..forward import SphereSizes, sphere_sizes
-from ..geometry import VolumeGrid, data_radii, require_outside, require_radii
+from ..geometry import VolumeGrid, data_radii, require_radii
 from ..geometry.balls import Ball, enough_boundary
 from ..geometry.caps import DetectorPoints, Detectors, SphericalCap
 from ..steps import polar_grid, require_pixels, warn_of_detectors
 from .visible import covered_share, warn_of_visibility
 
+NEAR = 0.99  # of a detector's distance, which the region may not reach
 MOST_GROUPS = 4  # of frequencies: one table of detectors' moments is in memory for each
 MOST_SIZES = 10  # of systems; each is compiled by itself, which small problems do not repay
 TABLE = 2**22  # entries of a table of Legendre functions, of some orders m at a time
@@ -103,8 +104,8 @@ def space_sizes(
     """
     require_fitting(detectors, region)
     with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
-        arc, disk = detectors.meridian, region.meridian
-        require_outside(arc, disk)
+        disk = region.meridian
+        require_beyond(detectors, region)
         require_radii(radii)
         frequencies, angles = polar_grid(disk, grid, radii, max_frequency, n_directions)
         _require_nodes(region, grid)
@@ -112,13 +113,7 @@ def space_sizes(
         n, highest, reach = len(frequencies), float(frequencies[-1]), float(region.radius)
         n_groups = min(n_groups, MOST_GROUPS, max(1, n // 8))
         ends = highest * np.arange(1, n_groups + 1) / n_groups
-        distance = float(np.linalg.norm(np.asarray(arc.points), axis=1).min())
-        if reach >= 0.99 * distance:
-            raise ValueError(
-                f"the region reaches {reach:.6g} from the centre, a detector is only "
-                f"{distance:.6g} away: spherical waves need every detector farther off than the "
-                "region."
-            )
+        distance = float(np.asarray(detectors.distance).min())
         orders = highest_orders(ends, reach, distance)
         n_orders = int(orders[-1]) + 1
         _warn_of_sampling(detectors, highest, reach)
@@ -168,6 +163,7 @@ def cap_radii(
     ((129,), 0.3, 2.3)
     """
     with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
+        require_beyond(detectors, region)
         more = None if sources is None else sources.meridian
         return data_radii(detectors.meridian, region.meridian, step, sources=more)
 
@@ -183,6 +179,22 @@ def require_fitting(detectors: Detectors, region: Ball) -> None:
         raise ValueError(
             f"the region is centred at {np.asarray(region.center)}, the detectors at "
             f"{np.asarray(detectors.center)}: give both the same center."
+        )
+
+
+def require_beyond(detectors: Detectors, region: Ball) -> None:
+    """Raise ValueError unless all detectors are farther from the centre than the region reaches."""
+    if not is_concrete(detectors, region):
+        return
+    points, reach = np.asarray(detectors.points).reshape(-1, 3), float(region.radius)
+    distance = np.linalg.norm(points - np.asarray(detectors.center), axis=1)
+    near = np.flatnonzero(NEAR * distance <= reach)
+    if near.size:
+        raise ValueError(
+            f"{near.size} of {len(points)} detectors are not outside of the region, which reaches "
+            f"{reach:.6g} from its centre: the first is number {near[0]} at {points[near[0]]}, "
+            f"{distance[near[0]]:.6g} from it. Shrink the region, leave these detectors out, and "
+            "check that both use the same unit of length."
         )
 
 

@@ -201,6 +201,30 @@ def test_the_formula_takes_no_thousand_scattered_elements():
         reconstruct(scan, choices)
 
 
+@pytest.mark.parametrize(
+    ("points", "samples", "given", "message"),
+    [
+        (cup(70) * [1, 1, 0], 250, {}, "lie in a plane and fill an area of it"),
+        (
+            np.r_[cup(70), [CENTER + 0.003]],
+            250,
+            {"region_radius": RADIUS},
+            r"1 of 71 detectors are not outside of the region, .* number 70 at",
+        ),
+        (cup(70)[:1], 250, {}, "1 detectors, expected at least 4"),
+        (cup(70), 100, {}, "the record ends after a path of 0.037.*are 0.04 from their middle"),
+        (cup(70), 110, {"region_radius": RADIUS}, "the record ends 0.019.* before the far side"),
+    ],
+    ids=["flat", "in the region", "one", "short", "shorter than the region"],
+)
+def test_geometries_that_cannot_be_are_refused_in_one_line(points, samples, given, message):
+    known = {"detectors": points, "sampling_rate": RATE, "sound_speed": SOUND}
+    scan = Scan("pressure", record(points, range(samples)), known)
+    with pytest.raises(ValueError, match=message) as refused:
+        choose(scan, **given)
+    assert "\n" not in str(refused.value)
+
+
 def test_opposite_detectors_agree_on_the_speed_of_sound():
     """Within twice the standard error, in noise of a tenth of the sound; not of noise alone."""
     known, sound = {"detectors": shuffled()[0], "sampling_rate": 0.97 * RATE}, record()
