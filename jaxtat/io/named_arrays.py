@@ -6,7 +6,7 @@ from typing import Any, get_args
 import numpy as np
 
 from .frames import LazyFrames
-from .scan import Kind, Scan
+from .scan import OF_ELEMENTS, Kind, Scan
 
 # names under which a file may hold each thing; the first found counts
 NAMES = {
@@ -22,8 +22,11 @@ NAMES = {
     "field_of_view": ("field_of_view", "fov"),
     "impulse_response": ("impulse_response", "irf"),
     "frequency_response": ("frequency_response",),
+    "element_radius": ("element_radius",),
+    "element_size": ("element_size",),
 }
 _LISTS = ("times", "radii", "wavelengths", "laser_energy", "field_of_view", "impulse_response")
+_LISTS += OF_ELEMENTS
 NAMES_OF_DATA = ("circular_integrals", "pressure")
 
 
@@ -77,7 +80,7 @@ def scan_of(arrays: Mapping[str, Any], about: Mapping[str, str]) -> Scan:
 
 def _plain(name: str, array: np.ndarray) -> np.ndarray:
     """An array without the axes that its writer had to add."""
-    if name in ("sampling_rate", "sound_speed") and array.size == 1:
+    if name in ("sampling_rate", "sound_speed", *OF_ELEMENTS) and array.size == 1:
         return array.reshape(())
     if name in ("wavelengths", "laser_energy") and array.size == 1:
         return array.reshape(1)

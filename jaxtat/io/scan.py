@@ -11,6 +11,7 @@ from .frames import LazyFrames
 
 Kind = Literal["pressure", "circular_integrals"]
 SAME_RATE = 1e-2  # by which times may be off the sampling rate: one sample of a short record
+OF_ELEMENTS = "element_radius", "element_size"
 REAL = "fiu"  # NumPy's kinds of real numbers
 
 
@@ -38,6 +39,8 @@ class Scan:
             - field_of_view: (6,) first and last x1, x2 and x3 [m];
             - impulse_response: (any,) of all detectors, at the sampling rate, its time 0 in the
               middle (index n // 2);
+            - element_radius, element_size: () or (detectors,) of round elements, the side of square
+              ones, that face the middle of detectors in space [m, or that length];
             - frequency_response: (detectors, 2, any), frequencies [Hz] above responses,
 
             those that are there.
@@ -128,6 +131,7 @@ def _known(scan: Scan, name: str, value: Any) -> np.ndarray:
         "field_of_view": ("6",),
         "impulse_response": ("any",),
         "frequency_response": ("detectors", "2", "any"),
+        **dict.fromkeys(OF_ELEMENTS, ("detectors",) if np.ndim(value) else ()),
     }
     if name not in shapes:
         raise ValueError(f"known has {name!r}, expected only {', '.join(shapes)}.")
@@ -148,7 +152,7 @@ def _known(scan: Scan, name: str, value: Any) -> np.ndarray:
     if not np.isfinite(array).all():
         raise ValueError(f"{name} hold NaN or infinite values, expected finite ones.")
     if (
-        name in ("sampling_rate", "sound_speed", "wavelengths", "laser_energy")
+        name in ("sampling_rate", "sound_speed", "wavelengths", "laser_energy", *OF_ELEMENTS)
         and not (array > 0).all()
     ):
         worst = array.min()

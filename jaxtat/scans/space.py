@@ -1,8 +1,10 @@
 """Scans in space: detectors around a volume, by their positions."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -12,6 +14,7 @@ from ..geometry import DetectorPoints, SphericalCap, find_rings
 from ..geometry.balls import Ball
 from ..geometry.rings import fit_sphere
 from ..io import Scan
+from ..io.scan import OF_ELEMENTS
 from .acquisition import rows_used, times_of, units_of
 
 MOST_POINTS = 800  # detectors off rings, for the formula: its systems are dense
@@ -39,6 +42,17 @@ class FactsInSpace(NamedTuple):
     @property
     def arrangement(self) -> str:
         """The arrangement of the detectors in words."""
+        return self._places + self._sizes
+
+    @property
+    def _sizes(self) -> str:
+        if self.detectors.element_radius is None:
+            return ""
+        widest = float(np.max(np.asarray(self.detectors.element_radius)))
+        return f", elements as wide as disks of radius {self.units.of_length(widest)}"
+
+    @property
+    def _places(self) -> str:
         if isinstance(self.detectors, SphericalCap):
             rings, azimuths = self.detectors.shape
             way = "downwards" if self.upside_down else "upwards"
@@ -60,9 +74,11 @@ def facts_in_space(scan: Scan, use: object = None) -> FactsInSpace:
     rows = rows_used(scan, use)
     points = np.asarray(scan.known["detectors"], float)[rows]
     times = times_of(scan)
+    sizes = _element_radii(scan, rows)
     try:
         found = find_rings(points)
-        detectors, order, upside_down = found.rings, found.order.ravel(), found.upside_down
+        order, upside_down = found.order.ravel(), found.upside_down
+        detectors = replace(found.rings, element_radius=_of_all(sizes))
         radius = float(found.rings.radius)
     except ValueError as error:
         if len(points) > MOST_POINTS and times is None:
@@ -71,7 +87,8 @@ def facts_in_space(scan: Scan, use: object = None) -> FactsInSpace:
                 f"{len(points)}: choose some with --use."
             ) from error
         center, radius = fit_sphere(points)
-        detectors, order = DetectorPoints(points, None, center), np.arange(len(points))
+        detectors = DetectorPoints(points, None, center, element_radius=sizes)
+        order = np.arange(len(points))
         upside_down = False
     return FactsInSpace(detectors, rows[order], radius, upside_down, times, units_of(radius, times))
 
@@ -84,6 +101,31 @@ def require_few(detectors: SphericalCap | DetectorPoints) -> None:
             f"{detectors.shape[0]}: leave out --direct, --alpha, --low-pass and --inversion, and "
             "the volume is fitted, or choose some with --use."
         )
+
+
+def _element_radii(scan: Scan, rows: np.ndarray) -> np.ndarray | None:
+    """Radii of round elements, or of those that record what square ones do, as the file says.
+
+    A square of the side w has the second moment of a disk of the radius w/√3, see
+    `geometry.caps.RoundElements`.
+    """
+    known = {name: scan.known[name] for name in OF_ELEMENTS if name in scan.known}
+    if not known:
+        return None
+    if len(known) > 1:
+        raise ValueError("element_radius and element_size are both known: expected one of them.")
+    ((name, size),) = known.items()
+    radius = size / (1 if name == "element_radius" else np.sqrt(3))
+    return np.asarray(radius[rows] if np.ndim(radius) else radius)
+
+
+def _of_all(radii: np.ndarray | None) -> Array | None:
+    """One radius of all elements of rings, or ValueError, by which they are taken as scattered."""
+    if radii is None:
+        return None
+    if np.ptp(radii):
+        raise ValueError("elements on rings have different sizes.")
+    return jax.device_put(np.asarray(radii.flat[0]))
 
 
 class TurnedOver(eqx.Module):

@@ -23,6 +23,8 @@ VALUES = {
     "field_of_view": np.arange(6.0),
     "impulse_response": np.arange(5.0),
     "frequency_response": RNG.standard_normal((6, 2, 3)),
+    "element_radius": np.array(1e-3),
+    "element_size": np.arange(1.0, 7.0),
 }
 
 

@@ -2,6 +2,7 @@
 
 import h5py
 import jax
+import jax.numpy as jnp
 import nibabel
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import tifffile
 
 from jaxtat import VolumeGrid, reconstruct_file
 from jaxtat.cli import main
+from jaxtat.geometry.elements import across
 from jaxtat.io import Scan, load_scan, load_settings, save_ipasc
 from jaxtat.records import apply_impulse_response
 from jaxtat.scans import choose, describe, reconstruct, setup_of
@@ -169,16 +171,25 @@ def cup(n, bent=0.9):
 
 
 def test_records_of_scattered_elements_are_fitted(tmp_path, capsys):
-    """A cup of 70 that sees half: dead ones left out, a pulse, noise, a start; beside --direct."""
+    """A cup of 70 wide ones that sees half: dead ones, a pulse, noise, a start; beside --direct."""
     points, rng = cup(70), np.random.default_rng(2)
     pulse = np.exp(-((np.arange(9) - 4) ** 2) / 4.0)
-    data = np.asarray(apply_impulse_response(record(points, range(40, 170)), pulse, origin=4))
+    sides = [
+        np.asarray(v) * 0.006 / np.sqrt(12) for v in across(jnp.asarray(points - CENTER) / 0.04)
+    ]
+    corners = [x * sides[0] + y * sides[1] for x in (-1, 1) for y in (-1, 1)]  # of Gauss's rule
+    wide = [record(points + corner, range(40, 170)) for corner in corners]
+    data = np.asarray(apply_impulse_response(np.mean(wide, axis=0), pulse, origin=4))
     data = data + 0.03 * np.abs(data).max() * rng.standard_normal(data.shape)
     data[[5, 33]] = 0.0
     path, times = tmp_path / "cup.npz", np.arange(40, 170) / RATE
-    np.savez(path, pressure=data, detectors=points, times=times, impulse_response=pulse)
+    known = {"impulse_response": pulse, "element_size": 0.006}
+    np.savez(path, pressure=data, detectors=points, times=times, **known)
     options = f"--region-radius {RADIUS} --pixels 13 --max-frequency {1.5 * MAX_FREQUENCY}"
     options += f" --sound-speed {SOUND}"
+    curve = setup_of(load_scan(path), choose(load_scan(path), region_radius=RADIUS)).curve
+    assert "disks of radius 3.464 mm" in choose(load_scan(path), region_radius=RADIUS).table()
+    assert float(curve.element_radius) == pytest.approx(0.006 / np.sqrt(3))
     errors = []
     for method in ("", "--direct"):
         line = f"reconstruct {path} {options} {method} --out {tmp_path / 'v.h5'}"

@@ -7,7 +7,7 @@ import pytest
 import scipy.special
 
 from jaxtat import Setup, VolumeGrid, forward_operator, solve
-from jaxtat.geometry.elements import round_factor
+from jaxtat.geometry.elements import across, round_factor
 from jaxtat.phantoms.space import SolidBells
 from jaxtat.spherical import DetectorPoints, ball, spherical_cap
 
@@ -50,6 +50,26 @@ def test_the_factor_is_that_of_the_closed_form(angle):
     factor = jax.jit(round_factor, static_argnums=(0, 2))(30, angle, 20)
     np.testing.assert_allclose(factor[0], 1, atol=1e-14)
     np.testing.assert_allclose(factor[1:], closed, atol=1e-11)  # the closed form cancels
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.6])
+def test_squares_record_what_disks_of_the_same_second_moment_do(turn):
+    """Squares of the sphere, of any rotation, by brute force; far nearer than their middles."""
+    units = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.6, 0.0, -0.8], [-0.6, 0.48, 0.64]])
+    width, radii = 0.25, jnp.linspace(0.8, 2.2, 57)
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    first, second = (np.asarray(v) for v in across(jnp.asarray(units)))
+    along = np.cos(turn) * first + np.sin(turn) * second
+    aside = np.cos(turn) * second - np.sin(turn) * first
+    offsets = [width / 2 * (x * along + y * aside) for x in nodes for y in nodes]
+    middles = 1.5 * units
+    on_sphere = np.concatenate([middles, *(middles + s for s in offsets)])
+    points = DetectorPoints(1.5 * on_sphere / np.linalg.norm(on_sphere, axis=1, keepdims=True))
+    g = np.asarray(BELL.spherical_integrals(points, radii)).reshape(37, 4, -1)
+    squares = np.tensordot(np.outer(weights, weights).ravel() / 4, g[1:], 1)
+    disks = DetectorPoints(middles, element_radius=width / np.sqrt(3))
+    off = np.abs(np.asarray(BELL.spherical_integrals(disks, radii)) - squares).max()
+    assert off < 2e-3 * squares.max() and off < np.abs(g[0] - squares).max() / 10
 
 
 def test_data_are_means_over_the_elements(both):
