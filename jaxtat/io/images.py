@@ -77,7 +77,7 @@ def save_image(
 
     - ``.png``: a picture with axes, colour bar and, if the unit is known, a scale bar in
       millimetres; of a stack, up to 16 images evenly chosen; of a volume, three slices through its
-      middle, of up to four frames;
+      middle and the largest values in three directions, of up to four frames;
     - ``.npy``: the bare array;
     - ``.h5``, ``.hdf5``: image, coordinates, whether each pixel is inside the region, frames, how
       far the image may be off (``errors``, with ``errors_x1`` and ``errors_x2``), all settings
@@ -235,12 +235,12 @@ def _frames(frames: Numbers | None, shape: tuple[int, ...]) -> np.ndarray | None
 
 
 def _write_png(path: Path, output: _Output) -> None:
-    from ..plotting import save_picture, save_slices  # matplotlib is slow to import
+    from ..plotting import save_picture, save_volume  # matplotlib is slow to import
 
     blank = np.where(output.inside, output.image, np.nan)
     comment = {"Description": output.text}
     if isinstance(output.grid, VolumeGrid):
-        save_slices(path, blank, output.grid, output.frames, unit=output.unit, metadata=comment)
+        save_volume(path, blank, output.grid, output.frames, unit=output.unit, metadata=comment)
     else:
         save_picture(path, blank, output.grid, output.frames, unit=output.unit, metadata=comment)
 

@@ -18,7 +18,7 @@ from .data import show_detectors, show_sinogram
 from .frequencies import show_frequencies, show_frequency_plane
 from .geometry import show_edges, show_geometry, show_opening, show_visibility
 from .images import add_scale_bar, contact_sheet, picture, save_picture, show_image
-from .volumes import save_slices, show_slices, show_space
+from .volumes import save_volume, show_projections, show_slices, show_space
 
 __all__ = [
     "DIVERGING",
@@ -33,7 +33,7 @@ __all__ = [
     "new_figure",
     "picture",
     "save_picture",
-    "save_slices",
+    "save_volume",
     "show_detectors",
     "show_edges",
     "show_frequencies",
@@ -41,6 +41,7 @@ __all__ = [
     "show_geometry",
     "show_image",
     "show_opening",
+    "show_projections",
     "show_sinogram",
     "show_slices",
     "show_space",

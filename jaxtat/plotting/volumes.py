@@ -1,4 +1,4 @@
-"""Pictures of volumes: three slices, and the same slices in space with the detectors around."""
+"""Pictures of volumes: three slices, also in space among the detectors, and largest values."""
 
 from pathlib import Path
 
@@ -42,23 +42,58 @@ def show_slices(
         unit: of length of the grid, "m", "cm", "mm" or "um"; axes are in millimetres then.
     """
     values = np.asarray(volume)
-    index = _nearest(grid, at)
+    pictures, labels = [], []
+    for axis, index in enumerate(_nearest(grid, at)):
+        pictures.append(np.take(values, index, axis=axis))
+        height = float(grid.axis(axis)[index])
+        height = 0.0 if abs(height) < 1e-3 * float(grid.spacing[axis]) else height
+        labels.append(f"{_NAMES[axis]} = {millimetres(unit) * height:.3g}")
     limits = limits or (float(np.nanmin(values)), float(np.nanmax(values)))
+    _show_three(figure, pictures, labels, grid, limits, cmap, title, unit)
+
+
+def show_projections(
+    figure: Figure | SubFigure,
+    volume: Numbers,
+    grid: VolumeGrid,
+    *,
+    limits: tuple[float, float] | None = None,
+    cmap: str = GRAY,
+    title: str = "",
+    unit: str | None = None,
+) -> None:
+    """The largest values along x_1, x_2 and x_3 side by side, one scale for all.
+
+    Args:
+        figure, grid, limits, cmap, title, unit: as in `show_slices`.
+        volume: (x1, x2, x3); NaN is left out, and blank where there is nothing else.
+    """
+    values = np.asarray(volume)
+    filled = np.where(np.isnan(values), -np.inf, values)
+    largest = [filled.max(axis=axis) for axis in range(3)]
+    pictures = [np.where(np.isfinite(picture), picture, np.nan) for picture in largest]
+    labels = [f"largest along {name}" for name in _NAMES]
+    limits = limits or (float(np.nanmin(values)), float(np.nanmax(values)))
+    _show_three(figure, pictures, labels, grid, limits, cmap, title, unit)
+
+
+def _show_three(
+    figure: Figure | SubFigure,
+    pictures: list[np.ndarray],
+    labels: list[str],
+    grid: VolumeGrid,
+    limits: tuple[float, float],
+    cmap: str,
+    title: str,
+    unit: str | None,
+) -> None:
+    """Pictures across x_1, x_2 and x_3, with a colour bar beside the last."""
+    half, center = np.asarray(grid.half_width), np.asarray(grid.center)
     for axis, axes in enumerate(np.ravel(figure.subplots(1, 3))):
         i, j = (k for k in range(3) if k != axis)
-        half, center = np.asarray(grid.half_width), np.asarray(grid.center)
         plane = ImageGrid((grid.shape[i], grid.shape[j]), half[[i, j]], center[[i, j]])
-        height = float(grid.axis(axis)[index[axis]])
-        shown = show_image(
-            axes,
-            np.take(values, index[axis], axis=axis),
-            plane,
-            limits=limits,
-            cmap=cmap,
-            unit=unit,
-        )
-        label = f"{_NAMES[axis]} = {millimetres(unit) * height:.3g}"
-        label_axes(axes, label, *(length_label(_NAMES[k], unit) for k in (i, j)))
+        shown = show_image(axes, pictures[axis], plane, limits=limits, cmap=cmap, unit=unit)
+        label_axes(axes, labels[axis], *(length_label(_NAMES[k], unit) for k in (i, j)))
         if axis == 2:
             figure.colorbar(shown, ax=axes, shrink=0.8)
     if title:
@@ -106,7 +141,7 @@ def show_space(
     axes.tick_params(labelsize=text_size(7))
 
 
-def save_slices(
+def save_volume(
     path: str | Path,
     volume: Numbers,
     grid: VolumeGrid,
@@ -115,24 +150,25 @@ def save_slices(
     unit: str | None = None,
     metadata: dict[str, str] | None = None,
 ) -> None:
-    """`show_slices` through the centre as a PNG file, one row for each of up to four frames.
+    """`show_slices` through the centre above `show_projections`, of up to four frames, as a PNG.
 
     Args:
         path: the file.
         volume: (x1, x2, x3) or (frames, x1, x2, x3); NaN stays blank.
         grid: its nodes.
-        frames: a number above every row, (frames,).
+        frames: a number above the slices of each, (frames,).
         unit: as in `show_slices`.
         metadata: texts in the file.
     """
     stack = np.asarray(volume).reshape(-1, *grid.shape)
     chosen = np.unique(np.linspace(0, len(stack) - 1, MOST_ROWS).round().astype(int))
-    figure = new_figure(9.6, 3.4 * len(chosen))
+    figure = new_figure(9.6, 6.8 * len(chosen))
     limits = gray_levels(stack[chosen])
-    rows = figure.subfigures(len(chosen), 1, squeeze=False)[:, 0]
-    for row, k in zip(rows, chosen, strict=True):
+    rows = figure.subfigures(2 * len(chosen), 1, squeeze=False)[:, 0]
+    for k, slices, projections in zip(chosen, rows[::2], rows[1::2], strict=True):
         title = "" if frames is None else f"{np.asarray(frames)[k]:g}"
-        show_slices(row, stack[k], grid, limits=limits, title=title, unit=unit)
+        show_slices(slices, stack[k], grid, limits=limits, title=title, unit=unit)
+        show_projections(projections, stack[k], grid, limits=limits, unit=unit)
     figure.savefig(path, dpi=150, metadata=metadata)
 
 

@@ -18,6 +18,7 @@ from jaxtat.plotting import (
     show_geometry,
     show_image,
     show_opening,
+    show_projections,
     show_sinogram,
     show_slices,
     show_space,
@@ -187,6 +188,14 @@ def test_slices_of_a_volume_lie_where_its_grid_says():
         assert [shown.get_xlabel(), shown.get_ylabel()] == names
     assert figure.axes[1].get_title() == "$x_2$ = 100"
     assert_allclose(figure.axes[2].images[0].get_extent()[:2], (750, 3250))
+    volume[2, 3, 4], volume[:, 0, 0] = 2.0, np.nan
+    largest = new_figure(9, 3)
+    show_projections(largest, volume, grid, unit="m")
+    for k, shown in enumerate(largest.axes[:3]):
+        drawn = np.ma.filled(shown.images[0].get_array(), np.nan)
+        assert drawn.max(initial=0, where=~np.isnan(drawn)) == 2.0
+        assert_allclose(drawn, np.fmax.reduce(volume, axis=k).T)
+    assert largest.axes[1].get_title() == "largest along $x_2$"
     space = new_figure(4, 4)
     show_space(space, volume, grid, spherical_cap(3.0, 1.0, 4, 8), most=4)
     (axes,) = space.axes
