@@ -34,9 +34,9 @@ from ..fitting.alternating import of_weight, step
 from ..fitting.data_fit import DataFit
 from ..fitting.fit import begun
 from ..fitting.weight import balanced_weight
-from ..forward import CircleIntegrals, circle_integrals
+from ..forward import CircleIntegrals, CircleSizes, circle_integrals
 from ..forward.circular_sizes import circle_sizes
-from ..geometry import DetectorCurve, ImageGrid, disk
+from ..geometry import Body, DetectorCurve, ImageGrid, disk
 from ..reconstruction import ForwardOperator
 from ..reconstruction.laddered import longer_curve
 from ..reconstruction.operator import in_single_precision
@@ -84,11 +84,13 @@ class Fit(NamedTuple):
         left: energy that is unexplained, by detector, (detectors,).
         share: of all, the root of its part.
         weight: of total variation.
+        image: on the coarse pixels.
     """
 
     left: Float[np.ndarray, " detectors"]
     share: float
     weight: float
+    image: Float[np.ndarray, "x1 x2"]
 
 
 class Misfit(eqx.Module):
@@ -121,15 +123,16 @@ class Misfit(eqx.Module):
         shift: float = 0.0,
         *,
         weight: float | None = None,
-        steps: int = STEPS,
+        steps: int | None = None,
     ) -> Fit:
         """The image at a speed [length/time], with times later by the shift [time].
 
         Args:
             weight: of total variation; found by `fitting.weight` where there is none.
-            steps: of the fit from zero, if the weight is known.
+            steps: of the fit, by default few.
         """
-        dtype, steps = self.data.dtype, FIRST_STEPS if weight is None else steps
+        dtype = self.data.dtype
+        steps = steps or (FIRST_STEPS if weight is None else STEPS)
         found = _fitted(
             self,
             jax.device_put(np.float64(sound_speed)),
@@ -138,8 +141,8 @@ class Misfit(eqx.Module):
             jax.device_put(weight is None),
             jax.device_put(steps),
         )
-        left, share, used = (np.asarray(part, float) for part in found)
-        return Fit(left[: int(self.n_detectors)], float(share), float(used))
+        left, share, used, image = (np.asarray(part, float) for part in found)
+        return Fit(left[: int(self.n_detectors)], float(share), float(used), image)
 
     def with_rows_mixed(self) -> "Misfit":
         """The criterion for the record of each detector that counts at another's place."""
@@ -174,8 +177,8 @@ class Misfit(eqx.Module):
 @eqx.filter_jit
 def _fitted(
     misfit: Misfit, sound_speed: Array, shift: Array, weight: Array, find: Array, steps: Array
-) -> tuple[Array, Array, Array]:
-    """What is left, by detector, its share, and the weight, after some steps from zero."""
+) -> tuple[Array, Array, Array, Array]:
+    """What is left, by detector, its share, weight and image, after some steps from zero."""
     fit, data, penalty = misfit.fit_at(sound_speed, shift), misfit.data, TotalVariation()
     level, state = begun(fit, data, penalty, weight, None, 1)
 
@@ -188,26 +191,64 @@ def _fitted(
     parts = state.image, state.inner, state.weight
     image, _, weight = jax.lax.fori_loop(0, steps, advance, parts)
     left = jnp.sum((fit.modelled(image) - data)[0] ** 2, axis=1)
-    return left, jnp.sqrt(jnp.sum(left) / jnp.sum(data**2)), weight
+    return left, jnp.sqrt(jnp.sum(left) / jnp.sum(data**2)), weight, image[0]
+
+
+class Place(NamedTuple):
+    """Where sound comes from and is heard, and the sizes that its waves take.
+
+    Attributes:
+        curve: of the detectors, as many as on the ladder.
+        grid: of the image.
+        sizes: of the forward operator.
+        medium: what sound goes through; None for one speed of sound.
+    """
+
+    curve: DetectorCurve
+    grid: ImageGrid
+    sizes: CircleSizes
+    medium: Body | None
+
+    def integrals(self, medium: Body | None) -> CircleIntegrals:
+        """The operator, in single precision; another body of the same kind compiles nothing."""
+        where = self.curve, self.grid, jax.device_put(np.ones(1))
+        made = circle_integrals(*where, self.sizes, None, TOLERANCE, medium)
+        return by_library(lambda _, each: in_single_precision(each), (made,))
+
+
+def place_of(
+    sound: Sound, fastest: float, medium: Body | None = None, *, pixels: int = PIXELS
+) -> Place:
+    """Coarse pixels over all that may sound.
+
+    Args:
+        sound: the record.
+        fastest: greatest speed in water that may be asked for [length/time].
+        medium: of several bodies the one that takes the largest sizes.
+    """
+    grid = ImageGrid(pixels, sound.reach, sound.center)
+    curve = longer_curve(sound.curve, rung(sound.curve.n_detectors))
+    sizes = circle_sizes(curve, grid, medium)
+    longest = float(LONGER * fastest * sound.end)
+    sizes = sizes.with_period(longest) if longest > sizes.period else sizes
+    return Place(curve, grid, sizes, medium)
 
 
 def misfit_of(
-    sound: Sound, model: str, speeds: tuple[float, float], *, pixels: int = PIXELS
+    sound: Sound, model: str, speeds: tuple[float, float], place: Place | None = None
 ) -> Misfit:
     """The criterion for a record.
 
     Args:
         sound: the record.
         model: "2d" or "in-plane".
-        speeds: least and greatest that may be asked for [length/time].
+        speeds: least and greatest in water that may be asked for [length/time].
+        place: of `place_of`; by default one with one speed of sound.
     """
-    grid = ImageGrid(pixels, sound.reach, sound.center)
-    curve = longer_curve(sound.curve, rung(sound.curve.n_detectors))
-    sizes = circle_sizes(curve, grid)
-    longest = float(LONGER * speeds[1] * sound.end)
-    sizes = sizes.with_period(longest) if longest > sizes.period else sizes
-    integrals = circle_integrals(curve, grid, jax.device_put(np.ones(1)), sizes, None, TOLERANCE)
-    times, fourier, n = _spectra(sound, SHORTEST * sizes.highest * speeds[0] / (2 * np.pi))
+    place = place_of(sound, speeds[1]) if place is None else place
+    curve, grid, sizes, medium = place
+    highest = SHORTEST * float(sizes.frequencies[-1]) * speeds[0] / (2 * np.pi)
+    times, fourier, n = _spectra(sound, highest)
     known = np.where(sound.good[:, None], sound.record, 0.0)
     spectrum: Any = known @ fourier[: len(sound.times)]
     flat = _flattening(np.sqrt(np.mean(np.abs(spectrum) ** 2, axis=0)), n)
@@ -216,7 +257,7 @@ def misfit_of(
     parts = np.concatenate([spectrum.real, spectrum.imag], axis=-1) * weights
     shape = curve.n_detectors, parts.shape[1]
     return Misfit(
-        integrals=by_library(lambda _, each: in_single_precision(each), (integrals,)),
+        integrals=place.integrals(medium),
         support=disk(sound.reach, center=sound.center).contains(grid.points),
         data=jax.device_put(filled_up(parts, shape)[None].astype(np.float32)),
         whitening=jax.device_put(filled_up(weights, shape).astype(np.float32)),
