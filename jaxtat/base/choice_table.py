@@ -387,6 +387,9 @@ OFF = {choice.name: choice.off for choice in CHOICES if choice.off}
 OPTIONS = tuple(choice for choice in CHOICES if choice.group is not None)
 NUMBERS = tuple(choice.name for choice in OPTIONS if choice.is_number)
 OF_CONSTRAINTS = tuple(choice.name for choice in CHOICES if choice.group == CONSTRAINTS)
+OF_TWO_SPEEDS = ("two_speeds", "water_temperature")
+"""What is asked of the choices of two speeds, and is none of them."""
+
 OF_REGION = tuple(choice.name for choice in CHOICES if choice.group in (REGION, IMAGE))
 
 

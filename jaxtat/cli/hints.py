@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.choice_table import NUMBERS, OPTIONS, words_of
+from ..base.choice_table import NUMBERS, OF_TWO_SPEEDS, OPTIONS, words_of
 from ..geometry import in_plane
 from ..io import Scan
 from ..scans import Choices, to_look_at
@@ -14,7 +14,7 @@ from ..scans.found import SHARES
 from .inputs import FACTS
 from .option_checks import OF_PLANS, wants_plan
 
-_OPTIONS = (*FACTS, *OF_PLANS, *(choice.name for choice in OPTIONS))
+_OPTIONS = (*FACTS, *OF_PLANS, *OF_TWO_SPEEDS, *(choice.name for choice in OPTIONS))
 _FACTORS = {
     "sound_speed": (0.97, 0.98, 0.99, 1.0, 1.01, 1.02, 1.03),
     "alpha": (0.1, 0.3, 1.0, 3.0, 10.0),

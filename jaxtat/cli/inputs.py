@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.choice_table import BESIDES, OPTIONS
+from ..base.choice_table import BESIDES, OF_TWO_SPEEDS, OPTIONS
 from ..base.messages import name_of
 from ..geometry import Disk, Region, circular_arc, in_plane
 from ..io import Scan, load_scan, load_settings
@@ -37,6 +37,7 @@ _OPTIONS = (
     "jobs",
     "of_folder",
     "errors",
+    *OF_TWO_SPEEDS,
 )
 
 
@@ -73,7 +74,8 @@ def given(
 ) -> dict[str, Any]:
     """Choices that are fixed by the options or by a plan."""
     made = {choice.name: getattr(options, choice.name, None) for choice in OPTIONS}
-    made["length_unit"] = getattr(options, "length_unit", None)
+    for name in ("length_unit", *OF_TWO_SPEEDS):
+        made[name] = getattr(options, name, None)
     made["use"] = None if options.use is None else chosen(options.use, scan.n_detectors)
     if made["band"] is not None:
         made["band"] = band(made["band"])

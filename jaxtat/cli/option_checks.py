@@ -12,6 +12,7 @@ from ..base.choice_table import (
     NUMBERS,
     OF_CONSTRAINTS,
     OF_REGION,
+    OF_TWO_SPEEDS,
     OFF,
     OPTIONS,
     POSITIVE,
@@ -211,10 +212,11 @@ def _require_together(options: argparse.Namespace) -> None:
         _require_trial(options)
     if is_given(options, "repeat"):
         every = tuple(choice.name for choice in OPTIONS)
-        decided = (*every, *OF_PLANS, "length_unit")
+        decided = (*every, *OF_PLANS, *OF_TWO_SPEEDS, "length_unit")
         _refuse(options, decided, "repeat", "the earlier image")
     if is_given(options, "plan"):
-        _refuse(options, (*OF_REGION, "max_frequency", "alpha", *OF_PLANS), "plan", "the plan")
+        of_plan = (*OF_REGION, "max_frequency", "alpha", "two_speeds", *OF_PLANS)
+        _refuse(options, of_plan, "plan", "the plan")
     constraints = [name for name in OF_CONSTRAINTS if is_given(options, name)]
     if constraints and (is_given(options, "plan") or wants_plan(options)):
         raise ValueError(f"{option_of(constraints[0])} and a plan: images are fitted without one.")

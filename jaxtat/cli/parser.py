@@ -346,6 +346,16 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
         help="time of the first sample, if that is not 0, when the laser fires; -1e-6 is before it",
     )
     _add_options(data, RECORD)
+    data.add_argument(
+        "--two-speeds",
+        action="store_true",
+        default=None,
+        help="estimate the body in water of another speed, half a minute's work; used if that "
+        "explains clearly more",
+    )
+    data.add_argument(
+        "--water-temperature", type=float, metavar="T", help="in place of --water-speed [degrees C]"
+    )
     _add_geometry(parser)
 
 

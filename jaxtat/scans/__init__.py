@@ -2,6 +2,7 @@
 
 from .acoustics import shares_by_speed
 from .acquisition import with_facts
+from .body_estimate import BodyEstimate, estimate_body
 from .choices import Choices
 from .choosing import choose
 from .deviations import standard_deviations
@@ -14,12 +15,14 @@ from .method import with_best_method
 from .trying import trials
 
 __all__ = [
+    "BodyEstimate",
     "Choices",
     "ImageErrors",
     "ScanImages",
     "as_json",
     "choose",
     "describe",
+    "estimate_body",
     "image_errors",
     "integrals",
     "reconstruct",

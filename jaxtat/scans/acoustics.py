@@ -101,6 +101,23 @@ def shares_by_speed(
         ||record of the image - record|| / ||record||, see `misfit`; None of a record that is too
         short to tell.
     """
+    sound, speed = sound_of(scan, choices, frame), choices.sound_speed
+    if sound is None:
+        return None
+    misfit = misfit_of(sound, choices.model, (float(min(speeds)), float(max(speeds))))
+    weight = misfit.best(speed).weight
+    return np.array([misfit.best(float(c), weight=weight).share for c in speeds])
+
+
+def sound_of(
+    scan: Scan, choices: Choices, frame: Float[np.ndarray, "rows samples"]
+) -> Sound | None:
+    """The part of a frame that counts, once choices are made; None of one that is too short.
+
+    Args:
+        scan, choices: in the plane, of pressure.
+        frame: rows as in the file.
+    """
     facts, rows = facts_of(scan), list(choices.channels)
     times = shifted_times(scan, choices)
     if times is None:
@@ -109,12 +126,7 @@ def shares_by_speed(
     arc = arc_through(points) or circle_without_detectors(points, choices.region_center)
     good = np.ones(len(rows), bool)
     begin, speed = 2 * choices.dead_time, choices.sound_speed
-    sound = sound_within(arc, points, np.asarray(frame, float)[rows], times, good, begin, speed)
-    if sound is None:
-        return None
-    misfit = misfit_of(sound, choices.model, (float(min(speeds)), float(max(speeds))))
-    weight = misfit.best(speed).weight
-    return np.array([misfit.best(float(c), weight=weight).share for c in speeds])
+    return sound_within(arc, points, np.asarray(frame, float)[rows], times, good, begin, speed)
 
 
 def tell_acoustics(

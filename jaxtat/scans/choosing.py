@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..base.checks import real_array
-from ..base.choice_table import OPTIONS, SURE, require_pixels
+from ..base.choice_table import OF_TWO_SPEEDS, OPTIONS, SURE, require_pixels
 from ..io import Scan
 from ..io.scan import require_one_rate
 from .acquisition import in_space
@@ -12,6 +12,7 @@ from .choices import Choices
 from .choose_in_plane import choices_in_plane
 from .choose_in_space import choices_in_space
 from .noise import estimate_alpha
+from .two_speeds import with_two_speeds, with_water_of
 
 
 def choose(scan: Scan, **given: Any) -> Choices:
@@ -20,9 +21,11 @@ def choose(scan: Scan, **given: Any) -> Choices:
     Args:
         scan: from `load_scan`.
         given: choices by name, as in `Choices`; further ``use``, rows of the data to use (bad
-            channels among them too), ``radii`` of the circular integrals, ``band="none"``, and
-            ``length_unit``, in which the scan's positions are: "m", "cm", "mm" or "um".
-            What is None is chosen.
+            channels among them too), ``radii`` of the circular integrals, ``band="none"``,
+            ``length_unit``, in which the scan's positions are: "m", "cm", "mm" or "um",
+            ``two_speeds=True``, to estimate a body of another speed of sound than the water's, see
+            `estimate_body`, and ``water_temperature`` [°C] in place of ``water_speed``. What is
+            None is chosen.
 
     Returns:
         Choices, with a reason for each.
@@ -32,8 +35,7 @@ def choose(scan: Scan, **given: Any) -> Choices:
     """
     _require_known(given)
     require_one_rate(scan)
-    made = choices_in_space(scan, given) if in_space(scan) else choices_in_plane(scan, given)
-    made = estimate_alpha(scan, made)
+    made = estimate_alpha(scan, _chosen(scan, given))
     if given.get("length_unit") is None:
         return made
     return made.with_reason("length_unit", "given", SURE)
@@ -45,8 +47,21 @@ NAMES = (
     "length_unit",
     "impulse_response",
     "laser_energy",
+    *OF_TWO_SPEEDS,
     *(choice.name for choice in OPTIONS),
 )
+
+
+def _chosen(scan: Scan, given: Mapping[str, Any]) -> Choices:
+    if in_space(scan):
+        asked = [name for name in OF_TWO_SPEEDS if given.get(name)]
+        if asked:
+            raise ValueError(f"{asked[0]} is of detectors in the plane: leave it out.")
+        return choices_in_space(scan, given)
+    others = with_water_of(scan, given)
+    if others.pop("two_speeds", None):
+        return with_two_speeds(scan, others)
+    return choices_in_plane(scan, others)
 
 
 def _require_known(given: Mapping[str, Any]) -> None:

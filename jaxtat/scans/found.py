@@ -131,7 +131,7 @@ class Found(NamedTuple):
         if "sound_speed" in self.to_estimate:
             raise ValueError(
                 "water_speed is given, and the body's own speed is neither given nor in the file: "
-                "give sound_speed too."
+                "give sound_speed too, or two_speeds, to estimate it."
             )
 
     def take_body(self) -> None:

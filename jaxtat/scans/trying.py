@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from ..base.choice_table import NUMBERS
+from ..base.choice_table import NUMBERS, OF_TWO_SPEEDS
 from ..io import Scan
 from .acquisition import in_space, some_frames
 from .choices import Choices
 from .choosing import choose
-from .found import OF_FORMULA
+from .found import OF_BODY, OF_FORMULA
 from .frames import setup_of
 from .images import ScanImages, reconstruct
 
@@ -22,7 +22,7 @@ _OF_IMAGE = (
     "max_frequency",
     "pixels",
 )
-_OF_RECORD = ("model", "sound_speed", "time_shift", "dead_time", "band")
+_OF_RECORD = ("model", "sound_speed", *OF_BODY, "time_shift", "dead_time", "band")
 _FOLLOW = {"region_radius": ("region_cut", "half_width", "pixels", *OF_FORMULA)}
 """What follows from a choice, and is chosen anew with it."""
 
@@ -60,7 +60,8 @@ def trials(
     if scan.kind != "pressure" and name in _OF_RECORD:
         raise ValueError(f"{name} is of pressure records, and the data are circular integrals.")
     scan = some_frames(scan, [0])
-    others = dict(given) | _kept(scan, choices, name)
+    asked = {key: value for key, value in given.items() if key not in OF_TWO_SPEEDS}
+    others = asked | _kept(scan, choices, name)
     chosen = [_trial(scan, others, name, value) for value in values]
     return (reconstruct(scan, trial) for trial in chosen)
 

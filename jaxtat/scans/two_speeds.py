@@ -1,0 +1,110 @@
+"""Choices with two speeds of sound, where the record itself tells the body, and the water's."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from ..base.choice_table import SURE
+from ..io import Scan
+from ..records import MODELS
+from ..records.water import water_speed
+from .acquisition import WATER, facts_of, nominal_water_speed, typical_frame
+from .body_estimate import BodyEstimate, estimate_body
+from .choices import Choices
+from .choose_in_plane import choices_in_plane
+
+LARGER = 1.1  # the region than the body
+ESTIMATED = ("sound_speed", "body_radius", "body_center")
+KEPT = ("model", "time_shift")  # as one speed tells them, while two are looked for
+
+
+def with_water_of(scan: Scan, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Options with the speed of sound in water in place of its temperature.
+
+    Args:
+        scan: of known units.
+        given: options by name.
+
+    Raises:
+        ValueError: for a temperature beside a speed, and for unknown units.
+    """
+    others = dict(given)
+    temperature = others.pop("water_temperature", None)
+    if temperature is None:
+        return others
+    if others.get("water_speed") is not None:
+        raise ValueError("water_speed and water_temperature are given, expected one of them.")
+    nominal = nominal_water_speed(facts_of(scan).units.in_length(others.get("length_unit")))
+    if nominal is None:
+        raise ValueError(
+            "water_temperature gives a speed in m/s, and the units of positions and times are not "
+            "known: give water_speed."
+        )
+    return others | {"water_speed": float(water_speed(temperature)) * nominal / WATER}
+
+
+def with_two_speeds(scan: Scan, given: Mapping[str, Any]) -> Choices:
+    """Choices through the body that explains clearly more of a typical frame, or by one speed.
+
+    Args:
+        scan: of pressure, in the plane.
+        given: options by name; with a water speed that is taken to be known.
+
+    Raises:
+        ValueError: for numbers of the body beside the wish to estimate them, and for data that
+            have no speeds.
+    """
+    beside = [name for name in ESTIMATED if given.get(name) is not None]
+    if beside:
+        raise ValueError(f"two_speeds estimates {beside[0]}, which is given: leave one out.")
+    made = choices_in_plane(scan, {**given, "water_speed": None})
+    if made.model not in MODELS:
+        raise ValueError("two_speeds is of pressure records in the plane: leave it out.")
+    water = given.get("water_speed")
+    found = estimate_body(scan, made, typical_frame(scan), water_speed=water)
+    if found is None or not found.clear:
+        told = "the record is too short to tell a second one" if found is None else str(found)
+        why = f"{dict(made.reasons)['sound_speed']}; by two speeds {told}"
+        errors = dict(made.standard_errors)
+        grade = made.grade("sound_speed")
+        return made.with_reason("sound_speed", why, grade, errors.get("sound_speed"))
+    return _through_body(scan, given, made, found)
+
+
+def _through_body(
+    scan: Scan, given: Mapping[str, Any], made: Choices, found: BodyEstimate
+) -> Choices:
+    """All choices with the body that was found; the region is its own, unless it is given."""
+    body = found.body
+    center = tuple(float(x) for x in body.center)
+    numbers = {
+        "sound_speed": float(body.sound_speed),
+        "water_speed": float(body.water_speed),
+        "body_radius": float(body.radius),
+        "body_center": center,
+    }
+    region = {"region_center": center, "region_radius": LARGER * float(body.radius)}
+    if any(given.get(name) is not None for name in (*region, "region_size")):
+        region = {}
+    told = {name: getattr(made, name) for name in KEPT}
+    known = {name: value for name, value in given.items() if value is not None}
+    other = choices_in_plane(scan, told | known | numbers | region)
+    errors = found.standard_errors | {"body_radius": found.standard_errors["radius"]}
+    for name in numbers:
+        if name == "water_speed" and given.get(name) is not None:
+            other = other.with_reason(name, "given", SURE)
+            continue
+        why = str(found) if name == "sound_speed" else "with which least is unexplained"
+        other = other.with_reason(name, why, found.grade, errors.get(name))
+    for name in region:
+        other = other.with_reason(name, "that of the body, and a tenth to spare", found.grade)
+    return _as_before(other, made)
+
+
+def _as_before(other: Choices, made: Choices) -> Choices:
+    """With the reasons for what was taken over from choices by one speed, and their options."""
+    errors = dict(made.standard_errors)
+    for name in KEPT:
+        why = dict(made.reasons)[name]
+        other = other.with_reason(name, why, made.grade(name), errors.get(name))
+    return replace(other, user_set=made.user_set)

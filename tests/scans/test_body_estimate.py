@@ -1,0 +1,182 @@
+"""A body of another speed of sound, estimated from the record, and choices that go through it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_scans import BELLS, RATE, SPEED, TIMES, positions, record
+
+from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, phantoms
+from jaxtat.cli import main
+from jaxtat.io import Scan
+from jaxtat.records import simulate_pressure, water_speed
+from jaxtat.scans import body_estimate, choose, estimate_body, trials
+from jaxtat.scans.body_estimate import BodyEstimate, Through, _Surface
+
+WATER, TISSUE, RADIUS, CENTER = 1480.0, 1580.0, 0.011, (1e-3, -5e-4)
+BODY = DiskBody(CENTER, RADIUS, TISSUE, WATER)
+ONE = {"model": "in-plane", "sound_speed": 1505.0, "region_radius": 0.0115, "pixels": 41}
+FOUND = BodyEstimate(
+    body=BODY,
+    standard_errors={"sound_speed": 2.0, "radius": 1e-4, "center": 2e-4},
+    one_speed=1505.0,
+    share=0.05,
+    share_of_one=0.1,
+    gain=0.75,
+    gain_error=0.05,
+    clear=True,
+    grade="likely",
+)
+
+
+def scan_of(pressure, **known):
+    return Scan("pressure", pressure, {"detectors": positions(), "sampling_rate": RATE} | known)
+
+
+@pytest.fixture(scope="module")
+def through_body():
+    """The record of the bells through the body, in finer pixels than the estimate has."""
+    bells = phantoms.Bells(BELLS["centers"], BELLS["radii"], [1.0, 0.7, 0.5])
+    curve, grid = detector_curve(positions()[:, :2]), ImageGrid(65, RADIUS, CENTER)
+    setup = Setup(curve, disk(RADIUS, center=CENTER), grid, medium=BODY)
+    made = simulate_pressure(setup, bells.image(grid), TIMES, model="in-plane")
+    return np.asarray(made)
+
+
+def estimated(pressure, monkeypatch, speed):
+    monkeypatch.setattr(body_estimate, "PIXELS", 33)
+    scan = scan_of(pressure)
+    chosen = choose(scan, **ONE | {"sound_speed": speed})
+    return estimate_body(scan, chosen, pressure, water_speed=WATER)
+
+
+def test_the_body_is_told_by_its_record(through_body, monkeypatch):
+    found = estimated(through_body, monkeypatch, 1505.0)
+    assert found.clear and found.grade == "likely" and found.share < 0.5 * found.share_of_one
+    assert float(found.body.sound_speed) == pytest.approx(TISSUE, abs=15.0)
+    assert float(found.body.radius) == pytest.approx(RADIUS, rel=0.1)
+    assert np.linalg.norm(np.asarray(found.body.center) - CENTER) < 1e-3
+    assert 0 < found.standard_errors["sound_speed"] < 15.0
+    assert WATER < found.one_speed < TISSUE and "water_speed" not in found.standard_errors
+
+
+def test_a_record_of_one_speed_has_no_clear_body(monkeypatch):
+    """Also where the water's speed is said to be another one."""
+    found = estimated(record(), monkeypatch, SPEED)
+    assert not found.clear and found.grade == "guessed"
+    assert found.share > 0.95 * found.share_of_one
+    assert found.one_speed == pytest.approx(SPEED, rel=2e-3)
+
+
+def test_sound_from_the_middle_takes_the_time_of_the_numbers():
+    """T of the body's own speed, which is kept within bounds."""
+    through = Through(None, None, 0.04, np.zeros(2), 0.011)
+    arrival = 0.04 / WATER - RADIUS * (1 / WATER - 1 / TISSUE)
+    body = through.body(np.array([arrival, RADIUS, *CENTER, WATER]))
+    assert float(body.sound_speed) == pytest.approx(TISSUE)
+    far = through.body(np.array([0.9 * arrival, RADIUS, *CENTER, WATER]))
+    assert float(far.speed_ratio) == pytest.approx(body_estimate.RATIOS[1])
+
+
+def test_the_least_of_a_paraboloid_takes_one_step():
+    rng = np.random.default_rng(0)
+    wanted, root = np.array([0.5, -1.0, 0.3]), rng.standard_normal((3, 3))
+    hessian = root @ root.T + np.eye(3)
+    each = np.array([0.25, 0.75])  # of two detectors
+    surface = _Surface(np.zeros(5), -(hessian @ wanted)[:, None] * each, hessian[..., None] * each)
+    np.testing.assert_allclose(surface.step(np.ones(2, bool)), wanted, rtol=1e-12)
+    flat = np.zeros((3, 3, 2))
+    flat[0, 0] = each
+    told = _Surface(np.zeros(5), np.outer([1.0, 1.0, 1.0], each), flat).step(np.ones(2, bool))
+    np.testing.assert_allclose(told, [-1.0, 0.0, 0.0], atol=1e-12)
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """Function that has the record tell a body, and the list of the water speeds it was asked."""
+    asked = []
+
+    def tell(found):
+        def answer(scan, choices, frame, water_speed=None):
+            asked.append(water_speed)
+            return found
+
+        monkeypatch.setattr("jaxtat.scans.two_speeds.estimate_body", answer)
+        return asked
+
+    return tell
+
+
+def test_choices_go_through_a_clear_body(through_body, told):
+    asked = told(FOUND)
+    given = {"model": "in-plane", "two_speeds": True, "water_temperature": 20.0}
+    scan = scan_of(through_body, sound_speed=1505.0)
+    chosen = choose(scan, **given)
+    assert asked == [pytest.approx(float(water_speed(20.0)))]
+    assert (chosen.sound_speed, chosen.body_radius) == (TISSUE, RADIUS)
+    assert chosen.region_center == chosen.body_center == CENTER
+    assert chosen.grade("sound_speed") == "likely" and chosen.grade("water_speed") == "sure"
+    assert "5.0% left unexplained, 10.0% by one speed" in chosen.table()
+    assert dict(chosen.standard_errors)["body_radius"] == 1e-4 and chosen.medium is not None
+
+
+def test_one_speed_stays_where_two_are_not_clear(through_body, told):
+    scan = scan_of(through_body, sound_speed=1505.0)
+    one = choose(scan, model="in-plane")
+    for found, why in ((FOUND._replace(clear=False), "not clearly less"), (None, "too short")):
+        told(found)
+        chosen = choose(scan, model="in-plane", two_speeds=True, water_speed=1500.0)
+        assert chosen.medium is None and chosen.sound_speed == one.sound_speed
+        assert why in dict(chosen.reasons)["sound_speed"]
+
+
+def test_the_command_estimates_two_speeds_and_repeats_them(
+    through_body, told, tmp_path, monkeypatch
+):
+    told(FOUND)
+    monkeypatch.chdir(tmp_path)
+    scan = scan_of(through_body, sound_speed=1505.0)
+    np.savez("scan.npz", pressure=scan.data, **scan.known)
+    line = "reconstruct scan.npz --two-speeds --water-temperature 20 --model in-plane --direct"
+    assert main(f"{line} --pixels 41 --quiet --json a.json --out a.h5".split()) == 0
+    assert json.loads(Path("a.json").read_text())["choices"]["body_radius"]["value"] == RADIUS
+    told(None)  # it is not asked again
+    again = "reconstruct scan.npz --repeat a.h5 --quiet --out b.npy"
+    assert main(again.split()) == 0 and main(f"{again} --two-speeds".split()) == 2
+
+
+def test_a_speed_is_tried_through_the_body_that_was_found(through_body, told, monkeypatch):
+    told(FOUND)
+    monkeypatch.setattr("jaxtat.scans.trying.reconstruct", lambda scan, choices: choices)
+    given = {"model": "in-plane", "two_speeds": True, "pixels": 41}
+    scan = scan_of(through_body, sound_speed=1505.0)
+    chosen = choose(scan, **given)
+    (one,) = trials(scan, chosen, given, "sound_speed", [1560.0])
+    assert (one.sound_speed, one.body_radius) == (1560.0, RADIUS)
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"two_speeds": True, "sound_speed": 1550.0}, "two_speeds estimates sound_speed"),
+        ({"two_speeds": True, "body_radius": 0.01}, "two_speeds estimates body_radius"),
+        ({"water_speed": 1490.0, "water_temperature": 20.0}, "expected one of them"),
+        ({"water_temperature": 293.0}, "0 to 95"),
+    ],
+)
+def test_what_contradicts_two_speeds_is_refused(given, reason):
+    with pytest.raises(ValueError, match=reason):
+        choose(scan_of(record()), **given)
+
+
+def test_two_speeds_are_of_pressure_in_the_plane():
+    integrals = Scan("circular_integrals", np.ones((90, 40)), {"detectors": positions()[:, :2]})
+    with pytest.raises(ValueError, match="units of positions and times are not known"):
+        choose(integrals, water_temperature=20.0)
+    with pytest.raises(ValueError, match="two_speeds is of pressure records in the plane"):
+        choose(integrals, two_speeds=True)
+    rng = np.random.default_rng(0).standard_normal((90, 3))
+    around = Scan("pressure", np.ones((90, 40)), {"detectors": rng, "sampling_rate": RATE})
+    with pytest.raises(ValueError, match="two_speeds is of detectors in the plane"):
+        choose(around, two_speeds=True)
