@@ -23,16 +23,20 @@ from bokeh.models import (
     Span,
     Spinner,
     Title,
+    Toggle,
 )
 from bokeh.plotting import figure
 
 from ..base.option_values import LOW_PASSES
 from ..fitting import FitCancelled, cancelled_by
 from ..geometry import ImageGrid
+from ..scans import ImageErrors
+from .beside import Beside
 from .export import command_line, keep
 from .latest_only_worker import LatestOnlyWorker
 from .picture import Picture
 from .session import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED, ControlValues, Session
+from .undoing import Undoing
 from .zoom_controls import ZoomControls, lengths
 
 WIDTH, WHOLE = 400, 1080  # of the column of controls, and of the page [pixel]
@@ -57,13 +61,16 @@ class ViewerPage:
         self._document, self._session = document, session
         self._source, self._folder = source, folder
         self._shown: _ShownImage | None = None
+        self._setting = False
         self._images, self._fits, self._curves, self._regions = (
             LatestOnlyWorker(self._later) for _ in range(4)
         )
         self._unwanted = threading.Event()  # of the fit that was asked for last
         self.picture = Picture(session)
+        self.beside = Beside(self.picture)
         self._make_controls()
         self._make_rest(name)
+        self.undoing = Undoing(document, self.controls, self._go_back)
         self._follow()
         self._place()
         document.title = f"{name} - jaxtat"
@@ -134,6 +141,7 @@ class ViewerPage:
         frames = f"{scan.n_frames} frames of " if scan.n_frames > 1 else ""
         about = f"{frames}{scan.n_detectors} detectors, {scan.n_samples} samples"
         self.title = Div(text=f"<b style='font-size:1.3em'>{escape(name)}</b><br>{about}")
+        self.errors = Toggle(label="how far it may be off")
         self.keep_picture = Button(label="Keep picture (.png)")
         self.keep_choices = Button(label="Keep all choices (.h5)")
         self.status = Div(text="computing ...", width=WIDTH, height=50)
@@ -153,15 +161,15 @@ class ViewerPage:
             row(*self.region),
             self.move,
             *self.picture.controls,
+            row(self.errors, self.beside.toggle, self.undoing.button, self.undoing.counter),
             row(self.keep_picture, self.keep_choices),
             self.status,
         )
         for control in (self.frame, self.speed, self.alpha, self.picture.levels):
             control.width = WIDTH
+        pictures = self.picture.figure, self.beside.figure
         below = Div(text="<b>The same by a command</b>"), self.command, self.table
-        self._document.add_root(
-            column(row(self.picture.figure, controls, spacing=20), *below, margin=10)
-        )
+        self._document.add_root(column(row(*pictures, controls, spacing=20), *below, margin=10))
 
     # what turns what
 
@@ -177,6 +185,7 @@ class ViewerPage:
         for slider in (self.frame, self.alpha):  # when it is let go
             _on_change(slider, "value_throttled", self._ask_for_curve)
         _on_change(self.wavelength, "value", self._take_wavelength)
+        _on_change(self.errors, "active", self._turn_errors)
         self.move.on_click(self._take_region)
         self.keep_picture.on_click(lambda: self._keep(".png"))
         self.keep_choices.on_click(lambda: self._keep(".h5"))
@@ -197,6 +206,24 @@ class ViewerPage:
 
     def _changed(self) -> None:
         self.at_speed.location = self.speed.value
+        if self._setting:  # all of them, before an image is made
+            return
+        self.undoing.moved(self.controls)
+        if self.errors.active:
+            self.errors.active = False  # asks for the image too
+        else:
+            self._look()
+
+    def _go_back(self, values: ControlValues) -> None:
+        """Set the controls to values that they had before."""
+        self._setting = True
+        self.errors.active = False
+        self.frame.value, self.method.active = values.frame, METHODS.index(values.method)
+        self.speed.value = self.scale * values.sound_speed
+        self.alpha.value = math.log10(values.alpha)
+        self.low_pass.active = LOW_PASSES.index(values.low_pass)
+        self.looking.show(values.disk)
+        self._setting = False
         self._look()
 
     def _look(self) -> None:
@@ -213,6 +240,37 @@ class ViewerPage:
                 self._fit(session, controls, unwanted)
 
         self._images.want(lambda: self._seen(session, first), show)
+
+    def _turn_errors(self) -> None:
+        """Show how far the image may be off in its place, or the image again."""
+        if not self.errors.active:
+            return None if self._setting else self._look()
+        controls, own = self.controls, self._session.copy()
+        self._unwanted.set()
+        unwanted = self._unwanted = threading.Event()
+        self.status.text = "computing how far the image may be off ..."
+
+        def work() -> ImageErrors | None:
+            try:
+                with cancelled_by(unwanted.is_set):
+                    return own.errors(controls)
+            except FitCancelled:
+                return None
+
+        def show(found: ImageErrors | None, error: str) -> None:
+            if unwanted.is_set():
+                return
+            if error or found is None:
+                return self._show(None, error)
+            deviation = np.asarray(found.deviation)
+            title, settings = f"may be off: {controls.method} image", self._in_words(controls)
+            self.picture.show(deviation, found.grid, title, settings)
+            most, middle = np.nanmax(np.abs(found.image)), np.nanmedian(deviation)
+            self.status.text = (
+                f"standard deviation {middle:.2g} in the median, values to {most:.2g}"
+            )
+
+        self._fits.want(work, show)
 
     def _fit(self, session: Session, controls: ControlValues, unwanted: threading.Event) -> None:
         """Ask for the fitted image, while the direct one is shown and can be changed."""
@@ -239,11 +297,11 @@ class ViewerPage:
         taken, grid = time.perf_counter() - start, session.grid(controls)
         if controls.method == BACK_PROJECTION:
             command = "only the viewer shows it, to compare with"
-            return _ShownImage(session, controls.method, image, grid, command, None, taken)
+            return _ShownImage(session, controls, image, grid, command, None, taken)
         choices = session.choices_of(controls)
         facts = session.frame_facts(controls.frame)
         command = command_line(choices, facts, str(self._source or "FILE"))
-        return _ShownImage(session, controls.method, image, grid, command, choices.rows(), taken)
+        return _ShownImage(session, controls, image, grid, command, choices.rows(), taken)
 
     def _show(self, seen: Any, error: str) -> None:
         if error:
@@ -252,8 +310,9 @@ class ViewerPage:
         if seen.session is not self._session:  # of the region before
             return
         self._document.hold("combine")
-        self.picture.show(seen.image, seen.grid, seen.method)
-        self.status.text = f"{seen.method} image in {1e3 * seen.seconds:.0f} ms"
+        method = seen.controls.method
+        self.picture.show(seen.image, seen.grid, f"{method} image", self._in_words(seen.controls))
+        self.status.text = f"{method} image in {1e3 * seen.seconds:.0f} ms"
         self._document.unhold()
         self._shown = seen
         self._document.add_timeout_callback(lambda: self._tell(seen), CHOICES_LATER)
@@ -271,12 +330,15 @@ class ViewerPage:
     def _take_session(self, session: Session) -> None:
         """Show another region."""
         self._unwanted.set()
-        self._session = session
+        self._session, self._setting = session, True
+        self.errors.active = False
         self.looking.take(session)
+        self._setting = False
         scale, _ = lengths(session)
         values = session.choices.region_radius, *session.choices.region_center
         for spinner, value in zip(self.region, values, strict=True):
             spinner.value = round(scale * value, 3)
+        self.undoing.forget(self.controls)
         self._ask_for_curve()
 
     def _take_wavelength(self) -> None:
@@ -349,6 +411,15 @@ class ViewerPage:
         of_it = "" if self.wavelengths is None else f" ({self.wavelengths[controls.frame]:g} nm)"
         self.frame.title = f"frame{in_file}{of_it}"
 
+    def _in_words(self, controls: ControlValues) -> str:
+        """What tells one image of a method from another."""
+        said = [f"frame {controls.frame}"] if self.frame.visible else []
+        if self.speed.visible:
+            said.append(f"{self.scale * controls.sound_speed:.6g} m/s")
+        if controls.method == DIRECT:
+            said.append(f"alpha {controls.alpha:.2g}, {controls.low_pass}")
+        return ", ".join(said)
+
     # threads
 
     def _later(self, work: Callable[[], Any]) -> None:
@@ -364,7 +435,7 @@ class _ShownImage(NamedTuple):
     """An image, its pixels and the texts about it."""
 
     session: Session
-    method: str
+    controls: ControlValues
     image: np.ndarray
     grid: ImageGrid
     command: str

@@ -35,17 +35,21 @@ class Picture:
 
     Attributes:
         figure: of Bokeh.
-        title: above it, the method that made the image.
+        title: above it, what is shown.
+        settings: with which it was made, in words.
+        image: that is shown, (x1, x2); None before the first.
+        colours: from values to grey levels.
         levels: slider of the percentiles between which colours are.
         controls: this slider, and those that go with it.
     """
 
     def __init__(self, session: Session):
-        self._image: np.ndarray | None = None
+        self.image: np.ndarray | None = None
+        self.settings = ""
         self._grid = session.grid(session.start)
         self._scale, unit = lengths(session)
         self._pixels = ColumnDataSource({"image": [np.zeros((1, 1), np.float32)]})
-        self._colours = LinearColorMapper(COLOURS["grey"], low=0.0, high=1.0, nan_color="#00000000")
+        self.colours = LinearColorMapper(COLOURS["grey"], low=0.0, high=1.0, nan_color="#00000000")
         self._make_figure(unit)
         self.levels = RangeSlider(
             title="darkest and brightest [percentile]",
@@ -61,18 +65,23 @@ class Picture:
         self._hold.on_change("active", lambda attr, old, new: self._take_levels())
         self._palette.on_change("value", lambda attr, old, new: self._take_palette())
 
-    def show(self, image: np.ndarray, grid: ImageGrid, method: str) -> None:
-        """An image (x1, x2) with its pixels and the method that made it.
+    @property
+    def place(self) -> dict[str, Any]:
+        """Where the image is, by the names that Bokeh has."""
+        return _as_place(*_corner_and_size(self._grid, self._scale))
+
+    def show(self, image: np.ndarray, grid: ImageGrid, title: str, settings: str = "") -> None:
+        """An image (x1, x2) with its pixels, what it is, and what it was made with.
 
         Axes that were zoomed stay so while the pixels do.
         """
         if not all(map(np.array_equal, _numbers(grid), _numbers(self._grid))):
             self._grid = grid
             low, size = _corner_and_size(grid, self._scale)
-            self._glyph.glyph.update(**_as_place(low, size))
+            self._glyph.glyph.update(**self.place)
             self.figure.x_range.update(start=low[0], end=low[0] + size[0])
             self.figure.y_range.update(start=low[1], end=low[1] + size[1])
-        self._image, self.title.text = image, f"{method} image"
+        self.image, self.title.text, self.settings = image, title, settings
         self._pixels.data = {"image": [np.ascontiguousarray(image.T, np.float32)]}
         self._take_levels()
 
@@ -95,23 +104,23 @@ class Picture:
         self._glyph = self.figure.image(
             "image",
             source=self._pixels,
-            color_mapper=self._colours,  # pyright: ignore[reportCallIssue]
-            **_as_place(low, size),
+            color_mapper=self.colours,  # pyright: ignore[reportCallIssue]
+            **self.place,
         )
         values = [("x₁, x₂", "$x{0.00}, $y{0.00}" + unit), ("f", "@image{%.4g}")]
         hover = HoverTool(tooltips=values, formatters={"@image": "printf"}, point_policy="none")
         zoom = BoxZoomTool(match_aspect=True)
         self.figure.add_tools(zoom, hover, CrosshairTool(line_alpha=0.3))
-        self.figure.add_layout(ColorBar(color_mapper=self._colours, width=14), "right")
+        self.figure.add_layout(ColorBar(color_mapper=self.colours, width=14), "right")
 
     def _take_levels(self) -> None:
-        if self._image is None or self._hold.active:
+        if self.image is None or self._hold.active:
             return
-        low, high = np.nanpercentile(self._image, self.levels.value)
-        self._colours.update(low=float(low), high=float(high) if high > low else float(low) + 1.0)
+        low, high = np.nanpercentile(self.image, self.levels.value)
+        self.colours.update(low=float(low), high=float(high) if high > low else float(low) + 1.0)
 
     def _take_palette(self) -> None:
-        self._colours.palette = COLOURS[self._palette.value]
+        self.colours.palette = COLOURS[self._palette.value]
 
 
 def _corner_and_size(grid: ImageGrid, scale: float) -> tuple[np.ndarray, np.ndarray]:

@@ -14,7 +14,7 @@ from ..base.choice_table import METHOD, OF_CONSTRAINTS, OPTIONS, PLAIN, RECORD, 
 from ..base.units import ROUNDING
 from ..geometry import ImageGrid, fit_circle
 from ..io import Scan
-from ..scans import Choices, choose, integrals, with_best_method
+from ..scans import Choices, ImageErrors, choose, image_errors, integrals, with_best_method
 from ..scans.acoustics import shares_by_speed
 from ..scans.acquisition import FASTEST, SLOWEST, facts_of, frame_numbers, nominal_water_speed
 from ..scans.constrained import fitted
@@ -111,6 +111,23 @@ class Session:
             inside = np.asarray(self._live.region.contains(self._live.setup.grid.points))
         return np.where(inside, np.asarray(made), np.nan)
 
+    def errors(self, controls: ControlValues) -> ImageErrors:
+        """How far the image of the whole region may be off; of a fit from eight more, in seconds.
+
+        Raises:
+            ValueError: as `image`, for back-projection, and where nothing tells of the noise.
+        """
+        controls = replace(controls, disk=None)
+        choices = self.choices_of(controls)
+        image = np.nan_to_num(self.image(controls))
+        found = image_errors(self.scan, choices, controls.frame, image)
+        if found is None:
+            raise ValueError(
+                "how far this image may be off is not known: no part of the record is quiet, by "
+                "which its noise could be told."
+            )
+        return found
+
     def grid(self, controls: ControlValues) -> ImageGrid:
         """The nodes of an image."""
         self._recompute(controls)
@@ -130,8 +147,8 @@ class Session:
         """
         if controls.method == BACK_PROJECTION:
             raise ValueError(
-                "back-projection is here for comparison, and no other command makes it: keep the "
-                "picture, or choose another method."
+                "back-projection is here for comparison, and no other command makes it, or knows "
+                "its errors: keep the picture, or choose another method."
             )
         turned = self._choices_by_controls(controls)
         return self._as_fit(turned) if controls.method == MODEL_BASED else turned

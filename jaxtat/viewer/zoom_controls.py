@@ -47,6 +47,12 @@ class ZoomControls:
             slider.update(title=name + unit, start=start, end=end, value=value)
             slider.update(step=radius / 200, visible=session.can_look)
 
+    def show(self, disk: Shown | None) -> None:
+        """Set the sliders to a disk; None for all of the region."""
+        radius, center = disk or (self._region[0], self._region[1:])
+        for slider, value in zip(self.sliders, (radius, *center), strict=True):
+            slider.value = self._scale * value
+
     @property
     def disk(self) -> Shown | None:
         """Radius and centre [length]; None for all of the region."""

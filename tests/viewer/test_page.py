@@ -66,7 +66,7 @@ def until(page, there):
 
 
 def shown(page):
-    return np.nan_to_num(page.picture._image)
+    return np.nan_to_num(page.picture.image)
 
 
 def test_the_page_goes_on_while_another_region_is_computed(page, session, monkeypatch):
@@ -167,3 +167,47 @@ def test_another_method_leaves_the_direct_image(fitting_page, monkeypatch):
     go.set()
     until(page, lambda: not page._fits._busy and "fitting" not in page.status.text)
     assert not page.alpha.disabled and page.picture.title.text == "direct image"
+
+
+def test_undo_goes_back_by_one_movement(page, monkeypatch):
+    """A slider that is dragged is moved once, whatever it went through."""
+    now = iter([10.0, 10.1, 10.2, 30.0, 31.0])
+    monkeypatch.setattr("jaxtat.viewer.undoing.monotonic", lambda: next(now))
+    start, begin = page.controls, page.alpha.value
+    for power in (-1.0, -0.5, -0.25):
+        page.alpha.value = power
+    dragged = page.controls
+    page.low_pass.active = 0
+    page.undoing.undo()
+    assert page.controls == dragged and page.low_pass.active == 1
+    page.undoing.counter.value += 1  # as Ctrl-Z does
+    assert page.controls == start and page.alpha.value == pytest.approx(begin)
+    assert page.undoing.button.disabled
+    page.undoing.undo()
+    assert page.controls == start
+
+
+def test_an_image_is_kept_beside_the_next(page):
+    before = shown(page)
+    page.beside.toggle.active = True
+    page.alpha.value = 0.0
+    until(page, lambda: relative(shown(page), before) > 0.1)
+    kept = np.nan_to_num(page.beside._pixels.data["image"][0].T)
+    assert page.beside.figure.visible and relative(kept, before) < 1e-6
+    assert "direct image: frame 0, " in page.beside.title.text
+    assert page.beside.title.text.endswith("alpha 0.01, cosine")
+    page.beside.toggle.active = False
+    assert not page.beside.figure.visible
+
+
+def test_errors_are_shown_until_a_control_is_moved(page):
+    page.errors.active = True
+    until(page, lambda: page.picture.title.text == "may be off: direct image")
+    assert 0 < np.nanmax(page.picture.image) < np.inf
+    assert page.status.text.startswith("standard deviation")
+    page.alpha.value = -1.0
+    until(page, lambda: page.picture.title.text == "direct image")
+    assert not page.errors.active
+    page.method.active = 1
+    page.errors.active = True
+    until(page, lambda: "its errors" in page.status.text)

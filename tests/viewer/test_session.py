@@ -12,7 +12,8 @@ from viewed import GIVEN, OPTIONS, relative, write_scan
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_scan
 from jaxtat.io.frames import LazyFrames
-from jaxtat.scans import choose, reconstruct, with_facts
+from jaxtat.scans import choose, reconstruct, standard_deviations, with_facts
+from jaxtat.scans.acquisition import some_frames
 from jaxtat.viewer import ControlValues, Session, command_line, keep
 
 
@@ -218,3 +219,14 @@ def test_choices_of_a_fit_are_kept_for_its_images(session, path):
     moved = mine.with_region(0.008, (0.001, -0.002), mine.start)
     assert moved.choices_of(moved.start).penalty == "second-order"
     assert session.start.method == "direct"  # its alpha is given
+
+
+def test_errors_are_those_of_the_choices(session):
+    """Of the frame that is shown, whatever part of it is looked at."""
+    direct = replace(session.start, method="direct", frame=1)
+    found = session.errors(replace(direct, disk=(0.005, (0.001, 0.0))))
+    choices = session.choices_of(direct)
+    wanted = standard_deviations(some_frames(session.scan, [1]), choices)[0]
+    inside = session.inside
+    assert np.isnan(found.deviation[~inside]).all()
+    assert relative(np.asarray(found.deviation)[inside], wanted[inside]) < 1e-12
