@@ -28,7 +28,7 @@ from .commands import prepared
 from .folder_sheet import write_sheet
 from .image_file import write_image
 from .inputs import changed
-from .made_from import made_from
+from .digest import made_from
 from .worker_processes import by_processes
 
 SUFFIXES = (".npz", ".npy", ".mat", ".h5", ".hdf5", ".msot")  # of `io.formats`
