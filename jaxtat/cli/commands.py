@@ -34,8 +34,8 @@ def plan(options: argparse.Namespace) -> None:
 def info(options: argparse.Namespace) -> None:
     """``jaxtat info``."""
     from ..scans import choose, describe, with_best_method
-    from ..scans.found import NoRegion
     from ..scans.info import describe_without_region
+    from ..scans.region import NoRegion
     from .hints import suggestions
     from .inputs import given, scan_of
 

@@ -25,10 +25,10 @@ from ..io.registered_formats import registered_reader
 from ..scans import Choices, ScanImages, as_json
 from ..steps import AccuracyWarning, Contradiction
 from .commands import prepared
+from .digest import made_from
 from .folder_sheet import write_sheet
 from .image_file import write_image
 from .inputs import changed
-from .digest import made_from
 from .worker_processes import by_processes
 
 SUFFIXES = (".npz", ".npy", ".mat", ".h5", ".hdf5", ".msot")  # of `io.formats`

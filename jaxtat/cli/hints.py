@@ -10,7 +10,7 @@ from ..base.choice_table import NUMBERS, OF_TWO_SPEEDS, OPTIONS, words_of
 from ..geometry import in_plane
 from ..io import Scan
 from ..scans import Choices, to_look_at
-from ..scans.found import SHARES
+from ..scans.region import SHARES
 from .inputs import FACTS
 from .option_checks import OF_PLANS, wants_plan
 

@@ -8,11 +8,11 @@ from .choosing import choose
 from .deviations import standard_deviations
 from .errors_of_images import ImageErrors, image_errors
 from .frames import integrals, setup_of
-from .graded import as_json, to_look_at
 from .images import ScanImages, reconstruct, reconstruct_file
 from .info import describe
 from .method import with_best_method
-from .trying import trials
+from .parameter_export import as_json, to_look_at
+from .parameter_sweep import trials
 
 __all__ = [
     "BodyEstimate",

@@ -16,18 +16,21 @@ from ..base.choice_table import GUESSED, LIKELY
 from ..geometry import ArcFit, detector_curve
 from ..io import Scan
 from ..steps import AccuracyWarning, Contradiction
-from .acquisition import FASTEST, SLOWEST, arc_through, facts_of
+from .acquisition import FASTEST, SLOWEST, arc_through, facts_of, nominal_water_speed
+from .angular_coverage import SEEN_TWICE, span
+from .arrival_times import early_or_late
 from .choices import Choices
-from .found import RIM, Found
+from .estimate import Estimate, Source
 from .frames import shifted_times
+from .medium import single_speed
 from .misfit import Misfit, Sound, misfit_of
-from .one_side import SEEN_TWICE, span
-from .region_in_plane import circle_without_detectors
+from .parameters import Parameters
+from .preprocess import RIM, Acquisition
+from .region import circle_without_detectors, free_circle
 from .sound_speed import STEP, Least, Start, best_start, least_share
 from .speed_found import UNSURE
 
 FEWEST_SAMPLES = 64  # in which sound passes
-DISTINCT = 0.3  # depth from which a speed is believed, of detectors on most sides
 LATE = 1.0 / 13  # of the arrival from the middle: a start may be wrong by that
 CLEARLY = 0.5  # share² that the right model must spare, to be likely
 MUCH_LESS = 0.3  # and another start
@@ -38,6 +41,12 @@ NO_IMAGE = 0.88  # share² over that of rows in another order, from which no ima
 HARDLY = 0.5  # of that ratio, from which other speeds than the file's are tried
 STRETCHES = np.arange(SLOWEST, FASTEST + STEP / 2, STEP)  # speeds that are tried, over nominal
 WHAT = {"2d": "two-dimensional waves", "in-plane": "sound in the plane"}
+OPEN = ("sound_speed", "model")  # what images tell
+NO_IMAGE_SAYS = (
+    "no image explains this record: the best leaves {least:.0%} of it, and {chance:.0%} with its "
+    "rows mixed. Check the order of the rows, the sampling rate, the start of the record, the "
+    "units of positions and times, and whether there is more than noise"
+)
 
 
 class Told(NamedTuple):
@@ -129,53 +138,61 @@ def sound_of(
     return sound_within(arc, points, np.asarray(frame, float)[rows], times, good, begin, speed)
 
 
-def tell_acoustics(
-    sound: Sound, arc: ArcFit, found: Found, nominal: float, start_known: bool
-) -> None:
-    """Take what the record tells of speed, model and start, and warn of what it contradicts.
+def tell_acoustics(record: Acquisition, p: Parameters) -> Parameters:
+    """What the record tells of model, speed and start, with a warning of what it contradicts.
+
+    Of records of a scanner's size, by the best image of all that may sound within the detectors: of
+    others nothing is estimated. Nor where sound arrives when the positions do not allow it.
+    """
+    said = early_or_late(record, float(p["sound_speed"]))
+    if said:
+        warnings.warn(f"{said}.", Contradiction, stacklevel=5)
+        return p.doubted(said, OPEN)
+    if nominal_water_speed(record.facts.units) is None:
+        return p
+    arc, speed = free_circle(record.facts, p), single_speed(record.facts, p)
+    sound = sound_within(
+        arc, record.points, record.frame, record.times, record.good, record.begin, speed
+    )
+    if sound is None:
+        return p.settled("the record is too short to tell it", OPEN)
+    return _told_by_images(sound, record, p, speed, arc.radius)
+
+
+def _told_by_images(
+    sound: Sound, record: Acquisition, p: Parameters, nominal: float, distance: float
+) -> Parameters:
+    """By the best images of the record.
 
     Args:
-        sound: the record.
-        arc: circle of the detectors, or the largest without any.
-        found: with the speed of the file, the one given, or water's.
-        nominal: that speed, of two the single one that comes nearest [length/time].
-        start_known: whether the file or the user says when the record starts.
+        nominal: the speed of the file, the one given, or water's; of two the single one that comes
+            nearest [length/time].
+        distance: of the detectors from the middle [length].
     """
-    distance = arc.radius
     seen = span(np.asarray(sound.curve.points)[sound.good], sound.center)
-    unknown = "sound_speed" in found.to_estimate and seen >= SEEN_TWICE
-    models = [str(found.values["model"])]
-    if "model" in found.to_estimate and seen >= SEEN_TWICE:
-        models = list(WHAT)
-    elif "model" in found.to_estimate:
-        _keep_model(found, seen)
+    twice = seen >= SEEN_TWICE
+    unknown = p.nominal("sound_speed") and twice
+    models = list(WHAT) if p.nominal("model") and twice else [str(p["model"])]
+    if p.nominal("model") and not twice:
+        p = _with_model(p, _kept_model(p.estimates["model"], seen))
     told = [_told(sound, model, nominal, sought=unknown) for model in models]
     best = told[0]
     if len(told) > 1:
         # each with the weight that goes with it: those of water's speed are too large
         shares = [each.misfit.best(each.speed.value).share for each in told]
         best, other = (told[k] for k in np.argsort(shares))
-        _take_model(found, best, other, min(shares), max(shares))
+        p = _with_model(p, _better_model(best, other, min(shares), max(shares)))
     chance = cache(partial(_share_by_chance, best))
-    told_by_user = any(found.given.get(name) is not None for name in ("sound_speed", "water_speed"))
-    of_file = not told_by_user and "sound_speed" not in found.to_estimate
-    if of_file and seen >= SEEN_TWICE and (best.speed.fit.share / chance()) ** 2 > HARDLY:
+    told_by_user = p.gives("sound_speed") or p.gives("water_speed")
+    of_file = not told_by_user and not p.nominal("sound_speed")
+    if of_file and twice and (best.speed.fit.share / chance()) ** 2 > HARDLY:
         best = _told(sound, best.model, nominal, sought=True)
-        _compare(found, best, nominal)
-    reason = _contradiction(best, chance)
-    if reason:
-        warnings.warn(f"{reason}.", Contradiction, stacklevel=6)
-        if seen >= SEEN_TWICE:
-            found.settle_all(reason)
-        found.doubt()
-        return
-    if unknown:
-        start = None
-        if not start_known and _tells_start(sound):
-            best, start = _with_start(sound, best, nominal, distance)
-        elif not start_known:
-            _say_what_start_does(found, best.speed.value, distance)
-        _take_speed(found, best, start)
+        p = _compared(p, best, nominal)
+    if _contradicted(best, chance):
+        data = {"least": best.speed.fit.share, "chance": chance()}
+        warnings.warn(f"{NO_IMAGE_SAYS.format(**data)}.", Contradiction, stacklevel=6)
+        return p.doubted(NO_IMAGE_SAYS, OPEN if twice else (), **data)
+    return _with_speed(sound, record, p, best, nominal, distance) if unknown else p
 
 
 def _told(sound: Sound, model: str, nominal: float, *, sought: bool) -> Told:
@@ -190,27 +207,28 @@ def _told(sound: Sound, model: str, nominal: float, *, sought: bool) -> Told:
     return Told(model, misfit, first.weight, speed)
 
 
-def _take_model(found: Found, best: Told, other: Told, least: float, most: float) -> None:
+def _better_model(best: Told, other: Told, least: float, most: float) -> Estimate:
     """The model by which the best image leaves less unexplained."""
     clear = (least / most) ** 2 < 1 - CLEARLY
     why = (
-        f"the best image leaves {least:.0%} of the record unexplained as {WHAT[best.model]}, "
-        f"{most:.0%} as {WHAT[other.model]}"
+        f"the best image leaves {{least:.0%}} of the record unexplained as {WHAT[best.model]}, "
+        f"{{most:.0%}} as {WHAT[other.model]}"
     )
-    _settle_model(found, best.model, why, LIKELY if clear else GUESSED)
+    grade, data = LIKELY if clear else GUESSED, {"least": least, "most": most}
+    return Estimate(best.model, why, grade, Source.ESTIMATE, data=data)
 
 
-def _keep_model(found: Found, seen: float) -> None:
+def _kept_model(model: Estimate, seen: float) -> Estimate:
     """The model that the record alone spoke for: seen once, edges fit either."""
-    model = found.values["model"]
-    why = f"{found.reasons['model']}; from {seen:.0f} degrees images do not tell"
-    _settle_model(found, model, why, GUESSED)
+    why = "; from {seen:.0f} degrees images do not tell"
+    return model.but(why, GUESSED, seen=seen)._replace(source=Source.ESTIMATE)
 
 
-def _settle_model(found: Found, model: str, why: str, grade: str) -> None:
-    if model == "2d":
-        warnings.warn(f"{why}; a scanner's record needs model in-plane.", AccuracyWarning, 8)
-    found.settle("model", model, why, grade)
+def _with_model(p: Parameters, model: Estimate) -> Parameters:
+    if model.value == "2d":
+        why = model.sentence(p.units)
+        warnings.warn(f"{why}; a scanner's record needs model in-plane.", AccuracyWarning, 7)
+    return p.with_(model=model)
 
 
 def _tells_start(sound: Sound) -> bool:
@@ -220,24 +238,12 @@ def _tells_start(sound: Sound) -> bool:
     return bool(distances.min() < (1 - UNEQUAL) * distances.max())
 
 
-def _say_what_start_does(found: Found, speed: float, distance: float) -> None:
-    """The line that joins speeds and starts: sound from the middle arrives when it does."""
-    units = found.values["units"]
-    later = MICROSECOND / units.in_si("time")[0]
-    faster = distance / (distance / speed - later) - speed
-    why = (
-        f"{found.reasons['time_shift']}, which a circle of detectors does not tell: "
-        f"{units.of_time(later)} more would make the speed {units.of_speed(faster)} more"
-    )
-    found.explain("time_shift", why, LIKELY)
-
-
 def _with_start(
     sound: Sound, told: Told, nominal: float, distance: float
 ) -> tuple[Told, Start | None]:
     """The speed with another start of the record, where that spares much."""
     speed, misfit = told.speed, told.misfit
-    if not speed.inside or speed.depth < DISTINCT:
+    if not speed.distinct:
         ends = (1 - LATE) * SLOWEST, (1 + LATE) * FASTEST
         stretch = np.arange(*ends, STEP)
         fit_at = partial(misfit.best, weight=told.weight)
@@ -252,57 +258,78 @@ def _with_start(
     return told._replace(speed=start.speed), start
 
 
-def _take_speed(found: Found, told: Told, start: Start | None) -> None:
-    speed, units = told.speed, found.values["units"]
-    error = speed.standard_error
+def _with_speed(
+    sound: Sound, record: Acquisition, p: Parameters, told: Told, nominal: float, distance: float
+) -> Parameters:
+    """Speed and start, where neither the file nor the user says when the record starts."""
+    start = None
+    if not (p.gives("time_shift") or "times" in record.scan.known):
+        if _tells_start(sound):
+            told, start = _with_start(sound, told, nominal, distance)
+        else:
+            p = p.with_(time_shift=_start_and_speed(p, told.speed.value, distance))
     if start is not None:
-        found.values["time_shift"] = start.shift
-        gone = units.of_time(abs(start.shift))
-        when = "late" if start.shift > 0 else "early"
-        why = (
-            f"the record starts {gone} {when}: {start.gain:.0%} less is left unexplained; "
-            "--start-time gives another start"
-        )
-        found.explain("time_shift", why, GUESSED)
+        p = p.with_(time_shift=_shifted(start, record))
+    return p.with_(sound_speed=_speed(told.speed, start, p))
+
+
+def _start_and_speed(p: Parameters, speed: float, distance: float) -> Estimate:
+    """The line that joins speeds and starts: sound from the middle arrives when it does."""
+    later = MICROSECOND / p.units.in_si("time")[0]
+    faster = distance / (distance / speed - later) - speed
+    why = (
+        ", which a circle of detectors does not tell: {later:time} more would make the speed "
+        "{faster:speed} more"
+    )
+    return p.estimates["time_shift"].but(why, LIKELY, later=later, faster=faster)
+
+
+def _shifted(start: Start, record: Acquisition) -> Estimate:
+    when = "late" if start.shift > 0 else "early"
+    why = (
+        f"the record starts {{gone:time}} {when}: {{gain:.0%}} less is left unexplained; "
+        "--start-time gives another start"
+    )
+    data = {"gone": abs(start.shift), "gain": start.gain}
+    return Estimate(start.shift, why, GUESSED, Source.ESTIMATE, data=data)
+
+
+def _speed(speed: Least, start: Start | None, p: Parameters) -> Estimate:
+    """Where least is unexplained; water's where that is at an end of the range."""
     if not speed.inside:
         why = "water's: no speed within 10 % of it leaves least unexplained"
-        found.settle("sound_speed", found.values["sound_speed"], why, GUESSED)
-        return
-    sure = speed.depth >= DISTINCT and error <= UNSURE * speed.value
-    sure = sure and found.grades["model"] != GUESSED
-    why = f"the best image leaves {speed.fit.share:.0%} unexplained, least of all speeds"
+        return Estimate(p["sound_speed"], why, GUESSED, Source.ESTIMATE)
+    error = speed.standard_error
+    sure = speed.distinct and error <= UNSURE * speed.value
+    sure = sure and p.estimates["model"].grade != GUESSED
+    why = "the best image leaves {share:.0%} unexplained, least of all speeds"
     if not sure:
-        why += f", but by {max(speed.depth, 0.0):.0%} only"
+        why += ", but by {depth:.0%} only"
     if start is not None:
         sure, why = False, f"{why}, with the shift of times"
+    data = {"share": speed.fit.share, "depth": max(speed.depth, 0.0)}
     grade = LIKELY if sure else GUESSED
-    found.settle("sound_speed", speed.value, f"{why}; none in the file", grade, error)
+    return Estimate(speed.value, f"{why}; none in the file", grade, Source.ESTIMATE, error, data)
 
 
-def _compare(found: Found, told: Told, nominal: float) -> None:
+def _compared(p: Parameters, told: Told, nominal: float) -> Parameters:
     """Doubt the speed of the file where another one leaves much less unexplained."""
     speed, own = told.speed, told.misfit.best(nominal, weight=told.weight)
     spared = 1 - (speed.fit.share / max(own.share, 1e-300)) ** 2
-    other = speed.inside and abs(speed.value / nominal - 1) > UNSURE and spared > MUCH_LESS
-    if other:
-        units = found.values["units"]
-        why = f"{found.reasons['sound_speed']}; but at {units.of_speed(speed.value)}"
-        found.explain("sound_speed", f"{why} {spared:.0%} less is unexplained: try that", GUESSED)
+    if not (speed.inside and abs(speed.value / nominal - 1) > UNSURE and spared > MUCH_LESS):
+        return p
+    why = "; but at {better:speed} {spared:.0%} less is unexplained: try that"
+    of_file = p.estimates["sound_speed"].but(why, GUESSED, better=speed.value, spared=spared)
+    return p.replaced(sound_speed=of_file)
 
 
-def _contradiction(told: Told, chance: Callable[[], float]) -> str:
-    """That little is explained, and of mixed rows as much, in a sentence; "" if not."""
+def _contradicted(told: Told, chance: Callable[[], float]) -> bool:
+    """Whether little is explained, and of mixed rows as much."""
     least = told.speed.fit.share
-    if told.speed.inside and told.speed.depth >= DISTINCT:
-        return ""  # mixed rows have no such speed, 0.27 at most
+    if told.speed.distinct:
+        return False  # mixed rows have no such speed, 0.27 at most
     # what is round about the middle gives all detectors the same record
-    if least < EXPLAINED or (least / chance()) ** 2 < NO_IMAGE:
-        return ""
-    return (
-        f"no image explains this record: the best leaves {least:.0%} of it, and {chance():.0%} "
-        "with its rows mixed. Check the order of the rows, the sampling rate, the start of the "
-        "record, the units of positions and times, and whether there is more than noise"
-    )
+    return least >= EXPLAINED and (least / chance()) ** 2 >= NO_IMAGE
 
 
 def _share_by_chance(told: Told) -> float:

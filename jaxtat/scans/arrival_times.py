@@ -19,7 +19,8 @@ from jaxtyping import Float
 
 from ..records.signal_power import RecordPower
 from .acquisition import FASTEST, SLOWEST
-from .found import RIM
+from .onset_times import power_after
+from .preprocess import RIM, Acquisition, artefact_ends
 
 MISFIT = 0.12  # of times over R; whole scans had up to 0.096
 SCATTER = 0.2  # of the times of neighbours, over themselves: those of noise scatter more
@@ -29,21 +30,25 @@ MISTAKES = {"half": 2.0, "twice": 0.5}  # the sampling rate, and what times are 
 QUIET = 0.25  # share of a record, of whose power twice the largest is not sound
 
 
-def early_or_late(
-    power: RecordPower, points: Float[np.ndarray, "detectors 2"], radius: float, speed: float
-) -> str:
+def early_or_late(record: Acquisition, speed: float) -> str:
     """That sound arrives too early or too late, and what to check, in a sentence; "" if not.
 
     Args:
-        power: of the detectors in order along the curve, from where sound may begin.
-        points: of the detectors, from the middle of their circle [length].
-        radius: of that circle [length].
+        record: its sound is judged, not what the laser does to the amplifiers, whatever model and
+            dead time are.
         speed: of sound, to about 10 % [length/time].
     """
+    arc = record.facts.arc
+    if arc is None:
+        return ""
+    begin = max(record.begin, artefact_ends(record.frame, record.times, record.middle, True))
+    kept = record.times >= begin
+    power = power_after(begin, record.heard[:, kept], record.times[kept], detrend=True)
+    points = (record.points[record.good] - np.array(arc.center)) / arc.radius
 
     def of_times(stretch: float) -> tuple[bool, float]:
         stretched = power._replace(times=stretch * power.times)
-        misfit, path = misfit_of_times(stretched, points / radius, speed / radius)
+        misfit, path = misfit_of_times(stretched, points, speed / arc.radius)
         return misfit < MISFIT and path < FARTHEST, path
 
     allowed, path = of_times(1.0)

@@ -24,15 +24,16 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..base.choice_table import GUESSED
 from ..densities.cylindrical_waves import unexplained_share, waves_of
 from ..io import Scan
 from ..reconstruction import OnLadder
 from .acquisition import FASTEST, SLOWEST, facts_of, typical_frame
 from .all_speeds import data_by_speed, problem_for_speeds
 from .choices import Choices
+from .estimate import Estimate
 from .frames import integrals
-from .one_side import seen_once
-from .speed_found import SpeedFound, believed, jackknife, summit, unknown
+from .speed_found import believed, jackknife, summit, unknown
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 41)
 BESIDE = 4  # speeds to each side that belong to a dip
@@ -55,25 +56,27 @@ class Dip(NamedTuple):
         complete: whether the record ends after all sound from the region.
     """
 
-    found: SpeedFound
+    found: Estimate
     depth: float
     complete: bool = True
 
 
-def speed_best_explained(scan: Scan, choices: Choices) -> tuple[SpeedFound, str]:
-    """The speed at which an image in the region explains most of a typical frame.
+def speed_best_explained(scan: Scan, choices: Choices) -> Estimate:
+    """The speed over water's at which an image in the region explains most of a typical frame.
 
     Args:
         scan, choices: in the plane, of pressure.
 
     Returns:
-        A speed, with a standard error if the record shows one, and what casts doubt on it, in
-        words; "" for nothing.
+        Guessed, without a standard error, where something casts doubt on it.
     """
-    if seen_once(scan, choices):
-        return unknown("little of the region is between any two detectors"), ""
     dip = dip_of(scan, choices)
-    return dip.found, _doubt(dip)
+    if dip.found.standard_error is None:
+        return dip.found
+    doubt = _doubt(dip, dip.found.standard_error / dip.found.value)
+    if doubt is None:
+        return dip.found.but("; none in the file", dip.found.grade)
+    return dip.found.but(f"; {doubt}", GUESSED)._replace(standard_error=None)
 
 
 def dip_of(scan: Scan, choices: Choices) -> Dip:
@@ -92,13 +95,12 @@ def dip_of(scan: Scan, choices: Choices) -> Dip:
     return found._replace(complete=problem.setup.complete)
 
 
-def _doubt(dip: Dip) -> str:
-    error = (dip.found.standard_error or 0.0) / dip.found.stretch
+def _doubt(dip: Dip, error: float) -> str | None:
     if not dip.complete:
         return "but the record ends early"
     if error > SURE_TO:
         return f"but edges agree to {error:.2%} only"
-    return "" if dip.depth > CLEAR else "but that is not much"
+    return None if dip.depth > CLEAR else "but that is not much"
 
 
 def share_by_speed(
@@ -147,7 +149,7 @@ def deepest(
 
     >>> dip = lambda speeds: np.exp(-np.exp(-(((speeds - 0.9877) / 0.01) ** 2))) * np.ones((64, 1))
     >>> found, depth, _ = deepest(dip)
-    >>> round(found.stretch, 5), round(found.standard_error, 9), round(depth, 1)
+    >>> round(found.value, 5), round(found.standard_error, 9), round(depth, 1)
     (0.9877, 0.0, 1.0)
     """
     explained = -np.log(share_at(SPEEDS)).mean(axis=0)

@@ -29,10 +29,10 @@ from ..geometry import DiskBody
 from ..io import Scan
 from .acoustics import sound_of
 from .acquisition import FASTEST, SLOWEST
+from .angular_coverage import SEEN_TWICE, span
 from .choices import Choices
 from .misfit import Fit, Misfit, Place, Sound, misfit_of, place_of
-from .one_side import SEEN_TWICE, span
-from .region_in_plane import MARGIN
+from .region import MARGIN
 from .sound_speed import SECTORS, least_share
 from .speed_found import jackknife
 

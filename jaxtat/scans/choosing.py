@@ -9,9 +9,8 @@ from ..io import Scan
 from ..io.scan import require_one_rate
 from .acquisition import in_space
 from .choices import Choices
-from .choose_in_plane import choices_in_plane
-from .choose_in_space import choices_in_space
 from .noise import estimate_alpha
+from .pipeline import choices_in_plane, choices_in_space
 from .two_speeds import with_two_speeds, with_water_of
 
 

@@ -72,8 +72,9 @@ def positive_by_speed(scan: Scan, choices: Choices) -> Float[np.ndarray, " speed
     distance = filled_up(distance, (problem.curve.n_detectors,), by="last")
     sounding = jax.device_put(distance[:, None] + body * np.array([-1.0, 1.0]))
     g = problem.data(integrals(scan, coarse, setup, typical_frame(scan)))
-    g = _heard(g, radii, sounding)
-    data = data_by_speed(g, radii, jax.device_put(SPEEDS), sizes.frequencies)
+    data = data_by_speed(
+        g * faded(radii, sounding), radii, jax.device_put(SPEEDS), sizes.frequencies
+    )
     basis = problem.basis()
     rule = tikhonov_rule(max(choices.alpha, LEAST_ALPHA), sizes.frequencies.shape[0])
     relative = np.arange(sizes.n_frequencies + 1) / sizes.n_frequencies
@@ -86,11 +87,6 @@ def positive_by_speed(scan: Scan, choices: Choices) -> Float[np.ndarray, " speed
     offsets = np.asarray(setup.grid.points) - np.asarray(choices.region_center)
     windows = np.array([_window(offsets - middle, WINDOW * body) for middle in middles])
     return positive_share(images, windows)
-
-
-@jax.jit
-def _heard(g: Array, radii: Array, sounding: Array) -> Float[Array, "detectors radii"]:
-    return g * faded(radii, sounding)
 
 
 def _coarse(choices: Choices, radius: float, size: float) -> Choices:

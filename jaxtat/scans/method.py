@@ -1,4 +1,4 @@
-"""Which method makes the image of a scan: a fit under constraints, or the formula.
+"""How the image of a scan is made: by a fit under constraints, or by the formula.
 
 Measured records of pressure are fitted, with f >= 0 and total variation: they lack low frequencies
 and hold noise, and detectors on an open arc do not see all edges. On 41 simulated scans such images
@@ -10,12 +10,72 @@ of all of them at every frequency, which are slower than a fit and see nothing o
 
 from dataclasses import replace
 
-from ..base.choice_table import GUESSED, LIKELY
+from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
 from ..geometry import Region, visibility
 from ..io import Scan
 from .acquisition import facts_of
 from .choices import Choices
-from .found import ADDS, OF_FORMULA
+from .estimate import Estimate
+from .parameters import Parameters
+from .preprocess import Acquisition, AcquisitionInSpace
+
+OF_FORMULA = ("alpha", "low_pass", "inversion")  # choices that mean nothing to a fit
+ADDS = "light that is absorbed only adds pressure; --signed allows f < 0"
+FIT = {
+    "penalty": Estimate("tv", "total variation: for objects with edges", GUESSED),
+    "nonnegative": Estimate(True, ADDS, LIKELY),
+    "weight": Estimate(None, "balances penalty and misfit", LIKELY),
+}
+
+
+def laser_energy(record: Acquisition | AcquisitionInSpace, p: Parameters) -> Parameters:
+    """Whether frames are divided by the energy of their pulses: said where the file has it."""
+    if "laser_energy" in record.scan.known:
+        return p.with_(laser_energy=Estimate(True, "in the file; the image is per unit of it"))
+    if p.given.get("laser_energy"):
+        raise ValueError("laser_energy is wanted, but the file has no energies of its pulses.")
+    return p.fixed(laser_energy=False)
+
+
+def constraints(record: Acquisition | AcquisitionInSpace, p: Parameters) -> Parameters:
+    """The last step, and whether images are fitted: a given penalty implies it."""
+    p = p.with_(inversion=Estimate("fourier", "the faster way to the same image"))
+    asked = [name for name in OF_CONSTRAINTS if p.given.get(name)]
+    say_so = {"nonnegative": False, "weight": 0}  # too
+    asked += [n for n, value in say_so.items() if p.gives(n) and p.given[n] == value]
+    expected = p.estimates.get("model_based")
+    if p.given.get("model_based") is False:
+        _require_direct(asked, expected)
+    p = p.fixed(penalty="tv", nonnegative=False, weight=None)
+    if not (asked or expected):
+        return p.fixed(model_based=False)
+    if expected is None:
+        why = "given" if "model_based" in asked else f"{asked[0]} is given"
+        expected = Estimate(True, why)
+    _require_no_formula(p, expected)
+    fit = dict(FIT)
+    if record.scan.kind != "pressure":  # whose source is nowhere negative
+        fit["nonnegative"] = Estimate(False, "not asked for", LIKELY)
+    return p.replaced(model_based=expected._replace(grade=SURE)).with_(**fit)
+
+
+def _require_direct(asked: list[str], expected: Estimate | None) -> None:
+    """Raise ValueError where the formula is asked for and cannot be, or constraints are too."""
+    if expected is not None:
+        raise ValueError(f"the direct image is asked for, but {expected.why}: leave that out.")
+    if asked:
+        raise ValueError(
+            f"the direct image is asked for, and {asked[0]}, which is of fits: leave one out."
+        )
+
+
+def _require_no_formula(p: Parameters, fitted: Estimate) -> None:
+    asked = [name for name in OF_FORMULA if p.gives(name)]
+    if asked:
+        raise ValueError(
+            f"{asked[0]} is of the formula, but images are fitted here "
+            f"({fitted.why}): leave it out."
+        )
 
 
 def with_best_method(scan: Scan, choices: Choices) -> Choices:
@@ -32,13 +92,12 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
         return choices
     if choices.model == "2d" and _sees_all(scan, choices):
         return choices
-    fitted = replace(choices, model_based=True, penalty="tv", nonnegative=True, weight=None)
-    fitted = fitted.with_reason(
-        "model_based", "more accurate for measured pressure; --direct for the formula", LIKELY
-    )
-    fitted = fitted.with_reason("penalty", "total variation: for objects with edges", GUESSED)
-    fitted = fitted.with_reason("nonnegative", ADDS, LIKELY)
-    return fitted.with_reason("weight", "balances penalty and misfit", LIKELY)
+    why = "more accurate for measured pressure; --direct for the formula"
+    fit = {"model_based": Estimate(True, why, LIKELY), **FIT}
+    fitted = replace(choices, **{name: e.value for name, e in fit.items()})
+    for name, e in fit.items():
+        fitted = fitted.with_reason(name, e.why, e.grade)
+    return fitted
 
 
 def _sees_all(scan: Scan, choices: Choices) -> bool:

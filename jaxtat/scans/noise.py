@@ -1,28 +1,87 @@
-"""alpha of waves in the plane, by what of a typical frame no image explains.
+"""alpha: by the quiet part of a record; of waves in the plane by what no image explains.
 
 The quiet part of a record shows the noise of its elements. But walls and a wrong speed of sound
 disturb images, too, and no image explains them either.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.choice_table import LIKELY
+from ..base.choice_table import GUESSED, LIKELY
 from ..densities.cylindrical_waves import cross_validation, waves_of
 from ..io import Scan
 from ..reconstruction import OnLadder
+from ..records.signal_power import noise_before, record_power
 from ..steps.radial_transforms import radial_transform
 from .acquisition import typical_frame
 from .choices import Choices
-from .found import ALPHAS
+from .estimate import Estimate, Source
 from .frames import integrals, problem_of
+from .parameters import Parameters
+from .preprocess import Acquisition, AcquisitionInSpace
+from .resolution import first_arrival
 
+ALPHAS = (1e-6, 1e-1)
+CLEAN = 1e-5  # alpha below which no low-pass filter is needed
+INTEGRALS_ALPHA = 1e-6
+UNKNOWN_NOISE = 1e-3  # alpha of a record in space that starts with sound
 PER_DECADE = 10  # values of alpha to choose from
 FREQUENCIES = 32  # at most, among all of the image's, that decide
+
+
+def noise_in_plane(record: Acquisition, p: Parameters) -> Parameters:
+    """alpha and low pass: power of the noise over that of the sound, as in Wiener's filter."""
+    power = record.power.after(record.begin)
+    ratio = noise_before(power._replace(power=power.power[record.good]), first_arrival(record, p))
+    if ratio is None:
+        return with_alpha(p, record.floor, "by differences of samples", GUESSED)
+    return with_alpha(p, ratio, "before sound from the region arrives")
+
+
+def noise_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters:
+    """The same of a record around a volume."""
+    if record.listened is None or record.facts.times is None:
+        return exact_integrals(record, p)
+    power = record_power(record.listened, record.facts.times, detrend=False)
+    ratio = noise_before(power.after(2 * p["dead_time"] or -np.inf), record.arrival(p))
+    if ratio is None:
+        how = "assumed: no silence in the record, by which it could be told"
+        return with_alpha(p, UNKNOWN_NOISE, how, GUESSED)
+    p = with_alpha(p, ratio, "before sound from the region arrives")
+    why = "all waves up to the highest stand out of the noise"
+    return p.with_(low_pass=Estimate("none", why, LIKELY, Source.ESTIMATE))
+
+
+def exact_integrals(_: Any, p: Parameters) -> Parameters:
+    """alpha and low pass of integrals over circles or spheres."""
+    what = "circular integrals" if len(p["region_center"]) == 2 else "integrals over spheres"
+    why = f"{what} are taken to be exact"
+    return p.with_(
+        alpha=Estimate(INTEGRALS_ALPHA, why, GUESSED), low_pass=Estimate("none", why, GUESSED)
+    )
+
+
+def with_alpha(p: Parameters, ratio: float, how: str, grade: str = LIKELY) -> Parameters:
+    """alpha and low pass by the power of the noise over that of the sound, and how it is known.
+
+    Args:
+        ratio: as in Wiener's filter; alpha is kept within `ALPHAS`.
+        how: words that follow the number.
+        grade: of that number.
+    """
+    least, most = ALPHAS
+    kept = "raised to the least: " if ratio < least else "capped: " if ratio > most else ""
+    why, data = f"{kept}noise over signal power {{ratio:.2g}}, {how}", {"ratio": ratio}
+    alpha = float(np.clip(ratio, least, most))
+    p = p.with_(alpha=Estimate(alpha, why, grade, Source.ESTIMATE, data=data))
+    noisy = p["alpha"] > CLEAN
+    low_pass, why = ("cosine", "noise") if noisy else ("none", "hardly any noise")
+    return p.with_(low_pass=Estimate(low_pass, why, grade, Source.ESTIMATE))
 
 
 def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
@@ -44,7 +103,7 @@ def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
         The same choices for other models, for images under constraints, for detectors that
         cylindrical waves do not reach, and if alpha is given.
     """
-    if not wants_alpha(choices):
+    if choices.model != "2d" or choices.model_based or "alpha" in choices.user_set:
         return choices
     problem = problem_of(scan, choices)
     if not (problem.setup.complete and problem.geometry is not None):
@@ -59,12 +118,6 @@ def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
         return found
     why = "alpha keeps the noise of two-dimensional waves out"
     return replace(found, low_pass="none").with_reason("low_pass", why, LIKELY)
-
-
-def wants_alpha(choices: Choices) -> bool:
-    """Whether alpha can be estimated and is not given."""
-    of_formula = choices.model == "2d" and not choices.model_based
-    return of_formula and "alpha" not in choices.user_set
 
 
 def _prediction_error(problem: OnLadder, g: Array, alphas: Array) -> Float[np.ndarray, " alphas"]:

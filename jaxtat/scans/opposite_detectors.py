@@ -27,9 +27,10 @@ from ..geometry import DetectorPoints
 from ..io import Scan
 from .acquisition import FASTEST, SLOWEST, times_of, typical_frame
 from .choices import Choices
+from .estimate import Estimate
 from .frames import conditioned
 from .space import facts_in_space
-from .speed_found import SpeedFound, believed, jackknife, summit, unknown
+from .speed_found import believed, jackknife, summit, unknown
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 15)
 AGREE = 0.3  # M at the peak, at least
@@ -40,39 +41,14 @@ SHARPER = 1.5  # times the image's highest frequency, up to which the record is 
 ACROSS = 25  # points along the region's diameter, at which they agree or not
 
 
-def speed_in_space(scan: Scan, choices: Choices) -> SpeedFound:
-    """The speed of sound at which opposite detectors agree best, for a typical frame.
+def speed_in_space(scan: Scan, choices: Choices) -> Estimate:
+    """The speed over that of the choices at which opposite detectors agree best.
 
     Args:
-        scan, choices: in space, of pressure.
+        scan, choices: in space, of pressure; of a typical frame.
     """
-    record = _filtered_record(scan, choices)
-    best = _best(record, choices.sound_speed)
-    if best.agreement < AGREE:
-        return unknown(
-            f"opposite detectors agree at no other within 10 %, to {best.agreement:.0%} at most"
-        )
-    displaced = record.displaced(choices.sound_speed)
-    speed = best.speed / (1 + displaced)
-    error = float(np.hypot(best.error, FITS * displaced * speed))
-    why = f"opposite detectors agree best, to {best.agreement:.0%}"
-    return believed(speed, error, why, "detectors")
+    record, assumed = _filtered_record(scan, choices), choices.sound_speed
 
-
-class _Best(NamedTuple):
-    """The speed at which M is largest, over the assumed one, and how well it is known.
-
-    Attributes:
-        speed, error: with the jackknife's standard error.
-        agreement: M there.
-    """
-
-    speed: float
-    error: float
-    agreement: float
-
-
-def _best(record: "_Record", assumed: float) -> _Best:
     def agreement_at(speeds: np.ndarray) -> np.ndarray:
         return np.array([_agreements(record, speed) for speed in assumed * speeds])
 
@@ -80,8 +56,15 @@ def _best(record: "_Record", assumed: float) -> _Best:
     best = int(np.argmax(coarse[1:-1])) + 1
     near = np.linspace(SPEEDS[best - 1], SPEEDS[best + 1], 9)
     found = agreement_at(near)
-    error = jackknife([summit(near, without) for without in found[:, 1:].T])
-    return _Best(summit(near, found[:, 0]), error, float(found[:, 0].max()))
+    most = float(found[:, 0].max())
+    if most < AGREE:
+        return unknown(f"opposite detectors agree at no other within 10 %, to {most:.0%} at most")
+    displaced = record.displaced(assumed)
+    speed = summit(near, found[:, 0]) / (1 + displaced)
+    scatter = jackknife([summit(near, without) for without in found[:, 1:].T])
+    error = float(np.hypot(scatter, FITS * displaced * speed))
+    why = f"opposite detectors agree best, to {most:.0%}; none in the file"
+    return believed(speed, error, why, "detectors")
 
 
 class _Record(NamedTuple):

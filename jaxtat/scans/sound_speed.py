@@ -23,6 +23,7 @@ from .speed_found import jackknife, summit
 
 STEP = 1 / 120  # between speeds, over water's
 FINER = 4  # parts of it
+DISTINCT = 0.3  # depth from which a speed is believed, of detectors on most sides
 SECTORS = 8  # of detectors, each of which is left out in turn
 TELLING = 0.4  # depth from which fits that are hardly begun tell where the least is
 BESIDE = 2  # steps to each side of the least share that are no measure of the others
@@ -50,6 +51,11 @@ class Least(NamedTuple):
     def inside(self) -> bool:
         """Whether it is not at an end of the range."""
         return bool(np.isfinite(self.standard_error))
+
+    @property
+    def distinct(self) -> bool:
+        """Whether it is believed, of detectors on most sides."""
+        return self.inside and self.depth >= DISTINCT
 
 
 def least_share(

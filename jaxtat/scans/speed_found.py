@@ -1,40 +1,38 @@
-"""An estimated speed of sound, and what its estimators share."""
+"""An estimated speed of sound, and what its estimators share: peaks, parabolas, the jackknife."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ..base.choice_table import GUESSED, LIKELY
+from .choices import Choices, at_speed
+from .estimate import Estimate, Source
 
 UNSURE = 0.005  # standard error over the speed, above which it is not believed
 
 
-class SpeedFound(NamedTuple):
-    """A speed over that of water, with reason, grade and standard error (None if not estimated)."""
-
-    stretch: float
-    why: str
-    grade: str
-    standard_error: float | None
+def believed(stretch: float, error: float, why: str, who: str) -> Estimate:
+    """A speed over that of water, if those who show it, in words, agree on it."""
+    if error > UNSURE * stretch:
+        return unknown(f"{who} of different directions do not agree, to {error / stretch:.1%}")
+    return Estimate(stretch, why, LIKELY, Source.ESTIMATE, error)
 
 
-def believed(speed: float, error: float, why: str, who: str) -> SpeedFound:
-    """A speed with its standard error, if those who show it, in words, agree on it."""
-    if error > UNSURE * speed:
-        return unknown(f"{who} of different directions do not agree, to {error / speed:.1%}")
-    return SpeedFound(speed, why, LIKELY, error)
-
-
-def unknown(why: str) -> SpeedFound:
+def unknown(why: str) -> Estimate:
     """Water's speed, with the reason why no other is known."""
-    return SpeedFound(1.0, why, GUESSED, None)
+    return Estimate(1.0, why, GUESSED)
 
 
-def beside(k: int, n: int, width: int) -> np.ndarray:
-    """Which of n speeds are surroundings of the k-th: more than ``width`` steps away."""
-    return np.abs(np.arange(n) - k) > width
+def with_speed(choices: Choices, found: Estimate) -> Choices:
+    """Choices of a record at water's speed, at an estimate of the speed over that."""
+    error = found.standard_error
+    error = None if error is None else choices.sound_speed * error
+    told = found.source is Source.ESTIMATE
+    sentence = found.sentence(choices.units)
+    why = sentence if told else f"water's: {sentence}"
+    at = at_speed(choices, found.value)
+    return at.with_reason("sound_speed", why, found.grade, error)
 
 
 def peaks(values: Float[np.ndarray, " speeds"], width: int) -> Iterator[tuple[int, float]]:
@@ -48,7 +46,7 @@ def peaks(values: Float[np.ndarray, " speeds"], width: int) -> Iterator[tuple[in
     numbers = np.arange(len(values))
     for k in range(1, len(values) - 1):
         if values[k] >= max(values[k - 1], values[k + 1]):
-            around = beside(k, len(values), width)
+            around = np.abs(numbers - k) > width
             yield k, float(np.polyval(np.polyfit(numbers[around], values[around], 1), k))
 
 

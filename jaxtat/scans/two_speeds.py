@@ -11,7 +11,7 @@ from ..records.water import water_speed
 from .acquisition import WATER, facts_of, nominal_water_speed, typical_frame
 from .body_estimate import BodyEstimate, estimate_body
 from .choices import Choices
-from .choose_in_plane import choices_in_plane
+from .pipeline import choices_in_plane
 
 LARGER = 1.1  # the region than the body
 ESTIMATED = ("sound_speed", "body_radius", "body_center")

@@ -13,7 +13,7 @@ from ..base.choice_table import CONSTRAINTS, OPTIONS, RECORD, words_of
 from ..base.units import ROUNDING
 from ..io.images import save_image
 from ..scans import Choices
-from ..scans.found import OF_FORMULA
+from ..scans.method import OF_FORMULA
 from .session import BACK_PROJECTION, ControlValues, Session
 
 

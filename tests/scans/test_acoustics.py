@@ -25,8 +25,8 @@ from jaxtat.cli import main
 from jaxtat.io import Scan, load_scan
 from jaxtat.io.datasets import sample_scan
 from jaxtat.records import circular_integrals_to_pressure
-from jaxtat.scans import choose
-from jaxtat.scans.acoustics import shares_by_speed
+from jaxtat.scans import choose, pipeline
+from jaxtat.scans.acoustics import shares_by_speed, tell_acoustics
 from jaxtat.steps import AccuracyWarning
 
 NO_IMAGE = "no image explains this record"
@@ -133,13 +133,21 @@ def test_a_body_round_about_the_middle_raises_no_alarm(noise):
 
 
 @pytest.mark.parametrize("model", ["2d", "in-plane"])
-def test_the_best_image_tells_the_model(model):
-    """A record of elements focused into the plane drifts, which looks like a tail of waves."""
+def test_the_best_image_tells_the_model(model, monkeypatch):
+    """A record of elements focused into the plane drifts, which looks like a tail of waves.
+
+    Images are made once, whatever model the record alone spoke for.
+    """
+    calls = []
+    monkeypatch.setattr(
+        pipeline, "tell_acoustics", lambda *of: calls.append(of) or tell_acoustics(*of)
+    )
     one = saved(waves() if model == "2d" else record(), ARC, 0.05 * (model == "in-plane"))
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".* needs model in-plane")
         found = choose(one)
         asked = choose(one, model=model, sound_speed=found.sound_speed)
+    assert len(calls) == 2
     assert (found.model, found.grade("model")) == (model, "likely")
     for name in ("band", "low_pass", "pixels", "dead_time"):
         assert getattr(found, name) == getattr(asked, name), name

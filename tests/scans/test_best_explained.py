@@ -57,7 +57,7 @@ def test_the_standard_error_is_that_of_a_mean_of_bands():
     """Of parabolas about s_k the sum is deepest at their mean, and the jackknife is exact."""
     places = SPEEDS[15] + 5e-4 * np.random.default_rng(0).standard_normal(8)
     found, depth, _ = deepest(lambda speeds: dip(speeds, places))
-    assert found.stretch == pytest.approx(places.mean(), abs=1e-6)
+    assert found.value == pytest.approx(places.mean(), abs=1e-6)
     assert found.standard_error == pytest.approx(places.std(ddof=1) / np.sqrt(8), rel=1e-3)
     assert depth == pytest.approx(0.5, rel=0.02)
 
@@ -72,14 +72,14 @@ def test_the_standard_error_is_that_of_a_mean_of_bands():
 )
 def test_no_dip_is_believed_that_does_not_stand_out(share_at):
     found, *_ = deepest(share_at)
-    assert (found.stretch, found.standard_error) == (1.0, None)
+    assert (found.value, found.standard_error) == (1.0, None)
     assert found.why == "no speed explains the record much better than others"
 
 
 def test_bands_that_do_not_agree_are_not_believed():
     places = [SPEEDS[15]] * 4 + [SPEEDS[16]] * 4
     found, *_ = deepest(lambda speeds: dip(speeds, places, 2.0, 0.003))
-    assert (found.stretch, found.standard_error) == (1.0, None)
+    assert (found.value, found.standard_error) == (1.0, None)
     assert "do not agree" in found.why
 
 

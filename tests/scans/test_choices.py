@@ -11,7 +11,8 @@ import pytest
 
 from jaxtat.base.units import Units
 from jaxtat.scans import Choices, as_json, to_look_at
-from jaxtat.scans.found import Found
+from jaxtat.scans.noise import with_alpha
+from jaxtat.scans.parameters import Parameters
 
 CHOICES = Choices(
     order=tuple(range(40)),
@@ -176,9 +177,8 @@ def test_what_is_least_sure_is_looked_at_first_and_then_what_decides_most():
     ],
 )
 def test_alpha_says_what_it_means(ratio, alpha, why):
-    found = Found({}, {}, {}, {}, set(), {})
-    found.take_alpha(ratio, "by hand")
-    assert (found.values["alpha"], found.reasons["alpha"]) == (alpha, why)
+    found = with_alpha(Parameters({}, Units()), ratio, "by hand").estimates["alpha"]
+    assert (found.value, found.sentence(Units())) == (alpha, why)
 
 
 @pytest.mark.parametrize(

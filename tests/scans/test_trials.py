@@ -37,7 +37,7 @@ def test_images_are_those_of_each_value_and_differ_by_nothing_else():
 def tried(monkeypatch):
     """A record, and a function (name, values) -> choices of the trials."""
     made = scan(raw_counts(record()), sound_speed=SPEED)
-    monkeypatch.setattr("jaxtat.scans.trying.reconstruct", lambda scan, choices: choices)
+    monkeypatch.setattr("jaxtat.scans.parameter_sweep.reconstruct", lambda scan, choices: choices)
     return made, lambda name, values: list(trials(made, choose(made), {}, name, values))
 
 
@@ -61,7 +61,9 @@ def test_what_follows_from_a_choice_follows_it(tried):
 
 
 def test_a_value_that_cannot_be_ends_it_before_the_first_image(monkeypatch):
-    monkeypatch.setattr("jaxtat.scans.trying.reconstruct", lambda *_: pytest.fail("too late"))
+    monkeypatch.setattr(
+        "jaxtat.scans.parameter_sweep.reconstruct", lambda *_: pytest.fail("too late")
+    )
     with pytest.raises(ValueError, match=r"region_radius 1\.365 cannot be tried: .* lie inside"):
         trials(SCAN, choose(SCAN, **GIVEN), {}, "region_radius", [0.8, 1.365])
 

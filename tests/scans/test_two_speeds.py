@@ -72,7 +72,7 @@ def test_the_body_is_kept_in_files_and_tables(two_speeds):
 
 
 def test_the_speed_of_the_body_is_tried_and_radii_stay(two_speeds, monkeypatch):
-    monkeypatch.setattr("jaxtat.scans.trying.reconstruct", lambda scan, choices: choices)
+    monkeypatch.setattr("jaxtat.scans.parameter_sweep.reconstruct", lambda scan, choices: choices)
     chosen = choose(two_speeds, **GIVEN)
     found = trials(two_speeds, chosen, GIVEN, "sound_speed", [1580.0, 1620.0])
     for one, speed in zip(found, (1580.0, 1620.0), strict=True):

@@ -12,7 +12,7 @@ from made_scans import RATE, SPEED, positions, record
 import jaxtat
 from jaxtat.io import Scan
 from jaxtat.scans import Choices, as_json, choose, reconstruct, to_look_at
-from jaxtat.scans.found import Found
+from jaxtat.scans.estimate import Estimate
 from jaxtat.steps import AccuracyWarning
 
 HALF = slice(15, 75)  # of the detectors: 179 degrees
@@ -44,10 +44,8 @@ def decided(scan, **options):
 def test_other_words_give_the_same_choices(monkeypatch):
     options = ({}, {"sound_speed": SPEED, "model": "in-plane", "low_pass": "none"})
     wanted = [decided(made(), **some) for some in options]
-    explain, with_reason = Found.explain, Choices.with_reason
-    monkeypatch.setattr(
-        Found, "explain", lambda self, name, reason, *of: explain(self, name, reason[::-1], *of)
-    )
+    sentence, with_reason = Estimate.sentence, Choices.with_reason
+    monkeypatch.setattr(Estimate, "sentence", lambda self, units: sentence(self, units)[::-1])
     monkeypatch.setattr(
         Choices,
         "with_reason",

@@ -38,19 +38,15 @@ def as_json(choices: Choices) -> dict[str, Any]:
         if choice.name not in reasons:
             continue
         factor, unit = choices.units.in_si(choice.quantity)
-        value = _scaled(_value(choices, choice.name), factor)
+        # a cut at or beyond the radius cuts nothing
+        whole = choice.name == "region_cut" and choices.region_cut >= choices.region_radius
+        value = None if whole else _scaled(getattr(choices, choice.name), factor)
         found[choice.name] = {"value": value, "unit": unit}
         if choice.name in errors:
             found[choice.name]["standard_error"] = factor * errors[choice.name]
     for name, entry in found.items():
         entry |= {"reason": reasons[name], "grade": choices.grade(name)}
     return {"choices": found}
-
-
-def _value(choices: Choices, name: str) -> Any:
-    """Value in SI units; None for a cut that cuts nothing."""
-    whole = name == "region_cut" and choices.region_cut >= choices.region_radius
-    return None if whole else getattr(choices, name)
 
 
 def _scaled(value: Any, factor: float) -> Any:

@@ -3,25 +3,17 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from ..base.choice_table import NUMBERS, OF_TWO_SPEEDS
+from ..base.choice_table import NUMBERS, OF_REGION, OF_TWO_SPEEDS
 from ..io import Scan
 from .acquisition import in_space, some_frames
 from .choices import Choices
 from .choosing import choose
-from .found import OF_BODY, OF_FORMULA
 from .frames import setup_of
 from .images import ScanImages, reconstruct
+from .medium import OF_BODY
+from .method import OF_FORMULA
 
-_OF_IMAGE = (
-    "region_radius",
-    "region_cut",
-    "region_angle",
-    "region_size",
-    "region_center",
-    "half_width",
-    "max_frequency",
-    "pixels",
-)
+_OF_IMAGE = *OF_REGION, "max_frequency"
 _OF_RECORD = ("model", "sound_speed", *OF_BODY, "time_shift", "dead_time", "band")
 _FOLLOW = {"region_radius": ("region_cut", "half_width", "pixels", *OF_FORMULA)}
 """What follows from a choice, and is chosen anew with it."""

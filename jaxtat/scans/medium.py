@@ -1,0 +1,115 @@
+"""Acoustic model and speeds of sound by the file, and by sizes until images tell them."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..base.choice_table import GUESSED, LIKELY, SURE
+from ..io import Scan
+from ..records import MODELS
+from ..records.signal_power import tail_share
+from .acquisition import SLOWEST, Facts, nominal_water_speed
+from .estimate import Estimate, Source
+from .parameters import Parameters
+
+OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
+TAIL = 0.1  # of `tail_share`: less is no tail of two-dimensional waves
+SUPPOSED = 0.25  # of the detectors' radius: as far a body reaches from the middle, if not known
+OF_BODY = ("water_speed", "body_radius", "body_center")
+
+
+def acoustic_model(facts: Facts, frame: Float[np.ndarray, "detectors samples"]) -> Estimate:
+    """By size, sampling rate, counts and tail; of a scanner's floats in the plane left to images.
+
+    Args:
+        frame: typical.
+    """
+    if nominal_water_speed(facts.units) is None:
+        return Estimate("2d", "sizes are not a scanner's: two-dimensional waves", LIKELY)
+    if facts.in_space:
+        why = "detectors in space, of a scanner's size: focused into the plane"
+        return Estimate("in-plane", why, LIKELY)
+    known = np.where(np.isfinite(frame), frame, 0.0)
+    offset = np.median(np.abs(np.median(known, axis=1)))
+    if (known == np.round(known)).all() or offset > OFFSET * np.median(known.std(axis=1)):
+        why = "a scanner's size, rate and counts: focused into the plane"
+        return Estimate("in-plane", why, LIKELY)
+    model, why = (
+        "2d",
+        "a scanner's size and rate, but neither counts nor an offset, and a slow tail",
+    )
+    if tail_share(known) < TAIL:
+        model, why = "in-plane", "a scanner's size and rate, and no tail of two-dimensional waves"
+    return Estimate(model, why, GUESSED, Source.NOMINAL)
+
+
+def nominal_speed(scan: Scan, p: Parameters) -> Estimate:
+    """The speed of the file, of a map or list its mean, or water's until images tell it."""
+    if "sound_speed" in scan.known:
+        speeds = scan.known["sound_speed"]
+        least, most = float(speeds.min()), float(speeds.max())
+        if least == most:
+            return Estimate(most, "from the file", SURE, Source.FILE)
+        why = (
+            "the mean of {shape} speeds in the file, {least:speed} to {most:speed}: images are "
+            "made with one"
+        )
+        data = {"shape": " x ".join(map(str, speeds.shape)), "least": least, "most": most}
+        return Estimate(float(speeds.mean()), why, GUESSED, Source.FILE, data=data)
+    water = nominal_water_speed(p.units)
+    if water is None:
+        why = "none in the file, and sizes are not a scanner's: taken to be 1"
+        return Estimate(1.0, why, GUESSED)
+    why = "none in the file: about that of water, to be estimated"
+    return Estimate(water, why, GUESSED, Source.NOMINAL)
+
+
+def slowest(p: Parameters) -> float:
+    """The least speed to search, over the nominal one, for which the record is long enough."""
+    return SLOWEST if p.nominal("sound_speed") else 1.0
+
+
+def path_speed(p: Parameters) -> float:
+    """By which times are radii: the water's, where there are two [length/time]."""
+    return float(p["water_speed"] or p["sound_speed"])
+
+
+def single_speed(facts: Facts, p: Parameters) -> float:
+    """The speed of sound; of two the single one by which sound from the middle takes as long."""
+    speed, water = float(p["sound_speed"]), p.given.get("water_speed")
+    if water is None:
+        return speed
+    radius = p.given.get("body_radius")
+    share = SUPPOSED if radius is None or facts.arc is None else float(radius) / facts.arc.radius
+    return 1 / (share / speed + (1 - share) / float(water))
+
+
+def require_body_speed(p: Parameters) -> None:
+    """Raise ValueError for a part of a body of another speed, where a speed is missing.
+
+    Args:
+        p: with the nominal speed.
+    """
+    asked = [name for name in OF_BODY if p.gives(name)]
+    if asked and "water_speed" not in asked:
+        raise ValueError(f"{asked[0]} is given, and the speed around it is not: water_speed.")
+    if asked and p.nominal("sound_speed"):
+        raise ValueError(
+            "water_speed is given, and the body's own speed is neither given nor in the file: "
+            "give sound_speed too, or two_speeds, to estimate it."
+        )
+
+
+def body(_: Any, p: Parameters) -> Parameters:
+    """The disk of another speed than the water's, where that is given: the region's."""
+    asked = [name for name in OF_BODY if p.gives(name)]
+    if asked and p["model"] not in MODELS:
+        raise ValueError(f"{asked[0]} is of pressure records in the plane: leave it out.")
+    if not asked:
+        return p.fixed(**dict.fromkeys(OF_BODY))
+    return p.with_(
+        water_speed=Estimate(None),
+        body_radius=Estimate(p["region_radius"], "the region's", GUESSED),
+        body_center=Estimate(p["region_center"], "the region's", GUESSED),
+    )

@@ -1,0 +1,137 @@
+"""The stages that estimate the parameters of a scan.
+
+A scan passes a list of stages, each of which takes the record and the parameters and returns the
+parameters with more estimates. Plane and space, pressure and integrals differ by their lists.
+Nothing is remembered, nothing drawn by chance.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..base.choice_table import LIKELY
+from ..base.units import Units
+from ..io import Scan
+from ..records import MODELS
+from ..records.signal_power import RecordPower
+from .acoustics import tell_acoustics
+from .acquisition import Facts, facts_of, typical_frame
+from .angular_coverage import with_speed_seen_once
+from .choices import IN_SPACE, Choices
+from .estimate import Estimate
+from .medium import acoustic_model, body, nominal_speed, require_body_speed
+from .method import constraints, laser_energy
+from .noise import exact_integrals, noise_in_plane, noise_in_space
+from .opposite_detectors import speed_in_space
+from .parameters import Parameters
+from .preprocess import Acquisition, AcquisitionInSpace, preprocess_in_plane, preprocess_in_space
+from .radii import radii_in_plane, radii_in_space, radii_of_integrals
+from .region import (
+    ball_of_sound,
+    region_of_integrals,
+    region_of_sound,
+    require_scale,
+    with_rectangle,
+)
+from .resolution import band, resolution_in_plane, resolution_in_space
+from .speed_found import with_speed
+
+METHOD = laser_energy, constraints
+PRESSURE = region_of_sound, body, resolution_in_plane, band, radii_in_plane, noise_in_plane, *METHOD
+INTEGRALS = region_of_integrals, radii_of_integrals, exact_integrals, body, *METHOD
+BALL = ball_of_sound, resolution_in_space, radii_in_space, noise_in_space, body, *METHOD
+NO_SOUND = {"model": "none", "sound_speed": 1.0, "time_shift": 0.0, "dead_time": 0.0, "band": None}
+_NOT_IN_SPACE = ("time_shift", "region_angle", "region_center", "region_size", "model")
+
+
+def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
+    """All choices for a scan in the plane; see `choosing.choose`."""
+    if given.get("model") == IN_SPACE:
+        raise ValueError(
+            f"model is {IN_SPACE!r}, but the detectors lie in a plane: expected one of "
+            f"{', '.join(MODELS)}."
+        )
+    facts = facts_of(scan, given.get("use"))
+    facts = facts._replace(units=facts.units.in_length(given.get("length_unit")))
+    p = with_rectangle(Parameters(given, facts.units))
+    if scan.kind == "pressure":
+        record, p = _sound(scan, facts, p)
+        stages = PRESSURE
+    else:
+        record, p = _integrals(scan, facts, p)
+        stages = INTEGRALS
+    for stage in stages:
+        p = stage(record, p)
+    made = p.choices()
+    return with_speed_seen_once(scan, made) if p.nominal("sound_speed") else made
+
+
+def _sound(scan: Scan, facts: Facts, p: Parameters) -> tuple[Acquisition, Parameters]:
+    """What of a pressure record counts, and what it tells of model, speed and start."""
+    frame = typical_frame(scan)[facts.order]
+    p = p.with_(model=acoustic_model(facts, frame))
+    p = p.with_(
+        sound_speed=nominal_speed(scan, p),
+        time_shift=Estimate(0.0, "as the file says"),
+        impulse_response=_response(scan),
+    )
+    require_body_speed(p)
+    record, assumed = preprocess_in_plane(scan, facts, frame, p)
+    arc, speed = record.facts.arc, p["sound_speed"]
+    if arc is not None and not p.gives("region_radius"):
+        require_scale(float(record.times[-1]) * speed, arc.radius, speed)
+    told = tell_acoustics(record, assumed)
+    if any(told[name] != assumed[name] for name in ("model", "time_shift")):
+        return preprocess_in_plane(scan, facts, frame, told)
+    return record, told
+
+
+def _response(scan: Scan) -> Estimate:
+    there = "impulse_response" in scan.known
+    return Estimate(there, "in the file" if there else "none in the file")
+
+
+def _integrals(scan: Scan, facts: Facts, p: Parameters) -> tuple[Acquisition, Parameters]:
+    """Circular integrals, as simulated: there is little to choose."""
+    order = tuple(int(k) for k in facts.order)
+    p = p.fixed(**NO_SOUND, order=order, impulse_response=False, left_out=())
+    p = p.replaced(channels=Estimate(None, "all", LIKELY))
+    every, nothing = np.ones(len(order), bool), np.zeros((len(order), 0))
+    silence = RecordPower(nothing[0], nothing)
+    return Acquisition(scan, facts, nothing, silence, every, -np.inf, 0.0, 0.0), p
+
+
+def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
+    """All choices for a scan in space; see `choosing.choose`."""
+    for name in _NOT_IN_SPACE:
+        if given.get(name) is not None:
+            raise ValueError(
+                f"--{name.replace('_', '-')}: the detectors lie in space, around a ball about "
+                "their own centre; there is no choice."
+            )
+    record, p = preprocess_in_space(scan, Parameters(given, Units()))
+    center = tuple(float(x) for x in np.asarray(record.facts.detectors.center))
+    p = p.fixed(region_center=center, region_angle=0.0, region_size=None)
+    p = _sound_in_space(record, p)
+    for stage in BALL:
+        p = stage(record, p)
+    made = p.choices()
+    return with_speed(made, speed_in_space(scan, made)) if p.nominal("sound_speed") else made
+
+
+def _sound_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters:
+    """The record is taken as it is."""
+    if record.facts.times is None:
+        return p.fixed(**NO_SOUND, impulse_response=False)
+    as_it_is = "the record is taken as it is"
+    unfiltered = p.given.get("band") == "none"
+    p = p.with_(
+        model=Estimate(IN_SPACE, "detectors in space, around a volume"),
+        sound_speed=nominal_speed(record.scan, p),
+        time_shift=Estimate(0.0, "as the file says"),
+        dead_time=Estimate(0.0, as_it_is, LIKELY),
+        band=Estimate(None, as_it_is, LIKELY),
+        impulse_response=_response(record.scan),
+    )
+    return p.replaced(band=Estimate(None, "given")) if unfiltered else p
