@@ -12,6 +12,7 @@ from jaxtat import model_based
 from jaxtat.fitting import Ridge
 from jaxtat.fitting.arguments import data_fits
 from jaxtat.fitting.radial_filter import high_pass
+from jaxtat.reconstruction import operator_on
 from jaxtat.spherical import ball, spherical_cap
 
 
@@ -82,7 +83,7 @@ def small():
 def test_ridge_is_what_dense_equations_give(small):
     setup, g = small
     inside = np.asarray(setup.region.contains(setup.grid.points)).ravel()
-    a = np.asarray(jaxtat.forward_operator(setup).as_matrix())[:, inside]
+    a = np.asarray(operator_on(setup, setup.grid).as_matrix())[:, inside]
     h = np.asarray(high_pass(setup.radii, 1 / setup.grid.spacing[0]))
     a, b = (
         (x.reshape(*setup.data_shape, -1).swapaxes(-1, -2) @ h.T).swapaxes(-1, -2)
