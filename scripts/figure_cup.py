@@ -11,6 +11,7 @@ import argparse
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import jax
 import numpy as np
@@ -57,7 +58,7 @@ def record(points: np.ndarray) -> np.ndarray:
     return total
 
 
-def truth(grid: jaxtat.VolumeGrid) -> np.ndarray:
+def truth(grid: Any) -> np.ndarray:
     """Means of the balls over voxels."""
     x = np.asarray(grid.finer(3).points)
     near = [np.linalg.norm(x - c, axis=-1) < a for c, a in zip(BALLS, RADII, strict=True)]
@@ -65,7 +66,9 @@ def truth(grid: jaxtat.VolumeGrid) -> np.ndarray:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser = argparse.ArgumentParser(
+        description="A cup of scattered elements, from its record to a volume."
+    )
     parser.add_argument("--out", default="docs/pictures/cup.png")
     out = parser.parse_args().out
     jax.config.update("jax_enable_x64", True)
