@@ -53,7 +53,7 @@ ROUNDS, FARTHEST = 3, 2.0  # of Newton's method, and steps by which numbers chan
 ARRIVED = 0.2  # of a step: a smaller one ends it
 COMPARED = 100  # steps of the two fits that are compared: the better model takes more of them
 FLAT = 1e-3  # curvature over the largest, below which nothing is told
-GAIN, ERRORS = 0.2, 3.0  # least gain, and standard errors, from which two speeds are clear
+GAIN, ERRORS = 0.1, 3.0  # least gain, and standard errors, from which two speeds are clear
 
 
 class BodyEstimate(NamedTuple):
@@ -67,7 +67,7 @@ class BodyEstimate(NamedTuple):
         share, share_of_one: of the record, that is left unexplained by two speeds and by one.
         gain: 1 - (share / share_of_one)², by which less is left.
         gain_error: its standard error.
-        clear: whether that is clearly more than by one speed: the gain is at least 0.2 and, like
+        clear: whether that is clearly more than by one speed: the gain is at least 0.1 and, like
             the difference of the speeds, three standard errors, and the speeds are within what is
             tried.
         grade: "likely" where it is clear and most edges are seen from both sides, else "guessed".
