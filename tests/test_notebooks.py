@@ -19,6 +19,7 @@ NAMES = (
     "11_learning_through_ten_steps.ipynb",
     "01_paper.ipynb",
     "12_looking_at_a_scan.ipynb",
+    "13_two_speeds.ipynb",
     "05_uncertainty.ipynb",
     "03_choosing_K_by_gradient.ipynb",
     "02_truncation_and_tikhonov.ipynb",
@@ -95,6 +96,9 @@ SMALLER = {
     },
     "12_looking_at_a_scan.ipynb": {
         "pixels=81, max_frequency=6e3": "pixels=45, max_frequency=3.5e3",
+    },
+    "13_two_speeds.ipynb": {
+        "(1.005, 1.01, 1.015, 1.02, 1.03)": "(1.01, 1.02)",
     },
 }
 
