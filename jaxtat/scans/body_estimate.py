@@ -97,7 +97,7 @@ def estimate_body(
 ) -> BodyEstimate | None:
     """The disk of another speed of sound by which an image explains most of a frame.
 
-    Takes 40 to 80 fits of a coarse image, half a second of a processor each.
+    Takes 100 to 200 fits of a coarse image, 0.1 to 0.2 s of a processor each.
 
     Args:
         scan, choices: in the plane, of pressure; the choices with one speed of sound, by which
