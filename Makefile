@@ -145,6 +145,7 @@ docs: .venv/docs
 
 pictures: .venv/ready
 	$(BIN)/python scripts/docs_pictures.py
+	$(BIN)/python scripts/picture_of_folder.py
 	$(BIN)/python scripts/picture_of_viewer.py
 
 # from the source distribution, as others will: what it lacks is missing in the wheel. Twice, as of

@@ -25,7 +25,7 @@ from ..io.registered_formats import registered_reader
 from ..scans import Choices, ScanImages, as_json
 from ..steps import AccuracyWarning, Contradiction
 from .commands import prepared
-from .digest import made_from
+from .digest_of_inputs import made_from
 from .folder_sheet import write_sheet
 from .image_file import write_image
 from .inputs import changed

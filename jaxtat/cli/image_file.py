@@ -17,7 +17,7 @@ from ..reconstruction import ReconstructionPlan
 from ..scans import Choices, ScanImages, image_errors, reconstruct
 from ..scans.images import without_blank_frames
 from ..steps import AccuracyWarning
-from .digest import made_from
+from .digest_of_inputs import made_from
 
 
 def settings_of(options: argparse.Namespace) -> dict[str, Any]:

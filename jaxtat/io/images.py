@@ -146,9 +146,9 @@ def save_image(
 
 def _checked(image: Numbers, n_axes: int) -> np.ndarray:
     """The image as float64; a stack may be larger than the memory, and is looked at in parts."""
-    if isinstance(image, np.ndarray) and image.dtype == float and image.ndim == n_axes + 1:
-        for one in image:
-            real_array("image", one, None)
+    if not (isinstance(image, np.ndarray) and image.dtype == float and image.ndim == n_axes + 1):
+        return np.asarray(real_array("image", image, None))
+    if not np.ma.isMaskedArray(image) and all(np.isfinite(one).all() for one in image):
         return image
     return np.asarray(real_array("image", image, None))
 
