@@ -20,7 +20,7 @@ def texts():
                     part.value if isinstance(part, ast.Constant) else "…" for part in node.values
                 )
             elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                yield node.value
+                yield re.sub(r"\{[^{}]*\}", "…", node.value)  # as sentences of estimates are
 
 
 SHOWN = list(texts())

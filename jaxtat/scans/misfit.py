@@ -202,22 +202,29 @@ class Place(NamedTuple):
         grid: of the image.
         sizes: of the forward operator.
         medium: what sound goes through; None for one speed of sound.
+        tolerance: of the non-uniform FFTs.
     """
 
     curve: DetectorCurve
     grid: ImageGrid
     sizes: CircleSizes
     medium: Body | None
+    tolerance: float
 
     def integrals(self, medium: Body | None) -> CircleIntegrals:
         """The operator, in single precision; another body of the same kind compiles nothing."""
         where = self.curve, self.grid, jax.device_put(np.ones(1))
-        made = circle_integrals(*where, self.sizes, None, TOLERANCE, medium)
+        made = circle_integrals(*where, self.sizes, None, self.tolerance, medium)
         return by_library(lambda _, each: in_single_precision(each), (made,))
 
 
 def place_of(
-    sound: Sound, fastest: float, medium: Body | None = None, *, pixels: int = PIXELS
+    sound: Sound,
+    fastest: float,
+    medium: Body | None = None,
+    *,
+    pixels: int = PIXELS,
+    tolerance: float = TOLERANCE,
 ) -> Place:
     """Coarse pixels over all that may sound.
 
@@ -225,13 +232,14 @@ def place_of(
         sound: the record.
         fastest: greatest speed in water that may be asked for [length/time].
         medium: of several bodies the one that takes the largest sizes.
+        tolerance: of the non-uniform FFTs: finer for fits that go on for long.
     """
     grid = ImageGrid(pixels, sound.reach, sound.center)
     curve = longer_curve(sound.curve, rung(sound.curve.n_detectors))
     sizes = circle_sizes(curve, grid, medium)
     longest = float(LONGER * fastest * sound.end)
     sizes = sizes.with_period(longest) if longest > sizes.period else sizes
-    return Place(curve, grid, sizes, medium)
+    return Place(curve, grid, sizes, medium, tolerance)
 
 
 def misfit_of(
@@ -246,7 +254,7 @@ def misfit_of(
         place: of `place_of`; by default one with one speed of sound.
     """
     place = place_of(sound, speeds[1]) if place is None else place
-    curve, grid, sizes, medium = place
+    curve, grid, sizes = place.curve, place.grid, place.sizes
     highest = SHORTEST * float(sizes.frequencies[-1]) * speeds[0] / (2 * np.pi)
     times, fourier, n = _spectra(sound, highest)
     known = np.where(sound.good[:, None], sound.record, 0.0)
@@ -257,7 +265,7 @@ def misfit_of(
     parts = np.concatenate([spectrum.real, spectrum.imag], axis=-1) * weights
     shape = curve.n_detectors, parts.shape[1]
     return Misfit(
-        integrals=place.integrals(medium),
+        integrals=place.integrals(place.medium),
         support=disk(sound.reach, center=sound.center).contains(grid.points),
         data=jax.device_put(filled_up(parts, shape)[None].astype(np.float32)),
         whitening=jax.device_put(filled_up(weights, shape).astype(np.float32)),

@@ -455,7 +455,7 @@ GEOMETRY = f"{ARC} {REGION}"
     ("line", "reason"),
     [
         (f"nowhere.npz {GEOMETRY} --out a.png", "there is no file nowhere.npz"),
-        (f"folder.png {GEOMETRY} --out a.png", "folder.png is a folder, expected a file"),
+        (f"folder.png {GEOMETRY} --out a.png", "folder.png is a folder, whose images go into a"),
         (f"good.txt {GEOMETRY} --out a.png", "cannot read good.txt: it begins as none of the"),
         (f"good.npz {GEOMETRY} --out a.jpg", "cannot write a.jpg: expected a name ending"),
         (f"good.npz {GEOMETRY} --out nowhere/a.png", "there is no folder"),

@@ -80,7 +80,7 @@ def small_cap():
         ((ARC, DISK, GRID, np.linspace(0.3, 2.3, 20)[:, None]), "radii has shape"),
         ((ARC, DISK, GRID, np.linspace(2.3, 0.3, 20)), "in increasing order"),
         ((ARC, DISK, ImageGrid(9, 0.1, (5.0, 5.0))), "no node of the image grid"),
-        ((spherical_cap(0.9, 0.7, 6, 12), BALL, VOXELS), "detectors lie inside or on"),
+        ((spherical_cap(0.9, 0.7, 6, 12), BALL, VOXELS), "detectors are not outside of the region"),
         ((DetectorPoints(CAP.points.reshape(-1, 3)), ball(1.0, 0.0), VOXELS), "needs detectors on"),
     ],
 )

@@ -148,7 +148,7 @@ def test_the_command_estimates_two_speeds_and_repeats_them(
 
 def test_a_speed_is_tried_through_the_body_that_was_found(through_body, told, monkeypatch):
     told(FOUND)
-    monkeypatch.setattr("jaxtat.scans.trying.reconstruct", lambda scan, choices: choices)
+    monkeypatch.setattr("jaxtat.scans.parameter_sweep.reconstruct", lambda scan, choices: choices)
     given = {"model": "in-plane", "two_speeds": True, "pixels": 41}
     scan = scan_of(through_body, sound_speed=1505.0)
     chosen = choose(scan, **given)

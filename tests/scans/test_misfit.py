@@ -10,7 +10,7 @@ from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, in_plane, positions, r
 
 from jaxtat import detector_curve, elliptic_arc, phantoms
 from jaxtat.scans.acquisition import FASTEST, SLOWEST
-from jaxtat.scans.misfit import STEPS, Fit, Sound, misfit_of
+from jaxtat.scans.misfit import STEPS, Fit, Sound, misfit_of, place_of
 from jaxtat.scans.sound_speed import STEP, best_start, least_share
 
 PIXELS = 61  # fewer than by default, where many fits are made
@@ -29,6 +29,11 @@ def sound(pressure=None, curve=None, times=TIMES):
 @pytest.fixture(scope="module")
 def misfit():
     return misfit_of(sound(), "in-plane", ENDS)
+
+
+def coarse(made):
+    """The criterion on fewer pixels than by default."""
+    return misfit_of(made, "in-plane", ENDS, place_of(made, ENDS[1], pixels=PIXELS))
 
 
 def pixels(misfit, reach=0.95 * RADIUS):
@@ -98,7 +103,7 @@ def test_detectors_that_do_not_count_change_nothing():
 @pytest.mark.parametrize("speed", [1440.0, 1523.0, 1580.0])
 def test_the_share_is_least_at_the_true_speed(speed):
     """The record of 1500 m/s at another rate is one of another speed."""
-    misfit = misfit_of(sound(times=TIMES * SPEED / speed), "in-plane", ENDS, pixels=PIXELS)
+    misfit = coarse(sound(times=TIMES * SPEED / speed))
     weight = misfit.best(SPEED).weight
     speeds = SPEED * np.arange(SLOWEST, FASTEST, STEP)
     told = least_share(partial(misfit.best, weight=weight), speeds, np.ones(90, bool))
@@ -112,7 +117,7 @@ def test_a_start_that_is_wrong_is_told_from_speed_on_an_ellipse():
     pressure = in_plane(BODY, curve)
     late = 6
     made = sound(pressure[:, late:], curve, TIMES[:-late])  # the file says they begin at 0
-    misfit = misfit_of(made, "in-plane", ENDS, pixels=PIXELS)
+    misfit = coarse(made)
     weight, good = misfit.best(SPEED).weight, made.good
     stretch = np.arange(0.93 * SLOWEST, 1.07 * FASTEST, 2 * STEP)
     told = least_share(partial(misfit.best, weight=weight), SPEED * stretch, good)
@@ -125,7 +130,7 @@ def test_a_start_that_is_wrong_is_told_from_speed_on_an_ellipse():
 
 def leaving(left):
     """A fit that leaves sums over detectors."""
-    return Fit(left, float(np.sqrt(left.sum())), 0.0)
+    return Fit(left, float(np.sqrt(left.sum())), 0.0, np.zeros((1, 1)))
 
 
 def test_parabolas_give_their_least_and_the_error_of_a_mean():
