@@ -266,10 +266,10 @@ def _with_speed(
     if not (p.gives("time_shift") or "times" in record.scan.known):
         if _tells_start(sound):
             told, start = _with_start(sound, told, nominal, distance)
-        else:
+        if start is None:
             p = p.with_(time_shift=_start_and_speed(p, told.speed.value, distance))
-    if start is not None:
-        p = p.with_(time_shift=_shifted(start, record))
+        else:
+            p = p.with_(time_shift=_shifted(start, record))
     return p.with_(sound_speed=_speed(told.speed, start, p))
 
 
@@ -278,10 +278,10 @@ def _start_and_speed(p: Parameters, speed: float, distance: float) -> Estimate:
     later = MICROSECOND / p.units.in_si("time")[0]
     faster = distance / (distance / speed - later) - speed
     why = (
-        ", which a circle of detectors does not tell: {later:time} more would make the speed "
-        "{faster:speed} more"
+        ", which the record does not tell: {later:time} more would make the speed {faster:speed} "
+        "more"
     )
-    return p.estimates["time_shift"].but(why, LIKELY, later=later, faster=faster)
+    return p.estimates["time_shift"].but(why, GUESSED, later=later, faster=faster)
 
 
 def _shifted(start: Start, record: Acquisition) -> Estimate:
