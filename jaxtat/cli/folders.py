@@ -156,15 +156,16 @@ def _earlier(task: Task) -> Outcome | None:
     if not image.exists():
         return None
     try:
-        mark = load_settings(image).get(_MARK) or {}
-        if mark.get("row", {}).get("file") != task.name:
+        mark = load_settings(image).get(_MARK)
+        row = mark.get("row") if isinstance(mark, dict) else None
+        if not isinstance(mark, dict) or not isinstance(row, dict) or row.get("file") != task.name:
             raise ValueError("the image there was not made of this scan by this command")
     except ValueError as error:
         before = f"cannot write {name_of(image)}: "
         return _failed(task, one_line(before, reason_of(error).rstrip("."), "; move it away."))
-    if mark["made_from"] != task.made_from:
+    if mark.get("made_from") != task.made_from:
         return None
-    return Outcome(task.name, mark["row"], mark["contradicted"])
+    return Outcome(task.name, row, bool(mark.get("contradicted")))
 
 
 def _outcomes(tasks: list[Task], jobs: int) -> Iterator[Outcome]:

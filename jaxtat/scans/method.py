@@ -2,7 +2,7 @@
 
 Measured records of pressure are fitted, with f >= 0 and total variation: they lack low frequencies
 and hold noise, and detectors on an open arc do not see all edges. On 41 simulated scans such images
-have a median error of 0.27 where those of the formula have 0.59 (`docs/automatic_choices.md`).
+have a median error of 0.38 where those of the formula have 0.76 (`docs/automatic_choices.md`).
 Where detectors all around record two-dimensional waves nothing is missing, and the formula is more
 accurate. In space records are fitted too: for detectors off rings the formula takes dense systems
 of all of them at every frequency, which are slower than a fit and see nothing of what is missing.
