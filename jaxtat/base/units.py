@@ -72,9 +72,10 @@ class Units(NamedTuple):
         """A time in microseconds."""
         return _with(f"{self._microseconds * time:.4g}", self.time, "us")
 
-    def of_speed(self, speed: float) -> str:
+    def of_speed(self, speed: float, digits: int = 6) -> str:
         """A speed in metres per second."""
-        return _with(f"{self.metres_per_second * speed:.6g}", self.length and self.time, "m/s")
+        number = f"{self.metres_per_second * speed:.{digits}g}"
+        return _with(number, self.length and self.time, "m/s")
 
     @property
     def metres_per_second(self) -> float:

@@ -278,7 +278,7 @@ def _start_and_speed(p: Parameters, speed: float, distance: float) -> Estimate:
     later = MICROSECOND / p.units.in_si("time")[0]
     faster = distance / (distance / speed - later) - speed
     why = (
-        ", which the record does not tell: {later:time} more would make the speed {faster:speed} "
+        ", which the record does not tell: {later:time} more would make the speed {faster:speed 3} "
         "more"
     )
     return p.estimates["time_shift"].but(why, GUESSED, later=later, faster=faster)
