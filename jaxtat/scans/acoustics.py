@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..base.checks import real_array
 from ..base.choice_table import GUESSED, LIKELY
 from ..geometry import ArcFit, detector_curve
 from ..io import Scan
@@ -126,16 +127,23 @@ def sound_of(
     Args:
         scan, choices: in the plane, of pressure.
         frame: rows as in the file.
+
+    Raises:
+        ValueError: for integrals, a frame of another shape, and NaN in the rows that are used.
     """
     facts, rows = facts_of(scan), list(choices.channels)
     times = shifted_times(scan, choices)
     if times is None:
         raise ValueError("the speed of sound is of pressure records, and the data are integrals.")
+    size = scan.n_detectors, scan.n_samples
+    if np.shape(frame) != size:
+        raise ValueError(f"frame has shape {np.shape(frame)}, expected {size}, as in the file.")
+    used = np.asarray(real_array("frame", np.asarray(frame)[rows], None))
     points = facts.points[rows]
     arc = arc_through(points) or circle_without_detectors(points, choices.region_center)
     good = np.ones(len(rows), bool)
     begin, speed = 2 * choices.dead_time, choices.sound_speed
-    return sound_within(arc, points, np.asarray(frame, float)[rows], times, good, begin, speed)
+    return sound_within(arc, points, used, times, good, begin, speed)
 
 
 def tell_acoustics(record: Acquisition, p: Parameters) -> Parameters:

@@ -1,6 +1,7 @@
 """A body of another speed of sound, estimated from the record, and choices that go through it."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, phantoms
 from jaxtat.cli import main
 from jaxtat.io import Scan
 from jaxtat.records import simulate_pressure, water_speed
-from jaxtat.scans import body_estimate, choose, estimate_body, trials
+from jaxtat.scans import body_estimate, choose, estimate_body, shares_by_speed, trials
 from jaxtat.scans.body_estimate import BodyEstimate, Through, _Surface
 
 WATER, TISSUE, RADIUS, CENTER = 1480.0, 1580.0, 0.011, (1e-3, -5e-4)
@@ -67,6 +68,22 @@ def test_a_record_of_one_speed_has_no_clear_body(monkeypatch):
     assert not found.clear and found.grade == "guessed"
     assert found.share > 0.95 * found.share_of_one
     assert found.one_speed == pytest.approx(SPEED, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    "told", [estimate_body, partial(shares_by_speed, speeds=np.array([SPEED]))]
+)
+def test_frames_that_cannot_be_are_refused(told):
+    """NaN in a row that is used, and rows that are missing."""
+    pressure = record()
+    scan = scan_of(pressure)
+    chosen = choose(scan, **ONE | {"sound_speed": SPEED})
+    damaged = pressure.copy()
+    damaged[0, 9] = np.nan
+    with pytest.raises(ValueError, match="frame holds 1 NaN"):
+        told(scan, chosen, damaged)
+    with pytest.raises(ValueError, match=r"frame has shape .*, expected"):
+        told(scan, chosen, pressure[:5])
 
 
 def test_sound_from_the_middle_takes_the_time_of_the_numbers():
