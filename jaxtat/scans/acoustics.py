@@ -1,4 +1,4 @@
-"""Speed of sound, acoustic model and start of a scan in the plane, and what contradicts them.
+"""Speed of sound and acoustic model of a scan in the plane, and what contradicts them.
 
 All by one criterion, `misfit`. The bounds here were set on scans of `benchmarks/scans` with numbers
 below 300, small size.
@@ -28,15 +28,13 @@ from .misfit import Misfit, Sound, misfit_of
 from .parameters import Parameters
 from .preprocess import RIM, Acquisition
 from .region import circle_without_detectors, free_circle
-from .sound_speed import STEP, Least, Start, best_start, least_share
+from .sound_speed import STEP, Least, least_share
 from .speed_found import UNSURE
 
 FEWEST_SAMPLES = 64  # in which sound passes
 LATE = 1.0 / 13  # of the arrival from the middle: a start may be wrong by that
 CLEARLY = 0.5  # share² that the right model must spare, to be likely
-MUCH_LESS = 0.3  # and another start
-UNEQUAL = 0.02  # distances of detectors from the middle, of which a start can be told
-MICROSECOND = 1e-6  # s
+MUCH_LESS = 0.3  # and another speed than the file's
 EXPLAINED = 0.4  # share, below which an image explains most of a record
 NO_IMAGE = 0.88  # share² over that of rows in another order, from which no image explains
 HARDLY = 0.5  # of that ratio, from which other speeds than the file's are tried
@@ -164,18 +162,15 @@ def tell_acoustics(record: Acquisition, p: Parameters) -> Parameters:
     )
     if sound is None:
         return p.settled("the record is too short to tell it", OPEN)
-    return _told_by_images(sound, record, p, speed, arc.radius)
+    return _told_by_images(sound, record, p, speed)
 
 
-def _told_by_images(
-    sound: Sound, record: Acquisition, p: Parameters, nominal: float, distance: float
-) -> Parameters:
+def _told_by_images(sound: Sound, record: Acquisition, p: Parameters, nominal: float) -> Parameters:
     """By the best images of the record.
 
     Args:
         nominal: the speed of the file, the one given, or water's; of two the single one that comes
             nearest [length/time].
-        distance: of the detectors from the middle [length].
     """
     seen = span(np.asarray(sound.curve.points)[sound.good], sound.center)
     twice = seen >= SEEN_TWICE
@@ -200,7 +195,7 @@ def _told_by_images(
         data = {"least": best.speed.fit.share, "chance": chance()}
         warnings.warn(f"{NO_IMAGE_SAYS.format(**data)}.", Contradiction, stacklevel=6)
         return p.doubted(NO_IMAGE_SAYS, OPEN if twice else (), **data)
-    return _with_speed(sound, record, p, best, nominal, distance) if unknown else p
+    return p.with_(sound_speed=_speed(best.speed, p)) if unknown else p
 
 
 def _told(sound: Sound, model: str, nominal: float, *, sought: bool) -> Told:
@@ -239,70 +234,7 @@ def _with_model(p: Parameters, model: Estimate) -> Parameters:
     return p.with_(model=model)
 
 
-def _tells_start(sound: Sound) -> bool:
-    """Whether detectors are not all as far from the middle: else another speed does as well."""
-    offset = np.asarray(sound.curve.points)[sound.good] - sound.center
-    distances = np.hypot(*offset.T)
-    return bool(distances.min() < (1 - UNEQUAL) * distances.max())
-
-
-def _with_start(
-    sound: Sound, told: Told, nominal: float, distance: float
-) -> tuple[Told, Start | None]:
-    """The speed with another start of the record, where that spares much."""
-    speed, misfit = told.speed, told.misfit
-    if not speed.distinct:
-        ends = (1 - LATE) * SLOWEST, (1 + LATE) * FASTEST
-        stretch = np.arange(*ends, STEP)
-        fit_at = partial(misfit.best, weight=told.weight)
-        wide = least_share(fit_at, nominal * stretch, sound.good)
-        speed = wide if wide.inside and wide.depth > speed.depth else speed
-    if not speed.inside:
-        return told, None
-    possible = nominal * SLOWEST, nominal * FASTEST
-    start = best_start(misfit, told.weight, speed, distance, possible, sound.good)
-    if start is None or start.gain < MUCH_LESS:
-        return told, None
-    return told._replace(speed=start.speed), start
-
-
-def _with_speed(
-    sound: Sound, record: Acquisition, p: Parameters, told: Told, nominal: float, distance: float
-) -> Parameters:
-    """Speed and start, where neither the file nor the user says when the record starts."""
-    start = None
-    if not (p.gives("time_shift") or "times" in record.scan.known):
-        if _tells_start(sound):
-            told, start = _with_start(sound, told, nominal, distance)
-        if start is None:
-            p = p.with_(time_shift=_start_and_speed(p, told.speed.value, distance))
-        else:
-            p = p.with_(time_shift=_shifted(start, record))
-    return p.with_(sound_speed=_speed(told.speed, start, p))
-
-
-def _start_and_speed(p: Parameters, speed: float, distance: float) -> Estimate:
-    """The line that joins speeds and starts: sound from the middle arrives when it does."""
-    later = MICROSECOND / p.units.in_si("time")[0]
-    faster = distance / (distance / speed - later) - speed
-    why = (
-        ", which the record does not tell: {later:time} more would make the speed {faster:speed 3} "
-        "more"
-    )
-    return p.estimates["time_shift"].but(why, GUESSED, later=later, faster=faster)
-
-
-def _shifted(start: Start, record: Acquisition) -> Estimate:
-    when = "late" if start.shift > 0 else "early"
-    why = (
-        f"the record starts {{gone:time}} {when}: {{gain:.0%}} less is left unexplained; "
-        "--start-time gives another start"
-    )
-    data = {"gone": abs(start.shift), "gain": start.gain}
-    return Estimate(start.shift, why, GUESSED, Source.ESTIMATE, data=data)
-
-
-def _speed(speed: Least, start: Start | None, p: Parameters) -> Estimate:
+def _speed(speed: Least, p: Parameters) -> Estimate:
     """Where least is unexplained; water's where that is at an end of the range."""
     if not speed.inside:
         why = "water's: no speed within 10 % of it leaves least unexplained"
@@ -313,8 +245,6 @@ def _speed(speed: Least, start: Start | None, p: Parameters) -> Estimate:
     why = "the best image leaves {share:.0%} unexplained, least of all speeds"
     if not sure:
         why += ", but by {depth:.0%} only"
-    if start is not None:
-        sure, why = False, f"{why}, with the shift of times"
     data = {"share": speed.fit.share, "depth": max(speed.depth, 0.0)}
     grade = LIKELY if sure else GUESSED
     return Estimate(speed.value, f"{why}; none in the file", grade, Source.ESTIMATE, error, data)

@@ -21,8 +21,9 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from ..base.choice_table import GUESSED
 from ..densities.cylindrical_waves import unexplained_share, waves_of
@@ -85,14 +86,19 @@ def dip_of(scan: Scan, choices: Choices) -> Dip:
     Args:
         scan, choices: in the plane, of pressure.
     """
-    points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
-    highest = min(choices.max_frequency, WAVES / float(np.median(np.hypot(*points.T))))
-    whole = replace(choices, max_frequency=highest, region_cut=choices.region_radius)
+    whole = with_long_waves(scan, choices)
     problem = problem_for_speeds(scan, whole)
     if problem.geometry is None:
         return Dip(unknown("cylindrical waves do not reach the detectors"), 0.0)
     found = deepest(share_by_speed(scan, whole, problem))
     return found._replace(complete=problem.setup.complete)
+
+
+def with_long_waves(scan: Scan, choices: Choices) -> Choices:
+    """Choices for the whole disk, with no shorter waves than this criterion takes."""
+    points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
+    highest = min(choices.max_frequency, WAVES / float(np.median(np.hypot(*points.T))))
+    return replace(choices, max_frequency=highest, region_cut=choices.region_radius)
 
 
 def _doubt(dip: Dip, error: float) -> str | None:
@@ -104,8 +110,8 @@ def _doubt(dip: Dip, error: float) -> str | None:
 
 
 def share_by_speed(
-    scan: Scan, choices: Choices, problem: OnLadder
-) -> Callable[[np.ndarray], Float[np.ndarray, "frequencies speeds"]]:
+    scan: Scan, choices: Choices, problem: OnLadder, n_frequencies: int = FREQUENCIES
+) -> Callable[..., Float[np.ndarray, "frequencies speeds"]]:
     """The share of a typical frame's power, by frequency and speed, that no image explains.
 
     Without what arrives before or after sound from the region.
@@ -113,11 +119,15 @@ def share_by_speed(
     Args:
         scan, choices: in the plane, of pressure.
         problem: of `problem_for_speeds`, whose region is a disk that waves reach.
+        n_frequencies: at most.
+
+    Returns:
+        A function of speeds over that of the choices, and of as many shifts of the times, none by
+        default and in increasing order [time].
     """
-    geometry, sizes = problem.geometry, problem.sizes
+    geometry, sizes, frame = problem.geometry, problem.sizes, typical_frame(scan)
     assert geometry is not None
-    g = problem.data(integrals(scan, choices, problem.setup, typical_frame(scan)))
-    some, n = problem.some_frequencies(FREQUENCIES)
+    some, n = problem.some_frequencies(n_frequencies)
     frequencies = jax.device_put(some)
     alpha = jax.device_put(ALPHA)
     waves = waves_of(geometry, frequencies, sizes.groups[-1][-1])
@@ -126,9 +136,15 @@ def share_by_speed(
     reach = choices.region_radius * np.array([-1.0, 1.0])
     sounding = jax.device_put(distance[:, None] + reach)
 
-    def share_at(speeds: np.ndarray) -> np.ndarray:
-        data = data_by_speed(g, problem.radii, jax.device_put(speeds), frequencies, sounding)
-        return np.asarray(_share(geometry, waves, data, alpha))[:n]
+    def data_at(shift: float, speeds: np.ndarray) -> Array:
+        later = replace(choices, time_shift=choices.time_shift + shift)
+        g = problem.data(integrals(scan, later, problem.setup, frame))
+        return data_by_speed(g, problem.radii, jax.device_put(speeds), frequencies, sounding)
+
+    def share_at(speeds: np.ndarray, shifts: np.ndarray | None = None) -> np.ndarray:
+        shifts = np.zeros(len(speeds)) if shifts is None else shifts
+        parts = [data_at(float(shift), speeds[shifts == shift]) for shift in np.unique(shifts)]
+        return np.asarray(_share(geometry, waves, jnp.concatenate(parts), alpha))[:n]
 
     return share_at
 
@@ -159,10 +175,20 @@ def deepest(
     if depth < DEEP or depths[elsewhere].max() > ELSEWHERE * depth:
         return Dip(unknown("no speed explains the record much better than others"), depth)
     near = np.linspace(SPEEDS[best - 1], SPEEDS[best + 1], len(SPEEDS))
-    bands = np.array_split(-np.log(share_at(near)), BANDS)
-    of_bands = np.array([band.sum(axis=0) for band in bands])
-    total = of_bands.sum(axis=0)
-    error = jackknife([summit(near, total - band) for band in of_bands])
     left = f"{np.exp(depth):.1f} times as much is left at most speeds"
     why = f"an image explains the record best: {left}"
-    return Dip(believed(summit(near, total), error, why, "edges"), depth)
+    return Dip(believed(*where_highest(near, -np.log(share_at(near))), why, "edges"), depth)
+
+
+def where_highest(
+    values: Float[np.ndarray, " values"], explained: Float[np.ndarray, "frequencies values"]
+) -> tuple[float, float]:
+    """Where the sum over frequencies is highest, and the jackknife's standard error over bands.
+
+    Args:
+        values: equispaced, in increasing order.
+        explained: by frequency, at each of them.
+    """
+    of_bands = np.array([band.sum(axis=0) for band in np.array_split(explained, BANDS)])
+    total = of_bands.sum(axis=0)
+    return summit(values, total), jackknife([summit(values, total - band) for band in of_bands])

@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from ..base.choice_table import LIKELY
+from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..base.units import Units
 from ..io import Scan
 from ..records import MODELS
 from ..records.signal_power import RecordPower
 from .acoustics import tell_acoustics
-from .acquisition import Facts, facts_of, typical_frame
+from .acquisition import Facts, facts_of, nominal_water_speed, typical_frame
 from .angular_coverage import with_speed_seen_once
 from .choices import IN_SPACE, Choices
-from .estimate import Estimate
+from .estimate import Estimate, Source
 from .medium import acoustic_model, body, nominal_speed, require_body_speed
 from .method import constraints, laser_energy
 from .noise import exact_integrals, noise_in_plane, noise_in_space
@@ -36,6 +36,7 @@ from .region import (
 )
 from .resolution import band, resolution_in_plane, resolution_in_space
 from .speed_found import with_speed
+from .start_time import start_and_speed, with_start_confirmed, with_start_untold
 
 METHOD = laser_energy, constraints
 PRESSURE = region_of_sound, body, resolution_in_plane, band, radii_in_plane, noise_in_plane, *METHOD
@@ -55,36 +56,74 @@ def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
     facts = facts_of(scan, given.get("use"))
     facts = facts._replace(units=facts.units.in_length(given.get("length_unit")))
     p = with_rectangle(Parameters(given, facts.units))
-    if scan.kind == "pressure":
-        record, p = _sound(scan, facts, p)
-        stages = PRESSURE
-    else:
-        record, p = _integrals(scan, facts, p)
-        stages = INTEGRALS
+    if scan.kind != "pressure":
+        return _through(INTEGRALS, *_integrals(scan, facts, p)).choices()
+    told = _through(PRESSURE, *_sound(scan, facts, p, {}))
+    made = told.choices()
+    made = with_speed_seen_once(scan, made) if told.nominal("sound_speed") else made
+    return _with_start(scan, facts, p, told, made) if told.nominal("time_shift") else made
+
+
+def _through(stages: tuple, record: Any, p: Parameters) -> Parameters:
     for stage in stages:
         p = stage(record, p)
-    made = p.choices()
-    return with_speed_seen_once(scan, made) if p.nominal("sound_speed") else made
+    return p
 
 
-def _sound(scan: Scan, facts: Facts, p: Parameters) -> tuple[Acquisition, Parameters]:
-    """What of a pressure record counts, and what it tells of model, speed and start."""
+def _with_start(
+    scan: Scan, facts: Facts, p: Parameters, told: Parameters, made: Choices
+) -> Choices:
+    """Choices with the start that images tell, where neither the file nor the user says one.
+
+    Args:
+        p: before the stages.
+        told: behind them.
+        made: choices with the start of the file.
+    """
+    if nominal_water_speed(facts.units) is None or made.grade("sound_speed") == SURE:
+        return made
+    sure = GUESSED not in (made.grade("model"), made.grade("sound_speed"))
+    start = start_and_speed(scan, made) if sure else None
+    if start is None or (start.grade == GUESSED and not start.differs):
+        return with_start_untold(scan, made)
+    if not start.differs:
+        return with_start_confirmed(made, start)
+    images = start.estimates(told.estimates["model"])
+    return _through(PRESSURE, *_sound(scan, facts, p, images)).choices()
+
+
+def _sound(
+    scan: Scan, facts: Facts, p: Parameters, images: Mapping[str, Estimate]
+) -> tuple[Acquisition, Parameters]:
+    """What of a pressure record counts, and what it tells of model, speed and start.
+
+    Args:
+        images: what they told before; nothing else is asked of them then.
+    """
     frame = typical_frame(scan)[facts.order]
     p = p.with_(model=acoustic_model(facts, frame))
     p = p.with_(
         sound_speed=nominal_speed(scan, p),
-        time_shift=Estimate(0.0, "as the file says"),
+        time_shift=_start_of(scan),
         impulse_response=_response(scan),
-    )
+    ).with_(**images)
     require_body_speed(p)
     record, assumed = preprocess_in_plane(scan, facts, frame, p)
+    if images:
+        return record, assumed
     arc, speed = record.facts.arc, p["sound_speed"]
     if arc is not None and not p.gives("region_radius"):
         require_scale(float(record.times[-1]) * speed, arc.radius, speed)
     told = tell_acoustics(record, assumed)
-    if any(told[name] != assumed[name] for name in ("model", "time_shift")):
+    if told["model"] != assumed["model"]:
         return preprocess_in_plane(scan, facts, frame, told)
     return record, told
+
+
+def _start_of(scan: Scan) -> Estimate:
+    """As the file says: of times that it has, or of samples from when the laser fires."""
+    known = "times" in scan.known
+    return Estimate(0.0, "as the file says", source=Source.FILE if known else Source.NOMINAL)
 
 
 def _response(scan: Scan) -> Estimate:

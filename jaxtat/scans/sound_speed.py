@@ -1,24 +1,20 @@
-"""The speed of sound, and when a record starts, by what the best image leaves unexplained.
+"""The speed of sound by what the best image leaves unexplained.
 
 Least over speeds is searched for in steps by fits that are hardly begun, and from the best of these
 downhill in quarters of a step by whole ones; the parabola through the last three gives the speed.
 Few steps leave more, but least at the same speed to a step where that speed is distinct (by 6, 10
 and 15 of 25, on simulated scans); where it is not, as from half a circle, fits at all speeds are
 whole ones. Every second speed would not do: a dip can lie between.
-
-A start that is wrong by t_0 shifts all arrivals alike, a wrong speed those from afar more: along
-c = D / (D/c_0 + t_0), D the distance of the middle, arrivals from there stay the same, and that
-line is searched for the start.
 """
 
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
 
-from .misfit import FEW_STEPS, STEPS, Fit, Misfit
+from .misfit import FEW_STEPS, STEPS, Fit
 from .speed_found import jackknife, summit
 
 STEP = 1 / 120  # between speeds, over water's
@@ -27,9 +23,6 @@ DISTINCT = 0.3  # depth from which a speed is believed, of detectors on most sid
 SECTORS = 8  # of detectors, each of which is left out in turn
 TELLING = 0.4  # depth from which fits that are hardly begun tell where the least is
 BESIDE = 2  # steps to each side of the least share that are no measure of the others
-SHIFTS = 0.025 * np.arange(-4, 5)  # of the start, over the time from the middle to the detectors
-CLOSER = 0.25  # times these, the second time
-FARTHER = 1.5  # at most, than the middle
 
 
 class Least(NamedTuple):
@@ -119,77 +112,3 @@ def _downhill(height: Callable[[int], float], start: int, last: int) -> int:
         if lowest == here:
             return here
         here = lowest
-
-
-class Start(NamedTuple):
-    """The best start and the speed with it.
-
-    Attributes:
-        shift: t_0, what is added to the times [time].
-        speed: c with it.
-        gain: by how much of it share² is smaller than without a shift.
-    """
-
-    shift: float
-    speed: Least
-    gain: float
-
-
-def best_start(
-    misfit: Misfit,
-    weight: float,
-    without: Least,
-    distance: float,
-    speeds: tuple[float, float],
-    good: Bool[np.ndarray, " detectors"],
-) -> Start | None:
-    """The start with which least is unexplained; None where it is at an end of the range.
-
-    Args:
-        misfit, weight: the criterion.
-        without: the speed with times as they are.
-        distance: of the detectors from the middle [length].
-        speeds: least and greatest that are possible.
-    """
-    speed, shift, found = without.value, 0.0, without
-    for spread in (1.0, CLOSER):
-        on_line = _along_line(misfit, weight, distance, speed, shift, spread, speeds, good)
-        if on_line is None or not on_line.inside:
-            return None
-        near = distance / (distance / speed - shift + on_line.value)
-        shift = on_line.value
-        fit_at = partial(misfit.best, shift=shift, weight=weight)
-        found = least_share(fit_at, near * (1 + STEP * np.arange(-2, 3)), good)
-        if not found.inside:
-            return None
-        speed = found.value
-        # the distance of what sounds, by the two speeds: the second line runs along the valley
-        slowness = 1 / speed - 1 / without.value
-        if shift * slowness > 0:
-            distance = min(max(shift / slowness, distance / FARTHER), distance * FARTHER)
-    gain = 1 - (found.fit.share / without.fit.share) ** 2
-    return Start(shift, found._replace(depth=without.depth), gain)
-
-
-def _along_line(
-    misfit: Misfit,
-    weight: float,
-    distance: float,
-    speed: float,
-    shift: float,
-    spread: float,
-    speeds: tuple[float, float],
-    good: Bool[np.ndarray, " detectors"],
-) -> Least | None:
-    """The best shift about another one, with sound from the middle at the same samples."""
-    arrival = distance / speed - shift
-    shifts = shift + spread * distance / speed * SHIFTS
-    possible = distance / (arrival + shifts)
-    shifts = shifts[(possible >= speeds[0]) & (possible <= speeds[1])]
-    if len(shifts) < 3:
-        return None
-
-    def fit_at(later: float, *, steps: int) -> Fit:
-        return misfit.best(distance / (arrival + later), later, weight=weight, steps=steps)
-
-    return least_share(fit_at, shifts, good)

@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, in_plane, positions, record
+from made_scans import BELLS, RADIUS, SPEED, TIMES, positions, record
 
-from jaxtat import detector_curve, elliptic_arc, phantoms
+from jaxtat import detector_curve, phantoms
 from jaxtat.scans.acquisition import FASTEST, SLOWEST
 from jaxtat.scans.misfit import STEPS, Fit, Sound, misfit_of, place_of
-from jaxtat.scans.sound_speed import STEP, best_start, least_share
+from jaxtat.scans.sound_speed import STEP, least_share
 
 PIXELS = 61  # fewer than by default, where many fits are made
 ENDS = (0.92 * SLOWEST * SPEED, 1.08 * FASTEST * SPEED)
@@ -109,23 +109,6 @@ def test_the_share_is_least_at_the_true_speed(speed):
     told = least_share(partial(misfit.best, weight=weight), speeds, np.ones(90, bool))
     assert told.value == pytest.approx(speed, rel=1e-3)
     assert told.inside and told.depth > 0.5 and told.standard_error < 2e-3 * speed
-
-
-def test_a_start_that_is_wrong_is_told_from_speed_on_an_ellipse():
-    """Its detectors are not all as far from the middle."""
-    curve = elliptic_arc((0.045, 0.035), 90, start=-1.0, stop=4.2)
-    pressure = in_plane(BODY, curve)
-    late = 6
-    made = sound(pressure[:, late:], curve, TIMES[:-late])  # the file says they begin at 0
-    misfit = coarse(made)
-    weight, good = misfit.best(SPEED).weight, made.good
-    stretch = np.arange(0.93 * SLOWEST, 1.07 * FASTEST, 2 * STEP)
-    told = least_share(partial(misfit.best, weight=weight), SPEED * stretch, good)
-    start = best_start(misfit, weight, told, 0.04, (SLOWEST * SPEED, FASTEST * SPEED), good)
-    assert start is not None and start.gain > 0.3
-    assert start.shift == pytest.approx(late / RATE, abs=1 / RATE)  # to a sample
-    assert start.speed.value == pytest.approx(SPEED, rel=5e-3)
-    assert abs(told.value / SPEED - 1) > 0.02
 
 
 def leaving(left):

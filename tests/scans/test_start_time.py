@@ -2,9 +2,19 @@
 
 import numpy as np
 import pytest
-from made_scans import RATE, SPEED, TIMES, positions, raw_counts, record
+from made_scans import (
+    BELLS,
+    RADIUS,
+    RATE,
+    SPEED,
+    TIMES,
+    in_plane,
+    positions,
+    raw_counts,
+    record,
+)
 
-from jaxtat import reconstruct_file
+from jaxtat import elliptic_arc, phantoms, reconstruct_file
 from jaxtat.io import Scan, load_scan, save_ipasc
 from jaxtat.scans import choose, integrals, reconstruct, setup_of, with_facts
 from jaxtat.steps import AccuracyWarning
@@ -99,3 +109,31 @@ def test_the_start_time_stays_in_a_file(tmp_path):
     with pytest.warns(AccuracyWarning, match=early):
         by_option = reconstruct_file(other, start_time=SHIFTED, **options)
     np.testing.assert_allclose(by_file.image, by_option.image, rtol=1e-9)
+
+
+@pytest.mark.parametrize("late", [0, 6])
+def test_a_start_that_the_file_does_not_say_is_told_with_the_speed(late):
+    """On an ellipse, and confirmed where it is as the file says."""
+    curve = elliptic_arc((0.045, 0.035), 90, start=-1.0, stop=4.2)
+    bells = phantoms.Bells(BELLS["centers"], BELLS["radii"], [1.0, 0.7, 0.5])
+    where = np.insert(np.asarray(curve.points), 2, 0.0, axis=1)
+    chosen = choose(made(in_plane(bells, curve)[:, late:], detectors=where), model="in-plane")
+    assert chosen.time_shift == pytest.approx(late / RATE, abs=0.02 / RATE)
+    assert chosen.sound_speed == pytest.approx(SPEED, rel=5e-4)
+    assert chosen.grade("sound_speed") == "likely"
+    assert chosen.grade("time_shift") == ("guessed" if late else "likely")
+    why = dict(chosen.reasons)["time_shift"]
+    assert why.startswith("the record starts 1.5" if late else "as the file says; images tell")
+
+
+def test_from_half_a_circle_no_start_is_told():
+    """A speed that goes with it does as well: both are guesses, and the file's start is kept."""
+    half = slice(15, 75)
+    chosen = choose(made(record()[half, 3:], detectors=positions()[half]), model="in-plane")
+    assert chosen.time_shift == 0.0 and chosen.grade("time_shift") == "guessed"
+    assert chosen.grade("sound_speed") == "guessed"
+    speed = chosen.sound_speed
+    more = RADIUS / (RADIUS / speed - 1e-6) - speed
+    assert (
+        f"1 us more would make the speed {more:.3g} m/s more" in dict(chosen.reasons)["time_shift"]
+    )

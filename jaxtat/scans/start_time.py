@@ -1,0 +1,218 @@
+"""When a record starts, and the speed of sound with it, by what no image in the region explains.
+
+A start that is wrong by t_0 shifts all arrivals alike, a wrong speed those from afar more. To first
+order in the region's radius over the detectors' distance D both are the same along
+
+    c = D / (D / c_0 + t_0),
+
+on which sound from the middle arrives when it does. To second order they are not: along that line
+the image of a detector is stretched along its line of sight and bent across, and detectors on most
+sides contradict each other. E(c, t_0), what no image in the region explains (`best_explained`), is
+a least-squares problem with an exact solution, and so smooth, where fits of a few steps are not.
+Its least value over speeds at each of some shifts is looked for, thrice, ever closer.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..base.choice_table import GUESSED, LIKELY
+from ..io import Scan
+from .acquisition import facts_of
+from .all_speeds import problem_for_speeds
+from .best_explained import BANDS, share_by_speed, with_long_waves
+from .choices import Choices
+from .estimate import Estimate, Source
+from .frames import shifted_times
+from .speed_found import jackknife, summit
+
+SHIFTS = np.arange(-4, 5)  # steps of the start
+ACROSS = np.arange(-2, 3)  # steps of the speed
+# these: over the time from the middle to the detectors, over the speed; three times closer
+STEPS = (0.025, 2e-3), (0.012, 5e-4), (0.006, 2e-4)
+FREQUENCIES = 32  # at most
+LEFT = 0.05  # of the power at a frequency, from which more than a wrong start is amiss
+DEEP = 0.05  # log of what is left two close steps across the ridge, over that on it
+SURE_TO = 2.5e-3  # standard error over the speed, to be likely
+DIFFERENT = 3.0  # standard errors
+MICROSECOND = 1e-6  # s
+
+
+class Start(NamedTuple):
+    """The start of which least of a record is unexplained, and the speed with it.
+
+    Attributes:
+        shift: t_0, what is added to the times [time].
+        standard_error: its, the jackknife's over bands of frequencies [time].
+        speed: c with it [length/time].
+        speed_error: that of the speed, along the ridge and across it [length/time].
+    """
+
+    shift: float
+    standard_error: float
+    speed: float
+    speed_error: float
+
+    @property
+    def differs(self) -> bool:
+        """Whether a start as the file says is contradicted."""
+        return abs(self.shift) > DIFFERENT * self.standard_error
+
+    @property
+    def grade(self) -> str:
+        return LIKELY if self.speed_error <= SURE_TO * self.speed else GUESSED
+
+    def estimates(self, model: Estimate) -> dict[str, Estimate]:
+        """Start and speed for the table, with the model by which they were told."""
+        when = "late" if self.shift > 0 else "early"
+        why = (
+            f"the record starts {{gone:time}} {when}: with that an image explains it best; "
+            "--start-time gives another start"
+        )
+        of_speed = "an image explains the record best, with the shift of times; none in the file"
+        found = GUESSED, Source.ESTIMATE
+        data = {"gone": abs(self.shift)}
+        return {
+            "model": model._replace(source=Source.ESTIMATE),
+            "time_shift": Estimate(self.shift, why, *found, self.standard_error, data),
+            "sound_speed": Estimate(
+                self.speed, of_speed, self.grade, Source.ESTIMATE, self.speed_error
+            ),
+        }
+
+
+def with_start_untold(scan: Scan, choices: Choices) -> Choices:
+    """Choices whose start and speed are guesses, with the line that joins them."""
+    units, speed = choices.units, choices.sound_speed
+    points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
+    distance = float(np.hypot(*points.T).mean())
+    later = MICROSECOND / units.in_si("time")[0]
+    faster = distance / (distance / speed - later) - speed
+    why = (
+        f"as the file says, which the record does not tell: {units.of_time(later)} more would make "
+        f"the speed {units.of_speed(faster, 3)} more"
+    )
+    reason = dict(choices.reasons)["sound_speed"]
+    if choices.grade("sound_speed") != GUESSED:
+        reason += "; if the record starts when the file says"
+    error = dict(choices.standard_errors).get("sound_speed")
+    guessed = choices.with_reason("time_shift", why, GUESSED)
+    return guessed.with_reason("sound_speed", reason, GUESSED, error)
+
+
+def with_start_confirmed(choices: Choices, start: Start) -> Choices:
+    """Choices whose start an image speaks for too."""
+    units = choices.units
+    why = f"as the file says; images tell the same to {units.of_time(start.standard_error)}"
+    told = choices.with_reason("time_shift", why, start.grade, start.standard_error)
+    if start.grade == LIKELY:
+        return told
+    speed = "sound_speed", dict(choices.reasons)["sound_speed"]
+    return told.with_reason(*speed, GUESSED, start.speed_error)
+
+
+def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
+    """The start and the speed at which an image in the region explains most of a typical frame.
+
+    Args:
+        scan, choices: of pressure in the plane, with one speed of sound, near the best for times as
+            they are.
+
+    Returns:
+        None where the record is too short to tell, hardly any speed is better than others, or no
+        image explains most of it.
+    """
+    times = shifted_times(scan, choices)
+    assert times is not None
+    points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
+    distance, known = float(np.hypot(*points.T).mean()), choices.sound_speed
+    arrival = distance / known
+    earliest = STEPS[0][0] * arrival * SHIFTS[0]
+    heard = known * (float(times[-1]) + earliest)
+    n_radii = int(np.count_nonzero(np.asarray(choices.radii) <= heard))
+    whole = replace(with_long_waves(scan, choices), n_radii=n_radii)
+    problem = problem_for_speeds(scan, whole)
+    if problem.geometry is None or not problem.setup.complete:
+        return None
+    share_at = share_by_speed(scan, whole, problem, FREQUENCIES)
+    shift, slowness, slope = 0.0, 1 / known, 1 / distance
+    for step, step_across in STEPS:
+        shifts = shift + step * arrival * SHIFTS
+        line = 1 / (slowness + slope * (shifts - shift))
+        speeds = line[:, None] * (1 + step_across * ACROSS)
+        every = np.repeat(shifts, len(ACROSS))
+        explained = -np.log(share_at(speeds.ravel() / known, every))
+        ridge = _along_ridge(shifts, speeds, explained.reshape(-1, *speeds.shape))
+        if ridge is None:
+            return None
+        shift, slowness, slope = ridge.shift, 1 / ridge.speed, ridge.slope
+    if ridge.depth < DEEP or ridge.left > LEFT:
+        return None
+    error = np.hypot(ridge.across_error, ridge.error * ridge.slope * ridge.speed**2)
+    return Start(ridge.shift, ridge.error, ridge.speed, float(error))
+
+
+class _Ridge(NamedTuple):
+    """The highest point of what is explained, by the highest speed of each shift.
+
+    Attributes:
+        shift, speed: there.
+        slope: by which slowness grows with the shift along the ridge [1/length].
+        error, across_error: the jackknife's over bands, of the shift and of the speed with it.
+        depth: of the highest point over the ends across.
+        left: share of the power at a frequency that is unexplained there.
+    """
+
+    shift: float
+    speed: float
+    slope: float
+    error: float
+    across_error: float
+    depth: float
+    left: float
+
+
+def _along_ridge(
+    shifts: Float[np.ndarray, " shifts"],
+    speeds: Float[np.ndarray, "shifts speeds"],
+    explained: Float[np.ndarray, "frequencies shifts speeds"],
+) -> _Ridge | None:
+    """None where it is highest at an end."""
+    bands = np.array([band.sum(axis=0) for band in np.array_split(explained, BANDS)])
+    total = bands.sum(axis=0)
+    tops = np.array([_top(*pair) for pair in zip(speeds, total, strict=True)])
+    k = int(np.argmax(tops[:, 1]))
+    if not 0 < k < len(shifts) - 1:
+        return None
+
+    def highest(heights: np.ndarray) -> float:
+        found = [_top(*pair)[1] for pair in zip(speeds, heights, strict=True)]
+        return summit(shifts, np.array(found))
+
+    shift = highest(total)
+    slope, offset = np.polyfit(shifts - shift, 1 / tops[:, 0], 1, w=_near(len(shifts), k))
+    error = jackknife([highest(total - band) for band in bands])
+    across = jackknife([_top(speeds[k], total[k] - band[k])[0] for band in bands])
+    n = explained.shape[0]
+    depth = float(total[k].max() - max(total[k, 0], total[k, -1])) / n
+    left = float(np.exp(-total[k].max() / n))
+    return _Ridge(shift, float(1 / offset), float(slope), error, across, depth, left)
+
+
+def _top(
+    speeds: Float[np.ndarray, " speeds"], heights: Float[np.ndarray, " speeds"]
+) -> tuple[float, float]:
+    """Speed and height of the parabola through the three highest values, at its top."""
+    k = int(np.argmax(heights[1:-1])) + 1
+    before, highest, behind = heights[k - 1 : k + 2]
+    curvature = min(before - 2 * highest + behind, -np.finfo(float).tiny)
+    step = float(np.clip((before - behind) / (2 * curvature), -1.0, 1.0))
+    top = highest - step * (before - behind) / 2 + step**2 * curvature / 2
+    return float(speeds[k] + (speeds[1] - speeds[0]) * step), float(top)
+
+
+def _near(n: int, k: int) -> Float[np.ndarray, " shifts"]:
+    """1 for the shifts beside the k-th, little for others."""
+    return np.where(np.abs(np.arange(n) - k) <= 2, 1.0, 1e-3)
