@@ -14,6 +14,7 @@ from ..geometry.caps import Detectors
 from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure, text_size
 from .images import show_image
 
+OF_VALUES = "initial pressure [arb. unit]"
 MOST_ROWS = 4  # frames of a stack that one picture shows
 _NAMES = ("$x_1$", "$x_2$", "$x_3$")
 
@@ -40,15 +41,17 @@ def show_slices(
         cmap: matplotlib's name of a colour map.
         title: above all three.
         unit: of length of the grid, "m", "cm", "mm" or "um"; axes are in millimetres then.
+
+    Raises:
+        ValueError: for another shape than the grid's, and without limits where all is NaN.
     """
-    values = np.asarray(volume)
+    values, limits = _checked(volume, grid, limits)
     pictures, labels = [], []
     for axis, index in enumerate(_nearest(grid, at)):
         pictures.append(np.take(values, index, axis=axis))
         height = float(grid.axis(axis)[index])
         height = 0.0 if abs(height) < 1e-3 * float(grid.spacing[axis]) else height
         labels.append(f"{_NAMES[axis]} = {millimetres(unit) * height:.3g}")
-    limits = limits or (float(np.nanmin(values)), float(np.nanmax(values)))
     _show_three(figure, pictures, labels, grid, limits, cmap, title, unit)
 
 
@@ -67,13 +70,15 @@ def show_projections(
     Args:
         figure, grid, limits, cmap, title, unit: as in `show_slices`.
         volume: (x1, x2, x3); NaN is left out, and blank where there is nothing else.
+
+    Raises:
+        ValueError: as `show_slices`.
     """
-    values = np.asarray(volume)
+    values, limits = _checked(volume, grid, limits)
     filled = np.where(np.isnan(values), -np.inf, values)
     largest = [filled.max(axis=axis) for axis in range(3)]
     pictures = [np.where(np.isfinite(picture), picture, np.nan) for picture in largest]
     labels = [f"largest along {name}" for name in _NAMES]
-    limits = limits or (float(np.nanmin(values)), float(np.nanmax(values)))
     _show_three(figure, pictures, labels, grid, limits, cmap, title, unit)
 
 
@@ -95,7 +100,7 @@ def _show_three(
         shown = show_image(axes, pictures[axis], plane, limits=limits, cmap=cmap, unit=unit)
         label_axes(axes, labels[axis], *(length_label(_NAMES[k], unit) for k in (i, j)))
         if axis == 2:
-            figure.colorbar(shown, ax=axes, shrink=0.8)
+            figure.colorbar(shown, ax=axes, shrink=0.8, label=OF_VALUES)
     if title:
         figure.suptitle(title, fontsize=text_size(10))
 
@@ -117,9 +122,11 @@ def show_space(
         figure, volume, grid, at, limits, cmap: as in `show_slices`.
         detectors: drawn thinned out, none by default.
         most: nodes drawn along each axis; more are thinned out.
+
+    Raises:
+        ValueError: as `show_slices`.
     """
-    values = np.asarray(volume)
-    low, high = limits or (float(np.nanmin(values)), float(np.nanmax(values)))
+    values, (low, high) = _checked(volume, grid, limits)
     axes = figure.add_subplot(projection="3d")
     steps = [slice(None, None, -(-size // most)) for size in grid.shape]
     lines = [np.asarray(grid.axis(axis))[steps[axis]] for axis in range(3)]
@@ -170,6 +177,24 @@ def save_volume(
         show_slices(slices, stack[k], grid, limits=limits, title=title, unit=unit)
         show_projections(projections, stack[k], grid, limits=limits, unit=unit)
     figure.savefig(path, dpi=150, metadata=metadata)
+
+
+def _checked(
+    volume: Numbers, grid: VolumeGrid, limits: tuple[float, float] | None
+) -> tuple[np.ndarray, tuple[float, float]]:
+    """Values on the grid, and what is shown as darkest and brightest."""
+    values = np.asarray(volume)
+    if values.shape != grid.shape:
+        raise ValueError(
+            f"volume has shape {values.shape}, expected that of the grid, {grid.shape}: pass one "
+            "volume, and the grid of its voxels."
+        )
+    if limits is None:
+        finite = values[np.isfinite(values)]
+        if finite.size == 0:
+            raise ValueError("volume holds no finite value, expected some, or limits to show.")
+        limits = float(finite.min()), float(finite.max())
+    return values, limits
 
 
 def _nearest(grid: VolumeGrid, at: tuple[float, float, float] | None) -> list[int]:

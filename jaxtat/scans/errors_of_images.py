@@ -57,10 +57,15 @@ def image_errors(
         ImageErrors; None where nothing tells of the noise of an image by the formula.
 
     Raises:
-        ValueError: for volumes.
+        ValueError: for volumes, and an image of another shape than the choices' grid.
     """
     if choices.in_space:
         raise ValueError("errors of images are known in the plane alone, and this is a volume.")
+    if jnp.shape(image) != choices.grid.shape:
+        raise ValueError(
+            f"image has shape {jnp.shape(image)}, expected that of the choices' grid, "
+            f"{choices.grid.shape}: pass the image of one frame, made by these choices."
+        )
     (frame,) = lit_frames(scan, choices, number, number + 1)
     if choices.model_based:
         return fit_errors(scan, choices, frame, jnp.asarray(image))

@@ -187,6 +187,7 @@ def test_slices_of_a_volume_lie_where_its_grid_says():
         names = [f"$x_{j + 1}$ [mm]" for j in range(3) if j != k]
         assert [shown.get_xlabel(), shown.get_ylabel()] == names
     assert figure.axes[1].get_title() == "$x_2$ = 100"
+    assert figure.axes[3].get_ylabel() == "initial pressure [arb. unit]"
     assert_allclose(figure.axes[2].images[0].get_extent()[:2], (750, 3250))
     volume[2, 3, 4], volume[:, 0, 0] = 2.0, np.nan
     largest = new_figure(9, 3)
@@ -200,6 +201,18 @@ def test_slices_of_a_volume_lie_where_its_grid_says():
     show_space(space, volume, grid, spherical_cap(3.0, 1.0, 4, 8), most=4)
     (axes,) = space.axes
     assert len(axes.collections) == 3 and len(axes.lines[0].get_data_3d()[0]) == 32
+
+
+@pytest.mark.parametrize("show", [show_slices, show_projections, show_space])
+def test_what_is_no_volume_of_the_grid_is_refused(show):
+    grid = VolumeGrid((5, 6, 7))
+    for wrong in (np.ones((5, 6)), np.ones((7, 6, 5)), np.ones((2, 5, 6, 7))):
+        with pytest.raises(ValueError, match=r"volume has shape .*, expected .* \(5, 6, 7\)"):
+            show(new_figure(9, 3), wrong, grid)
+    empty = np.full(grid.shape, np.nan)
+    with pytest.raises(ValueError, match="volume holds no finite value"):
+        show(new_figure(9, 3), empty, grid)
+    show(new_figure(9, 3), empty, grid, limits=(0.0, 1.0))  # of a stack with other frames
 
 
 def test_a_sheet_has_no_empty_frames():

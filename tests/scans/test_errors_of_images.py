@@ -75,5 +75,7 @@ def test_errors_of_the_formula_are_those_of_noise(measured):
     found = image_errors(measured, direct, 0, image)
     outside = ~np.asarray(direct.region.contains(direct.grid.points))
     assert np.isnan(found.deviation[outside]).all()
+    with pytest.raises(ValueError, match=r"image has shape \(44, 45\), expected .* \(45, 45\)"):
+        image_errors(measured, direct, 0, image[1:])
     wanted = standard_deviations(measured, direct)[0]
     assert np.array_equal(np.asarray(found.deviation)[~outside], wanted[~outside])
