@@ -13,8 +13,10 @@ import numpy as np
 from cases import SIZES, Case, cases, truth, write
 
 
-def examine(case: Case, size: str, oracle: bool, folder: Path) -> dict:
+def examine(case: Case, size: str, oracle: bool, speeds: str, folder: Path) -> dict:
     """The row of the table; pictures go into the folder as NAME.images.npz."""
+    given = {"two_speeds": speeds != "one"}
+    given |= {"water_speed": case.water} if speeds == "two-water-given" else {}
     from oracle import window
 
     from jaxtat.io import load_scan
@@ -29,7 +31,7 @@ def examine(case: Case, size: str, oracle: bool, folder: Path) -> dict:
     pictures = {"truth": where.truth, "corners": corners}
     try:
         scan = load_scan(path)
-        direct = choose(scan)
+        direct = choose(scan, **given)
         choices = with_best_method(scan, direct)
         row |= _chosen(case, body, direct)
         pictures["chosen"] = where.seen(reconstruct(scan, choices))
@@ -95,6 +97,6 @@ def _chosen(case: Case, body, choices) -> dict:
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
     warnings.simplefilter("ignore")
-    name, size, against, folder = sys.argv[1:]
+    name, size, against, speeds, folder = sys.argv[1:]
     (case,) = (case for case in cases() if case.name == name)
-    print(json.dumps(examine(case, size, against == "oracle", Path(folder))))
+    print(json.dumps(examine(case, size, against == "oracle", speeds, Path(folder))))

@@ -1,7 +1,7 @@
 """Reconstructs all scans with no option, and shows what came of it beside the truth.
 
     python benchmarks/scans/run.py [--half rules|held-out] [--only NAME] [--quick] [--no-oracle]
-        [--out FOLDER]
+        [--speeds one|two|two-water-given] [--out FOLDER]
 
 The image without options is the fitted one for most records; "direct" is the formula's error.
 Writes scans.csv, scans.md and contact sheets (truth, with no option, oracle) into the folder.
@@ -57,13 +57,14 @@ NEAR = 2e-7  # s
 
 
 def main() -> None:
-    from cases import HALVES, cases, simulated_by_k_wave
+    from cases import HALVES, SPEEDS, cases, simulated_by_k_wave
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--half", choices=HALVES)
     parser.add_argument("--only", metavar="NAME", help="scans whose name holds this")
     parser.add_argument("--quick", action="store_true", help="0.3 of all detectors and samples")
     parser.add_argument("--no-oracle", action="store_true", help="but what jaxtat chooses alone")
+    parser.add_argument("--speeds", choices=SPEEDS, default="one", help="of sound, estimated")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="scans at a time")
     parser.add_argument("--out", type=Path, default=Path("out/scans"), metavar="FOLDER")
     options = parser.parse_args()
@@ -79,7 +80,8 @@ def main() -> None:
     size = "quick" if options.quick else "full"
     with ThreadPoolExecutor(options.jobs) as pool:
         made = pool.map(
-            lambda case: examined(case, size, not options.no_oracle, options.out), wanted
+            lambda case: examined(case, size, not options.no_oracle, options.speeds, options.out),
+            wanted,
         )
         for row in made:
             rows.append(row)
@@ -91,15 +93,16 @@ def main() -> None:
     draw(worst(rows), options.out, options.out / "worst.png", columns=3)
 
 
-def examined(case, size: str, oracle: bool, folder: Path) -> dict:
-    row = in_a_process(case.name, size, oracle, folder)
+def examined(case, size: str, oracle: bool, speeds: str, folder: Path) -> dict:
+    row = in_a_process(case.name, size, oracle, speeds, folder)
     return row | {"half": case.half, "dirt": described(case)}
 
 
-def in_a_process(name: str, size: str, oracle: bool, folder: Path) -> dict:
+def in_a_process(name: str, size: str, oracle: bool, speeds: str, folder: Path) -> dict:
     """Of a child, whose end, whatever it was, is a row."""
     against = "oracle" if oracle else "alone"
-    command = [sys.executable, str(HERE / "examine.py"), name, size, against, str(folder)]
+    script = str(HERE / "examine.py")
+    command = [sys.executable, script, name, size, against, speeds, str(folder)]
     start = time.perf_counter()
     try:
         environment = os.environ | (UNOPTIMISED if size == "quick" else {})
