@@ -31,7 +31,7 @@ from ..densities.cylindrical_waves import (
     polar_geometry,
     tikhonov_densities,
 )
-from ..geometry import Region
+from ..geometry import DiskBody, Region
 from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..reconstruction.plane_bases import default_rule
@@ -120,6 +120,7 @@ class Live(eqx.Module):
         low_pass: Any = None,
         region_center: Numbers | None = None,
         region_radius: Numbers | None = None,
+        medium: DiskBody | None = None,
     ) -> "Live":
         """The same with other settings: only what depends on them is recomputed.
 
@@ -127,16 +128,17 @@ class Live(eqx.Module):
         long as `live` did: see `replace_in_background`.
 
         Args:
-            sound_speed: c [length/time].
+            sound_speed: c [length/time], the water's where there are two.
             rule: a number as `alpha`, or `Tikhonov` or `RelativeTikhonov`.
             low_pass: "none", "cosine" or a function.
             region_center: of region and grid, (x1, x2) [length]. Within ``reach`` of `live` only
                 pixels change, beyond it systems are solved for a disk about this centre.
             region_radius: of the region, and the grid as many times larger, up to ``reach``.
+            medium: a body in place of another one; all systems are solved again.
 
         Raises:
             ValueError: for a speed that makes the record too short, a rule for the densities of a
-                plan, and a region that does not fit.
+                plan, a region that does not fit, and a body where there was none.
         """
         waves, densities, samples = self._waves, self._ready.densities, self._ready.samples
         radii, kernels, speed = self.radii, self._kernels, self.sound_speed
@@ -149,6 +151,10 @@ class Live(eqx.Module):
             region = moved_disk(region, region_center, region_radius)
             end = record_end(self._pressure, speed)
             setup, solved_anew = setup_showing(setup, self.region, region, end)
+        if medium is not None:
+            if setup.medium is None:
+                raise ValueError("medium: these are images of one speed; make another function.")
+            setup, solved_anew = setup.replace(medium=medium), True
         rule = self.rule if rule is None else _rule_of(rule, setup)
         if self.rule is None and (rule is not None or solved_anew):
             raise ValueError("densities of a plan: its rule and geometry cannot be changed.")

@@ -99,6 +99,14 @@ class ViewerPage:
             title=f"speed of sound{of_speed}", format="0.[000]" if of_speed else "0.000"
         )
         self.speed.visible = session.scan.kind == "pressure"
+        self.water = Slider(start=low, end=high, step=self.speed.step, format=self.speed.format)
+        self.water.update(
+            title=f"speed of sound in the water{of_speed}",
+            value=self.scale * session.choices.path_speed,
+            visible=start.water_speed is not None,
+        )
+        if self.water.visible:
+            self.speed.title = f"speed of sound in the body{of_speed}"
         power = math.log10(start.alpha)
         self.alpha = Slider(
             start=min(-6.0, math.floor(power)), end=max(0.0, power), value=power, step=0.05
@@ -155,6 +163,7 @@ class ViewerPage:
             self.method,
             self.curve_plot,
             self.speed,
+            self.water,
             self.alpha,
             row(Div(text="low-pass", width=70), self.low_pass),
             *self.looking.sliders,
@@ -165,7 +174,7 @@ class ViewerPage:
             row(self.keep_picture, self.keep_choices),
             self.status,
         )
-        for control in (self.frame, self.speed, self.alpha, self.picture.levels):
+        for control in (self.frame, self.speed, self.water, self.alpha, self.picture.levels):
             control.width = WIDTH
         pictures = self.picture.figure, self.beside.figure
         below = Div(text="<b>The same by a command</b>"), self.command, self.table
@@ -177,6 +186,7 @@ class ViewerPage:
         for control, its in (
             (self.frame, "value"),
             (self.speed, "value"),
+            (self.water, "value"),
             (self.alpha, "value"),
             (self.low_pass, "active"),
             (self.method, "active"),
@@ -194,14 +204,15 @@ class ViewerPage:
     def controls(self) -> ControlValues:
         """Values of the controls; one that was not moved has exactly the value of the choices."""
         start = self._session.start
-        speed, alpha = self.speed.value / self.scale, 10**self.alpha.value
+        speed, water = (slider.value / self.scale for slider in (self.speed, self.water))
         return ControlValues(
-            start.sound_speed if math.isclose(speed, start.sound_speed, rel_tol=1e-9) else speed,
-            start.alpha if math.isclose(alpha, start.alpha, rel_tol=1e-9) else alpha,
+            _unless_moved(speed, start.sound_speed),
+            _unless_moved(10**self.alpha.value, start.alpha),
             LOW_PASSES[self.low_pass.active or 0],
             int(self.frame.value),
             METHODS[self.method.active or 0],
             self.looking.disk,
+            None if start.water_speed is None else _unless_moved(water, start.water_speed),
         )
 
     def _changed(self) -> None:
@@ -220,6 +231,8 @@ class ViewerPage:
         self.errors.active = False
         self.frame.value, self.method.active = values.frame, METHODS.index(values.method)
         self.speed.value = self.scale * values.sound_speed
+        if values.water_speed is not None:
+            self.water.value = self.scale * values.water_speed
         self.alpha.value = math.log10(values.alpha)
         self.low_pass.active = LOW_PASSES.index(values.low_pass)
         self.looking.show(values.disk)
@@ -416,6 +429,8 @@ class ViewerPage:
         said = [f"frame {controls.frame}"] if self.frame.visible else []
         if self.speed.visible:
             said.append(f"{self.scale * controls.sound_speed:.6g} m/s")
+        if controls.water_speed is not None:
+            said[-1] += f" in {self.scale * controls.water_speed:.6g} m/s"
         if controls.method == DIRECT:
             said.append(f"alpha {controls.alpha:.2g}, {controls.low_pass}")
         return ", ".join(said)
@@ -448,6 +463,10 @@ def _at_once(controls: ControlValues) -> ControlValues:
     if controls.method != MODEL_BASED:
         return controls
     return replace(controls, method=DIRECT, disk=None)
+
+
+def _unless_moved(value: float, start: float) -> float:
+    return start if math.isclose(value, start, rel_tol=1e-9) else value
 
 
 def _on_change(widget: Any, its: str, do: Callable[[], Any]) -> None:

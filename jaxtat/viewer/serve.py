@@ -156,8 +156,6 @@ def view(
     with jax.enable_x64(True):
         if choices is None:
             choices = choose(scan, pixels=PIXELS)
-        if choices.medium is not None:
-            raise ValueError("the viewer turns one speed of sound: leave water_speed out.")
         session = Session(scan, choices, facts)
         # compiled before the first page is opened; a fit takes longer, and comes after it
         session.image(replace(session.start, method=DIRECT))

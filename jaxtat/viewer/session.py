@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ..base.choice_table import METHOD, OF_CONSTRAINTS, OPTIONS, PLAIN, RECORD, SURE
 from ..base.units import ROUNDING
-from ..geometry import ImageGrid, fit_circle
+from ..geometry import DiskBody, ImageGrid, fit_circle
 from ..io import Scan
 from ..scans import Choices, ImageErrors, choose, image_errors, integrals, with_best_method
 from ..scans.acoustics import shares_by_speed
@@ -34,13 +34,14 @@ class ControlValues:
     """Values of the controls.
 
     Attributes:
-        sound_speed: c [length/time]; of no meaning for circular integrals.
+        sound_speed: c, of two that of the body [length/time]; of no meaning for circular integrals.
         alpha: Tikhonov's, as in `solve`.
         low_pass: "none" or "cosine".
         frame: of the scan, from 0.
         method: "direct", "back-projection" or "model-based", a fit.
         disk: radius and centre of a part of the region that is looked at, with as many pixels
             [length]; None for all of it, as always model-based.
+        water_speed: around the body [length/time]; None for one speed.
     """
 
     sound_speed: float
@@ -49,6 +50,7 @@ class ControlValues:
     frame: int = 0
     method: str = DIRECT
     disk: Shown | None = None
+    water_speed: float | None = None
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -79,7 +81,12 @@ class Session:
             choices = replace(choices, inversion="fourier")
             choices = _with_reasons(choices, {"inversion": "the viewer's"})
         self.scan, self.choices, self.facts = scan, choices, dict(facts or {})
-        direct = ControlValues(choices.sound_speed, choices.alpha, choices.low_pass)
+        direct = ControlValues(
+            choices.sound_speed,
+            choices.alpha,
+            choices.low_pass,
+            water_speed=choices.water_speed,
+        )
         self._solved = live(scan, choices), direct  # one object: copies may be made meanwhile
         self.start = replace(direct, method=MODEL_BASED) if self._best.model_based else direct
         self._frame = 0, self._lit(0)
@@ -169,17 +176,17 @@ class Session:
     def speeds(self) -> tuple[float, float]:
         """Least and greatest speed of sound that is offered [length/time]."""
         nominal = nominal_water_speed(self.choices.units) or self.choices.sound_speed
-        known = self.choices.sound_speed
-        return min(SLOWEST * nominal, 0.97 * known), max(FASTEST * nominal, 1.03 * known)
+        known = self.choices.sound_speed, self.choices.path_speed
+        return min(SLOWEST * nominal, 0.97 * min(known)), max(FASTEST * nominal, 1.03 * max(known))
 
     def unexplained(
         self, controls: ControlValues
     ) -> tuple[Float[np.ndarray, " speeds"], Float[np.ndarray, " speeds"]] | None:
         """Speeds of sound, and what share of the record the best image leaves unexplained at each.
 
-        None for circular integrals, and for a record that is too short to tell.
+        None for circular integrals, two speeds, and for a record that is too short to tell.
         """
-        if self.scan.kind != "pressure":
+        if self.scan.kind != "pressure" or self.choices.water_speed is not None:
             return None
         low, high = self.speeds()
         speeds = np.linspace(low, high, SPEEDS)
@@ -200,7 +207,8 @@ class Session:
         self._require_room(radius, center)
         kept = {c.name: getattr(self.choices, c.name) for c in OPTIONS if c.group in _KEPT}
         kept |= {"sound_speed": controls.sound_speed, "alpha": controls.alpha}
-        kept |= {"low_pass": controls.low_pass, "pixels": self.choices.pixels}
+        kept |= {"low_pass": controls.low_pass, "water_speed": controls.water_speed}
+        kept |= {"pixels": self.choices.pixels}
         if self.scan.kind != "pressure":
             kept = {name: kept[name] for name in ("alpha", "low_pass", "max_frequency", "pixels")}
         else:
@@ -265,15 +273,13 @@ class Session:
 
     def _recompute(self, controls: ControlValues) -> None:
         """Recompute only what depends on controls that were changed."""
-        new = {
-            "sound_speed": controls.sound_speed,
-            "rule": controls.alpha,
-            "low_pass": controls.low_pass,
-        }
         before = self._solved[1]
-        made = {"sound_speed": before.sound_speed, "rule": before.alpha}
-        made |= {"low_pass": before.low_pass}
+        new, made = _settings(controls), _settings(before)
         turned: dict[str, Any] = {name: value for name, value in new.items() if value != made[name]}
+        body, water = self.choices.medium, controls.water_speed
+        turns = (controls.sound_speed, water) != (before.sound_speed, before.water_speed)
+        if body is not None and water is not None and turns:
+            turned["medium"] = DiskBody(body.center, body.radius, controls.sound_speed, water)
         disk = None if controls.method == MODEL_BASED else controls.disk
         controls = replace(controls, disk=disk)
         if disk != before.disk:
@@ -298,7 +304,7 @@ class Session:
         """The choices, with radii as they are at this speed."""
         self._recompute(controls)
         start, said = self.choices, {}
-        for name in ("sound_speed", "alpha", "low_pass"):
+        for name in ("sound_speed", "water_speed", "alpha", "low_pass"):
             if getattr(controls, name) != getattr(start, name):
                 said[name] = "set in the viewer"
         if self.scan.kind == "pressure":
@@ -306,6 +312,7 @@ class Session:
             start = replace(
                 start,
                 sound_speed=controls.sound_speed,
+                water_speed=controls.water_speed,
                 first_radius=float(radii[0]),
                 radial_step=float(radii[-1] - radii[0]) / (len(radii) - 1),
             )
@@ -327,6 +334,12 @@ class Session:
     def _fitted(self, controls: ControlValues) -> Any:
         choices, setup = self.choices_of(controls), self._live.setup.replace(radii=self._live.radii)
         return fitted(self.scan, choices, setup, self._read(controls.frame)).image
+
+
+def _settings(controls: ControlValues) -> dict[str, Any]:
+    """What images are recomputed by, by names of `Live.replace`."""
+    speed = controls.sound_speed if controls.water_speed is None else controls.water_speed
+    return {"sound_speed": speed, "rule": controls.alpha, "low_pass": controls.low_pass}
 
 
 def _direct(choices: Choices) -> Choices:

@@ -2,17 +2,19 @@
 
 import json
 import shlex
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from made_scans import BELLS, RATE, TIMES, positions
 
-from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, live, phantoms, view
+from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, live, phantoms
 from jaxtat.cli import main
 from jaxtat.io import Scan
 from jaxtat.records import simulate_pressure
 from jaxtat.scans import choose, reconstruct, trials
+from jaxtat.viewer import Session
 
 WATER, TISSUE, RADIUS, CENTER = 1480.0, 1600.0, 0.011, (1e-3, -5e-4)
 BODY = DiskBody(CENTER, RADIUS, TISSUE, WATER)
@@ -87,10 +89,19 @@ def test_live_images_go_through_the_body(two_speeds):
     np.testing.assert_allclose(image[inside], found.image[inside], atol=2e-6)
 
 
-def test_the_viewer_has_one_speed(two_speeds):
-    pytest.importorskip("bokeh")
-    with pytest.raises(ValueError, match="the viewer turns one speed of sound"):
-        view(two_speeds, choose(two_speeds, **GIVEN))
+def test_the_viewer_turns_both_speeds(two_speeds):
+    session = Session(two_speeds, choose(two_speeds, alpha=1e-4, **GIVEN))
+    first = session.image(session.start)
+    controls = replace(session.start, sound_speed=1570.0, water_speed=1490.0)
+    image = session.image(controls)[session.inside]
+    turned = session.choices_of(controls)
+    assert (turned.sound_speed, turned.water_speed, turned.body_radius) == (1570.0, 1490.0, RADIUS)
+    assert dict(turned.reasons)["water_speed"] == "set in the viewer"
+    wanted = reconstruct(two_speeds, turned).image[session.inside]
+    np.testing.assert_allclose(image, wanted, atol=1e-4 * np.abs(wanted).max())
+    assert np.abs(image - first[session.inside]).max() > 1e-2 * np.abs(wanted).max()
+    assert np.array_equal(session.image(session.start), first, equal_nan=True)
+    assert session.unexplained(controls) is None  # the curve is of one speed
 
 
 def test_the_command_takes_two_speeds(two_speeds, tmp_path, monkeypatch):

@@ -187,6 +187,21 @@ def test_undo_goes_back_by_one_movement(page, monkeypatch):
     assert page.controls == start
 
 
+def test_a_body_and_the_water_have_a_slider_each(path, make_page, page):
+    assert not page.water.visible and page.controls.water_speed is None
+    scan = load_scan(path)
+    session = Session(scan, choose(scan, **GIVEN, sound_speed=1520.0, water_speed=1490.0))
+    page = make_page(session)
+    before, start = shown(page), page.controls
+    assert page.water.visible and start == session.start and start.water_speed == 1490.0
+    page.water.value = 1480.0
+    until(page, lambda: not np.array_equal(shown(page), before))
+    assert page.controls == replace(start, water_speed=1480.0)
+    assert "1520 m/s in 1480 m/s" in page._in_words(page.controls)
+    page.undoing.undo()
+    assert page.controls == start
+
+
 def test_an_image_is_kept_beside_the_next(page):
     before = shown(page)
     page.beside.toggle.active = True

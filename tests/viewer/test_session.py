@@ -9,6 +9,7 @@ import pytest
 from made_scans import SPEED
 from viewed import GIVEN, OPTIONS, relative, write_scan
 
+from jaxtat import DiskBody
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_scan
 from jaxtat.io.frames import LazyFrames
@@ -185,6 +186,8 @@ def test_what_cannot_be_is_said_and_the_rest_goes_on(session):
         mine.image(replace(mine.start, sound_speed=500.0))
     with pytest.raises(ValueError, match="frame 6: there are 6"):
         mine.image(replace(mine.start, frame=6))
+    with pytest.raises(ValueError, match="medium: these are images of one speed"):
+        mine._live.replace(medium=DiskBody((0.0, 0.0), 0.011, 1540.0, 1500.0))
     with pytest.raises(ValueError, match="method is 'magic'"):
         ControlValues(1500.0, 1e-2, "none", method="magic")
     assert np.array_equal(mine.image(mine.start), before, equal_nan=True)
