@@ -18,14 +18,14 @@ from ..base.checks import (
     require_positive,
     require_unmasked,
 )
-from ..forward import pressure_terms
+from ..forward import pressure_terms, response_factors
 from ..reconstruction import Setup, operator_on
 from ..records import pressure_matrix
 from .data_fit import DataFit
 from .penalties import NoPenalty, Penalty, Ridge, TotalVariation, is_known
 from .radial_filter import high_pass
 
-Pressure = tuple[Any, Any, str, Any]  # times, sound speed, model, conditioning
+Pressure = tuple[Any, Any, str, Any, Any]  # times, speed, model, conditioning, responses
 SINGLE = 1e-15, 1e15  # of which float32 has the squares, and sums of them
 
 
@@ -40,9 +40,9 @@ def data_fits(
     grids: list[Any],
 ) -> list[DataFit]:
     """The operators of the fit on each grid: A up to what was recorded, W, H and C."""
-    record, shape = None, setup.data_shape
+    record, responses, shape = None, None, setup.data_shape
     if pressure is not None:
-        record = _record(setup, *pressure)
+        record, responses = _record(setup, *pressure), _responses(setup, pressure)
         shape = (*setup.detectors_shape, record.shape[0])
     if noise is not None:
         noise = real_array("noise", noise, None)
@@ -53,7 +53,8 @@ def data_fits(
     counted = np.ones((), bool) if mask is None else _mask(mask, shape)
 
     def on(grid: Any) -> DataFit:
-        operator = operator_on(setup, grid, max_frequency=max_frequency, record=record, dtype=dtype)
+        through = {"record": record, "responses": responses, "dtype": dtype}
+        operator = operator_on(setup, grid, max_frequency=max_frequency, **through)
         radial = None
         if noise is not None and grid.dimension == 3 and pressure is None:
             radial = high_pass(setup.radii, 1 / grid.spacing.max()).astype(operator.dtype)
@@ -75,11 +76,11 @@ def _weights(xp: Any, sizes: Any, counted: Any, dtype: Any) -> Any:
 
 
 def _record(
-    setup: Setup, times: Any, sound_speed: Any, model: str, conditioning: Any
+    setup: Setup, times: Any, sound_speed: Any, model: str, conditioning: Any, responses: Any
 ) -> Float[Array, "times terms"]:
     """From what the operator knows to pressure, then the conditioning that the record had."""
     if setup.grid.dimension == 3:
-        matrix = _record_in_space(setup, times, sound_speed, model)
+        matrix = _record_in_space(setup, times, sound_speed, model, responses is not None)
     else:
         matrix = _record_in_plane(setup, times, sound_speed, model)
     if conditioning is None:
@@ -94,13 +95,29 @@ def _record(
 
 
 def _record_in_space(
-    setup: Setup, times: Any, sound_speed: Any, model: str
-) -> Float[Array, "times frequencies"]:
+    setup: Setup, times: Any, sound_speed: Any, model: str, sines: bool
+) -> Float[Array, "times terms"]:
     if model != "2d":
         raise ValueError(f"model is {model!r}, and waves in space have one: leave it out.")
     times, speed = real_array("times", times, ("times",)), real_array("speed", sound_speed, ())
     require_positive("sound_speed", speed)
-    return pressure_terms(setup.kind.sizes_inside(setup.sizes), speed * times)
+    return pressure_terms(setup.kind.sizes_inside(setup.sizes), speed * times, sines=sines)
+
+
+def _responses(setup: Setup, pressure: Pressure) -> Float[Array, "2 frequencies *detectors"] | None:
+    """What elements make of cosines, or None of those that record what arrives."""
+    times, speed, _, _, responses = pressure
+    if responses is None:
+        return None
+    if setup.grid.dimension == 2:
+        raise ValueError(
+            "element_responses are of detectors in space: in the plane take them out of the data "
+            "by records.remove_impulse_response, or pass one of all as conditioning."
+        )
+    shape = setup.detectors_shape
+    responses = real_array("element_responses", responses, (*shape, "taps"))
+    step = jnp.asarray(times)[1] - jnp.asarray(times)[0]
+    return response_factors(setup.kind.sizes_inside(setup.sizes), responses, speed * step)
 
 
 def _record_in_plane(
@@ -257,13 +274,13 @@ def require_numbers(penalty: Any, image: Array, step: Array) -> None:
         )
 
 
-def require_pressure(sound_speed: Any, model: str, conditioning: Any) -> None:
+def require_pressure(sound_speed: Any, model: str, conditioning: Any, responses: Any) -> None:
     """Raise ValueError for what belongs to a record of pressure, of which the times are missing."""
     same = not is_concrete(sound_speed) or np.all(np.asarray(sound_speed) == 1.0)
-    if not same or model != "2d" or conditioning is not None:
+    if not same or model != "2d" or conditioning is not None or responses is not None:
         raise ValueError(
-            "sound_speed, model or conditioning is given without times: they belong to pressure, "
-            "and data without times are integrals."
+            "sound_speed, model, conditioning or element_responses are given without times: they "
+            "belong to pressure, and data without times are integrals."
         )
 
 

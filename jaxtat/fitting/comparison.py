@@ -66,7 +66,7 @@ def compare_fits(
     (0.5, 1.0)
     """
     require_setup(setup)
-    pressure = None if times is None else (times, sound_speed, model, conditioning)
+    pressure = None if times is None else (times, sound_speed, model, conditioning, None)
     fits = data_fits(setup, pressure, False, noise, mask, None, None, [setup.grid])
     wanted, _, size = checked_data(data, fits[0])
     (fit,), wanted = in_units_of(size, fits, wanted)

@@ -90,6 +90,7 @@ def model_based(
     sound_speed: Numbers = 1.0,
     model: str = "2d",
     conditioning: Callable[[Array], Array] | None = None,
+    element_responses: Numbers | None = None,
     max_frequency: Numbers | None = None,
     initial: Numbers | None = None,
     tolerance: float = 1e-3,
@@ -112,8 +113,8 @@ def model_based(
     misfit, see `jaxtat.fitting.weight`.
 
     Differentiable in both modes with respect to data, a given weight, noise, detectors, radii,
-    speed of sound, and what a penalty holds: implicitly, as if converged, a weight that was found
-    being held. ``unrolled=True`` differentiates a fixed number of steps instead.
+    speed of sound, responses, and what a penalty holds: implicitly, as if converged, a weight that
+    was found being held. ``unrolled=True`` differentiates a fixed number of steps instead.
 
     Args:
         setup: detectors, region, grid and radii, which need not cover the region.
@@ -132,6 +133,8 @@ def model_based(
         conditioning: what each record went through: a linear function from (detectors, times) to
             (detectors, samples), the same for all detectors, such as
             ``functools.partial(condition_record, times=times, band=band, baseline=False)``.
+        element_responses: of elements in space, one impulse response of each at the steps of
+            ``times``, time 0 in the middle, (*detectors, taps); before the conditioning.
         max_frequency: above which images are taken to have no spectrum [rad/length]; by default
             π over the pixel's side. Finer pixels than the data resolve then cost little more.
         initial: image to start from, like the result, on the last grid at once; zeros instead if
@@ -166,8 +169,9 @@ def model_based(
     require_setup(setup)
     penalty = checked_penalty(penalty)
     if times is None:
-        require_pressure(sound_speed, model, conditioning)
-    pressure = None if times is None else (times, sound_speed, model, conditioning)
+        require_pressure(sound_speed, model, conditioning, element_responses)
+    recorded = times, sound_speed, model, conditioning, element_responses
+    pressure = None if times is None else recorded
     highest = checked_frequency(max_frequency)
     whole = initial is None and not unrolled and is_known(penalty)
     grids = ladder(setup.grid) if whole else [setup.grid]

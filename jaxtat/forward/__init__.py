@@ -2,7 +2,7 @@
 
 from .circular_sizes import CircleSizes, circle_sizes
 from .fast_circles import CircleIntegrals, circle_integrals
-from .fast_spheres import SphereIntegrals, pressure_terms, sphere_integrals
+from .fast_spheres import SphereIntegrals, pressure_terms, response_factors, sphere_integrals
 from .spherical_sizes import SphereSizes, sphere_sizes
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "circle_integrals",
     "circle_sizes",
     "pressure_terms",
+    "response_factors",
     "sphere_integrals",
     "sphere_sizes",
 ]

@@ -42,8 +42,11 @@ class SphereIntegrals(eqx.Module):
     Attributes:
         directions: where F is needed, for every band of frequencies.
         waves: what takes the harmonics of F to the detectors.
-        series: (2 r/T) lambda_k sin(lambda_k r), times a voxel's volume and the low-pass.
+        series: (2 r/T) lambda_k sin(lambda_k r), times a voxel's volume and the low-pass; with
+            ``responses`` first what follows cosines, then what follows sines.
         spacing: h, (3,) [length].
+        responses: of the elements to cosines and sines, at their frequencies; None of elements that
+            record what arrives.
         offset: of the node that the non-uniform FFT counts from, from the detectors' centre
             [length]; None if they are known to be the same.
         shape: of the volume.
@@ -52,7 +55,8 @@ class SphereIntegrals(eqx.Module):
 
     directions: tuple[Directions, ...]
     waves: RingWaves | PointWaves
-    series: Float[Array, "k radii"]
+    series: Float[Array, "*parts k radii"]
+    responses: Float[Array, "2 k *detectors"] | None
     spacing: Float[Array, "3"]
     offset: Float[Array, "3"] | None
     shape: tuple[int, int, int] = eqx.field(static=True)
@@ -72,7 +76,11 @@ class SphereIntegrals(eqx.Module):
             parts.append(directions.harmonics(self._about_center(directions, part)))
             start = stop
         at_detectors = self.waves(tuple(parts))
-        return jnp.einsum("bk...,kr->b...r", at_detectors, self.series)
+        if self.responses is None:
+            return jnp.einsum("bk...,kr->b...r", at_detectors, self.series)
+        pairs = zip(self.responses, self.series, strict=True)
+        parts = [jnp.einsum("bk...,kr->b...r", at_detectors * a, series) for a, series in pairs]
+        return parts[0] + parts[1]
 
     @property
     def kept(self) -> bool:
@@ -94,13 +102,22 @@ class SphereIntegrals(eqx.Module):
         phase = directions.frequencies[:, None] * (self.offset @ directions.units)
         return values * jax.lax.complex(jnp.cos(phase), jnp.sin(phase))
 
-    def recorded(self, record: Float[Array, "samples all_k"]) -> "SphereIntegrals":
+    def recorded(
+        self,
+        record: Float[Array, "samples terms"],
+        responses: Float[Array, "2 all_k *detectors"] | None = None,
+    ) -> "SphereIntegrals":
         """f -> what was recorded, by a matrix whose columns are those of `pressure_terms`.
 
-        Columns of frequencies above those of this operator are left out.
+        Columns of frequencies above those of this operator are left out. With ``responses``, of
+        `response_factors`, the columns of sines follow those of cosines.
         """
-        series = record.T[: self.series.shape[0]] * jnp.prod(self.spacing)
-        return eqx.tree_at(lambda each: each.series, self, series)
+        n, parts = self.series.shape[0], 1 if responses is None else 2
+        series = record.T.reshape(parts, -1, record.shape[0])[:, :n] * jnp.prod(self.spacing)
+        if responses is None:
+            return eqx.tree_at(lambda each: each.series, self, series[0])
+        both, own = (series, responses[:, :n]), lambda each: (each.series, each.responses)
+        return eqx.tree_at(own, self, both, is_leaf=lambda leaf: leaf is None)
 
 
 def sphere_integrals(
@@ -145,6 +162,7 @@ def sphere_integrals(
         directions=directions,
         waves=waves,
         series=_series(radii, sizes, eta) * jnp.prod(grid.spacing),
+        responses=None,
         spacing=grid.spacing,
         offset=None if _is_zero(offset, grid) else offset,
         shape=grid.shape,
@@ -152,7 +170,9 @@ def sphere_integrals(
     )
 
 
-def pressure_terms(sizes: SphereSizes, paths: Float[Array, " times"]) -> Float[Array, "times k"]:
+def pressure_terms(
+    sizes: SphereSizes, paths: Float[Array, " times"], *, sines: bool = False
+) -> Float[Array, "times terms"]:
     """(1/2πT) lambda_k² cos(lambda_k c t), what takes G(z, lambda_k) to pressure.
 
     Zero before t = 0, and beyond T, where the series would repeat.
@@ -160,11 +180,32 @@ def pressure_terms(sizes: SphereSizes, paths: Float[Array, " times"]) -> Float[A
     Args:
         sizes: of the operator.
         paths: c t [length].
+        sines: whether (1/2πT) lambda_k² sin(lambda_k c t) follow, of elements with a response.
     """
     frequencies = jnp.asarray(sizes.frequencies)
-    terms = frequencies**2 * jnp.cos(paths[:, None] * frequencies) / (2 * jnp.pi * sizes.period)
+    phase, size = paths[:, None] * frequencies, frequencies**2 / (2 * jnp.pi * sizes.period)
+    waves = [jnp.cos(phase), jnp.sin(phase)] if sines else [jnp.cos(phase)]
     heard = (paths >= 0) & (paths < sizes.period)
-    return jnp.where(heard[:, None], terms, 0.0)
+    return jnp.where(heard[:, None], jnp.concatenate([size * wave for wave in waves], axis=1), 0.0)
+
+
+def response_factors(
+    sizes: SphereSizes, response: Float[Array, "*detectors taps"], step: Float[Array, ""]
+) -> Float[Array, "2 k *detectors"]:
+    """Σ_n h_n cos(lambda_k s_n) and Σ_n h_n sin(lambda_k s_n), s_n = (n - taps // 2) c dt.
+
+    An element with the response h records these times cos(lambda_k c t) and sin(lambda_k c t) of a
+    wave cos(lambda_k c t).
+
+    Args:
+        sizes: of the operator.
+        response: h of every element, at the times of its record, time 0 in the middle.
+        step: c dt [length].
+    """
+    taps = response.shape[-1]
+    paths = step * (np.arange(taps) - taps // 2)
+    phase = jnp.asarray(sizes.frequencies)[:, None] * paths
+    return jnp.einsum("pkn,...n->pk...", jnp.stack([jnp.cos(phase), jnp.sin(phase)]), response)
 
 
 def _is_zero(offset: Array, grid: VolumeGrid) -> bool:

@@ -76,6 +76,8 @@ class PointWaves(eqx.Module):
         tables: of every chunk; None if they would not fit into memory, and are made anew each time.
         sizes: of the operator.
         n_detectors: how many there are.
+        weights: of points of flat elements, which are detectors here, all first points first; None
+            of other elements.
     """
 
     local: Float[Array, "chunks d 3"]
@@ -84,6 +86,7 @@ class PointWaves(eqx.Module):
     tables: PointTables | None
     sizes: SphereSizes
     n_detectors: int = eqx.field(static=True)
+    weights: Float[Array, " nodes"] | None
 
     def __call__(self, harmonics: tuple[Harmonics, ...]) -> Float[Array, "volumes k detectors"]:
         """G of all frequencies."""
@@ -111,20 +114,30 @@ class PointWaves(eqx.Module):
 
         chunks = (self.local, self.factor) if self.tables is None else self.tables
         values = jnp.moveaxis(jax.lax.map(lambda chunk: at(chunk, coefficients), chunks), 0, -2)
-        return values.reshape(*values.shape[:2], -1)[..., : self.n_detectors]
+        values = values.reshape(*values.shape[:2], -1)
+        if self.weights is None:
+            return values[..., : self.n_detectors]
+        n_nodes = self.weights.shape[0]
+        of_nodes = values[..., : n_nodes * self.n_detectors]
+        of_nodes = of_nodes.reshape(*values.shape[:2], n_nodes, self.n_detectors)
+        return jnp.einsum("bknd,n->bkd", of_nodes, self.weights)
 
 
 @eqx.filter_jit
 def point_waves(detectors: DetectorPoints, frequencies: Array, sizes: SphereSizes) -> PointWaves:
     """Positions from the centre in chunks, and if there is room all tables."""
-    n, last, tables = detectors.shape[0], sizes.bands[-1], None
+    points, last, tables, weights = detectors.points, sizes.bands[-1], None, None
+    if detectors.normals is not None:
+        nodes, weights = detectors.element_nodes(sizes.n_nodes)
+        points, weights = nodes.reshape(-1, 3), jnp.asarray(weights)
+    n = points.shape[0]
     together = min(sizes.together, n)
 
     def in_chunks(values: Array) -> Array:
         filled = jnp.pad(values, ((0, -n % together), (0, 0)), mode="edge")
         return filled.reshape(-1, together, filled.shape[1])
 
-    chunks, factor = in_chunks(detectors.points - detectors.center), None
+    chunks, factor = in_chunks(points - detectors.center), None
     of_degrees = detectors.element_factor(last.degrees, sizes.n_nodes)
     if of_degrees is not None:
         of_all = jnp.broadcast_to(of_degrees.reshape(last.degrees, -1), (last.degrees, n))
@@ -133,7 +146,7 @@ def point_waves(detectors: DetectorPoints, frequencies: Array, sizes: SphereSize
     if 8 * size <= KEPT:
         make = jax.checkpoint(lambda chunk: _point_tables(chunk, frequencies, last))
         tables = jax.lax.map(make, (chunks, factor))
-    return PointWaves(chunks, factor, frequencies, tables, sizes, n)
+    return PointWaves(chunks, factor, frequencies, tables, sizes, detectors.shape[0], weights)
 
 
 @eqx.filter_jit

@@ -169,8 +169,9 @@ def tail(x: float, tolerance: float) -> int:
 
 
 def _farthest(curve: Detectors) -> float:
-    """Largest |z - c| [length]."""
+    """Largest |z - c|, of a point of an element [length]."""
     if isinstance(curve, DetectorPoints):
         local = np.asarray(curve.points) - np.asarray(curve.center)
-        return float(np.linalg.norm(local, axis=1).max())
+        beyond = 0.0 if curve.normals is None else np.asarray(curve.element_radius)
+        return float((np.linalg.norm(local, axis=1) + beyond).max())
     return float(curve.radius)

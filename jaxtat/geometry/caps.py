@@ -25,8 +25,10 @@ from ..base.hashable_methods import ComparedByIdentity
 from .curves import CircularArc, DetectorCurve, SampledCurve, opening_angle
 from .elements import (
     checked_element_radius,
+    checked_normals,
     enough_nodes,
     mean_over_nodes,
+    nodes_on_disks,
     nodes_on_sphere,
     round_factor,
 )
@@ -78,19 +80,22 @@ class RoundElements(ComparedByIdentity, eqx.Module):
         radius = self.element_radius
         return enough_nodes(None if radius is None else 2 * radius, highest_frequency)
 
-    def mean_over_elements(self, compute: Callable[[Array], T], n_nodes: int) -> T:
-        """Mean over each element of a function of points, (*detectors, 3).
-
-        Over n_nodes circles on it, of 2 n_nodes points each.
-        """
-        if self.element_radius is None:
-            return compute(self.points)
+    def element_nodes(
+        self, n_nodes: int
+    ) -> tuple[Float[Array, "nodes *detectors 3"], Float[np.ndarray, " nodes"]]:
+        """Points on n_nodes circles of each element, and weights that add up to 1."""
+        assert self.element_radius is not None
         distance = self.distance[..., None]
         middles, angle = (self.points - self.center) / distance, self.element_radius / self.distance
         units, weights = nodes_on_sphere(middles, angle, n_nodes)
-        return mean_over_nodes(
-            lambda unit: compute(self.center + distance * unit), units, jnp.asarray(weights)
-        )
+        return self.center + distance * units, weights
+
+    def mean_over_elements(self, compute: Callable[[Array], T], n_nodes: int) -> T:
+        """Mean over each element of a function of points, (*detectors, 3), by `element_nodes`."""
+        if self.element_radius is None:
+            return compute(self.points)
+        nodes, weights = self.element_nodes(n_nodes)
+        return mean_over_nodes(compute, nodes, jnp.asarray(weights))
 
 
 class SphericalCap(RoundElements):
@@ -247,7 +252,10 @@ class DetectorPoints(RoundElements):
         points: z_k, (detectors, 3) [length]; data are (..., detectors, radii).
         weights: how much each counts, (detectors,), for instance the area it stands for.
         center: about which waves are taken, (3,) [length].
-        element_radius: of round elements that face the centre, or None, see `RoundElements`.
+        element_radius: of round elements, or None, see `RoundElements`.
+        normals: of flat elements, unit vectors to either side, (detectors, 3); None of elements
+            that face the centre, which cost nothing: means over others are sums over some twenty
+            points of each.
 
     >>> DetectorPoints([[1.3, 0.0, 0.0], [0.0, 0.0, -1.3]]).shape
     (2,)
@@ -256,6 +264,7 @@ class DetectorPoints(RoundElements):
     points: Float[Array, "detectors 3"]
     weights: Float[Array, " detectors"]
     center: Float[Array, "3"]
+    normals: Float[Array, "detectors 3"] | None
 
     def __init__(
         self,
@@ -264,12 +273,13 @@ class DetectorPoints(RoundElements):
         center: Numbers = (0.0, 0.0, 0.0),
         *,
         element_radius: Numbers | None = None,
+        normals: Numbers | None = None,
     ):
-        """points, weights (equal ones by default), center and element_radius as above.
+        """points, weights (equal ones by default), center, element_radius and normals as above.
 
         Raises:
-            ValueError: for wrong shapes, NaN, weights that are not positive, or an element_radius
-                that no element can have.
+            ValueError: for wrong shapes, NaN, weights that are not positive, an element_radius
+                that no element can have, normals without a direction, or of points.
         """
         self.points = real_array("points", points, ("detectors", 3))
         n = whole_number("the number of detectors", self.points.shape[0], 1)
@@ -277,6 +287,29 @@ class DetectorPoints(RoundElements):
         require_positive("weights", self.weights)
         self.center = real_array("center", center, (3,))
         self.element_radius = checked_element_radius(element_radius, self.distance)
+        self.normals = None if normals is None else checked_normals(normals, n)
+        if normals is not None and element_radius is None:
+            raise ValueError("normals are given without element_radius: points have none.")
+
+    def element_factor(
+        self, n_degrees: int, n_nodes: int
+    ) -> Float[Array, "degrees *one_or_detectors"] | None:
+        """As of `RoundElements`; None of flat elements, too."""
+        return None if self.normals is not None else super().element_factor(n_degrees, n_nodes)
+
+    def element_nodes(
+        self, n_nodes: int
+    ) -> tuple[Float[Array, "nodes detectors 3"], Float[np.ndarray, " nodes"]]:
+        """As of `RoundElements`, of the sphere, or on flat elements."""
+        if self.normals is None:
+            return super().element_nodes(n_nodes)
+        assert self.element_radius is not None
+        return nodes_on_disks(self.points, self.normals, self.element_radius, n_nodes)
+
+    def enough_nodes(self, highest_frequency: float) -> int:
+        """Circles of nodes: of flat elements fewer, as each is a detector to be computed."""
+        enough = super().enough_nodes(highest_frequency)
+        return enough if self.normals is None else 1 + -(-(enough - 4) // 2)
 
     @property
     def shape(self) -> tuple[int]:

@@ -276,6 +276,8 @@ def _response(scan: Scan) -> np.ndarray:
     """Impulse response as long as the record, time 0 in the middle; an impulse if it is unknown."""
     n = scan.n_samples
     own = scan.known.get("impulse_response", np.ones(1))
+    if own.ndim > 1:
+        raise ValueError("PATATO has one impulse response of all elements: write .h5.")
     response, first = np.zeros(n), n // 2 - len(own) // 2
     kept = slice(max(-first, 0), max(-first, 0) + min(len(own), n - max(first, 0)))
     at = max(first, 0)

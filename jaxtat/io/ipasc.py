@@ -22,7 +22,7 @@ import numpy as np
 from ..base.atomic import replacing
 from .file_contents import FileContents
 from .hdf5 import Hdf5File, creating_hdf5, open_hdf5
-from .scan import Kind, Scan
+from .scan import OF_ELEMENTS, Kind, Scan
 from .series import period, rate_of
 
 _DATA, _META, _DEVICE = "binary_time_series_data", "meta_data", "meta_data_device"
@@ -35,7 +35,13 @@ _ABOUT = {
     "scanning method": f"{_META}/scanning_method",
 }
 # things for which the format has no name of its own: further meta data, as it allows
-_FURTHER = ("times", "radii", "impulse_response")
+_FURTHER = ("times", "radii", "impulse_response", *OF_ELEMENTS)
+# what each detector has, by the names of `Scan.known`
+_OF_DETECTORS = {
+    "detectors": "detector_position",
+    "normals": "detector_orientation",
+    "frequency_response": "frequency_response",
+}
 
 
 def is_ipasc(path: Path) -> bool:
@@ -153,7 +159,7 @@ def save_ipasc(path: str | Path, scan: Scan) -> None:
 
 
 def _detectors(file: Hdf5File, rows: int) -> dict[str, np.ndarray]:
-    """Positions and frequency responses in the order of their numbers, as far as all have them."""
+    """Positions, normals and frequency responses by their numbers, as far as all have them."""
     folder = f"{_DEVICE}/detectors"
     names = sorted(file.names(folder), key=_number)
     if not names:
@@ -163,21 +169,26 @@ def _detectors(file: Hdf5File, rows: int) -> dict[str, np.ndarray]:
             f"it has {len(names)} detectors, {names[0]} to {names[-1]}, but data of {rows}."
         )
     known = {}
-    for thing, tag in (("detectors", "detector_position"), ("frequency_response",) * 2):
+    for thing, tag in _OF_DETECTORS.items():
         places = [f"{folder}/{name}/{tag}" for name in names]
         there = [file.has_numbers(place) for place in places]
         if all(there):
             arrays = [file.read(place) for place in places]
             shapes = {array.shape for array in arrays}
-            if len(shapes) == 1 and (thing == "detectors" or arrays[0].ndim == 2):
+            if len(shapes) == 1 and (thing == "detectors" or _fits(thing, arrays)):
                 known[thing] = np.stack(arrays)
             elif thing == "detectors":
                 raise ValueError(f"its detector positions have shapes {sorted(shapes)}.")
         elif any(there) and thing == "detectors":
             raise ValueError(f"it has no position of detector {names[there.index(False)]}.")
-    if "frequency_response" in known and known["frequency_response"].shape[1] != 2:
-        del known["frequency_response"]  # no frequencies above responses
     return known
+
+
+def _fits(thing: str, arrays: list[np.ndarray]) -> bool:
+    """Whether they are directions, or frequencies above responses."""
+    if thing == "normals":
+        return arrays[0].shape == (3,) and all(np.isfinite(a).all() and a.any() for a in arrays)
+    return arrays[0].ndim == 2 and arrays[0].shape[0] == 2
 
 
 def _number(name: str) -> int:
@@ -228,14 +239,13 @@ def _write_device(file: h5py.File, scan: Scan) -> None:
     positions = scan.known.get("detectors")
     if positions is not None and positions.shape[1] == 2:
         positions = np.pad(positions, ((0, 0), (0, 1)))
-    responses = scan.known.get("frequency_response")
+    kept = {t: scan.known[t] for t in ("normals", "frequency_response") if t in scan.known}
     for number in range(scan.n_detectors):
         place = f"{_DEVICE}/detectors/{number:010d}"
         position = "None" if positions is None else positions[number]
         _write(file, f"{place}/detector_position", position)
-        _write(
-            file, f"{place}/frequency_response", None if responses is None else responses[number]
-        )
+        for thing, values in kept.items():
+            _write(file, f"{place}/{_OF_DETECTORS[thing]}", values[number])
 
 
 def _write(file: h5py.File, where: str, value: Any) -> None:

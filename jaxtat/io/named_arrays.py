@@ -20,10 +20,11 @@ NAMES = {
     "wavelengths": ("wavelengths", "wavelength"),
     "laser_energy": ("laser_energy", "pulse_energy"),
     "field_of_view": ("field_of_view", "fov"),
-    "impulse_response": ("impulse_response", "irf"),
+    "impulse_response": ("impulse_response", "irf", "element_responses"),
     "frequency_response": ("frequency_response",),
     "element_radius": ("element_radius",),
     "element_size": ("element_size",),
+    "normals": ("normals", "element_normals"),
 }
 _LISTS = ("times", "radii", "wavelengths", "laser_energy", "field_of_view", "impulse_response")
 _LISTS += OF_ELEMENTS
@@ -86,7 +87,7 @@ def _plain(name: str, array: np.ndarray) -> np.ndarray:
         return array.reshape(1)
     if name in _LISTS:
         return array.reshape(-1) if array.ndim == 2 and 1 in array.shape else array
-    if name == "detectors" and array.ndim == 2:
+    if name in ("detectors", "normals") and array.ndim == 2:
         return array.T if array.shape[1] not in (2, 3) and array.shape[0] in (2, 3) else array
     return array
 

@@ -37,10 +37,11 @@ class Scan:
             - laser_energy: (frames,) of the pulses, by which images are divided [mJ, or any unit];
             - frame_numbers: (frames,) in the file, of a scan of some of its frames;
             - field_of_view: (6,) first and last x1, x2 and x3 [m];
-            - impulse_response: (any,) of all detectors, at the sampling rate, its time 0 in the
-              middle (index n // 2);
+            - impulse_response: (any,) of all detectors or (detectors, any) of each, at the sampling
+              rate, its time 0 in the middle (index n // 2);
             - element_radius, element_size: () or (detectors,) of round elements, the side of square
-              ones, that face the middle of detectors in space [m, or that length];
+              ones, of detectors in space [m, or that length];
+            - normals: (detectors, 3) of these, to either side; else they face the middle;
             - frequency_response: (detectors, 2, any), frequencies [Hz] above responses,
 
             those that are there.
@@ -129,8 +130,9 @@ def _known(scan: Scan, name: str, value: Any) -> np.ndarray:
         "laser_energy": ("frames",),
         "frame_numbers": ("frames",),
         "field_of_view": ("6",),
-        "impulse_response": ("any",),
+        "impulse_response": ("detectors", "any") if np.ndim(value) == 2 else ("any",),
         "frequency_response": ("detectors", "2", "any"),
+        "normals": ("detectors", "3"),
         **dict.fromkeys(OF_ELEMENTS, ("detectors",) if np.ndim(value) else ()),
     }
     if name not in shapes:

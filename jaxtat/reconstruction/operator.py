@@ -83,7 +83,7 @@ class ForwardOperator(ComparedByIdentity, lx.AbstractLinearOperator):
         leaves = jax.tree.leaves(self.integrals)
         return OperatorReport(
             nbytes=sum(leaf.size * leaf.dtype.itemsize for leaf in leaves),
-            n_frequencies=self.integrals.series.shape[0],
+            n_frequencies=self.integrals.series.shape[-2],
             max_frequency=float(self.max_frequency),
             kept=self.integrals.kept,
         )
@@ -180,6 +180,7 @@ def operator_on(
     *,
     max_frequency: float | None = None,
     record: Float[Array, "samples terms"] | None = None,
+    responses: Float[Array, "2 frequencies *detectors"] | None = None,
     dtype: Any = None,
 ) -> ForwardOperator:
     """A from a coarser grid over the same square or box, to what was recorded.
@@ -192,6 +193,7 @@ def operator_on(
         max_frequency: above which the spectrum of an image does not count, concrete [rad/length].
         record: from integrals to what was recorded, (samples, radii); in space from the transforms
             of integrals, see `forward.pressure_terms`, (samples, frequencies).
+        responses: of elements in space, see `forward.response_factors`, to a record with sines.
         dtype: as in `forward_operator`.
     """
     sizes = setup.kind.sizes_inside(setup.sizes)
@@ -204,7 +206,8 @@ def operator_on(
         sizes = sizes.first(
             min(rung(max(1, int(share * sizes.n_frequencies))), sizes.n_frequencies)
         )
-    return _made(setup, grid, sizes, None, record, dtype, None)
+    recorded = tuple(each for each in (record, responses) if each is not None)
+    return _made(setup, grid, sizes, None, recorded or None, dtype, None)
 
 
 def _made(
@@ -212,7 +215,7 @@ def _made(
     grid: Any,
     sizes: CircleSizes | SphereSizes,
     eta: Float[Array, " frequencies"] | None,
-    record: Float[Array, "samples terms"] | None,
+    record: tuple[Any, ...] | None,
     dtype: Any,
     tolerance: Any,
 ) -> ForwardOperator:
@@ -228,7 +231,7 @@ def _made(
     integrals = setup.kind.fast_integrals(*where, sizes, eta, tolerance, *setup.through)
     shape = setup.data_shape
     if record is not None:
-        shape = (*shape[:-1], record.shape[0])
+        shape = (*shape[:-1], record[0].shape[0])
     if record is not None or chosen == np.float32:
         integrals = _of_record(integrals, record, chosen == np.float32)
     highest = jax.device_put(np.float64(sizes.highest))
@@ -262,10 +265,10 @@ def circular_means(setup: Setup, image: Numbers) -> Float[Array, "..."]:
 
 
 @eqx.filter_jit
-def _of_record(integrals: Any, record: Array | None, single: bool) -> Any:
-    """The integrals followed by a matrix over radii, of 32 bits if that is asked."""
+def _of_record(integrals: Any, record: tuple[Any, ...] | None, single: bool) -> Any:
+    """The integrals followed by what records them, of 32 bits if that is asked."""
     if record is not None:
-        integrals = integrals.recorded(record)
+        integrals = integrals.recorded(*record)
     return in_single_precision(integrals) if single else integrals
 
 

@@ -278,7 +278,8 @@ def _sizes_of(part: Any) -> Any:
         return part.n_detectors, None if width is None else width.shape
     if isinstance(part, SphericalCap | DetectorPoints):
         size = part.element_radius
-        return part.shape, None if size is None else size.shape
+        flat = isinstance(part, DetectorPoints) and part.normals is not None
+        return part.shape, None if size is None else size.shape, flat
     if isinstance(part, Region):
         return part.counts
     if isinstance(part, OutlineBody):

@@ -29,7 +29,14 @@ from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.laddered import around, middle, setup_to_fit
 from .choices import Choices
-from .frames import has_baseline, in_band, integrals, shifted_times, through_elements
+from .frames import (
+    element_responses,
+    has_baseline,
+    in_band,
+    integrals,
+    shifted_times,
+    through_elements,
+)
 
 PENALTIES = {
     "tv": TotalVariation,
@@ -157,13 +164,15 @@ def _recorded_in_space(
         part = jnp.asarray(record)[..., within[: n * together]]
         return part.reshape(*part.shape[:-1], n, together).mean(axis=-1)
 
-    def as_recorded(pressure: Array) -> Array:
-        return means(through_elements(scan, choices, pressure))
-
     record = real_array(scan.kind, frames[..., list(choices.channels), :], None)
     data = means(record)
     data = data.reshape(*data.shape[:-2], *setup.detectors_shape, n)
-    model = {"times": times, "sound_speed": choices.sound_speed, "conditioning": as_recorded}
+    model = {"times": times, "sound_speed": choices.sound_speed, "conditioning": means}
+    if choices.impulse_response:
+        response, _ = element_responses(scan, choices)
+        shape = *setup.detectors_shape, response.shape[-1]
+        each = np.broadcast_to(response, (len(choices.channels), shape[-1]))
+        model["element_responses"] = each.reshape(shape)
     return _Recorded(setup, data, model, bool(path[-1] >= last))
 
 

@@ -118,7 +118,7 @@ def conditioned(
     """A pressure record with start, band and response as chosen; linear but for baselines."""
     record = in_band(choices, record, times, baseline=baseline)
     if choices.impulse_response:
-        response, origin = _response(scan)
+        response, origin = element_responses(scan, choices)
         record = remove_impulse_response(record, times, response, origin=origin)
     return record
 
@@ -127,14 +127,20 @@ def through_elements(scan: Scan, choices: Choices, pressure: Array) -> Array:
     """Pressure as the elements record it, with their response if that is chosen."""
     if not choices.impulse_response:
         return pressure
-    response, origin = _response(scan)
+    response, origin = element_responses(scan, choices)
+    if response.ndim > 1:
+        raise ValueError(
+            "every element has a response of its own, and images in the plane are fitted with one "
+            "of all: use --direct, or take the responses out of the record."
+        )
     return apply_impulse_response(pressure, response, origin=origin)
 
 
-def _response(scan: Scan) -> tuple[np.ndarray, int]:
-    """The impulse response of the file, whose time 0 is in the middle."""
+def element_responses(scan: Scan, choices: Choices) -> tuple[np.ndarray, int]:
+    """The impulse response of the file, or those of the channels, whose time 0 is in the middle."""
     response = scan.known["impulse_response"]
-    return response, len(response) // 2
+    response = response if response.ndim == 1 else response[list(choices.channels)]
+    return response, response.shape[-1] // 2
 
 
 def in_band(choices: Choices, record: Array, times: Any, *, baseline: bool) -> Array:

@@ -17,6 +17,7 @@ from ..io import Scan
 from ..io.scan import OF_ELEMENTS
 from .acquisition import rows_used, times_of, units_of
 
+FACING = np.cos(np.radians(1.0))  # of elements that are taken to face the middle
 MOST_POINTS = 800  # detectors off rings, for the formula: its systems are dense
 
 
@@ -49,7 +50,9 @@ class FactsInSpace(NamedTuple):
         if self.detectors.element_radius is None:
             return ""
         widest = float(np.max(np.asarray(self.detectors.element_radius)))
-        return f", elements as wide as disks of radius {self.units.of_length(widest)}"
+        normals = getattr(self.detectors, "normals", None)
+        facing = "" if normals is None else " that face where the file says"
+        return f", elements as wide as disks of radius {self.units.of_length(widest)}{facing}"
 
     @property
     def _places(self) -> str:
@@ -75,7 +78,10 @@ def facts_in_space(scan: Scan, use: object = None) -> FactsInSpace:
     points = np.asarray(scan.known["detectors"], float)[rows]
     times = times_of(scan)
     sizes = _element_radii(scan, rows)
+    normals = _normals(scan, rows, points) if sizes is not None else None
     try:
+        if normals is not None:
+            raise ValueError("elements do not face the middle of their rings.")
         found = find_rings(points)
         order, upside_down = found.order.ravel(), found.upside_down
         detectors = replace(found.rings, element_radius=_of_all(sizes))
@@ -87,7 +93,7 @@ def facts_in_space(scan: Scan, use: object = None) -> FactsInSpace:
                 f"{len(points)}: choose some with --use."
             ) from error
         center, radius = fit_sphere(points)
-        detectors = DetectorPoints(points, None, center, element_radius=sizes)
+        detectors = DetectorPoints(points, None, center, element_radius=sizes, normals=normals)
         order = np.arange(len(points))
         upside_down = False
     return FactsInSpace(detectors, rows[order], radius, upside_down, times, units_of(radius, times))
@@ -117,6 +123,17 @@ def _element_radii(scan: Scan, rows: np.ndarray) -> np.ndarray | None:
     ((name, size),) = known.items()
     radius = size / (1 if name == "element_radius" else np.sqrt(3))
     return np.asarray(radius[rows] if np.ndim(radius) else radius)
+
+
+def _normals(scan: Scan, rows: np.ndarray, points: np.ndarray) -> np.ndarray | None:
+    """Of elements as the file says, None if all face the middle."""
+    if "normals" not in scan.known:
+        return None
+    normals = np.asarray(scan.known["normals"], float)[rows]
+    towards = points - fit_sphere(points)[0]
+    cosine = np.abs(np.sum(normals * towards, axis=1))
+    sizes = np.linalg.norm(normals, axis=1) * np.linalg.norm(towards, axis=1)
+    return None if (cosine > FACING * sizes).all() and sizes.all() else normals
 
 
 def _of_all(radii: np.ndarray | None) -> Array | None:

@@ -37,6 +37,8 @@ def solve_points(
     sizes: SpaceSizes,
 ) -> tuple[Complex[Array, "images frequencies 2 polar orders"], SolveReport]:
     """Solve as `tikhonov.solve_rings` does, for points; the region must be a whole ball."""
+    if detectors.normals is not None:
+        raise ValueError("elements have normals: fit the volume, by model_based or no --direct.")
     local = detectors.points - detectors.center
     distance = detectors.distance
     units = local / distance[:, None]

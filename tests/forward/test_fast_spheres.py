@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxtat import VolumeGrid
-from jaxtat.forward import pressure_terms, sphere_integrals, sphere_sizes
+from jaxtat.forward import pressure_terms, response_factors, sphere_integrals, sphere_sizes
 from jaxtat.geometry import spherical_cap
 from jaxtat.geometry.caps import DetectorPoints
 from jaxtat.geometry.rings import find_rings
@@ -123,6 +123,25 @@ def test_pressure_is_the_slope_of_exact_integrals():
     exact = differences(lambda r: over_spheres(1.2 * times[heard] + r), 0.0, step=1e-3)
     assert np.abs(found[..., heard] - exact).max() < 3e-5 * np.abs(exact).max()
     assert heard.sum() > 10 and not found[..., ~heard].any()
+
+
+def test_elements_have_responses_of_their_own():
+    """Against records of points folded with them, that go on beyond the window's ends."""
+    curve, rng = CURVES["anywhere"], np.random.default_rng(5)
+    sizes, responses = sphere_sizes(curve, GRID, n_groups=1), rng.standard_normal((12, 7))
+    times, volume = 0.9 + 0.06 * np.arange(26), jnp.asarray(rng.standard_normal((1, *GRID.shape)))
+
+    @eqx.filter_jit
+    def both(volume):
+        operator = sphere_integrals(curve, GRID, RADII, sizes)
+        paths = 1.2 * jnp.asarray(times)
+        factors = response_factors(sizes, jnp.asarray(responses), jnp.asarray(1.2 * 0.06))
+        own = operator.recorded(pressure_terms(sizes, paths[3:-3], sines=True), factors)
+        return operator.recorded(pressure_terms(sizes, paths))(volume)[0], own(volume)[0]
+
+    record, found = both(volume)
+    folded = [np.convolve(p, h, "valid") for p, h in zip(record, responses, strict=True)]
+    assert np.abs(found - np.array(folded)).max() < 1e-12 * np.abs(found).max()
 
 
 def differences(function, x, step=3e-4):

@@ -137,7 +137,9 @@ known = st.fixed_dictionaries(
         "detectors": st.just(RNG.standard_normal((3, 3))),
         "field_of_view": st.just(RNG.standard_normal(6)),
         "times": st.just(np.linspace(1, 2, 5)),
-        "impulse_response": st.just(RNG.standard_normal(9)),
+        "impulse_response": st.sampled_from([RNG.standard_normal(9), RNG.standard_normal((3, 9))]),
+        "normals": st.just(RNG.standard_normal((3, 3))),
+        "element_size": st.just(np.array([1e-3, 2e-3, 1e-3])),
         "frequency_response": st.just(RNG.standard_normal((3, 2, 4))),
     },
 )

@@ -25,6 +25,7 @@ VALUES = {
     "frequency_response": RNG.standard_normal((6, 2, 3)),
     "element_radius": np.array(1e-3),
     "element_size": np.arange(1.0, 7.0),
+    "normals": RNG.standard_normal((6, 3)),
 }
 
 
