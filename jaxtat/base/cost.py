@@ -56,6 +56,22 @@ def image_cost(shape: tuple[int | float, ...], n_frequencies: int, n_directions:
     return Cost(nbytes, seconds / (os.cpu_count() or 1))
 
 
+def volume_fit_cost(n_voxels: int, n_samples: int, n_waves: int, n_data: int, n_bands: int) -> Cost:
+    """Memory of a fit in space with 32 bits; its time depends on the steps, and is not estimated.
+
+    Measured with 17 to 129 voxels a side and 100 to 1013 detectors: within 15 %.
+
+    Args:
+        n_voxels: of the volume: some thirty copies, and the finer grid of the non-uniform FFT.
+        n_samples: of its Fourier transform.
+        n_waves: entries of tables of waves at the detectors, first made with 64 bits.
+        n_data: samples of all detectors.
+        n_bands: of frequencies, each of which has programs of its own.
+    """
+    programs = 1.5e8 + 1e8 * n_bands
+    return Cost(programs + 190.0 * n_voxels + 100.0 * n_samples + 12.0 * n_waves + 32.0 * n_data, 0)
+
+
 class Systems(NamedTuple):
     """Sizes of steps 1 to 3.
 
@@ -147,20 +163,25 @@ def require_room(
     if cost.nbytes > room:
         fits = most_that_fit(cost_of, n, room)
         raise ValueError(
-            f"{n} {what} take at least {_gigabytes(cost.nbytes)} of memory, and "
-            f"{_gigabytes(room)} are free: at most {fits} fit"
+            f"{n} {what} take at least {gigabytes(cost.nbytes)} of memory, and "
+            f"{gigabytes(room)} are free: at most {fits} fit"
             f"{': ' + advice(fits) if advice else ''}."
         )
     if cost.seconds > LONG:
         warnings.warn(
             f"{n} {what} take {cost.seconds / 60:.0f} minutes or more on this machine, and "
-            f"{_gigabytes(cost.nbytes)} of memory.",
+            f"{gigabytes(cost.nbytes)} of memory.",
             LongWorkWarning,
             stacklevel=4,
         )
 
 
-def _gigabytes(nbytes: float) -> str:
+def gigabytes(nbytes: float) -> str:
+    """In words.
+
+    >>> gigabytes(3.4e9)
+    '3.4 GB'
+    """
     return f"{nbytes / 1e9:.3g} GB"
 
 

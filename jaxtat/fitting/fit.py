@@ -47,6 +47,7 @@ from .level import Level, scale_of
 from .penalties import NoPenalty, Penalty, Ridge, is_known
 from .progress import EVERY, Progress, after, before
 from .relative_cg import RelativeCG
+from .room import require_room_to_fit
 from .spectrum import middle_pixel, spectrum_of
 from .weight import balanced_weight
 
@@ -152,7 +153,8 @@ def model_based(
     Raises:
         ValueError: for data that do not fit, NaN, a negative weight, an unknown penalty, a proximal
             map that changes the shape or gives NaN, a mask that leaves nothing, what pressure needs
-            without ``times``, or a highest frequency that is traced or not above zero.
+            without ``times``, a highest frequency that is traced or not above zero, or a volume
+            whose fit exceeds the memory.
 
     Source: `jaxtat.fitting.alternating`, after `jaxtat.fitting.coarse_grids`; `fista` for maps of
     the user's; conjugate gradients for `Ridge` and `NoPenalty`.
@@ -173,6 +175,9 @@ def model_based(
     recorded = times, sound_speed, model, conditioning, element_responses
     pressure = None if times is None else recorded
     highest = checked_frequency(max_frequency)
+    if setup.grid.dimension == 3 and is_concrete(setup):
+        n_samples = len(setup.radii) if times is None else np.shape(data)[-1]
+        require_room_to_fit(setup, highest, n_samples)
     whole = initial is None and not unrolled and is_known(penalty)
     grids = ladder(setup.grid) if whole else [setup.grid]
     fits = data_fits(setup, pressure, nonnegative, noise, mask, highest, dtype, grids)

@@ -142,8 +142,7 @@ def point_waves(detectors: DetectorPoints, frequencies: Array, sizes: SphereSize
     if of_degrees is not None:
         of_all = jnp.broadcast_to(of_degrees.reshape(last.degrees, -1), (last.degrees, n))
         factor = jnp.swapaxes(in_chunks(of_all.T), 1, 2)
-    size = chunks.shape[0] * together * last.degrees * (2 * last.orders + sizes.n_frequencies)
-    if 8 * size <= KEPT:
+    if 8 * sizes.n_waves(n) <= KEPT:
         make = jax.checkpoint(lambda chunk: _point_tables(chunk, frequencies, last))
         tables = jax.lax.map(make, (chunks, factor))
     return PointWaves(chunks, factor, frequencies, tables, sizes, detectors.shape[0], weights)

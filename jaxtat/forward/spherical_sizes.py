@@ -78,6 +78,17 @@ class SphereSizes(eqx.Module):
         """Up to which volumes have a spectrum [rad/length]."""
         return float(self.frequencies[-1])
 
+    @property
+    def n_samples(self) -> int:
+        """Of the transform of a volume, at all frequencies and directions."""
+        return sum((band.last - band.first) * band.directions for band in self.bands)
+
+    def n_waves(self, n_detectors: int) -> int:
+        """Entries of tables of waves at so many scattered detectors."""
+        last, chunks = self.bands[-1], -(-n_detectors // min(self.together, n_detectors))
+        entries = last.degrees * (2 * last.orders + self.n_frequencies)
+        return chunks * min(self.together, n_detectors) * entries
+
     def first(self, n: int) -> "SphereSizes":
         """The sizes of the first n frequencies alone, for a volume on coarser voxels."""
         bands = tuple(

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from ..geometry import visibility
+from ..base.cost import available_memory, gigabytes
+from ..fitting.room import memory_of_fit
+from ..geometry import VolumeGrid, visibility
 from ..geometry.regions import Region
 from ..io import Scan
 from ..records import ranges, supported
@@ -19,6 +21,8 @@ def describe(scan: Scan, choices: Choices) -> str:
     lines = _of_data(scan, facts, choices.channels)
     if isinstance(facts, FactsInSpace):
         lines += _of_sphere(facts)
+        if choices.model_based:
+            lines.append(_of_memory(facts, choices, scan.n_samples))
     else:
         lines += [*_of_curve(facts, list(choices.channels)), *_of_region(facts, choices)]
     return "\n".join([*lines, "", "A reconstruction would use", choices.table()])
@@ -62,6 +66,15 @@ def _of_sphere(facts: FactsInSpace) -> list[str]:
     center = facts.units.of_place(np.asarray(facts.detectors.center), facts.radius, 3)
     radius = facts.units.of_length(facts.radius, 6)
     return [f"detectors: {facts.arrangement}, radius {radius} about {center}"]
+
+
+def _of_memory(facts: FactsInSpace, choices: Choices, n_samples: int) -> str:
+    grid, reach = choices.grid, choices.region_radius
+    assert isinstance(grid, VolumeGrid)
+    cost = memory_of_fit(facts.detectors, grid, reach, choices.max_frequency, n_samples)
+    sides = " x ".join(map(str, grid.shape))
+    free = gigabytes(available_memory())
+    return f"memory: a fit of {sides} voxels takes about {gigabytes(cost.nbytes)}, {free} are free"
 
 
 def _of_curve(facts: Facts, channels: list[int]) -> list[str]:

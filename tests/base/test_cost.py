@@ -14,6 +14,8 @@ from jaxtat.base.cost import (
     require_room,
     systems_cost,
 )
+from jaxtat.fitting.room import memory_of_fit
+from jaxtat.spherical import DetectorPoints, ball
 
 GIGA = 1e9
 
@@ -40,6 +42,26 @@ def test_images_that_do_not_fit_are_refused_at_the_entry(monkeypatch, arc, given
     fits = int(str(caught.value).split("at most ")[1].split()[0])
     assert 0.8 < fits / np.sqrt(8 * GIGA / cost.BYTES_PER_PIXEL) <= 1
     jaxtat.Setup(arc.curve, arc.region, jaxtat.ImageGrid(4), arc.radii, **given)
+
+
+def test_fits_in_space_that_do_not_fit_are_refused_with_what_does(monkeypatch):
+    """Before anything is made; and by what was measured of 65 voxels and 709 elements: 1.22 GB."""
+    points = np.random.default_rng(0).standard_normal((709, 3))
+    points *= 2 / np.linalg.norm(points, axis=1, keepdims=True)
+    setup = jaxtat.Setup(
+        DetectorPoints(points), ball(1.0), jaxtat.VolumeGrid(65), max_frequency=10.0
+    )
+    times = np.linspace(0.9, 3.1, 144)
+    assert memory_of_fit(setup.curve, setup.grid, 1.0, None, 144).nbytes == pytest.approx(
+        1.22 * GIGA, rel=0.15
+    )
+    monkeypatch.setattr(cost, "available_memory", lambda: 0.6 * GIGA)
+    with pytest.raises(
+        ValueError, match=r"65 voxels a side of a fit take at least 1\.\d* GB"
+    ) as no:
+        jaxtat.model_based(setup, np.ones((709, 144)), times=times)
+    fits = int(str(no.value).split("at most ")[1].split()[0])
+    assert 20 < fits < 50 and f"choose {fits} (--pixels)" in str(no.value)
 
 
 @pytest.mark.parametrize(

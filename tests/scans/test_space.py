@@ -147,6 +147,7 @@ def test_pressure_in_the_exchange_format(integrals, tmp_path, capsys):
     assert main(["info", str(path)]) == 0
     said = capsys.readouterr().out
     rings = "13 rings of 28 on a sphere, open upwards, radius 40 mm"
+    assert "memory: a fit of " in said and " GB are free" in said
     assert all(text in said for text in (rings, "in-space", "opposite detectors agree best"))
     choices = choose(load_scan(path))
     assert REACH <= choices.region_radius <= 1.5 * REACH
