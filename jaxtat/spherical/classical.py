@@ -8,14 +8,14 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, is_concrete, real_array, require_positive, whole_number
 from ..base.rows import equal_parts
-from ..geometry.caps import SphericalCap
+from ..geometry.caps import Detectors
 from ..steps.quadrature import interpolation_matrix
 
 _DETECTORS = 64  # worked on together
 
 
 def back_projection(
-    cap: SphericalCap, radii: Numbers, g: Numbers, points: Numbers
+    detectors: Detectors, radii: Numbers, g: Numbers, points: Numbers
 ) -> Float[Array, "..."]:
     """f(x) = -1/(8π² R_g) ∫ (1/r) d²g(z, r)/dr² at r = |x - z| dS(z), exact on a whole sphere.
 
@@ -24,9 +24,9 @@ def back_projection(
     on others are read there first, see `radial_quadrature`.
 
     Args:
-        cap: the detectors.
+        detectors: on a sphere about their centre; the weights of points are areas [length²].
         radii: increasing, at least 3, above zero, (radii,) [length].
-        g: spherical integrals, (rings, azimuths, radii).
+        g: spherical integrals, (*detectors, radii).
         points: x, (..., 3), inside the sphere [length].
 
     Returns:
@@ -51,17 +51,19 @@ def back_projection(
     require_positive("radii", radii)
     if is_concrete(radii) and not (np.diff(np.asarray(radii)) > 0).all():
         raise ValueError("radii do not increase from one to the next: sort them, and g with them.")
-    g = real_array("g", g, (*cap.shape, radii.shape[0]))
+    g = real_array("g", g, (*detectors.shape, radii.shape[0]))
     points = real_array("points", points, ("...", 3))
-    return _back_projection(cap, radii, g, points.reshape(-1, 3)).reshape(points.shape[:-1])
+    found = _back_projection(detectors, radii, g, points.reshape(-1, 3))
+    return found.reshape(points.shape[:-1])
 
 
 @eqx.filter_jit
-def _back_projection(cap: SphericalCap, radii: Array, g: Array, points: Array) -> Array:
+def _back_projection(detectors: Detectors, radii: Array, g: Array, points: Array) -> Array:
     nodes = jnp.linspace(radii[0], radii[-1], len(radii))
     g, radii, step = g @ interpolation_matrix(radii, nodes).T, nodes, nodes[1] - nodes[0]
     curvature = (g[..., 2:] - 2 * g[..., 1:-1] + g[..., :-2]) / step**2
-    filtered = jnp.pad(curvature, ((0, 0), (0, 0), (1, 1))) / radii * cap.weights[..., None]
+    weights = (detectors.weights / detectors.distance).reshape(-1, 1)
+    filtered = jnp.pad(curvature.reshape(-1, len(radii) - 2), ((0, 0), (1, 1))) / radii * weights
 
     def of_detector(z: Array, values: Array) -> Array:
         position = (jnp.linalg.norm(points - z, axis=-1) - radii[0]) / step
@@ -74,8 +76,8 @@ def _back_projection(cap: SphericalCap, radii: Array, g: Array, points: Array) -
         return total + jnp.sum(jax.vmap(of_detector)(*some), axis=0), None
 
     blocks = (
-        equal_parts(cap.points.reshape(-1, 3), _DETECTORS),
-        equal_parts(filtered.reshape(-1, len(radii)), _DETECTORS),
+        equal_parts(detectors.points.reshape(-1, 3), _DETECTORS),
+        equal_parts(filtered, _DETECTORS),
     )
     total, _ = jax.lax.scan(add, jnp.zeros(len(points)), blocks)
-    return -total / (8 * jnp.pi**2 * cap.radius)
+    return -total / (8 * jnp.pi**2)

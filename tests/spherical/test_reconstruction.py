@@ -23,6 +23,7 @@ from jaxtat.regularization import tikhonov_rule
 from jaxtat.spherical import (
     DetectorPoints,
     SolidBells,
+    back_projection,
     ball,
     cap_radii,
     pressure_to_spherical_integrals,
@@ -428,3 +429,16 @@ def test_49_voxels_on_a_side_to_1e_5():
     image = reconstruct(Setup(cap, region, grid, radii), g, 1e-8, inversion="fourier")
     error = np.abs(np.asarray(image - bells.volume(grid)))
     assert error[np.asarray(region.contains(grid.points))].max() < 1e-5
+
+
+def test_back_projection_of_points_is_that_of_their_cap():
+    """In any order; exact on a whole sphere, see the doctest of the cap's."""
+    cap, radii = spherical_cap(1.3, 0.7, 6, 12), 0.3 + 0.1 * np.arange(20)
+    rng = np.random.default_rng(3)
+    g, x = rng.standard_normal((6, 12, 20)), rng.uniform(-0.4, 0.4, (5, 3))
+    order = rng.permutation(72)
+    flat = [np.asarray(v).reshape(72, -1)[order] for v in (cap.points, cap.weights, g)]
+    points = DetectorPoints(flat[0], flat[1][:, 0])
+    found = np.asarray(back_projection(points, radii, flat[2], x))
+    wanted = np.asarray(back_projection(cap, radii, g, x))
+    np.testing.assert_allclose(found, wanted, rtol=1e-10, atol=1e-12 * np.abs(wanted).max())

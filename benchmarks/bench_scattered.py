@@ -1,0 +1,124 @@
+"""Fits of volumes to scattered elements, beside back-projection: 5 % noise, 5 % of them dead.
+
+Balls or bells, whose pressure is known in closed form, about every element the mean over it; errors
+are relative, in the 2-norm over the region, beside means over voxels. Back-projection is given its
+best factor. Lengths are in radii of the region.
+
+    pytest benchmarks/bench_scattered.py -c benchmarks/pytest.ini [-k 33]
+"""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtat import Setup, VolumeGrid, model_based
+from jaxtat.spherical import DetectorPoints, back_projection, ball, pressure_to_spherical_integrals
+
+NOISE, DEAD, PARTS = 0.05, 0.05, 4  # PARTS of a sample, over which records are means
+# voxels, elements on a whole sphere, its part below this share of the radius, radii of elements
+FIBONACCI = {"fibonacci-33": (33, 366, 0.4, 0.1), "fibonacci-65": (65, 1013, 0.4, 0.05)}
+HEMISPHERE = 33, 7e-3, 2e-3 / np.sqrt(3)  # voxels, region and element of `hemisphere_256` [m]
+RNG = np.random.default_rng(7)
+CENTERS, RADII = RNG.uniform(-0.45, 0.45, (8, 3)), RNG.uniform(0.15, 0.35, 8)
+VALUES = RNG.uniform(0.5, 1.5, 8)
+PROFILES = {"balls": lambda t: jnp.where(t < 1, 1.0, 0.0), "bells": lambda t: (1 - t**2) ** 3}
+
+
+@dataclass(frozen=True)
+class Scattered:
+    """Elements that live, their record, and the volume behind it."""
+
+    setup: Setup
+    times: np.ndarray
+    record: np.ndarray
+    truth: np.ndarray
+
+
+def elements(name: str) -> tuple[int, DetectorPoints]:
+    """Voxels along an axis, and those elements that are not dead, weighted by area."""
+    if name == "hemisphere-33":
+        path = Path(os.environ.get("JAXTAT_DATA", "../shared/data")) / "arrays_in_space.npz"
+        if not path.exists():
+            pytest.skip(f"{path} is not there")
+        voxels, region, radius = HEMISPHERE
+        points, radius = np.load(path)["hemisphere_256"] / region, radius / region
+        size = np.linalg.norm(points[0])
+        share = (size - np.abs(points[:, 2]).min()) / (2 * size)
+    else:
+        voxels, whole, top, radius = FIBONACCI[name]
+        height, turn = -1 + 2 * (np.arange(whole) + 0.5) / whole, np.pi * (3 - np.sqrt(5))
+        ring, turns = np.sqrt(1 - height**2), turn * np.arange(whole)
+        points = np.stack([ring * np.cos(turns), ring * np.sin(turns), height], axis=1)
+        points, size, share = 2 * points[height < top], 2.0, (1 + top) / 2
+    rng = np.random.default_rng(1)
+    alive = np.sort(rng.permutation(len(points))[round(DEAD * len(points)) :])
+    areas = np.full(len(alive), share * 4 * np.pi * size**2 / len(alive))
+    return voxels, DetectorPoints(points[alive], areas, element_radius=radius)
+
+
+def pressure(points: jax.Array, paths: np.ndarray, profile) -> jax.Array:
+    """Σ v ((d - ct) b(|d - ct|/a) + (d + ct) b((d + ct)/a)) / 2d."""
+    total = jnp.zeros((len(points), len(paths)))
+    for center, radius, value in zip(CENTERS, RADII, VALUES, strict=True):
+        distance = jnp.linalg.norm(points - center, axis=1)[:, None]
+        near, far = distance - paths, distance + paths
+        wave = near * profile(jnp.minimum(jnp.abs(near) / radius, 1.0))
+        total += value * (wave + far * profile(jnp.minimum(far / radius, 1.0))) / (2 * distance)
+    return total
+
+
+@pytest.fixture(scope="module", params=["hemisphere-33", *FIBONACCI])
+def array(request):
+    return elements(request.param)
+
+
+@pytest.fixture(scope="module", params=PROFILES)
+def case(request, array):
+    voxels, curve = array
+    profile, grid = PROFILES[request.param], VolumeGrid(voxels)
+    setup = Setup(curve, ball(1.0), grid, max_frequency=4.0)  # of the formula, which is not used
+    distance, step = float(np.asarray(curve.distance)[0]), float(grid.spacing[0]) / 2
+    times = np.arange(distance - 1, distance + 1 + step, step)
+    parts = (times[:, None] + step * ((np.arange(PARTS) + 0.5) / PARTS - 0.5)).ravel()
+    fine = curve.mean_over_elements(lambda points: pressure(points, parts, profile), 3)
+    record = np.asarray(fine).reshape(len(fine), -1, PARTS).mean(axis=-1)
+    noise = np.random.default_rng(2).standard_normal(record.shape)
+    record = record + NOISE * np.abs(record).max() * noise
+    points = grid.finer(3).points
+    truth = jnp.zeros(points.shape[:-1])
+    for center, radius, value in zip(CENTERS, RADII, VALUES, strict=True):
+        share = jnp.linalg.norm(points - center, axis=-1) / radius
+        truth = truth + value * profile(jnp.minimum(share, 1.0))
+    truth = grid.means(truth)
+    return Scattered(setup, times, record, np.asarray(truth))
+
+
+@pytest.mark.parametrize("method", ["jaxtat", "back-projection"])
+def bench_scattered(measure, benchmark, case, method):
+    setup = case.setup
+    inside = np.asarray(setup.region.contains(setup.grid.points))
+    truth, given = case.truth[inside], {"times": case.times, "dtype": "float32"}
+
+    def work():
+        if method == "jaxtat":
+            found = model_based(setup, case.record, nonnegative=True, tolerance=1.5e-2, **given)
+            return found.image
+        radii = case.times[1:-1]
+        g = pressure_to_spherical_integrals(case.record, case.times, radii)
+        return back_projection(setup.curve, radii, g, setup.grid.points)
+
+    def fitting(volume):
+        """By its best factor, which is 1 for a fit."""
+        values = np.asarray(volume)[inside]
+        return values if method == "jaxtat" else values * (values @ truth) / (values @ values)
+
+    n = setup.grid.shape[0]
+    found = measure(work, n=n, error=lambda f: np.abs(fitting(f) - truth).max(), rounds=1)
+    error = np.linalg.norm(fitting(found) - truth) / np.linalg.norm(truth)
+    benchmark.extra_info.update(relative_error=float(error))
+    print(f"relative error {error:.3f}")
