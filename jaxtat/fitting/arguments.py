@@ -79,10 +79,14 @@ def _record(
     setup: Setup, times: Any, sound_speed: Any, model: str, conditioning: Any, responses: Any
 ) -> Float[Array, "times terms"]:
     """From what the operator knows to pressure, then the conditioning that the record had."""
+    if setup.medium is not None:
+        if not (is_concrete(sound_speed) and np.ndim(sound_speed) == 0 and sound_speed == 1.0):
+            raise ValueError("sound_speed is given, and the setup has a medium: leave it out.")
+        sound_speed = setup.medium.water_speed
     if setup.grid.dimension == 3:
         matrix = _record_in_space(setup, times, sound_speed, model, responses is not None)
     else:
-        matrix = _record_in_plane(setup, times, sound_speed, model)
+        matrix = pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
     if conditioning is None:
         return matrix
     conditioned = jnp.asarray(conditioning(_turned(matrix)))  # a record for each column
@@ -118,16 +122,6 @@ def _responses(setup: Setup, pressure: Pressure) -> Float[Array, "2 frequencies 
     responses = real_array("element_responses", responses, (*shape, "taps"))
     step = jnp.asarray(times)[1] - jnp.asarray(times)[0]
     return response_factors(setup.kind.sizes_inside(setup.sizes), responses, speed * step)
-
-
-def _record_in_plane(
-    setup: Setup, times: Any, sound_speed: Any, model: str
-) -> Float[Array, "times radii"]:
-    if setup.medium is not None:
-        if not (is_concrete(sound_speed) and np.ndim(sound_speed) == 0 and sound_speed == 1.0):
-            raise ValueError("sound_speed is given, and the setup has a medium: leave it out.")
-        sound_speed = setup.medium.water_speed
-    return pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
 
 
 def _turned(matrix: Array) -> Array:

@@ -17,6 +17,9 @@ So the operator is a row of linear maps: a non-uniform FFT, `spherical_harmonics
 at the detectors (`sphere_waves`), a matrix over frequencies; and its transpose is the same
 backwards.
 
+Through a ball of another speed of sound F is taken at lambda c_2/c_1, lambda that of the water, and
+the waves at the detectors, about the ball's centre, are what passes its surface; see the plane's.
+
 The volume is taken as band-limited between its voxels: as the sum of its nodes' values times a
 function whose spectrum is 1 for |xi| <= π/h, h the largest side of a voxel, and 0 beyond.
 """
@@ -28,7 +31,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import is_concrete
-from ..geometry import VolumeGrid
+from ..geometry import BallBody, VolumeGrid, around_body
 from ..geometry.caps import Detectors, SphericalCap
 from ..special import from_grid
 from .sphere_waves import PointWaves, RingWaves, point_waves, ring_waves
@@ -42,24 +45,28 @@ class SphereIntegrals(eqx.Module):
     Attributes:
         directions: where F is needed, for every band of frequencies.
         waves: what takes the harmonics of F to the detectors.
-        series: (2 r/T) lambda_k sin(lambda_k r), times a voxel's volume and the low-pass; with
+        series: (2 r/T) lambda_k sin(lambda_k r), times ``voxel`` and the low-pass; with
             ``responses`` first what follows cosines, then what follows sines.
+        voxel: its volume, times what sources in a body count for.
         spacing: h, (3,) [length].
         responses: of the elements to cosines and sines, at their frequencies; None of elements that
             record what arrives.
         offset: of the node that the non-uniform FFT counts from, from the detectors' centre
             [length]; None if they are known to be the same.
         shape: of the volume.
+        detectors: shape of these.
         tolerance: of the non-uniform FFT.
     """
 
     directions: tuple[Directions, ...]
     waves: RingWaves | PointWaves
     series: Float[Array, "*parts k radii"]
+    voxel: Float[Array, ""]
     responses: Float[Array, "2 k *detectors"] | None
     spacing: Float[Array, "3"]
     offset: Float[Array, "3"] | None
     shape: tuple[int, int, int] = eqx.field(static=True)
+    detectors: tuple[int, ...] = eqx.field(static=True)
     tolerance: float = eqx.field(static=True)
 
     def __call__(
@@ -77,10 +84,12 @@ class SphereIntegrals(eqx.Module):
             start = stop
         at_detectors = self.waves(tuple(parts))
         if self.responses is None:
-            return jnp.einsum("bk...,kr->b...r", at_detectors, self.series)
-        pairs = zip(self.responses, self.series, strict=True)
-        parts = [jnp.einsum("bk...,kr->b...r", at_detectors * a, series) for a, series in pairs]
-        return parts[0] + parts[1]
+            data = jnp.einsum("bk...,kr->b...r", at_detectors, self.series)
+        else:
+            pairs = zip(self.responses, self.series, strict=True)
+            parts = [jnp.einsum("bk...,kr->b...r", at_detectors * a, b) for a, b in pairs]
+            data = parts[0] + parts[1]
+        return data.reshape(data.shape[0], *self.detectors, -1)
 
     @property
     def kept(self) -> bool:
@@ -113,7 +122,7 @@ class SphereIntegrals(eqx.Module):
         `response_factors`, the columns of sines follow those of cosines.
         """
         n, parts = self.series.shape[0], 1 if responses is None else 2
-        series = record.T.reshape(parts, -1, record.shape[0])[:, :n] * jnp.prod(self.spacing)
+        series = record.T.reshape(parts, -1, record.shape[0])[:, :n] * self.voxel
         if responses is None:
             return eqx.tree_at(lambda each: each.series, self, series[0])
         both, own = (series, responses[:, :n]), lambda each: (each.series, each.responses)
@@ -127,6 +136,7 @@ def sphere_integrals(
     sizes: SphereSizes,
     eta: Float[Array, " frequencies"] | None = None,
     tolerance: float = TOLERANCE,
+    medium: BallBody | None = None,
 ) -> SphereIntegrals:
     """The operator of a geometry, with all its tables.
 
@@ -135,6 +145,7 @@ def sphere_integrals(
         sizes: of a geometry like it.
         eta: low-pass at `sizes.frequencies`; None for none.
         tolerance: relative error of the non-uniform FFT.
+        medium: a body of another speed of sound; may be traced.
 
     >>> from jaxtat.geometry import spherical_cap
     >>> from jaxtat.forward.spherical_sizes import sphere_sizes
@@ -147,25 +158,31 @@ def sphere_integrals(
     >>> bool(abs(g - exact).max() < 1e-3 * exact.max())
     True
     """
-    frequencies = jnp.asarray(sizes.frequencies)
+    shape, curve = curve.shape, around_body(curve, medium)
+    frequencies = inside = jnp.asarray(sizes.frequencies)
+    voxel = jnp.prod(grid.spacing)
+    if medium is not None:
+        inside, voxel = frequencies / medium.speed_ratio, voxel * medium.source_strength
     directions = tuple(
-        directions_of(band, frequencies[band.first : band.last], *map(jnp.asarray, rule))
+        directions_of(band, inside[band.first : band.last], *map(jnp.asarray, rule))
         for band, rule in ((band, half_gauss_rule(band)) for band in sizes.bands)
     )
     if isinstance(curve, SphericalCap):
-        waves = ring_waves(curve, frequencies, sizes)
+        waves = ring_waves(curve, frequencies, sizes, medium)
     else:
-        waves = point_waves(curve, frequencies, sizes)
+        waves = point_waves(curve, frequencies, sizes, medium)
     first = jnp.stack([grid.axis(axis)[n // 2] for axis, n in enumerate(grid.shape)])
     offset = first - curve.center
     return SphereIntegrals(
         directions=directions,
         waves=waves,
-        series=_series(radii, sizes, eta) * jnp.prod(grid.spacing),
+        series=_series(radii, sizes, eta) * voxel,
+        voxel=voxel,
         responses=None,
         spacing=grid.spacing,
         offset=None if _is_zero(offset, grid) else offset,
         shape=grid.shape,
+        detectors=shape,
         tolerance=tolerance,
     )
 

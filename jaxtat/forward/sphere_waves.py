@@ -3,7 +3,9 @@
     G(z, lambda) = Σ_lm s_l j_l(lambda |z|) Re H_lm Y_lm(z/|z|),   s_l = (-1)^{l // 2},
 
 over all m of both signs, as exp(-i lambda w·z) = 4π Σ (-i)^l j_l(lambda |z|) Y_lm(z) conj Y_lm(w)
-(DLMF 10.60.7, 14.30.9) and i (-i)^l = s_l for odd l.
+(DLMF 10.60.7, 14.30.9) and i (-i)^l = s_l for odd l. Through a body of another speed of sound H is
+that of lambda c_2/c_1, and the real part of t_l h_l(lambda |z|), of `special.transmission`, takes
+the place of j_l.
 """
 
 import equinox as eqx
@@ -12,8 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from ..geometry import BallBody
 from ..geometry.caps import DetectorPoints, SphericalCap
-from ..special import legendre_functions, spherical_sequence
+from ..special import legendre_functions, spherical_sequence, transmitted_factors
 from .spherical_harmonics import Harmonics
 from .spherical_sizes import Band, SphereSizes
 
@@ -73,6 +76,7 @@ class PointWaves(eqx.Module):
         local: z - c, in chunks that are filled up with the last detector [length].
         factor: mean over an element by degree, of the same chunks; None of point detectors.
         frequencies: lambda_k [rad/length].
+        medium: a body about c, or None.
         tables: of every chunk; None if they would not fit into memory, and are made anew each time.
         sizes: of the operator.
         n_detectors: how many there are.
@@ -83,6 +87,7 @@ class PointWaves(eqx.Module):
     local: Float[Array, "chunks d 3"]
     factor: Float[Array, "chunks degrees d"] | None
     frequencies: Float[Array, " k"]
+    medium: BallBody | None
     tables: PointTables | None
     sizes: SphereSizes
     n_detectors: int = eqx.field(static=True)
@@ -97,8 +102,9 @@ class PointWaves(eqx.Module):
         def at(tables: tuple | PointTables, coefficients: list[Array]) -> Array:
             if not isinstance(tables, PointTables):
                 # in 64 bits: factors of high orders are very large and very small
-                chunk = jax.tree.map(lambda leaf: leaf.astype(float), tables)
-                tables = _point_tables(chunk, self.frequencies.astype(float), bands[-1])
+                given = tables, self.frequencies, self.medium
+                chunk, k, body = jax.tree.map(lambda leaf: leaf.astype(float), given)
+                tables = _point_tables(chunk, k, body, bands[-1])
             functions, radial = tables.functions.astype(dtype), tables.radial.astype(dtype)
             shape = coefficients[0].shape[3], self.sizes.n_frequencies, radial.shape[-1]
             values, start = jnp.zeros(shape, dtype), 0
@@ -124,7 +130,9 @@ class PointWaves(eqx.Module):
 
 
 @eqx.filter_jit
-def point_waves(detectors: DetectorPoints, frequencies: Array, sizes: SphereSizes) -> PointWaves:
+def point_waves(
+    detectors: DetectorPoints, frequencies: Array, sizes: SphereSizes, medium: BallBody | None
+) -> PointWaves:
     """Positions from the centre in chunks, and if there is room all tables."""
     points, last, tables, weights = detectors.points, sizes.bands[-1], None, None
     if detectors.normals is not None:
@@ -143,18 +151,21 @@ def point_waves(detectors: DetectorPoints, frequencies: Array, sizes: SphereSize
         of_all = jnp.broadcast_to(of_degrees.reshape(last.degrees, -1), (last.degrees, n))
         factor = jnp.swapaxes(in_chunks(of_all.T), 1, 2)
     if 8 * sizes.n_waves(n) <= KEPT:
-        make = jax.checkpoint(lambda chunk: _point_tables(chunk, frequencies, last))
+        make = jax.checkpoint(lambda chunk: _point_tables(chunk, frequencies, medium, last))
         tables = jax.lax.map(make, (chunks, factor))
-    return PointWaves(chunks, factor, frequencies, tables, sizes, detectors.shape[0], weights)
+    where = chunks, factor, frequencies, medium
+    return PointWaves(*where, tables, sizes, detectors.shape[0], weights)
 
 
 @eqx.filter_jit
-def ring_waves(cap: SphericalCap, frequencies: Array, sizes: SphereSizes) -> RingWaves:
+def ring_waves(
+    cap: SphericalCap, frequencies: Array, sizes: SphereSizes, medium: BallBody | None
+) -> RingWaves:
     """All tables for detectors on rings."""
     last = sizes.bands[-1]
     m = jnp.arange(last.orders)
     table = legendre_functions(m, last.degrees, cap.cosines, last.orders)
-    j = _radial(last.degrees, frequencies * cap.radius)
+    j = _radial(last.degrees, frequencies, cap.radius, medium)
     factor = cap.element_factor(last.degrees, sizes.n_nodes)
     if factor is not None:
         j = j * factor[:, None]
@@ -169,11 +180,21 @@ def ring_waves(cap: SphericalCap, frequencies: Array, sizes: SphereSizes) -> Rin
     return RingWaves(tuple(radial), table[:, 0::2], table[:, 1::2], turns, cap.n_azimuths)
 
 
-def _radial(n_degrees: int, x: Float[Array, "*n"]) -> Float[Array, "degrees *n"]:
-    """s_l j_l(x)."""
+def _radial(
+    n_degrees: int,
+    frequencies: Float[Array, "k *one"],
+    distance: Float[Array, "*d"],
+    medium: BallBody | None,
+) -> Float[Array, "degrees k *d"]:
+    """s_l j_l(lambda |z|), through a body the real part of s_l t_l h_l(lambda |z|)."""
     degree = np.arange(n_degrees)
-    j, _ = spherical_sequence(n_degrees - 1, x)
-    return j * ((-1.0) ** (degree // 2)).reshape(-1, *[1] * x.ndim)
+    j, y = spherical_sequence(n_degrees - 1, frequencies * distance)
+    if medium is not None:
+        outside = frequencies * medium.radius
+        arguments = outside / medium.speed_ratio, outside, medium.density_ratio
+        real, imaginary = transmitted_factors(n_degrees - 1, *arguments, spherical=True)
+        j = real * j - imaginary * y
+    return j * ((-1.0) ** (degree // 2)).reshape(-1, *[1] * (j.ndim - 1))
 
 
 def _both_signs(n_orders: int) -> Float[np.ndarray, " orders"]:
@@ -215,7 +236,9 @@ def _shifted(values: Float[Array, "orders degrees *n"]) -> Float[Array, "orders 
     return flat.reshape(m, n + m - 1, *rest)[:, :n]
 
 
-def _point_tables(chunk: tuple[Array, Array | None], frequencies: Array, last: Band) -> PointTables:
+def _point_tables(
+    chunk: tuple[Array, Array | None], frequencies: Array, medium: BallBody | None, last: Band
+) -> PointTables:
     """Tables of some of `PointWaves.local` and `factor`, up to the last band.
 
     Y_lm = (P_lm / sin^m theta) ((x_1 + i x_2)/|x|)^m is smooth on the axis; at the centre, where no
@@ -233,5 +256,5 @@ def _point_tables(chunk: tuple[Array, Array | None], frequencies: Array, last: B
     powers = jnp.cumprod(across.at[0].set(1.0), axis=0) * _both_signs(last.orders)[:, None]
     parts = [_shifted(legendre * power[:, None]) for power in (powers.real, -powers.imag)]
     functions = jnp.moveaxis(jnp.stack(parts), 2, 0)
-    radial = _radial(last.degrees, frequencies[:, None] * distance)
+    radial = _radial(last.degrees, frequencies[:, None], distance, medium)
     return PointTables(functions, radial if factor is None else radial * factor[:, None])

@@ -1,5 +1,6 @@
 """Sizes of the fast integrals over spheres, chosen once from concrete positions."""
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -9,8 +10,9 @@ import scipy.fft
 from jaxtyping import Float
 
 from ..base.checks import is_concrete
-from ..geometry import VolumeGrid
+from ..geometry import BallBody, VolumeGrid, around_body
 from ..geometry.caps import DetectorPoints, Detectors
+from .circular_sizes import ECHOES, IN_BODY
 
 MARGIN = 1.02  # of the period over the farthest voxel from a detector: positions may change by that
 GROUPS = 6  # of frequencies with as many directions: more compile longer
@@ -56,16 +58,18 @@ class SphereSizes(eqx.Module):
         bands: of the frequencies.
         together: scattered detectors whose spherical harmonics are made at a time.
         n_nodes: of Gauss's rule on an element of finite size.
+        ratio: frequencies of the volume over lambda: c_2/c_1 of a body, else 1.
     """
 
     period: float = eqx.field(static=True)
     bands: tuple[Band, ...] = eqx.field(static=True)
     together: int = eqx.field(static=True)
     n_nodes: int = eqx.field(static=True)
+    ratio: float = eqx.field(static=True)
 
     @property
     def n_frequencies(self) -> int:
-        """Number of k with lambda_k <= π/h."""
+        """Number of k with lambda_k <= π/h, over the ratio."""
         return self.bands[-1].last
 
     @property
@@ -76,7 +80,7 @@ class SphereSizes(eqx.Module):
     @property
     def highest(self) -> float:
         """Up to which volumes have a spectrum [rad/length]."""
-        return float(self.frequencies[-1])
+        return self.ratio * float(self.frequencies[-1])
 
     @property
     def n_samples(self) -> int:
@@ -94,12 +98,13 @@ class SphereSizes(eqx.Module):
         bands = tuple(
             band._replace(last=min(band.last, n)) for band in self.bands if band.first < n
         )
-        return SphereSizes(self.period, bands, self.together, self.n_nodes)
+        return replace(self, bands=bands)
 
 
 def sphere_sizes(
     curve: Detectors,
     grid: VolumeGrid,
+    medium: BallBody | None = None,
     *,
     within: float = np.inf,
     tolerance: float = TOLERANCE,
@@ -114,10 +119,14 @@ def sphere_sizes(
     Gauss's rule and equispaced azimuths, of which a circle of latitude needs fewer near the pole:
     orders there are below sin theta times those.
 
+    Through a body lambda is that of the water: the volume has c_2/c_1 times as many waves. Then all
+    is counted from the body's centre.
+
     Args:
         curve: the detectors.
         grid: nodes of the volume.
-        within: distance from the detectors' centre beyond which volumes are zero [length].
+        medium: a body of another speed of sound.
+        within: distance from the centre beyond which volumes are zero [length].
         tolerance: of what is left out.
         n_groups: of frequencies, at most.
 
@@ -129,20 +138,25 @@ def sphere_sizes(
             "curve or grid is traced, and sizes depend on them: take the sizes of typical ones "
             "outside of jax.jit and jax.grad."
         )
+    curve, ratio, echoes = around_body(curve, medium), 1.0, 0.0
+    if medium is not None:
+        ratio, within = 1 / float(medium.speed_ratio), min(within, IN_BODY * float(medium.radius))
+        echoes = ECHOES * float(medium.radius)
     local = np.abs(np.asarray(grid.center) - np.asarray(curve.center)) + np.asarray(grid.half_width)
     reach, across = (min(float(np.linalg.norm(x)), within) for x in (local, local[:2]))
     distance = _farthest(curve)
-    period = MARGIN * (distance + reach)
-    n = max(1, int(period / float(np.asarray(grid.spacing).max())))
+    period = MARGIN * (distance + max(1.0, ratio) * reach + echoes)
+    n = max(1, int(period / float(np.asarray(grid.spacing).max()) / ratio))
     n_bands = min(n_groups, max(1, n // WORTH_A_GROUP))
     bounds = np.linspace(0, n, n_bands + 1).round().astype(int)
+    lengths = ratio * reach, ratio * across, distance
     bands = tuple(
-        _band(first, last, np.pi / period * last, (reach, across, distance), tolerance)
+        _band(first, last, np.pi / period * last, lengths, tolerance)
         for first, last in pairwise(bounds.tolist())
     )
     pairs = 2 * bands[-1].degrees * bands[-1].orders
     n_nodes = curve.enough_nodes(np.pi / period * n)
-    return SphereSizes(period, bands, max(1, TABLE // pairs), n_nodes)
+    return SphereSizes(period, bands, max(1, TABLE // pairs), n_nodes, ratio)
 
 
 def _band(

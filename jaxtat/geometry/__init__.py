@@ -7,9 +7,11 @@ radius of the region of interest as in the paper.
 from .arcs import ArcFit, fit_arc, order_along_curve
 from .balls import Ball, ball
 from .bodies import (
+    BallBody,
     Body,
     DiskBody,
     OutlineBody,
+    around_body,
     radial_step,
     region_about,
     require_surrounded,
@@ -32,6 +34,7 @@ __all__ = [
     "VISIBLE",
     "ArcFit",
     "Ball",
+    "BallBody",
     "Body",
     "Circle",
     "CircularArc",
@@ -51,6 +54,7 @@ __all__ = [
     "Visibility",
     "VisibilityWarning",
     "VolumeGrid",
+    "around_body",
     "ball",
     "circle_through",
     "circular_arc",

@@ -1,4 +1,4 @@
-"""A body whose speed of sound differs from that of the water around it: a disk, or any outline."""
+"""A body of another speed of sound than the water around it: a disk, any outline, or a ball."""
 
 from typing import Any
 
@@ -10,6 +10,8 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, by_library, is_concrete, real_array, require_positive
 from ..base.hashable_methods import ComparedByIdentity
 from ..special import OutlineNodes, outline_sizes, root
+from .balls import Ball
+from .caps import DetectorPoints, Detectors
 from .curves import DetectorCurve
 from .regions import Disk, Region, disk
 
@@ -17,6 +19,7 @@ SPEEDS = 0.7, 1.4  # of the body over the water: no tissue is farther from water
 FEWEST, ELLIPSE = 8, 16  # points of an outline, and of an ellipse, whose degree is 1
 DENSE = 360  # points of an outline, for sizes and checks
 BEYOND = 1.25  # of the body's radius, up to which its waves may be continued outside
+SAME = 1e-9  # of a radius: centres that are no farther apart are one
 
 
 class Body(ComparedByIdentity, eqx.Module):
@@ -25,14 +28,14 @@ class Body(ComparedByIdentity, eqx.Module):
     All numbers are traced. The speeds count by their ratio alone, except where times are given.
 
     Attributes:
-        center: about which its waves are taken, (2,) [length].
+        center: about which its waves are taken, (2,), in space (3,) [length].
         radius: how far it reaches from there [length].
         sound_speed: c_1, in the body [length/time].
         water_speed: c_2, around it [length/time].
         density_ratio: rho_1/rho_2, of body and water.
     """
 
-    center: eqx.AbstractVar[Float[Array, "2"]]
+    center: eqx.AbstractVar[Float[Array, " dimension"]]
     radius: eqx.AbstractVar[Float[Array, ""]]
     sound_speed: eqx.AbstractVar[Float[Array, ""]]
     water_speed: eqx.AbstractVar[Float[Array, ""]]
@@ -109,6 +112,76 @@ class DiskBody(Body):
         self.radius = radius
         speeds = _speeds(sound_speed, water_speed, density_ratio)
         self.sound_speed, self.water_speed, self.density_ratio = speeds
+
+
+class BallBody(Body):
+    """A `DiskBody` in space: |x - c| < a with the speed of sound c_1, in water of c_2.
+
+    Attributes:
+        center: c, (3,) [length].
+        radius, sound_speed, water_speed, density_ratio: a, c_1, c_2, rho_1/rho_2, as of a disk.
+    """
+
+    center: Float[Array, "3"]
+    radius: Float[Array, ""]
+    sound_speed: Float[Array, ""]
+    water_speed: Float[Array, ""]
+    density_ratio: Float[Array, ""]
+
+    def __init__(
+        self,
+        center: Numbers,
+        radius: Numbers,
+        sound_speed: Numbers,
+        water_speed: Numbers,
+        density_ratio: Numbers = 1.0,
+    ):
+        """A body that is a ball.
+
+        Args:
+            center: c, (3,) [length].
+            radius, sound_speed, water_speed, density_ratio: as of a `DiskBody`.
+
+        Raises:
+            ValueError: as `DiskBody`.
+
+        >>> body = BallBody((0.0, 0.0, 0.1), 0.45, 1540.0, 1500.0)
+        >>> round(float(body.source_strength), 4)
+        0.9487
+        """
+        self.center = real_array("center", center, (3,))
+        disk = DiskBody((0.0, 0.0), radius, sound_speed, water_speed, density_ratio)
+        self.radius, self.density_ratio = disk.radius, disk.density_ratio
+        self.sound_speed, self.water_speed = disk.sound_speed, disk.water_speed
+
+    @property
+    def meridian(self) -> DiskBody:
+        """The section with a plane through its centre, counted from there."""
+        speeds = self.sound_speed, self.water_speed
+        return DiskBody((0.0, 0.0), self.radius, *speeds, self.density_ratio)
+
+
+def around_body(detectors: Detectors, body: BallBody | None) -> Detectors:
+    """The same detectors with the centre of a body, about which its waves are.
+
+    Rings about another centre, or one that is traced, are taken for scattered points.
+
+    Raises:
+        ValueError: for elements of a size that would face another centre than before.
+    """
+    if body is None:
+        return detectors
+    if is_concrete(detectors.center, detectors.distance, body.center):
+        off = np.abs(np.asarray(detectors.center) - np.asarray(body.center)).max()
+        if off <= SAME * float(np.asarray(detectors.distance).max()):
+            return detectors
+    if detectors.element_radius is not None:
+        raise ValueError(
+            "elements have a size and face another centre than that of the body, or a traced one: "
+            "give both the same concrete center, or leave out element_radius."
+        )
+    weights = detectors.weights.reshape(-1)
+    return DetectorPoints(detectors.points.reshape(-1, 3), weights, body.center)
 
 
 class OutlineBody(Body):
@@ -317,9 +390,9 @@ def region_about(body: Body, region: Region) -> Disk:
     return disk(reach, center=body.center, n_boundary=region.n_boundary)
 
 
-def _where(body: Body, region: Region) -> tuple[Any, Any, Any]:
+def _where(body: Body, region: Region | Ball) -> tuple[Any, Any, Any]:
     """Points of a region, the body's centre, and how far the region reaches from the points."""
-    if isinstance(region, Disk) and region.whole:
+    if isinstance(region, Ball) or (isinstance(region, Disk) and region.whole):
         return region.center[None], body.center, region.radius
     return region.points, body.center, 0.0
 
@@ -328,7 +401,7 @@ def _farthest(xp: Any, points: Any, center: Any, more: Any) -> Any:
     return root(xp.sum((points - center) ** 2, axis=1).max(), xp) + more
 
 
-def require_surrounded(curve: DetectorCurve, region: Region, body: Body) -> None:
+def require_surrounded(curve: DetectorCurve | Detectors, region: Region | Ball, body: Body) -> None:
     """Raise ValueError where body, region and detectors do not go together; nothing if traced.
 
     Outside of the body its own waves are continued. Sources there are taken too early or too late
@@ -337,7 +410,7 @@ def require_surrounded(curve: DetectorCurve, region: Region, body: Body) -> None
     if not is_concrete(curve, region, body):
         return
     radius, center = float(body.radius), np.asarray(body.center)
-    nearest = float(np.linalg.norm(np.asarray(curve.points) - center, axis=1).min())
+    nearest = float(np.linalg.norm(np.asarray(curve.points) - center, axis=-1).min())
     if radius >= nearest:
         raise ValueError(
             f"the body reaches {radius:.6g} from {center}, and a detector is {nearest:.6g} from "

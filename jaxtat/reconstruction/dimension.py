@@ -10,9 +10,12 @@ from ..base.checks import named
 from ..densities import Basis
 from ..forward import circle_integrals, sphere_integrals
 from ..geometry import (
+    BallBody,
     Body,
     DetectorCurve,
+    DiskBody,
     ImageGrid,
+    OutlineBody,
     Region,
     VolumeGrid,
     data_radii,
@@ -24,8 +27,8 @@ from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, SphericalCap
 from ..geometry.regions import DEFAULT_BOUNDARY
 from ..regularization import Tikhonov, TikhonovRule
-from ..spherical.basis import SphericalBasis
-from ..spherical.sizes import cap_radii, require_beyond, require_fitting, space_sizes
+from ..spherical.basis import spherical_basis
+from ..spherical.sizes import cap_radii, require_fitting, space_sizes, uncovered_in_space
 from .plane_bases import default_rule, plane_basis
 from .sizes import plane_sizes
 
@@ -40,7 +43,7 @@ class Kind(NamedTuple):
     Attributes:
         where: in words.
         data: what the integrals are called.
-        parts: for curve, region and grid the class, and what makes it, in words.
+        parts: for curve, region, grid and medium the class, and what makes it, in words.
         radii: (curve, region, step) -> radii that the data need.
         radii_per_pixel: of the default ones.
         sizes: (curve, region, grid, radii, max_frequency, n_directions, n_groups) -> sizes, and the
@@ -75,11 +78,6 @@ class Kind(NamedTuple):
 
     def require(self, name: str, part: Any) -> None:
         """Raise ValueError for a curve, region or grid of another kind."""
-        if name not in self.parts:
-            raise ValueError(
-                f"{name} is {named(part)}, expected none for detectors in {self.where}: there is "
-                "one speed of sound."
-            )
         expected, maker = self.parts[name]
         if not isinstance(part, expected):
             raise ValueError(
@@ -102,15 +100,6 @@ def _require_plane(curve: DetectorCurve, region: Region, medium: Body | None = N
         require_surrounded(curve, region, medium)
 
 
-def _require_space(curve: Any, region: Ball) -> None:
-    require_fitting(curve, region)
-    require_beyond(curve, region)
-
-
-def _uncovered_in_space(curve: Any, region: Ball, radii: Array) -> str:
-    return uncovered(curve.meridian, region.meridian, radii)
-
-
 PLANE = Kind(
     where="the plane",
     data="circular",
@@ -118,7 +107,7 @@ PLANE = Kind(
         "curve": (DetectorCurve, "detector_curve(positions) or circular_arc"),
         "region": (Region, "disk(radius), polygon or rectangle"),
         "grid": (ImageGrid, "ImageGrid(n)"),
-        "medium": (Body, "DiskBody or OutlineBody"),
+        "medium": (DiskBody | OutlineBody, "DiskBody or OutlineBody"),
     },
     radii=_plane_radii,
     radii_per_pixel=1,
@@ -140,13 +129,14 @@ SPACE = Kind(
         "curve": (SphericalCap | DetectorPoints, "spherical_cap or DetectorPoints"),
         "region": (Ball, "spherical.ball(radius)"),
         "grid": (VolumeGrid, "VolumeGrid(n)"),
+        "medium": (BallBody, "spherical.BallBody"),
     },
     radii=cap_radii,
     radii_per_pixel=2,
     sizes=space_sizes,
-    require_fitting=_require_space,
-    uncovered=_uncovered_in_space,
-    basis=SphericalBasis,
+    require_fitting=require_fitting,
+    uncovered=uncovered_in_space,
+    basis=spherical_basis,
     default_rule=lambda sizes: Tikhonov(DEFAULT_ALPHA_IN_SPACE),
     tolerance=1e-7,
     fast_integrals=sphere_integrals,

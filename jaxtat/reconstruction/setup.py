@@ -78,8 +78,8 @@ class Setup(eqx.Module):
                 `data_radii`, a pixel apart (in space half a voxel), closer where waves are shorter
                 in slower water around a medium. All but `model_based` needs
                 those that cover the region and all other sources.
-            medium: a `DiskBody` or `OutlineBody` in water, in the plane; by default there is one
-                speed of sound.
+            medium: a `DiskBody` or `OutlineBody` in water, in space a `spherical.BallBody`, about
+                whose centre the region must be; by default there is one speed of sound.
             max_frequency: lambda_max [rad/length]; by default π over the larger of pixel and radial
                 step, beyond which neither data nor image hold anything.
             n_directions: by default enough for lambda_max, a multiple of 32.

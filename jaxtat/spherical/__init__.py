@@ -2,6 +2,7 @@
 
 from ..geometry import (
     Ball,
+    BallBody,
     DetectorPoints,
     DetectorRings,
     SphericalCap,
@@ -16,6 +17,7 @@ from .sizes import cap_radii
 
 __all__ = [
     "Ball",
+    "BallBody",
     "Balls",
     "DetectorPoints",
     "DetectorRings",

@@ -7,7 +7,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Complex, Float
 
 from ..densities import Basis
-from ..geometry import VolumeGrid
+from ..geometry import BallBody, VolumeGrid, around_body
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints, Detectors, SphericalCap
 from ..regularization import SolveReport, TikhonovRule
@@ -15,12 +15,12 @@ from ..steps.radial_transforms import total_integrals
 from .alpha import require_no_matrix
 from .inversion import meridian_projections, slices_of_projections
 from .scattered import solve_points
-from .sizes import SpaceSizes
+from .sizes import SpaceSizes, require_fitting
 from .tikhonov import solve_rings
 
 
 class SphericalBasis(Basis):
-    """Spherical waves about the centre of the detectors, on rings or anywhere.
+    """Spherical waves about the centre of the detectors, on rings or anywhere, or of a body.
 
     In spherical waves the potentials of a cap are a matrix A(lambda) that falls apart into small
     ones, one for each azimuthal order; fhat follows on spheres |xi| = lambda, and f by
@@ -34,19 +34,21 @@ class SphericalBasis(Basis):
     radii: Float[Array, " radii"]
     sizes: SpaceSizes
     mesh: Mesh | None = eqx.field(static=True)
+    medium: BallBody | None
 
     name = "spherical"
 
     def transform(self, g: Float[Array, "images ..."]) -> tuple[Array, Array]:
         """The data themselves: transformed ones of all frequencies would be several times them."""
-        return g, _total_mass(self.detectors, self.radii, g)
+        strength = 1.0 if self.medium is None else self.medium.source_strength
+        return g, _total_mass(self.detectors, self.radii, g) / strength
 
     def fhat(
         self, transformed: Array, rule: TikhonovRule | None
     ) -> tuple[Complex[Array, "images frequencies 2 polar orders"], SolveReport]:
         assert rule is not None
         require_no_matrix(rule)
-        given = self.region, self.radii, transformed, rule, self.sizes
+        given = self.region, self.radii, transformed, rule, self.sizes, self.medium
         if isinstance(self.detectors, SphericalCap):
             return solve_rings(self.detectors, *given, self.mesh)
         assert isinstance(self.detectors, DetectorPoints)
@@ -56,6 +58,19 @@ class SphericalBasis(Basis):
         self, fhat: Array, mass: Array, grid: VolumeGrid, eta: Array, inversion: str
     ) -> Float[Array, "images x1 x2 x3"]:
         return _volumes(fhat, mass, grid, self.detectors.center, eta, self.sizes, inversion)
+
+
+def spherical_basis(
+    curve: Detectors,
+    region: Ball,
+    radii: Float[Array, " radii"],
+    sizes: SpaceSizes,
+    mesh: Mesh | None,
+    medium: BallBody | None = None,
+) -> SphericalBasis:
+    """The waves; of what is traced it is checked here that they suit a cut region."""
+    require_fitting(curve, region, medium)
+    return SphericalBasis(around_body(curve, medium), region, radii, sizes, mesh, medium)
 
 
 @eqx.filter_jit

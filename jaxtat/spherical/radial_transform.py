@@ -4,16 +4,24 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..geometry import BallBody
 from ..steps.quadrature import radial_quadrature
 
 
 def spherical_kernels(
-    radii: Float[Array, " radii"], frequencies: Float[Array, " frequencies"]
+    radii: Float[Array, " radii"],
+    frequencies: Float[Array, " frequencies"],
+    medium: BallBody | None = None,
 ) -> Float[Array, "frequencies 2 radii"]:
     """j_0(lambda r) = sin(lambda r)/(lambda r) and y_0 = -cos(lambda r)/(lambda r), weighted.
 
     With the weights of `radial_quadrature`, G = Σ_r kernel g is ∫ g(z, r) (j_0|y_0)(lambda r) dr.
+    Outside of a body the waves of lambda in it have the frequency lambda c_1/c_2; its sources are
+    counted by their strength in the body.
     """
+    if medium is not None:
+        outside = spherical_kernels(radii, frequencies * medium.speed_ratio)
+        return outside / medium.source_strength
     nodes, weights = radial_quadrature(radii)
     argument = frequencies[:, None] * nodes
     kernels = jnp.stack([jnp.sin(argument), -jnp.cos(argument)], axis=1) / argument[:, None]

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
+from ..geometry import BallBody
 from ..geometry.balls import Ball
 from ..geometry.caps import DetectorPoints
 from ..regularization import SolveReport, TikhonovRule, relative_residual, tikhonov_solution
@@ -35,19 +36,23 @@ def solve_points(
     g: Float[Array, "*batch detectors radii"],
     rule: TikhonovRule,
     sizes: SpaceSizes,
+    medium: BallBody | None = None,
 ) -> tuple[Complex[Array, "images frequencies 2 polar orders"], SolveReport]:
-    """Solve as `tikhonov.solve_rings` does, for points; the region must be a whole ball."""
+    """Solve as `tikhonov.solve_rings` does, for points; the region must be a whole ball.
+
+    Of a body the points must have the centre.
+    """
     if detectors.normals is not None:
         raise ValueError("elements have normals: fit the volume, by model_based or no --direct.")
     local = detectors.points - detectors.center
     distance = detectors.distance
     units = local / distance[:, None]
     frequencies, l_max = sizes.frequencies, sizes.groups[-1]
-    kernels = spherical_kernels(radii, frequencies)
-    stack = g.reshape(-1, *g.shape[-2:])
+    kernels = spherical_kernels(radii, frequencies, medium)
+    stack = g.reshape(-1, *detectors.shape, g.shape[-1])
     data = jnp.einsum("fjr,ikr->fjki", kernels, stack) * jnp.sqrt(detectors.weights)[:, None]
     factor = detectors.element_factor(l_max + 1, sizes.n_nodes)
-    waves = cap_waves(frequencies, region.radius, distance, l_max, factor)
+    waves = cap_waves(frequencies, region.radius, distance, l_max, factor, medium)
     magnitudes = waves.at_detectors * (
         waves.norms[:, None, None] * jnp.sqrt(detectors.weights)[:, None]
     )

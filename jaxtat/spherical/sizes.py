@@ -9,7 +9,17 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, is_concrete
 from ..densities.cylindrical_waves.orders import highest_orders
 from ..forward import SphereSizes, sphere_sizes
-from ..geometry import VolumeGrid, data_radii, require_radii
+from ..geometry import (
+    BallBody,
+    DetectorCurve,
+    DiskBody,
+    VolumeGrid,
+    around_body,
+    data_radii,
+    require_radii,
+    require_surrounded,
+    uncovered,
+)
 from ..geometry.balls import Ball, enough_boundary
 from ..geometry.caps import DetectorPoints, Detectors, SphericalCap
 from ..steps import polar_grid, require_pixels, warn_of_detectors
@@ -93,6 +103,7 @@ def space_sizes(
     max_frequency: Numbers | None,
     n_directions: int | None,
     n_groups: int,
+    medium: BallBody | None = None,
 ) -> tuple[SpaceSizes, Ball]:
     """Sizes of a concrete problem, which is checked, and the region.
 
@@ -102,12 +113,12 @@ def space_sizes(
     Warns:
         VisibilityWarning, AccuracyWarning: see `Setup`.
     """
-    require_fitting(detectors, region)
+    require_fitting(detectors, region, medium)
     with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
-        disk = region.meridian
-        require_beyond(detectors, region)
+        disk, detectors = region.meridian, around_body(detectors, medium)
         require_radii(radii)
-        frequencies, angles = polar_grid(disk, grid, radii, max_frequency, n_directions)
+        outside = radii if medium is None else radii * medium.speed_ratio
+        frequencies, angles = polar_grid(disk, grid, outside, max_frequency, n_directions)
         _require_nodes(region, grid)
         warn_of_visibility(detectors, region)
         n, highest, reach = len(frequencies), float(frequencies[-1]), float(region.radius)
@@ -133,8 +144,8 @@ def space_sizes(
         n_orders=n_orders,
         piece=-(-n_orders // pieces),
         n_sizes=n_sizes,
-        operator=sphere_sizes(detectors, grid),
-        inside=sphere_sizes(detectors, grid, within=reach, tolerance=OF_FITS),
+        operator=sphere_sizes(detectors, grid, medium),
+        inside=sphere_sizes(detectors, grid, medium, within=reach, tolerance=OF_FITS),
         n_nodes=detectors.enough_nodes(highest),
         boundary=boundary,
     )
@@ -142,7 +153,12 @@ def space_sizes(
 
 
 def cap_radii(
-    detectors: Detectors, region: Ball, step: Numbers, *, sources: Ball | None = None
+    detectors: Detectors,
+    region: Ball,
+    step: Numbers,
+    medium: BallBody | None = None,
+    *,
+    sources: Ball | None = None,
 ) -> Float[Array, " radii"]:
     """Equispaced radii that the data need, see `jaxtat.data_radii`.
 
@@ -152,6 +168,7 @@ def cap_radii(
     Args:
         detectors, region: the geometry, concrete.
         step: distance between radii [length].
+        medium: a body of another speed of sound; radii are then paths in water that take as long.
         sources: where f may differ from zero, if that is not inside the region of interest.
 
     Raises:
@@ -163,29 +180,56 @@ def cap_radii(
     ((129,), 0.3, 2.3)
     """
     with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
-        require_beyond(detectors, region)
+        require_fitting(detectors, region, medium)
         more = None if sources is None else sources.meridian
-        return data_radii(detectors.meridian, region.meridian, step, sources=more)
+        curve, section = _sections(detectors, medium)
+        return data_radii(curve, region.meridian, step, sources=more, medium=section)
 
 
-def require_fitting(detectors: Detectors, region: Ball) -> None:
-    """Raise ValueError unless region and detectors share their centre, and waves fit both."""
-    if isinstance(detectors, DetectorPoints) and not region.whole:
-        raise ValueError("a cut region needs detectors on rings: use ball(radius).")
-    if not is_concrete(detectors.center, region.center, region.radius):
-        return
-    offset = np.abs(np.asarray(detectors.center) - np.asarray(region.center)).max()
-    if offset > 1e-9 * float(region.radius):
+def uncovered_in_space(
+    detectors: Detectors,
+    region: Ball,
+    radii: Float[Array, " radii"],
+    medium: BallBody | None = None,
+) -> str:
+    """Text about spheres that meet the region but have no data, as `geometry.uncovered`."""
+    curve, section = _sections(detectors, medium)
+    return uncovered(curve, region.meridian, radii, section)
+
+
+def _sections(
+    detectors: Detectors, medium: BallBody | None
+) -> tuple[DetectorCurve, DiskBody | None]:
+    """Detectors and body in a plane through the axis; they have one centre."""
+    curve = around_body(detectors, medium).meridian
+    return curve, None if medium is None else medium.meridian
+
+
+def require_fitting(detectors: Detectors, region: Ball, medium: BallBody | None = None) -> None:
+    """Raise ValueError unless detectors, region and body share the centre of waves, and fit it."""
+    waves = around_body(detectors, medium)
+    if isinstance(waves, DetectorPoints) and not region.whole:
         raise ValueError(
-            f"the region is centred at {np.asarray(region.center)}, the detectors at "
-            f"{np.asarray(detectors.center)}: give both the same center."
+            "a cut region needs detectors on rings, and a body about their centre that is not "
+            "traced: use ball(radius)."
         )
-
-
-def require_beyond(detectors: Detectors, region: Ball) -> None:
-    """Raise ValueError unless all detectors are farther from the centre than the region reaches."""
-    if not is_concrete(detectors, region):
+    if not is_concrete(waves, region, medium):
         return
+    offset = np.abs(np.asarray(waves.center) - np.asarray(region.center)).max()
+    if offset > 1e-9 * float(region.radius):
+        other = "detectors" if medium is None else "body"
+        raise ValueError(
+            f"the region is centred at {np.asarray(region.center)}, the {other} at "
+            f"{np.asarray(waves.center)}: give both the same center."
+        )
+    with jax.ensure_compile_time_eval():  # of constants, inside jax.jit too
+        if medium is not None:
+            require_surrounded(waves, region, medium)
+        _require_beyond(waves, region)
+
+
+def _require_beyond(detectors: Detectors, region: Ball) -> None:
+    """Raise ValueError unless all detectors are farther from the centre than the region reaches."""
     points, reach = np.asarray(detectors.points).reshape(-1, 3), float(region.radius)
     distance = np.linalg.norm(points - np.asarray(detectors.center), axis=1)
     near = np.flatnonzero(NEAR * distance <= reach)

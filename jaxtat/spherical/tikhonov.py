@@ -23,6 +23,7 @@ from jaxtyping import Array, Complex, Float, Int
 from ..base.parallel import map_shards
 from ..densities.cylindrical_waves.normal_equations import scaled_gram
 from ..densities.cylindrical_waves.table import RegionFactor, triangle
+from ..geometry import BallBody
 from ..geometry.balls import Ball, Boundary
 from ..geometry.caps import SphericalCap
 from ..regularization import SolveReport, TikhonovRule, relative_residual, tikhonov_solution
@@ -56,6 +57,7 @@ def solve_rings(
     g: Float[Array, "*batch rings azimuths radii"],
     rule: TikhonovRule,
     sizes: SpaceSizes,
+    medium: BallBody | None = None,
     mesh: Mesh | None = None,
 ) -> tuple[Complex[Array, "images frequencies 2 polar orders"], SolveReport]:
     """F of `polar_fourier.synthesis` for all orders and frequencies, and how it was solved.
@@ -66,6 +68,7 @@ def solve_rings(
             a large volume are better not copied.
         rule: regularisation, one entry per frequency.
         sizes: of the setup.
+        medium: a body about the centre of the cap.
         mesh: devices that share the groups of frequencies.
     """
     stack = g.reshape(-1, *g.shape[-3:])
@@ -76,9 +79,10 @@ def solve_rings(
     def of_group(
         common: tuple[Any, ...], given: tuple[Array, Array, TikhonovRule]
     ) -> tuple[Array, SolveReport]:
-        cap, region, radii, stack = common
+        cap, region, radii, stack, medium = common
         number, frequencies, rule = given
-        shared, relative = _shared(cap, region, radii, stack, rule, sizes, frequencies)
+        where = cap, region, radii, stack
+        shared, relative = _shared(*where, rule, sizes, frequencies, medium)
         spectrum, residual = _solve_group(shared, number, sizes)
         report = SolveReport(shared.alpha, relative, residual, jnp.isfinite(residual))
         return spectrum, report
@@ -86,7 +90,7 @@ def solve_rings(
     numbers, rules = jnp.arange(len(sizes.groups)), jax.tree.map(by_group, rule)
     spectrum, report = map_shards(
         lambda common, share: jax.lax.map(partial(of_group, common), share),
-        (cap, region, radii, stack),
+        (cap, region, radii, stack, medium),
         (numbers, by_group(sizes.frequencies), rules),
         mesh,
     )
@@ -145,13 +149,14 @@ def _shared(
     rule: TikhonovRule,
     sizes: SpaceSizes,
     frequencies: Float[Array, " f"],
+    medium: BallBody | None = None,
 ) -> tuple[_Group, Float[Array, " f"]]:
     """Step 2 and the waves of some frequencies; and alpha over the largest diagonal entry."""
-    kernels, areas = spherical_kernels(radii, frequencies), cap.ring_areas
+    kernels, areas = spherical_kernels(radii, frequencies, medium), cap.ring_areas
     n_padded = sizes.n_pieces * sizes.piece
     data, power = azimuthal_transform(g, kernels, cap.first_azimuths, sizes.n_orders, n_padded)
     factor = cap.element_factor(sizes.groups[-1] + 1, sizes.n_nodes)
-    waves = cap_waves(frequencies, region.radius, cap.radius, sizes.groups[-1], factor)
+    waves = cap_waves(frequencies, region.radius, cap.radius, sizes.groups[-1], factor, medium)
     n_detectors = cap.n_rings * cap.n_azimuths
     alpha, relative = absolute_alpha(
         rule,

@@ -5,7 +5,9 @@ With c_lm(lambda) = ∫ f(x) j_l(lambda |x|) conj Y_lm(x) dx the addition theore
     G_J(z) = ∫ f(x) j_0(lambda |x - z|) dx = 4π Σ_lm j_l(lambda |z|) Y_lm(z) c_lm,
 
 G_Y with y_l(lambda |z|), for |x| < |z| (DLMF 10.60.1-3). As in the plane, waves are divided by the
-scales Delta_l of `decay_steps`, and the products with Delta_l y_l stay finite.
+scales Delta_l of `decay_steps`, and the products with Delta_l y_l stay finite. Of sources in a body
+of another speed of sound j_l and y_l at the detectors become real and imaginary part of t_l h_l, of
+`special.transmission`, at lambda c_1/c_2.
 """
 
 import equinox as eqx
@@ -13,8 +15,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..geometry import BallBody
 from ..geometry.balls import Boundary
-from ..special import decay_steps, scaled_spherical_sequence
+from ..special import decay_steps, scaled_spherical_sequence, transmitted_factors
 
 
 class CapWaves(eqx.Module):
@@ -23,7 +26,8 @@ class CapWaves(eqx.Module):
     Attributes:
         frequencies: lambda [rad/length].
         steps: of the scales, up to l_max + 1.
-        at_detectors: 4π Delta_l (j_l | y_l)(lambda |z|), one distance or all of them.
+        at_detectors: 4π Delta_l (j_l | y_l)(lambda |z|), one distance or all of them; of a body
+            (Re | Im) t_l h_l.
         norms: s_l = R √(j_l² + j_l'²)(lambda R) / Delta_l, the L2 norms of the waves' traces
             (u, (1/lambda) du/dn) on the sphere |x| = R, where they are orthogonal [length].
     """
@@ -45,19 +49,28 @@ def cap_waves(
     detector_radius: Float[Array, "*detectors"],
     l_max: int,
     factor: Float[Array, "orders *detectors"] | None = None,
+    medium: BallBody | None = None,
 ) -> CapWaves:
     """The waves of all frequencies at detectors in one or several distances from the centre.
 
     Args:
         frequencies, region_radius, detector_radius, l_max: as above.
         factor: mean over an element of finite size by degree.
+        medium: a body about the centre.
     """
     steps = decay_steps(l_max + 1, frequencies * region_radius)
     more = steps.reshape(*steps.shape, *[1] * detector_radius.ndim)
-    argument = frequencies.reshape(-1, *[1] * detector_radius.ndim) * detector_radius
+    outside = frequencies if medium is None else frequencies * medium.speed_ratio
+    argument = outside.reshape(-1, *[1] * detector_radius.ndim) * detector_radius
     j, y = scaled_spherical_sequence(argument, more[:-1])
-    square = jnp.cumprod(more[:-1], axis=0) ** 2
-    waves = 4 * jnp.pi * jnp.stack([j * square, y])  # (J|Y, orders, frequencies, detectors)
+    j = j * jnp.cumprod(more[:-1], axis=0) ** 2
+    if medium is not None:
+        through = frequencies * medium.radius, outside * medium.radius, medium.density_ratio
+        factors = transmitted_factors(l_max, *through, spherical=True)
+        each = l_max + 1, *frequencies.shape, *[1] * detector_radius.ndim
+        real, imaginary = (factor.reshape(each) for factor in factors)
+        j, y = real * j - imaginary * y, real * y + imaginary * j
+    waves = 4 * jnp.pi * jnp.stack([j, y])  # (J|Y, orders, frequencies, detectors)
     if factor is not None:
         waves = waves * factor[:, None]
     value, below, above = radial_values(frequencies * region_radius, steps)

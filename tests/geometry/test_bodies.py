@@ -10,11 +10,9 @@ from jaxtat import (
     ImageGrid,
     OutlineBody,
     Setup,
-    VolumeGrid,
     circular_arc,
     data_radii,
     disk,
-    spherical,
 )
 from jaxtat.geometry import polygon, region_about
 from jaxtat.geometry.bodies import lag
@@ -50,12 +48,6 @@ def test_what_is_no_body_is_refused(changed, message):
 def test_what_does_not_go_together_is_refused(curve, region, medium, message):
     with pytest.raises(ValueError, match=message):
         Setup(curve, region, ImageGrid(21), medium=medium)
-
-
-def test_in_space_there_is_one_speed():
-    cap = spherical.spherical_cap(1.3, 1.3, 8, 8)
-    with pytest.raises(ValueError, match=r"medium is a DiskBody, expected none .* in space"):
-        Setup(cap, spherical.ball(0.4), VolumeGrid(9), medium=BODY)
 
 
 def test_numbers_are_traced():

@@ -35,6 +35,26 @@ def test_factors_of_all_orders(inner, ratio, density):
         assert abs(real[n] + 1j * imaginary[n] - wanted) < 1e-13 * abs(wanted)
 
 
+@pytest.mark.parametrize("ratio", [0.7, 1.04, 1.4])
+@pytest.mark.parametrize("inner", [0.05, 40.0])
+def test_factors_of_a_ball(inner, ratio):
+    """In 60 digits, by j_l(x) = √(π/2x) J_{l+1/2}(x)."""
+    last, density = int(inner * max(1, ratio)) + 70, 1.1
+    real, imaginary = transmitted_factors(last, inner, inner * ratio, density, spherical=True)
+
+    def with_slope(kind, n, x):
+        value, after = (mpmath.sqrt(mpmath.pi / 2 / x) * kind(m + 0.5, x) for m in (n, n + 1))
+        return value, n / x * value - after
+
+    for n in (0, 1, 2, int(inner), last // 2, last):
+        with mpmath.workdps(60):
+            x, y = mpmath.mpf(inner), mpmath.mpf(inner * ratio)
+            j, slope = with_slope(mpmath.besselj, n, x)
+            h, slope_out = with_slope(mpmath.hankel1, n, y)
+            wanted = complex(-1j / y / (x * slope * h / density - y * j * slope_out))
+        assert abs(real[n] + 1j * imaginary[n] - wanted) < 1e-13 * abs(wanted)
+
+
 def test_equal_media_let_all_pass():
     x = jnp.array([0.3, 30.0])
     real, imaginary = transmitted_factors(90, x, x, 1.0)
