@@ -180,7 +180,7 @@ CHOICES = (
     ),
     Choice(
         "body_center",
-        _pair,
+        lambda values: None if values is None else _numbers(values),
         lambda c: c.units.of_place(c.body_center, c.body_radius),
         RECORD,
         _NUMBER | {"nargs": 2, "metavar": ("X1", "X2"), "help": "(default: the region's)"},

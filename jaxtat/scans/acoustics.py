@@ -156,7 +156,8 @@ def tell_acoustics(record: Acquisition, p: Parameters) -> Parameters:
         return p.doubted(said, OPEN)
     if nominal_water_speed(record.facts.units) is None:
         return p
-    arc, speed = free_circle(record.facts, p), single_speed(record.facts, p)
+    arc, whole = free_circle(record.facts, p), record.facts.arc
+    speed = single_speed(None if whole is None else whole.radius, p)
     sound = sound_within(
         arc, record.points, record.frame, record.times, record.good, record.begin, speed
     )

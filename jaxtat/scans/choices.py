@@ -14,6 +14,7 @@ from ..base.choice_table import CHOICES, GRADES, GUESSED
 from ..base.option_values import PENALTIES
 from ..base.units import Units
 from ..geometry import (
+    BallBody,
     DetectorCurve,
     DiskBody,
     ImageGrid,
@@ -42,12 +43,13 @@ def plane_region(values: Mapping[str, Any]) -> Region:
     return disk(radius, cut if cut < radius else None, center=center, angle=angle)
 
 
-def body_of(values: Mapping[str, Any]) -> DiskBody | None:
+def body_of(values: Mapping[str, Any]) -> DiskBody | BallBody | None:
     """The body of choices by name; None for one speed of sound."""
     if values["water_speed"] is None:
         return None
     shape = values["body_center"], values["body_radius"]
-    return DiskBody(*shape, values["sound_speed"], values["water_speed"])
+    make = DiskBody if len(values["body_center"]) == 2 else BallBody
+    return make(*shape, values["sound_speed"], values["water_speed"])
 
 
 class Choices(eqx.Module):
@@ -63,7 +65,7 @@ class Choices(eqx.Module):
             "none" for circular or spherical integrals.
         sound_speed: c, with a water speed that of the body [length/time].
         water_speed: around the body, where that is another one [length/time]; None for one speed.
-        body_radius, body_center: of the disk of the other speed [length]; None for one speed.
+        body_radius, body_center: of the disk, or ball, of the other speed [length]; None for one.
         time_shift: what is added to the times of the file [time].
         dead_time: before it the record is silenced [time].
         band: pass band (f_lo, f_hi), or None for no filter [cycles/time].
@@ -126,7 +128,7 @@ class Choices(eqx.Module):
     weight: float | None = None
     water_speed: float | None = None
     body_radius: float | None = None
-    body_center: tuple[float, float] | None = None
+    body_center: tuple[float, ...] | None = None
 
     def __check_init__(self) -> None:
         models = *MODELS, IN_SPACE, "none"
@@ -175,7 +177,7 @@ class Choices(eqx.Module):
         return self.sound_speed if self.water_speed is None else self.water_speed
 
     @property
-    def medium(self) -> DiskBody | None:
+    def medium(self) -> DiskBody | BallBody | None:
         """The body of another speed than the water's."""
         return body_of(self.settings())
 

@@ -24,10 +24,11 @@ from ..fitting import (
     compare_fits,
     model_based,
 )
-from ..geometry import data_radii, radial_step
+from ..geometry import BallBody, data_radii, radial_step
 from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.laddered import around, middle, setup_to_fit
+from ..spherical import cap_radii
 from .choices import Choices
 from .frames import (
     element_responses,
@@ -154,8 +155,10 @@ def _recorded_in_space(
     path = choices.path_speed * times
     distance, reach = np.asarray(setup.curve.distance), choices.region_radius
     first, last = float(distance.min()) - reach, float(distance.max()) + reach
+    half_voxel, medium = float(setup.grid.spacing.max()) / 2, setup.medium
+    if isinstance(medium, BallBody):
+        first, last = cap_radii(setup.curve, setup.region, half_voxel, medium)[jnp.array([0, -1])]
     within = np.flatnonzero((path >= first) & (path <= last))
-    half_voxel = float(setup.grid.spacing.max()) / 2
     together = max(1, int(half_voxel * (len(path) - 1) / (path[-1] - path[0])))
     n = within.size // together
 
@@ -167,7 +170,8 @@ def _recorded_in_space(
     record = real_array(scan.kind, frames[..., list(choices.channels), :], None)
     data = means(record)
     data = data.reshape(*data.shape[:-2], *setup.detectors_shape, n)
-    model = {"times": times, "sound_speed": choices.sound_speed, "conditioning": means}
+    speed = choices.sound_speed if medium is None else 1.0  # else the body's
+    model = {"times": times, "sound_speed": speed, "conditioning": means}
     if choices.impulse_response:
         response, _ = element_responses(scan, choices)
         shape = *setup.detectors_shape, response.shape[-1]

@@ -7,7 +7,6 @@ from jaxtyping import Float
 
 from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..io import Scan
-from ..records import MODELS
 from ..records.signal_power import tail_share
 from .acquisition import SLOWEST, Facts, nominal_water_speed
 from .estimate import Estimate, Source
@@ -75,13 +74,18 @@ def path_speed(p: Parameters) -> float:
     return float(p["water_speed"] or p["sound_speed"])
 
 
-def single_speed(facts: Facts, p: Parameters) -> float:
-    """The speed of sound; of two the single one by which sound from the middle takes as long."""
+def single_speed(away: float | None, p: Parameters) -> float:
+    """The speed of sound; of two the single one by which sound from the middle takes as long.
+
+    Args:
+        away: radius of the circle or sphere of the detectors; None if there is none [length].
+        p: with the speed.
+    """
     speed, water = float(p["sound_speed"]), p.given.get("water_speed")
     if water is None:
         return speed
     radius = p.given.get("body_radius")
-    share = SUPPOSED if radius is None or facts.arc is None else float(radius) / facts.arc.radius
+    share = SUPPOSED if radius is None or away is None else float(radius) / away
     return 1 / (share / speed + (1 - share) / float(water))
 
 
@@ -102,10 +106,10 @@ def require_body_speed(p: Parameters) -> None:
 
 
 def body(_: Any, p: Parameters) -> Parameters:
-    """The disk of another speed than the water's, where that is given: the region's."""
+    """The disk, or ball, of another speed than the water's, where that is given: the region's."""
     asked = [name for name in OF_BODY if p.gives(name)]
-    if asked and p["model"] not in MODELS:
-        raise ValueError(f"{asked[0]} is of pressure records in the plane: leave it out.")
+    if asked and p["model"] == "none":
+        raise ValueError(f"{asked[0]} is of pressure records: leave it out.")
     if not asked:
         return p.fixed(**dict.fromkeys(OF_BODY))
     return p.with_(

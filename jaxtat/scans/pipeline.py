@@ -41,9 +41,10 @@ from .start_time import start_and_speed, with_start_confirmed, with_start_untold
 METHOD = laser_energy, constraints
 PRESSURE = region_of_sound, body, resolution_in_plane, band, radii_in_plane, noise_in_plane, *METHOD
 INTEGRALS = region_of_integrals, radii_of_integrals, exact_integrals, body, *METHOD
-BALL = ball_of_sound, resolution_in_space, radii_in_space, noise_in_space, body, *METHOD
+BALL = ball_of_sound, body, resolution_in_space, radii_in_space, noise_in_space, *METHOD
 NO_SOUND = {"model": "none", "sound_speed": 1.0, "time_shift": 0.0, "dead_time": 0.0, "band": None}
-_NOT_IN_SPACE = ("time_shift", "region_angle", "region_center", "region_size", "model")
+_REGION_IN_PLANE = "region_angle", "region_center", "region_size"
+_NOT_IN_SPACE = "time_shift", *_REGION_IN_PLANE, "model", "body_center"
 
 
 def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
@@ -153,6 +154,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     center = tuple(float(x) for x in np.asarray(record.facts.detectors.center))
     p = p.fixed(region_center=center, region_angle=0.0, region_size=None)
     p = _sound_in_space(record, p)
+    require_body_speed(p)
     for stage in BALL:
         p = stage(record, p)
     made = p.choices()

@@ -72,12 +72,13 @@ def radii_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters:
     meridian = facts.detectors.meridian, region.meridian
     end = np.inf
     if facts.times is not None:
-        support = supported(*meridian, facts.times, sound_speed=p["sound_speed"])
-        require_record(support, p["sound_speed"], np.inf)
-        end = float(facts.times[-1]) * p["sound_speed"]
+        support = supported(*meridian, facts.times, sound_speed=path_speed(p))
+        require_record(support, path_speed(p), np.inf)
+        end = float(facts.times[-1]) * path_speed(p)
     if own is not None:
         return _with_radii(expecting(p, uncovered(*meridian, jax.device_put(own))), own)
-    step = float(p["half_width"]) / (int(p["pixels"]) - 1)
+    half_voxel = float(p["half_width"]) / (int(p["pixels"]) - 1)
+    step = float(radial_step(half_voxel, body_of(p.values)))
     reach = min(RIM * facts.radius, end - step - facts.radius)
     sources = ball(reach, center=region.center) if reach > 0 else None
     every = np.asarray(cap_radii(facts.detectors, region, step, sources=sources))

@@ -56,11 +56,11 @@ def with_rectangle(p: Parameters) -> Parameters:
 
 def region_of_sound(record: Acquisition, p: Parameters) -> Parameters:
     """The region from which sound comes; for detectors on no circle, the one that they see."""
-    facts, arc = record.facts, record.facts.arc
+    arc = record.facts.arc
     if arc is None:
         return _seen_region(record, p)
     p = _with_center(arc, p)
-    speed = single_speed(facts, p)
+    speed = single_speed(arc.radius, p)
     points = record.points[record.good] - np.array(arc.center)
     disk, when = body_onsets(record, points, speed, not p.nominal("sound_speed"))
     path = float(record.times[-1]) * speed * slowest(p)
@@ -236,9 +236,10 @@ def ball_of_sound(record: AcquisitionInSpace, p: Parameters) -> Parameters:
         DEFAULT_SHARE * facts.radius, "three quarters of the detectors' sphere", GUESSED
     )
     if facts.times is not None:
-        path = float(facts.times[-1]) * p["sound_speed"]
+        speed = single_speed(facts.radius, p)
+        path = float(facts.times[-1]) * speed
         if not p.gives("region_radius"):
-            require_scale(path, facts.radius, p["sound_speed"])
+            require_scale(path, facts.radius, speed)
         reach = _sounding(record, p)
         if reach is not None and MARGIN_IN_SPACE * reach < ball.value:
             wanted = max(MARGIN_IN_SPACE * reach, SHARES[0] * facts.radius)
@@ -259,7 +260,7 @@ def ball_of_sound(record: AcquisitionInSpace, p: Parameters) -> Parameters:
 
 def _sounding(record: AcquisitionInSpace, p: Parameters) -> float | None:
     """Radius about the middle from which sound comes, by its times; None if unknown."""
-    facts, speed = record.facts, p["sound_speed"]
+    facts, speed = record.facts, single_speed(record.facts.radius, p)
     assert facts.times is not None
     quieted = record.frame - np.median(record.frame, axis=1, keepdims=True)
     power = power_after(-np.inf, quieted, facts.times, detrend=False)

@@ -1,5 +1,6 @@
 """Scans in space from file to file: the right volumes in every format, and what is refused."""
 
+import equinox as eqx
 import h5py
 import jax
 import jax.numpy as jnp
@@ -8,15 +9,24 @@ import numpy as np
 import pytest
 import tifffile
 
-from jaxtat import VolumeGrid, reconstruct_file
+from jaxtat import Setup, VolumeGrid, reconstruct_file
 from jaxtat.cli import main
+from jaxtat.forward import pressure_terms
 from jaxtat.geometry.elements import across
 from jaxtat.io import Scan, load_scan, load_settings, save_ipasc
+from jaxtat.reconstruction import operator_on
 from jaxtat.records import apply_impulse_response
 from jaxtat.scans import choose, describe, reconstruct, setup_of
 from jaxtat.scans import integrals as integrals_of
 from jaxtat.scans.space import facts_in_space
-from jaxtat.spherical import DetectorPoints, SolidBells, ball, cap_radii, spherical_cap
+from jaxtat.spherical import (
+    BallBody,
+    DetectorPoints,
+    SolidBells,
+    ball,
+    cap_radii,
+    spherical_cap,
+)
 from jaxtat.spherical.visible import covered_share
 
 CENTER = np.array([0.02, -0.01, 0.03])
@@ -222,6 +232,26 @@ def test_normals_in_the_file_count_where_elements_face_elsewhere():
                 found = np.asarray(facts.detectors.normals)
                 wanted = -(towards + turn * aside) / np.hypot(1, turn)
                 np.testing.assert_allclose(found, wanted[facts.order], atol=1e-12)
+
+
+def test_a_ball_of_another_speed():
+    """By a record of the forward operator, which goes through the ball."""
+    body, times = BallBody(CENTER, RADIUS, 1590.0, SOUND), np.arange(240) / RATE
+    setup = Setup(CAP, REGION, GRID, medium=body, max_frequency=MAX_FREQUENCY)
+    terms = pressure_terms(setup.sizes.inside, jnp.asarray(SOUND * times))
+    pressure = operator_on(setup, GRID, record=terms)(BELL.volume(GRID))
+    points, order = shuffled()
+    known = {"detectors": points, "sampling_rate": RATE, "sound_speed": 1590.0}
+    scan = Scan("pressure", np.asarray(pressure).reshape(-1, len(times))[order], known)
+    given = {"region_radius": RADIUS, "pixels": 9, "max_frequency": MAX_FREQUENCY}
+    choices = choose(scan, water_speed=SOUND, **given)
+    assert eqx.tree_equal(choices.medium, body, rtol=1e-9)
+    inside, truth = np.asarray(REGION.contains(GRID.points)), np.asarray(BELL.volume(GRID))
+    through, one = (reconstruct(scan, each).image for each in (choices, choose(scan, **given)))
+    errors = [np.linalg.norm((found - truth)[inside]) for found in (through, one)]
+    assert errors[0] < 0.15 * np.linalg.norm(truth) and errors[0] < 0.7 * errors[1]
+    with pytest.raises(ValueError, match="--body-center: the detectors lie in space"):
+        choose(scan, water_speed=SOUND, body_center=(0.0, 0.0), **given)
 
 
 def test_the_formula_takes_no_thousand_scattered_elements():

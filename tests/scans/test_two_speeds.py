@@ -131,5 +131,5 @@ def test_parts_of_a_body_are_refused(two_speeds, given, reason):
 
 def test_integrals_have_no_body():
     integrals = Scan("circular_integrals", np.ones((90, 40)), {"detectors": positions()[:, :2]})
-    with pytest.raises(ValueError, match="is of pressure records in the plane"):
+    with pytest.raises(ValueError, match="is of pressure records"):
         choose(integrals, water_speed=1490.0)
