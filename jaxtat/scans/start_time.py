@@ -137,17 +137,16 @@ def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
     if problem.geometry is None or not problem.setup.complete:
         return None
     share_at = share_by_speed(scan, whole, problem, FREQUENCIES)
-    shift, slowness, slope = 0.0, 1 / known, 1 / distance
+    ridge: _Ridge | None = _Ridge(0.0, known, 1 / distance, np.inf, np.inf, 0.0, 1.0)
     for step, step_across in STEPS:
-        shifts = shift + step * arrival * SHIFTS
-        line = 1 / (slowness + slope * (shifts - shift))
+        shifts = ridge.shift + step * arrival * SHIFTS
+        line = 1 / (1 / ridge.speed + ridge.slope * (shifts - ridge.shift))
         speeds = line[:, None] * (1 + step_across * ACROSS)
         every = np.repeat(shifts, len(ACROSS))
         explained = -np.log(share_at(speeds.ravel() / known, every))
         ridge = _along_ridge(shifts, speeds, explained.reshape(-1, *speeds.shape))
         if ridge is None:
             return None
-        shift, slowness, slope = ridge.shift, 1 / ridge.speed, ridge.slope
     if ridge.depth < DEEP or ridge.left > LEFT:
         return None
     error = np.hypot(ridge.across_error, ridge.error * ridge.slope * ridge.speed**2)
