@@ -20,6 +20,7 @@ _FACTORS = {
     "alpha": (0.1, 0.3, 1.0, 3.0, 10.0),
 }
 _ANY = (0.6, 0.8, 1.0, 1.2, 1.4)
+_LATER = (-1e-6, -0.5e-6, 0.0, 0.5e-6, 1e-6)  # s
 _ROUNDING = 1e-9  # relative, by which a value may be beyond a bound
 _OTHER = {"2d": "in-plane", "in-plane": "2d", "none": "cosine", "cosine": "none"}
 
@@ -40,15 +41,19 @@ def _command(options: argparse.Namespace, scan: Scan, choices: Choices, name: st
     """The user's command with one choice changed."""
     command = ["jaxtat", "reconstruct", options.file, *_given(options)]
     value = getattr(choices, name, None)
-    if name in NUMBERS and value and not (wants_plan(options) or choices.in_space):
+    several = name in NUMBERS and (value or name == "time_shift")
+    if several and not (wants_plan(options) or choices.in_space):
         tried = ",".join(f"{x:.4g}" for x in _values(scan, choices, name))
         return [*command, "--try", f"{name}={tried}", "--out", "sheet.png"]
     return [*command, *_otherwise(choices, name, value), "--out", "image.png"]
 
 
 def _values(scan: Scan, choices: Choices, name: str) -> list[float]:
-    """Values around the chosen one; a region keeps its distance from the detectors."""
+    """Values around the chosen one, for a start up to 1 us; a region stays off the detectors."""
     value = float(getattr(choices, name))
+    if name == "time_shift":
+        unit = choices.units.in_si("time")[0]
+        return [value + later / unit for later in _LATER]
     tried = [factor * value for factor in _FACTORS.get(name, _ANY)]
     if name != "region_radius":
         return tried

@@ -9,6 +9,7 @@ CHOICE_OF = {"use": "channels"}  # which an option of another name decides
 LOOKED_AT = (
     "sound_speed",
     "model",
+    "time_shift",
     "region_radius",
     "alpha",
     "channels",

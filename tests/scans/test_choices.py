@@ -1,7 +1,9 @@
 """Choices keep what they are told, to the last bit, and refuse what they cannot be."""
 
+import argparse
 import dataclasses
 import json
+import shlex
 
 import equinox as eqx
 import jax
@@ -10,6 +12,8 @@ import numpy as np
 import pytest
 
 from jaxtat.base.units import Units
+from jaxtat.cli.hints import suggestions
+from jaxtat.io import Scan
 from jaxtat.scans import Choices, as_json, to_look_at
 from jaxtat.scans.noise import with_alpha
 from jaxtat.scans.parameters import Parameters
@@ -155,6 +159,15 @@ def test_choices_for_programs_are_in_si_units():
     assert (bare["sound_speed"]["value"], bare["sound_speed"]["unit"]) == (1.5, None)
 
 
+def test_a_start_that_is_guessed_is_tried_up_to_a_microsecond_away():
+    named = {"reasons": (("time_shift", "why"),), "grades": (("time_shift", "guessed"),)}
+    found = dataclasses.replace(CHOICES, time_shift=0.0, units=Units("mm", "us"), **named)
+    scan = Scan("pressure", np.zeros((40, 9)), {})
+    said = suggestions(argparse.Namespace(file="a.npz"), scan, found).splitlines()
+    assert said[1] == "time_shift  guessed  why"
+    assert "time_shift=-1,-0.5,0,0.5,1" in shlex.split(said[2])
+
+
 def test_what_is_least_sure_is_looked_at_first_and_then_what_decides_most():
     reasons = tuple((name, "why") for name in (*SHOWN, "model", "channels"))
     grades = dict.fromkeys(dict(reasons), "sure") | {"alpha": "likely", "band": "guessed"}
@@ -164,6 +177,8 @@ def test_what_is_least_sure_is_looked_at_first_and_then_what_decides_most():
     given = dataclasses.replace(given, user_set=("sound_speed", "use"))
     assert to_look_at(given) == ["band", "alpha", "model"]
     assert to_look_at(given, 9).count("channels") == 0  # decided by the option use
+    late = dataclasses.replace(given, reasons=(*reasons, ("time_shift", "why")))
+    assert to_look_at(late, 2) == ["time_shift", "band"]  # of which nothing is said
     assert dict(given.standard_errors) == dict(found.standard_errors)
     assert given.grade("sound_speed") == "sure" and given.grade("pixels") == "guessed"
 
