@@ -15,6 +15,8 @@ from jaxtat.scans import choose
 from jaxtat.viewer import Session
 from jaxtat.viewer.page import ViewerPage
 
+SPEEDS, SHARES = np.linspace(1400.0, 1600.0, 5), np.array([0.9, 0.6, 0.5, 0.7, 0.8])
+
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
@@ -31,6 +33,8 @@ def session(path):
 def make_page(path, monkeypatch):
     waiting = queue.Queue()
     monkeypatch.setattr(ViewerPage, "_later", lambda self, work: waiting.put(work))
+    # the images of all speeds, which test_session makes, take longer than all that is tested here
+    monkeypatch.setattr(Session, "unexplained", lambda *_: (SPEEDS, SHARES))
 
     def make(session):
         page = ViewerPage(Document(), session, "scan.h5", path, path.parent)
@@ -200,6 +204,12 @@ def test_a_body_and_the_water_have_a_slider_each(path, make_page, page):
     assert "1520 m/s in 1480 m/s" in page._in_words(page.controls)
     page.undoing.undo()
     assert page.controls == start
+
+
+def test_what_no_image_explains_is_shown_by_speed(page):
+    until(page, lambda: page.curve_plot.visible)
+    assert np.allclose(page.curve.data["speed"], SPEEDS)
+    assert np.array_equal(page.curve.data["share"], SHARES)
 
 
 def test_an_image_is_kept_beside_the_next(page):
