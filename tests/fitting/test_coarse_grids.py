@@ -71,14 +71,14 @@ def test_operators_on_coarse_grids_give_the_data_of_fine_ones(made):
 
 @pytest.mark.parametrize("penalty", [TotalVariation(), SecondOrderVariation(), Ridge()])
 def test_fits_end_where_those_on_one_grid_end(penalty, monkeypatch):
-    monkeypatch.setattr(coarse_grids, "COARSEST", 15)  # also of small images
+    monkeypatch.setattr(coarse_grids, "COARSEST", 9)  # also of small images
     setup, of_grid, _ = in_the_plane()
-    setup = jaxtat.Setup(setup.curve, setup.region, ImageGrid(61), max_frequency=20.0)
-    assert [level.shape for level in ladder(setup.grid)] == [(16, 16), (61, 61)]
+    setup = jaxtat.Setup(setup.curve, setup.region, ImageGrid(37), max_frequency=20.0)
+    assert [level.shape for level in ladder(setup.grid)] == [(10, 10), (37, 37)]
     g = jaxtat.forward_operator(setup)(of_grid(setup.grid))
     options = {"penalty": penalty, "nonnegative": True, "weight": 0.01, "tolerance": 1e-4}
     found = model_based(setup, g, max_steps=3000, **options)
-    alone = model_based(setup, g, max_steps=3000, initial=jnp.zeros((61, 61)), **options)
+    alone = model_based(setup, g, max_steps=3000, initial=jnp.zeros((37, 37)), **options)
     assert found.converged and alone.converged
     size = float(jnp.linalg.norm(alone.image))
     assert float(jnp.linalg.norm(found.image - alone.image)) < 2e-3 * size

@@ -48,7 +48,7 @@ def assert_the_same(problem, image, exact):
     assert np.abs(image - exact.image).max() < 1e-9 * np.abs(exact.image).max()
 
 
-@settings(max_examples=3, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=2, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     n=st.integers(40, 120),
     pixels=st.integers(15, 60),
@@ -65,7 +65,6 @@ def test_images_do_not_depend_on_the_sizes(n, pixels, reach, n_radii, missing):
 
 GEOMETRIES = {
     "an arc": (circular_arc(1.3, 1.0, 83), disk(0.9)),
-    "a cut disk": (detector_curve(on_a_circle(91)), disk(0.9, 0.3)),
     "a disk cut askew": (detector_curve(on_a_circle(91)), disk(0.9, 0.3, angle=0.4)),
     "a rectangle": (detector_curve(on_a_circle(91)), rectangle((0.6, 0.5))),
     "off a circle": (detector_curve(wavy(91)), disk(0.8)),
@@ -88,7 +87,6 @@ def test_images_are_the_same_in_every_geometry(name):
     [
         ("an arc", (0.0, 0.0)),
         ("an arc", (0.05, 0.1)),
-        ("a rectangle", (0.05, 0.1)),
         ("elements off a circle", (0.05, 0.1)),
     ],
 )
