@@ -427,13 +427,13 @@ def test_a_fit_that_is_cancelled_ends_soon_and_one_that_is_not_is_the_same(few, 
     assert looked.steps == alone.steps and jnp.array_equal(looked.image, alone.image)
 
 
-@pytest.mark.parametrize("size", [1e3, 1e30, -1e300, 1e300])
 @pytest.mark.parametrize(
     "options", [{"nonnegative": True}, {"penalty": Ridge(), "weight": 1e-3}, {"dtype": jnp.float32}]
 )
-def test_a_start_worse_than_zeros_is_no_start(few, data, size, options):
+def test_a_start_worse_than_zeros_is_no_start(few, data, options):
     options = {"max_steps": 100} | options
     from_zeros = model_based(few, data, initial=np.zeros(few.grid.shape), **options)
-    found = model_based(few, data, initial=np.full(few.grid.shape, size), **options)
-    assert_allclose(found.image, from_zeros.image, atol=1e-12 * abs(from_zeros.image).max())
-    assert found.steps == from_zeros.steps
+    for size in (1e3, 1e30, -1e300, 1e300):
+        found = model_based(few, data, initial=np.full(few.grid.shape, size), **options)
+        assert_allclose(found.image, from_zeros.image, atol=1e-12 * abs(from_zeros.image).max())
+        assert found.steps == from_zeros.steps
