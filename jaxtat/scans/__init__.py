@@ -13,12 +13,14 @@ from .info import describe
 from .method import with_best_method
 from .parameter_export import as_json, to_look_at
 from .parameter_sweep import trials
+from .start_time import Start, start_and_speed
 
 __all__ = [
     "BodyEstimate",
     "Choices",
     "ImageErrors",
     "ScanImages",
+    "Start",
     "as_json",
     "choose",
     "describe",
@@ -30,6 +32,7 @@ __all__ = [
     "setup_of",
     "shares_by_speed",
     "standard_deviations",
+    "start_and_speed",
     "to_look_at",
     "trials",
     "with_best_method",

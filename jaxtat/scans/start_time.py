@@ -114,22 +114,33 @@ def with_start_confirmed(choices: Choices, start: Start) -> Choices:
 
 
 def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
-    """The start and the speed at which an image in the region explains most of a typical frame.
+    """The start t_0 and the speed c at which an image in the region explains most of a record,
+
+        E(c, t_0) = mean over lambda of log min_y (|√w G - A^T y|² + alpha |y|²) / |√w G|²,
+
+    G the transforms over circles of the radii c (t + t_0), and all else as in `best_explained`.
 
     Args:
-        scan, choices: of pressure in the plane, with one speed of sound, near the best for times as
-            they are.
+        scan: of pressure in the plane; its typical frame is taken.
+        choices: for it, with one speed of sound, near the best for times as they are.
 
     Returns:
         None where the record is too short to tell, hardly any speed is better than others, or no
         image explains most of it.
+
+    Raises:
+        ValueError: for circular integrals, detectors in space, and a body of another speed.
     """
     times = shifted_times(scan, choices)
-    assert times is not None
+    if times is None or choices.in_space or choices.water_speed is not None:
+        raise ValueError(
+            "start and speed are told together by pressure records in the plane, through one speed "
+            "of sound."
+        )
     points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
     distance, known = float(np.hypot(*points.T).mean()), choices.sound_speed
     arrival = distance / known
-    earliest = STEPS[0][0] * arrival * SHIFTS[0]
+    earliest = arrival * SHIFTS[0] * sum(step for step, _ in STEPS)
     heard = known * (float(times[-1]) + earliest)
     n_radii = int(np.count_nonzero(np.asarray(choices.radii) <= heard))
     whole = replace(with_long_waves(scan, choices), n_radii=n_radii)
