@@ -2,16 +2,18 @@
 
 Minimises ||H (B f - b)||² / 2 + w P(f), P(f) = Σ h(|D f|), for f in C, with u = D f and v = f:
 
-    f: a step of conjugate gradients, preconditioned by `spectrum`, in
+    f: steps of conjugate gradients, preconditioned by `spectrum`, in
        (B^T H^T H B + a D^T D + c) f = B^T H^T H b + D^T (a u - p) + c v - q,
     u = argmin of w h(|u|) + a |u - D f - p/a|² / 2,    p = p + a (D f - u),
     v = nearest image in C to f + q/c,                  q = q + c (f - v),
 
 with 1.6 f - 0.6 v for f, and likewise for D f, in the last two lines. B f and B^T H^T H B f are
-carried along, so that a step costs one product with B and one with its transpose. The image is v.
+carried along, so that each step of conjugate gradients costs one product with B and one with its
+transpose. The image is v.
 
 What takes longest is the level inside a body, where a record lacks low frequencies: it moves with
-the weakest of a, c and what the data say of it. a and c are chosen for that, on measured scans.
+the weakest of a, c and what the data say of it. a and c are chosen for that, on measured scans. For
+as many products, two between shrinkages come up to twice as near to the minimum as one.
 
 Source: Boyd et al., Found. Trends Mach. Learn. 3 (2011) 1-122, sections 3.4.3 and 5.
 """
@@ -27,7 +29,6 @@ from .level import Level
 from .penalties import Penalty, Ridge
 from .spectrum import preconditioned
 
-EDGE = 0.1  # a = w / (EDGE max f): smaller differences are shrunk to zero at once
 HOLD = 5e-3  # c over max m
 OVER = 1.6  # relaxation
 
@@ -57,11 +58,31 @@ class Bonds(NamedTuple):
     images: Float[Array, ""]
 
 
-def bonds(level: Level, weight: Float[Array, ""], image: Float[Array, "stack *space"]) -> Bonds:
+class Pace(NamedTuple):
+    """How the work is divided.
+
+    Attributes:
+        products: steps of conjugate gradients between shrinkages.
+        edge: a = w / (edge max f): smaller differences are shrunk to zero at once.
+    """
+
+    products: int
+    edge: float
+
+
+PACE = Pace(2, 0.03)
+
+
+def products_of(penalty: Any, pace: Pace = PACE) -> int:
+    """Products of a step; one where f and v are bound and no differences are shrunk."""
+    return pace.products if isinstance(penalty, Penalty) else 1
+
+
+def _bonds(level: Level, weight: Array, image: Array, pace: Pace) -> Bonds:
     """a and c for an image of that size."""
     size = jnp.maximum(jnp.max(jnp.abs(image)), 5 * level.scale.image)
     least = 1e-9 * level.scale.square  # without a weight
-    return Bonds(weight / (EDGE * size) + least, HOLD * level.scale.square)
+    return Bonds(weight / (pace.edge * size) + least, HOLD * level.scale.square)
 
 
 def split(
@@ -76,7 +97,7 @@ def split(
 
     p is w D f / |D f| at edges; q the slope where f = 0, and 0 elsewhere and for f = 0 everywhere.
     """
-    fit, bond = level.fit, bonds(level, weight, image)
+    fit, bond = level.fit, _bonds(level, weight, image, PACE)
     slope, parts, parts_dual = normal - level.back, None, None
     if isinstance(penalty, Penalty):
         parts = penalty.parts(image)
@@ -96,14 +117,15 @@ def step(
     weight: Float[Array, ""],
     image: Float[Array, "stack *space"],
     state: Split,
+    pace: Pace = PACE,
 ) -> tuple[Float[Array, "stack *space"], Split]:
-    """One step: v and the rest.
+    """All parts in turn: v and the rest.
 
     Args:
-        image: v of the step before.
+        image: v of before.
     """
-    bond = bonds(level, weight, image)
-    state = _nearer(level, penalty, bond, weight, image, state)
+    bond = _bonds(level, weight, image, pace)
+    state = _nearer(level, penalty, bond, weight, image, state, products_of(penalty, pace))
     mixed = OVER * state.free + (1 - OVER) * image
     new = level.fit.allowed(mixed + state.dual / bond.images)
     state = state._replace(dual=state.dual + bond.images * (mixed - new))
@@ -117,9 +139,15 @@ def step(
 
 
 def _nearer(
-    level: Level, penalty: Any, bond: Bonds, weight: Array, image: Array, state: Split
+    level: Level,
+    penalty: Any,
+    bond: Bonds,
+    weight: Array,
+    image: Array,
+    state: Split,
+    products: int,
 ) -> Split:
-    """f after one step towards the least of what depends on it."""
+    """f after steps towards the least of what depends on it."""
     fit, spectrum = level.fit, level.spectrum
     ridge = weight if isinstance(penalty, Ridge) else 0.0
     left = level.back - state.normal - ridge * state.free - state.dual
@@ -129,19 +157,27 @@ def _nearer(
         pull = bond.parts * (state.parts - penalty.parts(state.free)) - state.parts_dual
         left = left + _pull(fit, penalty, pull)
         symbol = symbol + bond.parts * jnp.asarray(spectrum.differences)
+
+    def nearer(_: Any, parts: tuple[Array, ...]) -> tuple[Array, ...]:
+        free, fitted, normal, left, along, before = parts
+        down = jnp.where(fit.support, preconditioned(left, symbol), 0.0)
+        slope = jnp.sum(left * down)
+        along = down + slope / jnp.where(before > 0, before, jnp.inf) * along
+        data = fit.modelled(along)
+        back = fit.transposed(data)
+        curved = back + (bond.images + ridge) * along
+        if isinstance(penalty, Penalty):
+            curved = curved + bond.parts * _pull(fit, penalty, penalty.parts(along))
+        curvature = jnp.sum(along * curved)
+        length = slope / jnp.where(curvature > 0, curvature, 1.0)
+        moved = free + length * along, fitted + length * data, normal + length * back
+        return *moved, left - length * curved, along, slope
+
     left = jnp.where(fit.support, left, 0.0)
-    along = jnp.where(fit.support, preconditioned(left, symbol), 0.0)
-    fitted = fit.modelled(along)
-    normal = fit.transposed(fitted)
-    curved = fit.misfit(fitted) + (bond.images + ridge) * jnp.sum(along**2)
-    if isinstance(penalty, Penalty):
-        curved = curved + bond.parts * jnp.sum(penalty.parts(along) ** 2)
-    length = jnp.sum(left * along) / jnp.where(curved > 0, curved, 1.0)
-    return state._replace(
-        free=state.free + length * along,
-        fitted=state.fitted + length * fitted,
-        normal=state.normal + length * normal,
-    )
+    begin = state.free, state.fitted, state.normal, left, jnp.zeros_like(left)
+    none = jnp.zeros((), left.dtype)
+    free, fitted, normal, *_ = jax.lax.fori_loop(0, products, nearer, (*begin, none))
+    return state._replace(free=free, fitted=fitted, normal=normal)
 
 
 def of_weight(state: Split, old: Float[Array, ""], new: Float[Array, ""]) -> Split:

@@ -25,7 +25,7 @@ from ..reconstruction import Setup
 from ..reconstruction.setup import require_setup
 from ..special import root
 from . import alternating, fista
-from .alternating import Split
+from .alternating import Split, products_of
 from .arguments import (
     checked_data,
     checked_frequency,
@@ -65,8 +65,8 @@ class ModelBased(eqx.Module):
         remaining: how far the image is from where the iteration goes, relative, see
             `jaxtat.fitting.progress`.
         converged: whether that is below the tolerance.
-        history: change of each step, ||f_k+1 - f_k|| / ||f_k+1||, NaN where there was none,
-            (..., max_steps).
+        history: change of each step, ||f_k+1 - f_k|| / ||f_k+1||, or of two steps where the image
+            is taken after two; NaN where there was none, (..., max_steps).
     """
 
     image: Float[Array, "*batch_and_space"]
@@ -142,7 +142,7 @@ def model_based(
             they explain the data better. By default fits on coarser grids come first, each of a
             quarter of the nodes along an axis.
         tolerance: how far the image may be from the minimum, relative, as the iteration estimates.
-        max_steps: the most steps on a grid.
+        max_steps: the most steps on a grid; an odd number is one more, but for maps of the user's.
         steps, unrolled: this many steps, none less, through which derivatives go back.
         dtype: float32 for speed, with errors of 1e-5.
         progress: show a progress bar.
@@ -360,7 +360,7 @@ def _step(level: Level, penalty: Any, find_weight: bool, state: State) -> State:
         found = balanced_weight(fit, penalty, old, misfit, level.scale).astype(weight.dtype)
         inner, weight = alternating.of_weight(inner, weight, found), found
     new, inner = alternating.step(level, penalty, weight, old, inner)
-    return State(new, inner, weight, after(progress, old, new))
+    return State(new, inner, weight, after(progress, old, new, products_of(penalty)))
 
 
 @eqx.filter_jit
@@ -420,7 +420,8 @@ def _unrolled(
     def advance(state: State, _: None) -> tuple[State, None]:
         return _step(level, penalty, weight is None, state), None
 
-    state = jax.lax.scan(jax.checkpoint(advance), state, None, steps)[0]
+    each = products_of(penalty)
+    state = jax.lax.scan(jax.checkpoint(advance), state, None, -(-steps // each))[0]
     return _answer(level, state.image, state, jnp.asarray(False))
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-EVERY = 10
+EVERY = 20
 _FASTEST, _SLOWEST = 0.5, 0.95
 
 
@@ -45,10 +45,13 @@ def before(image: Float[Array, "stack *space"], max_steps: int) -> Progress:
 
 
 def after(
-    progress: Progress, old: Float[Array, "stack *space"], new: Float[Array, "stack *space"]
+    progress: Progress,
+    old: Float[Array, "stack *space"],
+    new: Float[Array, "stack *space"],
+    steps: int = 1,
 ) -> Progress:
-    """That after a step from the old image to the new one."""
-    step, size = progress.step + 1, jnp.linalg.norm(new)
+    """That after steps from the old image to the new one."""
+    step, size = progress.step + steps, jnp.linalg.norm(new)
     size = jnp.where(size > 0, size, 1.0)
     change = jnp.linalg.norm(new - old) / size
     moved = jnp.linalg.norm(new - progress.since)
@@ -61,5 +64,5 @@ def after(
         remaining=jnp.where(look, remaining, progress.remaining),
         moved=jnp.where(look, moved, progress.moved),
         since=jnp.where(look, new, progress.since),
-        history=progress.history.at[progress.step].set(change),
+        history=progress.history.at[progress.step + jnp.arange(steps)].set(change),
     )

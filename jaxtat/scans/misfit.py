@@ -30,7 +30,7 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 from ..base.checks import by_library
 from ..base.size_ladder import filled_up, rung
 from ..fitting import TotalVariation
-from ..fitting.alternating import of_weight, step
+from ..fitting.alternating import Pace, of_weight, step
 from ..fitting.data_fit import DataFit
 from ..fitting.fit import begun
 from ..fitting.weight import balanced_weight
@@ -53,6 +53,7 @@ SMOOTH, FAINT, FLATTENED = 7, 0.1, 0.5  # frequencies, amplitude over the larges
 EIGHT = 8  # frequencies at a time are added: records that are a little longer take one program
 FIRST_STEPS, STEPS = 40, 25  # of fits from zero: for the weight, for each candidate
 FEW_STEPS = 6  # that tell which candidates are worth more
+PACE = Pace(1, 0.1)  # of fits that end early
 
 
 class Sound(NamedTuple):
@@ -186,7 +187,7 @@ def _fitted(
         image, inner, weight = parts
         balanced = balanced_weight(fit, penalty, image, inner.fitted - data, level.scale)
         new = jnp.where(find, balanced, weight).astype(weight.dtype)
-        return *step(level, penalty, new, image, of_weight(inner, weight, new)), new
+        return *step(level, penalty, new, image, of_weight(inner, weight, new), PACE), new
 
     parts = state.image, state.inner, state.weight
     image, _, weight = jax.lax.fori_loop(0, steps, advance, parts)
