@@ -189,12 +189,16 @@ def _along_ridge(
     speeds: Float[np.ndarray, "shifts speeds"],
     explained: Float[np.ndarray, "frequencies shifts speeds"],
 ) -> _Ridge | None:
-    """None where it is highest at an end."""
+    """None where it is highest at an end, or not between ups before and downs behind.
+
+    Sound that the model does not hold, as from out of the plane, makes several heights.
+    """
     bands = np.array([band.sum(axis=0) for band in np.array_split(explained, BANDS)])
     total = bands.sum(axis=0)
     tops = np.array([_top(*pair) for pair in zip(speeds, total, strict=True)])
     k = int(np.argmax(tops[:, 1]))
-    if not 0 < k < len(shifts) - 1:
+    rises = np.diff(tops[:, 1])
+    if not 0 < k < len(shifts) - 1 or (rises[:k] <= 0).any() or (rises[k:] >= 0).any():
         return None
 
     def highest(heights: np.ndarray) -> float:
