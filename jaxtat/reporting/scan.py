@@ -3,23 +3,19 @@
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, whole_number
-from ..io import Scan, load_scan
+from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan, reconstruct
 from ..regularization import Tikhonov
 from ..scans import (
     Choices,
-    choose,
     integrals,
     setup_of,
-    with_best_method,
-    with_facts,
 )
 from ..scans.acquisition import facts_of
 from ..scans.constrained import compared, fitted
@@ -30,40 +26,6 @@ from ..steps import UnreachedWaves
 from ..studies import Diagnosis
 from .constrained import Constrained
 from .writing import report
-
-
-def report_file(
-    path: str | Path,
-    out: str | Path,
-    *,
-    scanner: str | None = None,
-    detectors: Any = None,
-    sampling_rate: float | None = None,
-    times: Any = None,
-    start_time: float | None = None,
-    progress: bool = False,
-    **given: Any,
-) -> Diagnosis:
-    """A page on the first image of a scan file; parameters that are not set are chosen.
-
-    Args:
-        path: a file that `load_scan` reads.
-        out: the page to write.
-        scanner, detectors, sampling_rate, times, start_time: what the file lacks, see `with_facts`.
-        progress: show progress bars.
-        given: choices by name, see `choose`.
-
-    Returns:
-        Diagnosis, the numbers behind the page.
-
-    Raises:
-        FileNotFoundError, ValueError: as `reconstruct_file` and `report`.
-    """
-    facts = {"detectors": detectors, "sampling_rate": sampling_rate, "times": times}
-    facts["start_time"] = start_time
-    scan = with_facts(load_scan(path), scanner=scanner, **facts)
-    choices = with_best_method(scan, choose(scan, **given))
-    return report_scan(out, scan, choices, title=Path(path).name, inputs=[path], progress=progress)
 
 
 def report_scan(
