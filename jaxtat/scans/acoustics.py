@@ -216,7 +216,7 @@ def _told(sound: Sound, model: str, nominal: float, *, sought: bool, late: bool 
     fit_at = partial(misfit.best, weight=first.weight)
     speed = least_share(fit_at, nominal * STRETCHES, sound.good)
     if late and not speed.distinct:
-        wide = least_share(fit_at, nominal * WITH_ANOTHER_START, sound.good)
+        wide = least_share(fit_at, nominal * WITH_ANOTHER_START, sound.good, thorough=False)
         speed = wide if wide.distinct else speed
     return Told(model, misfit, first.weight, speed)
 
