@@ -42,12 +42,12 @@ from .cancelling import can_be_cancelled, require_wanted
 from .coarse_grids import between_nodes, ladder, weight_on
 from .data_fit import DataFit
 from .fista import Momentum
+from .fit_memory import require_room_to_fit
 from .implicit import Problem, with_derivatives
 from .level import Level, scale_of
 from .penalties import NoPenalty, Penalty, Ridge, is_known
 from .progress import EVERY, Progress, after, before
 from .relative_cg import RelativeCG
-from .room import require_room_to_fit
 from .spectrum import middle_pixel, spectrum_of
 from .weight import balanced_weight
 

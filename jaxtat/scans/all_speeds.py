@@ -4,6 +4,7 @@ import warnings
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..geometry import VisibilityWarning
@@ -11,6 +12,7 @@ from ..io import Scan
 from ..reconstruction import OnLadder
 from ..special import both_kinds
 from ..steps.quadrature import radial_quadrature
+from .acquisition import facts_of
 from .choices import Choices
 from .frames import problem_of
 
@@ -22,6 +24,11 @@ def problem_for_speeds(scan: Scan, choices: Choices) -> OnLadder:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", VisibilityWarning)
         return problem_of(scan, choices)
+
+
+def about_center(scan: Scan, choices: Choices) -> Float[np.ndarray, "detectors 2"]:
+    """The detectors that are used, from the region's centre [length]."""
+    return facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
 
 
 @jax.jit

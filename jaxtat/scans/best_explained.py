@@ -29,8 +29,8 @@ from ..base.choice_table import GUESSED
 from ..densities.cylindrical_waves import unexplained_share, waves_of
 from ..io import Scan
 from ..reconstruction import OnLadder
-from .acquisition import FASTEST, SLOWEST, facts_of, typical_frame
-from .all_speeds import data_by_speed, problem_for_speeds
+from .acquisition import FASTEST, SLOWEST, typical_frame
+from .all_speeds import about_center, data_by_speed, problem_for_speeds
 from .choices import Choices
 from .estimate import Estimate
 from .frames import integrals
@@ -96,8 +96,8 @@ def dip_of(scan: Scan, choices: Choices) -> Dip:
 
 def with_long_waves(scan: Scan, choices: Choices) -> Choices:
     """Choices for the whole disk, with no shorter waves than this criterion takes."""
-    points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
-    highest = min(choices.max_frequency, WAVES / float(np.median(np.hypot(*points.T))))
+    distances = np.hypot(*about_center(scan, choices).T)
+    highest = min(choices.max_frequency, WAVES / float(np.median(distances)))
     return replace(choices, max_frequency=highest, region_cut=choices.region_radius)
 
 
@@ -189,6 +189,13 @@ def where_highest(
         values: equispaced, in increasing order.
         explained: by frequency, at each of them.
     """
-    of_bands = np.array([band.sum(axis=0) for band in np.array_split(explained, BANDS)])
+    of_bands = by_band(explained)
     total = of_bands.sum(axis=0)
     return summit(values, total), jackknife([summit(values, total - band) for band in of_bands])
+
+
+def by_band(
+    explained: Float[np.ndarray, "frequencies *values"],
+) -> Float[np.ndarray, "bands *values"]:
+    """Sums over bands of frequencies, each of which the jackknife leaves out in turn."""
+    return np.array([band.sum(axis=0) for band in np.array_split(explained, BANDS)])

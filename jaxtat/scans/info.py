@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..base.cost import available_memory, gigabytes
-from ..fitting.room import memory_of_fit
+from ..fitting.fit_memory import memory_of_fit
 from ..geometry import VolumeGrid, visibility
 from ..geometry.regions import Region
 from ..io import Scan

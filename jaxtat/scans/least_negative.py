@@ -20,8 +20,8 @@ from jaxtyping import Array, Float
 from ..base.size_ladder import filled_up
 from ..io import Scan
 from ..regularization import tikhonov_rule
-from .acquisition import FASTEST, SLOWEST, facts_of, typical_frame
-from .all_speeds import data_by_speed, faded, problem_for_speeds
+from .acquisition import FASTEST, SLOWEST, typical_frame
+from .all_speeds import about_center, data_by_speed, faded, problem_for_speeds
 from .choices import Choices
 from .frames import integrals
 from .speed_found import peaks, summit
@@ -60,7 +60,7 @@ def positive_by_speed(scan: Scan, choices: Choices) -> Float[np.ndarray, " speed
     Returns:
         None if images of the formula are not possible.
     """
-    points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
+    points = about_center(scan, choices)
     distance = np.hypot(*points.T)
     size = float(np.median(distance))
     body = min(choices.region_radius, LARGEST * size)

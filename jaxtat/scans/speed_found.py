@@ -57,11 +57,25 @@ def summit(speeds: Float[np.ndarray, " speeds"], values: Float[np.ndarray, " spe
     >>> round(summit(speeds, -(speeds - 0.98) ** 2), 12)
     0.98
     """
+    return top(speeds, values)[0]
+
+
+def top(
+    speeds: Float[np.ndarray, " speeds"], values: Float[np.ndarray, " speeds"]
+) -> tuple[float, float]:
+    """Where the parabola through the three highest values is highest, and how high.
+
+    >>> speeds = np.linspace(0.9, 1.1, 5)
+    >>> where, value = top(speeds, 3.0 - (speeds - 0.98) ** 2)
+    >>> round(where, 12), round(value, 12)
+    (0.98, 3.0)
+    """
     best = int(np.argmax(values[1:-1])) + 1
     before, highest, behind = values[best - 1 : best + 2]
     curvature = min(before - 2 * highest + behind, -np.finfo(float).tiny)
     step = float(np.clip((before - behind) / (2 * curvature), -1.0, 1.0))
-    return float(speeds[best] + (speeds[1] - speeds[0]) * step)
+    value = highest - step * (before - behind) / 2 + step**2 * curvature / 2
+    return float(speeds[best] + (speeds[1] - speeds[0]) * step), float(value)
 
 
 def jackknife(without: list[float]) -> float:

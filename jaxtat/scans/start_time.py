@@ -20,13 +20,12 @@ from jaxtyping import Float
 
 from ..base.choice_table import GUESSED, LIKELY
 from ..io import Scan
-from .acquisition import facts_of
-from .all_speeds import problem_for_speeds
-from .best_explained import BANDS, share_by_speed, with_long_waves
+from .all_speeds import about_center, problem_for_speeds
+from .best_explained import by_band, share_by_speed, with_long_waves
 from .choices import Choices
 from .estimate import Estimate, Source
 from .frames import shifted_times
-from .speed_found import jackknife, summit
+from .speed_found import jackknife, summit, top
 
 SHIFTS = np.arange(-4, 5)  # steps of the start
 ACROSS = np.arange(-2, 3)  # steps of the speed
@@ -86,8 +85,7 @@ class Start(NamedTuple):
 def with_start_untold(scan: Scan, choices: Choices) -> Choices:
     """Choices whose start and speed are guesses, with the line that joins them."""
     units, speed = choices.units, choices.sound_speed
-    points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
-    distance = float(np.hypot(*points.T).mean())
+    distance = float(np.hypot(*about_center(scan, choices).T).mean())
     later = MICROSECOND / units.in_si("time")[0]
     faster = distance / (distance / speed - later) - speed
     why = (
@@ -137,8 +135,8 @@ def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
             "start and speed are told together by pressure records in the plane, through one speed "
             "of sound."
         )
-    points = facts_of(scan).points[list(choices.channels)] - np.asarray(choices.region_center)
-    distance, known = float(np.hypot(*points.T).mean()), choices.sound_speed
+    distance = float(np.hypot(*about_center(scan, choices).T).mean())
+    known = choices.sound_speed
     arrival = distance / known
     earliest = arrival * SHIFTS[0] * sum(step for step, _ in STEPS)
     heard = known * (float(times[-1]) + earliest)
@@ -193,38 +191,26 @@ def _along_ridge(
 
     Sound that the model does not hold, as from out of the plane, makes several heights.
     """
-    bands = np.array([band.sum(axis=0) for band in np.array_split(explained, BANDS)])
+    bands = by_band(explained)
     total = bands.sum(axis=0)
-    tops = np.array([_top(*pair) for pair in zip(speeds, total, strict=True)])
+    tops = np.array([top(*pair) for pair in zip(speeds, total, strict=True)])
     k = int(np.argmax(tops[:, 1]))
     rises = np.diff(tops[:, 1])
     if not 0 < k < len(shifts) - 1 or (rises[:k] <= 0).any() or (rises[k:] >= 0).any():
         return None
 
     def highest(heights: np.ndarray) -> float:
-        found = [_top(*pair)[1] for pair in zip(speeds, heights, strict=True)]
+        found = [top(*pair)[1] for pair in zip(speeds, heights, strict=True)]
         return summit(shifts, np.array(found))
 
     shift = highest(total)
     slope, offset = np.polyfit(shifts - shift, 1 / tops[:, 0], 1, w=_near(len(shifts), k))
     error = jackknife([highest(total - band) for band in bands])
-    across = jackknife([_top(speeds[k], total[k] - band[k])[0] for band in bands])
+    across = jackknife([top(speeds[k], total[k] - band[k])[0] for band in bands])
     n = explained.shape[0]
     depth = float(total[k].max() - max(total[k, 0], total[k, -1])) / n
     left = float(np.exp(-total[k].max() / n))
     return _Ridge(shift, float(1 / offset), float(slope), error, across, depth, left)
-
-
-def _top(
-    speeds: Float[np.ndarray, " speeds"], heights: Float[np.ndarray, " speeds"]
-) -> tuple[float, float]:
-    """Speed and height of the parabola through the three highest values, at its top."""
-    k = int(np.argmax(heights[1:-1])) + 1
-    before, highest, behind = heights[k - 1 : k + 2]
-    curvature = min(before - 2 * highest + behind, -np.finfo(float).tiny)
-    step = float(np.clip((before - behind) / (2 * curvature), -1.0, 1.0))
-    top = highest - step * (before - behind) / 2 + step**2 * curvature / 2
-    return float(speeds[k] + (speeds[1] - speeds[0]) * step), float(top)
 
 
 def _near(n: int, k: int) -> Float[np.ndarray, " shifts"]:

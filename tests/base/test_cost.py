@@ -14,7 +14,7 @@ from jaxtat.base.cost import (
     require_room,
     systems_cost,
 )
-from jaxtat.fitting.room import memory_of_fit
+from jaxtat.fitting.fit_memory import memory_of_fit
 from jaxtat.spherical import DetectorPoints, ball
 
 GIGA = 1e9
