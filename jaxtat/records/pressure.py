@@ -42,6 +42,7 @@ def pressure_to_circular_integrals(
     *,
     sound_speed: Numbers = 1.0,
     model: str = "2d",
+    max_frequency: float = np.inf,
 ) -> Float[Array, "*batch detectors radii"]:
     """g(z, r) from pressure records p(z, t).
 
@@ -57,13 +58,14 @@ def pressure_to_circular_integrals(
         radii: r > 0, (radii,) [length].
         sound_speed: c [length/time], traced.
         model: "2d" or "in-plane".
+        max_frequency: of the waves that count; all by default, fewer cost less [rad/time].
 
     Returns:
         (..., detectors, radii) [unit of pressure times length, in-plane: times length²].
 
     Raises:
         ValueError: for shapes that do not fit, times that are not equispaced, NaN, an unknown
-            model, or radii beyond the end of the record.
+            model, a frequency that is not positive, or radii beyond the end of the record.
 
     Source: 2-D: Abel transform of the solution of the wave equation, e.g. Burgholzer et al.,
     Inverse Problems 23 (2007) S65-S80; in-plane: spherical means restricted to a thin slab.
@@ -82,8 +84,12 @@ def pressure_to_circular_integrals(
     require_positive("radii", radii)
     if model not in MODELS:
         raise ValueError(f"model is {model!r}, expected '2d' or 'in-plane'.")
+    if not max_frequency > 0:
+        raise ValueError(f"max_frequency is {max_frequency}, expected a value above zero.")
     _require_record(times, radii, sound_speed)
     n_waves = samples_from_zero(times)
+    if np.isfinite(max_frequency):
+        n_waves = min(n_waves, int(max_frequency * float(np.asarray(times)[-1]) / np.pi) + 2)
     if not is_concrete(pressure, times, radii, sound_speed):
         where = times, times[-1], radii, sound_speed, jnp.asarray(n_waves)
         return _convert(pressure, *where, model, _blocks(n_waves))

@@ -25,15 +25,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..base.checks import real_array
 from ..base.choice_table import GUESSED
 from ..densities.cylindrical_waves import unexplained_share, waves_of
 from ..io import Scan
 from ..reconstruction import OnLadder
+from ..records import pressure_to_circular_integrals
 from .acquisition import FASTEST, SLOWEST, typical_frame
 from .all_speeds import about_center, data_by_speed, problem_for_speeds
 from .choices import Choices
 from .estimate import Estimate
-from .frames import integrals
+from .frames import conditioned, has_baseline, shifted_times
 from .speed_found import believed, jackknife, summit, unknown
 
 SPEEDS = np.linspace(SLOWEST, FASTEST, 41)
@@ -41,6 +43,7 @@ BESIDE = 4  # speeds to each side that belong to a dip
 ALPHA = 1e-3  # what is left matters, not the image
 WAVES = 300.0  # kR at most: of shorter ones the dip is narrower than the steps between speeds
 FREQUENCIES = 64  # at most, among those
+FINER = 2.0  # than the shortest wave: those that radii hold, at any speed
 BANDS = 8  # of frequencies, each of which is left out in turn
 DEEP = 0.2  # log of what is left at most speeds, over that at the best one
 ELSEWHERE = 0.5  # depth at all other speeds over that of the dip, at most
@@ -95,10 +98,13 @@ def dip_of(scan: Scan, choices: Choices) -> Dip:
 
 
 def with_long_waves(scan: Scan, choices: Choices) -> Choices:
-    """Choices for the whole disk, with no shorter waves than this criterion takes."""
+    """Choices for the whole disk, with no shorter waves and radii than this criterion takes."""
     distances = np.hypot(*about_center(scan, choices).T)
     highest = min(choices.max_frequency, WAVES / float(np.median(distances)))
-    return replace(choices, max_frequency=highest, region_cut=choices.region_radius)
+    length = choices.radial_step * (choices.n_radii - 1)
+    n_steps = min(choices.n_radii - 1, int(length * FINER * highest / np.pi) + 1)
+    of_radii = {"radial_step": length / n_steps, "n_radii": n_steps + 1}
+    return replace(choices, max_frequency=highest, region_cut=choices.region_radius, **of_radii)
 
 
 def _doubt(dip: Dip, error: float) -> str | None:
@@ -125,8 +131,12 @@ def share_by_speed(
         A function of speeds over that of the choices, and of as many shifts of the times, none by
         default and in increasing order [time].
     """
-    geometry, sizes, frame = problem.geometry, problem.sizes, typical_frame(scan)
-    assert geometry is not None
+    geometry, sizes = problem.geometry, problem.sizes
+    times, speed = shifted_times(scan, choices), choices.path_speed
+    assert geometry is not None and times is not None
+    record = real_array(scan.kind, typical_frame(scan)[list(choices.channels)], None)
+    record = conditioned(scan, choices, record, times, baseline=has_baseline(choices))
+    highest = np.pi / choices.radial_step * speed
     some, n = problem.some_frequencies(n_frequencies)
     frequencies = jax.device_put(some)
     alpha = jax.device_put(ALPHA)
@@ -137,9 +147,16 @@ def share_by_speed(
     sounding = jax.device_put(distance[:, None] + reach)
 
     def data_at(shift: float, speeds: np.ndarray) -> Array:
-        later = replace(choices, time_shift=choices.time_shift + shift)
-        g = problem.data(integrals(scan, later, problem.setup, frame))
-        return data_by_speed(g, problem.radii, jax.device_put(speeds), frequencies, sounding)
+        g = pressure_to_circular_integrals(
+            record,
+            times + shift,
+            problem.setup.radii,
+            sound_speed=speed,
+            model=choices.model,
+            max_frequency=highest,
+        )
+        stretches = jax.device_put(speeds)
+        return data_by_speed(problem.data(g), problem.radii, stretches, frequencies, sounding)
 
     def share_at(speeds: np.ndarray, shifts: np.ndarray | None = None) -> np.ndarray:
         shifts = np.zeros(len(speeds)) if shifts is None else shifts

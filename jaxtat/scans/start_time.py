@@ -141,7 +141,7 @@ def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
     earliest = arrival * SHIFTS[0] * sum(step for step, _ in STEPS)
     heard = known * (float(times[-1]) + earliest)
     n_radii = int(np.count_nonzero(np.asarray(choices.radii) <= heard))
-    whole = replace(with_long_waves(scan, choices), n_radii=n_radii)
+    whole = with_long_waves(scan, replace(choices, n_radii=n_radii))
     problem = problem_for_speeds(scan, whole)
     if problem.geometry is None or not problem.setup.complete:
         return None

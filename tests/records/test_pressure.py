@@ -75,6 +75,17 @@ def test_in_plane_model_integrates_the_record():
     assert np.allclose(g[0], exact, atol=1e-9)
 
 
+@pytest.mark.parametrize("model", ["2d", "in-plane"])
+def test_waves_beyond_the_highest_frequency_do_not_count(model):
+    times = np.linspace(0, 3, 200)
+    slow, fast = (np.cos(np.pi / 3 * m * times)[None] for m in (7, 120))
+    found = pressure_to_circular_integrals(
+        slow + fast, times, RADII, model=model, max_frequency=30.0
+    )
+    wanted = pressure_to_circular_integrals(slow, times, RADII, model=model)
+    assert np.abs(np.asarray(found - wanted)).max() < 1e-11
+
+
 def test_batches_are_converted_alike():
     times = np.linspace(0, 3, 200)
     batch = np.random.default_rng(0).standard_normal((2, 3, 4, 200))
@@ -174,6 +185,7 @@ def test_equal_samples_share_the_derivative_of_a_median():
         ({"sound_speed": 0.0}, "sound_speed is 0"),
         ({"sound_speed": 1e-3}, "check the units"),
         ({"model": "3d"}, "expected '2d' or 'in-plane'"),
+        ({"max_frequency": 0.0}, "max_frequency is 0"),
     ],
 )
 def test_bad_records_are_refused(change, message):
