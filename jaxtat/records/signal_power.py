@@ -82,7 +82,8 @@ def artefact_end(power: RecordPower, before: float) -> float:
     typical = power.typical[early]
     if not len(typical):
         return 0.0
-    loud = typical > LOUD * typical.min()
+    least = FAINT * power.typical[~early].max(initial=0.0)  # where there is no noise
+    loud = typical > LOUD * max(typical.min(), least)
     if not loud[0] or loud.all():
         return 0.0
     piece = power.times[1] - power.times[0]

@@ -83,8 +83,7 @@ def _with_start(
     """
     if nominal_water_speed(facts.units) is None or made.grade("sound_speed") == SURE:
         return made
-    sure = GUESSED not in (made.grade("model"), made.grade("sound_speed"))
-    sure = sure and made.water_speed is None
+    sure = made.grade("model") != GUESSED and made.water_speed is None
     start = start_and_speed(scan, made) if sure else None
     if start is None or (start.grade == GUESSED and not start.differs):
         return with_start_untold(scan, made)

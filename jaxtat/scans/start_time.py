@@ -31,9 +31,11 @@ SHIFTS = np.arange(-4, 5)  # steps of the start
 ACROSS = np.arange(-2, 3)  # steps of the speed
 # these: over the time from the middle to the detectors, over the speed; three times closer
 STEPS = (0.025, 2e-3), (0.012, 5e-4), (0.006, 2e-4)
+SPEEDS = np.linspace(0.83, 1.18, 71)  # over that of the choices, of which the first is taken
+MOVES = 4  # along the ridge, at most, where it goes on beyond the shifts
 FREQUENCIES = 32  # at most
 LEFT = 0.05  # of the power at a frequency, from which more than a wrong start is amiss
-DEEP = 0.05  # log of what is left two close steps across the ridge, over that on it
+DEEP = 0.04  # log of what is left two close steps across the ridge, over that on it
 SURE_TO = 2.5e-3  # standard error over the speed, to be likely
 DIFFERENT = 3.0  # standard errors
 MICROSECOND = 1e-6  # s
@@ -146,15 +148,22 @@ def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
     if problem.geometry is None or not problem.setup.complete:
         return None
     share_at = share_by_speed(scan, whole, problem, FREQUENCIES)
-    ridge: _Ridge | None = _Ridge(0.0, known, 1 / distance, np.inf, np.inf, 0.0, 1.0)
+    by_speed = -np.log(share_at(SPEEDS)).mean(axis=0)
+    first = float(SPEEDS[np.argmax(by_speed)]) * known
+    ridge: _Ridge | None = _Ridge(0.0, first, 1 / distance, np.inf, np.inf, 0.0, 1.0)
     for step, step_across in STEPS:
-        shifts = ridge.shift + step * arrival * SHIFTS
-        line = 1 / (1 / ridge.speed + ridge.slope * (shifts - ridge.shift))
-        speeds = line[:, None] * (1 + step_across * ACROSS)
-        every = np.repeat(shifts, len(ACROSS))
-        explained = -np.log(share_at(speeds.ravel() / known, every))
-        ridge = _along_ridge(shifts, speeds, explained.reshape(-1, *speeds.shape))
-        if ridge is None:
+        for _ in range(MOVES):
+            shifts = ridge.shift + step * arrival * SHIFTS
+            if shifts[0] < earliest:
+                return None
+            line = 1 / (1 / ridge.speed + ridge.slope * (shifts - ridge.shift))
+            speeds = line[:, None] * (1 + step_across * ACROSS)
+            every = np.repeat(shifts, len(ACROSS))
+            explained = -np.log(share_at(speeds.ravel() / known, every))
+            ridge = _along_ridge(shifts, speeds, explained.reshape(-1, *speeds.shape))
+            if ridge is None or ridge.inside:
+                break
+        if ridge is None or not ridge.inside:
             return None
     if ridge.depth < DEEP or ridge.left > LEFT:
         return None
@@ -171,6 +180,7 @@ class _Ridge(NamedTuple):
         error, across_error: the jackknife's over bands, of the shift and of the speed with it.
         depth: of the highest point over the ends across.
         left: share of the power at a frequency that is unexplained there.
+        inside: whether it lies between the shifts.
     """
 
     shift: float
@@ -180,6 +190,7 @@ class _Ridge(NamedTuple):
     across_error: float
     depth: float
     left: float
+    inside: bool = True
 
 
 def _along_ridge(
@@ -187,7 +198,7 @@ def _along_ridge(
     speeds: Float[np.ndarray, "shifts speeds"],
     explained: Float[np.ndarray, "frequencies shifts speeds"],
 ) -> _Ridge | None:
-    """None where it is highest at an end, or not between ups before and downs behind.
+    """None where it is not between ups before and downs behind.
 
     Sound that the model does not hold, as from out of the plane, makes several heights.
     """
@@ -196,8 +207,11 @@ def _along_ridge(
     tops = np.array([top(*pair) for pair in zip(speeds, total, strict=True)])
     k = int(np.argmax(tops[:, 1]))
     rises = np.diff(tops[:, 1])
-    if not 0 < k < len(shifts) - 1 or (rises[:k] <= 0).any() or (rises[k:] >= 0).any():
+    if (rises[:k] <= 0).any() or (rises[k:] >= 0).any():
         return None
+    if not 0 < k < len(shifts) - 1:
+        slope = float(np.polyfit(shifts, 1 / tops[:, 0], 1)[0])
+        return _Ridge(float(shifts[k]), float(tops[k, 0]), slope, np.inf, np.inf, 0.0, 1.0, False)
 
     def highest(heights: np.ndarray) -> float:
         found = [top(*pair)[1] for pair in zip(speeds, heights, strict=True)]

@@ -38,6 +38,13 @@ def test_the_artefact_ends_when_it_has_died_away(length):
     assert artefact_end(record_power(0 * record, TIMES, True), middle) == 0.0
 
 
+def test_the_artefact_ends_also_where_no_noise_follows():
+    """What is left of it is more than nothing for long, and no sound."""
+    dying = 20 * np.cos(3e7 * TIMES) * np.exp(-((TIMES / 0.7e-6) ** 2))
+    record = pulses(np.full(40, 30e-6)) + dying
+    assert 2e-6 < artefact_end(record_power(record, TIMES, True), 27e-6) < 6e-6
+
+
 @pytest.mark.parametrize("limit", [2e6, 5e6, 12e6])
 def test_the_highest_frequency_is_where_the_spectrum_leaves_the_noise(limit):
     spectrum = np.fft.rfft(RNG.standard_normal((60, 1400)))

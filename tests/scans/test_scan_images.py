@@ -105,6 +105,13 @@ def test_without_a_tenth_of_the_channels_the_image_is_the_same_within_the_noise(
     assert relative(image(found, use=np.arange(N)), clean) > 3 * noise_level
 
 
+@pytest.mark.parametrize("level", [0, 32768])
+def test_a_muted_start_changes_the_image_no_more_than_noise(counts, clean, noise_level, level):
+    muted = counts.copy()
+    muted[:, :60] = level  # sound from the region begins at sample 77
+    assert relative(image(scan(muted)), clean) < 1.5 * noise_level
+
+
 @pytest.mark.parametrize("turn", [90.0, 180.0, 33.0])
 def test_a_turned_array_gives_the_image_turned(counts, clean, noise_level, turn):
     """The same record, detectors elsewhere: the same image there."""
