@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
+from ..base.precision import in_full
 from ..regularization.filtered import Components, Solution
 
 T = TypeVar("T")
@@ -40,6 +41,7 @@ class SampledDensities(Densities):
 
     values: Complex[Array, "frequencies directions 2 detectors"]
 
+    @in_full
     def polar_fourier(self, transformed: Array, weights: Array) -> Array:
         weighted = (weights * transformed).astype(self.values.real.dtype)
         return jnp.einsum("fdjk,...fjk->...fd", self.values, weighted) / (2 * jnp.pi)

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base.precision import in_full
 from ..reconstruction import ForwardOperator
 
 
@@ -30,12 +31,14 @@ class DataFit(eqx.Module):
         """B f."""
         return self.operator(jnp.where(self.support, images, 0.0)) * self.whitening
 
+    @in_full
     def transposed(self, data: Float[Array, "stack *data"]) -> Float[Array, "stack *space"]:
         """B^T H^T H d."""
         if self.high_pass is not None:
             data = data @ self.high_pass.T @ self.high_pass
         return jnp.where(self.support, self.operator.T(data * self.whitening), 0.0)
 
+    @in_full
     def misfit(self, data: Float[Array, "stack *data"]) -> Float[Array, ""]:
         """||H d||²."""
         if self.high_pass is not None:

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from ..base.checks import Numbers, named, real_array, require_magnitude
 from ..base.hashable_methods import ComparedByIdentity, compiled
+from ..base.precision import in_full
 from ..base.size_ladder import rung
 from ..forward import CircleSizes, SphereSizes
 from ..steps.radon import LowPass, low_pass_at
@@ -280,6 +281,7 @@ def in_single_precision(integrals: Any) -> Any:
 
 
 @eqx.filter_jit
+@in_full
 def _applied(integrals: Any, values: Array, transposed: bool) -> Array:
     if not transposed:
         return integrals(values)

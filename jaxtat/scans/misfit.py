@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ..base.checks import by_library
+from ..base.precision import in_full
 from ..base.size_ladder import filled_up, rung
 from ..fitting import TotalVariation
 from ..fitting.alternating import Pace, of_weight, step
@@ -153,6 +154,7 @@ class Misfit(eqx.Module):
         mixed[:, rows] = data[:, np.random.default_rng(0).permutation(rows)]
         return eqx.tree_at(lambda misfit: misfit.data, self, jax.device_put(mixed))
 
+    @in_full
     def waves(self, sound_speed: Array, shift: Array) -> Float[Array, "k parts"]:
         """From G to the spectrum of the record."""
         of, paths = self.integrals.of, sound_speed * (self.times + shift)

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float, Num
 
 from ..base.checks import Numbers, dtype_of, real_array, require_positive
-from ..base.double import in_double
+from ..base.precision import in_double
 from ..densities import Densities, in_precision
 from ..densities.cylindrical_waves import (
     DecomposedWaves,

@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ...base.checks import is_concrete
+from ...base.precision import in_full
 from ...regularization import SINGULAR, Regularization, per_frequency, singular_components
 from ...regularization.filtered import filtered_solve
 from ...special import angular
@@ -103,6 +104,7 @@ class CylindricalDensities(Densities):
     phases: Complex[Array, "frequencies directions"]
     mirror: bool = eqx.field(static=True)
 
+    @in_full
     def polar_fourier(self, transformed: Array, weights: Array) -> Array:
         *batch, n_frequencies, _, _ = transformed.shape
         pieces = []
