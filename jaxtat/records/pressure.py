@@ -18,7 +18,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, Num
 
 from ..base.checks import (
     Numbers,
@@ -33,6 +33,8 @@ from ..base.size_ladder import filled_up, rung
 from ..special import j0
 
 _WAVES_AT_A_TIME = 256
+_FEWEST_MUTED = 4  # samples alike at the start
+_AT_ONCE = 0.7  # of the rows, of which a muted start ends with one sample
 
 
 def pressure_to_circular_integrals(
@@ -293,6 +295,28 @@ def baseline_of(xp: Any, pressure: Any) -> Any:
     median = _median if xp is jnp else partial(np.median, axis=-1, keepdims=True)
     first, last = median(pressure[..., :third]), median(pressure[..., -third:])
     return first + (last - first) * along_baseline(pressure.shape[-1])
+
+
+def without_mute(record: Num[np.ndarray, "*batch times"]) -> Num[np.ndarray, "*batch times"]:
+    """A record with offset and drift of each detector where its start is muted.
+
+    Until they listen, scanners write zeros or the middle of their range. The step from there to the
+    offset is no sound, but rings in a band-pass and tilts baselines. It comes at once in all rows:
+    silence before sound arrives does not end so.
+
+    >>> record = np.array([[7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 16.0]])
+    >>> muted = np.where(np.arange(10) < 4, 0.0, record)
+    >>> bool(np.allclose(without_mute(muted), record))
+    True
+    """
+    ends = np.argmax(record != record[..., :1], axis=-1)
+    ends = ends[ends > 0]  # rows of one value throughout tell nothing
+    n = int(np.median(ends)) if ends.size else 0
+    if n < _FEWEST_MUTED or np.mean(np.abs(ends - n) <= 1) < _AT_ONCE:
+        return record
+    line = baseline_of(np, record[..., n:])
+    before = line[..., :1] + (line[..., 1:2] - line[..., :1]) * np.arange(-n, 0)
+    return np.concatenate([before, record[..., n:]], axis=-1)
 
 
 def along_baseline(n: int) -> Float[np.ndarray, " n"]:

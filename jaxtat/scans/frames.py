@@ -15,14 +15,12 @@ from ..records import (
     pressure_to_circular_integrals,
     remove_impulse_response,
 )
-from ..records.pressure import baseline_of
+from ..records.pressure import without_mute
 from ..spherical import pressure_to_spherical_integrals
 from .acquisition import facts_of, times_of
 from .choices import IN_SPACE, Choices
 from .space import facts_in_space
 
-FEWEST_MUTED = 4  # samples alike at the start
-AT_ONCE = 0.7  # of the rows that are used, of which a muted start ends with one sample
 GROUPS = 2  # of frequencies, at most: for few images, compiling is what takes time
 
 
@@ -152,32 +150,10 @@ def in_band(choices: Choices, record: Array, times: Any, *, baseline: bool) -> A
     if not _is_conditioned(choices):
         return record
     if baseline and is_concrete(record):
-        record = without_mute(record)
+        record = jax.device_put(without_mute(np.asarray(record)))
     return condition_record(
         record, times, dead_time=choices.dead_time, band=choices.band, baseline=baseline
     )
-
-
-def without_mute(record: Array) -> Array:
-    """A record with offset and drift of each detector where its start is muted.
-
-    Until they listen, scanners write zeros or the middle of their range. The step from there to the
-    offset is no sound, but rings in a band-pass and tilts baselines. It comes at once in all rows:
-    silence before sound arrives does not end so.
-
-    >>> record = np.array([[7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 16.0]])
-    >>> muted = np.where(np.arange(10) < 4, 0.0, record)
-    >>> bool(np.allclose(without_mute(jax.device_put(muted)), record))
-    True
-    """
-    known = np.asarray(record)
-    ends = np.argmax(known != known[..., :1], axis=-1)
-    n = int(np.median(ends))
-    if n < FEWEST_MUTED or np.mean(np.abs(ends - n) <= 1) < AT_ONCE:
-        return record
-    line = baseline_of(np, known[..., n:])
-    before = line[..., :1] + (line[..., 1:2] - line[..., :1]) * np.arange(-n, 0)
-    return jax.device_put(np.concatenate([before, known[..., n:]], axis=-1))
 
 
 def has_baseline(choices: Choices) -> bool:

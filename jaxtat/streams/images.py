@@ -36,7 +36,7 @@ from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..reconstruction.plane_bases import default_rule
 from ..reconstruction.setup import plane_of
-from ..records.pressure import along_baseline
+from ..records.pressure import along_baseline, without_mute
 from ..regularization import RelativeTikhonov, Tikhonov, tikhonov_rule
 from ..scans import Choices
 from ..steps.fourier_sum import fourier_inversion
@@ -107,6 +107,7 @@ class Live(eqx.Module):
         """
         frames, batch = self._checked(frames)
         energies = self._energies(energy, batch)
+        frames = without_mute(frames) if self._leveled else frames
         line = self._lines(frames) if self._leveled else None
         images = _images(self._ready, self.setup, frames, line, energies)
         return images.reshape(*batch, *self.setup.grid.shape)

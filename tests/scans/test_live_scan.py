@@ -40,6 +40,15 @@ def test_raw_frames_come_out_as_from_the_scan(frames, known):
     assert relative(single(frames[1].astype(float)), wanted[1]) < 1e-4
 
 
+def test_a_muted_start_is_no_record_live_either(frames):
+    muted = frames.copy()
+    muted[..., :60] = 0
+    made = scan(muted)
+    choices = choose(made, **GIVEN)
+    wanted = reconstruct(made, choices).image
+    assert relative(live(made, choices, dtype=np.float64)(muted), wanted) < 1e-10
+
+
 def test_images_are_over_the_energies_of_pulses(frames):
     """Of each frame where they are said, else the mean; and in single precision throughout."""
     energies = np.array([40.0, 70.0, 35.0])
