@@ -161,7 +161,7 @@ def test_versions_are_said_alike():
     extras = project["optional-dependencies"]
     stated = [*project["dependencies"], *extras["io"]]
     lowest = (ROOT / "constraints-lowest.txt").read_text().splitlines()[1:]
-    bounds = {text.partition(";")[0].replace(">=", "==") for text in stated}
+    bounds = {re.split("[;,]", text)[0].replace(">=", "==") for text in stated}
 
     def filled(text):  # 1.14 is 1.14.0
         name, _, version = text.partition("==")
