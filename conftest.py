@@ -153,6 +153,31 @@ def few_programs():
         gc.collect()
 
 
+# What is found at full size, and printed: the files of tests that are about that.
+WHOLE = (
+    "test_best_explained.py",
+    "test_constrained.py",
+    "test_misfit.py",
+    "test_others_data.py",
+    "test_readme.py",
+    "test_start_time.py",
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_criterion(request):
+    """Speed, model and contradictions of scans told by images of half as many pixels an axis.
+
+    They take a third of the time. That all is told at full size, too, is for the files above.
+    """
+    name = request.path.name
+    with pytest.MonkeyPatch.context() as patch:
+        if name.startswith("test_") and name not in WHOLE:
+            coarse = partial(jaxtat.scans.misfit.place_of, pixels=49)
+            patch.setattr("jaxtat.scans.misfit.place_of", coarse)
+        yield
+
+
 @pytest.fixture
 def none_made():
     """A context in which no program is made yet: for what is counted, or read, when one is.

@@ -42,10 +42,10 @@ PAPER_SIZE = """
 assert jnp.isfinite(scanned(losses(129, 500)[0], 2))
 """
 SMALL = """
-for loss in losses(33, 100):
+for loss in losses(25, 80):
     # a loop of a fixed number of steps is that above; here data decide when it ends
     assert jnp.isfinite(jaxopt.GradientDescent(loss, maxiter=2, stepsize=0.1).run(1.0).params)
-setup, g, image = problem(33, 100)
+setup, g, image = problem(25, 80)
 plan = build_plan(setup)
 for route in (
     lambda: reconstruct(setup, g, 1e-6),
