@@ -83,17 +83,18 @@ collect_ignore = [
 # The longest files, longest first: begun last, one of them would run on alone.
 SLOW = (
     "test_notebooks.py",
-    "scans/test_acoustics.py",
-    "reconstruction/test_medium.py",
     "tests/test_others_data.py",
+    "reconstruction/test_medium.py",
     "reconstruction/test_laddered.py",
-    "scans/test_choose.py",
     "tests/test_docs.py",
     "fitting/test_model_based.py",
     "paper/test_paper.py",
     "reconstruction/test_waiting.py",
+    "scans/test_acoustics.py",
+    "scans/test_body_estimate.py",
     "viewer/test_session.py",
     "scans/test_misfit.py",
+    "scans/test_choose.py",
     "scans/test_scan_images.py",
     "scans/test_two_speeds.py",
     "base/test_linear_algebra.py",
@@ -151,6 +152,31 @@ def few_programs():
     if not maps.exists() or len(maps.read_bytes().splitlines()) > 16000:
         jax.clear_caches()
         gc.collect()
+
+
+# What is found at full size, and printed: the files of tests that are about that.
+WHOLE = (
+    "test_best_explained.py",
+    "test_constrained.py",
+    "test_misfit.py",
+    "test_others_data.py",
+    "test_readme.py",
+    "test_start_time.py",
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_criterion(request):
+    """Speed, model and contradictions of scans told by images of half as many pixels an axis.
+
+    They take a third of the time. That all is told at full size, too, is for the files above.
+    """
+    name = request.path.name
+    with pytest.MonkeyPatch.context() as patch:
+        if name.startswith("test_") and name not in WHOLE:
+            coarse = partial(jaxtat.scans.misfit.place_of, pixels=49)
+            patch.setattr("jaxtat.scans.misfit.place_of", coarse)
+        yield
 
 
 @pytest.fixture

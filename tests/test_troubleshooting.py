@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -11,19 +12,19 @@ PAGE = (ROOT / "docs" / "troubleshooting.md").read_text()
 MESSAGES = re.findall(r"^## (.*)$", PAGE, re.M)[:-1]  # the last heading is "Other things"
 
 
+@cache
 def texts():
     """All texts in the package, with … for what is filled in when they are shown."""
+    found = []
     for path in (ROOT / "jaxtat").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.JoinedStr):
-                yield "".join(
-                    part.value if isinstance(part, ast.Constant) else "…" for part in node.values
-                )
+                parts = (p.value if isinstance(p, ast.Constant) else "…" for p in node.values)
+                found.append("".join(parts))
             elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                yield re.sub(r"\{[^{}]*\}", "…", node.value)  # as sentences of estimates are
-
-
-SHOWN = list(texts())
+                # as sentences of estimates are
+                found.append(re.sub(r"\{[^{}]*\}", "…", node.value))
+    return found
 
 
 def test_there_are_ten_at_least():
@@ -32,4 +33,4 @@ def test_there_are_ten_at_least():
 
 @pytest.mark.parametrize("message", MESSAGES)
 def test_the_message_is_one_of_the_package(message):
-    assert any(message in text for text in SHOWN)
+    assert any(message in text for text in texts())

@@ -262,7 +262,7 @@ def test_derivatives_are_those_of_differences(few, data, check_both_modes):
     start = (data, -1.0, 0.4, few.radii, 1.3, 0.3)
     held = image(*start, **LONG)[few.region.contains(few.grid.points)] == 0
     assert 0.05 < float(held.mean()) < 0.95
-    exact = functools.partial(image, tolerance=1e-12, max_steps=20000)
+    exact = functools.partial(image, tolerance=1e-10, max_steps=20000)
     check_both_modes(exact, start, step=1e-4, rtol=2e-4, atol=2e-5)
 
 

@@ -37,7 +37,7 @@ for text in ("crash", "hang", "memory", "raw", "long", "lines", "refused", "read
     found[text] = dict(zip(OUTCOMES, counts.tolist()))
 fuzz_files.SECONDS = 300
 kinds = ["npz", "npy", "matlab 5", "matlab 7.3", "hdf5", "ipasc", "patato", "msot"]
-counts, said = fuzz(kinds, 200, 1)
+counts, said = fuzz(kinds, 96, 1)
 counts = {name: dict(zip(OUTCOMES, row.tolist())) for name, row in counts.items()}
 print(json.dumps([found, said, counts]))
 """
@@ -68,7 +68,7 @@ def test_the_fuzzer_tells_what_happens(outcomes):
 def test_hostile_files_are_read_or_refused(outcomes):
     _, said, counts = outcomes
     assert said == ""
-    assert sum(sum(found.values()) for found in counts.values()) == 200
+    assert sum(sum(found.values()) for found in counts.values()) == 96
     for found in counts.values():
-        assert found["read"] + found["refused"] + found["ended"] == 25
-        assert found["refused"] > 5
+        assert found["read"] + found["refused"] + found["ended"] == 12
+        assert found["refused"] > 2

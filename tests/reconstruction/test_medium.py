@@ -57,12 +57,16 @@ def gaussians(grid):
 
 
 def series(medium, points, outside):
-    """G of the Gaussians at frequencies in water, (frequencies, points): by the rim's equations."""
+    """G of the Gaussians at frequencies in water, (frequencies, points): by the rim's equations.
+
+    Terms of the orders n and -n differ by the sign of their angles alone.
+    """
     c, density = float(medium.sound_speed), float(medium.density_ratio)
-    n, a = np.arange(-70, 71), RADIUS
+    n, a = np.arange(71), RADIUS
+    both = np.where(n > 0, 2.0, 1.0)
     z, s = points - CENTER, SOURCES - CENTER
     turn = np.arctan2(z[:, 1], z[:, 0]) - np.arctan2(s[:, 1], s[:, 0])[:, None]
-    found = []
+    turns, found = np.cos(n[:, None] * turn[:, None]), []
     for k in outside:
         inner = k / c
         bracket = inner / density * sp.jvp(n, inner * a) * sp.hankel1(n, k * a)
@@ -71,9 +75,7 @@ def series(medium, points, outside):
         waves = np.where(np.isfinite(waves), waves, 0)
         size = 2 * np.pi * WIDTH**2 * np.exp(-((inner * WIDTH) ** 2) / 2) * HEIGHTS
         inside = sp.jv(n, inner * np.hypot(*s.T)[:, None]) * size[:, None]
-        found.append(
-            np.einsum("sn,kn,snk->k", inside, waves, np.exp(1j * n[:, None] * turn[:, None]))
-        )
+        found.append(np.einsum("sn,kn,snk->k", both * inside, waves, turns))
     return np.stack(found) / (c**2 * density)
 
 
@@ -97,11 +99,15 @@ def waves_at_the_detectors(setup, grid, medium, image):
     return apart(image[None])[0].T * medium.source_strength
 
 
-@pytest.mark.parametrize(("speed", "density"), [(0.9, 1.1), (1.04, 1.0)])
 @pytest.mark.parametrize(
-    ("center", "sized"),
-    [(CENTER, CENTER), (np.zeros(2), np.zeros(2)), (np.zeros(2), CENTER)],
-    ids=["off the centre", "concentric", "moved onto the centre"],
+    ("speed", "density", "center", "sized"),
+    [
+        (0.9, 1.1, CENTER, CENTER),
+        (1.04, 1.0, CENTER, CENTER),
+        (0.9, 1.1, np.zeros(2), np.zeros(2)),
+        (1.04, 1.0, np.zeros(2), CENTER),
+    ],
+    ids=["off the centre, slower", "off the centre, faster", "concentric", "moved onto the centre"],
 )
 def test_waves_at_the_detectors_are_those_of_the_series(speed, density, center, sized, monkeypatch):
     """A disk in a disk in closed form: every frequency of the forward operator."""

@@ -46,7 +46,7 @@ def through_body():
 
 
 def estimated(pressure, monkeypatch, speed):
-    monkeypatch.setattr(body_estimate, "PIXELS", 33)
+    monkeypatch.setattr(body_estimate, "PIXELS", 27)
     scan = scan_of(pressure)
     chosen = choose(scan, **ONE | {"sound_speed": speed})
     return estimate_body(scan, chosen, pressure, water_speed=WATER)

@@ -16,7 +16,7 @@ POSITIONS = np.stack([(np.arange(N) - (N - 1) / 2) * PITCH, np.zeros(N)], axis=1
 SIZE, CENTER = (0.014, 0.008), (0.0, 0.0065)
 BELLS = phantoms.Bells([[-2e-3, 6e-3], [3e-3, 7.5e-3]], [1.5e-3, 2e-3])
 REGION = {"region_size": SIZE, "region_center": CENTER}
-GIVEN = {"model": "in-plane", "pixels": 57, "band": "none"} | REGION
+GIVEN = {"model": "in-plane", "pixels": 41, "band": "none"} | REGION
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_what_faces_the_array_is_seen(scan, choices):
     found = reconstruct(scan, choices)
     inside = np.asarray(found.region.contains(found.grid.points))
     image = np.where(inside, found.image, 0)
-    assert image.shape == (57, 57)
+    assert image.shape == (41, 41)
     at = np.asarray(found.grid.points)[np.unravel_index(image.argmax(), image.shape)]
     nearest = np.linalg.norm(np.asarray(BELLS.centers) - at, axis=1).min()
     assert nearest < 0.6e-3

@@ -32,7 +32,7 @@ def truth():
 @pytest.fixture(scope="module")
 def two_speeds(truth):
     """The record of the bells through the body, in finer pixels than images have."""
-    setup = Setup(CURVE, disk(RADIUS, center=CENTER), ImageGrid(97, RADIUS, CENTER), medium=BODY)
+    setup = Setup(CURVE, disk(RADIUS, center=CENTER), ImageGrid(65, RADIUS, CENTER), medium=BODY)
     pressure = simulate_pressure(setup, truth(setup.grid), jnp.asarray(TIMES), model="in-plane")
     return Scan("pressure", np.asarray(pressure), {"detectors": positions(), "sampling_rate": RATE})
 
