@@ -69,10 +69,13 @@ def top(
     >>> where, value = top(speeds, 3.0 - (speeds - 0.98) ** 2)
     >>> round(where, 12), round(value, 12)
     (0.98, 3.0)
+    >>> top(speeds, np.array([1.0, 2.0, 2.0, 3.0, 9.0]))[0]  # there is none: towards the higher side
+    1.1
     """
     best = int(np.argmax(values[1:-1])) + 1
     before, highest, behind = values[best - 1 : best + 2]
-    curvature = min(before - 2 * highest + behind, -np.finfo(float).tiny)
+    least = 1e-12 * max(abs(float(highest)), 1e-200)  # of what is flat, or lower in the middle
+    curvature = min(before - 2 * highest + behind, -least)
     step = float(np.clip((before - behind) / (2 * curvature), -1.0, 1.0))
     value = highest - step * (before - behind) / 2 + step**2 * curvature / 2
     return float(speeds[best] + (speeds[1] - speeds[0]) * step), float(value)
