@@ -69,7 +69,7 @@ def top(
     >>> where, value = top(speeds, 3.0 - (speeds - 0.98) ** 2)
     >>> round(where, 12), round(value, 12)
     (0.98, 3.0)
-    >>> top(speeds, np.array([1.0, 2.0, 2.0, 3.0, 9.0]))[0]  # there is none: towards the higher side
+    >>> top(speeds, np.array([1.0, 2.0, 2.0, 3.0, 9.0]))[0]  # none: to the higher side
     1.1
     """
     best = int(np.argmax(values[1:-1])) + 1
