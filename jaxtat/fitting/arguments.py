@@ -105,7 +105,7 @@ def _record_in_space(
         raise ValueError(f"model is {model!r}, and waves in space have one: leave it out.")
     times, speed = real_array("times", times, ("times",)), real_array("speed", sound_speed, ())
     require_positive("sound_speed", speed)
-    return pressure_terms(setup.kind.sizes_inside(setup.sizes), speed * times, sines=sines)
+    return pressure_terms(setup.kind.sizes_inside(setup), speed * times, sines=sines)
 
 
 def _responses(setup: Setup, pressure: Pressure) -> Float[Array, "2 frequencies *detectors"] | None:
@@ -121,7 +121,7 @@ def _responses(setup: Setup, pressure: Pressure) -> Float[Array, "2 frequencies 
     shape = setup.detectors_shape
     responses = real_array("element_responses", responses, (*shape, "taps"))
     step = jnp.asarray(times)[1] - jnp.asarray(times)[0]
-    return response_factors(setup.kind.sizes_inside(setup.sizes), responses, speed * step)
+    return response_factors(setup.kind.sizes_inside(setup), responses, speed * step)
 
 
 def _turned(matrix: Array) -> Array:

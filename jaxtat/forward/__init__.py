@@ -1,6 +1,6 @@
 """Integrals of images over circles and of volumes over spheres, by non-uniform FFTs."""
 
-from .circular_sizes import CircleSizes, circle_sizes
+from .circular_sizes import CircleSizes, circle_sizes, sizes_inside
 from .fast_circles import CircleIntegrals, circle_integrals
 from .fast_spheres import SphereIntegrals, pressure_terms, response_factors, sphere_integrals
 from .spherical_sizes import SphereSizes, sphere_sizes
@@ -14,6 +14,7 @@ __all__ = [
     "circle_sizes",
     "pressure_terms",
     "response_factors",
+    "sizes_inside",
     "sphere_integrals",
     "sphere_sizes",
 ]

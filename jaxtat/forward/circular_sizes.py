@@ -10,6 +10,7 @@ import numpy as np
 import scipy.special
 from jaxtyping import Float
 
+from ..base.checks import is_concrete
 from ..base.size_ladder import rung
 from ..geometry import (
     Body,
@@ -18,6 +19,7 @@ from ..geometry import (
     DiskBody,
     ImageGrid,
     OutlineBody,
+    Region,
     circle_through,
 )
 from ..geometry.circles import ROUNDING
@@ -107,14 +109,11 @@ def circle_sizes(
     reach = farthest = 0.0
     ratio, slow, moved = 1.0, 1.0, ()
     circle = _circle_center(curve)
-    centers = [center] if circle is None else [circle]
+    centers = _centers(curve, circle, center, medium)
     if medium is not None:
-        centers = [np.asarray(medium.center)]
         moved = _moved(curve, circle, medium)
         ratio = 1 / float(medium.speed_ratio)
         slow = max(1.0, ratio)
-    elif circle is not None and not isinstance(curve, CircularArc):
-        centers.append(center)  # about which the waves are taken when positions are traced
     for about in centers:
         reach = max(reach, float(np.hypot(*(corners - about).T).max()))
         farthest = max(farthest, float(np.hypot(*(points - about).T).max()))
@@ -131,6 +130,38 @@ def circle_sizes(
     # more than densities need: the error is 1e-9 instead of 5e-6
     n_nodes = 1 if curve.element_width is None else 4 + enough_nodes(curve.element_width, highest)
     return CircleSizes(period, n, groups, n_nodes, ratio * reach, ratio, moved)
+
+
+def sizes_inside(
+    sizes: CircleSizes,
+    curve: DetectorCurve,
+    grid: ImageGrid,
+    region: Region,
+    medium: Body | None = None,
+) -> CircleSizes:
+    """The same frequencies with the orders of images that are zero outside a region.
+
+    A disk reaches less far than the square about it. With traced positions the sizes as they are.
+    """
+    if not is_concrete(curve, grid, region, medium):
+        return sizes
+    centers = _centers(curve, _circle_center(curve), np.asarray(grid.center), medium)
+    away = max(float(np.hypot(*(np.asarray(region.center) - about))) for about in centers)
+    reach = min(sizes.reach, sizes.ratio * (away + float(np.asarray(region.reach))))
+    frequencies, groups = sizes.frequencies, []
+    for first, last, _, _, outer in sizes.groups:
+        orders = rung(highest_order(float(frequencies[last - 1]) * reach))
+        groups.append((first, last, orders, turn_for(orders), outer))
+    return replace(sizes, reach=reach, groups=tuple(groups))
+
+
+def _centers(curve: DetectorCurve, circle: Any, center: Any, medium: Body | None) -> list[Any]:
+    """About which waves are taken, of known positions and of traced ones."""
+    if medium is not None:
+        return [np.asarray(medium.center)]
+    if circle is None:
+        return [center]
+    return [circle] if isinstance(curve, CircularArc) else [circle, center]
 
 
 def _moved(curve: DetectorCurve, circle: Any, medium: Body) -> tuple[float, ...]:

@@ -8,7 +8,7 @@ from jaxtyping import Array
 
 from ..base.checks import named
 from ..densities import Basis
-from ..forward import circle_integrals, sphere_integrals
+from ..forward import CircleSizes, circle_integrals, sizes_inside, sphere_integrals
 from ..geometry import (
     BallBody,
     Body,
@@ -56,7 +56,7 @@ class Kind(NamedTuple):
             error of the image's band limit is larger, and digits cost more.
         fast_integrals: (curve, grid, radii, sizes, eta, tolerance) -> over circles or spheres of
             images that are band-limited, see `forward_operator`.
-        sizes_inside: of sizes, those of the forward operator on images that are zero outside of
+        sizes_inside: of a setup, those of the forward operator on images that are zero outside of
             the region.
         measure: of a circle or sphere, by its radius.
     """
@@ -100,6 +100,11 @@ def _require_plane(curve: DetectorCurve, region: Region, medium: Body | None = N
         require_surrounded(curve, region, medium)
 
 
+def _inside_in_plane(setup: Any) -> CircleSizes:
+    where = setup.curve, setup.grid, setup.region, setup.medium
+    return sizes_inside(setup.sizes.operator, *where)
+
+
 PLANE = Kind(
     where="the plane",
     data="circular",
@@ -118,7 +123,7 @@ PLANE = Kind(
     default_rule=default_rule,
     tolerance=1e-9,
     fast_integrals=circle_integrals,
-    sizes_inside=lambda sizes: sizes.operator,
+    sizes_inside=_inside_in_plane,
     measure=lambda radii: 2 * jnp.pi * radii,
 )
 
@@ -140,7 +145,7 @@ SPACE = Kind(
     default_rule=lambda sizes: Tikhonov(DEFAULT_ALPHA_IN_SPACE),
     tolerance=1e-7,
     fast_integrals=sphere_integrals,
-    sizes_inside=lambda sizes: sizes.inside,
+    sizes_inside=lambda setup: setup.sizes.inside,
     measure=lambda radii: 4 * jnp.pi * radii**2,
 )
 

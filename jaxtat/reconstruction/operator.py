@@ -186,7 +186,7 @@ def operator_on(
 ) -> ForwardOperator:
     """A from a coarser grid over the same square or box, to what was recorded.
 
-    In space of volumes that are zero outside the region, which need fewer waves than the box.
+    Of images that are zero outside the region, which need fewer waves than all of the grid.
 
     Args:
         setup: detectors and radii.
@@ -197,7 +197,7 @@ def operator_on(
         responses: of elements in space, see `forward.response_factors`, to a record with sines.
         dtype: as in `forward_operator`.
     """
-    sizes = setup.kind.sizes_inside(setup.sizes)
+    sizes = setup.kind.sizes_inside(setup)
     # by numbers of nodes alone, which are static
     steps = zip(grid.shape, setup.grid.shape, strict=True)
     share = min((coarse - 1) / (fine - 1) for coarse, fine in steps)

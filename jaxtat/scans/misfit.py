@@ -36,7 +36,7 @@ from ..fitting.data_fit import DataFit
 from ..fitting.fit import begun
 from ..fitting.weight import balanced_weight
 from ..forward import CircleIntegrals, CircleSizes, circle_integrals
-from ..forward.circular_sizes import circle_sizes
+from ..forward.circular_sizes import circle_sizes, sizes_inside
 from ..geometry import Body, DetectorCurve, ImageGrid, disk
 from ..reconstruction import ForwardOperator
 from ..reconstruction.laddered import longer_curve
@@ -240,6 +240,7 @@ def place_of(
     grid = ImageGrid(pixels, sound.reach, sound.center)
     curve = longer_curve(sound.curve, rung(sound.curve.n_detectors))
     sizes = circle_sizes(curve, grid, medium)
+    sizes = sizes_inside(sizes, curve, grid, disk(sound.reach, center=sound.center), medium)
     longest = float(LONGER * fastest * sound.end)
     sizes = sizes.with_period(longest) if longest > sizes.period else sizes
     return Place(curve, grid, sizes, medium, tolerance)
