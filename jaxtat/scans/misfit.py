@@ -240,7 +240,8 @@ def place_of(
     grid = ImageGrid(pixels, sound.reach, sound.center)
     curve = longer_curve(sound.curve, rung(sound.curve.n_detectors))
     sizes = circle_sizes(curve, grid, medium)
-    sizes = sizes_inside(sizes, curve, grid, disk(sound.reach, center=sound.center), medium)
+    if medium is None:  # of bodies with other centres images may reach farther
+        sizes = sizes_inside(sizes, curve, grid, disk(sound.reach, center=sound.center))
     longest = float(LONGER * fastest * sound.end)
     sizes = sizes.with_period(longest) if longest > sizes.period else sizes
     return Place(curve, grid, sizes, medium, tolerance)
