@@ -12,8 +12,9 @@ carried along, so that each step of conjugate gradients costs one product with B
 transpose. The image is v.
 
 What takes longest is the level inside a body, where a record lacks low frequencies: it moves with
-the weakest of a, c and what the data say of it. a and c are chosen for that, on measured scans. For
-as many products, two between shrinkages come up to twice as near to the minimum as one.
+the weakest of a, c and what the data say of it. a and c are chosen for that, on measured scans and
+simulated ones: fine parts want the larger c. For as many products, two between shrinkages come up
+to twice as near to the minimum as one.
 
 Source: Boyd et al., Found. Trends Mach. Learn. 3 (2011) 1-122, sections 3.4.3 and 5.
 """
@@ -29,7 +30,6 @@ from .level import Level
 from .penalties import Penalty, Ridge
 from .spectrum import preconditioned
 
-HOLD = 5e-3  # c over max m
 OVER = 1.6  # relaxation
 
 
@@ -64,13 +64,15 @@ class Pace(NamedTuple):
     Attributes:
         products: steps of conjugate gradients between shrinkages.
         edge: a = w / (edge max f): smaller differences are shrunk to zero at once.
+        hold: c over max m.
     """
 
     products: int
     edge: float
+    hold: float = 5e-3
 
 
-PACE = Pace(2, 0.03)
+PACE = Pace(2, 0.03, 3.5e-3)
 
 
 def products_of(penalty: Any, pace: Pace = PACE) -> int:
@@ -82,7 +84,7 @@ def _bonds(level: Level, weight: Array, image: Array, pace: Pace) -> Bonds:
     """a and c for an image of that size."""
     size = jnp.maximum(jnp.max(jnp.abs(image)), 5 * level.scale.image)
     least = 1e-9 * level.scale.square  # without a weight
-    return Bonds(weight / (pace.edge * size) + least, HOLD * level.scale.square)
+    return Bonds(weight / (pace.edge * size) + least, pace.hold * level.scale.square)
 
 
 def split(

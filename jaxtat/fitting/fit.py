@@ -46,7 +46,7 @@ from .fit_memory import require_room_to_fit
 from .implicit import Problem, with_derivatives
 from .level import Level, scale_of
 from .penalties import NoPenalty, Penalty, Ridge, is_known
-from .progress import EVERY, Progress, after, before
+from .progress import EVERY, Progress, after, before, wide_share
 from .relative_cg import RelativeCG
 from .spectrum import middle_pixel, spectrum_of
 from .weight import balanced_weight
@@ -64,6 +64,8 @@ class ModelBased(eqx.Module):
         residual: ||W (A f - g)|| / ||W g||.
         remaining: how far the image is from where the iteration goes, relative, see
             `jaxtat.fitting.progress`.
+        wide: share of its last move, of the square, in parts with no more than four periods across
+            the grid: whether levels or edges and details are not settled.
         converged: whether that is below the tolerance.
         history: change of each step, ||f_k+1 - f_k|| / ||f_k+1||, or of two steps where the image
             is taken after two; NaN where there was none, (..., max_steps).
@@ -74,8 +76,21 @@ class ModelBased(eqx.Module):
     steps: Int[Array, "*batch"]
     residual: Float[Array, "*batch"]
     remaining: Float[Array, "*batch"]
+    wide: Float[Array, "*batch"]
     converged: Bool[Array, "*batch"]
     history: Float[Array, "*batch steps"]
+
+    def unsettled(self) -> str:
+        """In words, how and where more steps would change the image; of a stack the worst one."""
+        left, wide = np.ravel(self.remaining), np.ravel(self.wide)
+        worst = int(np.argmax(left))
+        if not np.isfinite(left[worst]):
+            return "too few steps to tell by how much more of them would change it"
+        where = "wide parts, such as the level inside a body"
+        if wide[worst] < 0.5:
+            where = "edges and details, while levels of wide parts are settled"
+        share = 100 * left[worst]
+        return f"more steps would change it by some {share:.0f} %, most of that in {where}"
 
 
 def model_based(
@@ -94,7 +109,7 @@ def model_based(
     element_responses: Numbers | None = None,
     max_frequency: Numbers | None = None,
     initial: Numbers | None = None,
-    tolerance: float = 1e-3,
+    tolerance: float = 2e-3,
     max_steps: int = 500,
     steps: int | None = None,
     unrolled: bool = False,
@@ -444,7 +459,7 @@ def _answer(level: Level, image: Array, state: State, converged: Array) -> Model
     size = jnp.sum(level.data**2)
     left = jnp.sum((level.fit.modelled(image) - level.data) ** 2)
     residual = root(left / jnp.where(size > 0, size, 1.0))
-    way = state.progress
+    way, wide = state.progress, wide_share(state.progress.move)
     return ModelBased(
-        image, state.weight, way.step, residual, way.remaining, converged, way.history
+        image, state.weight, way.step, residual, way.remaining, wide, converged, way.history
     )

@@ -17,7 +17,7 @@ class Constrained(NamedTuple):
         image: (x1, x2).
         how: penalty and constraint, in words.
         comparison: with the direct image, which comes first.
-        converged: whether it was found to the tolerance.
+        unsettled: in words, what more steps would change; nothing if it converged.
         band: pass band of the record in words, if it begins above zero.
         errors: how far the image may be off; None if that was not computed.
     """
@@ -25,7 +25,7 @@ class Constrained(NamedTuple):
     image: Float[Array, "x1 x2"]
     how: str
     comparison: Comparison
-    converged: bool
+    unsettled: str = ""
     band: str = ""
     errors: ImageErrors | None = None
 
@@ -52,7 +52,8 @@ def in_words(constrained: Constrained) -> str:
         )
     else:
         text += "The data favour the direct image: the constraints are too strong, or wrong."
-    return text if constrained.converged else f"{text} The iterations did not converge."
+    left = constrained.unsettled
+    return f"{text} The iterations did not converge: {left}." if left else text
 
 
 def not_in_the_data(constrained: Constrained) -> str:

@@ -123,7 +123,8 @@ def _constrained(
     band = ""
     if choices.band is not None and choices.band[0] > 0:
         band = choices.units.of_band(*choices.band)
-    return Constrained(fit.image, how, both, bool(fit.converged), band)
+    left = "" if bool(fit.converged) else fit.unsettled()
+    return Constrained(fit.image, how, both, left, band)
 
 
 def _noise_alone(

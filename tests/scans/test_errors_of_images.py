@@ -58,7 +58,7 @@ def test_means_are_those_of_a_plane_and_of_the_same_grid():
 
 def test_what_is_not_in_the_record_is_said():
     numbers = tuple(np.float64(x) for x in (0.2, 0.1)), np.float64(0.3), np.float64(0.2)
-    found = Constrained(None, "tv, f >= 0", Comparison(*numbers), True, "0.1 to 4 MHz")
+    found = Constrained(None, "tv, f >= 0", Comparison(*numbers), "", "0.1 to 4 MHz")
     assert "level inside the body is not in the record (band from 0.1 to 4 MHz); edges are" in (
         not_in_the_data(found)
     )
