@@ -149,34 +149,28 @@ def tell_acoustics(record: Acquisition, p: Parameters) -> Parameters:
     """What the record tells of model, speed and start, with a warning of what it contradicts.
 
     Of records of a scanner's size, by the best image of all that may sound within the detectors: of
-    others nothing is estimated. Nor where sound arrives when the positions do not allow it, unless
-    images know a speed all the same.
+    others nothing is estimated. Nor where sound arrives when the positions do not allow it.
     """
     said = early_or_late(record, float(p["sound_speed"]))
+    if said:
+        warnings.warn(f"{said}.", Contradiction, stacklevel=5)
+        return p.doubted(said, OPEN)
     if nominal_water_speed(record.facts.units) is None:
-        return _doubted(p, said) if said else p
+        return p
     arc, whole = free_circle(record.facts, p), record.facts.arc
     speed = single_speed(None if whole is None else whole.radius, p)
     sound = sound_within(
         arc, record.points, record.frame, record.times, record.good, record.begin, speed
     )
     if sound is None:
-        return _doubted(p, said) if said else p.settled("the record is too short to tell it", OPEN)
-    return _told_by_images(sound, record, p, speed, said)
+        return p.settled("the record is too short to tell it", OPEN)
+    return _told_by_images(sound, record, p, speed)
 
 
-def _doubted(p: Parameters, said: str) -> Parameters:
-    warnings.warn(f"{said}.", Contradiction, stacklevel=6)
-    return p.doubted(said, OPEN)
-
-
-def _told_by_images(
-    sound: Sound, record: Acquisition, p: Parameters, nominal: float, said: str
-) -> Parameters:
+def _told_by_images(sound: Sound, record: Acquisition, p: Parameters, nominal: float) -> Parameters:
     """By the best images of the record.
 
     Args:
-        said: what arrival times contradict; "" if nothing.
         nominal: the speed of the file, the one given, or water's; of two the single one that comes
             nearest [length/time].
     """
@@ -184,13 +178,11 @@ def _told_by_images(
     twice = seen >= SEEN_TWICE
     unknown = p.nominal("sound_speed") and twice
     models = list(WHAT) if p.nominal("model") and twice else [str(p["model"])]
+    if p.nominal("model") and not twice:
+        p = _with_model(p, _kept_model(p.estimates["model"], seen))
     late = p.nominal("time_shift")
     told = [_told(sound, model, nominal, sought=unknown, late=late) for model in models]
     best = told[0]
-    if said and not any(each.speed.distinct for each in told):
-        return _doubted(p, said)
-    if p.nominal("model") and not twice:
-        p = _with_model(p, _kept_model(p.estimates["model"], seen))
     if len(told) > 1:
         # each with the weight that goes with it: those of water's speed are too large
         shares = [each.misfit.best(each.speed.value).share for each in told]

@@ -12,6 +12,7 @@ a least-squares problem with an exact solution, and so smooth, where fits of a f
 Its least value over speeds at each of some shifts is looked for, thrice, ever closer.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ from jaxtyping import Float
 
 from ..base.choice_table import GUESSED, LIKELY
 from ..io import Scan
+from .acquisition import FASTEST, SLOWEST, nominal_water_speed
 from .all_speeds import about_center, problem_for_speeds
 from .best_explained import by_band, share_by_speed, with_long_waves
 from .choices import Choices
@@ -125,8 +127,8 @@ def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
         choices: for it, with one speed of sound, near the best for times as they are.
 
     Returns:
-        None where the record is too short to tell, hardly any speed is better than others, or no
-        image explains most of it.
+        None where the record is too short to tell, hardly any speed is better than others, no image
+        explains most of it, or the speed is none of tissue: two speeds look like a start, too.
 
     Raises:
         ValueError: for circular integrals, detectors in space, and a body of another speed.
@@ -139,8 +141,7 @@ def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
         )
     distance = float(np.hypot(*about_center(scan, choices).T).mean())
     known = choices.sound_speed
-    arrival = distance / known
-    earliest = arrival * SHIFTS[0] * sum(step for step, _ in STEPS)
+    earliest = distance / known * SHIFTS[0] * sum(step for step, _ in STEPS)
     heard = known * (float(times[-1]) + earliest)
     n_radii = int(np.count_nonzero(np.asarray(choices.radii) <= heard))
     whole = with_long_waves(scan, replace(choices, n_radii=n_radii))
@@ -148,12 +149,32 @@ def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
     if problem.geometry is None or not problem.setup.complete:
         return None
     share_at = share_by_speed(scan, whole, problem, FREQUENCIES)
-    by_speed = -np.log(share_at(SPEEDS)).mean(axis=0)
-    first = float(SPEEDS[np.argmax(by_speed)]) * known
+    ridge = _highest(share_at, known, distance, earliest)
+    water = nominal_water_speed(choices.units) or known
+    if ridge is None or not SLOWEST * water <= ridge.speed <= FASTEST * water:
+        return None
+    if ridge.depth < DEEP or ridge.left > LEFT:
+        return None
+    error = np.hypot(ridge.across_error, ridge.error * ridge.slope * ridge.speed**2)
+    return Start(ridge.shift, ridge.error, ridge.speed, float(error))
+
+
+def _highest(
+    share_at: Callable[..., np.ndarray], known: float, distance: float, earliest: float
+) -> "_Ridge | None":
+    """The highest point, ever closer; None where the record is too short or there is none.
+
+    Args:
+        share_at: of `share_by_speed`.
+        known: speed of which speeds are shares [length/time].
+        distance: of the detectors from the middle [length].
+        earliest: shift for which there are radii [time].
+    """
+    first = float(SPEEDS[np.argmax(-np.log(share_at(SPEEDS)).mean(axis=0))]) * known
     ridge: _Ridge | None = _Ridge(0.0, first, 1 / distance, np.inf, np.inf, 0.0, 1.0)
     for step, step_across in STEPS:
         for _ in range(MOVES):
-            shifts = ridge.shift + step * arrival * SHIFTS
+            shifts = ridge.shift + step * distance / known * SHIFTS
             if shifts[0] < earliest:
                 return None
             line = 1 / (1 / ridge.speed + ridge.slope * (shifts - ridge.shift))
@@ -165,10 +186,7 @@ def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
                 break
         if ridge is None or not ridge.inside:
             return None
-    if ridge.depth < DEEP or ridge.left > LEFT:
-        return None
-    error = np.hypot(ridge.across_error, ridge.error * ridge.slope * ridge.speed**2)
-    return Start(ridge.shift, ridge.error, ridge.speed, float(error))
+    return ridge
 
 
 class _Ridge(NamedTuple):
