@@ -4,9 +4,10 @@ A process of its own for each row of ``command``, ``jaxtat reconstruct`` of 256 
 new machine and where another scan of the scanner has filled the folder of programs; the speed of
 sound is in the file, or estimated. Of ``scan`` all rows are of one process, which reconstructs 100
 scans of one scanner directly: the time is that of the first, third and last of them, programs and
-maps are all there are by then.
+maps are all there are by then. ``patato`` is PATATO's back-projection of such a scan, all told.
 """
 
+import json
 import re
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import pytest
 import sessions
 
 SCANS = 100
+PATATO = Path(__file__).with_name("patato_images.py")
 
 
 @pytest.fixture
@@ -58,3 +60,16 @@ def bench_scan(report, rows, number):
     _, maps, memory, seconds = rows[number - 1]
     made = int(rows[:number, 0].sum())
     report(lambda: None, median_s=seconds, peak_mb=memory, programs=made, maps=int(maps))
+
+
+@pytest.fixture(scope="module")
+def of_patato(tmp_path_factory):
+    pytest.importorskip("patato")
+    path = sessions.write(tmp_path_factory.mktemp("patato") / "scan.npz", sessions.counts())
+    words = [sys.executable, "-W", "ignore", str(PATATO), str(path), "433", "0.011"]
+    return json.loads(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
+
+
+@pytest.mark.parametrize("which", ["first", "next"])
+def bench_patato(report, of_patato, which):
+    report(lambda: None, median_s=of_patato[which], n=433)
