@@ -1,7 +1,8 @@
 """How precisely a function computes, whatever the program around it has set for JAX."""
 
 from collections.abc import Callable
-from functools import wraps
+from contextlib import AbstractContextManager
+from functools import partial, wraps
 from typing import ParamSpec, TypeVar
 
 import jax
@@ -19,12 +20,7 @@ def in_double(function: Callable[P, T]) -> Callable[P, T]:
     ('float64', 'float32')
     """
 
-    @wraps(function)
-    def inner(*args: P.args, **options: P.kwargs) -> T:
-        with jax.enable_x64(True):
-            return function(*args, **options)
-
-    return inner
+    return _within(partial(jax.enable_x64, True), function)
 
 
 def in_full(function: Callable[P, T]) -> Callable[P, T]:
@@ -38,9 +34,15 @@ def in_full(function: Callable[P, T]) -> Callable[P, T]:
     True
     """
 
+    return _within(partial(jax.default_matmul_precision, "highest"), function)
+
+
+def _within(
+    context: Callable[[], AbstractContextManager], function: Callable[P, T]
+) -> Callable[P, T]:
     @wraps(function)
     def inner(*args: P.args, **options: P.kwargs) -> T:
-        with jax.default_matmul_precision("highest"):
+        with context():
             return function(*args, **options)
 
     return inner

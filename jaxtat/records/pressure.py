@@ -309,6 +309,10 @@ def without_mute(record: Num[np.ndarray, "*batch times"]) -> Num[np.ndarray, "*b
     >>> bool(np.allclose(without_mute(muted), record))
     True
     """
+    # live images come here with every frame, and most are told by their first samples
+    begun = np.any(record[..., 1:_FEWEST_MUTED] != record[..., :1], axis=-1)
+    if np.mean(begun) > 0.5:
+        return record
     ends = np.argmax(record != record[..., :1], axis=-1)
     ends = ends[ends > 0]  # rows of one value throughout tell nothing
     n = int(np.median(ends)) if ends.size else 0

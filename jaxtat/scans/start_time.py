@@ -124,7 +124,7 @@ def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
 
     Args:
         scan: of pressure in the plane; its typical frame is taken.
-        choices: for it, with one speed of sound, near the best for times as they are.
+        choices: for it, with one speed of sound, at most a sixth off for times as they are.
 
     Returns:
         None where the record is too short to tell, hardly any speed is better than others, no image
