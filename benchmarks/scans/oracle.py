@@ -1,9 +1,9 @@
 """The best picture of a scan that jaxtat can make, the truth being known; and errors.
 
-Speed of sound, region and model are the true ones. Of the formula's pictures and the fitted ones
-that of least error is taken: alpha, low pass and highest frequency of the former, weight and
+Speed of sound, start, region and model are the true ones. Of the formula's pictures and the fitted
+ones that of least error is taken: alpha, low pass and highest frequency of the former, weight and
 highest frequency of the latter. One is varied after the other, and not all combinations are tried.
-Volumes are made by the formula alone: a fit takes minutes.
+Of fitted volumes there is one, by the weight that jaxtat chooses: a fit takes minutes.
 """
 
 from collections.abc import Iterable
@@ -15,7 +15,7 @@ from cases import Case
 from scipy.ndimage import map_coordinates
 
 from jaxtat.io import Scan
-from jaxtat.scans import Choices, ScanImages, choose, reconstruct, setup_of
+from jaxtat.scans import Choices, ScanImages, choose, reconstruct, setup_of, with_best_method
 from jaxtat.scans.constrained import fitted
 
 ALPHAS = (1e-6, 1e-4, 1e-3, 1e-2, 1e-1)
@@ -75,13 +75,18 @@ class Best:
 def best(scan: Scan, case: Case, body: Body, where: Window) -> Best:
     """The picture of least error."""
     given = _known(case, body)
-    speeds = sorted({case.water + share * (case.speed - case.water) for share in SHARES})
+    # those that fit the positions in the file
+    speeds = sorted(
+        {case.stretch * (case.water + share * (case.speed - case.water)) for share in SHARES}
+    )
     at_speed = [choose(scan, sound_speed=speed, **given) for speed in speeds]
     trial = _Trial(scan, where)
     ends: list[tuple[float, Choices]] = []
     if not at_speed[0].model_based:  # there is a formula
         ends.append(_direct(trial, at_speed))
-    if case.model != "in-space":
+    if case.model == "in-space":
+        ends.append((np.nan, with_best_method(scan, at_speed[-1])))
+    else:
         ends.append(_fitted(trial, at_speed))
     # with all pixels the order may be another
     found = [where.seen(reconstruct(scan, choices)) for _, choices in ends]
@@ -151,6 +156,7 @@ def _known(case: Case, body: Body) -> dict:
         return {"region_radius": TO_SPARE * body.reach}
     return {
         "model": case.model,
+        "time_shift": case.start,
         "region_center": (0.0, 0.0),
         "region_radius": min(TO_SPARE * body.reach, 0.9 * 38e-3),
     }

@@ -232,7 +232,7 @@ def worst(rows: list[dict], n: int = 5) -> list[str]:
 
 
 def draw(names: list[str], folder: Path, path: Path, columns: int = 6) -> None:
-    """Truth, with no option, oracle, for each of the scans."""
+    """Truth, with no option, and oracle where it was asked, for each of the scans."""
     import jax
 
     jax.config.update("jax_enable_x64", True)
@@ -247,6 +247,8 @@ def draw(names: list[str], folder: Path, path: Path, columns: int = 6) -> None:
             low, high = pictures["corners"]
             half_width, center = float(high[0] - low[0]) / 2, (low + high) / 2
             for kind, title in (("truth", name), ("chosen", "no option"), ("oracle", "oracle")):
+                if kind == "oracle" and kind not in pictures:
+                    continue
                 image = pictures[kind] if kind in pictures else 0 * pictures["truth"]
                 image = image if image.ndim == 2 else image[..., image.shape[2] // 2]
                 grid = ImageGrid(len(image), half_width=half_width, center=center)

@@ -90,6 +90,8 @@ class ModelBased(eqx.Module):
         if wide[worst] < 0.5:
             where = "edges and details, while levels of wide parts are settled"
         share = 100 * left[worst]
+        if share < 0.5:
+            return "more steps would change it by less than 0.5 %"
         return f"more steps would change it by some {share:.0f} %, most of that in {where}"
 
 

@@ -13,7 +13,7 @@ from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from ..base.checks import Numbers
 from ..base.units import millimetres
 from ..geometry import ImageGrid
-from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure, text_size
+from .canvas import GRAY, OF_VALUES, gray_levels, label_axes, length_label, new_figure, text_size
 
 MOST_PANELS = 16  # images of a stack that one picture shows
 
@@ -108,7 +108,7 @@ def picture(
     for axes in panels.flat[n:]:
         axes.remove()
     assert shown is not None
-    figure.colorbar(shown, ax=panels.flat[:n].tolist(), shrink=0.9)
+    figure.colorbar(shown, ax=panels.flat[:n].tolist(), shrink=0.9, label=OF_VALUES)
     if n < len(stack):
         figure.suptitle(f"{n} of {len(stack)} images", fontsize=text_size(9))
     return figure

@@ -11,10 +11,17 @@ from ..base.checks import Numbers
 from ..base.units import millimetres
 from ..geometry import ImageGrid, VolumeGrid
 from ..geometry.caps import Detectors
-from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure, text_size
+from .canvas import (
+    GRAY,
+    OF_VALUES,
+    gray_levels,
+    label_axes,
+    length_label,
+    new_figure,
+    text_size,
+)
 from .images import show_image
 
-OF_VALUES = "initial pressure [arb. unit]"
 MOST_ROWS = 4  # frames of a stack that one picture shows
 _NAMES = ("$x_1$", "$x_2$", "$x_3$")
 

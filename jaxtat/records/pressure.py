@@ -13,6 +13,7 @@ with all derivatives with respect to radii and sound speed.
 """
 
 from functools import partial
+from numbers import Real
 from typing import Any
 
 import jax
@@ -86,8 +87,8 @@ def pressure_to_circular_integrals(
     require_positive("radii", radii)
     if model not in MODELS:
         raise ValueError(f"model is {model!r}, expected '2d' or 'in-plane'.")
-    if not max_frequency > 0:
-        raise ValueError(f"max_frequency is {max_frequency}, expected a value above zero.")
+    if not (isinstance(max_frequency, Real) and max_frequency > 0):
+        raise ValueError(f"max_frequency is {max_frequency!r}, expected a number above zero.")
     _require_record(times, radii, sound_speed)
     n_waves = samples_from_zero(times)
     if np.isfinite(max_frequency):
