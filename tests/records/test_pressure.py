@@ -186,7 +186,7 @@ def test_equal_samples_share_the_derivative_of_a_median():
         ({"sound_speed": 1e-3}, "check the units"),
         ({"model": "3d"}, "expected '2d' or 'in-plane'"),
         ({"max_frequency": 0.0}, "max_frequency is 0"),
-        ({"max_frequency": "high"}, "max_frequency is 'high', expected a number"),
+        ({"max_frequency": np.nan}, "max_frequency is nan, expected a number"),
     ],
 )
 def test_bad_records_are_refused(change, message):
