@@ -1,9 +1,13 @@
 """The picture of docs/how-to/two-speeds.md: one body, 270 degrees, 1 % noise, and what is wrong.
 
-python benchmarks/two_speeds/picture.py folder docs/two_speeds.png
+    python benchmarks/two_speeds/picture.py [folder]
+
+draws docs/two_speeds.png; the record of the full circle is kept in the folder, if there is one.
 """
 
 import sys
+import tempfile
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,6 +16,7 @@ import run
 from jaxtat import DiskBody, Setup, detector_curve, solve
 from jaxtat.records import pressure_to_circular_integrals
 
+PICTURE = Path(__file__).parents[2] / "docs" / "two_speeds.png"
 SPEED, OPENING, NOISE, ALPHA = 1.04, 270, 0.01, 1e-3
 
 
@@ -36,7 +41,7 @@ def images(folder):
     }
 
 
-def main(folder, path):
+def main(folder):
     figure, axes = plt.subplots(2, 4, figsize=(10, 5.4), layout="constrained")
     found = images(folder)
     for (above, below), (name, image) in zip(axes.T, found.items(), strict=True):
@@ -49,8 +54,12 @@ def main(folder, path):
         if name != "truth":
             below.imshow(wrong, origin="lower", cmap="RdBu_r", vmin=-0.3, vmax=0.3)
             below.set_title(f"minus truth: {run.error(image):.3f}", fontsize=10)
-    figure.savefig(path, dpi=110)
+    figure.savefig(PICTURE, dpi=110)
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    if len(sys.argv) > 1:
+        main(sys.argv[1])
+    else:
+        with tempfile.TemporaryDirectory() as made:
+            main(made)
