@@ -1,11 +1,11 @@
 """Curves that are no arc, regions that are no disk: error on smooth bells, noise, and time.
 
 At 129 x 129 pixels and 500 detectors, by `solve`. ``clean`` is the largest error with
-kappa = 0.01 on exact data. With noise the relative L2 errors of `NoiseLevel`, which is told its
-standard deviation, and of the default for noise of which nothing is known, stand beside that of the
-best of fixed rules, chosen for each case and noise by its own error.
+kappa = 0.01 on exact data. With noise these are the relative L2 errors of `NoiseLevel`, which is
+told its standard deviation, and of the default for noise of which nothing is known.
 
-Run as a script, with the names of cases or none for all, it prints the tables of docs/accuracy.md.
+Run as a script, with the names of cases or none for all, it prints the tables of docs/accuracy.md,
+where the best of eleven fixed rules, chosen for each case by its own error, stands beside.
 """
 
 import sys
@@ -117,19 +117,17 @@ def bench_clean(measure, benchmark, name):
 
 @pytest.mark.parametrize("name", list(CASES))
 def bench_noise(measure, benchmark, name):
-    """The default against the best fixed rule; regions that poke out are flagged, and bounded."""
+    """The default beside known noise; regions that poke out are flagged, and bounded."""
     case = trial(name)
     assert case.flagged == (name in POKING)
     misfit = measure(lambda: case.misfit(DEFAULT), n=N, images=3, rounds=1)
     default = case.relative(misfit[1:])
-    best = np.min([case.relative(case.misfit(rule)[1:]) for rule in FIXED.values()], axis=0)
     known = case.with_known_noise()
-    assert (known <= 1.15 * best).all()
+    assert (known < default).all()
     benchmark.extra_info.update(
         noise=NOISE,
         known=known.tolist(),
         default=default.tolist(),
-        best=best.tolist(),
         largest_error=float(np.abs(misfit[0]).max()),
     )
 
