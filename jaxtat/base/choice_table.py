@@ -7,6 +7,7 @@ here, a field of `scans.Choices`, and what decides it in `scans`.
 import math
 from collections.abc import Callable, Mapping
 from decimal import Decimal
+from numbers import Real
 from typing import Any, NamedTuple
 
 from .option_values import INVERSIONS, LOW_PASSES, MODELS, PENALTIES
@@ -429,5 +430,7 @@ def _word(value: Any) -> str:
 
 def require_pixels(pixels: Any, name: str = "pixels") -> None:
     """Raise ValueError for fewer than 4 pixels, or a number that is not whole; None is fine."""
-    if pixels is not None and (pixels != int(pixels) or pixels < 4):
-        raise ValueError(f"{name} is {pixels}, expected a whole number of at least 4.")
+    if pixels is None:
+        return
+    if not isinstance(pixels, Real) or pixels != pixels // 1 or pixels < 4:
+        raise ValueError(f"{name} is {pixels!r}, expected a whole number of at least 4.")

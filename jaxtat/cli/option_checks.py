@@ -92,7 +92,8 @@ def _require_of_folder(options: argparse.Namespace) -> None:
     out = Path(options.out)
     if out.is_file() or (not out.exists() and out.name.endswith(IMAGE_SUFFIXES)):
         raise ValueError(
-            f"cannot write {out}: {options.file} is a folder, whose images go into a folder."
+            f"{options.file} is a folder, whose images go into a folder, and {out} is none: "
+            "expected --out FOLDER, or the file of one scan."
         )
     if not out.resolve().parent.is_dir():
         raise ValueError(f"cannot write {out}: there is no folder {out.resolve().parent}.")

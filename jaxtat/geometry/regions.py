@@ -205,13 +205,20 @@ def require_outside(curve: DetectorCurve, region: Region) -> None:
         return
     inside = np.asarray(region.level(curve.points)) <= 1e-6 * float(region.reach)
     if inside.any():
-        first = int(np.argmax(inside))
+        first, reach = int(np.argmax(inside)), float(region.reach)
+        where = _in_words(curve.points[first], reach), _in_words(region.center, reach)
         raise ValueError(
             f"{int(inside.sum())} of {inside.size} detectors lie inside or on the region of "
-            f"interest, the first is number {first} at {np.asarray(curve.points[first])}; the "
-            f"region reaches {float(region.reach):.6g} from {np.asarray(region.center)}. Shrink "
-            "or move the region, and check that both use the same unit of length."
+            f"interest, the first is number {first} at {where[0]}; the region reaches {reach:.6g} "
+            f"from {where[1]}. Shrink or move the region, and check that both use the same unit of "
+            "length."
         )
+
+
+def _in_words(point: Any, reach: float) -> str:
+    """A point, without what is rounding beside the region's reach."""
+    values = np.where(np.abs(point) < 1e-9 * reach, 0.0, point)
+    return f"({', '.join(f'{x:.6g}' for x in values)})"
 
 
 def _chord_share(cut: Array, radius: Array, n_boundary: int) -> int:

@@ -141,8 +141,9 @@ def _known(scan: Scan, name: str, value: Any) -> np.ndarray:
     array.flags.writeable = False
     require_real(name, array.dtype)
     said = "any" if wanted is None else f"({', '.join(wanted)})"
+    have, hold = ("has", "holds") if wanted == () else ("have", "hold")
     if array.size == 0 or (wanted is not None and array.ndim != len(wanted)):
-        raise ValueError(f"{name} have shape {array.shape}, expected {said}.")
+        raise ValueError(f"{name} {have} shape {array.shape}, expected {said}.")
     for size, axis in zip(array.shape, wanted or (), strict=wanted is not None):
         if axis in sizes and size != sizes[axis]:
             raise ValueError(
@@ -152,7 +153,7 @@ def _known(scan: Scan, name: str, value: Any) -> np.ndarray:
         if axis[0].isdigit() and str(size) not in axis.split(" or "):
             raise ValueError(f"{name} have shape {array.shape}, expected {said}.")
     if not np.isfinite(array).all():
-        raise ValueError(f"{name} hold NaN or infinite values, expected finite ones.")
+        raise ValueError(f"{name} {hold} NaN or infinite values, expected finite ones.")
     if (
         name in ("sampling_rate", "sound_speed", "wavelengths", "laser_energy", *OF_ELEMENTS)
         and not (array > 0).all()

@@ -1,11 +1,12 @@
 """From what a file holds to a scan."""
 
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..base.checks import whole_number
+from ..base.checks import named, whole_number
 from ..base.messages import name_of, require_file
 from .file_contents import FileContents
 from .frames import LazyFrames, in_native_order
@@ -49,6 +50,8 @@ def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MA
         ValueError: for a file that is damaged, of another format, without data, or that would take
             more memory; the reason is named.
     """
+    if not isinstance(path, str | PathLike):
+        raise ValueError(f"path is {named(path)}, expected the name of a file.")
     path = Path(path)
     allowance = Allowance(whole_number("max_bytes", max_bytes, 1))
     if kind is not None:

@@ -261,7 +261,8 @@ def _warn_of_residuals(report: DensityReport) -> None:
     if failed > 0.1:
         warnings.warn(
             f"{100 * failed:.0f} % of the plane waves are off by more than 30 % on the region's "
-            "boundary: use more detectors, a larger K, a lower max_frequency or a smaller region.",
+            "boundary: use more detectors, less regularization (a larger K or rank, a smaller "
+            "alpha), a lower max_frequency or a smaller region.",
             UnreachedWaves,
             stacklevel=3,
         )

@@ -241,7 +241,12 @@ def _kept_model(model: Estimate, seen: float) -> Estimate:
 def _with_model(p: Parameters, model: Estimate) -> Parameters:
     if model.value == "2d":
         why = model.sentence(p.units)
-        warnings.warn(f"{why}; a scanner's record needs model in-plane.", AccuracyWarning, 7)
+        warnings.warn(
+            f"the record is taken for two-dimensional waves: {why}. If its detectors are focused "
+            "into the plane, it needs model in-plane.",
+            AccuracyWarning,
+            7,
+        )
     return p.with_(model=model)
 
 

@@ -34,12 +34,9 @@ def acoustic_model(facts: Facts, frame: Float[np.ndarray, "detectors samples"]) 
     if (known == np.round(known)).all() or offset > OFFSET * np.median(known.std(axis=1)):
         why = "a scanner's size, rate and counts: focused into the plane"
         return Estimate("in-plane", why, LIKELY)
-    model, why = (
-        "2d",
-        "a scanner's size and rate, but neither counts nor an offset, and a slow tail",
-    )
+    model, why = "2d", "a slow tail, and neither the integers nor the offset of a scanner"
     if tail_share(known) < TAIL:
-        model, why = "in-plane", "a scanner's size and rate, and no tail of two-dimensional waves"
+        model, why = "in-plane", "a scanner's size and rate, and no slow tail"
     return Estimate(model, why, GUESSED, Source.NOMINAL)
 
 

@@ -3,12 +3,14 @@
 Measured records of pressure are fitted, with f >= 0 and total variation: they lack low frequencies
 and hold noise, and detectors on an open arc do not see all edges. On 41 simulated scans such images
 have a median error of 0.38 where those of the formula have 0.76 (`docs/automatic_choices.md`).
-Where detectors all around record two-dimensional waves nothing is missing, and the formula is more
-accurate. In space records are fitted too: for detectors off rings the formula takes dense systems
-of all of them at every frequency, which are slower than a fit and see nothing of what is missing.
+Where two-dimensional waves are recorded on a curve that every line through the region meets,
+nothing is missing, and the formula is more accurate. In space records are fitted too: for detectors
+off rings the formula takes dense systems of all of them at every frequency, which are slower than a
+fit and see nothing of what is missing.
 """
 
 from dataclasses import replace
+from typing import Any
 
 from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
 from ..geometry import Region, visibility
@@ -53,6 +55,7 @@ def constraints(record: Acquisition | AcquisitionInSpace, p: Parameters) -> Para
         why = "given" if "model_based" in asked else f"{asked[0]} is given"
         expected = Estimate(True, why)
     _require_no_formula(p, expected)
+    _require_whole_region(p)
     fit = dict(FIT)
     if record.scan.kind != "pressure":  # whose source is nowhere negative
         fit["nonnegative"] = Estimate(False, "not asked for", LIKELY)
@@ -78,20 +81,44 @@ def _require_no_formula(p: Parameters, fitted: Estimate) -> None:
         )
 
 
+def _require_whole_region(p: Parameters) -> None:
+    """Raise ValueError for a fit whose pixels leave out sources: others would take their place."""
+    across, radius = float(p["half_width"]), float(p["region_radius"])
+    if not _covers(across, radius, p["region_size"]):
+        length = p.units.of_length
+        raise ValueError(
+            f"half_width is {length(across)}, but images are fitted with pixels all over the "
+            f"region, of radius {length(radius)}: leave it out, make the region smaller, or take "
+            "the formula (model_based=False, --direct)."
+        )
+
+
+def _covers(half_width: float, radius: float, size: Any) -> bool:
+    """Whether pixels up to ``half_width`` from the middle are all over a disk or rectangle."""
+    return half_width > 0.999 * (radius if size is None else max(size) / 2)
+
+
 def with_best_method(scan: Scan, choices: Choices) -> Choices:
     """Choices with the more accurate method, unless they say which one is wanted.
 
-    A given alpha, low pass or inversion asks for the formula; ``model_based`` says it outright.
+    A given alpha, low pass or inversion asks for the formula, and so do pixels of a part of the
+    region; ``model_based`` says it outright.
 
     Args:
         scan: any.
         choices: of `choose`.
     """
-    decided = {"model_based", *OF_FORMULA} & set(choices.user_set)
-    if scan.kind != "pressure" or choices.model_based or decided:
+    if scan.kind != "pressure" or choices.model_based or "model_based" in choices.user_set:
         return choices
+    asked = [name for name in OF_FORMULA if name in choices.user_set]
+    if asked:
+        return choices.with_reason("model_based", f"{asked[0]} is of the formula", SURE)
+    if not _covers(choices.half_width, choices.region_radius, choices.region_size):
+        why = "pixels show a part of the region, and a fit needs all of it"
+        return choices.with_reason("model_based", why, SURE)
     if choices.model == "2d" and _sees_all(scan, choices):
-        return choices
+        why = "two-dimensional waves, and every line through the region meets the detectors' curve"
+        return choices.with_reason("model_based", why, LIKELY)
     why = "more accurate for measured pressure; --direct for the formula"
     fit = {"model_based": Estimate(True, why, LIKELY), **FIT}
     fitted = replace(choices, **{name: e.value for name, e in fit.items()})

@@ -4,6 +4,7 @@ from typing import Any
 
 from ..base.choice_table import CHOICES, GRADES
 from .choices import Choices
+from .method import OF_FORMULA
 
 CHOICE_OF = {"use": "channels"}  # which an option of another name decides
 LOOKED_AT = (
@@ -59,9 +60,10 @@ def _scaled(value: Any, factor: float) -> Any:
 def to_look_at(choices: Choices, n: int = 3) -> list[str]:
     """Names of the choices to check first: the least certain with the largest effect.
 
-    Given ones are not among them.
+    Given ones are not among them, and of a fit not those of the formula.
     """
     reasons = dict(choices.reasons)
     fixed = {CHOICE_OF.get(name, name) for name in choices.user_set}
+    fixed |= set(OF_FORMULA) if choices.model_based else set()
     open_ones = [name for name in LOOKED_AT if name in reasons and name not in fixed]
     return sorted(open_ones, key=lambda name: -GRADES.index(choices.grade(name)))[:n]

@@ -130,6 +130,10 @@ def compare_regularizations(
     frequency = real_array("frequency", frequency, ())
     for name, value in (("K", bounds), ("alpha", alphas), ("frequency", frequency)):
         require_positive(name, value)
+        if not value.size:
+            raise ValueError(f"{name} is empty, expected one value at least.")
+    if not noise >= 0:
+        raise ValueError(f"noise is {noise}, expected a level of 0 or more.")
     if not is_concrete(setup, frequency):
         raise ValueError("compare_regularizations measures time: nothing of it can be traced.")
     _, angles = polar_grid(region, grid, radii, frequency, n_directions)

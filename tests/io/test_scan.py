@@ -73,7 +73,7 @@ def test_what_a_file_says_cannot_command_a_terminal():
         ((4, 7), "circular_integrals", {"radii": np.arange(6)}, "radii have.*have 7 samples"),
         ((4, 7), "pressure", {"times": np.full(7, np.inf)}, "times hold NaN or infinite"),
         ((4, 7), "pressure", {"sampling_rate": 0.0}, "the sampling rate is 0, expected a value"),
-        ((4, 7), "pressure", {"sampling_rate": [1.0]}, r"sampling_rate have shape \(1,\)"),
+        ((4, 7), "pressure", {"sampling_rate": [1.0]}, r"sampling_rate has shape \(1,\)"),
         ((4, 7), "pressure", {"sound_speed": -1500.0}, "the sound speed is -1500"),
         ((4, 7), "pressure", {"sound_speed": []}, "sound_speed have shape"),
         ((3, 4, 7), "pressure", {"wavelengths": [700, 800]}, "wavelengths.*have 3 frames"),

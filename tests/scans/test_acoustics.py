@@ -157,7 +157,7 @@ def test_the_best_image_tells_the_model(model, monkeypatch):
 
 @pytest.mark.filterwarnings("ignore::jaxtat.geometry.VisibilityWarning")
 def test_from_half_a_circle_the_model_is_a_guess_and_a_note():
-    with pytest.warns(AccuracyWarning, match="images do not tell; .* needs model in-plane"):
+    with pytest.warns(AccuracyWarning, match="images do not tell. If .* needs model in-plane"):
         found = choose(saved(waves(), HALF))
     assert (found.model, found.grade("model")) == ("2d", "guessed")
 

@@ -8,7 +8,7 @@ from made_scans import RATE, SPEED, positions, raw_counts, record, scan, truth
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_settings
 from jaxtat.records import apply_impulse_response
-from jaxtat.scans import choose, reconstruct
+from jaxtat.scans import choose, reconstruct, to_look_at, with_best_method
 
 # one size for most tests: few programs
 SIZES = {"region_radius": 0.011, "pixels": 41, "max_frequency": 3500.0}
@@ -66,6 +66,28 @@ def test_a_penalty_that_is_given_says_how():
     assert not choose(made).model_based and "model_based" not in choose(made).table()
     with pytest.raises(ValueError, match="penalty is 'l1', expected one of tv"):
         choose(made, penalty="l1")
+
+
+def test_pixels_of_a_part_of_the_region_are_not_fitted():
+    """Those that are left out would be explained by the others."""
+    made = scan(record())
+    part = with_best_method(made, choose(made, half_width=0.004, **SIZES))
+    whole = with_best_method(made, choose(made, **SIZES))
+    assert whole.model_based and not part.model_based
+    assert "a fit needs all of it" in dict(part.reasons)["model_based"]
+    beyond = reconstruct(made, choose(made, **SIZES | {"pixels": 111})).image[35:76, 35:76]
+    assert np.abs(reconstruct(made, part).image - beyond).max() < 1e-6 * np.abs(beyond).max()
+    with pytest.raises(ValueError, match=r"half_width is 4 mm, but .* of radius 11 mm: leave it"):
+        choose(made, half_width=0.004, **GIVEN)
+
+
+def test_the_table_says_why_an_image_is_not_fitted():
+    made = scan(record())
+    asked = with_best_method(made, choose(made, alpha=1e-3, **SIZES))
+    assert dict(asked.reasons)["model_based"] == "alpha is of the formula"
+    waves = with_best_method(made, choose(made, model="2d", **SIZES))
+    assert "every line through the region meets" in dict(waves.reasons)["model_based"]
+    assert "alpha" not in to_look_at(with_best_method(made, choose(made, **SIZES)), 10)
 
 
 def test_the_command_stores_and_repeats_it(tmp_path, monkeypatch, capsys):
