@@ -13,6 +13,7 @@ from .diagnosis import (
     plan_of,
     wave_accuracy,
 )
+from .element_positions import ElementPositions, calibrate_positions
 from .expected_errors import expected_error, image_power
 from .image_sharpness import sharpness
 from .noise_law import predict_noise
@@ -25,11 +26,13 @@ __all__ = [
     "DataNoise",
     "DataResidual",
     "Diagnosis",
+    "ElementPositions",
     "NoiseSource",
     "Uncertainty",
     "WaveAccuracy",
     "affordable_pixels",
     "calibrate",
+    "calibrate_positions",
     "compare_regularizations",
     "data_residual",
     "diagnose",
