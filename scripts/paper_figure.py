@@ -20,9 +20,9 @@ ARRAYS = {  # problem: under which name
 }
 TIMED = "vessels-arc270"
 MARKS = {  # peer: marker and colour
-    "jaxtat, direct": ("o", "lightskyblue"),
-    "jaxtat, direct, all frequencies": ("o", "tab:blue"),
-    "jaxtat, model-based": ("o", "navy"),
+    "jaxtat, own choices": ("o", "navy"),
+    "jaxtat, told the same, fitted": ("o", "tab:blue"),
+    "jaxtat, told the same, direct": ("o", "lightskyblue"),
     "PATATO, back-projection": ("s", "lightcoral"),
     "PATATO, FFT": ("s", "tab:red"),
     "PATATO, FFT, fading mended": ("s", "maroon"),
@@ -61,7 +61,7 @@ def main() -> None:
             times.plot(seconds[1:], [error] * len(seconds[1:]), ls="none", **look)
     errors.set_xticks(range(len(ARRAYS)), ARRAYS.values())
     errors.set(xlabel="array of detectors", ylabel="relative L2 error", yscale="log")
-    times.set(xlabel="time for an image, 270° [s]", xscale="log")
+    times.set(xlabel="processor time for an image, 270° [s]", xscale="log")
     ticks = (0.03, 0.1, 0.3, 1)
     errors.set_yticks(ticks, map(str, ticks), minor=False)
     for axes in (errors, times):

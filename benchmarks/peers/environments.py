@@ -7,15 +7,22 @@ import venv
 from dataclasses import dataclass
 from pathlib import Path
 
+from problems import IN_SPACE, NAMES, PLANE, TWO_SPEEDS
+
 
 @dataclass(frozen=True)
 class Peer:
-    """A method: its script, what its environment holds, and the variable that names a clone."""
+    """A method: its script, what its environment holds, and the variable that names a clone.
+
+    Of a ``reason`` it is not run; ``only`` are the problems that it is for.
+    """
 
     title: str
     script: str
     environment: str = ""
     clone: str = ""
+    only: tuple[str, ...] = PLANE
+    reason: str = ""
 
 
 REQUIREMENTS = {
@@ -24,13 +31,15 @@ REQUIREMENTS = {
     # the last version of JAX with which its simulation runs
     "jwave": ["jwave==0.2.1", "jax==0.4.38", "jaxlib==0.4.38", "scipy"],
     "scikit-image": ["scikit-image"],
+    "gapat": ["gapat==1.2.0"],
     "torch-tat": ["numpy", "scipy", "torch"],
     "fast-hankel": ["numpy", "scipy"],
 }
 PEERS = [
-    Peer("jaxtat, direct", "jaxtat_direct"),
-    Peer("jaxtat, direct, all frequencies", "jaxtat_all_frequencies"),
-    Peer("jaxtat, model-based", "jaxtat_model_based"),
+    Peer("jaxtat, own choices", "jaxtat_choices", only=NAMES),
+    Peer("jaxtat, told the same, fitted", "jaxtat_fitted", only=NAMES),
+    Peer("jaxtat, told the same, direct", "jaxtat_direct"),
+    Peer("jaxtat, two speeds", "jaxtat_two_speeds", only=TWO_SPEEDS),
     Peer("PATATO, back-projection", "patato_backprojection", "patato"),
     Peer("PATATO, FFT", "patato_fft", "patato"),
     Peer("PATATO, FFT, fading mended", "patato_fft_mended", "patato"),
@@ -38,6 +47,10 @@ PEERS = [
     Peer("k-Wave, time reversal", "kwave_time_reversal", "kwave"),
     Peer("jwave, time reversal", "jwave_time_reversal", "jwave"),
     Peer("scikit-image, iradon", "skimage_iradon", "scikit-image"),
+    Peer("straight rays, two speeds", "straight_rays", only=TWO_SPEEDS),
+    Peer("GAPAT, delay and sum", "gapat_sum", "gapat", only=IN_SPACE),
+    Peer("GAPAT, back-projection", "gapat_universal", "gapat", only=IN_SPACE),
+    Peer("beamax", "beamax", reason="it is for detectors on a line or a plane"),
     Peer("torch-TAT", "torch_tat", "torch-tat", "TORCH_TAT"),
     Peer("Fast-Hankel solver", "fast_hankel", "fast-hankel", "FAST_HANKEL"),
 ]
@@ -79,8 +92,10 @@ def clone_of(peer: Peer, given: dict[str, str]) -> str | None:
     """Where the peer's repository was cloned.
 
     Raises:
-        Absent: if nobody said, or it is not there.
+        Absent: if nobody said, it is not there, or the peer is not run at all.
     """
+    if peer.reason:
+        raise Absent(peer.reason)
     if not peer.clone:
         return None
     place = given.get(peer.script) or os.environ.get(peer.clone)

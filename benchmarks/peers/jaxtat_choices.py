@@ -1,33 +1,40 @@
-"""jaxtat told the speed of sound and the body's disk: else its own choices, on the pixels asked."""
+"""jaxtat by its own choices: told the record, positions, its rate, and the pixels asked, no more.
 
-from collections.abc import Callable
+The speed of sound, the start, the region, the method and its parameters are its own to find.
+"""
+
 from typing import Any
 
 import jax
 import numpy as np
-from peer import Problem
+from peer import Problem, run
 
-from jaxtat import ImageGrid, Setup
+from jaxtat import __version__
 from jaxtat.io import Scan
-from jaxtat.scans import choose, setup_of
+from jaxtat.scans import choose, reconstruct, with_best_method
 
 jax.config.update("jax_enable_x64", True)
 
 
-def image_of(problem: Problem, make: Callable[..., Any], **given: Any) -> np.ndarray:
-    """What ``make(scan, choices, setup)`` gives, zero outside the region that is seen."""
-    known = {
-        "detectors": problem.detectors,
-        "sampling_rate": problem.sampling_rate,
-        "sound_speed": problem.sound_speed,
-    }
+def image_of(problem: Problem, **given: Any) -> np.ndarray:
+    """What `jaxtat reconstruct` makes with these options, zero outside of its region."""
+    known = {"detectors": problem.detectors, "sampling_rate": problem.sampling_rate}
+    given |= {"pixels": problem.pixels, "half_width": problem.half_width}
+    if not problem.in_space:  # where the middle of the detectors' sphere is that of the volume
+        given["region_center"] = (0.0, 0.0)
     scan = Scan("pressure", problem.record, known)
-    if problem.body is not None:
-        given |= {"region_radius": problem.body, "region_center": (0.0, 0.0)}
-    choices = choose(scan, **given)
-    of_choices = setup_of(scan, choices)
-    grid = ImageGrid((problem.pixels,) * 2, (problem.half_width,) * 2, (0.0, 0.0))
-    where = of_choices.curve, of_choices.region, grid, of_choices.radii
-    setup = Setup(*where, max_frequency=choices.max_frequency)
-    image = np.asarray(make(scan, choices, setup))
-    return np.where(np.asarray(setup.region.contains(grid.points)), image, 0.0)
+    found = reconstruct(scan, with_best_method(scan, choose(scan, **given)))
+    return np.where(np.asarray(found.region.contains(found.grid.points)), found.image, 0.0)
+
+
+def told(**given: Any) -> None:
+    """Run on a problem with its speed of sound, as others are, and with these options."""
+    run(
+        "jaxtat",
+        lambda problem: image_of(problem, sound_speed=problem.sound_speed, **given),
+        version=__version__,
+    )
+
+
+if __name__ == "__main__":
+    run("jaxtat", image_of, version=__version__)

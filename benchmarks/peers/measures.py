@@ -119,7 +119,12 @@ MEASURES = {
 
 
 def measured(image: np.ndarray, truth: np.ndarray, inside: np.ndarray) -> dict[str, float]:
-    """All of them, after calibration, and the relative L2 error before it."""
+    """All of them, after calibration, and the relative L2 error before it.
+
+    Of a volume its slices stand side by side, as one image.
+    """
+    if image.ndim == 3:
+        image, truth, inside = (np.concatenate(list(v.T), axis=1) for v in (image, truth, inside))
     nearest = calibrated(image, truth, inside)
     found = {name: measure(nearest, truth, inside) for name, measure in MEASURES.items()}
     return found | {"relative_l2_as_given": relative_l2(image, truth, inside)}

@@ -3,11 +3,11 @@
     python PEER.py PROBLEM.npz OUT.npz
 
 A problem is a pressure record, from time 0:
-    record (detectors, samples), detectors (detectors, 2) [m], sampling_rate [Hz],
+    record (detectors, samples), detectors (detectors, 2 or 3) [m], sampling_rate [Hz],
     sound_speed [m/s], half_width [m] and pixels: the image is wanted at the nodes of
-    linspace(-half_width, half_width, pixels) along x and y, as image[x, y],
-    and where it is known body [m], the radius of a disk about the origin that holds all sources,
-    and dimension, 3 for sound measured in space, of sources in a plane.
+    linspace(-half_width, half_width, pixels) along x and y, as image[x, y], or z too,
+    and of a body of another speed water_speed, around it, and body, x, y, radius and speed, of
+    which few are told.
 NumPy is all that this file needs: it runs in the environment of every peer.
 """
 
@@ -35,8 +35,13 @@ class Problem:
     sound_speed: float
     half_width: float
     pixels: int
-    body: float | None = None
-    dimension: int = 2
+    water_speed: float | None = None
+    body: np.ndarray | None = None
+
+    @property
+    def in_space(self) -> bool:
+        """Whether a volume is wanted."""
+        return self.detectors.shape[1] == 3
 
     @property
     def axis(self) -> np.ndarray:
@@ -61,8 +66,8 @@ def load(path: str) -> Problem:
             file["detectors"],
             *(float(file[name]) for name in ("sampling_rate", "sound_speed", "half_width")),
             int(file["pixels"]),
-            float(file["body"]) if "body" in file else None,
-            int(file["dimension"]) if "dimension" in file else 2,
+            float(file["water_speed"]) if "water_speed" in file else None,
+            file.get("body"),
         )
 
 
@@ -75,15 +80,16 @@ def run(
 ) -> None:
     """Reconstructs twice, the first time with all that compiles, and writes what it cost.
 
-    Once is enough where nothing compiles.
+    Once is enough where nothing compiles. Seconds are those of processors, of all threads: the
+    clock's depend on what else a machine has to do.
     """
     problem, seconds = load(sys.argv[1]), []
     image = None
     try:
         while not seconds or (compiles and len(seconds) == 1 and seconds[0] < AGAIN):
-            start = time.perf_counter()
+            start = time.process_time()
             image = np.asarray(reconstruct(problem))
-            seconds.append(time.perf_counter() - start)
+            seconds.append(time.process_time() - start)
     except NotForThis as reason:
         np.savez(sys.argv[2], reason=str(reason))
         return

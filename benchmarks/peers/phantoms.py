@@ -43,6 +43,9 @@ LETTERS = [  # T, A, T
     (-3.0, 5.0, 3.0, 5.0, 0.25, 0.5),
     (-3.0, -5.0, 3.0, -5.0, 0.25, 0.5),
 ]
+# bodies about the vessels: x, y of the middle, half axes, millimetres
+BODIES = {"two-speeds-disk": (0.4, -0.3, 8.0, 8.0), "two-speeds-ellipse": (0.4, -0.3, 9.2, 7.6)}
+IN_BODY = 1560.0  # their speed of sound [m/s]
 PHANTOMS = {"disks": DISKS, "vessels": VESSELS, "letters": LETTERS}
 
 

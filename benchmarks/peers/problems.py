@@ -1,15 +1,17 @@
-"""What is reconstructed: three phantoms in five arrays, two records of others, a measured scan."""
+"""What is reconstructed: phantoms in the plane and in space, two records of others."""
 
 import os
 import sys
 from pathlib import Path
 
 import numpy as np
-from arrays import ARRAYS
-from phantoms import PHANTOMS, image
+from arrays import ARRAYS, RADIUS
+from phantoms import BODIES, IN_BODY, MM, PHANTOMS, image
 
-PIXELS, HALF_WIDTH, BODY = 129, 8e-3, 7.2e-3
+PIXELS, HALF_WIDTH, JUDGED = 129, 8e-3, 7.2e-3
 NOISE = 0.01  # standard deviation over the record's largest value
+LATE = 30  # samples, 1 us, by which a record begins before the laser fires
+VOXELS, CUBE, RATE, PARTS = 33, 7e-3, 30e6, 4  # in space; PARTS of a sample, whose mean is recorded
 
 
 def write(folder: Path) -> list[Path]:
@@ -24,9 +26,16 @@ def write(folder: Path) -> list[Path]:
             simulated = folder / f"{phantom}.npz"
             if simulated.is_file():
                 found.append(_save(folder, f"{phantom}-{array}", _cut(simulated, array, rng)))
+    if (simulated := folder / "vessels.npz").is_file():
+        found.append(_save(folder, "late", _cut(simulated, "arc270", rng, LATE)))
+    found += [
+        _save(folder, name, _through(folder / f"{name}.npz", body, rng))
+        for name, body in BODIES.items()
+        if (folder / f"{name}.npz").is_file()
+    ]
     data = Path(os.environ.get("JAXTAT_DATA", ""))
-    for name, make in OTHERS.items():
-        if (path := data / f"{name}.npz").is_file():
+    for name, (file_name, make) in OTHERS.items():
+        if (path := data / f"{file_name}.npz").is_file():
             with np.load(path) as file:
                 found.append(_save(folder, name, make(file)))
         else:
@@ -40,22 +49,45 @@ def _save(folder, name, contents):
     return path
 
 
-def _cut(simulated, array, rng):
+def _cut(simulated, array, rng, late=0):
     """The record of one array, with noise."""
     sizes = [len(points) for points in ARRAYS.values()]
     start = sum(sizes[: list(ARRAYS).index(array)])
-    x = np.linspace(-HALF_WIDTH, HALF_WIDTH, PIXELS)
     with np.load(simulated) as file:
         clean = file["record"][start : start + len(ARRAYS[array])]
         known = {name: file[name] for name in ("sampling_rate", "sound_speed")}
-    return known | {
-        "record": clean + NOISE * np.abs(clean).max() * rng.standard_normal(clean.shape),
+    clean = np.pad(clean, ((0, 0), (late, 0)))[:, : clean.shape[1]]
+    return known | _plane(clean, array, simulated.stem, rng)
+
+
+def _through(simulated, body, rng):
+    """A body of another speed; others are told the speed of sound that comes from its middle."""
+    with np.load(simulated) as file:
+        clean, rate, water = (file[key] for key in ("record", "sampling_rate", "sound_speed"))
+    x, y, *half_axes = MM * np.array(body)
+    radius = np.sqrt(np.prod(half_axes))
+    share = radius / RADIUS
+    return _plane(clean, "arc270", "vessels", rng) | {
+        "sampling_rate": rate,
+        "sound_speed": 1 / (share / IN_BODY + (1 - share) / water),
+        "water_speed": water,
+        "body": (x, y, radius, IN_BODY),
+    }
+
+
+def _noisy(clean, rng):
+    return clean + NOISE * np.abs(clean).max() * rng.standard_normal(clean.shape)
+
+
+def _plane(clean, array, phantom, rng):
+    x = np.linspace(-HALF_WIDTH, HALF_WIDTH, PIXELS)
+    return {
+        "record": _noisy(clean, rng),
         "detectors": ARRAYS[array],
         "half_width": HALF_WIDTH,
         "pixels": PIXELS,
-        "truth": image(simulated.stem, x, x),
-        "inside": _disk(x, BODY),
-        "body": BODY,
+        "truth": image(phantom, x, x),
+        "inside": _disk(x, JUDGED),
     }
 
 
@@ -76,7 +108,6 @@ def _of_unit_circle(file, rows, n, inside):
         "pixels": len(x),
         "truth": file["truth"].T[::2, ::2],
         "inside": _disk(x, 0.97) & inside(x),
-        "body": 0.97,
     }
 
 
@@ -89,24 +120,45 @@ def _full_circle(file):
     return _of_unit_circle(file, np.arange(64), 64, lambda x: np.isfinite(x))
 
 
-def _msot(file):
-    """A cross-section of an animal: no truth. Its plane, a mean of zero in every channel."""
-    raw, geometry = file["raw"].astype(float), file["geometry"]
-    flat = np.ptp(geometry, axis=0).argmin()
-    raw[:, :200] = np.median(raw)  # the laser's own noise, before any sound of the animal
+def _hemisphere(file):
+    """Balls, whose waves in space are known, at the places of a real array's elements.
+
+    Σ v (d - ct) / 2d for |d - ct| < a, of balls of radius a and value v at the distance d.
+    """
+    rng, detectors = np.random.default_rng(7), file["hemisphere_256"]
+    balls = [
+        (rng.uniform(-0.45, 0.45, 3) * CUBE, rng.uniform(0.15, 0.35) * CUBE, rng.uniform(0.5, 1.5))
+        for _ in range(8)
+    ]
+    x = np.linspace(-CUBE, CUBE, VOXELS)
+    parts = (np.arange(PARTS) + 0.5) / PARTS - 0.5
+    near = (x[:, None] + (x[1] - x[0]) * parts).ravel()
+    fine = np.stack(np.meshgrid(near, near, near, indexing="ij"), -1)
+    paths = 1500.0 / RATE * (np.arange(int(RATE * 40e-3 / 1500)) + parts[:, None])
+    clean = truth = 0.0
+    for middle, radius, value in balls:
+        distance = np.linalg.norm(detectors - middle, axis=1)[:, None, None]
+        off = distance - paths
+        clean = clean + np.where(np.abs(off) < radius, value * off / (2 * distance), 0).mean(axis=1)
+        truth = truth + value * (np.linalg.norm(fine - middle, axis=-1) < radius)
     return {
-        "record": raw - np.median(raw, axis=1, keepdims=True),
-        "detectors": np.delete(geometry, flat, axis=1),
-        "sampling_rate": float(file["fs"]),
-        "sound_speed": 1480.0,
-        "half_width": 12.5e-3,
-        "pixels": PIXELS,
-        "dimension": 3,
+        "record": _noisy(clean, rng),
+        "detectors": detectors,
+        "sampling_rate": RATE,
+        "sound_speed": 1500.0,
+        "half_width": CUBE,
+        "pixels": VOXELS,
+        "truth": truth.reshape(*(VOXELS, PARTS) * 3).mean(axis=(1, 3, 5)),
+        "inside": np.hypot(np.hypot(x[:, None, None], x[:, None]), x) < CUBE,
     }
 
 
-OTHERS = {
-    "full_circle_64_detectors": _full_circle,
-    "half_disk_three_quarter_arc": _half_disk,
-    "msot_scan9": _msot,
+OTHERS = {  # problem: file in JAXTAT_DATA, and what is made of it
+    "full_circle_64_detectors": ("full_circle_64_detectors", _full_circle),
+    "half_disk_three_quarter_arc": ("half_disk_three_quarter_arc", _half_disk),
+    "hemisphere": ("arrays_in_space", _hemisphere),
 }
+IN_SPACE, TWO_SPEEDS = ("hemisphere",), tuple(BODIES)
+NAMES = tuple(f"{phantom}-{array}" for phantom in PHANTOMS for array in ARRAYS)
+NAMES = (*NAMES, "late", *TWO_SPEEDS, *OTHERS)
+PLANE = tuple(name for name in NAMES if name not in IN_SPACE)

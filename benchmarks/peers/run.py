@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 import problems
-from arrays import ARRAYS
 from environments import PEERS, Absent, Peer, clone_of, last_line, python_of
 from measures import measured
 
@@ -32,7 +31,8 @@ def main() -> None:
     options = _options()
     folder = options.out.resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    if not all((folder / f"{name}.npz").is_file() for name in problems.PHANTOMS):
+    simulated = *problems.PHANTOMS, *problems.TWO_SPEEDS
+    if not all((folder / f"{name}.npz").is_file() for name in simulated):
         _simulate(folder, options.venvs)
     files = [
         path
@@ -88,6 +88,8 @@ def _rows(
     environment = _environment() | ({peer.clone: clone} if clone else {})
     for path in files:
         name = path.stem.removeprefix("problem-")
+        if name not in peer.only:
+            continue
         out = folder / f"image-{name}-{peer.script}.npz"
         row = _row(peer, python, path, out, environment)
         yield {"peer": peer.title, "problem": name} | row
@@ -143,14 +145,13 @@ def _store(row: dict) -> None:
         "problem" in old for old in earlier if old["peer"] == row["peer"]
     ):
         return
+    titles, names = [peer.title for peer in PEERS], ["", *problems.NAMES]
     kept = [
         old
         for old in earlier
-        if old["peer"] != row["peer"] or ("problem" in old and old["problem"] != row["problem"])
+        if (old["peer"] in titles and old.get("problem", "") in names)
+        and (old["peer"] != row["peer"] or ("problem" in old and old["problem"] != row["problem"]))
     ]
-    titles = [peer.title for peer in PEERS]
-    names = ["", *(f"{phantom}-{array}" for phantom in problems.PHANTOMS for array in ARRAYS)]
-    names += problems.OTHERS
     rows = sorted(
         [*kept, row],
         key=lambda row: (titles.index(row["peer"]), names.index(row.get("problem", ""))),

@@ -22,7 +22,6 @@ def in_space(problem):
     frequencies = np.fft.rfftfreq(n, 1 / problem.sampling_rate)
     highest = problem.sound_speed * (problem.pixels - 1) / (4 * problem.half_width)
     factor = 1 / np.sqrt(1 + (frequencies / highest) ** (2 * STEEPNESS))
-    if problem.dimension == 2:
-        factor = factor * np.sqrt(2j * np.pi * frequencies)
-    spectra = np.fft.rfft(problem.record, n, axis=1) * factor
+    half_derivative = np.sqrt(2j * np.pi * frequencies)
+    spectra = np.fft.rfft(problem.record, n, axis=1) * factor * half_derivative
     return replace(problem, record=np.fft.irfft(spectra, n, axis=1)[:, : n // 2])
