@@ -3,10 +3,11 @@
 Measured records of pressure are fitted, with f >= 0 and total variation: they lack low frequencies
 and hold noise, and detectors on an open arc do not see all edges. On 41 simulated scans such images
 have a median error of 0.38 where those of the formula have 0.76 (`docs/automatic_choices.md`).
-Where two-dimensional waves are recorded on a curve that every line through the region meets,
-nothing is missing, and the formula is more accurate. In space records are fitted too: for detectors
-off rings the formula takes dense systems of all of them at every frequency, which are slower than a
-fit and see nothing of what is missing.
+Where two-dimensional waves of one speed are recorded on a curve that every line through the region
+meets, nothing is missing, and the formula is more accurate; through a body of another speed fits
+are, whose constraints make good what is wrong with the body. In space records are fitted too: for
+detectors off rings the formula takes dense systems of all of them at every frequency, which are
+slower than a fit and see nothing of what is missing.
 """
 
 from dataclasses import replace
@@ -116,7 +117,7 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
     if not _covers(choices.half_width, choices.region_radius, choices.region_size):
         why = "pixels show a part of the region, and a fit needs all of it"
         return choices.with_reason("model_based", why, SURE)
-    if choices.model == "2d" and _sees_all(scan, choices):
+    if choices.model == "2d" and choices.water_speed is None and _sees_all(scan, choices):
         why = "two-dimensional waves, and every line through the region meets the detectors' curve"
         return choices.with_reason("model_based", why, LIKELY)
     why = "more accurate for measured pressure; --direct for the formula"

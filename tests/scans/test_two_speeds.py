@@ -13,7 +13,7 @@ from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, live, phant
 from jaxtat.cli import main
 from jaxtat.io import Scan
 from jaxtat.records import simulate_pressure
-from jaxtat.scans import choose, reconstruct, trials
+from jaxtat.scans import choose, reconstruct, trials, with_best_method
 from jaxtat.viewer import Session
 
 WATER, TISSUE, RADIUS, CENTER = 1480.0, 1600.0, 0.011, (1e-3, -5e-4)
@@ -79,6 +79,13 @@ def test_the_speed_of_the_body_is_tried_and_radii_stay(two_speeds, monkeypatch):
     found = trials(two_speeds, chosen, GIVEN, "sound_speed", [1580.0, 1620.0])
     for one, speed in zip(found, (1580.0, 1620.0), strict=True):
         assert (one.sound_speed, one.water_speed) == (speed, WATER)
+
+
+def test_images_through_a_body_are_fitted_where_one_speed_has_its_formula(two_speeds):
+    chosen = replace(choose(two_speeds, **GIVEN), model="2d")
+    single = replace(chosen, water_speed=None, body_radius=None, body_center=None)
+    assert with_best_method(two_speeds, chosen).model_based
+    assert not with_best_method(two_speeds, single).model_based
 
 
 def test_live_images_go_through_the_body(two_speeds):
