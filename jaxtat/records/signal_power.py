@@ -8,11 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.ndimage import median_filter
 
 PIECES = 100  # of a record, in each of which its power is measured
 FEWEST = 16  # samples of a piece
 LOUD = 4.0  # times the power of the quietest piece, in which the artefact of the laser ends
-STANDS_OUT = 4.0  # times the noise spectrum, up to which a record holds sound
+STANDS_OUT = 3.0  # of the noise spectrum, by which a frequency with sound exceeds it
+TOGETHER = 0.5  # of it, by which neighbouring frequencies with sound exceed it together
+CHANCE = 12.0  # by which both differ by chance at most, for one channel and frequency
+PARTS = 16  # of a spectrum, over each of which its median is taken
 FADED = 0.1  # of the typical total, by which a channel's is too small
 SPREAD = 0.02  # median deviation of totals over the median, up to which they are used
 SURELY = 8.0  # times that, at least
@@ -198,6 +202,9 @@ def highest_frequency(
 ) -> float:
     """Frequency up to which the record's spectrum exceeds that of its quiet part [cycles/time].
 
+    In an image waves of all detectors add up, their noise does not. So what is half as strong as
+    the noise of a detector counts too; with few detectors what cannot be chance.
+
     Args:
         record: all of it but the artefact.
         times: of its samples.
@@ -206,11 +213,14 @@ def highest_frequency(
     step = times[1] - times[0]
     whole = _spectrum(record)
     frequencies = np.linspace(0, 0.5 / step, len(whole))
-    noise = np.zeros(len(whole))
+    signal = whole > FAINT * whole[1:].max()
     if quiet.stop - quiet.start >= 16:
         part = _spectrum(record[:, quiet])
-        noise = np.interp(frequencies, np.linspace(0, 0.5 / step, len(part)), part)
-    signal = whole > np.maximum(STANDS_OUT * noise, FAINT * whole[1:].max())
+        at, chance = np.linspace(0, 0.5 / step, len(part)), CHANCE / np.sqrt(len(record))
+        noise = np.interp(frequencies, at, _median(part))
+        alone = whole > (1 + max(STANDS_OUT, chance)) * noise
+        chance /= np.sqrt(min(_width(part), _width(whole)))
+        signal &= alone | (_median(whole) > (1 + max(TOGETHER, chance)) * noise)
     return (
         float(frequencies[np.flatnonzero(signal)[-1]]) if signal.any() else float(frequencies[-1])
     )
@@ -221,3 +231,13 @@ def _spectrum(record: Float[np.ndarray, "detectors times"]) -> Float[np.ndarray,
     window = np.hanning(record.shape[1] + 2)[1:-1]
     power = np.abs(np.fft.rfft((record - record.mean(axis=1, keepdims=True)) * window)) ** 2
     return np.median(power, axis=0) / np.sum(window**2)
+
+
+def _median(spectrum: Float[np.ndarray, " frequencies"]) -> Float[np.ndarray, " frequencies"]:
+    """Over neighbouring frequencies; of the first and last, whose power is that of a sum, none."""
+    inner = median_filter(spectrum[1:-1], _width(spectrum))
+    return np.pad(inner, 1, mode="edge")
+
+
+def _width(spectrum: Float[np.ndarray, " frequencies"]) -> int:
+    return 1 + 2 * (len(spectrum) // (2 * PARTS))

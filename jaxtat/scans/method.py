@@ -95,8 +95,11 @@ def _require_whole_region(p: Parameters) -> None:
 
 
 def _covers(half_width: float, radius: float, size: Any) -> bool:
-    """Whether pixels up to ``half_width`` from the middle are all over a disk or rectangle."""
-    return half_width > 0.999 * (radius if size is None else max(size) / 2)
+    """Whether pixels up to ``half_width`` from the middle are where sound in a region comes from.
+
+    A tenth of a region is to spare.
+    """
+    return half_width > 0.9 * (radius if size is None else max(size) / 2)
 
 
 def with_best_method(scan: Scan, choices: Choices) -> Choices:

@@ -54,3 +54,16 @@ def test_the_highest_frequency_is_where_the_spectrum_leaves_the_noise(limit):
     record += 0.03 * RNG.standard_normal((60, 2000))
     found = highest_frequency(record, TIMES, slice(0, 550))
     assert np.isclose(found, limit, rtol=0.05)
+
+
+def test_waves_half_as_strong_as_the_noise_count_and_chance_does_not():
+    """Whose power is that of the noise up to a frequency, of many detectors and of few."""
+    noise = RNG.standard_normal((200, 2000))
+    spectrum = np.fft.rfft(RNG.standard_normal((200, 1400)))
+    spectrum[:, np.fft.rfftfreq(1400, 1 / 40e6) > 5e6] = 0.0
+    sound = np.pad(np.fft.irfft(spectrum, 1400), ((0, 0), (600, 0)))
+    sound += 100 * np.pad(np.hanning(400), (1000, 600))  # and what is low, of which there is much
+    assert np.isclose(highest_frequency(sound + noise, TIMES, slice(0, 550)), 5e6, rtol=0.05)
+    for n in (4, 12, 200):
+        low = np.pad(100 * np.hanning(400), (1000, 600)) + noise[:n]
+        assert highest_frequency(low, TIMES, slice(0, 550)) < 1e6, n
