@@ -85,7 +85,7 @@ def _require_no_formula(p: Parameters, fitted: Estimate) -> None:
 def _require_whole_region(p: Parameters) -> None:
     """Raise ValueError for a fit whose pixels leave out sources: others would take their place."""
     across, radius = float(p["half_width"]), float(p["region_radius"])
-    if not _covers(across, radius, p["region_size"]):
+    if not _covers(across, radius, p["region_size"], p.estimates["region_radius"].grade):
         length = p.units.of_length
         raise ValueError(
             f"half_width is {length(across)}, but images are fitted with pixels all over the "
@@ -94,12 +94,12 @@ def _require_whole_region(p: Parameters) -> None:
         )
 
 
-def _covers(half_width: float, radius: float, size: Any) -> bool:
+def _covers(half_width: float, radius: float, size: Any, grade: str) -> bool:
     """Whether pixels up to ``half_width`` from the middle are where sound in a region comes from.
 
-    A tenth of a region is to spare.
+    A tenth of a region is to spare. Pixels that are asked for tell more than a region's guess.
     """
-    return half_width > 0.9 * (radius if size is None else max(size) / 2)
+    return grade == GUESSED or half_width > 0.9 * (radius if size is None else max(size) / 2)
 
 
 def with_best_method(scan: Scan, choices: Choices) -> Choices:
@@ -117,7 +117,8 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
     asked = [name for name in OF_FORMULA if name in choices.user_set]
     if asked:
         return choices.with_reason("model_based", f"{asked[0]} is of the formula", SURE)
-    if not _covers(choices.half_width, choices.region_radius, choices.region_size):
+    wanted = choices.region_radius, choices.region_size, choices.grade("region_radius")
+    if not _covers(choices.half_width, *wanted):
         why = "pixels show a part of the region, and a fit needs all of it"
         return choices.with_reason("model_based", why, SURE)
     if choices.model == "2d" and choices.water_speed is None and _sees_all(scan, choices):

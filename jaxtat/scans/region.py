@@ -141,13 +141,13 @@ def _seen_region(record: Acquisition, p: Parameters) -> Parameters:
     if center is None or radius is None:
         center, radius = _largest_seen(record.facts, center)
     p = p.with_(region_center=Estimate(center, "the middle of the largest disk that is seen"))
-    disk = _covered(record.scan, p, radius, "that disk", _distances(record, p))
-    p = p.with_(region_radius=disk._replace(grade=LIKELY))
+    disk = _covered(record.scan, p, radius, "the largest disk that is seen", _distances(record, p))
+    p = p.with_(region_radius=disk._replace(grade=GUESSED))
     p = p.with_(
         region_cut=Estimate(float(p["region_radius"]), "all of the disk"),
         region_angle=Estimate(0.0, "nothing is cut off"),
     )
-    return _as_wide(p, LIKELY)
+    return _as_wide(p, GUESSED)
 
 
 def _largest_seen(facts: Facts, center: Any) -> tuple[tuple[float, float], float]:
