@@ -97,7 +97,7 @@ def _require_whole_region(p: Parameters) -> None:
 def _covers(half_width: float, radius: float, size: Any, grade: str) -> bool:
     """Whether pixels up to ``half_width`` from the middle are where sound in a region comes from.
 
-    A quarter of a region may be to spare. Pixels that are asked for tell more than a region's guess.
+    A quarter of it may be to spare. Pixels that are asked for tell more than a region's guess.
     """
     return grade == GUESSED or half_width > 0.75 * (radius if size is None else max(size) / 2)
 
