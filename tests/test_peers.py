@@ -281,11 +281,18 @@ def test_what_the_page_says_of_the_tables_is_in_them():
         return min(value for peer, value in errors[problem].items() if "jaxtat" not in peer)
 
     own = "jaxtat, own choices"
-    there = ["vessels-ring", "vessels-arc270", "vessels-ellipse"]
-    there += ["full_circle_64_detectors", "half_disk_three_quarter_arc"]
-    behind = [errors[name][own] / best(name) for name in there]
-    assert min(behind) > 1 and round(max(behind)) == 6
-    assert round(errors["vessels-arc270"]["jaxtat, told the same, fitted"], 3) == 0.098
+    ratio = {name: found[own] / best(name) for name, found in errors.items() if own in found}
+    behind = {name for name in ratio if ratio[name] > 1}
+    ahead = [f"vessels-{array}" for array in ("ring", "arc270", "ellipse", "half")]
+    reaching = {"full_circle_64_detectors", "half_disk_three_quarter_arc"}
+    assert behind == {"vessels-arc125", *reaching}
+    assert round(max(ratio[name] for name in reaching)) == 6
+    within = [ratio[name] for name in ahead]
+    assert min(within) > 0.5 and max(within) < 0.96
+    for name in ("vessels-ring", "vessels-arc270"):
+        fitted, least = errors[name]["jaxtat, told the same, fitted"], min(errors[name].values())
+        assert sum(v < fitted for p, v in errors[name].items() if "jaxtat" not in p) in (2, 3, 4)
+        assert least == errors[name]["jaxtat, told the same, direct"]
     for body in ("two-speeds-disk", "two-speeds-ellipse"):
         found = errors[body]
         two = found["jaxtat, two speeds"]
@@ -293,11 +300,10 @@ def test_what_the_page_says_of_the_tables_is_in_them():
         assert min(single) == found[own] and 2.5 < min(single) / two < 3.2
         assert 3.3 < found["straight rays, two speeds"] / two < 4.4
         assert 55 < cost[body]["jaxtat, two speeds"] < 70
-    assert round(errors["vessels-half"][own] / best("vessels-half"), 2) == 0.74
     assert best("hemisphere") > 3 * errors["hemisphere"][own]
     assert round(errors["late"][own], 2) == 0.34 and round(best("late"), 2) == 0.88
     assert best("vessels-arc125") > 0.3
     times = cost["vessels-arc270"]
     ours = [seconds for peer, seconds in times.items() if "jaxtat" in peer]
-    assert round(min(ours)) == 16 and round(max(ours)) == 18
+    assert round(min(ours)) == 17 and round(max(ours)) == 18
     assert all(seconds < min(ours) for peer, seconds in times.items() if "jaxtat" not in peer)
