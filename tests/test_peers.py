@@ -297,12 +297,13 @@ def test_what_the_page_says_of_the_tables_is_in_them():
         found = errors[body]
         two = found["jaxtat, two speeds"]
         single = [v for p, v in found.items() if "two speeds" not in p]
-        assert min(single) == found[own] and 2.5 < min(single) / two < 3.2
-        assert 3.3 < found["straight rays, two speeds"] / two < 4.4
-        assert 55 < cost[body]["jaxtat, two speeds"] < 70
+        assert min(single) == found[own] and 2.5 <= min(single) / two <= 4
+        assert found["straight rays, two speeds"] > 3 * two
+        assert 80 < cost[body]["jaxtat, two speeds"] < 100
     assert best("hemisphere") > 3 * errors["hemisphere"][own]
     assert round(errors["late"][own], 2) == 0.34 and round(best("late"), 2) == 0.88
     assert best("vessels-arc125") > 0.3
+    assert round(errors["vessels-arc125"]["jaxtat, told the same, fitted"], 2) == 0.18
     times = cost["vessels-arc270"]
     ours = [seconds for peer, seconds in times.items() if "jaxtat" in peer]
     assert round(min(ours)) == 17 and round(max(ours)) == 18
