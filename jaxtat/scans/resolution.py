@@ -65,8 +65,10 @@ def resolution_in_plane(record: Acquisition, p: Parameters) -> Parameters:
         p = expecting(p, support.shortfalls[0])
     of_detectors = float(support.frequency_of_detectors) / SAMPLED
     _warn_of_few_details(p, len(where[0].points), of_detectors)
-    start = int(np.searchsorted(record.times, record.begin))
-    quiet = max(int(np.searchsorted(record.times, first_arrival(record, p))) - start, 0)
+    rounding = 1e-6 * (record.times[1] - record.times[0])  # the same samples in any unit
+    start = int(np.searchsorted(record.times, record.begin - rounding))
+    arrival = int(np.searchsorted(record.times, first_arrival(record, p) - rounding))
+    quiet = max(arrival - start, 0)
     heard, times = record.heard[:, start:], record.times[start:]
     highest = highest_frequency(heard, times, slice(0, quiet))
     in_body = 2 * np.pi / float(p["sound_speed"])
