@@ -432,5 +432,6 @@ def require_pixels(pixels: Any, name: str = "pixels") -> None:
     """Raise ValueError for fewer than 4 pixels, or a number that is not whole; None is fine."""
     if pixels is None:
         return
-    if not isinstance(pixels, Real) or pixels != pixels // 1 or pixels < 4:
+    number = pixels.item() if getattr(pixels, "ndim", None) == 0 else pixels  # as a file has it
+    if not isinstance(number, Real) or number != number // 1 or number < 4:
         raise ValueError(f"{name} is {pixels!r}, expected a whole number of at least 4.")

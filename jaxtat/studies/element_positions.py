@@ -253,7 +253,7 @@ def _step(problem: _Problem, state: _State) -> tuple[_State, _System, _Move]:
 
 
 def _inverse(matrix: Float[Array, "n 3 3"]) -> Float[Array, "n 3 3"]:
-    """Of regular 3 x 3 matrices, by cross products of their rows."""
+    """Of regular 3 x 3 matrices, by cross products: `cholesky_solve` unrolls its blocks."""
     rows = jnp.moveaxis(matrix, 1, 0)
     pairs = jnp.stack([jnp.cross(rows[i - 2], rows[i - 1]) for i in range(3)], axis=-1)
     return pairs / jnp.sum(rows[0] * pairs[..., 0], axis=-1)[:, None, None]
