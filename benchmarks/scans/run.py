@@ -1,7 +1,7 @@
 """Reconstructs all scans with no option, and shows what came of it beside the truth.
 
-    python benchmarks/scans/run.py [--half rules|held-out] [--only NAME] [--quick] [--no-oracle]
-        [--speeds one|two|two-water-given] [--without RULE] [--out FOLDER]
+    python benchmarks/scans/run.py [--half rules|held-out] [--first NUMBER] [--only NAME] [--quick]
+        [--no-oracle] [--speeds one|two|two-water-given] [--without RULE] [--out FOLDER]
 
 The image without options is the fitted one for most records; "direct" is the formula's error.
 Writes scans.csv, scans.md and contact sheets (truth, with no option, oracle) into the folder.
@@ -61,6 +61,7 @@ def main() -> None:
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--half", choices=HALVES)
+    parser.add_argument("--first", type=int, default=0, metavar="NUMBER", help="of the scans")
     parser.add_argument("--only", metavar="NAME", help="scans whose name holds this")
     parser.add_argument("--quick", action="store_true", help="0.3 of all detectors and samples")
     parser.add_argument("--no-oracle", action="store_true", help="but what jaxtat chooses alone")
@@ -74,6 +75,7 @@ def main() -> None:
         case
         for case in cases()
         if options.half in (None, case.half)
+        and case.number >= options.first
         and (options.only or "") in case.name
         and ("k-wave" not in case.dirt or simulated_by_k_wave(case, options.out).exists())
     ]
