@@ -16,7 +16,6 @@ BEGINS, CEASES = 0.02, 0.05  # share of a detector's highest power that counts a
 QUIETEST, QUIET = 0.05, 0.25  # shares of a record, from which noise and its scatter are taken
 ABOVE_NOISE, ABOVE_SCATTER = 2.0, 4.0  # times the quiet power, and times its scatter over that
 CLEARLY = 0.5  # of the highest power, below which the least that counts has to be
-SILENCE, FAINTEST = 1e-10, 1e-4  # where quiet is less than that, the faintest share counts
 NEIGHBOURS, AT_MOST = 60, 8  # detectors over those to each side, with which one is averaged
 # priors of the disk, over the radius on which the detectors lie
 OFF_MIDDLE, DEVIATION, SPEEDS = 0.2, 0.02, 0.03
@@ -56,8 +55,7 @@ Within = Bool[np.ndarray, "detectors pieces"]
 def heard(power: RecordPower, pause: float, within: Within | None = None) -> Heard:
     """Onset and end time at each detector: above its noise, and a share of its highest power.
 
-    Fainter sound from holders, membranes and walls is ignored; in a record without noise all sound
-    counts. Pauses divide the sound into parts, and parts after a pause are echoes: the last time is
+    Fainter sound from holders, membranes and walls is ignored. Pauses divide the sound into parts, and parts after a pause are echoes: the last time is
     the end of the part with the largest total power.
 
     Args:
@@ -95,8 +93,6 @@ def _least(values: np.ndarray, counted: np.ndarray) -> list[Float[np.ndarray, " 
     """
     highest = counted.max(axis=1)
     quietest, quiet = np.quantile(values, [QUIETEST, QUIET], axis=1)
-    if np.median(quiet) < SILENCE * np.median(highest):
-        return [FAINTEST * highest] * 2
     noise = np.maximum(ABOVE_NOISE * quiet, quiet + ABOVE_SCATTER * (quiet - quietest))
     return [np.maximum(noise, quiet + share * highest) for share in (BEGINS, CEASES)]
 

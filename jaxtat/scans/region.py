@@ -18,7 +18,7 @@ from .parameters import Parameters
 from .preprocess import Acquisition, AcquisitionInSpace, known_radii
 
 DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not show it
-SHARES = (0.1, 0.9)  # least and largest region radius over the arc's
+SHARES = (0.1, 0.97)  # least and largest region radius over the arc's
 LONGEST = 100.0  # radii of the arc: no record of a scanner is that long
 MARGIN, SPREAD = 1.1, 2.0  # of the region: times as far as sound comes from, and deviations
 MARGIN_IN_SPACE = 1.4  # sound from the rims of balls is weak
