@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 MILLIMETRES = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3}
 MICROSECONDS = {"s": 1e6, "us": 1.0}
+OF_VALUES = "initial pressure [arb. unit]"  # of images and volumes, beside a colour bar
 ROUNDING = 1e-9  # of a scale: what is less is what rounding left of zero
 
 

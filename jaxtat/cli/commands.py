@@ -202,15 +202,13 @@ def view(options: argparse.Namespace) -> None:
     from ..base.optional_packages import optional
     from ..viewer import PIXELS
     from ..viewer import view as view_scan
-    from .inputs import FACTS, changed
+    from .inputs import FACTS
 
     start = time.perf_counter()
     optional("bokeh", "jaxtat view", "view")
     if wants_plan(options):
         raise ValueError("jaxtat view turns alpha, which a plan does not have: leave out --K.")
-    if options.pixels is None and not options.repeat:
-        options = changed(options, pixels=PIXELS)
-    scan, choices, _, options = prepared(options, start)
+    scan, choices, _, options = prepared(options, start, pixels=PIXELS)
     facts = {name: getattr(options, name, None) for name in FACTS if name != "frames"}
     viewer = view_scan(
         scan, choices, facts=facts, source=options.file, folder=options.folder, port=options.port
@@ -233,14 +231,17 @@ def sample(options: argparse.Namespace) -> None:
     _report(options, f"scan written to {options.out}", start)
 
 
-def prepared(options: argparse.Namespace, start: float, *, fits: bool = False):
+def prepared(
+    options: argparse.Namespace, start: float, *, fits: bool = False, pixels: int | None = None
+):
     """Scan, choices, plan (or None) and options of a command.
 
     With --repeat they are those of an earlier image. ``fits``: images are fitted where that is more
-    accurate.
+    accurate. ``pixels``: of images in the plane, where no option says how many.
     """
     from ..io.plans import load_plan
     from ..scans import choose, integrals, with_best_method
+    from ..scans.acquisition import in_space
     from .inputs import (
         given,
         plan_for,
@@ -259,6 +260,8 @@ def prepared(options: argparse.Namespace, start: float, *, fits: bool = False):
     scan, left = scan_of(options, plan)
     if choices is None:
         options_set = given(left, scan, plan)
+        if options_set["pixels"] is None and not in_space(scan):
+            options_set["pixels"] = pixels
         choices = choose(scan, **options_set)
         require_size(scan, choices)
         if fits and plan is None and not wants_plan(options):

@@ -73,6 +73,8 @@ _EXAMPLES = {
     "view": """
   jaxtat view scan.hdf5
       the image in your browser, with controls for speed of sound, alpha, frame and others
+  jaxtat view cap.h5
+      of detectors around a volume: slices at sliders, maximum projections
 """,
     "sample": """
   jaxtat sample scan.npz
@@ -302,7 +304,8 @@ def _add_view(subparsers) -> None:
         subparsers,
         "view",
         commands.view,
-        "A scan in the browser, with sliders for its parameters, until Ctrl-C.",
+        "A scan in the browser, with sliders for its parameters, or of volumes for slices, until "
+        "Ctrl-C.",
     )
     parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.load_scan)")
     parser.add_argument(

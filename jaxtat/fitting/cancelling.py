@@ -1,8 +1,9 @@
-"""Fits that end early because nobody waits for them any more."""
+"""Fits that end early because nobody waits for them; until then they say how far they are."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from typing import Any
 
 
 class FitCancelled(Exception):
@@ -10,10 +11,13 @@ class FitCancelled(Exception):
 
 
 _ASKED: ContextVar[Callable[[], bool] | None] = ContextVar("_ASKED", default=None)
+_TOLD: ContextVar[Callable[[str], Any] | None] = ContextVar("_TOLD", default=None)
 
 
 @contextmanager
-def cancelled_by(asked: Callable[[], bool]) -> Iterator[None]:
+def cancelled_by(
+    asked: Callable[[], bool], told: Callable[[str], Any] | None = None
+) -> Iterator[None]:
     """Fits of this thread look every few steps whether they are still wanted.
 
     Not an argument of `model_based`, since functions lie between who waits and who fits that know
@@ -21,6 +25,7 @@ def cancelled_by(asked: Callable[[], bool]) -> Iterator[None]:
 
     Args:
         asked: whether the fit is to end; may look at what another thread sets.
+        told: gets a line on how far the fit is, every few steps; by default nothing does.
 
     Raises:
         FitCancelled: from within, once it says so.
@@ -34,11 +39,12 @@ def cancelled_by(asked: Callable[[], bool]) -> Iterator[None]:
     ...     print("not wanted")
     not wanted
     """
-    before = _ASKED.set(asked)
+    before, told_before = _ASKED.set(asked), _TOLD.set(told)
     try:
         yield
     finally:
         _ASKED.reset(before)
+        _TOLD.reset(told_before)
 
 
 def can_be_cancelled() -> bool:
@@ -51,3 +57,10 @@ def require_wanted() -> None:
     asked = _ASKED.get()
     if asked is not None and asked():
         raise FitCancelled
+
+
+def tell(line: str) -> None:
+    """Say to who waits for the fit how far it is."""
+    told = _TOLD.get()
+    if told is not None:
+        told(line)

@@ -38,7 +38,7 @@ from .arguments import (
     require_prox,
     weight_unit,
 )
-from .cancelling import can_be_cancelled, require_wanted
+from .cancelling import can_be_cancelled, require_wanted, tell
 from .coarse_grids import between_nodes, ladder, weight_on
 from .data_fit import DataFit
 from .fista import Momentum
@@ -317,7 +317,9 @@ def _until(
             left = float(state.progress.remaining)
             begun = max(left, 2 * goal) if begun is None else begun
             gone = 100 if left <= goal else np.log(begun / left) / np.log(begun / goal) * 100
-            bar.set_postfix(step=int(state.progress.step), off=f"{left:.1e}")
+            step, off = int(state.progress.step), f"{left:.1e}"
+            bar.set_postfix(step=step, off=off)
+            tell(f"{grid}: step {step}, off by {off}")
             bar.update(max(0, int(gone) - bar.n) if np.isfinite(gone) else 0)
             if not left > goal:
                 break

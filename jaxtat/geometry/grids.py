@@ -155,3 +155,9 @@ class VolumeGrid(Grid):
     def x3(self) -> Float[Array, " x3"]:
         """Third coordinates of the nodes [length]."""
         return self.axis(2)
+
+    def across(self, number: int) -> ImageGrid:
+        """The nodes of a slice perpendicular to one axis, by the two others in their order."""
+        pair = np.array([k for k in range(3) if k != number])
+        shape = self.shape[pair[0]], self.shape[pair[1]]
+        return ImageGrid(shape, self.half_width[pair], self.center[pair])

@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from ..base.checks import Numbers
 
 GRAY, SEQUENTIAL, DIVERGING = "gray", "viridis", "RdBu_r"
-OF_VALUES = "initial pressure [arb. unit]"
 
 
 def new_figure(width: float, height: float) -> Figure:

@@ -11,9 +11,9 @@ from matplotlib.font_manager import FontProperties
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
 from ..base.checks import Numbers
-from ..base.units import millimetres
+from ..base.units import OF_VALUES, millimetres
 from ..geometry import ImageGrid
-from .canvas import GRAY, OF_VALUES, gray_levels, label_axes, length_label, new_figure, text_size
+from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure, text_size
 
 MOST_PANELS = 16  # images of a stack that one picture shows
 

@@ -8,12 +8,11 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure, SubFigure
 
 from ..base.checks import Numbers
-from ..base.units import millimetres
-from ..geometry import ImageGrid, VolumeGrid
+from ..base.units import OF_VALUES, millimetres
+from ..geometry import VolumeGrid
 from ..geometry.caps import Detectors
 from .canvas import (
     GRAY,
-    OF_VALUES,
     gray_levels,
     label_axes,
     length_label,
@@ -82,9 +81,7 @@ def show_projections(
         ValueError: as `show_slices`.
     """
     values, limits = _checked(volume, grid, limits)
-    filled = np.where(np.isnan(values), -np.inf, values)
-    largest = [filled.max(axis=axis) for axis in range(3)]
-    pictures = [np.where(np.isfinite(picture), picture, np.nan) for picture in largest]
+    pictures = [np.fmax.reduce(values, axis=axis) for axis in range(3)]
     labels = [f"largest along {name}" for name in _NAMES]
     _show_three(figure, pictures, labels, grid, limits, cmap, title, unit)
 
@@ -100,11 +97,11 @@ def _show_three(
     unit: str | None,
 ) -> None:
     """Pictures across x_1, x_2 and x_3, with a colour bar beside the last."""
-    half, center = np.asarray(grid.half_width), np.asarray(grid.center)
     for axis, axes in enumerate(np.ravel(figure.subplots(1, 3))):
         i, j = (k for k in range(3) if k != axis)
-        plane = ImageGrid((grid.shape[i], grid.shape[j]), half[[i, j]], center[[i, j]])
-        shown = show_image(axes, pictures[axis], plane, limits=limits, cmap=cmap, unit=unit)
+        shown = show_image(
+            axes, pictures[axis], grid.across(axis), limits=limits, cmap=cmap, unit=unit
+        )
         label_axes(axes, labels[axis], *(length_label(_NAMES[k], unit) for k in (i, j)))
         if axis == 2:
             figure.colorbar(shown, ax=axes, shrink=0.8, label=OF_VALUES)

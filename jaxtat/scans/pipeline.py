@@ -44,7 +44,7 @@ INTEGRALS = region_of_integrals, radii_of_integrals, exact_integrals, body, *MET
 BALL = ball_of_sound, body, resolution_in_space, radii_in_space, noise_in_space, *METHOD
 NO_SOUND = {"model": "none", "sound_speed": 1.0, "time_shift": 0.0, "dead_time": 0.0, "band": None}
 _REGION_IN_PLANE = "region_angle", "region_center", "region_size"
-_NOT_IN_SPACE = "time_shift", *_REGION_IN_PLANE, "model", "body_center"
+NOT_IN_SPACE = "time_shift", *_REGION_IN_PLANE, "model", "body_center"  # options
 
 
 def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
@@ -144,7 +144,7 @@ def _integrals(scan: Scan, facts: Facts, p: Parameters) -> tuple[Acquisition, Pa
 
 def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     """All choices for a scan in space; see `choosing.choose`."""
-    for name in _NOT_IN_SPACE:
+    for name in NOT_IN_SPACE:
         if given.get(name) is not None:
             raise ValueError(
                 f"--{name.replace('_', '-')}: the detectors lie in space, around a ball about "

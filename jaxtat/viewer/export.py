@@ -14,7 +14,10 @@ from ..base.units import ROUNDING
 from ..io.images import save_image
 from ..scans import Choices
 from ..scans.method import OF_FORMULA
-from .session import BACK_PROJECTION, ControlValues, Session
+from ..scans.pipeline import NOT_IN_SPACE
+from .methods import BACK_PROJECTION
+from .session import ControlValues, Session
+from .volume_session import ShownVolume, VolumeSession
 
 
 def keep(
@@ -47,7 +50,7 @@ def keep(
             image[None],
             [number if wavelengths is None else wavelengths[controls.frame]],
         )
-    path = _free(folder, f"{source.stem if source else 'scan'}-{controls.frame}", suffix)
+    path = _free(folder, source, controls.frame, suffix)
     region, grid = session.choices.region, session.choices.grid
     inputs = [source] if source else []
     unit = session.choices.units.length
@@ -55,8 +58,30 @@ def keep(
     return path
 
 
-def _free(folder: Path, name: str, suffix: str) -> Path:
+def keep_volume(
+    session: VolumeSession, shown: ShownVolume, folder: Path, suffix: str, source: Path | None
+) -> Path:
+    """Write a volume to a new file in a folder, as `jaxtat reconstruct` does.
+
+    Args:
+        session, shown: the volume, and whose it is.
+        folder, source: as in `keep`.
+        suffix: ".nii.gz" for other programs; ".h5" keeps all choices, for ``--repeat``.
+
+    Raises:
+        ValueError: where no file can be made.
+    """
+    made, path = shown.made, _free(folder, source, shown.frame, suffix)
+    settings = made.choices.settings() | session.frame_facts(shown.frame)
+    inputs = [source] if source else []
+    about = {"frames": made.frames, "unit": made.unit, "inputs": inputs}
+    save_image(path, made.image, made.grid, made.region, settings, **about)
+    return path
+
+
+def _free(folder: Path, source: Path | None, frame: int, suffix: str) -> Path:
     """The first of the numbered names that no file has yet."""
+    name = f"{source.stem if source else 'scan'}-{frame}"
     paths = (folder / f"{name}-{number}{suffix}" for number in count(1))
     return next(path for path in paths if not path.exists())
 
@@ -79,7 +104,7 @@ def command_line(choices: Choices, facts: Mapping[str, Any], file: str = "FILE")
     for choice in OPTIONS:
         if _is_said(choice.name, choice.group, choices):
             words += words_of(choice.name, _value(choice.name, choices))
-    return shlex.join([*words, "--out", "image.png"])
+    return shlex.join([*words, "--out", "volume.nii.gz" if choices.in_space else "image.png"])
 
 
 def _value(name: str, choices: Choices) -> Any:
@@ -92,6 +117,8 @@ def _value(name: str, choices: Choices) -> Any:
 
 
 def _is_said(name: str, group: str | None, choices: Choices) -> bool:
+    if choices.in_space and name in NOT_IN_SPACE:
+        return False
     if group == RECORD:
         return choices.model != "none"
     if group == CONSTRAINTS or name in OF_FORMULA:

@@ -1,12 +1,15 @@
 """Computations of a page in a thread of their own: only the latest request is computed."""
 
 import sys
+import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import jax
+
+from ..fitting import FitCancelled, cancelled_by
 
 Work = Callable[[], Any]
 Show = Callable[[Any, str], Any]  # of a result, or of an error in words
@@ -65,6 +68,21 @@ class LatestOnlyWorker:
             show(future.result(), "")
         else:
             show(None, said(error))
+
+
+def while_wanted(
+    work: Work, unwanted: threading.Event, told: Callable[[str], Any] | None = None
+) -> Work:
+    """Work that gives None, soon, once its result is unwanted; fits tell how far they are."""
+
+    def work_or_none() -> Any:
+        try:
+            with cancelled_by(unwanted.is_set, told):
+                return None if unwanted.is_set() else work()
+        except FitCancelled:
+            return None
+
+    return work_or_none
 
 
 def _in_double(work: Callable[[], Any]) -> Any:

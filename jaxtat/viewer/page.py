@@ -28,14 +28,15 @@ from bokeh.models import (
 from bokeh.plotting import figure
 
 from ..base.option_values import LOW_PASSES
-from ..fitting import FitCancelled, cancelled_by
 from ..geometry import ImageGrid
 from ..scans import ImageErrors
 from .beside import Beside
 from .export import command_line, keep
-from .latest_only_worker import LatestOnlyWorker
+from .latest_only_worker import LatestOnlyWorker, while_wanted
+from .methods import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED
 from .picture import Picture
-from .session import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED, ControlValues, Session
+from .session import ControlValues, Session
+from .texts import as_code, as_error, as_table, as_title
 from .undoing import Undoing
 from .zoom_controls import ZoomControls, lengths
 
@@ -145,10 +146,7 @@ class ViewerPage:
         self.curve_plot.add_layout(self.at_speed)
 
     def _make_rest(self, name: str) -> None:
-        scan = self._session.scan
-        frames = f"{scan.n_frames} frames of " if scan.n_frames > 1 else ""
-        about = f"{frames}{scan.n_detectors} detectors, {scan.n_samples} samples"
-        self.title = Div(text=f"<b style='font-size:1.3em'>{escape(name)}</b><br>{about}")
+        self.title = Div(text=as_title(name, self._session.about))
         self.errors = Toggle(label="how far it may be off")
         self.keep_picture = Button(label="Keep picture (.png)")
         self.keep_choices = Button(label="Keep all choices (.h5)")
@@ -263,13 +261,6 @@ class ViewerPage:
         unwanted = self._unwanted = threading.Event()
         self.status.text = "computing how far the image may be off ..."
 
-        def work() -> ImageErrors | None:
-            try:
-                with cancelled_by(unwanted.is_set):
-                    return own.errors(controls)
-            except FitCancelled:
-                return None
-
         def show(found: ImageErrors | None, error: str) -> None:
             if unwanted.is_set():
                 return
@@ -283,25 +274,21 @@ class ViewerPage:
                 f"standard deviation {middle:.2g} in the median, values to {most:.2g}"
             )
 
-        self._fits.want(work, show)
+        self._fits.want(while_wanted(lambda: own.errors(controls), unwanted), show)
 
     def _fit(self, session: Session, controls: ControlValues, unwanted: threading.Event) -> None:
         """Ask for the fitted image, while the direct one is shown and can be changed."""
         own = session.copy()
         self.status.text += "; fitting under constraints ..."
 
-        def work() -> _ShownImage | None:
-            try:
-                with cancelled_by(unwanted.is_set):
-                    return self._seen(own, controls)._replace(session=session)
-            except FitCancelled:
-                return None
+        def work() -> _ShownImage:
+            return self._seen(own, controls)._replace(session=session)
 
         def show(seen: Any, error: str) -> None:
             if not unwanted.is_set() and (error or seen is not None):
                 self._show(seen, error)
 
-        self._fits.want(work, show)
+        self._fits.want(while_wanted(work, unwanted), show)
 
     def _seen(self, session: Session, controls: ControlValues) -> "_ShownImage":
         """Compute an image, in the other thread."""
@@ -318,7 +305,7 @@ class ViewerPage:
 
     def _show(self, seen: Any, error: str) -> None:
         if error:
-            self.status.text = f"<span style='color:#c0392b'>{escape(error)}</span>"
+            self.status.text = as_error(error)
             return
         if seen.session is not self._session:  # of the region before
             return
@@ -335,9 +322,9 @@ class ViewerPage:
         if seen is not self._shown:
             return
         self._document.hold("combine")
-        self.command.text = _as_code(seen.command)
+        self.command.text = as_code(seen.command)
         if seen.rows is not None:
-            self.table.text = _as_table(seen.rows)
+            self.table.text = as_table(seen.rows)
         self._document.unhold()
 
     def _take_session(self, session: Session) -> None:
@@ -419,10 +406,7 @@ class ViewerPage:
         for slider in self.looking.sliders:  # a fit is of all of the region
             slider.disabled = controls.method == MODEL_BASED
         self.alpha.title = f"alpha {controls.alpha:.2g}, its power of ten"
-        number = self._session.frame_number(controls.frame)
-        in_file = "" if number == controls.frame else f" ({number} in the file)"
-        of_it = "" if self.wavelengths is None else f" ({self.wavelengths[controls.frame]:g} nm)"
-        self.frame.title = f"frame{in_file}{of_it}"
+        self.frame.title = self._session.frame_title(controls.frame)
 
     def _in_words(self, controls: ControlValues) -> str:
         """What tells one image of a method from another."""
@@ -471,18 +455,3 @@ def _unless_moved(value: float, start: float) -> float:
 
 def _on_change(widget: Any, its: str, do: Callable[[], Any]) -> None:
     widget.on_change(its, lambda attr, old, new: do())
-
-
-def _as_code(command: str) -> str:
-    """A command as HTML, whose lines end between words only."""
-    words = (f"<span style='white-space: nowrap'>{escape(word)}</span>" for word in command.split())
-    return f"<code>{' '.join(words)}</code>"
-
-
-def _as_table(rows: list[tuple[str, str, str, str]]) -> str:
-    lines = "".join(f"<tr>{''.join(map(_cell, line))}</tr>" for line in rows)
-    return f"<b>What was chosen, and why</b><table>{lines}</table>"
-
-
-def _cell(text: str) -> str:
-    return f"<td style='padding: 1px 14px 1px 0'>{escape(text)}</td>"

@@ -1,9 +1,8 @@
-"""The picture of the page: an image with axes, values under the cursor, and its grey levels."""
+"""Pictures of the page: an image with axes, values under the cursor, and its grey levels."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from bokeh.layouts import row
 from bokeh.models import (
     BoxZoomTool,
     ColorBar,
@@ -12,19 +11,27 @@ from bokeh.models import (
     HoverTool,
     LinearColorMapper,
     Range1d,
-    RangeSlider,
-    Select,
     Title,
-    Toggle,
 )
-from bokeh.palettes import Greys256, Inferno256, Viridis256
 from bokeh.plotting import figure
 
 from ..geometry import ImageGrid
+from .grey_levels import GreyLevels
 from .session import Session
 from .zoom_controls import lengths
 
-COLOURS = {"grey": Greys256, "viridis": Viridis256, "inferno": Inferno256}
+
+class ImageFigure(NamedTuple):
+    """A figure of one image, its title, and what Bokeh draws it of."""
+
+    figure: Any
+    title: Title
+    pixels: ColumnDataSource
+    glyph: Any
+
+    def draw(self, image: np.ndarray) -> None:
+        """Show an image (first axis to the right, second upwards)."""
+        self.pixels.data = {"image": [np.ascontiguousarray(image.T, np.float32)]}
 
 
 class Picture:
@@ -38,9 +45,7 @@ class Picture:
         title: above it, what is shown.
         settings: with which it was made, in words.
         image: that is shown, (x1, x2); None before the first.
-        colours: from values to grey levels.
-        levels: slider of the percentiles between which colours are.
-        controls: this slider, and those that go with it.
+        colours, levels, controls: of its `GreyLevels`.
     """
 
     def __init__(self, session: Session):
@@ -48,22 +53,13 @@ class Picture:
         self.settings = ""
         self._grid = session.grid(session.start)
         self._scale, unit = lengths(session)
-        self._pixels = ColumnDataSource({"image": [np.zeros((1, 1), np.float32)]})
-        self.colours = LinearColorMapper(COLOURS["grey"], low=0.0, high=1.0, nan_color="#00000000")
-        self._make_figure(unit)
-        self.levels = RangeSlider(
-            title="darkest and brightest [percentile]",
-            start=0,
-            end=100,
-            value=(0.2, 99.8),
-            step=0.1,
-        )
-        self._hold = Toggle(label="hold levels")
-        self._palette = Select(options=list(COLOURS), value="grey", width=110)
-        self.controls = self.levels, row(self._hold, self._palette)
-        self.levels.on_change("value", lambda attr, old, new: self._take_levels())
-        self._hold.on_change("active", lambda attr, old, new: self._take_levels())
-        self._palette.on_change("value", lambda attr, old, new: self._take_palette())
+        self._grey = GreyLevels()
+        self.colours, self.levels = self._grey.colours, self._grey.levels
+        self.controls = self._grey.controls
+        names = "x₁", "x₂"
+        made = image_figure(540, self._grid, names, self._scale, unit, self.colours)
+        self._made, self.figure, self.title = made, made.figure, made.title
+        self.figure.add_layout(ColorBar(color_mapper=self.colours, width=14), "right")
 
     @property
     def place(self) -> dict[str, Any]:
@@ -78,49 +74,57 @@ class Picture:
         if not all(map(np.array_equal, _numbers(grid), _numbers(self._grid))):
             self._grid = grid
             low, size = _corner_and_size(grid, self._scale)
-            self._glyph.glyph.update(**self.place)
+            self._made.glyph.glyph.update(**self.place)
             self.figure.x_range.update(start=low[0], end=low[0] + size[0])
             self.figure.y_range.update(start=low[1], end=low[1] + size[1])
         self.image, self.title.text, self.settings = image, title, settings
-        self._pixels.data = {"image": [np.ascontiguousarray(image.T, np.float32)]}
-        self._take_levels()
+        self._made.draw(image)
+        self._grey.take(image)
 
-    def _make_figure(self, unit: str) -> None:
-        low, size = _corner_and_size(self._grid, self._scale)
-        self.figure = figure(
-            frame_width=540,
-            frame_height=540,
-            x_range=Range1d(start=low[0], end=low[0] + size[0]),
-            y_range=Range1d(start=low[1], end=low[1] + size[1]),
-            tools="pan,wheel_zoom,reset",
-            active_scroll="wheel_zoom",
-            x_axis_label=f"x₁{unit}",
-            y_axis_label=f"x₂{unit}",
-        )
-        self.figure.toolbar.logo = None
-        self.title = Title(text="", text_font_style="normal")
-        self.figure.add_layout(self.title, "above")
-        self.figure.grid.visible = False
-        self._glyph = self.figure.image(
-            "image",
-            source=self._pixels,
-            color_mapper=self.colours,  # pyright: ignore[reportCallIssue]
-            **self.place,
-        )
-        values = [("x₁, x₂", "$x{0.00}, $y{0.00}" + unit), ("f", "@image{%.4g}")]
-        hover = HoverTool(tooltips=values, formatters={"@image": "printf"}, point_policy="none")
-        zoom = BoxZoomTool(match_aspect=True)
-        self.figure.add_tools(zoom, hover, CrosshairTool(line_alpha=0.3))
-        self.figure.add_layout(ColorBar(color_mapper=self.colours, width=14), "right")
 
-    def _take_levels(self) -> None:
-        if self.image is None or self._hold.active:
-            return
-        low, high = np.nanpercentile(self.image, self.levels.value)
-        self.colours.update(low=float(low), high=float(high) if high > low else float(low) + 1.0)
+def image_figure(
+    size: int,
+    grid: ImageGrid,
+    names: tuple[str, str],
+    scale: float,
+    unit: str,
+    colours: LinearColorMapper,
+) -> ImageFigure:
+    """A figure with axes, and values under the cursor.
 
-    def _take_palette(self) -> None:
-        self.colours.palette = COLOURS[self._palette.value]
+    Args:
+        size: of its sides [pixel].
+        grid: that it shows at first.
+        names: of the coordinates.
+        scale, unit: of `lengths`.
+        colours: from values to grey levels.
+    """
+    low, extent = _corner_and_size(grid, scale)
+    made = figure(
+        frame_width=size,
+        frame_height=size,
+        x_range=Range1d(start=low[0], end=low[0] + extent[0]),
+        y_range=Range1d(start=low[1], end=low[1] + extent[1]),
+        tools="pan,wheel_zoom,reset",
+        active_scroll="wheel_zoom",
+        x_axis_label=f"{names[0]}{unit}",
+        y_axis_label=f"{names[1]}{unit}",
+    )
+    made.toolbar.logo = None
+    title = Title(text="", text_font_style="normal")
+    made.add_layout(title, "above")
+    made.grid.visible = False
+    pixels = ColumnDataSource({"image": [np.zeros((1, 1), np.float32)]})
+    glyph = made.image(
+        "image",
+        source=pixels,
+        color_mapper=colours,  # pyright: ignore[reportCallIssue]
+        **_as_place(low, extent),
+    )
+    values = [(", ".join(names), "$x{0.00}, $y{0.00}" + unit), ("f", "@image{%.4g}")]
+    hover = HoverTool(tooltips=values, formatters={"@image": "printf"}, point_policy="none")
+    made.add_tools(BoxZoomTool(match_aspect=True), hover, CrosshairTool(line_alpha=0.3))
+    return ImageFigure(made, title, pixels, glyph)
 
 
 def _corner_and_size(grid: ImageGrid, scale: float) -> tuple[np.ndarray, np.ndarray]:

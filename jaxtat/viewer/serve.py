@@ -15,7 +15,10 @@ import jax
 from ..base.optional_packages import optional
 from ..io import Scan, load_scan
 from ..scans import Choices, choose
-from .session import DIRECT, PIXELS, Session
+from ..scans.acquisition import in_space
+from .methods import DIRECT
+from .session import PIXELS, Session
+from .volume_session import VolumeSession
 
 HOST = "127.0.0.1"
 # Of pages: what this server gives, and nothing from elsewhere or to elsewhere. Bokeh's programs
@@ -47,7 +50,12 @@ class Viewer:
     """
 
     def __init__(
-        self, session: Session, name: str, source: Path | None, folder: Path, port: int = 0
+        self,
+        session: Session | VolumeSession,
+        name: str,
+        source: Path | None,
+        folder: Path,
+        port: int = 0,
     ):
         optional("bokeh", "the viewer", "view")
         self._what = session, name, source, folder.resolve()
@@ -115,10 +123,14 @@ class Viewer:
     def _fill(self, document: Any, origin: str) -> None:
         """Make the page of another visitor."""
         from .page import ViewerPage
+        from .volume_page import VolumePage
 
         session, name, source, folder = self._what
         document.template = _TEMPLATE.format(policy=_POLICY.format(origin=origin))
-        ViewerPage(document, session.copy(), name, source, folder)
+        if isinstance(session, VolumeSession):
+            VolumePage(document, session, name, source, folder)
+        else:
+            ViewerPage(document, session.copy(), name, source, folder)
 
 
 def view(
@@ -132,12 +144,14 @@ def view(
 ) -> Viewer:
     """A page with the image of a scan and controls: in a notebook, or at `Viewer.address`.
 
+    Of a scan in space the page has slices through the volume.
+
     Its server is in this process, listens on 127.0.0.1 only, and loads nothing from elsewhere.
 
     Args:
-        scan: in the plane, or its file.
-        choices: with which it begins; by default of `scans.choose`, with 257 x 257 pixels and the
-            speed of sound that leaves least unexplained where none is known.
+        scan: in the plane or in space, or its file.
+        choices: with which it begins; by default of `scans.choose`, in the plane with 257 x 257
+            pixels and the speed of sound that leaves least unexplained where none is known.
         facts: what options of the command said of the scan, by their names; for the commands shown.
         source: the scan's file, if the scan is no path.
         folder: where images are kept.
@@ -147,16 +161,27 @@ def view(
         Viewer: `Viewer.close` ends it.
 
     Raises:
-        FileNotFoundError, ValueError: as `load_scan`, `choose` and `live`, and without Bokeh.
+        FileNotFoundError, ValueError: as `load_scan`, `choose`, `live` and `reconstruct`, and
+            without Bokeh.
     """
     optional("bokeh", "the viewer", "view")
     if not isinstance(scan, Scan):
         source, scan = scan, load_scan(scan)
     source = None if source is None else Path(source)
     with jax.enable_x64(True):
-        if choices is None:
-            choices = choose(scan, pixels=PIXELS)
-        session = Session(scan, choices, facts)
-        # compiled before the first page is opened; a fit takes longer, and comes after it
-        session.image(replace(session.start, method=DIRECT))
+        session = _session(scan, choices, facts)
     return Viewer(session, source.name if source else "scan", source, Path(folder), port)
+
+
+def _session(
+    scan: Scan, choices: Choices | None, facts: Mapping[str, Any] | None
+) -> Session | VolumeSession:
+    """Compiled before the first page is opened; a fit takes longer, and comes after it."""
+    if in_space(scan):
+        session = VolumeSession(scan, choose(scan) if choices is None else choices, facts)
+        if session.direct_first:
+            session.volume(DIRECT, 0)
+        return session
+    session = Session(scan, choose(scan, pixels=PIXELS) if choices is None else choices, facts)
+    session.image(replace(session.start, method=DIRECT))
+    return session

@@ -10,21 +10,30 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..base.choice_table import METHOD, OF_CONSTRAINTS, OPTIONS, PLAIN, RECORD, SURE
+from ..base.choice_table import METHOD, OPTIONS, PLAIN, RECORD
 from ..base.units import ROUNDING
 from ..geometry import DiskBody, ImageGrid, fit_circle
 from ..io import Scan
 from ..scans import Choices, ImageErrors, choose, image_errors, integrals, with_best_method
 from ..scans.acoustics import shares_by_speed
-from ..scans.acquisition import FASTEST, SLOWEST, facts_of, frame_numbers, nominal_water_speed
+from ..scans.acquisition import FASTEST, SLOWEST, facts_of, nominal_water_speed
 from ..scans.constrained import fitted
 from ..scans.frames import per_energy
 from ..steps import universal_back_projection
 from ..streams import Live, live
+from .methods import (
+    BACK_PROJECTION,
+    DIRECT,
+    METHODS,
+    MODEL_BASED,
+    as_direct,
+    as_fit,
+    with_reasons,
+)
+from .viewed_scan import ViewedScan
 
 SPEEDS = 25  # of the curve by which one is chosen
 PIXELS = 257  # of images, where nothing else is said
-DIRECT, BACK_PROJECTION, MODEL_BASED = METHODS = "direct", "back-projection", "model-based"
 Shown = tuple[float, tuple[float, float]]  # radius and centre of a disk [length]
 _KEPT = (PLAIN, RECORD, METHOD)  # groups of choices that another region leaves as they are
 
@@ -57,7 +66,7 @@ class ControlValues:
             raise ValueError(f"method is {self.method!r}, expected one of {', '.join(METHODS)}.")
 
 
-class Session:
+class Session(ViewedScan):
     """Images of a scan for any values of the controls; only what a control changes is recomputed.
 
     Args:
@@ -76,11 +85,11 @@ class Session:
 
     def __init__(self, scan: Scan, choices: Choices, facts: Mapping[str, Any] | None = None):
         self._best = with_best_method(scan, choices)
-        choices = _direct(choices)
+        choices = as_direct(choices)
         if choices.inversion != "fourier":
             choices = replace(choices, inversion="fourier")
-            choices = _with_reasons(choices, {"inversion": "the viewer's"})
-        self.scan, self.choices, self.facts = scan, choices, dict(facts or {})
+            choices = with_reasons(choices, {"inversion": "the viewer's"})
+        super().__init__(scan, choices, facts)
         direct = ControlValues(
             choices.sound_speed,
             choices.alpha,
@@ -158,20 +167,7 @@ class Session:
                 "its errors: keep the picture, or choose another method."
             )
         turned = self._choices_by_controls(controls)
-        return self._as_fit(turned) if controls.method == MODEL_BASED else turned
-
-    def _as_fit(self, choices: Choices) -> Choices:
-        """Those of a fit: as they were given, or as such scans are fitted best."""
-        best = self._best
-        if not best.model_based:
-            fit = replace(choices, model_based=True, penalty="tv", nonnegative=True)
-            names = "model_based", "penalty", "nonnegative"
-            return _with_reasons(fit, dict.fromkeys(names, "chosen in the viewer"))
-        fit = replace(choices, **{name: getattr(best, name) for name in OF_CONSTRAINTS})
-        for name, reason in best.reasons:
-            if name in OF_CONSTRAINTS:
-                fit = fit.with_reason(name, reason, best.grade(name))
-        return fit
+        return as_fit(turned, self._best) if controls.method == MODEL_BASED else turned
 
     def speeds(self) -> tuple[float, float]:
         """Least and greatest speed of sound that is offered [length/time]."""
@@ -223,7 +219,7 @@ class Session:
         start = self.choices
         moved = replace(moved, user_set=start.user_set)
         if self._best.model_based:
-            moved = self._as_fit(moved)
+            moved = as_fit(moved, self._best)
         with self._naming_unit():
             return Session(self.scan, moved, self.facts)
 
@@ -247,17 +243,6 @@ class Session:
                 f"{units.of_place(center, radius)}: the nearest detector is "
                 f"{units.of_length(nearest)} from there, expected a smaller radius."
             )
-
-    def frame_number(self, frame: int) -> int:
-        """Number of a frame in its file."""
-        return int(frame_numbers(self.scan)[frame])
-
-    def frame_facts(self, frame: int) -> dict[str, Any]:
-        """Facts by which a command takes this frame alone."""
-        if self.scan.data.ndim == 2:
-            return self.facts
-        number = self.frame_number(frame)
-        return self.facts | {"frames": f"{number}:{number + 1}"}
 
     def _read(self, frame: int) -> np.ndarray:
         if self._frame[0] != frame:
@@ -316,7 +301,7 @@ class Session:
                 first_radius=float(radii[0]),
                 radial_step=float(radii[-1] - radii[0]) / (len(radii) - 1),
             )
-        return _with_reasons(replace(start, alpha=controls.alpha, low_pass=controls.low_pass), said)
+        return with_reasons(replace(start, alpha=controls.alpha, low_pass=controls.low_pass), said)
 
     def _back_projected(self, controls: ControlValues) -> Any:
         choices, setup = (
@@ -340,18 +325,3 @@ def _settings(controls: ControlValues) -> dict[str, Any]:
     """What images are recomputed by, by names of `Live.replace`."""
     speed = controls.sound_speed if controls.water_speed is None else controls.water_speed
     return {"sound_speed": speed, "rule": controls.alpha, "low_pass": controls.low_pass}
-
-
-def _direct(choices: Choices) -> Choices:
-    """The same of the formula, without what only a fit has reasons for."""
-    if not choices.model_based:
-        return choices
-    kept = tuple(pair for pair in choices.reasons if pair[0] not in OF_CONSTRAINTS)
-    return replace(choices, model_based=False, reasons=kept)
-
-
-def _with_reasons(choices: Choices, reasons: Mapping[str, str]) -> Choices:
-    """Choices with these reasons, graded sure: those that the controls decide."""
-    for name, reason in reasons.items():
-        choices = choices.with_reason(name, reason, SURE)
-    return choices

@@ -8,6 +8,7 @@ from bokeh.models import Slider
 
 from ..base.units import millimetres
 from .session import Session, Shown
+from .viewed_scan import ViewedScan
 
 LEAST = 0.1  # of the region's radius, that a disk has
 
@@ -67,7 +68,7 @@ class ZoomControls:
         return radius, (x1 + share * (center[0] - x1), x2 + share * (center[1] - x2))
 
 
-def lengths(session: Session) -> tuple[float, str]:
+def lengths(session: ViewedScan) -> tuple[float, str]:
     """Millimetres of a length of 1, and how the unit is shown."""
     unit = session.choices.units.length
     return millimetres(unit), " [mm]" if unit else ""

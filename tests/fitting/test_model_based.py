@@ -428,8 +428,10 @@ def test_a_fit_that_is_cancelled_ends_soon_and_one_that_is_not_is_the_same(few, 
     assert len(looks) == 3
     options["tolerance"] = 1e-3
     alone = model_based(few, data, **options)
-    with cancelled_by(lambda: False):
+    told = []
+    with cancelled_by(lambda: False, told.append):
         looked = model_based(few, data, **options)
+    assert f": step {int(looked.steps)}, off by " in told[-1]
     assert looked.steps == alone.steps and jnp.array_equal(looked.image, alone.image)
 
 

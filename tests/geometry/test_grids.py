@@ -40,3 +40,10 @@ def test_images_of_no_finer_grid_are_refused(shape):
 def test_a_grid_is_finer_by_a_whole_number(times):
     with pytest.raises(ValueError, match="times"):
         ImageGrid(4).finer(times)
+
+
+def test_a_slice_of_a_volume_has_the_nodes_of_the_other_axes():
+    grid = VolumeGrid((4, 5, 6), (0.7, 0.8, 0.9), (0.1, 0.2, 0.3))
+    for axis, others in ((0, [1, 2]), (1, [0, 2]), (2, [0, 1])):
+        nodes = np.take(np.asarray(grid.points), 2, axis=axis)[..., others]
+        np.testing.assert_array_equal(grid.across(axis).points, nodes)

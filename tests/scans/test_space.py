@@ -2,12 +2,24 @@
 
 import equinox as eqx
 import h5py
-import jax
 import jax.numpy as jnp
 import nibabel
 import numpy as np
 import pytest
 import tifffile
+from made_volumes import (
+    BELL,
+    CAP,
+    CENTER,
+    MAX_FREQUENCY,
+    RADIUS,
+    RATE,
+    REGION,
+    SOUND,
+    cup,
+    record,
+    shuffled,
+)
 
 from jaxtat import Setup, VolumeGrid, reconstruct_file
 from jaxtat.cli import main
@@ -29,24 +41,10 @@ from jaxtat.spherical import (
 )
 from jaxtat.spherical.visible import covered_share
 
-CENTER = np.array([0.02, -0.01, 0.03])
-CAP = spherical_cap(0.04, 0.03, 13, 28, center=CENTER)
-BELL = SolidBells((CENTER + np.array([0.001, -0.001, 0.0005]))[None], [0.018])
 REACH = 0.018 + 0.0015  # how far from the middle the bell sounds
-REGION, RADIUS = ball(0.02, center=CENTER), 0.02
-MAX_FREQUENCY = 8 * np.pi / 0.04
 # the ball in nine voxels across, and the radii of the command's rule
 GRID = VolumeGrid(9, RADIUS, CENTER)
 OPTIONS = f"--region-radius {RADIUS} --pixels 9 --max-frequency {MAX_FREQUENCY} --quiet"
-SOUND, RATE = 1500.0, 4e6
-
-
-def shuffled(upside_down=False):
-    """Positions in an arbitrary order, and that order."""
-    points = np.asarray(CAP.points).reshape(-1, 3)
-    order = np.random.default_rng(0).permutation(len(points))
-    sign = [1.0, 1.0, -1.0 if upside_down else 1.0]
-    return ((points - CENTER) * sign + CENTER)[order], order
 
 
 def radii_of(end):
@@ -137,18 +135,6 @@ def test_upside_down_is_turned_over(scan_file, integrals):
     assert error.max() < 0.02
 
 
-def record(points=None, samples=range(250)):
-    """p = ((d - t) h(d - t) + (d + t) h(d + t)) / 2d of the bell, about every detector."""
-    points = shuffled()[0] if points is None else points
-    tau = SOUND / RATE * np.asarray(samples)
-    d = np.linalg.norm(points - np.asarray(BELL.centers[0]), axis=1)[:, None]
-
-    def h(s):
-        return np.asarray(BELL._profile(jax.device_put(np.abs(s) / float(BELL.radii[0]))))
-
-    return ((d - tau) * h(d - tau) + (d + tau) * h(d + tau)) / (2 * d)
-
-
 def test_pressure_in_the_exchange_format(integrals, tmp_path, capsys):
     """IPASC needs positions alone; everything is chosen, and said."""
     path = tmp_path / "scan.hdf5"
@@ -172,14 +158,6 @@ def test_pressure_in_the_exchange_format(integrals, tmp_path, capsys):
     speed_error = dict(found.choices.standard_errors)["sound_speed"]
     assert found.choices.sound_speed == pytest.approx(SOUND, abs=2 * speed_error)
     assert speed_error < 0.005 * SOUND and found.choices.grade("sound_speed") == "likely"
-
-
-def cup(n, bent=0.9):
-    """Elements at Fibonacci's points of a cap, on no rings."""
-    height = -1 + (np.arange(n) + 0.5) / n * bent
-    turn = np.pi * (3 - np.sqrt(5)) * np.arange(n)
-    across = np.sqrt(1 - height**2)
-    return CENTER + 0.04 * np.stack([across * np.cos(turn), across * np.sin(turn), height], 1)
 
 
 def test_records_of_scattered_elements_are_fitted(tmp_path, capsys):
