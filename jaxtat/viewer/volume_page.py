@@ -149,7 +149,7 @@ class VolumePage:
         self.slices.show(found.values)
         named = self._named(found.method, found.frame)
         report = f"; {found.made.report}" if found.made.report else ""
-        self.status.text = escape(f"{named} in {found.seconds:.2g} s{report}")
+        self.status.text = escape(f"{named} in {found.seconds:.1f} s{report}")
         choices, facts = found.made.choices, self._session.frame_facts(found.frame)
         self.command.text = as_code(command_line(choices, facts, str(self._source or "FILE")))
         self.table.text = as_table(choices.rows())
