@@ -55,8 +55,9 @@ Within = Bool[np.ndarray, "detectors pieces"]
 def heard(power: RecordPower, pause: float, within: Within | None = None) -> Heard:
     """Onset and end time at each detector: above its noise, and a share of its highest power.
 
-    Fainter sound from holders, membranes and walls is ignored. Pauses divide the sound into parts, and parts after a pause are echoes: the last time is
-    the end of the part with the largest total power.
+    Fainter sound from holders, membranes and walls is ignored. Pauses divide the sound into parts,
+    and parts after a pause are echoes: the last time is the end of the part with the largest total
+    power.
 
     Args:
         power: in order along the curve, since neighbours are averaged.

@@ -21,6 +21,7 @@ from .choices import Choices
 from .estimate import Estimate
 from .parameters import Parameters
 from .preprocess import Acquisition, AcquisitionInSpace
+from .resolution import with_waves_of_fit
 
 OF_FORMULA = ("alpha", "low_pass", "inversion")  # choices that mean nothing to a fit
 ADDS = "light that is absorbed only adds pressure; --signed allows f < 0"
@@ -112,7 +113,11 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
         scan: any.
         choices: of `choose`.
     """
-    if scan.kind != "pressure" or choices.model_based or "model_based" in choices.user_set:
+    if scan.kind != "pressure":
+        return choices
+    if choices.model_based:
+        return with_waves_of_fit(scan, choices)
+    if "model_based" in choices.user_set:
         return choices
     asked = [name for name in OF_FORMULA if name in choices.user_set]
     if asked:
@@ -129,7 +134,7 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
     fitted = replace(choices, **{name: e.value for name, e in fit.items()})
     for name, e in fit.items():
         fitted = fitted.with_reason(name, e.why, e.grade)
-    return fitted
+    return with_waves_of_fit(scan, fitted)
 
 
 def _sees_all(scan: Scan, choices: Choices) -> bool:

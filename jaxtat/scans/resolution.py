@@ -2,20 +2,25 @@
 
 import math
 import warnings
+from dataclasses import replace
 
 import numpy as np
 
 from ..base.choice_table import LIKELY, SURE
+from ..base.units import ROUNDING
 from ..geometry import DetectorCurve, Region, detector_curve, keep_detectors, require_outside
+from ..io import Scan
 from ..records import Supported, supported
 from ..records.signal_power import highest_frequency
 from ..spherical.sizes import resolved_frequency
 from ..steps import TooFewDetectors
-from .choices import plane_region
+from .acquisition import typical_frame
+from .choices import Choices, plane_region
 from .estimate import Estimate
 from .medium import path_speed, slowest
 from .parameters import Parameters
 from .preprocess import Acquisition, AcquisitionInSpace
+from .space import facts_in_space
 
 PIXELS, VOXELS = (65, 1025), (17, 129)  # along an axis, if none are given
 FITTED = 513  # pixels at most where there is no formula: half a minute's work
@@ -24,6 +29,8 @@ PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
 FEWEST_DETAILS = 8  # across a region, below which an image hardly shows anything
 DRIFT = 5.0  # periods within the record; what is slower is drift
 BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequency
+# of fits in space: times the lambda_max that detectors tell alone, and voxels for that at most
+FINER, FINER_VOXELS = 3.0, 65
 SPACING = "the detectors' spacing in the inner half of the region"
 BY_RECORD = "what the record holds above its noise"
 
@@ -157,10 +164,8 @@ def resolution_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters
     scan, facts = record.scan, record.facts
     possible = resolved_frequency(facts.detectors, p["region_radius"])
     limits = [Estimate(float(possible), "the detectors' spacing")]
-    if record.listened is not None and facts.times is not None:
-        quiet = slice(0, max(int(np.searchsorted(facts.times, record.arrival(p))), 0))
-        highest = highest_frequency(record.listened, facts.times, quiet)
-        limits.append(Estimate(2 * np.pi * highest / p["sound_speed"], BY_RECORD))
+    if facts.times is not None:
+        limits.append(_of_record(record, record.arrival(p), p["sound_speed"]))
     elif "radii" in scan.known:
         of_radii = np.pi / float(np.diff(scan.known["radii"]).max())
         limits.append(Estimate(of_radii, "the radii's spacing"))
@@ -169,7 +174,65 @@ def resolution_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters
     limit = least(*limits, Estimate(np.pi * (most - 1) / (2 * p["half_width"]), why))
     p = _with_highest(p, limit)
     highest = float(p["max_frequency"])
-    across = int(np.ceil(2 * p["half_width"] * highest / np.pi - 1e-6))
-    pixels = int(np.clip(2 * -(-across // 2) + 1, *VOXELS))
     data = {"detail": np.pi / highest}
+    pixels = _voxels(p["half_width"], highest)
     return p.with_(pixels=Estimate(pixels, "details of {detail:length 3}", data=data))
+
+
+def _of_record(record: AcquisitionInSpace, arrival: float, speed: float) -> Estimate:
+    """Up to where the record holds more than noise [rad/length].
+
+    Args:
+        arrival: of the first sound from the region [time].
+        speed: of sound [length/time].
+    """
+    assert record.listened is not None and record.facts.times is not None
+    quiet = slice(0, max(int(np.searchsorted(record.facts.times, arrival)), 0))
+    highest = highest_frequency(record.listened, record.facts.times, quiet)
+    return Estimate(2 * np.pi * highest / speed, BY_RECORD)
+
+
+def _voxels(half_width: float, highest: float) -> int:
+    """Voxels across, an odd number, for waves up to lambda_max."""
+    across = int(np.ceil(2 * half_width * highest / np.pi - 1e-6))
+    return int(np.clip(2 * -(-across // 2) + 1, *VOXELS))
+
+
+def with_waves_of_fit(scan: Scan, choices: Choices) -> Choices:
+    """A fit in space with shorter waves than the detectors, by their spacing, tell alone.
+
+    f >= 0 and total variation tell these, up to what the record and 65 voxels hold: of seven
+    volumes of balls and vessels each was nearer to the truth with them (docs/how-to/space.md).
+
+    Args:
+        scan, choices: of a pressure record; others than such fits stay as they are, and a given
+            max_frequency.
+    """
+    if not choices.in_space or "max_frequency" in choices.user_set:
+        return choices
+    facts = facts_in_space(scan, choices.channels)
+    alone = float(resolved_frequency(facts.detectors, choices.region_radius))
+    if choices.max_frequency < alone * (1 - ROUNDING):  # what the record or the voxels hold
+        return choices
+    record = AcquisitionInSpace(scan, facts, typical_frame(scan)[facts.order])
+    arrival = (facts.radius - choices.region_radius) / choices.sound_speed
+    given = "pixels" in choices.user_set
+    most = choices.pixels if given else max(choices.pixels, FINER_VOXELS)
+    limit = least(
+        Estimate(FINER * alone, f"{FINER:g} times what detectors tell without f >= 0"),
+        _of_record(record, arrival, choices.sound_speed),
+        Estimate(np.pi * (most - 1) / (2 * choices.half_width), f"{most} voxels"),
+    )
+    finer = replace(choices, max_frequency=max(limit.value, choices.max_frequency))
+    finer = finer.with_reason("max_frequency", limit.why, LIKELY)
+    return finer if given else _with_voxels(finer)
+
+
+def _with_voxels(choices: Choices) -> Choices:
+    """With the voxels of its waves, and radii as much finer."""
+    pixels = _voxels(choices.half_width, choices.max_frequency)
+    n = 1 + math.ceil((choices.n_radii - 1) * (pixels - 1) / (choices.pixels - 1))
+    step = choices.radial_step * (choices.n_radii - 1) / (n - 1)
+    detail = choices.units.of_length(math.pi / choices.max_frequency, 3)
+    finer = replace(choices, pixels=pixels, n_radii=n, radial_step=step)
+    return finer.with_reason("pixels", f"details of {detail}", choices.grade("pixels"))

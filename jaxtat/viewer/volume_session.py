@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,10 +55,13 @@ class VolumeSession(ViewedScan):
     """
 
     def __init__(self, scan: Scan, choices: Choices, facts: Mapping[str, Any] | None = None):
+        best = with_best_method(scan, choices)
+        choices = replace(choices, pixels=best.pixels)  # the slices of both stay where they are
         super().__init__(scan, choices, facts)
-        best, direct = with_best_method(scan, choices), as_direct(choices)
+        direct = as_direct(choices)
         self.start = MODEL_BASED if best.model_based else DIRECT
-        self.by_method = {DIRECT: direct, MODEL_BASED: as_fit(direct, best)}
+        fit = best if best.model_based else as_fit(direct, best)
+        self.by_method = {DIRECT: direct, MODEL_BASED: fit}
         setup = setup_of(scan, choices)
         try:
             require_complete(setup)

@@ -699,7 +699,7 @@ def test_what_deserves_a_look_comes_with_a_command_that_runs(jaxtat_command, cap
 
 
 def test_no_region_is_suggested_that_comes_near_the_detectors(jaxtat_command, capsys):
-    """Three quarters of 1.3, and up to nine tenths: 1.4 times as much would hold them."""
+    """Three quarters of 1.3, and up to 0.97: 1.4 times as much would hold them."""
     np.savez("data.npz", circular_integrals=INTEGRALS)
     assert jaxtat_command(f"info data.npz {ARC} --pixels 11") == 0
     assert "--try region_radius=0.585,0.78,0.975,1.17 --out" in capsys.readouterr().out
