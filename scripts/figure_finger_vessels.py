@@ -24,8 +24,7 @@ from jaxtat.spherical import DetectorPoints, back_projection, pressure_to_spheri
 
 SPEED, RATE, FIRST, SAMPLES = 1500.0, 31.25e6, 30e-6, 650
 NOISE, DEAD = 0.05, 0.05  # of the largest value, and of the elements
-REGION, VOXELS = 11e-3, 65  # radius, and voxels across it
-HIGHEST = np.pi * (VOXELS - 1) / (2 * REGION)  # the shortest wave is two voxels long
+REGION = 11e-3  # its radius
 PARTS = 9  # points across a ball, of which its share of voxels is counted
 CUTOFFS = 1e6, 1.5e6, 2.2e6, 3e6, 4e6  # of back-projection, the best is taken
 SHOWN = np.array([10e-3, 4.5e-3, 6e-3])  # from the middle along each axis
@@ -132,9 +131,7 @@ def main() -> None:
         path = Path(folder) / "finger.npz"
         np.savez(path, pressure=pressure, detectors=elements, times=times, sound_speed=SPEED)
         start = time.perf_counter(), time.process_time()
-        found = jaxtat.reconstruct_file(
-            path, region_radius=REGION, pixels=VOXELS, max_frequency=HIGHEST
-        )
+        found = jaxtat.reconstruct_file(path, region_radius=REGION)
     spent = time.perf_counter() - start[0], time.process_time() - start[1]
     assert isinstance(found.grid, jaxtat.VolumeGrid)
     exact, fitted = truth(balls, found.grid), np.asarray(found.image)

@@ -31,6 +31,7 @@ from ..reconstruction.laddered import around, middle, setup_to_fit
 from ..spherical import cap_radii
 from .choices import Choices
 from .frames import (
+    bounded_as_said,
     element_responses,
     has_baseline,
     in_band,
@@ -105,7 +106,8 @@ def of_all_sound(setup: Setup, choices: Choices) -> Setup:
     step = radial_step(np.asarray(setup.grid.spacing).max(), medium)
     radii = data_radii(setup.curve, setup.region, step, medium=medium)
     where = setup.curve, setup.region, setup.grid
-    return Setup(*where, radii, max_frequency=choices.max_frequency, medium=medium)
+    with bounded_as_said(choices):
+        return Setup(*where, radii, max_frequency=choices.max_frequency, medium=medium)
 
 
 def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) -> _Recorded:

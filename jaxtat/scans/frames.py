@@ -1,5 +1,8 @@
 """A scan's problem, and the integrals over circles or spheres that its frames are made into."""
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import jax
@@ -17,11 +20,24 @@ from ..records import (
 )
 from ..records.pressure import without_mute
 from ..spherical import pressure_to_spherical_integrals
+from ..steps import TooFewDetectors
 from .acquisition import facts_of, times_of
 from .choices import IN_SPACE, Choices
 from .space import facts_in_space
 
 GROUPS = 2  # of frequencies, at most: for few images, compiling is what takes time
+
+
+@contextmanager
+def bounded_as_said(choices: Choices) -> Iterator[None]:
+    """No warning of waves that detectors do not tell, unless they were asked for.
+
+    The table says what bounds them.
+    """
+    with warnings.catch_warnings():
+        if "max_frequency" not in choices.user_set:
+            warnings.simplefilter("ignore", TooFewDetectors)
+        yield
 
 
 def setup_of(scan: Scan, choices: Choices, *, n_groups: int = GROUPS) -> Setup:
@@ -39,15 +55,16 @@ def setup_of(scan: Scan, choices: Choices, *, n_groups: int = GROUPS) -> Setup:
         curve = facts_in_space(scan, choices.channels).detectors
     else:
         curve = choices.curve(facts_of(scan).points)
-    return Setup(
-        curve,
-        choices.region,
-        choices.grid,
-        radii,
-        max_frequency=choices.max_frequency,
-        medium=choices.medium,
-        _n_groups=n_groups,
-    )
+    with bounded_as_said(choices):
+        return Setup(
+            curve,
+            choices.region,
+            choices.grid,
+            radii,
+            max_frequency=choices.max_frequency,
+            medium=choices.medium,
+            _n_groups=n_groups,
+        )
 
 
 def problem_of(scan: Scan, choices: Choices, *, n_groups: int = 1) -> OnLadder:

@@ -24,12 +24,12 @@ from ..reconstruction import (
 )
 from ..reconstruction import reconstruct as reconstruct_by
 from ..records import ranges
-from ..steps import AccuracyWarning, TooFewDetectors
+from ..steps import AccuracyWarning
 from .acquisition import blank_frames, facts_of, frame_numbers, some_frames, with_facts
 from .choices import Choices
 from .choosing import choose
 from .constrained import fitted
-from .frames import GROUPS, integrals, lit_frames, setup_of
+from .frames import GROUPS, bounded_as_said, integrals, lit_frames, setup_of
 from .method import with_best_method
 from .space import TurnedOver, facts_in_space, require_few
 
@@ -229,9 +229,7 @@ def _room(shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _solve(setup: Setup, g: Array, choices: Choices) -> Reconstruction:
-    with warnings.catch_warnings():
-        if "max_frequency" not in choices.user_set:  # the table says what bounds it
-            warnings.simplefilter("ignore", TooFewDetectors)
+    with bounded_as_said(choices):
         alpha, low_pass, inversion = choices.alpha, choices.low_pass, choices.inversion
         if choices.in_space or inversion != "fourier":
             return solve(setup, g, alpha, low_pass=low_pass, inversion=inversion)

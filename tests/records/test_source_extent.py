@@ -56,6 +56,19 @@ def test_what_comes_after_a_pause_is_an_echo():
     assert listened(near).last.min() > 37e-6  # too short a pause
 
 
+def test_between_exact_zeros_noise_and_faint_echoes_are_no_sound():
+    """As where a scanner writes zeros until the first sound and after the last."""
+    wanted = exact(200, SPEED)
+    echo = rattle(wanted.last + 2 * PAUSE, wanted.last + 2.5 * PAUSE)
+    record = rattle(wanted.first, wanted.last) + 0.1 * echo
+    record = record + 0.05 * RNG.standard_normal(record.shape)
+    after = (wanted.last + 2.5 * PAUSE)[:, None]
+    record[(wanted.first[:, None] > TIMES) | (after < TIMES)] = 0.0
+    found = listened(record)
+    assert np.abs(found.first - wanted.first).max() < 1e-6 and found.tells
+    assert np.abs(found.last - wanted.last).max() < 1e-6
+
+
 def test_noise_tells_nothing():
     assert not listened(RNG.standard_normal((80, 2000))).tells
 

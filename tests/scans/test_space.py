@@ -28,7 +28,7 @@ from jaxtat.geometry.elements import across
 from jaxtat.io import Scan, load_scan, load_settings, save_ipasc
 from jaxtat.reconstruction import operator_on
 from jaxtat.records import apply_impulse_response
-from jaxtat.scans import choose, describe, reconstruct, setup_of
+from jaxtat.scans import choose, describe, reconstruct, setup_of, with_best_method
 from jaxtat.scans import integrals as integrals_of
 from jaxtat.scans.space import facts_in_space
 from jaxtat.spherical import (
@@ -39,6 +39,7 @@ from jaxtat.spherical import (
     cap_radii,
     spherical_cap,
 )
+from jaxtat.spherical.sizes import resolved_frequency
 from jaxtat.spherical.visible import covered_share
 
 REACH = 0.018 + 0.0015  # how far from the middle the bell sounds
@@ -191,6 +192,37 @@ def test_records_of_scattered_elements_are_fitted(tmp_path, capsys):
         errors.append(np.linalg.norm(volume - wanted) / np.linalg.norm(wanted))
         assert ("% of the record is not explained" in capsys.readouterr().out) == (not method)
     assert errors[0] < 0.15 and errors[0] < errors[1] / 2.5
+
+
+def test_fits_in_space_have_shorter_waves_than_detectors_tell_alone():
+    """Three times as short at most, as the record and voxels allow; the formula keeps its own."""
+    points, rng = cup(70), np.random.default_rng(3)
+    data = record(points, range(40, 170))
+    data = data + 0.03 * np.abs(data).max() * rng.standard_normal(data.shape)
+    known = {"detectors": points, "times": np.arange(40, 170) / RATE}
+    scan, given = Scan("pressure", data, known), {"region_radius": RADIUS, "sound_speed": SOUND}
+    direct = choose(scan, **given)
+    alone = resolved_frequency(facts_in_space(scan).detectors, RADIUS)
+    assert direct.max_frequency == pytest.approx(alone)
+    fit = with_best_method(scan, direct)
+    assert 1.2 * alone < fit.max_frequency <= 3.001 * alone
+    assert fit.pixels == 1 + 2 * np.ceil(RADIUS * fit.max_frequency / np.pi)
+    assert float(fit.radii[-1]) == pytest.approx(float(direct.radii[-1]))
+
+    errors = []
+    for choices in (fit, with_best_method(scan, choose(scan, max_frequency=alone, **given))):
+        image = reconstruct(scan, choices).image
+        wanted = np.asarray(BELL.volume(choices.grid))
+        errors.append(np.linalg.norm(image - wanted) / np.linalg.norm(wanted))
+    assert choices.max_frequency == alone  # as given
+    assert errors[0] < 0.7 * errors[1]
+
+    few = with_best_method(scan, choose(scan, pixels=11, **given))
+    assert few.pixels == 11 and few.max_frequency <= np.pi * 10 / (2 * RADIUS)
+    asked = with_best_method(scan, choose(scan, model_based=True, **given))
+    assert asked.max_frequency == fit.max_frequency
+    coarse = choose(scan, max_frequency=0.5 * alone, **given)
+    assert with_best_method(scan, coarse).max_frequency == 0.5 * alone
 
 
 def test_normals_in_the_file_count_where_elements_face_elsewhere():
