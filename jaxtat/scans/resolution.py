@@ -201,8 +201,8 @@ def _voxels(half_width: float, highest: float) -> int:
 def with_waves_of_fit(scan: Scan, choices: Choices) -> Choices:
     """A fit in space with shorter waves than the detectors, by their spacing, tell alone.
 
-    f >= 0 and total variation tell these, up to what the record and 65 voxels hold: of seven
-    volumes of balls and vessels each was nearer to the truth with them (docs/how-to/space.md).
+    f >= 0 and total variation tell these, up to what the record and 65 voxels hold: all volumes
+    of the benchmark are nearer to the truth with them (docs/automatic_choices.md).
 
     Args:
         scan, choices: of a pressure record; others than such fits stay as they are, and a given
