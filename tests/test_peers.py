@@ -285,8 +285,9 @@ def test_what_the_page_says_of_the_tables_is_in_them():
     behind = {name for name in ratio if ratio[name] > 1}
     ahead = [f"vessels-{array}" for array in ("ring", "arc270", "ellipse", "half")]
     reaching = {"full_circle_64_detectors", "half_disk_three_quarter_arc"}
-    assert behind == {"vessels-arc125", *reaching}
-    assert round(max(ratio[name] for name in reaching)) == 6
+    assert behind == {"vessels-arc125"}
+    assert max(ratio[name] for name in reaching) < 0.9
+    assert errors["half_disk_three_quarter_arc"][own] < 0.0015
     within = [ratio[name] for name in ahead]
     assert min(within) > 0.5 and max(within) < 0.96
     for name in ("vessels-ring", "vessels-arc270"):

@@ -30,7 +30,7 @@ FEWEST_DETAILS = 8  # across a region, below which an image hardly shows anythin
 DRIFT = 5.0  # periods within the record; what is slower is drift
 BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequency
 # of fits in space: times the lambda_max that detectors tell alone, and voxels for that at most
-FINER, FINER_VOXELS = 3.0, 65
+FINER, FINER_VOXELS = 2.0, 65
 SPACING = "the detectors' spacing in the inner half of the region"
 BY_RECORD = "what the record holds above its noise"
 

@@ -147,7 +147,9 @@ def test_pressure_in_the_exchange_format(integrals, tmp_path, capsys):
     assert "memory: a fit of " in said and " GB are free" in said
     assert all(text in said for text in (rings, "in-space", "opposite detectors agree best"))
     choices = choose(load_scan(path))
-    assert REACH <= choices.region_radius <= 1.5 * REACH
+    rim = (choices.region_radius - (REACH - 0.018)) / 0.018  # of the bell, at its far side
+    profile = np.asarray(BELL._profile(jnp.array([0.0, min(rim, 1.0)])))
+    assert profile[1] < 1e-3 * profile[0] and choices.region_radius <= 1.5 * REACH
     assert choices.grade("region_radius") == "likely"
     assert choices.region_cut == choices.region_radius
     assert choices.alpha < 1e-5 and choices.low_pass == "none"
@@ -195,7 +197,7 @@ def test_records_of_scattered_elements_are_fitted(tmp_path, capsys):
 
 
 def test_fits_in_space_have_shorter_waves_than_detectors_tell_alone():
-    """Three times as short at most, as the record and voxels allow; the formula keeps its own."""
+    """Half as short at most, as the record and voxels allow; the formula keeps its own."""
     points, rng = cup(70), np.random.default_rng(3)
     data = record(points, range(40, 170))
     data = data + 0.03 * np.abs(data).max() * rng.standard_normal(data.shape)
@@ -205,8 +207,8 @@ def test_fits_in_space_have_shorter_waves_than_detectors_tell_alone():
     alone = resolved_frequency(facts_in_space(scan).detectors, RADIUS)
     assert direct.max_frequency == pytest.approx(alone)
     fit = with_best_method(scan, direct)
-    assert 1.2 * alone < fit.max_frequency <= 3.001 * alone
-    assert fit.pixels == 1 + 2 * np.ceil(RADIUS * fit.max_frequency / np.pi)
+    assert 1.2 * alone < fit.max_frequency <= 2.001 * alone
+    assert fit.pixels == max(17, 1 + 2 * np.ceil(RADIUS * fit.max_frequency / np.pi))
     assert float(fit.radii[-1]) == pytest.approx(float(direct.radii[-1]))
 
     errors = []
@@ -313,7 +315,7 @@ def test_opposite_detectors_agree_on_the_speed_of_sound():
     assert "opposite detectors agree at no other" in dict(found.reasons)["sound_speed"]
 
 
-@pytest.mark.parametrize("n", [150, 160, 165])
+@pytest.mark.parametrize("n", [140, 150, 155])
 def test_radii_end_with_a_short_record(n):
     """Where the region is as much as the record covers, its last radius must be there too."""
     known = {"detectors": shuffled()[0], "sampling_rate": RATE, "sound_speed": SOUND}
