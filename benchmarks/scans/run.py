@@ -61,7 +61,9 @@ def main() -> None:
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--half", choices=HALVES)
-    parser.add_argument("--first", type=int, default=0, metavar="NUMBER", help="of the scans")
+    parser.add_argument(
+        "--first", type=int, default=0, metavar="NUMBER", help="of a scan that is made"
+    )
     parser.add_argument("--only", metavar="NAME", help="scans whose name holds this")
     parser.add_argument("--quick", action="store_true", help="0.3 of all detectors and samples")
     parser.add_argument("--no-oracle", action="store_true", help="but what jaxtat chooses alone")

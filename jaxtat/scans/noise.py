@@ -48,7 +48,7 @@ def noise_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters:
     if record.listened is None or record.facts.times is None:
         return exact_integrals(record, p)
     power = record_power(record.listened, record.facts.times, detrend=False)
-    ratio = noise_before(power.after(2 * p["dead_time"] or -np.inf), record.arrival(p))
+    ratio = noise_before(power.after(2 * p["dead_time"] or -np.inf), record.arrival(p.values))
     if ratio is None:
         how = "assumed: no silence in the record, by which it could be told"
         return with_alpha(p, UNKNOWN_NOISE, how, GUESSED)

@@ -4,6 +4,7 @@ The artefact of the laser ends where the power falls to that of the quietest pie
 those of `channel_quality`, with NaN, or of too small a gain.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -218,9 +219,9 @@ class AcquisitionInSpace(NamedTuple):
         step = -(-len(self.frame) // LISTENED)
         return None if self.facts.times is None else self.frame[::step]
 
-    def arrival(self, p: Parameters) -> float:
-        """When sound from the region first reaches a detector [time]."""
-        return (self.facts.radius - p["region_radius"]) / p["sound_speed"]
+    def arrival(self, values: Mapping[str, Any]) -> float:
+        """When sound from the region first reaches a detector, by values of choices [time]."""
+        return (self.facts.radius - values["region_radius"]) / values["sound_speed"]
 
 
 def preprocess_in_space(scan: Scan, p: Parameters) -> tuple[AcquisitionInSpace, Parameters]:

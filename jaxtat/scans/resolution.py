@@ -2,7 +2,9 @@
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -165,7 +167,7 @@ def resolution_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters
     possible = resolved_frequency(facts.detectors, p["region_radius"])
     limits = [Estimate(float(possible), "the detectors' spacing")]
     if facts.times is not None:
-        limits.append(_of_record(record, record.arrival(p), p["sound_speed"]))
+        limits.append(_of_record(record, p.values))
     elif "radii" in scan.known:
         of_radii = np.pi / float(np.diff(scan.known["radii"]).max())
         limits.append(Estimate(of_radii, "the radii's spacing"))
@@ -179,17 +181,12 @@ def resolution_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters
     return p.with_(pixels=Estimate(pixels, "details of {detail:length 3}", data=data))
 
 
-def _of_record(record: AcquisitionInSpace, arrival: float, speed: float) -> Estimate:
-    """Up to where the record holds more than noise [rad/length].
-
-    Args:
-        arrival: of the first sound from the region [time].
-        speed: of sound [length/time].
-    """
+def _of_record(record: AcquisitionInSpace, values: Mapping[str, Any]) -> Estimate:
+    """Up to where the record holds more than noise, by values of choices [rad/length]."""
     assert record.listened is not None and record.facts.times is not None
-    quiet = slice(0, max(int(np.searchsorted(record.facts.times, arrival)), 0))
+    quiet = slice(0, int(np.searchsorted(record.facts.times, record.arrival(values))))
     highest = highest_frequency(record.listened, record.facts.times, quiet)
-    return Estimate(2 * np.pi * highest / speed, BY_RECORD)
+    return Estimate(2 * np.pi * highest / values["sound_speed"], BY_RECORD)
 
 
 def _voxels(half_width: float, highest: float) -> int:
@@ -215,12 +212,11 @@ def with_waves_of_fit(scan: Scan, choices: Choices) -> Choices:
     if choices.max_frequency < alone * (1 - ROUNDING):  # what the record or the voxels hold
         return choices
     record = AcquisitionInSpace(scan, facts, typical_frame(scan)[facts.order])
-    arrival = (facts.radius - choices.region_radius) / choices.sound_speed
     given = "pixels" in choices.user_set
     most = choices.pixels if given else max(choices.pixels, FINER_VOXELS)
     limit = least(
-        Estimate(FINER * alone, f"{FINER:g} times what detectors tell without f >= 0"),
-        _of_record(record, arrival, choices.sound_speed),
+        Estimate(FINER * alone, f"{FINER:g} times what the detectors' spacing tells"),
+        _of_record(record, choices.settings()),
         Estimate(np.pi * (most - 1) / (2 * choices.half_width), f"{most} voxels"),
     )
     finer = replace(choices, max_frequency=max(limit.value, choices.max_frequency))

@@ -15,7 +15,7 @@ from ..io.images import save_image
 from ..scans import Choices
 from ..scans.method import OF_FORMULA
 from ..scans.pipeline import NOT_IN_SPACE
-from .methods import BACK_PROJECTION
+from .image_methods import BACK_PROJECTION
 from .session import ControlValues, Session
 from .volume_session import ShownVolume, VolumeSession
 

@@ -32,11 +32,11 @@ from ..geometry import ImageGrid
 from ..scans import ImageErrors
 from .beside import Beside
 from .export import command_line, keep
+from .html_texts import as_code, as_error, as_table, as_title
+from .image_methods import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED
 from .latest_only_worker import LatestOnlyWorker, while_wanted
-from .methods import BACK_PROJECTION, DIRECT, METHODS, MODEL_BASED
 from .picture import Picture
 from .session import ControlValues, Session
-from .texts import as_code, as_error, as_table, as_title
 from .undoing import Undoing
 from .zoom_controls import ZoomControls, lengths
 

@@ -16,7 +16,7 @@ from ..base.optional_packages import optional
 from ..io import Scan, load_scan
 from ..scans import Choices, choose
 from ..scans.acquisition import in_space
-from .methods import DIRECT
+from .image_methods import DIRECT
 from .session import PIXELS, Session
 from .volume_session import VolumeSession
 

@@ -21,7 +21,7 @@ from ..scans.constrained import fitted
 from ..scans.frames import per_energy
 from ..steps import universal_back_projection
 from ..streams import Live, live
-from .methods import (
+from .image_methods import (
     BACK_PROJECTION,
     DIRECT,
     METHODS,

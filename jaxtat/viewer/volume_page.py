@@ -12,10 +12,10 @@ from bokeh.models import Button, Div, RadioButtonGroup, Slider
 
 from ..geometry import VolumeGrid
 from .export import command_line, keep_volume
+from .html_texts import as_code, as_error, as_table, as_title
+from .image_methods import DIRECT
 from .latest_only_worker import LatestOnlyWorker, while_wanted
-from .methods import DIRECT
 from .slices import Slices
-from .texts import as_code, as_error, as_table, as_title
 from .volume_session import ShownVolume, VolumeSession
 from .zoom_controls import lengths
 

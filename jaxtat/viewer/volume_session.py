@@ -14,7 +14,7 @@ from ..reconstruction.setup import require_complete
 from ..scans import Choices, ScanImages, reconstruct, setup_of, with_best_method
 from ..scans.acquisition import some_frames
 from ..scans.space import require_few
-from .methods import DIRECT, MODEL_BASED, as_direct, as_fit
+from .image_methods import DIRECT, MODEL_BASED, as_direct, as_fit
 from .viewed_scan import ViewedScan
 
 
