@@ -1,12 +1,14 @@
 """Compiled programs, kept between starts: compiling takes longer than most reconstructions.
 
 Several processes may share a folder. JAX writes a program once and then only reads it; one that is
-not there any more, or cannot be read, is compiled again.
+not there any more, or cannot be read, is compiled again: without a warning, since it writes in
+place, and another process may read what is half written.
 """
 
 import atexit
 import os
 import sys
+import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -54,6 +56,7 @@ def _is_writable(folder: Path) -> bool:
 
 def _keep_in(folder: Path) -> None:
     jax.config.update("jax_compilation_cache_dir", str(folder))
+    warnings.filterwarnings("ignore", "Error reading persistent compilation cache entry")
     remove_oldest(folder, MOST_BYTES)
     atexit.register(remove_oldest, folder, MOST_BYTES)
 

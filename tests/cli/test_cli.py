@@ -847,6 +847,21 @@ def test_programs_are_kept_in_the_users_folder_by_default(settings_of_jax, monke
     assert jax.config.jax_enable_compilation_cache is False
 
 
+def test_a_program_that_is_half_written_is_compiled_again_without_a_word(tmp_path):
+    code = (
+        "import jax; from jaxtat.cli.cache import keep_programs; "
+        f"keep_programs({str(tmp_path)!r}); print(jax.jit(lambda x: 3 * x)(2.0))"
+    )
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        assert done.stdout == "6.0\n"
+        assert done.stderr == ""
+        programs = list(tmp_path.glob("*-cache"))
+        assert programs
+        for path in programs:
+            path.write_bytes(path.read_bytes()[:20])
+
+
 @pytest.mark.parametrize(
     ("platform", "environment", "wanted"),
     [
