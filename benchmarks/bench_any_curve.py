@@ -2,10 +2,12 @@
 
 At 129 x 129 pixels and 500 detectors, by `solve`. ``clean`` is the largest error with
 kappa = 0.01 on exact data. With noise these are the relative L2 errors of `NoiseLevel`, which is
-told its standard deviation, and of the default for noise of which nothing is known.
+told its standard deviation, and of the default for noise of which nothing is known. Three curves
+and one that a region pokes out of are timed.
 
-Run as a script, with the names of cases or none for all, it prints the tables of docs/accuracy.md,
-where the best of eleven fixed rules, chosen for each case by its own error, stands beside.
+Run as a script, with the names of cases or none for all, it prints the tables of docs/accuracy.md
+for all of them, where the best of eleven fixed rules, chosen for each case by its own error, stands
+beside.
 """
 
 import sys
@@ -41,9 +43,8 @@ CLEAN, DEFAULT = RelativeTikhonov(0.01), None
 # a number is alpha over the largest diagonal entry, or over 8 / lambda² on the boundary
 FIXED = {f"kappa {x}": RelativeTikhonov(x) for x in (0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)}
 FIXED |= {f"alpha {alpha}": alpha for alpha in (1e-2, 3e-2, 1e-1, 3e-1)}
-WANTED = [name for name, case in CASES.items() if case.visible]
-POKING = [name for name, case in CASES.items() if not case.visible]
 LAW = ["ellipse, half disk", "jagged arc, disk", "two arcs, polygon"]
+TIMED = [*LAW, "half circle, whole disk"]
 
 
 class Trial:
@@ -99,7 +100,7 @@ def law_ratio(name: str) -> np.ndarray:
     return np.asarray(exact / law)[inner]
 
 
-@pytest.mark.parametrize("name", WANTED)
+@pytest.mark.parametrize("name", LAW)
 def bench_clean(measure, benchmark, name):
     """Exact data of regions that are wholly seen."""
     case = trial(name)
@@ -115,11 +116,11 @@ def bench_clean(measure, benchmark, name):
     assert np.abs(case.misfit(CLEAN)[0]).max() <= 5e-4
 
 
-@pytest.mark.parametrize("name", list(CASES))
+@pytest.mark.parametrize("name", TIMED)
 def bench_noise(measure, benchmark, name):
     """The default beside known noise; regions that poke out are flagged, and bounded."""
     case = trial(name)
-    assert case.flagged == (name in POKING)
+    assert case.flagged != CASES[name].visible
     misfit = measure(lambda: case.misfit(DEFAULT), n=N, images=3, rounds=1)
     default = case.relative(misfit[1:])
     known = case.with_known_noise()
@@ -132,7 +133,7 @@ def bench_noise(measure, benchmark, name):
     )
 
 
-@pytest.mark.parametrize("name", LAW)
+@pytest.mark.parametrize("name", LAW[:1])
 def bench_noise_law(measure, benchmark, name):
     """`predict_noise` beside the exact deviations, the time being that of both and of a plan."""
     ratio = measure(lambda: law_ratio(name), n=17, rounds=1)

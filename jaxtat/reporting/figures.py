@@ -8,7 +8,9 @@ from jaxtyping import Array, Float
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
+from ..base.units import OF_VALUES
 from ..geometry import ImageGrid
 from ..plotting import (
     SEQUENTIAL,
@@ -46,8 +48,10 @@ def constrained(diagnosis: Diagnosis, fitted_image: Constrained, unit: str | Non
         "direct": diagnosis.image,
     }
     limits = limits_of(*pair.values())
-    for axes, (title, image) in zip(figure.subplots(1, 2), pair.items(), strict=True):
-        show_image(axes, image, diagnosis.setup.grid, limits=limits, title=title, unit=unit)
+    panels = figure.subplots(1, 2)
+    for axes, (title, image) in zip(panels, pair.items(), strict=True):
+        shown = show_image(axes, image, diagnosis.setup.grid, limits=limits, title=title, unit=unit)
+    _bar(figure, shown, panels, OF_VALUES, shrink=0.9)
     return figure
 
 
@@ -138,7 +142,7 @@ def sinograms(diagnosis: Diagnosis, unit: str | None) -> tuple[Figure, float]:
             title=title,
             unit=unit,
         )
-        _bar(figure, shown, axes, "", shrink=0.9, location="bottom")
+        _bar(figure, shown, axes, "", shrink=0.9, location="bottom", ticks=MaxNLocator(5))
     for axes in panels[1:]:
         axes.set_ylabel("")
     return figure, amplified

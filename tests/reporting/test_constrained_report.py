@@ -64,8 +64,9 @@ def test_the_fitted_image_comes_first():
     direct[0] = np.nan
     diagnosis = SimpleNamespace(image=direct, setup=SimpleNamespace(grid=grid))
     figure = figures.constrained(diagnosis, Constrained(fit, "tv", None), None)
-    left, right = figure.axes
+    left, right, bar = figure.axes
     for axes, title, value in ((left, "fitted", 1.0), (right, "direct", 2.0)):
         image = np.ma.filled(axes.images[0].get_array(), np.nan)
         assert axes.get_title() == title and np.nanmax(image) == value
         assert np.isnan(image[:, 0]).all()
+    assert bar.get_ylabel() == "initial pressure [arb. unit]"
