@@ -31,8 +31,8 @@ PIXELS_PER_DETAIL = 2.0  # in half the shortest wave
 FEWEST_DETAILS = 8  # across a region, below which an image hardly shows anything
 DRIFT = 5.0  # periods within the record; what is slower is drift
 BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequency
-# of fits in space: times the lambda_max that detectors tell alone, and voxels for that at most
-FINER, FINER_VOXELS = 2.0, 65
+# times the lambda_max that the detectors' spacing tells, and pixels or voxels for that at most
+FINER, FINER_PIXELS, FINER_VOXELS = 2.0, 257, 65
 SPACING = "the detectors' spacing in the inner half of the region"
 BY_RECORD = "what the record holds above its noise"
 
@@ -72,8 +72,8 @@ def resolution_in_plane(record: Acquisition, p: Parameters) -> Parameters:
     require_record(support, speed, 0.5 * (float(support.end) - float(support.reach_of_end)))
     if support.ends_early:
         p = expecting(p, support.shortfalls[0])
-    of_detectors = float(support.frequency_of_detectors) / SAMPLED
-    _warn_of_few_details(p, len(where[0].points), of_detectors)
+    sampled = float(support.frequency_of_detectors) / SAMPLED
+    _warn_of_few_details(p, len(where[0].points), sampled)
     rounding = 1e-6 * (record.times[1] - record.times[0])  # the same samples in any unit
     start = int(np.searchsorted(record.times, record.begin - rounding))
     arrival = int(np.searchsorted(record.times, first_arrival(record, p) - rounding))
@@ -87,7 +87,7 @@ def resolution_in_plane(record: Acquisition, p: Parameters) -> Parameters:
         why = f"{most} pixels, the most that are taken"
     per_pixel = np.pi / (2 * float(p["half_width"]))
     limit = least(
-        Estimate(of_detectors, SPACING),
+        _of_spacing(sampled, per_pixel),
         Estimate(in_body * highest, BY_RECORD, LIKELY),
         Estimate(per_pixel * max(most - 1, 1), why, LIKELY),
     )
@@ -96,6 +96,22 @@ def resolution_in_plane(record: Acquisition, p: Parameters) -> Parameters:
     n = int(np.clip(2 * (int(np.ceil(across)) // 2) + 1, PIXELS[0], most))
     data = {"detail": np.pi / p["max_frequency"], "n": (n - 1) * PIXELS_PER_DETAIL / across}
     return p.with_(pixels=Estimate(n, "details of {detail:length 3} in {n:.2g} pixels", data=data))
+
+
+def _of_spacing(sampled: float, per_pixel: float) -> Estimate:
+    """What the detectors' spacing tells and, of images of few pixels, twice that [rad/length].
+
+    Between detectors that are far apart the constraints of fits tell more than the spacing does,
+    and errors of the formula hardly change.
+
+    Args:
+        sampled: up to where the detectors sample waves [rad/length].
+        per_pixel: highest frequency that one more pixel would hold [rad/length].
+    """
+    twice = Estimate(FINER * sampled, f"{FINER:g} times what the detectors' spacing tells")
+    of_few = per_pixel * (FINER_PIXELS - 1) / PIXELS_PER_DETAIL
+    finer = least(twice, Estimate(of_few, f"{FINER_PIXELS} pixels, for detectors so far apart"))
+    return finer if finer.value > sampled else Estimate(sampled, SPACING)
 
 
 def least(*limits: Estimate) -> Estimate:
