@@ -16,6 +16,7 @@ from pathlib import Path
 import jax
 
 MOST_BYTES = 500e6  # of programs in the folder; those that were not used for longest go
+HALF_WRITTEN = "Error reading persistent compilation cache entry"  # of JAX's warning
 PROGRAMS = "*-cache"  # files that JAX writes, as opposed to what else a folder may hold
 
 
@@ -56,7 +57,7 @@ def _is_writable(folder: Path) -> bool:
 
 def _keep_in(folder: Path) -> None:
     jax.config.update("jax_compilation_cache_dir", str(folder))
-    warnings.filterwarnings("ignore", "Error reading persistent compilation cache entry")
+    warnings.filterwarnings("ignore", message=HALF_WRITTEN)
     remove_oldest(folder, MOST_BYTES)
     atexit.register(remove_oldest, folder, MOST_BYTES)
 

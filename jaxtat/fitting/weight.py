@@ -46,6 +46,7 @@ def balanced_weight(
     images: Float[Array, "stack *space"],
     misfit: Float[Array, "stack *data"],
     scale: Any,
+    spread: float | None = None,
 ) -> Float[Array, ""]:
     """w of the formula above.
 
@@ -53,6 +54,7 @@ def balanced_weight(
         images: f.
         misfit: B f - b.
         scale: L and the size of the image.
+        spread: of the formula; by default as above.
     """
     stack = images.shape[0]
     square = jnp.sum(misfit**2) / (stack * fit.n_data)
@@ -62,7 +64,8 @@ def balanced_weight(
     n = stack * fit.n_pixels
     if isinstance(penalty, Penalty):
         size = penalty.value(images, penalty.smoothing * scale.image)
-        weight = square * n / (size + n * SPREAD[fit.white] * tau)
+        spread = SPREAD[fit.white] if spread is None else spread
+        weight = square * n / (size + n * spread * tau)
         if not (penalty.needs_floor and fit.white):
             return weight
         d = fit.support.ndim

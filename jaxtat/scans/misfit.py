@@ -52,6 +52,7 @@ CYCLES = 5.0  # within a record in the plane, at least: what is slower is drift
 NYQUIST = 0.45  # over the sampling rate
 SMOOTH, FAINT, FLATTENED = 7, 0.1, 0.5  # frequencies, amplitude over the largest, exponent of W
 EIGHT = 8  # frequencies at a time are added: records that are a little longer take one program
+OF_FEW_STEPS = 3.0  # spread of `fitting.weight`: what few steps leave is no noise
 FIRST_STEPS, STEPS = 40, 25  # of fits from zero: for the weight, for each candidate
 FEW_STEPS = 6  # that tell which candidates are worth more
 PACE = Pace(1, 0.1)  # of fits that end early
@@ -187,7 +188,9 @@ def _fitted(
 
     def advance(_: Any, parts: Any) -> Any:
         image, inner, weight = parts
-        balanced = balanced_weight(fit, penalty, image, inner.fitted - data, level.scale)
+        balanced = balanced_weight(
+            fit, penalty, image, inner.fitted - data, level.scale, OF_FEW_STEPS
+        )
         new = jnp.where(find, balanced, weight).astype(weight.dtype)
         return *step(level, penalty, new, image, of_weight(inner, weight, new), PACE), new
 

@@ -90,7 +90,10 @@ def _with_start(
     if not start.differs:
         return with_start_confirmed(made, start)
     images = start.estimates(told.estimates["model"])
-    return _through(PRESSURE, *_sound(scan, facts, p, images)).choices()
+    shifted = _through(PRESSURE, *_sound(scan, facts, p, images)).choices()
+    # with a start that is wrong, as through two speeds, sound may seem to come from nowhere
+    lost = shifted.grade("region_radius") == GUESSED != made.grade("region_radius")
+    return with_start_untold(scan, made) if lost else shifted
 
 
 def _sound(

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, N, positions, raw_counts, record, scan
 
-from jaxtat import detector_curve, phantoms
+from jaxtat import detector_curve, disk, phantoms
 from jaxtat.io import Scan
 from jaxtat.io.frames import LazyFrames
-from jaxtat.records import circular_integrals_to_pressure
+from jaxtat.records import circular_integrals_to_pressure, supported
 from jaxtat.scans import choose, describe, with_facts
 from jaxtat.steps import AccuracyWarning, TooFewDetectors
 
@@ -263,6 +263,20 @@ def test_detectors_too_few_for_an_image_are_said_so(pressure):
     needed = int(re.search(r"About (\d+)", few)[1])
     assert 5 < needed < 45
     chosen_from(2)
+
+
+def test_far_between_detectors_waves_are_finer_as_far_as_few_pixels_hold_them(pressure):
+    """Twice what the spacing tells in half of the region, up to what 257 pixels hold at 2 each."""
+    points = positions()[::6]
+    few = Scan("pressure", pressure[::6], {"detectors": points, "sampling_rate": RATE})
+    inner = supported(detector_curve(points[:, :2]), disk(0.0055), TIMES)
+    told = float(inner.frequency_of_detectors)
+    given = {"region_radius": 0.011, "sound_speed": SPEED}
+    assert choose(few, **given).max_frequency == pytest.approx(2 * told, rel=0.02)
+    wide = choose(few, half_width=0.08, **given)
+    assert wide.max_frequency == pytest.approx(np.pi * 256 / 0.16 / 2) and wide.pixels == 257
+    whole = choose(few, half_width=0.12, **given)  # where they do not hold what the spacing tells
+    assert whole.max_frequency == pytest.approx(told, rel=0.02) and whole.pixels > 257
 
 
 def test_what_sounds_beyond_the_ends_of_the_arc_is_shown():

@@ -17,6 +17,7 @@ from made_scans import (
 from jaxtat import elliptic_arc, phantoms, reconstruct_file
 from jaxtat.io import Scan, load_scan, save_ipasc
 from jaxtat.scans import choose, integrals, reconstruct, setup_of, with_facts
+from jaxtat.scans.start_time import Start
 from jaxtat.steps import AccuracyWarning
 
 GIVEN = {"region_radius": 0.011, "pixels": 33, "max_frequency": 3000.0, "alpha": 1e-3}
@@ -124,6 +125,15 @@ def test_a_start_that_the_file_does_not_say_is_told_with_the_speed(late):
     assert chosen.grade("time_shift") == ("guessed" if late else "likely")
     why = dict(chosen.reasons)["time_shift"]
     assert why.startswith("the record starts 1.5" if late else "as the file says; images tell")
+
+
+def test_no_start_counts_with_which_sound_would_come_from_nowhere(monkeypatch):
+    """As two speeds may look like one: here 8 us, more than sound takes to a detector."""
+    early = Start(-8e-6, 1e-8, SPEED, 1.0)
+    monkeypatch.setattr("jaxtat.scans.pipeline.start_and_speed", lambda scan, choices: early)
+    chosen = choose(made(record()))
+    assert chosen.time_shift == 0 and chosen.grade("time_shift") == "guessed"
+    assert chosen.grade("region_radius") == "likely"
 
 
 def test_from_half_a_circle_no_start_is_told():

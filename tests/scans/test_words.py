@@ -60,8 +60,8 @@ def test_too_few_detectors_for_a_frequency_that_is_given_are_said():
     """The table says so where none is given."""
     known = {"detectors": positions()[::6], "sampling_rate": RATE, "sound_speed": SPEED}
     few = Scan("pressure", record()[::6], known)
-    chosen = choose(few, region_radius=0.011, pixels=45)
-    above = choose(few, region_radius=0.011, pixels=45, max_frequency=3500.0)
+    chosen = choose(few, region_radius=0.011, pixels=91)
+    above = choose(few, region_radius=0.011, pixels=91, max_frequency=7000.0)
     assert dict(above.reasons)["max_frequency"].startswith("given; ")
     with pytest.warns(AccuracyWarning, match="detectors are too few"):
         reconstruct(few, above)
