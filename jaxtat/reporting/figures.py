@@ -49,9 +49,12 @@ def constrained(diagnosis: Diagnosis, fitted_image: Constrained, unit: str | Non
     }
     limits = limits_of(*pair.values())
     panels = figure.subplots(1, 2)
-    for axes, (title, image) in zip(panels, pair.items(), strict=True):
-        shown = show_image(axes, image, diagnosis.setup.grid, limits=limits, title=title, unit=unit)
-    _bar(figure, shown, panels, OF_VALUES, shrink=0.9)
+    grid = diagnosis.setup.grid
+    shown = [
+        show_image(axes, image, grid, limits=limits, title=title, unit=unit)
+        for axes, (title, image) in zip(panels, pair.items(), strict=True)
+    ]
+    _bar(figure, shown[0], panels, OF_VALUES, shrink=0.9)
     return figure
 
 
