@@ -283,13 +283,16 @@ def test_what_the_page_says_of_the_tables_is_in_them():
     own = "jaxtat, own choices"
     ratio = {name: found[own] / best(name) for name, found in errors.items() if own in found}
     behind = {name for name in ratio if ratio[name] > 1}
-    ahead = [f"vessels-{array}" for array in ("ring", "arc270", "ellipse", "half")]
+    arrays, shapes = ("ring", "arc270", "ellipse", "half"), ("disks", "vessels", "letters")
+    ahead = [f"{shape}-{array}" for shape in shapes for array in arrays]
     reaching = {"full_circle_64_detectors", "half_disk_three_quarter_arc"}
-    assert behind == {"vessels-arc125"}
-    assert max(ratio[name] for name in reaching) < 0.9
+    assert behind == {"vessels-arc125"} and len(ratio) == 21
+    assert max(ratio[name] for name in reaching) < 0.435
+    letters = errors["letters-arc125"]
+    assert round(letters[own], 2) == 0.49 and round(best("letters-arc125"), 2) == 0.54
     assert errors["half_disk_three_quarter_arc"][own] < 0.0015
     within = [ratio[name] for name in ahead]
-    assert min(within) > 0.5 and max(within) < 0.96
+    assert min(within) > 0.2 and max(within) < 0.9
     for name in ("vessels-ring", "vessels-arc270"):
         fitted, least = errors[name]["jaxtat, told the same, fitted"], min(errors[name].values())
         assert sum(v < fitted for p, v in errors[name].items() if "jaxtat" not in p) in (2, 3, 4)
@@ -298,14 +301,14 @@ def test_what_the_page_says_of_the_tables_is_in_them():
         found = errors[body]
         two = found["jaxtat, two speeds"]
         single = [v for p, v in found.items() if "two speeds" not in p]
-        assert min(single) == found[own] and 2.5 <= min(single) / two <= 4
+        assert min(single) == found[own] and 2.8 <= min(single) / two <= 4.4
         assert found["straight rays, two speeds"] > 3 * two
-        assert 80 < cost[body]["jaxtat, two speeds"] < 100
+        assert 50 < cost[body]["jaxtat, two speeds"] < 65
     assert best("hemisphere") > 3 * errors["hemisphere"][own]
     assert round(errors["late"][own], 2) == 0.34 and round(best("late"), 2) == 0.88
     assert best("vessels-arc125") > 0.3
-    assert round(errors["vessels-arc125"]["jaxtat, told the same, fitted"], 2) == 0.18
+    assert round(errors["vessels-arc125"]["jaxtat, told the same, fitted"], 2) == 0.19
     times = cost["vessels-arc270"]
     ours = [seconds for peer, seconds in times.items() if "jaxtat" in peer]
-    assert round(min(ours)) == 17 and round(max(ours)) == 18
+    assert round(min(ours)) == 13 and round(max(ours)) == 18
     assert all(seconds < min(ours) for peer, seconds in times.items() if "jaxtat" not in peer)
