@@ -1,13 +1,13 @@
 """How the image of a scan is made: by a fit under constraints, or by the formula.
 
 Measured records of pressure are fitted, with f >= 0 and total variation: they lack low frequencies
-and hold noise, and detectors on an open arc do not see all edges. On 48 simulated scans images without
-options have a median error of 0.27, those of the formula 0.70 (`docs/automatic_choices.md`).
-Where two-dimensional waves of one speed are recorded on a curve that every line through the region
-meets, nothing is missing, and the formula is more accurate; through a body of another speed fits
-are, whose constraints make good what is wrong with the body. In space records are fitted too: for
-detectors off rings the formula takes dense systems of all of them at every frequency, which are
-slower than a fit and see nothing of what is missing.
+and hold noise, and detectors on an open arc do not see all edges. On 48 simulated scans images
+without options have a median error of 0.27, those of the formula 0.70
+(`docs/automatic_choices.md`). Where two-dimensional waves of one speed are recorded on a curve that
+every line through the region meets, nothing is missing, and the formula is more accurate; through a
+body of another speed fits are, whose constraints make good what is wrong with the body. In space
+records are fitted too: for detectors off rings the formula takes dense systems of all of them at
+every frequency, which are slower than a fit and see nothing of what is missing.
 """
 
 from dataclasses import replace
