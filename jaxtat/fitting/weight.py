@@ -28,11 +28,11 @@ from jaxtyping import Array, Float
 from .data_fit import DataFit
 from .penalties import Penalty
 
-SPREAD = 3.0
-# In the plane, of a misfit in place of noise that is known; it falls with the weight. Chosen on
-# simulated scans numbered 600 to 747 of benchmarks/scans: with 3 the noise of some remained, with
-# 0.3 one was an image of zeros. In space with 1 a finger's vessels were half gone.
-SPREAD_OF_MISFIT = 1.0
+SPREAD = 3.0  # of noise that is known
+# By dimension, of a misfit in place of noise; it falls with the weight. Plane: chosen on simulated
+# scans numbered 600 to 747 of benchmarks/scans; with 3 the noise of some remained, with 0.3 one was
+# an image of zeros. Space: with 1 a finger's vessels were half gone.
+SPREAD_OF_MISFIT = {2: 1.0, 3: 3.0}
 # By dimension: L belongs to the mean of the image in the plane, and in space to structures of 1/λ0
 # (see `radial_filter`). Plane: chosen on phantoms of the seeds 0 and 3; benchmarks/weights.py tries
 # them on others. Space: chosen on balls, bells and vessels in a periodic model in which A^T A is
@@ -66,7 +66,7 @@ def balanced_weight(
     if isinstance(penalty, Penalty):
         size = penalty.value(images, penalty.smoothing * scale.image)
         if spread is None:
-            spread = SPREAD if fit.white or fit.support.ndim == 3 else SPREAD_OF_MISFIT
+            spread = SPREAD if fit.white else SPREAD_OF_MISFIT[fit.support.ndim]
         weight = square * n / (size + n * spread * tau)
         if not (penalty.needs_floor and fit.white):
             return weight

@@ -34,7 +34,7 @@ from ..fitting import TotalVariation
 from ..fitting.alternating import Pace, of_weight, step
 from ..fitting.data_fit import DataFit
 from ..fitting.fit import begun
-from ..fitting.weight import balanced_weight
+from ..fitting.weight import SPREAD, balanced_weight
 from ..forward import CircleIntegrals, CircleSizes, circle_integrals
 from ..forward.circular_sizes import circle_sizes, sizes_inside
 from ..geometry import Body, DetectorCurve, ImageGrid, disk
@@ -52,7 +52,6 @@ CYCLES = 5.0  # within a record in the plane, at least: what is slower is drift
 NYQUIST = 0.45  # over the sampling rate
 SMOOTH, FAINT, FLATTENED = 7, 0.1, 0.5  # frequencies, amplitude over the largest, exponent of W
 EIGHT = 8  # frequencies at a time are added: records that are a little longer take one program
-OF_FEW_STEPS = 3.0  # spread of `fitting.weight`: what few steps leave is no noise
 FIRST_STEPS, STEPS = 40, 25  # of fits from zero: for the weight, for each candidate
 FEW_STEPS = 6  # that tell which candidates are worth more
 PACE = Pace(1, 0.1)  # of fits that end early
@@ -188,9 +187,8 @@ def _fitted(
 
     def advance(_: Any, parts: Any) -> Any:
         image, inner, weight = parts
-        balanced = balanced_weight(
-            fit, penalty, image, inner.fitted - data, level.scale, OF_FEW_STEPS
-        )
+        # what few steps leave is more than noise: no larger weight because of it
+        balanced = balanced_weight(fit, penalty, image, inner.fitted - data, level.scale, SPREAD)
         new = jnp.where(find, balanced, weight).astype(weight.dtype)
         return *step(level, penalty, new, image, of_weight(inner, weight, new), PACE), new
 

@@ -34,6 +34,7 @@ BAND_TO_SPARE = 2.0  # the filter's upper edge over the image's highest frequenc
 # times the lambda_max that the detectors' spacing tells, and pixels or voxels for that at most
 FINER, FINER_PIXELS, FINER_VOXELS = 2.0, 257, 65
 SPACING = "the detectors' spacing in the inner half of the region"
+FINER_THAN_SPACING = f"{FINER:g} times what the detectors' spacing tells"
 BY_RECORD = "what the record holds above its noise"
 
 Where = tuple[DetectorCurve, Region]
@@ -108,7 +109,7 @@ def _of_spacing(sampled: float, per_pixel: float) -> Estimate:
         sampled: up to where the detectors sample waves [rad/length].
         per_pixel: highest frequency that one more pixel would hold [rad/length].
     """
-    twice = Estimate(FINER * sampled, f"{FINER:g} times what the detectors' spacing tells")
+    twice = Estimate(FINER * sampled, FINER_THAN_SPACING)
     of_few = per_pixel * (FINER_PIXELS - 1) / PIXELS_PER_DETAIL
     finer = least(twice, Estimate(of_few, f"{FINER_PIXELS} pixels, for detectors so far apart"))
     return finer if finer.value > sampled else Estimate(sampled, SPACING)
@@ -231,7 +232,7 @@ def with_waves_of_fit(scan: Scan, choices: Choices) -> Choices:
     given = "pixels" in choices.user_set
     most = choices.pixels if given else max(choices.pixels, FINER_VOXELS)
     limit = least(
-        Estimate(FINER * alone, f"{FINER:g} times what the detectors' spacing tells"),
+        Estimate(FINER * alone, FINER_THAN_SPACING),
         _of_record(record, choices.settings()),
         Estimate(np.pi * (most - 1) / (2 * choices.half_width), f"{most} voxels"),
     )
