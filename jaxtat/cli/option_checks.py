@@ -22,7 +22,7 @@ from ..base.choice_table import (
     require_pixels,
     words_of,
 )
-from ..base.messages import require_file
+from ..base.messages import name_of, require_file
 from ..base.option_values import FORMATS, IMAGE_SUFFIXES, STREAM_SUFFIXES, WITH_ERRORS
 from ..base.scanners import scanner_named
 
@@ -75,6 +75,19 @@ def _require_files(options: argparse.Namespace) -> None:
     for name in ("file", "detectors_from", "repeat", "plan"):
         if is_given(options, name) and not (name == "file" and _is_of_folder(options)):
             require_file(getattr(options, name))
+    for name in ("out", "json"):
+        if is_given(options, name) and not (name == "out" and is_given(options, "format")):
+            _require_not_read(options, Path(getattr(options, name)))
+
+
+def _require_not_read(options: argparse.Namespace, path: Path) -> None:
+    """Raise ValueError for a file that the command reads: a record would be lost."""
+    for name in ("file", "detectors_from", "plan"):
+        if path.exists() and is_given(options, name) and path.samefile(getattr(options, name)):
+            raise ValueError(
+                f"cannot write {name_of(path)}: it is read here, and would be lost: expected the "
+                "name of another file."
+            )
 
 
 def _is_of_folder(options: argparse.Namespace) -> bool:

@@ -689,6 +689,19 @@ def test_the_option_that_was_meant_is_named(capsys):
         assert f"{word} (do you mean --sound-speed?)" in capsys.readouterr().err
 
 
+def test_no_file_that_is_read_is_written_over(bad_input, small_cli_plan, capsys):
+    os.link("good.npz", "link.h5")
+    os.symlink(small_cli_plan, "plan.h5")
+    for line in (
+        f"reconstruct good.npz {GEOMETRY} --out link.h5",
+        f"reconstruct good.npz {GEOMETRY} --out a.npy --json good.npz",
+        "reconstruct good.npz --plan plan.h5 --out plan.h5",
+        f"info good.npz {GEOMETRY} --json ./good.npz",
+        f"plan --detectors-from moved.npz {REGION} --out moved.npz",
+    ):
+        require_refusal(bad_input, capsys, line, "it is read here, and would be lost")
+
+
 def test_a_sample_takes_no_other_files_place(bad_input, capsys):
     require_refusal(bad_input, capsys, "sample good.npz", "good.npz: it is there already")
 
