@@ -224,9 +224,11 @@ def view(options: argparse.Namespace) -> None:
 
 def sample(options: argparse.Namespace) -> None:
     """``jaxtat sample``."""
+    from ..base.atomic import require_new
     from ..io.datasets import sample_scan
 
     start = time.perf_counter()
+    require_new(options.out)  # it may be somebody's record
     sample_scan(options.out)
     _report(options, f"scan written to {options.out}", start)
 

@@ -1,5 +1,6 @@
 """The pictures of many image files on one sheet."""
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from ..geometry import ImageGrid
 from ..plotting import contact_sheet
 
 MOST = 144  # pictures, evenly chosen of more
+_ACROSS = 24  # characters of a title in one line
 
 
 def write_sheet(path: Path, images: Sequence[tuple[Path, str]]) -> None:
@@ -48,4 +50,14 @@ def _panel(file: Path, name: str) -> tuple[tuple[np.ndarray, ImageGrid, str], bo
     axes = [scale * x for x in (x1, x2)]
     half = tuple(float(np.ptp(x)) / 2 for x in axes)
     grid = ImageGrid(image.shape, half, np.array([x.mean() for x in axes]))
-    return (image, grid, name), known
+    return (image, grid, _title(name)), known
+
+
+def _title(name: str) -> str:
+    """A name in lines as wide as its picture, of a long one the end; no dollar begins a formula.
+
+    >>> _title("monday/phantom-in-water-3.npz")
+    'monday/phantom-in-\\nwater-3.npz'
+    """
+    shown = name if len(name) <= 2 * _ACROSS else f"...{name[3 - 2 * _ACROSS :]}"
+    return "\n".join(textwrap.wrap(shown, _ACROSS)).replace("$", r"\$")

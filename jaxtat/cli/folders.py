@@ -129,8 +129,13 @@ def scan_files(folder: Path, out: Path) -> list[str]:
 
 def _require_own(out: Path) -> None:
     """Make the folder, or raise ValueError for one with files of others."""
-    if not out.exists():
-        out.mkdir()
+    try:
+        out.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ValueError(
+            f"cannot write {name_of(out)}: no folder can be made in "
+            f"{name_of(out.resolve().parent)} ({error.strerror})."
+        ) from None
     inside = [path.name for path in out.iterdir() if not path.name.startswith(".")]
     if inside and not _is_summary(out / SUMMARY):
         raise ValueError(

@@ -185,6 +185,11 @@ def require_size(scan: Scan, choices: Choices) -> None:
             f"the settings are for rows {min(rows)} to {max(rows)} of the data, the scan has "
             f"{scan.n_detectors}: they are of another scan."
         )
+    if "use" not in choices.user_set and len(rows) < scan.n_detectors:
+        raise ValueError(
+            f"the settings are for {len(rows)} detectors, the scan has {scan.n_detectors}: they "
+            "are of another scan."
+        )
     if scan.kind != "pressure":
         require_radii(scan.n_samples, choices.n_radii)
     region = choices.region

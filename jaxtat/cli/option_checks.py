@@ -20,8 +20,9 @@ from ..base.choice_table import (
     choice_named,
     option_of,
     require_pixels,
+    words_of,
 )
-from ..base.messages import require_file
+from ..base.messages import name_of, require_file
 from ..base.option_values import FORMATS, IMAGE_SUFFIXES, STREAM_SUFFIXES, WITH_ERRORS
 from ..base.scanners import scanner_named
 
@@ -74,6 +75,19 @@ def _require_files(options: argparse.Namespace) -> None:
     for name in ("file", "detectors_from", "repeat", "plan"):
         if is_given(options, name) and not (name == "file" and _is_of_folder(options)):
             require_file(getattr(options, name))
+    for name in ("out", "json"):
+        if is_given(options, name) and not (name == "out" and is_given(options, "format")):
+            _require_not_read(options, Path(getattr(options, name)))
+
+
+def _require_not_read(options: argparse.Namespace, path: Path) -> None:
+    """Raise ValueError for a file that the command reads: a record would be lost."""
+    for name in ("file", "detectors_from", "plan"):
+        if path.exists() and is_given(options, name) and path.samefile(getattr(options, name)):
+            raise ValueError(
+                f"cannot write {name_of(path)}: it is read here, and would be lost: expected the "
+                "name of another file."
+            )
 
 
 def _is_of_folder(options: argparse.Namespace) -> bool:
@@ -97,6 +111,8 @@ def _require_of_folder(options: argparse.Namespace) -> None:
         )
     if not out.resolve().parent.is_dir():
         raise ValueError(f"cannot write {out}: there is no folder {out.resolve().parent}.")
+    if Path(options.file).resolve().is_relative_to(out.resolve()):
+        raise ValueError(f"{out} holds the scans: expected --out with another folder for images.")
 
 
 def is_given(options: argparse.Namespace, name: str) -> bool:
@@ -172,7 +188,9 @@ def band(texts: list[str]) -> tuple[float, float] | str:
     try:
         low, high = (float(text) for text in texts)
     except ValueError:
-        raise ValueError(f"--band {' '.join(texts)}: expected LOW HIGH, or none.") from None
+        low = high = math.nan
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise ValueError(f"--band {' '.join(texts)}: expected LOW HIGH, or none.")
     return low, high
 
 
@@ -218,11 +236,19 @@ def _require_together(options: argparse.Namespace) -> None:
     if is_given(options, "plan"):
         of_plan = (*OF_REGION, "max_frequency", "alpha", "two_speeds", *OF_PLANS)
         _refuse(options, of_plan, "plan", "the plan")
-    constraints = [name for name in OF_CONSTRAINTS if is_given(options, name)]
-    if constraints and (is_given(options, "plan") or wants_plan(options)):
-        raise ValueError(f"{option_of(constraints[0])} and a plan: images are fitted without one.")
+    if is_given(options, "plan") or wants_plan(options):
+        _refuse_constraints(options)
     if wants_plan(options) and is_given(options, "alpha"):
         raise ValueError("--alpha is for a reconstruction without densities: leave out the others.")
+
+
+def _refuse_constraints(options: argparse.Namespace) -> None:
+    """Raise ValueError for constraints beside a plan; its images are direct, as --direct says."""
+    for name in OF_CONSTRAINTS:
+        value = getattr(options, name, None)
+        if is_given(options, name) and (name, value) != ("model_based", False):
+            option = words_of(name, value)[0]
+            raise ValueError(f"{option} and a plan: images are fitted without one.")
 
 
 def _require_room_for_errors(options: argparse.Namespace) -> None:

@@ -5,6 +5,7 @@ import re
 import sys
 from collections.abc import Sequence
 from decimal import Decimal
+from difflib import get_close_matches
 from typing import Any
 
 from ..base.choice_table import (
@@ -90,7 +91,14 @@ class _Parser(argparse.ArgumentParser):
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[argparse.Namespace, list[str]]:
         words = sys.argv[1:] if args is None else args
-        return super().parse_known_args([_without_exponent(word) for word in words], namespace)
+        words = [_without_exponent(word) for word in words]
+        options, unknown = super().parse_known_args(words, namespace)
+        return options, [self._with_nearest(word) for word in unknown]
+
+    def _with_nearest(self, word: str) -> str:
+        """A word that is no option, and in brackets the one that it may have been meant to be."""
+        near = get_close_matches(word.partition("=")[0], self._option_string_actions, 1)
+        return f"{word} (do you mean {near[0]}?)" if near and word.startswith("--") else word
 
 
 def _without_exponent(word: str) -> str:

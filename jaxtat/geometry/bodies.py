@@ -413,8 +413,8 @@ def require_surrounded(curve: DetectorCurve | Detectors, region: Region | Ball, 
     nearest = float(np.linalg.norm(np.asarray(curve.points) - center, axis=-1).min())
     if radius >= nearest:
         raise ValueError(
-            f"the body reaches {radius:.6g} from {center}, and a detector is {nearest:.6g} from "
-            "there, expected detectors in the water: make its radius smaller, or check that both "
+            f"the body has the radius {radius:.6g}, and a detector is {nearest:.6g} from its "
+            "centre, expected detectors in the water: make its radius smaller, or check that both "
             "use the same unit of length."
         )
     reach = float(by_library(_farthest, _where(body, region)))

@@ -56,6 +56,8 @@ def read_scan(path: Path, kind: Kind | None) -> FileContents:
     for format in FORMATS:
         if format.has_it(path, start):
             return format.read(path, kind)
+    if not start:
+        raise ValueError("it is empty.")
     names = ", ".join(dict.fromkeys(format.name for format in FORMATS))
     raise ValueError(f"it begins as none of the formats that are read ({names}), or is damaged.")
 
@@ -72,6 +74,10 @@ def read_arrays(
             that are not there are left out.
         attributes: of the root.
     """
+    if not is_hdf5(path):
+        raise ValueError(
+            "it is no HDF5 file, or its beginning is damaged: expected one that jaxtat wrote."
+        )
     file = open_hdf5(path)
     each = [
         name

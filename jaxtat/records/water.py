@@ -31,7 +31,7 @@ def water_speed(temperature: Numbers) -> Float[Array, "..."]:
     if is_concrete(temperature):
         values = np.asarray(temperature)
         if values.size and not (values.min() >= 0 and values.max() <= 95):
-            raise ValueError(
-                f"temperature is {values.min():.4g} to {values.max():.4g}, expected 0 to 95 °C."
-            )
+            low, high = f"{values.min():.4g}", f"{values.max():.4g}"
+            which = low if low == high else f"{low} to {high}"
+            raise ValueError(f"the water's temperature is {which}, expected 0 to 95 °C.")
     return jnp.polyval(jnp.asarray(_COEFFICIENTS[::-1]), temperature)

@@ -205,8 +205,9 @@ def facts_of(scan: Scan, use: Any = None) -> Facts:
         )
     if in_space(scan):
         raise ValueError(
-            "the detectors surround a volume, and plans and reports are for images: use jaxtat "
-            "reconstruct, without a plan and what asks for one (in Python scans.reconstruct)."
+            "the detectors surround a volume, and plans, reports and the settings of an image in "
+            "the plane are not for volumes: use jaxtat reconstruct without them, and without "
+            "options that ask for a plan (in Python scans.reconstruct)."
         )
     points, rows = np.asarray(in_plane(scan.known["detectors"])), rows_used(scan, use)
     if len(rows) < FEWEST:

@@ -154,7 +154,7 @@ def _with_highest(p: Parameters, limit: Estimate) -> Parameters:
     highest, size = p["max_frequency"], 2 * p["region_radius"]
     if math.pi / highest > size and not p.gives("max_frequency"):
         raise ValueError(
-            f"{limit.why} allows details of {math.pi / highest:.3g} (lambda {highest:.4g}), more "
+            f"with {limit.why} details are {math.pi / highest:.3g} (lambda {highest:.4g}), more "
             f"than the whole region, {size:.3g} across. Check that positions, times and sound "
             "speed are in units that fit each other, or give max_frequency."
         )

@@ -302,6 +302,14 @@ def test_options_that_ask_for_a_plan(jaxtat_command, option, rule, others):
     assert not agree(wanted, direct_image(INTEGRALS)), "the option changes something"
 
 
+def test_a_plan_makes_direct_images(jaxtat_command):
+    np.savez("data.npz", circular_integrals=INTEGRALS)
+    line = f"reconstruct data.npz {ARC} {REGION} --K 3"
+    assert jaxtat_command(f"{line} --direct --out direct.npy") == 0
+    assert jaxtat_command(f"{line} --out plan.npy") == 0
+    assert np.array_equal(np.load("direct.npy"), np.load("plan.npy"))
+
+
 @pytest.mark.parametrize(
     ("option", "others"),
     [
@@ -444,6 +452,7 @@ def bad_input(tmp_path, monkeypatch):
     np.savez("still.npz", pressure=pulses(90), fs=0.0)
     (tmp_path / "damaged.npz").write_bytes((tmp_path / "good.npz").read_bytes()[:-30])
     (tmp_path / "good.txt").write_text("1 2 3\n")
+    (tmp_path / "empty.npz").touch()
     (tmp_path / "folder.png").mkdir()
     return tmp_path
 
@@ -457,6 +466,7 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"nowhere.npz {GEOMETRY} --out a.png", "there is no file nowhere.npz"),
         (f"folder.png {GEOMETRY} --out a.png", "folder.png is a folder, whose images go into a"),
         (f"good.txt {GEOMETRY} --out a.png", "cannot read good.txt: it begins as none of the"),
+        (f"empty.npz {GEOMETRY} --out a.png", "cannot read empty.npz: it is empty."),
         (f"good.npz {GEOMETRY} --out a.jpg", "cannot write a.jpg: expected a name ending"),
         (f"good.npz {GEOMETRY} --out nowhere/a.png", "there is no folder"),
         (f"good.npz {GEOMETRY} --out folder.png", "cannot write folder.png: it is a folder"),
@@ -494,6 +504,8 @@ GEOMETRY = f"{ARC} {REGION}"
             f"timeless.npz {GEOMETRY} --duration 3 --sound-speed 0 --out a.png",
             "--sound-speed is 0.0",
         ),
+        (f"good.npz {GEOMETRY} --band nan 2 --out a.png", "--band nan 2: expected LOW HIGH"),
+        (f"good.npz {GEOMETRY} --K 3 --signed --out a.png", "--signed and a plan"),
         (f"good.npz {REGION} --out a.png", "no detector positions"),
         (f"angles.npz {REGION} --out a.png", "expected (detectors, 2 or 3)"),
         (f"some.npz {REGION} --out a.png", "the data have 24 detectors"),
@@ -668,6 +680,30 @@ def test_wrong_arguments_exit_with_2_and_the_usage(capsys, line):
         main(shlex.split(line))
     assert caught.value.code == 2
     assert capsys.readouterr().err.startswith("usage: jaxtat")
+
+
+def test_the_option_that_was_meant_is_named(capsys):
+    for word in ("--sound_speed", "--soundspeed=1500", "--sound-sped"):
+        with pytest.raises(SystemExit):
+            main(["reconstruct", "data.npz", "--out", "a.png", word])
+        assert f"{word} (do you mean --sound-speed?)" in capsys.readouterr().err
+
+
+def test_no_file_that_is_read_is_written_over(bad_input, small_cli_plan, capsys):
+    os.link("good.npz", "link.h5")
+    os.symlink(small_cli_plan, "plan.h5")
+    for line in (
+        f"reconstruct good.npz {GEOMETRY} --out link.h5",
+        f"reconstruct good.npz {GEOMETRY} --out a.npy --json good.npz",
+        "reconstruct good.npz --plan plan.h5 --out plan.h5",
+        f"info good.npz {GEOMETRY} --json ./good.npz",
+        f"plan --detectors-from moved.npz {REGION} --out moved.npz",
+    ):
+        require_refusal(bad_input, capsys, line, "it is read here, and would be lost")
+
+
+def test_a_sample_takes_no_other_files_place(bad_input, capsys):
+    require_refusal(bad_input, capsys, "sample good.npz", "good.npz: it is there already")
 
 
 def test_choices_for_programs(jaxtat_command, capsys):
@@ -973,3 +1009,7 @@ def test_settings_of_another_scan_are_refused(jaxtat_command, capsys):
     assert jaxtat_command("reconstruct few.npz --repeat a.h5 --out b.npy") == 2
     err = capsys.readouterr().err
     assert err.count("\n") <= 2 and "Traceback" not in err
+    np.savez("more.npz", circular_integrals=np.concatenate([INTEGRALS, INTEGRALS[:2]]))
+    more = f"--arc 1.3 1 {len(INTEGRALS) + 2}"
+    assert jaxtat_command(f"reconstruct more.npz --repeat a.h5 {more} --out b.npy") == 2
+    assert f"the settings are for {len(INTEGRALS)} detectors" in capsys.readouterr().err

@@ -4,14 +4,16 @@ import csv
 import os
 import shlex
 import warnings
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from test_cli import ARC, BELL, CURVE, INTEGRALS, RADII, REGION, agree
 
-from jaxtat.cli import folders, main
+from jaxtat.cli import folder_sheet, folders, main
 from jaxtat.io import load_settings
+from jaxtat.plotting import contact_sheet
 from jaxtat.scans import images
 from jaxtat.steps import Contradiction
 
@@ -168,12 +170,34 @@ def test_several_processes_give_the_same_images(scans):
         ("reconstruct scans --out images --try alpha=1", "--try is of a single scan"),
         ("reconstruct scans/a.npz --out a.npy --jobs 2", "--jobs shares the scans of a folder"),
         ("reconstruct images --out scans", "images holds no scan"),
+        ("reconstruct scans --out scans", "scans holds the scans: expected --out with another"),
     ],
 )
 def test_what_cannot_be_is_said_before_anything_is_made(scans, line, reason, capsys):
     os.mkdir("images")
     assert main(shlex.split(line)) == 2
     assert reason in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_made_is_named(scans, monkeypatch, capsys):
+    def refused(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("pathlib.Path.mkdir", refused)
+    assert run() == 2
+    assert "cannot write images: no folder can be made in" in capsys.readouterr().err
+
+
+def test_long_names_and_dollars_are_titles_that_fit(scans):
+    name = "a monday of $2^ and $3^ more phantoms than there were on the sunday before it.npz"
+    os.rename("scans/a.npz", f"scans/{name}")
+    assert run() == 0
+    (_, grid, title), _ = folder_sheet._panel(Path(f"images/{name}.h5"), name)
+    figure = contact_sheet(3 * [(np.eye(5), grid, title)])
+    figure.draw_without_rendering()
+    boxes = [axes.title.get_window_extent() for axes in figure.axes]
+    assert boxes[0].x1 < boxes[1].x0, "beside each other"
+    assert title.endswith("it.npz")
 
 
 def test_frames_that_were_made_are_not_made_again(scans, monkeypatch, capsys):

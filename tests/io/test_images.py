@@ -107,7 +107,7 @@ def test_damaged_and_foreign_files_have_no_settings(tmp_path):
     damages = {
         "their digest": whole[:at] + b'"cosinE"' + whole[at + 8 :],
         "it is damaged": whole[: len(whole) // 2],
-        "file signature not": b"",
+        "it is no HDF5 file": b'{"sound_speed": 1500}',
     }
     for reason, damaged in damages.items():
         path.write_bytes(damaged)

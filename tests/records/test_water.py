@@ -12,5 +12,5 @@ def test_speeds_of_the_table():
 
 
 def test_kelvin_are_refused():
-    with pytest.raises(ValueError, match="temperature is 303 to 303, expected 0 to 95 °C"):
+    with pytest.raises(ValueError, match="temperature is 303, expected 0 to 95 °C"):
         water_speed(303.0)

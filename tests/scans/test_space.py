@@ -436,13 +436,13 @@ def test_what_does_not_apply_in_space_is_refused(scan_file, tmp_path, capsys):
         assert "there is no choice" in capsys.readouterr().err
     page = f"report {scan_file} --out {tmp_path / 'a.html'}"
     assert main(page.split()) == 2
-    assert "reports are for images: use jaxtat reconstruct" in capsys.readouterr().err
+    assert "are not for volumes: use jaxtat reconstruct" in capsys.readouterr().err
     for line in (
         f"plan --detectors-from {scan_file} --out {tmp_path / 'a.npz'} {OPTIONS}",
         f"reconstruct {scan_file} --K 2 --out {tmp_path / 'a.npy'} {OPTIONS}",
     ):
         assert main(line.split()) == 2
-        assert "plans and reports are for images" in capsys.readouterr().err
+        assert "are not for volumes: use jaxtat reconstruct" in capsys.readouterr().err
     points = np.random.default_rng(0).standard_normal((900, 3))
     with pytest.raises(ValueError, match="Only up to 800 detectors may lie anywhere"):
         choose(Scan("circular_integrals", np.ones((900, 5)), {"detectors": points}))
