@@ -31,6 +31,8 @@ SEEDS = {
     1200: 2037,
     1300: 2038,
     1400: 2039,
+    1500: 2040,
+    1600: 2041,
 }
 HELD_OUT = 900  # from there on: rules are made on the others, these tell how good they are
 HALVES = ("rules", "held-out")

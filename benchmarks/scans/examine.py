@@ -11,7 +11,6 @@ from pathlib import Path
 import jax
 import numpy as np
 from cases import SIZES, Case, cases, truth, write
-from without import RULES
 
 
 def examine(case: Case, size: str, oracle: bool, speeds: str, folder: Path) -> dict:
@@ -98,8 +97,6 @@ def _chosen(case: Case, body, choices) -> dict:
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
     warnings.simplefilter("ignore")
-    name, size, against, speeds, without, folder = sys.argv[1:]
-    if without:
-        RULES[without]()
+    name, size, against, speeds, folder = sys.argv[1:]
     (case,) = (case for case in cases() if case.name == name)
     print(json.dumps(examine(case, size, against == "oracle", speeds, Path(folder))))

@@ -1,7 +1,7 @@
 """Reconstructs all scans with no option, and shows what came of it beside the truth.
 
     python benchmarks/scans/run.py [--half rules|held-out] [--first NUMBER] [--only NAME] [--quick]
-        [--no-oracle] [--speeds one|two|two-water-given] [--without RULE] [--out FOLDER]
+        [--no-oracle] [--speeds one|two|two-water-given] [--out FOLDER]
 
 The image without options is the fitted one for most records; "direct" is the formula's error.
 Writes scans.csv, scans.md and contact sheets (truth, with no option, oracle) into the folder.
@@ -68,7 +68,6 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="0.3 of all detectors and samples")
     parser.add_argument("--no-oracle", action="store_true", help="but what jaxtat chooses alone")
     parser.add_argument("--speeds", choices=SPEEDS, default="one", help="of sound, estimated")
-    parser.add_argument("--without", metavar="RULE", default="", help="of without.py")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="scans at a time")
     parser.add_argument("--out", type=Path, default=Path("out/scans"), metavar="FOLDER")
     options = parser.parse_args()
@@ -83,7 +82,7 @@ def main() -> None:
     ]
     rows: list[dict] = []
     size = "quick" if options.quick else "full"
-    how = (size, not options.no_oracle, options.speeds, options.without, options.out)
+    how = (size, not options.no_oracle, options.speeds, options.out)
     with ThreadPoolExecutor(options.jobs) as pool:
         made = pool.map(lambda case: examined(case, *how), wanted)
         for row in made:
@@ -101,13 +100,11 @@ def examined(case, *how) -> dict:
     return row | {"half": case.half, "dirt": described(case)}
 
 
-def in_a_process(
-    name: str, size: str, oracle: bool, speeds: str, without: str, folder: Path
-) -> dict:
+def in_a_process(name: str, size: str, oracle: bool, speeds: str, folder: Path) -> dict:
     """Of a child, whose end, whatever it was, is a row."""
     against = "oracle" if oracle else "alone"
     script = str(HERE / "examine.py")
-    command = [sys.executable, script, name, size, against, speeds, without, str(folder)]
+    command = [sys.executable, script, name, size, against, speeds, str(folder)]
     start = time.perf_counter()
     try:
         environment = os.environ | (UNOPTIMISED if size == "quick" else {})

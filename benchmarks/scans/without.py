@@ -1,46 +1,91 @@
-"""Rules of `jaxtat.scans` that can be left out, to see what each is worth: `run.py --without`."""
+"""Rules of `jaxtat.scans`, each of which can be left out to see what it is worth: `ablation.py`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+from unittest.mock import patch
 
-from jaxtat.scans import acoustics, angular_coverage, frames, pipeline, preprocess
+from jaxtat.scans import acoustics, frames, onset_times, pipeline, preprocess, region, resolution
+from jaxtat.scans import angular_coverage as coverage
 from jaxtat.scans.speed_found import unknown
 
 
-def _start() -> None:
-    """No start but the file's."""
-    pipeline.start_and_speed = lambda *_: None
+class Rule(NamedTuple):
+    """A name in a module, and what stands there without the rule.
+
+    Attributes:
+        says: in a few words.
+        module, name: where it is.
+        without: the value that leaves it out; of functions one of the function itself.
+    """
+
+    says: str
+    module: Any
+    name: str
+    without: Any
+
+    @contextmanager
+    def left_out(self) -> Iterator[None]:
+        with patch.object(self.module, self.name, self._other(getattr(self.module, self.name))):
+            yield
+
+    @contextmanager
+    def watched(self) -> Iterator[Callable[[], bool]]:
+        """Whether the rule was asked; always of constants."""
+        if not callable(getattr(self.module, self.name)):
+            yield lambda: True
+            return
+        own = getattr(self.module, self.name)
+        with patch.object(self.module, self.name, side_effect=own) as calls:
+            yield lambda: calls.called
+
+    def _other(self, own: Any) -> Any:
+        return self.without(own) if callable(own) else self.without
 
 
-def _dip() -> None:
-    """From half a circle, no speed by what no image explains."""
-    angular_coverage.speed_best_explained = lambda *_: unknown("the rule is left out")
+def _always(value: Any) -> Callable[[Any], Any]:
+    return lambda _: lambda *args, **names: value
 
 
-def _least_negative() -> None:
-    """From less, no speed by negative values."""
-    angular_coverage.speed_least_negative = lambda *_: None
-
-
-def _faded() -> None:
-    """Channels of small gain count."""
-    preprocess._without_faded = lambda facts, record, good, p: (good, p)
-
-
-def _arrivals() -> None:
-    """Nothing is said of when sound arrives."""
-    acoustics.early_or_late = lambda *_: ""
-
-
-def _mute() -> None:
-    """A muted start counts as it is."""
-    frames.without_mute = lambda record: record
-
-
-RULES: dict[str, Callable[[], None]] = {
-    "start": _start,
-    "dip": _dip,
-    "least-negative": _least_negative,
-    "faded": _faded,
-    "arrivals": _arrivals,
-    "mute": _mute,
+RULES = {
+    "start": Rule("start by images", pipeline, "start_and_speed", _always(None)),
+    "dip": Rule(
+        "speed by what no image explains, from half a circle",
+        coverage,
+        "speed_best_explained",
+        _always(unknown("the rule is left out")),
+    ),
+    "least-negative": Rule(
+        "speed by negative values, from less", coverage, "speed_least_negative", _always(None)
+    ),
+    "another-start": Rule(
+        "speeds beyond those of tissue",
+        acoustics,
+        "WITH_ANOTHER_START",
+        acoustics.STRETCHES,
+    ),
+    "opposite": Rule(
+        "speed by opposite detectors, in space",
+        pipeline,
+        "speed_in_space",
+        _always(unknown("the rule is left out")),
+    ),
+    "arrivals": Rule("when sound may arrive", acoustics, "early_or_late", _always("")),
+    "artefact": Rule("end of the laser's artefact", preprocess, "artefact_ends", _always(0.0)),
+    "mute": Rule("muted start", frames, "without_mute", lambda _: lambda record: record),
+    "muted-until": Rule("silence before sound", preprocess, "muted_until", _always(float("-inf"))),
+    "faded": Rule(
+        "channels of small gain",
+        preprocess,
+        "_without_faded",
+        lambda _: lambda facts, record, good, p: (good, p),
+    ),
+    "walls": Rule("sound from walls", onset_times, "sounding_place", _always(None)),
+    "opening": Rule(
+        "regions cut at the arc's opening",
+        region,
+        "_cut_at_opening",
+        lambda own: lambda arc, p, beyond=0.0: own(arc, p, float("inf")),
+    ),
+    "finer": Rule("waves finer than the spacing", resolution, "FINER", 1.0),
 }
