@@ -34,6 +34,7 @@ from .method import with_best_method
 from .space import TurnedOver, facts_in_space, require_few
 
 AT_A_TIME = 2**26  # bytes of data, as float64, that are reconstructed together
+HARDLY_ANY = 0.9  # share of a record that is unexplained, from which images show nothing of it
 TOGETHER, FEW = (32, 8), 2  # frames; the last are filled up, but for a single one
 
 
@@ -150,7 +151,8 @@ def reconstruct(
             cannot be.
 
     Warns:
-        AccuracyWarning: names the frames that are left out.
+        AccuracyWarning: names the frames that are left out, and of fitted images that explain
+            hardly anything.
     """
     shape = choices.grid.shape if plan is None else plan.setup.grid.shape
     room = _room((scan.n_frames, *shape)) if out is None else None
@@ -188,6 +190,7 @@ def reconstruct(
             image = image[..., ::-1] if flipped else image
             out[start : start + n] = np.asarray(image).reshape(-1, *shape)[:n]
             bar.update(n)
+    _warn_of_hardly_any(unexplained)
     several = scan.n_frames > 1 or "frame_numbers" in scan.known  # one of several is known by it
     numbers = scan.known.get("wavelengths", frame_numbers(scan))
     return ScanImages(
@@ -201,6 +204,18 @@ def reconstruct(
         report=report,
         unexplained=unexplained if fits else None,
     )
+
+
+def _warn_of_hardly_any(unexplained: float) -> None:
+    """Warn of fitted images with hardly anything of what was recorded."""
+    if unexplained > HARDLY_ANY:
+        warnings.warn(
+            f"the fitted image leaves {unexplained:.0%} of the record unexplained: nearly all of "
+            "it is noise, or the weight of the penalty is too large for it. Compare with the "
+            "formula's image (--direct), or give a smaller --weight.",
+            AccuracyWarning,
+            stacklevel=4,
+        )
 
 
 def without_blank_frames(scan: Scan, choices: Choices) -> Scan:

@@ -9,6 +9,7 @@ from jaxtat.cli import main
 from jaxtat.io import Scan, load_settings
 from jaxtat.records import apply_impulse_response
 from jaxtat.scans import choose, reconstruct, to_look_at, with_best_method
+from jaxtat.steps import AccuracyWarning
 
 # one size for most tests: few programs
 SIZES = {"region_radius": 0.011, "pixels": 41, "max_frequency": 3500.0}
@@ -150,3 +151,10 @@ def test_a_record_that_ends_before_all_sound_is_heard_is_fitted():
     wider = choose(unknown)
     assert wider.region_radius == pytest.approx(chosen.region_radius, rel=0.1)
     assert wider.sound_speed == pytest.approx(SPEED, rel=0.01)
+
+
+def test_an_image_of_hardly_anything_is_said():
+    made = scan(raw_counts(record(), noise=0.01))
+    choices = choose(made, band=BAND, weight=1e9, **GIVEN)
+    with pytest.warns(AccuracyWarning, match=r"leaves 100% of the record unexplained"):
+        assert reconstruct(made, choices).unexplained > 0.99
