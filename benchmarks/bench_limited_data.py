@@ -140,12 +140,6 @@ def bench_limited_model_based(measure, benchmark, problem):
     _measured(measure, benchmark, problem, problem.constrained)
 
 
-def bench_limited_model_based_from_direct(measure, benchmark, problem):
-    """Begun at the direct image, which is part of the time."""
-    work = lambda: problem.constrained(initial=problem.direct())  # noqa: E731
-    _measured(measure, benchmark, problem, work)
-
-
 def bench_half_circle_on_finer_pixels(measure, benchmark):
     """Pixels half as wide; the image is their means."""
     given = half_circle()
