@@ -58,12 +58,6 @@ RULES = {
     "least-negative": Rule(
         "speed by negative values, from less", coverage, "speed_least_negative", _always(None)
     ),
-    "another-start": Rule(
-        "speeds beyond those of tissue",
-        acoustics,
-        "WITH_ANOTHER_START",
-        acoustics.STRETCHES,
-    ),
     "opposite": Rule(
         "speed by opposite detectors, in space",
         pipeline,

@@ -39,7 +39,6 @@ EXPLAINED = 0.4  # share, below which an image explains most of a record
 NO_IMAGE = 0.88  # share² over that of rows in another order, from which no image explains
 HARDLY = 0.5  # of that ratio, from which other speeds than the file's are tried
 STRETCHES = np.arange(SLOWEST, FASTEST + STEP / 2, STEP)  # speeds that are tried, over nominal
-WITH_ANOTHER_START = np.arange((1 - LATE) * SLOWEST, (1 + LATE) * FASTEST, STEP)
 WHAT = {"2d": "two-dimensional waves", "in-plane": "sound in the plane"}
 OPEN = ("sound_speed", "model")  # what images tell
 NO_IMAGE_SAYS = (
@@ -180,8 +179,7 @@ def _told_by_images(sound: Sound, record: Acquisition, p: Parameters, nominal: f
     models = list(WHAT) if p.nominal("model") and twice else [str(p["model"])]
     if p.nominal("model") and not twice:
         p = _with_model(p, _kept_model(p.estimates["model"], seen))
-    late = p.nominal("time_shift")
-    told = [_told(sound, model, nominal, sought=unknown, late=late) for model in models]
+    told = [_told(sound, model, nominal, sought=unknown) for model in models]
     best = told[0]
     if len(told) > 1:
         # each with the weight that goes with it: those of water's speed are too large
@@ -201,12 +199,11 @@ def _told_by_images(sound: Sound, record: Acquisition, p: Parameters, nominal: f
     return p.with_(sound_speed=_speed(best.speed, p)) if unknown else p
 
 
-def _told(sound: Sound, model: str, nominal: float, *, sought: bool, late: bool = False) -> Told:
+def _told(sound: Sound, model: str, nominal: float, *, sought: bool) -> Told:
     """The best image, at the speed of which least is unexplained, or at the nominal one.
 
     Args:
         sought: whether the speed is.
-        late: whether the start may be wrong, which speeds beyond those of tissue make up for.
     """
     ends = (SLOWEST * (1 - LATE) * nominal, FASTEST * (1 + LATE) * nominal)
     misfit = misfit_of(sound, model, ends)
@@ -215,9 +212,6 @@ def _told(sound: Sound, model: str, nominal: float, *, sought: bool, late: bool 
         return Told(model, misfit, first.weight, Least(nominal, np.inf, 0.0, first))
     fit_at = partial(misfit.best, weight=first.weight)
     speed = least_share(fit_at, nominal * STRETCHES, sound.good)
-    if late and not speed.distinct:
-        wide = least_share(fit_at, nominal * WITH_ANOTHER_START, sound.good, thorough=False)
-        speed = wide if wide.distinct else speed
     return Told(model, misfit, first.weight, speed)
 
 

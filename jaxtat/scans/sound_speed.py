@@ -55,8 +55,6 @@ def least_share(
     fit_at: Callable[..., Fit],
     values: np.ndarray,
     good: Bool[np.ndarray, " detectors"],
-    *,
-    thorough: bool = True,
 ) -> Least:
     """Where the unexplained share is least, between equispaced values.
 
@@ -64,8 +62,6 @@ def least_share(
         fit_at: the fit at a value, by a number of ``steps``.
         values: that are tried, (some,).
         good: detectors that count.
-        thorough: whether whole fits are made at all values where few steps do not tell; else it is
-            nowhere then.
     """
     step = float(values[1] - values[0]) / FINER
     last = FINER * (len(values) - 1)
@@ -77,8 +73,6 @@ def least_share(
     shares = np.array([fit_at(float(value), steps=FEW_STEPS).share for value in values])
     k, typical = _least_and_typical(shares)
     if _depth(shares[k], shares[typical]) < TELLING:
-        if not thorough:
-            return Least(float(values[k]), np.inf, 0.0, whole(FINER * k))
         shares = np.array([whole(FINER * i).share for i in range(len(values))])
         k, typical = _least_and_typical(shares)
     best = _downhill(lambda part: whole(part).share, FINER * k, last)
