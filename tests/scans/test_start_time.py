@@ -102,6 +102,7 @@ def test_the_start_time_stays_in_a_file(tmp_path):
     save_ipasc(path, with_facts(made(record()), start_time=SHIFTED))
     assert load_scan(path).known["times"][0] == pytest.approx(SHIFTED)
     options = {"region_radius": 0.011, "pixels": 9, "sound_speed": SPEED, "band": "none"}
+    options |= {"model_based": False}
     early = "sound arrives earlier than the geometry allows"  # as it does in this record
     with pytest.warns(AccuracyWarning, match=early):
         by_file = reconstruct_file(path, **options)
