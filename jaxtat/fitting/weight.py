@@ -30,9 +30,9 @@ from .penalties import Penalty
 
 SPREAD = 3.0  # of noise that is known
 # By dimension, of a misfit in place of noise. The weight makes part of that itself: with 1 a zero
-# image balanced its own weight on every tenth of the simulated scans of benchmarks/scans with few
-# detectors, and 1.5 left one of them in part. Plane: 3 leaves more of the noise. Space: with 1 a
-# finger's vessels were half gone.
+# image balanced its own weight for rods seen by few detectors, on some simulated scans of
+# benchmarks/scans, and 1.5 left a part of one of them. Plane: 3 leaves more of the noise. Space:
+# with 1 a finger's vessels were half gone.
 SPREAD_OF_MISFIT = {2: 2.0, 3: 3.0}
 # By dimension: L belongs to the mean of the image in the plane, and in space to structures of 1/λ0
 # (see `radial_filter`). Plane: chosen on phantoms of the seeds 0 and 3; benchmarks/weights.py tries
