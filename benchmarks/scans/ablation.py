@@ -1,19 +1,13 @@
 """What each rule of `jaxtat.scans` is worth: errors with all of them, and without each.
 
-    python benchmarks/scans/ablation.py --first NUMBER [--last NUMBER] [--jobs N] [--out FOLDER]
-
-Small scans. A rule that a scan does not ask, or that leaves its choices as they are, costs nothing.
-Where there is no image without a rule, one of zeros counts. Writes ablation.json and ablation.md
-into the folder, and what `run.py` writes.
+The script makes the row of one scan, as examine.py does, for `run.py --ablation`. A rule that a
+scan does not ask, or that leaves its choices as they are, costs nothing. Where there is no image
+without a rule, one of zeros counts.
 """
 
-import argparse
 import json
-import os
-import subprocess
 import sys
 import warnings
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import fields
 from pathlib import Path
@@ -21,15 +15,14 @@ from pathlib import Path
 import jax
 import numpy as np
 from cases import SIZES, Case, cases, truth
-from examine import examine
-from run import HERE, LONGEST, UNOPTIMISED, described, write_tables
+from examine import examine, options
 from without import RULES
 
 SAID = ("reasons", "grades", "standard_errors")  # fields of choices that no pixel depends on
 CLEARLY = 0.1  # share of the error, from which on it counts as another
 
 
-def ablated(case: Case, folder: Path) -> dict:
+def ablated(case: Case, size: str, oracle: bool, speeds: str, folder: Path) -> dict:
     """The row of `examine`, and errors without each rule that decides anything: {rule: error}."""
     from oracle import window
 
@@ -38,11 +31,14 @@ def ablated(case: Case, folder: Path) -> dict:
 
     with ExitStack() as stack:
         asked = {name: stack.enter_context(rule.watched()) for name, rule in RULES.items()}
-        row = examine(case, "quick", False, "one", folder)
-    scan, where = load_scan(folder / f"{case.name}.npz"), window(truth(case, SIZES["quick"]))
+        row = examine(case, size, oracle, speeds, folder)
+    if row["failed"]:
+        return row | {"without": {}}
+    scan, where = load_scan(folder / f"{case.name}.npz"), window(truth(case, SIZES[size]))
+    given = options(case, speeds)
 
     def chosen():
-        return with_best_method(scan, choose(scan))
+        return with_best_method(scan, choose(scan, **given))
 
     whole, row["without"] = chosen(), {}
     for name in [name for name, was_asked in asked.items() if was_asked()]:
@@ -64,6 +60,7 @@ def _values(choices) -> dict:
 
 def table(rows: list[dict]) -> str:
     """How many errors change, which way, and what becomes of the median of all."""
+    rows = [row for row in rows if not row["failed"]]
     errors = np.array([row["error"] for row in rows])
     lines = [
         f"{len(rows)} scans, median error {np.median(errors):.3f}, mean {errors.mean():.3f}.",
@@ -80,59 +77,9 @@ def table(rows: list[dict]) -> str:
     return "\n".join(lines)
 
 
-def in_a_process(case: Case, folder: Path) -> dict | None:
-    """The row of a scan; None, with a word, where it fails."""
-    command = [sys.executable, str(HERE / "ablation.py"), "--one", case.name, "--out", str(folder)]
-    try:
-        done = subprocess.run(
-            command,
-            stdout=subprocess.PIPE,
-            text=True,
-            timeout=LONGEST,
-            env=os.environ | UNOPTIMISED,
-            check=True,
-        )
-        row = json.loads(done.stdout.splitlines()[-1])
-        return row | {"half": case.half, "dirt": described(case)}
-    except (subprocess.SubprocessError, IndexError, json.JSONDecodeError) as problem:
-        print(f"{case.name}: {problem}", file=sys.stderr)
-        return None
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--first", type=int, default=0, metavar="NUMBER")
-    parser.add_argument("--last", type=int, default=None, metavar="NUMBER")
-    parser.add_argument("--one", metavar="NAME", help="print its row")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="scans at a time")
-    parser.add_argument("--out", type=Path, default=Path("out/scans"), metavar="FOLDER")
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    if options.one:
-        (case,) = (case for case in cases() if case.name == options.one)
-        print(json.dumps(ablated(case, options.out)))
-        return
-    last = float("inf") if options.last is None else options.last
-    wanted = [
-        case
-        for case in cases()
-        if options.first <= case.number <= last and "k-wave" not in case.dirt
-    ]
-    rows: list[dict] = []
-    with ThreadPoolExecutor(options.jobs) as pool:
-        for row in pool.map(lambda case: in_a_process(case, options.out), wanted):
-            if row is None:
-                continue
-            rows.append(row)
-            changed = {k: round(e, 3) for k, e in row["without"].items() if e != row["error"]}
-            print(row["name"], f"{row['error']:.3f}", changed, flush=True)
-            (options.out / "ablation.json").write_text(json.dumps(rows, indent=1))
-            write_tables(rows, options.out)
-            (options.out / "ablation.md").write_text(table(rows) + "\n")
-    print(table(rows))
-
-
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
     warnings.simplefilter("ignore")
-    main()
+    name, size, against, speeds, folder = sys.argv[1:]
+    (case,) = (case for case in cases() if case.name == name)
+    print(json.dumps(ablated(case, size, against == "oracle", speeds, Path(folder))))

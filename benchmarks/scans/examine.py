@@ -13,10 +13,15 @@ import numpy as np
 from cases import SIZES, Case, cases, truth, write
 
 
+def options(case: Case, speeds: str) -> dict:
+    """What `choose` is told."""
+    water = {"water_speed": case.water} if speeds == "two-water-given" else {}
+    return {"two_speeds": speeds != "one"} | water
+
+
 def examine(case: Case, size: str, oracle: bool, speeds: str, folder: Path) -> dict:
     """The row of the table; pictures go into the folder as NAME.images.npz."""
-    given = {"two_speeds": speeds != "one"}
-    given |= {"water_speed": case.water} if speeds == "two-water-given" else {}
+    given = options(case, speeds)
     from oracle import window
 
     from jaxtat.io import load_scan

@@ -1,7 +1,7 @@
 """Reconstructs all scans with no option, and shows what came of it beside the truth.
 
     python benchmarks/scans/run.py [--half rules|held-out] [--first NUMBER] [--only NAME] [--quick]
-        [--no-oracle] [--speeds one|two|two-water-given] [--out FOLDER]
+        [--last NUMBER] [--no-oracle] [--speeds one|two|two-water-given] [--ablation] [--out FOLDER]
 
 The image without options is the fitted one for most records; "direct" is the formula's error.
 Writes scans.csv, scans.md and contact sheets (truth, with no option, oracle) into the folder.
@@ -64,10 +64,12 @@ def main() -> None:
     parser.add_argument(
         "--first", type=int, default=0, metavar="NUMBER", help="of a scan that is made"
     )
+    parser.add_argument("--last", type=int, metavar="NUMBER", help="of a scan that is made")
     parser.add_argument("--only", metavar="NAME", help="scans whose name holds this")
     parser.add_argument("--quick", action="store_true", help="0.3 of all detectors and samples")
     parser.add_argument("--no-oracle", action="store_true", help="but what jaxtat chooses alone")
     parser.add_argument("--speeds", choices=SPEEDS, default="one", help="of sound, estimated")
+    parser.add_argument("--ablation", action="store_true", help="also without each of the rules")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="scans at a time")
     parser.add_argument("--out", type=Path, default=Path("out/scans"), metavar="FOLDER")
     options = parser.parse_args()
@@ -77,18 +79,22 @@ def main() -> None:
         for case in cases()
         if options.half in (None, case.half)
         and case.number >= options.first
+        and (options.last is None or case.number <= options.last)
         and (options.only or "") in case.name
         and ("k-wave" not in case.dirt or simulated_by_k_wave(case, options.out).exists())
     ]
     rows: list[dict] = []
     size = "quick" if options.quick else "full"
-    how = (size, not options.no_oracle, options.speeds, options.out)
+    script = "ablation.py" if options.ablation else "examine.py"
+    how = (script, size, not options.no_oracle, options.speeds, options.out)
     with ThreadPoolExecutor(options.jobs) as pool:
         made = pool.map(lambda case: examined(case, *how), wanted)
         for row in made:
             rows.append(row)
             print(line(row), flush=True)
             write_tables(rows, options.out)
+    if options.ablation:
+        write_ablation(rows, options.out)
     names = [row["name"] for row in rows]
     for sheet, start in enumerate(range(0, len(names), ON_A_SHEET), 1):
         draw(names[start : start + ON_A_SHEET], options.out, options.out / f"sheet-{sheet}.png")
@@ -100,11 +106,12 @@ def examined(case, *how) -> dict:
     return row | {"half": case.half, "dirt": described(case)}
 
 
-def in_a_process(name: str, size: str, oracle: bool, speeds: str, folder: Path) -> dict:
+def in_a_process(
+    name: str, script: str, size: str, oracle: bool, speeds: str, folder: Path
+) -> dict:
     """Of a child, whose end, whatever it was, is a row."""
     against = "oracle" if oracle else "alone"
-    script = str(HERE / "examine.py")
-    command = [sys.executable, script, name, size, against, speeds, str(folder)]
+    command = [sys.executable, str(HERE / script), name, size, against, speeds, str(folder)]
     start = time.perf_counter()
     try:
         environment = os.environ | (UNOPTIMISED if size == "quick" else {})
@@ -223,6 +230,14 @@ def write_tables(rows: list[dict], folder: Path) -> None:
         writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
         writer.writeheader()
         writer.writerows(rows)
+
+
+def write_ablation(rows: list[dict], folder: Path) -> None:
+    """What each rule is worth, and the rows by which it is known."""
+    from ablation import table
+
+    (folder / "ablation.json").write_text(json.dumps(rows, indent=1))
+    (folder / "ablation.md").write_text(table(rows) + "\n")
 
 
 def worst(rows: list[dict], n: int = 5) -> list[str]:

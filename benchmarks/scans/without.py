@@ -1,4 +1,4 @@
-"""Rules of `jaxtat.scans`, each of which can be left out to see what it is worth: `ablation.py`."""
+"""Rules of `jaxtat.scans`, each of which can be left out: `run.py --ablation`."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -214,7 +214,7 @@ def _warn_of_hardly_any(unexplained: float) -> None:
             "it is noise, or the weight of the penalty is too large for it. Compare with the "
             "formula's image (--direct), or give a smaller --weight.",
             AccuracyWarning,
-            stacklevel=4,
+            stacklevel=3,
         )
 
 
