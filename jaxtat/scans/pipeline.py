@@ -20,6 +20,7 @@ from .acquisition import Facts, facts_of, nominal_water_speed, typical_frame
 from .angular_coverage import with_speed_seen_once
 from .choices import IN_SPACE, Choices
 from .estimate import Estimate, Source
+from .laser_artefact import start_by_laser
 from .medium import acoustic_model, body, nominal_speed, require_body_speed
 from .method import constraints, laser_energy
 from .noise import exact_integrals, noise_in_plane, noise_in_space
@@ -106,11 +107,8 @@ def _sound(
     """
     frame = typical_frame(scan)[facts.order]
     p = p.with_(model=acoustic_model(facts, frame))
-    p = p.with_(
-        sound_speed=nominal_speed(scan, p),
-        time_shift=_start_of(scan),
-        impulse_response=_response(scan),
-    ).with_(**images)
+    p = p.with_(sound_speed=nominal_speed(scan, p), impulse_response=_response(scan))
+    p = p.with_(time_shift=_start_of(scan, facts, frame, p["sound_speed"])).with_(**images)
     require_body_speed(p)
     record, assumed = preprocess_in_plane(scan, facts, frame, p)
     if images:
@@ -124,10 +122,19 @@ def _sound(
     return record, told
 
 
-def _start_of(scan: Scan) -> Estimate:
-    """As the file says: of times that it has, or of samples from when the laser fires."""
-    known = "times" in scan.known
-    return Estimate(0.0, "as the file says", source=Source.FILE if known else Source.NOMINAL)
+def _start_of(scan: Scan, facts: Facts, frame: np.ndarray, speed: float) -> Estimate:
+    """As the file says: of times that it has, or of samples from when the laser fires.
+
+    Args:
+        frame: typical.
+        speed: known before images [length/time].
+    """
+    if "times" in scan.known:
+        return Estimate(0.0, "as the file says", source=Source.FILE)
+    assert facts.times is not None
+    middle = facts.arc.radius / speed if facts.arc else float(facts.times[-1]) / 2
+    seen = start_by_laser(np.where(np.isfinite(frame), frame, 0.0), facts.times, middle)
+    return seen or Estimate(0.0, "as the file says", source=Source.NOMINAL)
 
 
 def _response(scan: Scan) -> Estimate:

@@ -36,6 +36,7 @@ STEPS = (0.025, 2e-3), (0.012, 5e-4), (0.006, 2e-4)
 SPEEDS = np.linspace(0.83, 1.18, 71)  # over that of the choices, of which the first is taken
 MOVES = 4  # along the ridge, at most, where it goes on beyond the shifts
 FREQUENCIES = 32  # at most
+UNEVEN = 0.1  # of the range of what is explained along the ridge, by which it may rise elsewhere
 LEFT = 0.05  # of the power at a frequency, from which more than a wrong start is amiss
 DEEP = 0.04  # log of what is left two close steps across the ridge, over that on it
 SURE_TO = 2.5e-3  # standard error over the speed, to be likely
@@ -51,12 +52,14 @@ class Start(NamedTuple):
         standard_error: its, the jackknife's over bands of frequencies [time].
         speed: c with it [length/time].
         speed_error: that of the speed, along the ridge and across it [length/time].
+        even: whether less is unexplained the nearer to it, without exception.
     """
 
     shift: float
     standard_error: float
     speed: float
     speed_error: float
+    even: bool = True
 
     @property
     def differs(self) -> bool:
@@ -65,7 +68,7 @@ class Start(NamedTuple):
 
     @property
     def grade(self) -> str:
-        return LIKELY if self.speed_error <= SURE_TO * self.speed else GUESSED
+        return LIKELY if self.even and self.speed_error <= SURE_TO * self.speed else GUESSED
 
     def estimates(self, model: Estimate) -> dict[str, Estimate]:
         """Start and speed for the table, with the model by which they were told."""
@@ -156,7 +159,7 @@ def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
     if ridge.depth < DEEP or ridge.left > LEFT:
         return None
     error = np.hypot(ridge.across_error, ridge.error * ridge.slope * ridge.speed**2)
-    return Start(ridge.shift, ridge.error, ridge.speed, float(error))
+    return Start(ridge.shift, ridge.error, ridge.speed, float(error), ridge.even)
 
 
 def _highest(
@@ -172,6 +175,7 @@ def _highest(
     """
     first = float(SPEEDS[np.argmax(-np.log(share_at(SPEEDS)).mean(axis=0))]) * known
     ridge: _Ridge | None = _Ridge(0.0, first, 1 / distance, np.inf, np.inf, 0.0, 1.0)
+    even = True
     for step, step_across in STEPS:
         for _ in range(MOVES):
             shifts = ridge.shift + step * distance / known * SHIFTS
@@ -186,7 +190,8 @@ def _highest(
                 break
         if ridge is None or not ridge.inside:
             return None
-    return ridge
+        even = even and ridge.even
+    return ridge._replace(even=even)
 
 
 class _Ridge(NamedTuple):
@@ -199,6 +204,7 @@ class _Ridge(NamedTuple):
         depth: of the highest point over the ends across.
         left: share of the power at a frequency that is unexplained there.
         inside: whether it lies between the shifts.
+        even: whether what is explained grows up to it and falls behind it.
     """
 
     shift: float
@@ -209,6 +215,7 @@ class _Ridge(NamedTuple):
     depth: float
     left: float
     inside: bool = True
+    even: bool = True
 
 
 def _along_ridge(
@@ -216,7 +223,7 @@ def _along_ridge(
     speeds: Float[np.ndarray, "shifts speeds"],
     explained: Float[np.ndarray, "frequencies shifts speeds"],
 ) -> _Ridge | None:
-    """None where it is not between ups before and downs behind.
+    """None where it is not between ups before and downs behind, but for small ones.
 
     Sound that the model does not hold, as from out of the plane, makes several heights.
     """
@@ -225,7 +232,8 @@ def _along_ridge(
     tops = np.array([top(*pair) for pair in zip(speeds, total, strict=True)])
     k = int(np.argmax(tops[:, 1]))
     rises = np.diff(tops[:, 1])
-    if (rises[:k] <= 0).any() or (rises[k:] >= 0).any():
+    against = max(-rises[:k].min(initial=0.0), rises[k:].max(initial=0.0))
+    if against > UNEVEN * np.ptp(tops[:, 1]):
         return None
     if not 0 < k < len(shifts) - 1:
         slope = float(np.polyfit(shifts, 1 / tops[:, 0], 1)[0])
@@ -242,7 +250,8 @@ def _along_ridge(
     n = explained.shape[0]
     depth = float(total[k].max() - max(total[k, 0], total[k, -1])) / n
     left = float(np.exp(-total[k].max() / n))
-    return _Ridge(shift, float(1 / offset), float(slope), error, across, depth, left)
+    here = shift, float(1 / offset), float(slope)
+    return _Ridge(*here, error, across, depth, left, even=bool(against <= 0))
 
 
 def _near(n: int, k: int) -> Float[np.ndarray, " shifts"]:

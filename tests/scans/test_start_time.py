@@ -17,6 +17,7 @@ from made_scans import (
 from jaxtat import elliptic_arc, phantoms, reconstruct_file
 from jaxtat.io import Scan, load_scan, save_ipasc
 from jaxtat.scans import choose, integrals, reconstruct, setup_of, with_facts
+from jaxtat.scans.laser_artefact import start_by_laser
 from jaxtat.scans.start_time import Start
 from jaxtat.steps import AccuracyWarning
 
@@ -126,6 +127,50 @@ def test_a_start_that_the_file_does_not_say_is_told_with_the_speed(late):
     assert chosen.grade("time_shift") == ("guessed" if late else "likely")
     why = dict(chosen.reasons)["time_shift"]
     assert why.startswith("the record starts 1.5" if late else "as the file says; images tell")
+
+
+def with_artefact(pressure, first):
+    """Of the laser, which fires at that sample: 5 times as loud as sound, gone within 1 us."""
+    t = (np.arange(pressure.shape[1]) - first) / RATE
+    ring = np.where(t < 0, 0.0, np.cos(4e6 * t) * np.exp(-((t / 0.5e-6) ** 2)))
+    return pressure + 5 * np.abs(pressure).max() * ring
+
+
+@pytest.mark.parametrize("early", [4, 9])
+def test_the_artefact_of_the_laser_tells_how_early_a_record_starts(early):
+    """From noise before it; half a circle would not tell a start by images."""
+    noisy = with_early_samples(record(), noise=0.05)[:, EARLY - early :]
+    chosen = choose(made(with_artefact(noisy, early)), model="in-plane", sound_speed=SPEED)
+    assert chosen.time_shift == pytest.approx(-early / RATE, abs=1e-12)
+    assert chosen.grade("time_shift") == "likely"
+    assert dict(chosen.standard_errors)["time_shift"] == pytest.approx(0.5 / RATE)
+    assert chosen.dead_time > 0
+
+
+def test_no_artefact_tells_a_start_where_it_need_not_be_the_laser():
+    """From the first sample on; unlike in the channels; at the end of a mute; a step; later."""
+    rng, times = np.random.default_rng(3), np.arange(230) / RATE
+    noise, middle = 0.01 * rng.standard_normal((90, 230)), RADIUS / SPEED
+    signs = rng.choice([-1.0, 1.0], (90, 1))
+    step, muted = np.where(times >= times[9], 5.0, 0.0), np.where(times >= times[9], noise + 2, 0)
+    others = (
+        noise,
+        np.zeros((90, 230)),
+        with_artefact(noise, 0),
+        with_artefact(noise, 1),
+        noise + signs * (with_artefact(noise, 9) - noise),
+        noise + step,
+        muted,
+        with_artefact(noise, 60),
+    )
+    assert [start_by_laser(record, times, middle) for record in others] == [None] * len(others)
+    assert start_by_laser(with_artefact(noise, 9), times, middle).value == -times[9]
+
+
+def test_times_of_the_file_count_more_than_an_artefact():
+    late = with_artefact(record(), 9)
+    chosen = choose(with_facts(made(late), start_time=0.0), model="in-plane", sound_speed=SPEED)
+    assert chosen.time_shift == 0.0
 
 
 def test_no_start_counts_with_which_sound_would_come_from_nowhere(monkeypatch):
