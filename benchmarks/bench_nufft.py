@@ -1,4 +1,4 @@
-"""Non-uniform FFTs of the two libraries, from a grid (type 2), at the forward operator's sizes."""
+"""Non-uniform FFTs of jax-finufft and in JAX, from a grid, at the forward operator's sizes."""
 
 import jax
 import jax.numpy as jnp
@@ -8,18 +8,15 @@ import pytest
 from jaxtat.special import from_grid, nufft
 
 POINTS = {(129, 129): 37_722, (257, 257): 138_312, (65, 65, 65): 200_000}
-LIBRARIES = {
-    "jax_finufft": from_grid,
-    "nufftax": lambda values, points, tolerance: nufft._in_jax(values, points, tolerance),
-}
+MADE_BY = {"jax_finufft": from_grid, "jaxtat": nufft._in_jax}
 
 
 @pytest.mark.parametrize("shape", POINTS, ids=lambda shape: "x".join(map(str, shape)))
 @pytest.mark.parametrize("slope", [False, True], ids=["sum", "slope"])
-@pytest.mark.parametrize("library", LIBRARIES)
-def bench_nufft(measure, library, slope, shape):
+@pytest.mark.parametrize("maker", MADE_BY)
+def bench_nufft(measure, maker, slope, shape):
     """The sums alone, and with their derivative in the points."""
-    rng, transform = np.random.default_rng(0), LIBRARIES[library]
+    rng, transform = np.random.default_rng(0), MADE_BY[maker]
     points = jnp.asarray(rng.uniform(-np.pi, np.pi, (POINTS[shape], len(shape))))
     values = jnp.asarray(rng.standard_normal((1, *shape)) + 0j)
 

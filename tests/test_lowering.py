@@ -101,7 +101,6 @@ FUNCTIONS = {
 @pytest.mark.filterwarnings("ignore::jaxtat.VisibilityWarning", "ignore::jaxtat.AccuracyWarning")
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_is_a_program_for_accelerators(name, monkeypatch):
-    pytest.importorskip("nufftax", reason="non-uniform FFTs of accelerators")
     monkeypatch.setattr("jaxtat.special.nufft.native", lambda: False)  # as it says there
     make, function, of = FUNCTIONS[name]
     setup = make()

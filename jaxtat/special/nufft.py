@@ -6,9 +6,8 @@ n_a = -⌊N_a/2⌋ .. ⌈N_a/2⌉ - 1 along each of one to three axes. The secon
 derivatives of the first take. Both are computed by jax-finufft
 (Barnett, Magland, af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479-C504) with one kernel, so that
 they are transposes of each other to rounding, whatever the tolerance. Its wheels are for processors
-under Linux and macOS; elsewhere nufftax does the same in JAX itself, on processors two to eight
-times slower in the plane and seventeen in space (benchmarks/bench_nufft.py). Imported when first
-used.
+under Linux and macOS; elsewhere `nufft_in_jax` does the same (benchmarks/bench_nufft.py compares
+them). Imported when first used.
 """
 
 from functools import cache
@@ -20,7 +19,7 @@ import jax.numpy as jnp
 from jax.interpreters import batching
 from jaxtyping import Array, Complex, Float
 
-from ..base.optional_packages import optional
+from .nufft_in_jax import from_grid_in_jax
 
 ROUGH = 1e-6  # tolerance from which a grid 5/4 as fine does, by wider kernels
 FEW = 2**15  # points whose sums take a millisecond or two: threads that are busy cost more
@@ -80,14 +79,8 @@ def native() -> bool:
 
 
 def _in_jax(values: Array, points: Array, tolerance: float) -> Array:
-    """The sum by nufftax, which counts axes from the last one, one transform after the other.
-
-    Stacks of its own and `jax.vmap` (0.6.1) do not go together.
-    """
-    axes = points.shape[1]
-    transform = getattr(optional("nufftax", "a GPU or Windows", "gpu"), f"nufft{axes}d2")
-    where = points.T[::-1]
-    return jax.lax.map(lambda one: transform(*where, one, eps=tolerance, isign=1), values)
+    """One sum after the other."""
+    return jax.lax.map(lambda one: from_grid_in_jax(one, points, tolerance), values)
 
 
 @cache
