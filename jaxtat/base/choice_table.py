@@ -377,6 +377,8 @@ BESIDES = (
     *(Choice(name, _text) for name in ("scanner", "use", "frames")),
     *(Choice(name, _number, bound=POSITIVE) for name in ("sampling_rate", "duration")),
     Choice("start_time", _number),
+    Choice("impulse_response_file", _text),
+    Choice("element_band", lambda values: _so_many(2, values)),
     *(Choice(name, _number, bound=NOT_NEGATIVE) for name in ("K", "j_max", "sigma_min")),
     *(Choice(name, _flag) for name in ("series", "collocation", "single")),
 )
@@ -400,8 +402,8 @@ def choice_named(name: str) -> Choice:
 
 
 def option_of(name: str) -> str:
-    """--sound-speed for sound_speed."""
-    return f"--{name.replace('_', '-')}"
+    """--sound-speed for sound_speed, --impulse-response for impulse_response_file."""
+    return f"--{name.removesuffix('_file').replace('_', '-')}"
 
 
 def words_of(name: str, value: Any) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 from ..base.choice_table import BESIDES, OF_TWO_SPEEDS, OPTIONS
 from ..base.messages import name_of
 from ..geometry import Disk, Region, circular_arc, in_plane
-from ..io import Scan, load_scan, load_settings
+from ..io import Scan, load_response, load_scan, load_settings
 from ..io.frames import LazyFrames
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..regularization import FixedRank, NormBound, Regularization, SingularValueCutoff
@@ -20,7 +20,18 @@ from ..steps import polar_grid
 from .option_checks import band, is_given, require_values, slices
 
 SAME = 1e-6  # of the size: positions and radii that differ by less are the same
-FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "start_time", "use", "frames")
+FACTS = (
+    "arc",
+    "ring",
+    "scanner",
+    "sampling_rate",
+    "duration",
+    "start_time",
+    "impulse_response_file",
+    "element_band",
+    "use",
+    "frames",
+)
 _OPTIONS = (
     "file",
     "out",
@@ -60,8 +71,15 @@ def scan_of(
     facts = {"detectors": positions, "sampling_rate": rate, "frames": frames}
     scan = with_facts(scan, scanner=options.scanner, **facts)
     times = None if duration is None else np.linspace(0.0, duration, scan.n_samples)
-    start_time = getattr(options, "start_time", None)
-    return with_facts(scan, times=times, start_time=start_time), options
+    response = getattr(options, "impulse_response_file", None)
+    scan = with_facts(
+        scan,
+        times=times,
+        start_time=getattr(options, "start_time", None),
+        element_response=None if response is None else load_response(response),
+        element_band=getattr(options, "element_band", None),
+    )
+    return scan, options
 
 
 def changed(options: argparse.Namespace, **new: Any) -> argparse.Namespace:

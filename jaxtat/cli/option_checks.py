@@ -72,7 +72,7 @@ def _require_files(options: argparse.Namespace) -> None:
         require_place(options.out)
     if is_given(options, "json") and options.json != "-":
         require_place(options.json)
-    for name in ("file", "detectors_from", "repeat", "plan"):
+    for name in ("file", "detectors_from", "repeat", "plan", "impulse_response_file"):
         if is_given(options, name) and not (name == "file" and _is_of_folder(options)):
             require_file(getattr(options, name))
     for name in ("out", "json"):
@@ -82,7 +82,7 @@ def _require_files(options: argparse.Namespace) -> None:
 
 def _require_not_read(options: argparse.Namespace, path: Path) -> None:
     """Raise ValueError for a file that the command reads: a record would be lost."""
-    for name in ("file", "detectors_from", "plan"):
+    for name in ("file", "detectors_from", "plan", "impulse_response_file"):
         if path.exists() and is_given(options, name) and path.samefile(getattr(options, name)):
             raise ValueError(
                 f"cannot write {name_of(path)}: it is read here, and would be lost: expected the "

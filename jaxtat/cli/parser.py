@@ -356,6 +356,21 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
         metavar="T",
         help="time of the first sample, if that is not 0, when the laser fires; -1e-6 is before it",
     )
+    response = data.add_mutually_exclusive_group()
+    response.add_argument(
+        "--impulse-response",
+        dest="impulse_response_file",
+        metavar="FILE",
+        help=".npy or .npz of what the elements record of a pulse, at the sampling rate, time 0 in "
+        "the middle (default: that in the file)",
+    )
+    response.add_argument(
+        "--element-band",
+        type=float,
+        nargs=2,
+        metavar=("F", "WIDTH"),
+        help="the same by a data sheet: centre frequency, and width at -6 dB over it, 0.6 of 60 %%",
+    )
     _add_options(data, RECORD)
     data.add_argument(
         "--two-speeds",

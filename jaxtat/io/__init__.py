@@ -9,11 +9,12 @@ if TYPE_CHECKING:
     from .ipasc import save_ipasc
     from .plans import load_plan, save_plan
     from .scan import Scan
-    from .scan_files import load_scan
+    from .scan_files import load_response, load_scan
 
 _MODULES = {
     "Scan": "scan",
     "load_plan": "plans",
+    "load_response": "scan_files",
     "load_scan": "scan_files",
     "load_settings": "images",
     "save_image": "images",
@@ -23,6 +24,7 @@ _MODULES = {
 __all__ = [
     "Scan",
     "load_plan",
+    "load_response",
     "load_scan",
     "load_settings",
     "save_image",

@@ -12,7 +12,7 @@ from .hdf5 import is_hdf5, open_hdf5
 from .ipasc import is_ipasc, read_ipasc
 from .matlab import is_matlab5, read_matlab5
 from .msot import read_msot
-from .numpy_files import read_npy, read_npz
+from .numpy_files import read_npy, read_npz, read_response
 from .patato import add_images, is_patato, read_patato
 from .plain_hdf5 import is_of_matlab, read_matlab73, read_plain_hdf5
 from .scan import Kind
@@ -92,6 +92,7 @@ def read_arrays(
 
 TASKS: dict[str, Callable[..., FileContents]] = {
     "scan": read_scan,
+    "response": read_response,
     "arrays": read_arrays,
     "add_images": add_images,
 }

@@ -11,10 +11,12 @@ import numpy as np
 from numpy.lib import format as npy
 
 from .file_contents import PIECE, Box, FileContents, StoredArray
-from .named_arrays import chosen_names
+from .named_arrays import NAMES, chosen_names
 from .scan import Kind, require_real
 
 _STORED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what NumPy writes
+# that of all elements comes before those of each
+RESPONSES = (*NAMES["impulse_response"], "EIR", "EIR_indiv_mat")
 _READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
@@ -44,6 +46,27 @@ def read_npy(path: Path, kind: Kind | None) -> FileContents:
     about: dict[str, Any] = {"format": "NumPy array", "names": {kind or "pressure": "the array"}}
     about["map"] = {"dtype": dtype.str, "shape": shape, "offset": start, "fortran": fortran}
     return FileContents(about)
+
+
+def read_response(path: Path) -> FileContents:
+    """The impulse response in NumPy's archive, or array, under one of its names or alone there."""
+    with path.open("rb") as file:
+        start = file.read(6)
+    if start == b"\x93NUMPY":
+        return FileContents({}, {"impulse_response": _stored(path.open("rb"), "the array")})
+    if start[:4] != b"PK\3\4":
+        raise ValueError("it is neither .npy nor .npz: write the response with numpy.save.")
+    archive = zipfile.ZipFile(path)
+    members = _members(path, archive)
+    named = [name for name in RESPONSES if name in members] or [*members]
+    if len(named) > 1 and named[0] not in RESPONSES:
+        raise ValueError(
+            f"it holds {', '.join(sorted(members))}, expected one array, or one of the name "
+            f"{', '.join(RESPONSES)}."
+        )
+    return FileContents(
+        {}, {"impulse_response": _stored(archive.open(members[named[0]]), named[0])}
+    )
 
 
 def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
@@ -79,6 +102,8 @@ def _pieces(
     while start < size:
         stop = min(size, start + PIECE // dtype.itemsize)
         content = file.read((stop - start) * dtype.itemsize)
+        if len(content) < (stop - start) * dtype.itemsize:
+            raise ValueError("an array is shorter than it claims: the file is cut off.")
         yield [(start, stop)], np.frombuffer(content, dtype, stop - start)
         start = stop
     if file.read(1):  # at the end the checksum is compared

@@ -65,6 +65,33 @@ def load_scan(path: str | Path, *, kind: Kind | None = None, max_bytes: int = MA
         return _scan_of(content, path, allowance)
 
 
+def load_response(path: str | Path) -> np.ndarray:
+    """The impulse response of elements in a file of NumPy.
+
+    Args:
+        path: of .npy, or of .npz with one array or with one named as in a scan; of several the one
+            of all elements, rather than those of each.
+
+    Returns:
+        (taps,), or (detectors, taps), time 0 in the middle.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        ValueError: for a file that is damaged or of another format.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "response.npz"
+    >>> np.savez(path, irf=np.array([0.1, 1.0, -0.4]))
+    >>> load_response(path).tolist()
+    [0.1, 1.0, -0.4]
+    """
+    path = Path(path)
+    require_file(path)
+    with refusing(f"cannot read {name_of(path)}: "):
+        found = read_file("response", path, Allowance(MAX_BYTES)).arrays["impulse_response"]
+    return np.asarray(found, float)
+
+
 def _scan_of(content: FileContents, path: Path, allowance: Allowance) -> Scan:
     """A scan of named arrays, or of a format that says what is what."""
     about, data = dict(content.about), content.frames

@@ -2,7 +2,11 @@
 
 from .channels import ChannelQuality, channel_quality, ranges
 from .image_records import simulate_pressure
-from .impulse_response import apply_impulse_response, remove_impulse_response
+from .impulse_response import (
+    apply_impulse_response,
+    gaussian_response,
+    remove_impulse_response,
+)
 from .noise import LEAST_SAMPLES, RecordNoise, noise_of_record, record_noise_level
 from .pressure import MODELS, condition_record, pressure_to_circular_integrals, require_equispaced
 from .pressure_simulation import circular_integrals_to_pressure, pressure_matrix
@@ -20,6 +24,7 @@ __all__ = [
     "circular_integrals_to_pressure",
     "condition_record",
     "first_arrival",
+    "gaussian_response",
     "noise_of_record",
     "pressure_matrix",
     "pressure_to_circular_integrals",

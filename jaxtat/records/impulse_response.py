@@ -17,6 +17,8 @@ from jaxtyping import Array, Float
 from ..base.checks import Numbers, by_library, is_concrete, real_array, require_positive
 from .pressure import require_equispaced
 
+_ENDS = 4.0  # of s, where a Gaussian is 1e-7
+
 
 def remove_impulse_response(
     pressure: Numbers,
@@ -96,6 +98,50 @@ def apply_impulse_response(
     pressure = real_array("pressure", pressure, ("...", "detectors", "times"))
     response = real_array("impulse_response", impulse_response, None)
     return by_library(_applied, (pressure, response, real_array("origin", origin, ())))
+
+
+def gaussian_response(
+    sampling_rate: Numbers, center_frequency: Numbers, bandwidth: Numbers
+) -> Float[np.ndarray, " taps"]:
+    """h_n ~ cos(2π f_0 t) exp(-(t/s)²), |H| a Gaussian about f_0, half as high at f_0 (1 ± b/2).
+
+    s = 2 √(ln 2)/(π b f_0). What a data sheet says of an element, where nobody has measured its
+    response: waves neither early nor late, the largest |H| is 1.
+
+    Args:
+        sampling_rate: of the record [1/time].
+        center_frequency: f_0, of that unit.
+        bandwidth: b, between the frequencies at -6 dB, over f_0: 0.6 of 60 %.
+
+    Returns:
+        h, time 0 in the middle.
+
+    Raises:
+        ValueError: for a band that the sampling rate cannot hold, or that is none.
+
+    >>> response = gaussian_response(40e6, 5e6, 0.6)
+    >>> spectrum = np.abs(np.fft.rfft(response, 4000))  # 10 kHz apart
+    >>> spectrum[[350, 500, 650]].round(3).tolist()
+    [0.5, 1.0, 0.5]
+    """
+    rate = float(real_array("sampling_rate", sampling_rate, ()))
+    center = float(real_array("center_frequency", center_frequency, ()))
+    share = float(real_array("bandwidth", bandwidth, ()))
+    if not 0 < center < rate / 2:
+        raise ValueError(
+            f"center_frequency is {center:g}, expected above 0 and below half the sampling rate, "
+            f"{rate / 2:g}, in its unit."
+        )
+    if not 0 < share <= 2:
+        raise ValueError(
+            f"bandwidth is {share:g}, expected a share of the centre frequency above 0, at most 2: "
+            "0.6 of 60 %."
+        )
+    spread = 2 * np.sqrt(np.log(2)) / (np.pi * share * center)
+    half = int(np.ceil(_ENDS * spread * rate))
+    t = np.arange(-half, half + 1) / rate
+    pulse = np.cos(2 * np.pi * center * t) * np.exp(-((t / spread) ** 2))
+    return pulse / np.abs(np.fft.rfft(pulse, 16 * len(pulse))).max()
 
 
 def _applied(xp: Any, pressure: Any, response: Any, origin: Any) -> Any:

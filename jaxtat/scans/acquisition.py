@@ -16,12 +16,13 @@ from ..geometry.measured_curves import behind_gap
 from ..io import Scan
 from ..io.frames import LazyFrames
 from ..io.scan import require_one_rate
-from ..records import require_equispaced
+from ..records import gaussian_response, require_equispaced
 
 PER_FRAME = {"wavelengths", "laser_energy", "frame_numbers"}
 FEWEST = 4  # detectors of a curve
 NEIGHBOURS = 1.6  # distances to the nearest detector within which others are neighbours
 SHORTEST = 32  # samples of a record, whose power is measured in pieces of 16
+RESPONSE = "impulse response"  # in what is said about a scan
 FLAT = 1e-3  # least extent over largest, from which detectors are not in a plane
 WATER = 1500.0  # speed of sound, nominal [m/s]
 SLOWEST, FASTEST = 1400 / WATER, 1650 / WATER  # of water and tissue, over that
@@ -64,6 +65,8 @@ def with_facts(
     sampling_rate: float | None = None,
     times: Any = None,
     start_time: float | None = None,
+    element_response: Any = None,
+    element_band: Any = None,
     frames: Any = None,
 ) -> Scan:
     """The scan with facts that its file lacks, or has wrongly.
@@ -78,6 +81,10 @@ def with_facts(
         times: of the record, (samples,) [time].
         start_time: of the first sample, in place of 0 or of the file's; below zero where samples
             were taken before the laser fired [time].
+        element_response: impulse response of the elements in place of the file's, (taps,) or
+            (detectors, taps), at the sampling rate, time 0 in the middle.
+        element_band: centre frequency and -6 dB bandwidth over it, as a data sheet has them, in
+            place of a response, see `records.gaussian_response` [1/time, 1].
         frames: numbers of those that are wanted, from 0, (some,).
 
     Raises:
@@ -100,9 +107,28 @@ def with_facts(
     known |= {name: np.asarray(value) for name, value in clock.items() if value is not None}
     scan = replace(scan, known=known)
     require_one_rate(scan)
+    if element_response is not None or element_band is not None:
+        scan = _heard_by(scan, element_response, element_band)
     if start_time is not None:
         scan = _starting_at(scan, float(real_array("start_time", start_time, ())))
     return scan if frames is None else some_frames(scan, frames)
+
+
+def _heard_by(scan: Scan, response: Any, band: Any) -> Scan:
+    """The scan with a response of its elements."""
+    times = times_of(scan)
+    if times is None:
+        raise ValueError("responses of elements are of pressure records, the data are integrals.")
+    if response is not None and band is not None:
+        raise ValueError("element_response and element_band are given, expected one of them.")
+    why = "given"
+    if band is not None:
+        center, width = map(float, real_array("element_band", band, (2,)))
+        rate = float(scan.known.get("sampling_rate", 1 / (times[1] - times[0])))
+        response = gaussian_response(rate, center, width)
+        why = "that of the band that is given"
+    known = {**scan.known, "impulse_response": np.asarray(response, float)}
+    return replace(scan, known=known, about={**scan.about, RESPONSE: why})
 
 
 def _starting_at(scan: Scan, start: float) -> Scan:

@@ -74,6 +74,8 @@ def reconstruct_file(
     sampling_rate: float | None = None,
     times: Any = None,
     start_time: float | None = None,
+    element_response: Any = None,
+    element_band: Any = None,
     frames: Any = None,
     out: Any = None,
     progress: bool = False,
@@ -84,8 +86,8 @@ def reconstruct_file(
 
     Args:
         path: a file that `load_scan` reads.
-        scanner, detectors, sampling_rate, times, start_time, frames: what the file lacks, and
-            which frames are wanted, see `with_facts`.
+        scanner, detectors, sampling_rate, times, start_time, element_response, element_band,
+            frames: what the file lacks, and which frames are wanted, see `with_facts`.
         out: as in `scans.reconstruct`.
         progress: whether to show a bar, if there is more than one frame.
         report: what to do with the table of choices, such as ``print``.
@@ -115,6 +117,8 @@ def reconstruct_file(
         sampling_rate=sampling_rate,
         times=times,
         start_time=start_time,
+        element_response=element_response,
+        element_band=element_band,
         frames=frames,
     )
     choices = with_best_method(scan, choose(scan, **given))

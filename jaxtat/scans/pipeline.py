@@ -16,7 +16,7 @@ from ..io import Scan
 from ..records import MODELS
 from ..records.signal_power import RecordPower
 from .acoustics import tell_acoustics
-from .acquisition import Facts, facts_of, nominal_water_speed, typical_frame
+from .acquisition import RESPONSE, Facts, facts_of, nominal_water_speed, typical_frame
 from .angular_coverage import with_speed_seen_once
 from .choices import IN_SPACE, Choices
 from .estimate import Estimate, Source
@@ -138,8 +138,9 @@ def _start_of(scan: Scan, facts: Facts, frame: np.ndarray, speed: float) -> Esti
 
 
 def _response(scan: Scan) -> Estimate:
-    there = "impulse_response" in scan.known
-    return Estimate(there, "in the file" if there else "none in the file")
+    if "impulse_response" in scan.known:
+        return Estimate(True, scan.about.get(RESPONSE, "in the file"))
+    return Estimate(False, "none in the file; --element-band takes that of a data sheet")
 
 
 def _integrals(scan: Scan, facts: Facts, p: Parameters) -> tuple[Acquisition, Parameters]:
