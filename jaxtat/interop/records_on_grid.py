@@ -12,7 +12,7 @@ from ..geometry.measured_curves import flat_axis
 from ..io import Scan
 from ..reconstruction import Setup
 from ..scans import Choices, choose, integrals, setup_of, with_best_method
-from ..scans.constrained import fitted
+from ..scans.constrained import fitted, warn_of_hardly_any
 from ..scans.images import formula_images
 
 
@@ -61,7 +61,10 @@ def images_on_grid(
         setup = Setup(*where, max_frequency=chosen.max_frequency)
         frames = np.asarray(scan.data)
         if chosen.model_based:
-            images = np.asarray(fitted(scan, chosen, setup, frames).image)
+            found = fitted(scan, chosen, setup, frames)
+            images = np.asarray(found.image)
+            left = np.full(scan.n_frames, np.asarray(found.residual))
+            warn_of_hardly_any(left, np.arange(scan.n_frames))
         else:
             g = integrals(scan, chosen, setup, frames)
             images = np.asarray(formula_images(setup, g, chosen, None))

@@ -18,7 +18,7 @@ from ..scans import (
     setup_of,
 )
 from ..scans.acquisition import facts_of
-from ..scans.constrained import compared, fitted
+from ..scans.constrained import compared, fitted, warn_of_hardly_any
 from ..scans.deviations import draw, quiet_noise
 from ..scans.errors_of_images import fit_errors
 from ..scans.frames import lit_frames
@@ -118,6 +118,7 @@ def _constrained(
 ) -> Constrained:
     """The frame's fitted image, beside the direct one."""
     fit = fitted(scan, choices, setup, frame, progress=progress)
+    warn_of_hardly_any(np.atleast_1d(fit.residual), np.zeros(1, int))
     both = compared(scan, choices, setup, frame, direct, fit.image)
     how = f"{choices.penalty}, f >= 0" if choices.nonnegative else choices.penalty
     band = ""

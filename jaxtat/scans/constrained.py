@@ -4,13 +4,14 @@ A pressure record is not made into integrals: the model goes through what the re
 since an image that may not be negative has the low frequencies that a band-pass took from it.
 """
 
+import warnings
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..base.checks import real_array
 from ..base.size_ladder import filled_up, rung
@@ -28,7 +29,9 @@ from ..geometry import BallBody, data_radii, radial_step
 from ..io import Scan
 from ..reconstruction import Setup
 from ..reconstruction.laddered import around, middle, setup_to_fit
+from ..records import ranges
 from ..spherical import cap_radii
+from ..steps import AccuracyWarning
 from .choices import Choices
 from .frames import (
     bounded_as_said,
@@ -46,6 +49,7 @@ PENALTIES = {
     "ridge": Ridge,
     "none": NoPenalty,
 }
+HARDLY_ANY = 0.9  # share of a record that is unexplained, from which images show nothing of it
 TOLERANCE = 2.5e-2  # measured records hold no more
 TOLERANCE_OF_SHORT = 2e-3  # what a record does not hold is found slowly, from the constraints
 
@@ -78,6 +82,30 @@ def fitted(
         return found
     image = jax.device_put(middle(found.image, setup.grid.shape))
     return eqx.tree_at(lambda found: found.image, found, image)
+
+
+def warn_of_hardly_any(
+    left: Float[np.ndarray, " frames"], numbers: Int[np.ndarray, " frames"], stacklevel: int = 2
+) -> None:
+    """Warn of fitted images with hardly anything of what was recorded.
+
+    Args:
+        left: share of each record that its image leaves unexplained.
+        numbers: of these frames in the file.
+        stacklevel: of the caller's caller: 3 for whoever calls that.
+    """
+    empty = np.asarray(left) > HARDLY_ANY
+    if not empty.any():
+        return
+    several = len(empty) > 1
+    which = f"images of frames {ranges(numbers[empty])} leave" if several else "image leaves"
+    warnings.warn(
+        f"the fitted {which} {float(np.max(left)):.0%} of the record unexplained: nearly all of it "
+        "is noise, or the weight of the penalty is too large for it. Compare with the formula's "
+        "image (--direct), or give a smaller --weight.",
+        AccuracyWarning,
+        stacklevel=stacklevel + 1,
+    )
 
 
 def compared(

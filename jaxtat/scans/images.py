@@ -28,13 +28,12 @@ from ..steps import AccuracyWarning
 from .acquisition import blank_frames, facts_of, frame_numbers, some_frames, with_facts
 from .choices import Choices
 from .choosing import choose
-from .constrained import fitted
+from .constrained import fitted, warn_of_hardly_any
 from .frames import GROUPS, bounded_as_said, integrals, lit_frames, setup_of
 from .method import with_best_method
 from .space import TurnedOver, facts_in_space, require_few
 
 AT_A_TIME = 2**26  # bytes of data, as float64, that are reconstructed together
-HARDLY_ANY = 0.9  # share of a record that is unexplained, from which images show nothing of it
 TOGETHER, FEW = (32, 8), 2  # frames; the last are filled up, but for a single one
 
 
@@ -162,7 +161,7 @@ def reconstruct(
     room = _room((scan.n_frames, *shape)) if out is None else None
     scan = without_blank_frames(scan, choices)
     setup = setup_of(scan, choices) if plan is None else plan.setup
-    report, unexplained = "", 0.0
+    report, left = "", np.zeros(scan.n_frames)
     worst, images = 0.0, (scan.n_frames, *shape)
     out = out if room is None else room[: scan.n_frames]
     if tuple(out.shape) != images:
@@ -182,7 +181,7 @@ def reconstruct(
             if fits:
                 found = fitted(scan, choices, setup, frames, progress=progress)
                 image, report = found.image, _fitted(found)
-                unexplained = max(unexplained, float(np.max(found.residual)))
+                left[start : start + n] = np.asarray(found.residual)
             elif plan is None:
                 g = integrals(scan, choices, setup, frames)
                 found = _solve(setup, g, choices)
@@ -194,7 +193,7 @@ def reconstruct(
             image = image[..., ::-1] if flipped else image
             out[start : start + n] = np.asarray(image).reshape(-1, *shape)[:n]
             bar.update(n)
-    _warn_of_hardly_any(unexplained)
+    warn_of_hardly_any(left, frame_numbers(scan), stacklevel=3)
     several = scan.n_frames > 1 or "frame_numbers" in scan.known  # one of several is known by it
     numbers = scan.known.get("wavelengths", frame_numbers(scan))
     return ScanImages(
@@ -206,20 +205,8 @@ def reconstruct(
         numbers=frame_numbers(scan),
         unit=choices.units.length if plan is None else facts_of(scan).units.length,
         report=report,
-        unexplained=unexplained if fits else None,
+        unexplained=float(left.max()) if fits else None,
     )
-
-
-def _warn_of_hardly_any(unexplained: float) -> None:
-    """Warn of fitted images with hardly anything of what was recorded."""
-    if unexplained > HARDLY_ANY:
-        warnings.warn(
-            f"the fitted image leaves {unexplained:.0%} of the record unexplained: nearly all of "
-            "it is noise, or the weight of the penalty is too large for it. Compare with the "
-            "formula's image (--direct), or give a smaller --weight.",
-            AccuracyWarning,
-            stacklevel=3,
-        )
 
 
 def without_blank_frames(scan: Scan, choices: Choices) -> Scan:

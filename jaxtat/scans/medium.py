@@ -102,6 +102,22 @@ def require_body_speed(p: Parameters) -> None:
         )
 
 
+def require_body_inside(p: Parameters, radius: float | None) -> None:
+    """Raise ValueError for a body that reaches the detectors, before any search.
+
+    Args:
+        p: with what is given.
+        radius: of the detectors' circle, or sphere; None where they lie on none [length].
+    """
+    own = p.given.get("body_radius")
+    if own is not None and radius is not None and own >= radius:
+        raise ValueError(
+            f"body_radius is {p.units.of_length(own)}, expected less than the "
+            f"{p.units.of_length(radius)} of the detectors' circle: lengths are in the unit of the "
+            "positions."
+        )
+
+
 def body(_: Any, p: Parameters) -> Parameters:
     """The disk, or ball, of another speed than the water's, where that is given: the region's."""
     asked = [name for name in OF_BODY if p.gives(name)]

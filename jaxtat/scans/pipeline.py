@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.choice_table import GUESSED, LIKELY, SURE
+from ..base.choice_table import GUESSED, LIKELY, SURE, option_of
 from ..base.units import Units
 from ..io import Scan
 from ..records import MODELS
@@ -21,7 +21,7 @@ from .angular_coverage import with_speed_seen_once
 from .choices import IN_SPACE, Choices
 from .estimate import Estimate, Source
 from .laser_artefact import start_by_laser
-from .medium import acoustic_model, body, nominal_speed, require_body_speed
+from .medium import acoustic_model, body, nominal_speed, require_body_inside, require_body_speed
 from .method import constraints, laser_energy
 from .noise import exact_integrals, noise_in_plane, noise_in_space
 from .opposite_detectors import speed_in_space
@@ -110,6 +110,7 @@ def _sound(
     p = p.with_(sound_speed=nominal_speed(scan, p), impulse_response=_response(scan))
     p = p.with_(time_shift=_start_of(scan, facts, frame, p["sound_speed"])).with_(**images)
     require_body_speed(p)
+    require_body_inside(p, facts.arc.radius if facts.arc else None)
     record, assumed = preprocess_in_plane(scan, facts, frame, p)
     if images:
         return record, assumed
@@ -144,7 +145,17 @@ def _response(scan: Scan) -> Estimate:
 
 
 def _integrals(scan: Scan, facts: Facts, p: Parameters) -> tuple[Acquisition, Parameters]:
-    """Circular integrals, as simulated: there is little to choose."""
+    """Circular integrals, as simulated: there is little to choose.
+
+    Raises:
+        ValueError: for choices that only pressure has.
+    """
+    for name in NO_SOUND:
+        if p.given.get(name) is not None:
+            raise ValueError(
+                f"{option_of(name)} is of pressure records, and the data are integrals over "
+                "circles: leave it out."
+            )
     order = tuple(int(k) for k in facts.order)
     p = p.fixed(**NO_SOUND, order=order, impulse_response=False, left_out=())
     p = p.replaced(channels=Estimate(None, "all", LIKELY))
@@ -158,7 +169,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     for name in NOT_IN_SPACE:
         if given.get(name) is not None:
             raise ValueError(
-                f"--{name.replace('_', '-')}: the detectors lie in space, around a ball about "
+                f"{option_of(name)}: the detectors lie in space, around a ball about "
                 "their own centre; there is no choice."
             )
     record, p = preprocess_in_space(scan, Parameters(given, Units()))
@@ -166,6 +177,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     p = p.fixed(region_center=center, region_angle=0.0, region_size=None)
     p = _sound_in_space(record, p)
     require_body_speed(p)
+    require_body_inside(p, record.facts.radius)
     for stage in BALL:
         p = stage(record, p)
     made = p.choices()

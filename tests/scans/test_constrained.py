@@ -158,3 +158,13 @@ def test_an_image_of_hardly_anything_is_said():
     choices = choose(made, band=BAND, weight=1e9, **GIVEN)
     with pytest.warns(AccuracyWarning, match=r"leaves 100% of the record unexplained"):
         assert reconstruct(made, choices).unexplained > 0.99
+
+
+def test_frames_of_hardly_anything_are_named():
+    """By their numbers in the file, from 0."""
+    sound = record()
+    noise = np.abs(sound).max() * np.random.default_rng(0).standard_normal((2, *sound.shape))
+    made = scan(np.stack([sound, *noise]))
+    choices = choose(made, band=BAND, dead_time=0.0, weight=5e-2, **GIVEN)
+    with pytest.warns(AccuracyWarning, match=r"fitted images of frames 1-2 leave"):
+        reconstruct(made, choices)

@@ -129,6 +129,10 @@ def test_the_command_takes_two_speeds(two_speeds, tmp_path, monkeypatch):
         ({"body_radius": 0.01}, "the speed around it is not: water_speed"),
         ({"water_speed": 900.0, "sound_speed": 1550.0}, "0.7 to 1.4"),
         ({"water_speed": -1.0, "sound_speed": 1550.0}, "water_speed is -1"),
+        (
+            {"water_speed": 1490.0, "sound_speed": 1550.0, "body_radius": 11.5},
+            "body_radius is 1.15e[+]04 mm, expected less than the 40 mm of the detectors",
+        ),
     ],
 )
 def test_parts_of_a_body_are_refused(two_speeds, given, reason):
@@ -136,7 +140,8 @@ def test_parts_of_a_body_are_refused(two_speeds, given, reason):
         reconstruct(two_speeds, choose(two_speeds, **SIZES, **given))
 
 
-def test_integrals_have_no_body():
+@pytest.mark.parametrize("name", ["water_speed", "sound_speed", "time_shift", "dead_time"])
+def test_integrals_have_no_speeds_and_no_times(name):
     integrals = Scan("circular_integrals", np.ones((90, 40)), {"detectors": positions()[:, :2]})
-    with pytest.raises(ValueError, match="is of pressure records"):
-        choose(integrals, water_speed=1490.0)
+    with pytest.raises(ValueError, match=f"{name.replace('_', '.')} is of pressure records"):
+        choose(integrals, **{name: 1490.0})
