@@ -174,8 +174,7 @@ def deviations(deviation: Float[Array, "x1 x2"], grid: ImageGrid, unit: str | No
     """Standard deviations of pixels, blank where they are NaN."""
     figure = new_figure(7.2, 5.6)
     axes = figure.subplots()
-    high, low = float(np.nanpercentile(np.asarray(deviation), 98)), float(np.nanmin(deviation))
-    limits = (low, max(high, 1.01 * low))
+    limits = (0.0, float(np.nanpercentile(np.asarray(deviation), 98)) or 1.0)
     shown = show_image(axes, deviation, grid, limits=limits, cmap=SEQUENTIAL, unit=unit)
-    _bar(figure, shown, axes, "standard deviation", shrink=0.9, extend="max")
+    _bar(figure, shown, axes, "standard deviation [arb. unit]", shrink=0.9, extend="max")
     return figure
