@@ -27,9 +27,11 @@ def made_from(options: argparse.Namespace) -> str:
     The files are not read: of a folder of large scans that would take as long as some images.
 
     Args:
-        options: of the command, ``file`` one scan; the plan and the image to repeat count as well.
+        options: of the command, ``file`` one scan; the plan, the image to repeat and a response
+            count as well.
     """
-    files = [Path(name) for name in (options.file, options.plan, options.repeat) if name]
+    response = getattr(options, "impulse_response_file", None)
+    files = [Path(name) for name in (options.file, options.plan, options.repeat, response) if name]
     files += [
         beside
         for path in files

@@ -32,6 +32,7 @@ FACTS = (
     "use",
     "frames",
 )
+OF_RESPONSE = ("impulse_response_file", "element_band")
 _OPTIONS = (
     "file",
     "out",
@@ -138,6 +139,7 @@ def repeated(options: argparse.Namespace) -> tuple[Choices, argparse.Namespace]:
         and hasattr(options, fact.name)
         and not is_given(options, fact.name)
     }
+    facts = _without_stored_response(options, facts, name_of(options.repeat))
     plan, name = settings.get("plan"), name_of(options.repeat)
     if plan is None and getattr(options, "plan", None) is not None:
         raise ValueError(f"--plan and --repeat: {name} was made without a plan.")
@@ -150,7 +152,29 @@ def repeated(options: argparse.Namespace) -> tuple[Choices, argparse.Namespace]:
     of_choices = {name: value for name, value in settings.items() if name not in others}
     options = changed(options, **facts)
     require_values(options)
-    return Choices.from_settings(of_choices), options
+    choices = Choices.from_settings(of_choices)
+    if any(getattr(options, name, None) is not None for name in OF_RESPONSE):
+        choices = replace(choices, impulse_response=True)
+    return choices, options
+
+
+def _without_stored_response(
+    options: argparse.Namespace, facts: dict[str, Any], name: str
+) -> dict[str, Any]:
+    """Facts of an earlier image without its response, if an option gives one.
+
+    Raises:
+        ValueError: for a file of a response that no option names: a file may name any other.
+    """
+    if any(is_given(options, each) for each in OF_RESPONSE if hasattr(options, each)):
+        return {key: value for key, value in facts.items() if key not in OF_RESPONSE}
+    if "impulse_response_file" in facts:
+        stored = facts["impulse_response_file"]
+        raise ValueError(
+            f"{name} was made with the response in {stored!r:.60}, which is opened only if you "
+            "name it: --impulse-response."
+        )
+    return facts
 
 
 def setup_of_plan(options: argparse.Namespace) -> Setup:

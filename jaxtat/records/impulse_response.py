@@ -18,6 +18,8 @@ from ..base.checks import Numbers, by_library, is_concrete, real_array, require_
 from .pressure import require_equispaced
 
 _ENDS = 4.0  # of s, where a Gaussian is 1e-7
+_WIDEST = 1.5  # bandwidth over the centre, beyond which the band about -f_0 fills the lower end
+_MOST_TAPS = 10**5
 
 
 def remove_impulse_response(
@@ -103,10 +105,11 @@ def apply_impulse_response(
 def gaussian_response(
     sampling_rate: Numbers, center_frequency: Numbers, bandwidth: Numbers
 ) -> Float[np.ndarray, " taps"]:
-    """h_n ~ cos(2π f_0 t) exp(-(t/s)²), |H| a Gaussian about f_0, half as high at f_0 (1 ± b/2).
+    """h_n ~ cos(2π f_0 t) exp(-(t/s)²), s = 2 √(ln 2)/(π b f_0): a Gaussian band about f_0.
 
-    s = 2 √(ln 2)/(π b f_0). What a data sheet says of an element, where nobody has measured its
-    response: waves neither early nor late, the largest |H| is 1.
+    What a data sheet says of an element, where nobody has measured its response: waves neither
+    early nor late, the largest |H| is 1, and a half (-6 dB) at f_0 (1 ± b/2). Of wide bands the
+    lower end has a little more, from the band about -f_0: 0.52 for b = 1.2.
 
     Args:
         sampling_rate: of the record [1/time].
@@ -119,6 +122,8 @@ def gaussian_response(
     Raises:
         ValueError: for a band that the sampling rate cannot hold, or that is none.
 
+    The pulse is that of `scipy.signal.gausspulse`.
+
     >>> response = gaussian_response(40e6, 5e6, 0.6)
     >>> spectrum = np.abs(np.fft.rfft(response, 4000))  # 10 kHz apart
     >>> spectrum[[350, 500, 650]].round(3).tolist()
@@ -127,18 +132,23 @@ def gaussian_response(
     rate = float(real_array("sampling_rate", sampling_rate, ()))
     center = float(real_array("center_frequency", center_frequency, ()))
     share = float(real_array("bandwidth", bandwidth, ()))
-    if not 0 < center < rate / 2:
+    if not 0 < share <= _WIDEST:
         raise ValueError(
-            f"center_frequency is {center:g}, expected above 0 and below half the sampling rate, "
-            f"{rate / 2:g}, in its unit."
+            f"bandwidth is {share:g}, expected a share of the centre frequency above 0, at most "
+            f"{_WIDEST:g}: 0.6 of 60 %."
         )
-    if not 0 < share <= 2:
+    if not 0 < center * (1 + share / 2) <= rate / 2:
         raise ValueError(
-            f"bandwidth is {share:g}, expected a share of the centre frequency above 0, at most 2: "
-            "0.6 of 60 %."
+            f"center_frequency is {center:g} and bandwidth {share:g}, expected a band above 0 and "
+            f"up to half the sampling rate, {rate / 2:g}, in its unit."
         )
     spread = 2 * np.sqrt(np.log(2)) / (np.pi * share * center)
     half = int(np.ceil(_ENDS * spread * rate))
+    if half > _MOST_TAPS:
+        raise ValueError(
+            f"center_frequency is {center:g} and bandwidth {share:g}: their response has "
+            f"{2 * half:g} samples. Is the frequency in the unit of the sampling rate, {rate:g}?"
+        )
     t = np.arange(-half, half + 1) / rate
     pulse = np.cos(2 * np.pi * center * t) * np.exp(-((t / spread) ** 2))
     return pulse / np.abs(np.fft.rfft(pulse, 16 * len(pulse))).max()

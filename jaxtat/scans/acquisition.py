@@ -121,13 +121,22 @@ def _heard_by(scan: Scan, response: Any, band: Any) -> Scan:
         raise ValueError("responses of elements are of pressure records, the data are integrals.")
     if response is not None and band is not None:
         raise ValueError("element_response and element_band are given, expected one of them.")
-    why = "given"
+    given, why = response, "given"
     if band is not None:
         center, width = map(float, real_array("element_band", band, (2,)))
         rate = float(scan.known.get("sampling_rate", 1 / (times[1] - times[0])))
-        response = gaussian_response(rate, center, width)
-        why = "that of the band that is given"
-    known = {**scan.known, "impulse_response": np.asarray(response, float)}
+        given = gaussian_response(rate, center, width)
+        why = f"of the band that is given, {width:.0%} wide about {center:g}"
+    response = np.asarray(real_array("element_response", np.asarray(given), None))
+    if response.ndim == 2 and 1 in response.shape:  # as MATLAB writes a list
+        response = response.reshape(-1)
+    if response.shape[-1:] > (scan.n_samples,) or not response.any():
+        raise ValueError(
+            f"element_response has {response.shape[-1]} samples, expected some that are not 0, and "
+            f"no more than the record's {scan.n_samples}: is it at the same sampling rate, its "
+            "frequency in the same unit?"
+        )
+    known = {**scan.known, "impulse_response": response}
     return replace(scan, known=known, about={**scan.about, RESPONSE: why})
 
 

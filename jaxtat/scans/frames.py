@@ -157,7 +157,12 @@ def through_elements(scan: Scan, choices: Choices, pressure: Array) -> Array:
 
 def element_responses(scan: Scan, choices: Choices) -> tuple[np.ndarray, int]:
     """The impulse response of the file, or those of the channels, whose time 0 is in the middle."""
-    response = scan.known["impulse_response"]
+    response = scan.known.get("impulse_response")
+    if response is None:
+        raise ValueError(
+            "the settings divide a response of the elements out, and the scan has none: give it "
+            "(--element-band, --impulse-response; element_band or element_response of with_facts)."
+        )
     response = response if response.ndim == 1 else response[list(choices.channels)]
     return response, response.shape[-1] // 2
 

@@ -1,9 +1,9 @@
 """When the laser fires, by its artefact in a record that begins before that.
 
 All channels record the pulse of the laser at the same time: as an electrical artefact, or as sound
-of what it warms at the detectors' own faces. So where all are quiet at first and then loud at once
-and alike, time is 0. A record that starts late has lost this, one that starts on time begins
-with it.
+of what it warms at the detectors' own faces. So where all are quiet at first and then louder than
+sound, at once and alike, time is 0. A record that starts late has lost this, one that starts on
+time begins with it. Of detectors about an arc alone: all those of a line are as far from a skin.
 """
 
 import numpy as np
@@ -17,6 +17,7 @@ QUIET_SAMPLES = 3  # at least, before it
 QUIET, LOUD = 0.1, 0.5  # of its height: until the sample before it, and from it on
 LASTING = 4  # samples, in which channels are compared
 UNLIKE = 0.3  # mean difference between a channel and all, over that height, at most
+SOUND = 1.0  # height at least, over the greatest sound of a typical channel
 GONE = 0.5  # of its height, to which it falls before twice the latest time
 
 
@@ -48,13 +49,16 @@ def start_by_laser(
     begins = int(np.argmax(np.abs(alike[:first]) >= LOUD * height))
     if begins < QUIET_SAMPLES or np.abs(alike[:begins]).max() > QUIET * height:
         return None
+    later = record[:, first:] - np.median(record, axis=1, keepdims=True)
+    if height < SOUND * float(np.median(np.abs(later).max(axis=1, initial=0.0))):
+        return None
     burst = record[:, begins : begins + LASTING] - np.median(record, axis=1, keepdims=True)
     unlike = float(np.mean(np.abs(burst - alike[begins : begins + LASTING])))
     left = np.abs(alike[2 * first : 3 * first])
     if unlike > UNLIKE * height or left.max(initial=0.0) > GONE * height:
         return None
     gone = float(times[begins])
-    why = "the record starts {gone:time} early: the artefact of the laser begins there"
+    why = "recording began {gone:time} before the laser fired, as its artefact shows"
     data = {"gone": gone}
     error = float(times[1] - times[0]) / 2
     return Estimate(-gone, why, LIKELY, Source.ESTIMATE, error, data)

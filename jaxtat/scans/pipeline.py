@@ -132,9 +132,10 @@ def _start_of(scan: Scan, facts: Facts, frame: np.ndarray, speed: float) -> Esti
     """
     if "times" in scan.known:
         return Estimate(0.0, "as the file says", source=Source.FILE)
-    assert facts.times is not None
-    middle = facts.arc.radius / speed if facts.arc else float(facts.times[-1]) / 2
-    seen = start_by_laser(np.where(np.isfinite(frame), frame, 0.0), facts.times, middle)
+    known = frame[np.isfinite(frame).all(axis=1)]
+    seen = None
+    if facts.arc is not None and facts.times is not None and len(known):
+        seen = start_by_laser(known, facts.times, facts.arc.radius / speed)
     return seen or Estimate(0.0, "as the file says", source=Source.NOMINAL)
 
 

@@ -1,12 +1,13 @@
 """Non-uniform Fourier sums in JAX itself, for graphics cards and wherever jax-finufft has no wheel.
 
-With nodes y_l = 2π l/M of a grid twice as fine, M >= 2N, and a kernel phi of the width w,
+With nodes y_l = 2π l/M of a grid twice as fine, M >= 2N, and a kernel phi as wide as w nodes,
 
     Σ_n f_n e^{i n x} ≈ Σ_l u_l phi(2 (l - M x/2π)/w),    u_l = Σ_n (f_n/phi_n) e^{i n y_l},
     phi_n = (w/2) ∫_{-1}^{1} phi(z) cos(π n w z/M) dz,    phi(z) = exp(beta (√(1 - z²) - 1)),
 
-along each axis. What is read of the grid are pairs of real numbers, not complex ones: the transpose
-adds to the grid at many points at once, which cards do in one instruction for real numbers alone.
+along each axis; close to z = ±1, where its slope would be infinite, phi is constant. What is read
+of the grid are pairs of real numbers, not complex ones: the transpose adds to the grid at many
+points at once, which cards do in one instruction for real numbers alone.
 
 Source: Barnett, Magland and af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479-C504.
 """
@@ -20,12 +21,12 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 from scipy.fft import next_fast_len
 
-from .roots import root
-
 FINER = 2  # M over N, at least
 BETA = 2.3  # over w, for a grid that is twice as fine
 SPARE = 1  # of the width, over the digits that are asked for
 QUADRATURE = 64  # nodes for phi_n
+MARGIN = 0.02  # of a node, between the kernel's end and where other nodes are read
+FLAT = 1e-3  # 1 - z² below which phi is constant: derivatives at points on nodes stay right
 
 
 def from_grid_in_jax(
@@ -60,17 +61,26 @@ def from_grid_in_jax(
 def _transformed(n: int, m: int, width: int) -> Float[np.ndarray, " n"]:
     """phi_n of the n numbers of an axis."""
     z, weights = np.polynomial.legendre.leggauss(QUADRATURE)
-    numbers = np.arange(-(n // 2), (n + 1) // 2)
-    kernel = np.exp(BETA * width * (np.sqrt(1 - z**2) - 1))
-    return width / 2 * np.cos(np.pi * width / m * np.outer(numbers, z)) @ (weights * kernel)
+    numbers, support = np.arange(-(n // 2), (n + 1) // 2), width - MARGIN
+    waves = np.cos(np.pi * support / m * np.outer(numbers, z))
+    return support / 2 * waves @ (weights * np.asarray(_kernel(z, width, np)))
+
+
+def _kernel(z: Any, width: int, xp: Any = jnp) -> Any:
+    """phi, 0 beyond 1."""
+    root = xp.sqrt(xp.maximum(1 - z**2, FLAT))
+    return xp.where(z**2 <= 1, xp.exp(BETA * width * (root - 1)), 0.0)
 
 
 def _near(x: Float[Array, " n"], m: int, width: int, dtype: Any) -> tuple[Array, Array]:
-    """Numbers of the nodes along an axis that a point reads, and their factors, (n, width)."""
-    place = x * (m / (2 * jnp.pi))
-    numbers = jnp.ceil(place - width / 2)[:, None] + np.arange(width)
-    z = (numbers - place[:, None]) * (2 / width)
-    factors = jnp.exp(BETA * width * (root(1 - z**2) - 1))
+    """Numbers of the nodes along an axis that a point reads, and their factors, (n, width).
+
+    Of each class modulo the width the nearest one. Compilers may compute numbers twice, rounded in
+    two ways: where two nodes of a class are as near, both are beyond the kernel's end.
+    """
+    place, classes = x[:, None] * (m / (2 * jnp.pi)), jnp.arange(width)
+    numbers = classes + width * jnp.round((place - classes) / width)
+    factors = _kernel((numbers - place) * (2 / (width - MARGIN)), width)
     return numbers.astype(jnp.int32) % m, factors.astype(dtype)
 
 

@@ -1,6 +1,7 @@
 """Responses of elements that a file does not hold: in a file of their own, or by a data sheet."""
 
 import re
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -11,7 +12,7 @@ import jaxtat
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_response, load_scan, load_settings
 from jaxtat.records import apply_impulse_response, gaussian_response
-from jaxtat.scans import choose, reconstruct, with_facts
+from jaxtat.scans import choose, reconstruct, with_best_method, with_facts
 
 CENTER, WIDTH = 0.4e6, 1.2
 GIVEN = {"region_radius": 0.011, "pixels": 33, "max_frequency": 3000.0}
@@ -60,7 +61,7 @@ def test_images_through_a_band_are_those_through_its_response():
     assert len(set(reasons)) == 3
 
 
-def test_the_command_takes_them(tmp_path, monkeypatch):
+def test_the_command_takes_them(tmp_path, monkeypatch, capsys):
     """From .npy, .npz and numbers, also once more with --repeat."""
     monkeypatch.chdir(tmp_path)
     np.savez("scan.npz", pressure=heard(), **scan().known)
@@ -72,7 +73,10 @@ def test_the_command_takes_them(tmp_path, monkeypatch):
     main([*line.split(), "b.h5", "--impulse-response", "response.npy"])
     main([*line.split(), "c.h5", "--impulse-response", "response.npz"])
     main(["reconstruct", "scan.npz", "--repeat", "a.h5", "--out", "d.h5", "--quiet", "--force"])
-    main(["reconstruct", "scan.npz", "--repeat", "b.h5", "--out", "e.h5", "--quiet", "--force"])
+    again = ["reconstruct", "scan.npz", "--quiet", "--force", "--repeat"]
+    assert main([*again, "b.h5", "--out", "e.h5"]) == 2
+    assert "which is opened only if you name it" in capsys.readouterr().err
+    main([*again, "b.h5", "--out", "e.h5", "--impulse-response", "response.npy"])
     images = [read(tmp_path / f"{name}.h5") for name in "abcde"]
     assert all((image == images[0]).all() for image in images)
     assert load_settings(tmp_path / "b.h5")["impulse_response_file"] == "response.npy"
@@ -99,7 +103,10 @@ def status(words):
     ("options", "why"),
     [
         ("--element-band 4e5 60", "bandwidth is 60, expected a share"),
-        ("--element-band 3e6 0.5", "below half the sampling rate, 2e[+]06"),
+        ("--element-band 1.9e6 0.5", "up to half the sampling rate, 2e[+]06"),
+        ("--element-band 0.4 1.2", "samples. Is the frequency in the unit of the sampling rate"),
+        ("--element-band 4e4 0.1", "no more than the record's 230"),
+        ("--impulse-response zeros.npy", "expected some that are not 0"),
         ("--impulse-response none.npy", "there is no file none.npy"),
         ("--impulse-response scan.npz", "it holds detectors, pressure, .* expected one array"),
         ("--impulse-response text.npy", "neither .npy nor .npz"),
@@ -112,6 +119,7 @@ def test_what_is_no_response_is_refused(tmp_path, monkeypatch, capsys, options, 
     monkeypatch.chdir(tmp_path)
     np.savez("scan.npz", pressure=heard(), **scan().known)
     np.save("three.npy", np.ones((3, 5)))
+    np.save("zeros.npy", np.zeros(5))
     (tmp_path / "text.npy").write_text("0.1 1.0 0.1\n")
     (tmp_path / "cut.npy").write_bytes((tmp_path / "three.npy").read_bytes()[:-9])
     assert status(["info", "scan.npz", *options.split()]) == 2
@@ -133,3 +141,50 @@ def test_the_response_of_all_elements_comes_before_those_of_each(tmp_path):
     assert load_response(path).tolist() == [0.0, 1.0, 2.0]
     with pytest.raises(ValueError, match="expected data under one of"):
         load_scan(path)
+
+
+def test_a_band_replaces_what_an_earlier_image_had(tmp_path, monkeypatch):
+    """None, or a file that is no longer there; a band that is given counts as one of the file."""
+    monkeypatch.chdir(tmp_path)
+    np.savez("scan.npz", pressure=heard(), **scan().known)
+    np.save("response.npy", np.ones(3))
+    line = f"reconstruct scan.npz --model in-plane {OPTIONS} --out"
+    band = ["--element-band", str(CENTER), str(WIDTH)]
+    main([*line.split(), "plain.h5"])
+    main([*line.split(), "other.h5", "--impulse-response", "response.npy"])
+    main([*line.split(), "band.h5", *band])
+    (tmp_path / "response.npy").unlink()
+    for name in ("plain", "other"):
+        again = ["reconstruct", "scan.npz", "--repeat", f"{name}.h5", "--quiet", "--force", *band]
+        assert main([*again, "--out", "again.h5"]) == 0
+        assert (read(tmp_path / "again.h5") != read(tmp_path / f"{name}.h5")).any()
+
+
+def test_settings_of_python_need_the_response_too():
+    chosen = choose(with_facts(scan(), element_band=(CENTER, WIDTH)), **GIVEN, model="in-plane")
+    with pytest.raises(ValueError, match="the scan has none: give it"):
+        reconstruct(scan(), chosen)
+
+
+def test_a_response_of_each_element_takes_the_formula():
+    """Before any work, with the reason in the table; a (1, taps) array is of all elements."""
+    response = gaussian_response(RATE, CENTER, WIDTH)
+    of_each = with_facts(scan(), element_response=np.tile(response, (90, 1)))
+    chosen = with_best_method(of_each, choose(of_each, **GIVEN, model="in-plane"))
+    assert not chosen.model_based
+    assert "a response of its own" in dict(chosen.reasons)["model_based"]
+    assert np.isfinite(reconstruct(of_each, chosen).image).all()
+    assert with_facts(scan(), element_response=response[None]).known["impulse_response"].ndim == 1
+
+
+def test_another_response_is_another_image_of_a_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("scans").mkdir()
+    np.savez("scans/a.npz", pressure=heard(), **scan().known)
+    line = f"reconstruct scans --model in-plane {OPTIONS} --out images --impulse-response r.npy"
+    made = []
+    for width in (1.2, 0.8):
+        np.save("r.npy", gaussian_response(RATE, CENTER, width))
+        assert main(line.split()) == 0
+        made.append(read("images/a.npz.h5"))
+    assert (made[0] != made[1]).any()

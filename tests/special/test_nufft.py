@@ -58,6 +58,26 @@ def test_errors_are_about_as_large_as_asked(tolerance):
     assert np.linalg.norm(np.asarray(found) - exact) < 5 * tolerance * np.linalg.norm(exact)
 
 
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-9])
+def test_sums_and_derivatives_at_nodes_and_between_them_are_right(tolerance):
+    """Where kernels of even and of odd widths end on a node of a grid twice as fine.
+
+    Compiled, one number that is computed twice may be rounded in two ways.
+    """
+    values, points = random(64), 2 * np.pi * np.arange(256)[:, None] / 256 - np.pi
+
+    @jax.jit
+    def both(values, points):
+        return jax.jvp(lambda x: from_grid(values, x, tolerance), (points,), (1 + 0 * points,))
+
+    numbers = np.arange(-32, 32)
+    waves = np.exp(1j * points * numbers)
+    for found, exact in zip(
+        both(values, points), (waves @ values, waves @ (1j * numbers * values)), strict=True
+    ):
+        assert np.abs(np.asarray(found) - exact).max() < 100 * tolerance * np.abs(exact).max()
+
+
 def test_vmap_over_values_points_and_both():
     points = RNG.uniform(-3, 3, (2, 7, 2))
     values, data = random(2, 6, 5), random(2, 7)
