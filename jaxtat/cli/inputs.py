@@ -20,19 +20,9 @@ from ..steps import polar_grid
 from .option_checks import band, is_given, require_values, slices
 
 SAME = 1e-6  # of the size: positions and radii that differ by less are the same
-FACTS = (
-    "arc",
-    "ring",
-    "scanner",
-    "sampling_rate",
-    "duration",
-    "start_time",
-    "impulse_response_file",
-    "element_band",
-    "use",
-    "frames",
-)
 OF_RESPONSE = ("impulse_response_file", "element_band")
+FACTS = ("arc", "ring", "scanner", "sampling_rate", "duration", "start_time", "use", "frames")
+FACTS += OF_RESPONSE
 _OPTIONS = (
     "file",
     "out",

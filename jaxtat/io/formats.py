@@ -12,7 +12,7 @@ from .hdf5 import is_hdf5, open_hdf5
 from .ipasc import is_ipasc, read_ipasc
 from .matlab import is_matlab5, read_matlab5
 from .msot import read_msot
-from .numpy_files import read_npy, read_npz, read_response
+from .numpy_files import is_archive, is_array, read_npy, read_npz, read_response
 from .patato import add_images, is_patato, read_patato
 from .plain_hdf5 import is_of_matlab, read_matlab73, read_plain_hdf5
 from .scan import Kind
@@ -34,8 +34,8 @@ def _is_hdf5_of(layout: Callable[[Path], bool]) -> Callable[[Path, bytes], bool]
 
 # what asks more of a file comes first
 FORMATS = (
-    Format("NumPy archive", lambda _, start: start[:4] == b"PK\3\4", read_npz),
-    Format("NumPy array", lambda _, start: start[:6] == b"\x93NUMPY", read_npy),
+    Format("NumPy archive", lambda _, start: is_archive(start), read_npz),
+    Format("NumPy array", lambda _, start: is_array(start), read_npy),
     Format("MATLAB 5 to 7", is_matlab5, read_matlab5),
     Format("MATLAB 7.3", _is_hdf5_of(is_of_matlab), read_matlab73),
     Format("IPASC", _is_hdf5_of(is_ipasc), read_ipasc),

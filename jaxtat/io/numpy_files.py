@@ -20,6 +20,16 @@ RESPONSES = (*NAMES["impulse_response"], "EIR", "EIR_indiv_mat")
 _READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
+def is_archive(start: bytes) -> bool:
+    """Whether a file begins as NumPy's archives do."""
+    return start[:4] == b"PK\3\4"
+
+
+def is_array(start: bytes) -> bool:
+    """Whether a file begins as NumPy's arrays do."""
+    return start[:6] == b"\x93NUMPY"
+
+
 def read_npz(path: Path, kind: Kind | None) -> FileContents:
     """Arrays by the names of `named_arrays.NAMES`. Each has a checksum, so that damage is found."""
     archive = zipfile.ZipFile(path)
@@ -52,9 +62,9 @@ def read_response(path: Path) -> FileContents:
     """The impulse response in NumPy's archive, or array, under one of its names or alone there."""
     with path.open("rb") as file:
         start = file.read(6)
-    if start == b"\x93NUMPY":
+    if is_array(start):
         return FileContents({}, {"impulse_response": _stored(path.open("rb"), "the array")})
-    if start[:4] != b"PK\3\4":
+    if not is_archive(start):
         raise ValueError("it is neither .npy nor .npz: write the response with numpy.save.")
     archive = zipfile.ZipFile(path)
     members = _members(path, archive)

@@ -122,7 +122,7 @@ def gaussian_response(
     Raises:
         ValueError: for a band that the sampling rate cannot hold, or that is none.
 
-    The pulse is that of `scipy.signal.gausspulse`.
+    Source: the pulse of `scipy.signal.gausspulse`.
 
     >>> response = gaussian_response(40e6, 5e6, 0.6)
     >>> spectrum = np.abs(np.fft.rfft(response, 4000))  # 10 kHz apart

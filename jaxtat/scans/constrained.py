@@ -85,14 +85,13 @@ def fitted(
 
 
 def warn_of_hardly_any(
-    left: Float[np.ndarray, " frames"], numbers: Int[np.ndarray, " frames"], stacklevel: int = 2
+    left: Float[np.ndarray, " frames"], numbers: Int[np.ndarray, " frames"]
 ) -> None:
-    """Warn of fitted images with hardly anything of what was recorded.
+    """Warn whoever called the caller of fitted images with hardly anything of what was recorded.
 
     Args:
         left: share of each record that its image leaves unexplained.
         numbers: of these frames in the file.
-        stacklevel: of the caller's caller: 3 for whoever calls that.
     """
     empty = np.asarray(left) > HARDLY_ANY
     if not empty.any():
@@ -104,7 +103,7 @@ def warn_of_hardly_any(
         "is noise, or the weight of the penalty is too large for it. Compare with the formula's "
         "image (--direct), or give a smaller --weight.",
         AccuracyWarning,
-        stacklevel=stacklevel + 1,
+        stacklevel=3,
     )
 
 

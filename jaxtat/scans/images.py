@@ -193,7 +193,7 @@ def reconstruct(
             image = image[..., ::-1] if flipped else image
             out[start : start + n] = np.asarray(image).reshape(-1, *shape)[:n]
             bar.update(n)
-    warn_of_hardly_any(left, frame_numbers(scan), stacklevel=3)
+    warn_of_hardly_any(left, frame_numbers(scan))
     several = scan.n_frames > 1 or "frame_numbers" in scan.known  # one of several is known by it
     numbers = scan.known.get("wavelengths", frame_numbers(scan))
     return ScanImages(

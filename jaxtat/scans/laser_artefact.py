@@ -41,7 +41,8 @@ def start_by_laser(
     >>> start_by_laser(sound, times, middle=26.0).value
     -0.3
     """
-    alike = np.median(record - np.median(record, axis=1, keepdims=True), axis=0)
+    centred = record - np.median(record, axis=1, keepdims=True)
+    alike = np.median(centred, axis=0)
     first = int(np.searchsorted(times, times[0] + LATEST * middle))
     height = float(np.abs(alike[:first]).max(initial=0.0))
     if height == 0.0:
@@ -49,11 +50,10 @@ def start_by_laser(
     begins = int(np.argmax(np.abs(alike[:first]) >= LOUD * height))
     if begins < QUIET_SAMPLES or np.abs(alike[:begins]).max() > QUIET * height:
         return None
-    later = record[:, first:] - np.median(record, axis=1, keepdims=True)
-    if height < SOUND * float(np.median(np.abs(later).max(axis=1, initial=0.0))):
+    if height < SOUND * float(np.median(np.abs(centred[:, first:]).max(axis=1, initial=0.0))):
         return None
-    burst = record[:, begins : begins + LASTING] - np.median(record, axis=1, keepdims=True)
-    unlike = float(np.mean(np.abs(burst - alike[begins : begins + LASTING])))
+    burst = slice(begins, begins + LASTING)
+    unlike = float(np.mean(np.abs(centred[:, burst] - alike[burst])))
     left = np.abs(alike[2 * first : 3 * first])
     if unlike > UNLIKE * height or left.max(initial=0.0) > GONE * height:
         return None
