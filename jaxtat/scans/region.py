@@ -19,6 +19,7 @@ from .preprocess import Acquisition, AcquisitionInSpace, known_radii
 
 DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not show it
 SHARES = (0.1, 0.97)  # least and largest region radius over the arc's
+UNTOLD = 0.5  # likewise, where sound seems to come from nowhere
 LONGEST = 100.0  # radii of the arc: no record of a scanner is that long
 MARGIN, SPREAD = 1.1, 2.0  # of the region: times as far as sound comes from, and deviations
 MARGIN_IN_SPACE = 1.4  # sound from the rims of balls is weak
@@ -76,10 +77,10 @@ def region_of_sound(record: Acquisition, p: Parameters) -> Parameters:
     view = _field_of_view(record.scan, p["region_center"])
     if view is not None and view < wanted:
         found = Estimate(view, "the field of view in the file", SURE, Source.FILE, data=data)
-    least, most = SHARES[0] * arc.radius, min(SHARES[1] * arc.radius, path - arc.radius)
+    most = min(SHARES[1] * arc.radius, path - arc.radius)
     if late:  # fitted to what was recorded
         most = SHARES[1] * arc.radius
-    found = _within(found, when.tells, least, most)
+    found = _within(found, when.tells, arc.radius, most)
     p = p.with_(region_radius=found)
     toward = np.array([np.cos(arc.opening), np.sin(arc.opening)])
     sounds = float(disk.middle @ toward) + disk.radius
@@ -88,11 +89,12 @@ def region_of_sound(record: Acquisition, p: Parameters) -> Parameters:
     return _as_wide(_cut_at_opening(arc, p, sounds), found.grade)
 
 
-def _within(found: Estimate, tells: bool, least: float, most: float) -> Estimate:
-    """The radius, between what a region has at least and what is covered."""
+def _within(found: Estimate, tells: bool, radius: float, most: float) -> Estimate:
+    """The region's radius, between the least that a scan has and what is covered."""
+    least = SHARES[0] * radius
     if found.value < least:
-        why = "a tenth of the arc: where sound comes from cannot be told"
-        found = found._replace(value=least, why=why, grade=GUESSED)
+        why = "half the circle: where sound comes from cannot be told"
+        found = found._replace(value=UNTOLD * radius, why=why, grade=GUESSED)
     if not tells and found.grade != SURE:
         why = f"where sound comes from cannot be told: {COVERED}"
     elif found.value > most:
