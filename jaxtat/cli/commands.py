@@ -183,7 +183,8 @@ def stream(options: argparse.Namespace) -> None:
     shape = (scan.n_detectors, scan.n_samples)
     frames = frames_from(options.source, shape, dtype, options.follow)
     sink = sink_at(options.out, options.format, to_images.setup, choices)
-    _report(options, "ready", start)
+    source = "standard input" if options.source == "-" else options.source
+    _report(options, f"ready for raw frames from {source}", start)
     outcome = run_stream(
         to_images,
         frames,

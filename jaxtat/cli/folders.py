@@ -83,7 +83,7 @@ def reconstruct_folder(options: argparse.Namespace) -> None:
             scans have no image.
     """
     start, out = time.perf_counter(), Path(options.out)
-    names = scan_files(Path(options.file), out)
+    names = scan_files(Path(options.file), out, options.impulse_response_file)
     _require_own(out)
     found: dict[str, Outcome] = {}
     tasks: list[Task] = []
@@ -108,17 +108,22 @@ def reconstruct_folder(options: argparse.Namespace) -> None:
     _end(options, names, found, n_kept)
 
 
-def scan_files(folder: Path, out: Path) -> list[str]:
+def scan_files(folder: Path, out: Path, response: str | None = None) -> list[str]:
     """Names of the scan files in a folder and those in it, but for the one that is written to.
+
+    Args:
+        response: file of an impulse response, which is no scan.
 
     Raises:
         ValueError: if there is none.
     """
-    names = []
+    names, no_scan = [], Path(response or out).resolve()
     for path in sorted(folder.rglob("*")):
         inner = path.relative_to(folder)
         hidden = any(part.startswith(".") for part in inner.parts)
         if hidden or not path.is_file() or path.resolve().is_relative_to(out.resolve()):
+            continue
+        if path.resolve() == no_scan:
             continue
         if path.suffix.lower() in SUFFIXES or registered_reader(path) is not None:
             names.append(inner.as_posix())

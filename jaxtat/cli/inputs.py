@@ -61,11 +61,11 @@ def scan_of(
         scan = replace(scan, known={k: v for k, v in scan.known.items() if k not in clock})
     facts = {"detectors": positions, "sampling_rate": rate, "frames": frames}
     scan = with_facts(scan, scanner=options.scanner, **facts)
-    times = None if duration is None else np.linspace(0.0, duration, scan.n_samples)
+    rate = None if duration is None else (scan.n_samples - 1) / duration
     response = getattr(options, "impulse_response_file", None)
     scan = with_facts(
         scan,
-        times=times,
+        sampling_rate=rate,
         start_time=getattr(options, "start_time", None),
         element_response=None if response is None else load_response(response),
         element_band=getattr(options, "element_band", None),

@@ -157,7 +157,9 @@ class VolumeGrid(Grid):
         return self.axis(2)
 
     def across(self, number: int) -> ImageGrid:
-        """The nodes of a slice perpendicular to one axis, by the two others in their order."""
+        """The nodes of a slice perpendicular to axis 0, 1 or 2, by the others in their order."""
+        if number not in (0, 1, 2):
+            raise ValueError(f"number is {number}, expected an axis of the volume: 0, 1 or 2.")
         pair = np.array([k for k in range(3) if k != number])
         shape = self.shape[pair[0]], self.shape[pair[1]]
         return ImageGrid(shape, self.half_width[pair], self.center[pair])

@@ -141,17 +141,17 @@ def _known(scan: Scan, name: str, value: Any) -> np.ndarray:
     array.flags.writeable = False
     require_real(name, array.dtype)
     said = "any" if wanted is None else f"({', '.join(wanted)})"
-    have, hold = ("has", "holds") if wanted == () else ("have", "hold")
+    have, hold = ("have", "hold") if name.endswith(("s", "ii")) else ("has", "holds")
     if array.size == 0 or (wanted is not None and array.ndim != len(wanted)):
         raise ValueError(f"{name} {have} shape {array.shape}, expected {said}.")
     for size, axis in zip(array.shape, wanted or (), strict=wanted is not None):
         if axis in sizes and size != sizes[axis]:
             raise ValueError(
-                f"{name} have shape {array.shape}, expected {said}, but the data have "
+                f"{name} {have} shape {array.shape}, expected {said}, but the data have "
                 f"{sizes[axis]} {axis} (shape {scan.data.shape})."
             )
         if axis[0].isdigit() and str(size) not in axis.split(" or "):
-            raise ValueError(f"{name} have shape {array.shape}, expected {said}.")
+            raise ValueError(f"{name} {have} shape {array.shape}, expected {said}.")
     if not np.isfinite(array).all():
         raise ValueError(f"{name} {hold} NaN or infinite values, expected finite ones.")
     if (

@@ -91,11 +91,11 @@ def region_of_sound(record: Acquisition, p: Parameters) -> Parameters:
 
 def _within(found: Estimate, tells: bool, radius: float, most: float) -> Estimate:
     """The region's radius, between the least that a scan has and what is covered."""
-    least = SHARES[0] * radius
-    if found.value < least:
+    least, lost = SHARES[0] * radius, not tells and found.grade != SURE
+    if (most if lost else found.value) < least:
         why = "half the circle: where sound comes from cannot be told"
-        found = found._replace(value=UNTOLD * radius, why=why, grade=GUESSED)
-    if not tells and found.grade != SURE:
+        return found._replace(value=UNTOLD * radius, why=why, grade=GUESSED)
+    if lost:
         why = f"where sound comes from cannot be told: {COVERED}"
     elif found.value > most:
         why = f"of {{wanted:length}}, {COVERED}"

@@ -27,6 +27,7 @@ SPARE = 1  # of the width, over the digits that are asked for
 QUADRATURE = 64  # nodes for phi_n
 MARGIN = 0.02  # of a node, between the kernel's end and where other nodes are read
 FLAT = 1e-3  # 1 - z² below which phi is constant: derivatives at points on nodes stay right
+MOST_NODES = 2**31  # their numbers have 32 bits
 
 
 def from_grid_in_jax(
@@ -46,6 +47,11 @@ def from_grid_in_jax(
     width = math.ceil(-math.log10(tolerance)) + SPARE
     axes, dtype = points.shape[1], values.real.dtype
     fine: tuple[Any, ...] = tuple(next_fast_len(FINER * max(n, width)) for n in values.shape)
+    if math.prod(fine) >= MOST_NODES:
+        raise ValueError(
+            f"the grid of the FFT has {' x '.join(map(str, fine))} nodes, expected fewer than "
+            f"{MOST_NODES}: take fewer pixels."
+        )
     for axis, (n, m) in enumerate(zip(values.shape, fine, strict=True)):
         whole = tuple(-1 if axis == k else 1 for k in range(axes))
         values = values * jnp.asarray(1 / _transformed(n, m, width), dtype).reshape(whole)

@@ -47,3 +47,9 @@ def test_a_slice_of_a_volume_has_the_nodes_of_the_other_axes():
     for axis, others in ((0, [1, 2]), (1, [0, 2]), (2, [0, 1])):
         nodes = np.take(np.asarray(grid.points), 2, axis=axis)[..., others]
         np.testing.assert_array_equal(grid.across(axis).points, nodes)
+
+
+@pytest.mark.parametrize("number", [-1, 3])
+def test_slices_are_across_an_axis_of_the_volume(number):
+    with pytest.raises(ValueError, match=f"number is {number}, expected an axis"):
+        VolumeGrid(5).across(number)

@@ -7,10 +7,13 @@ import pytest
 from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, N, positions, raw_counts, record, scan
 
 from jaxtat import detector_curve, disk, phantoms
+from jaxtat.base.choice_table import GUESSED, LIKELY
 from jaxtat.io import Scan
 from jaxtat.io.frames import LazyFrames
 from jaxtat.records import circular_integrals_to_pressure, supported
 from jaxtat.scans import choose, describe, with_facts
+from jaxtat.scans.estimate import Estimate
+from jaxtat.scans.region import _within
 from jaxtat.steps import AccuracyWarning, TooFewDetectors
 
 REACH = max(np.hypot(*c) + r for c, r in zip(BELLS["centers"], BELLS["radii"], strict=True))
@@ -355,6 +358,15 @@ def test_what_a_file_lacks(counts, tmp_path):
         with_facts(bare, scanner="msot-invision-256")
     turned = with_facts(Scan("pressure", counts.T), detectors=positions(), sampling_rate=4e6)
     assert np.array_equal(turned.data, counts)
+
+
+@pytest.mark.parametrize(
+    ("tells", "wanted", "covered"), [(True, 0.001, 0.03), (False, 0.01, 0.003)]
+)
+def test_where_no_place_is_told_the_region_is_half_the_circle(tells, wanted, covered):
+    """From less than a tenth, or nowhere that can be told and the record covers less."""
+    region = _within(Estimate(wanted, grade=LIKELY), tells, RADIUS, covered)
+    assert region.value == RADIUS / 2 and region.grade == GUESSED
 
 
 @pytest.mark.filterwarnings("ignore:no image explains")  # noise alone

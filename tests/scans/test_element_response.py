@@ -111,7 +111,7 @@ def status(words):
         ("--impulse-response scan.npz", "it holds detectors, pressure, .* expected one array"),
         ("--impulse-response text.npy", "neither .npy nor .npz"),
         ("--impulse-response cut.npy", "cannot read cut.npy: an array is shorter than it claims"),
-        ("--impulse-response three.npy", r"impulse_response have shape \(3, 5\)"),
+        ("--impulse-response three.npy", r"impulse_response has shape \(3, 5\)"),
         ("--impulse-response three.npy --element-band 4e5 0.6", "not allowed with"),
     ],
 )
@@ -181,10 +181,10 @@ def test_another_response_is_another_image_of_a_folder(tmp_path, monkeypatch, ca
     monkeypatch.chdir(tmp_path)
     Path("scans").mkdir()
     np.savez("scans/a.npz", pressure=heard(), **scan().known)
-    line = f"reconstruct scans --model in-plane {OPTIONS} --out images --impulse-response r.npy"
+    line = f"reconstruct scans --model in-plane {OPTIONS} --out images"
     made = []
-    for width in (1.2, 0.8):
-        np.save("r.npy", gaussian_response(RATE, CENTER, width))
-        assert main(line.split()) == 0
+    for width in (1.2, 0.8):  # in the folder it is no scan
+        np.save("scans/r.npy", gaussian_response(RATE, CENTER, width))
+        assert main([*line.split(), "--impulse-response", "scans/r.npy"]) == 0
         made.append(read("images/a.npz.h5"))
     assert (made[0] != made[1]).any()

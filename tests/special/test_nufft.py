@@ -3,10 +3,12 @@
 from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxtat.special import from_grid, to_grid
+from jaxtat.special.nufft_in_jax import from_grid_in_jax
 
 RNG = np.random.default_rng(0)
 TOLERANCE = 1e-12
@@ -134,3 +136,10 @@ def test_transposes_are_exact_for_many_points_in_a_volume_too(maker):
     found, back = both(values, data, points, 1e-6)
     gap = np.abs(np.sum(found * data) - np.sum(back * values))
     assert gap < 1e-14 * np.linalg.norm(found) * np.linalg.norm(data)
+
+
+def test_more_nodes_than_numbers_of_32_bits_are_refused():
+    grid = jax.ShapeDtypeStruct((650, 650, 650), jnp.complex64)
+    points = jax.ShapeDtypeStruct((5, 3), jnp.float32)
+    with pytest.raises(ValueError, match=r"1\d{3} x 1\d{3} x 1\d{3} nodes, expected fewer"):
+        jax.eval_shape(partial(from_grid_in_jax, tolerance=1e-4), grid, points)
