@@ -40,6 +40,7 @@ COLUMNS = (
     "image",
     *(f"{name}{what}" for name in _CHOSEN for what in ("", "_grade")),
     "units",
+    "channels_left_out",
     "unexplained",
     "seconds",
     "message",
@@ -229,6 +230,7 @@ def _row(task: Task, choices: Choices, result: ScanImages) -> dict[str, Any]:
         if name in chosen:
             row |= {name: chosen[name]["value"], f"{name}_grade": chosen[name]["grade"]}
     row["units"] = "SI" if choices.units.length and choices.units.time else "of the file"
+    row["channels_left_out"] = len(choices.left_out)
     if result.unexplained is not None:
         row["unexplained"] = round(result.unexplained, 4)
     return row

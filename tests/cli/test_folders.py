@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from made_scans import record, scan
 from test_cli import ARC, BELL, CURVE, INTEGRALS, RADII, REGION, agree
 
 from jaxtat.cli import folder_sheet, folders, main
@@ -228,6 +229,19 @@ def test_frames_that_were_made_are_not_made_again(scans, monkeypatch, capsys):
     with h5py.File("some.h5") as file:
         assert np.allclose(file["image"][()], whole, atol=1e-12)
     assert not os.path.exists(".some.h5.unfinished")
+
+
+def test_the_summary_says_how_many_channels_were_left_out(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("scans").mkdir()
+    pressure = np.array(record())
+    pressure[[3, 40]] = np.nan
+    np.savez("scans/a.npz", pressure=pressure, **scan(pressure).known)
+    line = (
+        "reconstruct scans --out images --model in-plane --region-radius 0.02 --pixels 31 --direct"
+    )
+    assert main(shlex.split(line)) == 0
+    assert summary()[0]["channels_left_out"] == "2"
 
 
 def test_errors_are_kept_beside_the_image(scans, capsys):
