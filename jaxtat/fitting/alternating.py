@@ -73,6 +73,12 @@ class Pace(NamedTuple):
 
 
 PACE = Pace(2, 0.03, 3.5e-3)
+PACE_IN_SPACE = Pace(2, 0.03, 0.03)  # there records tell wide and fine parts equally well
+
+
+def pace_for(images: Float[Array, "stack *space"]) -> Pace:
+    """In the plane or in space."""
+    return PACE if images.ndim == 3 else PACE_IN_SPACE
 
 
 def products_of(penalty: Any, pace: Pace = PACE) -> int:
@@ -99,7 +105,7 @@ def split(
 
     p is w D f / |D f| at edges; q the slope where f = 0, and 0 elsewhere and for f = 0 everywhere.
     """
-    fit, bond = level.fit, _bonds(level, weight, image, PACE)
+    fit, bond = level.fit, _bonds(level, weight, image, pace_for(image))
     slope, parts, parts_dual = normal - level.back, None, None
     if isinstance(penalty, Penalty):
         parts = penalty.parts(image)
@@ -119,13 +125,15 @@ def step(
     weight: Float[Array, ""],
     image: Float[Array, "stack *space"],
     state: Split,
-    pace: Pace = PACE,
+    pace: Pace | None = None,
 ) -> tuple[Float[Array, "stack *space"], Split]:
     """All parts in turn: v and the rest.
 
     Args:
         image: v of before.
+        pace: by default `pace_for` images.
     """
+    pace = pace or pace_for(image)
     bond = _bonds(level, weight, image, pace)
     state = _nearer(level, penalty, bond, weight, image, state, products_of(penalty, pace))
     mixed = OVER * state.free + (1 - OVER) * image

@@ -4,10 +4,12 @@ Measured records of pressure are fitted, with f >= 0 and total variation: they l
 and hold noise, and detectors on an open arc do not see all edges. On 48 simulated scans images
 without options have a median error of 0.23, those of the formula 0.61
 (`docs/automatic_choices.md`). Where two-dimensional waves of one speed are recorded on a curve that
-every line through the region meets, nothing is missing, and the formula is more accurate; through a
-body of another speed fits are, whose constraints make good what is wrong with the body. In space
-records are fitted too: for detectors off rings the formula takes dense systems of all of them at
-every frequency, which are slower than a fit and see nothing of what is missing.
+every line through the region meets, by detectors near enough for the image's waves, nothing is
+missing, and the formula is more accurate; of detectors so far apart that the waves are twice as
+fine as these tell, fits are, and through a body of another speed, where constraints make good what
+is wrong with the body. In space records are fitted too: for detectors off rings the formula takes
+dense systems of all of them at every frequency, which are slower than a fit and see nothing of what
+is missing.
 """
 
 from dataclasses import replace
@@ -16,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
+from ..base.units import ROUNDING
 from ..geometry import Region, visibility
 from ..io import Scan
 from .acquisition import facts_of
@@ -23,7 +26,7 @@ from .choices import Choices
 from .estimate import Estimate
 from .parameters import Parameters
 from .preprocess import Acquisition, AcquisitionInSpace
-from .resolution import with_waves_of_fit
+from .resolution import FINER, sampled_by_detectors, with_waves_of_fit
 
 OF_FORMULA = ("alpha", "low_pass", "inversion")  # choices that mean nothing to a fit
 ADDS = "light that is absorbed only adds pressure; --signed allows f < 0"
@@ -132,7 +135,7 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
     if not _covers(choices.half_width, *wanted):
         why = "pixels show a part of the region, and a fit needs all of it"
         return choices.with_reason("model_based", why, SURE)
-    if choices.model == "2d" and choices.water_speed is None and _sees_all(scan, choices):
+    if choices.model == "2d" and choices.water_speed is None and _nothing_is_missing(scan, choices):
         why = "two-dimensional waves, and every line through the region meets the detectors' curve"
         return choices.with_reason("model_based", why, LIKELY)
     why = "more accurate for measured pressure; --direct for the formula"
@@ -143,7 +146,16 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
     return with_waves_of_fit(scan, fitted)
 
 
-def _sees_all(scan: Scan, choices: Choices) -> bool:
-    curve, region = choices.curve(facts_of(scan).points), choices.region
-    assert isinstance(region, Region)
-    return float(visibility(curve, region).invisible_fraction) == 0
+def _nothing_is_missing(scan: Scan, choices: Choices) -> bool:
+    """Whether detectors see every line through the region, and sample the image's waves.
+
+    Of simulated scans of 76 and 38 detectors, whose waves are twice as fine, the formula had errors
+    of 0.09 to 0.15, fits of 0.03 to 0.11 (5 of 5 better); of 8 others 4 fits were worse, 1 better.
+    """
+    facts, region = facts_of(scan), choices.region
+    curve = choices.curve(facts.points)
+    assert isinstance(region, Region) and facts.times is not None
+    if float(visibility(curve, region).invisible_fraction) > 0:
+        return False
+    sampled = sampled_by_detectors(curve, region, facts.times)
+    return choices.max_frequency < FINER * sampled * (1 - ROUNDING)

@@ -73,7 +73,7 @@ def resolution_in_plane(record: Acquisition, p: Parameters) -> Parameters:
     require_record(support, speed, 0.5 * (float(support.end) - float(support.reach_of_end)))
     if support.ends_early:
         p = expecting(p, support.shortfalls[0])
-    sampled = float(support.frequency_of_detectors) / SAMPLED
+    sampled = _of_inner_half(support)
     _warn_of_few_details(p, len(where[0].points), sampled)
     rounding = 1e-6 * (record.times[1] - record.times[0])  # the same samples in any unit
     start = int(np.searchsorted(record.times, record.begin - rounding))
@@ -97,6 +97,20 @@ def resolution_in_plane(record: Acquisition, p: Parameters) -> Parameters:
     n = int(np.clip(2 * (int(np.ceil(across)) // 2) + 1, PIXELS[0], most))
     data = {"detail": np.pi / p["max_frequency"], "n": (n - 1) * PIXELS_PER_DETAIL / across}
     return p.with_(pixels=Estimate(n, "details of {detail:length 3} in {n:.2g} pixels", data=data))
+
+
+def _of_inner_half(support: Supported) -> float:
+    return float(support.frequency_of_detectors) / SAMPLED
+
+
+def sampled_by_detectors(curve: DetectorCurve, region: Region, times: Any) -> float:
+    """The highest frequency that the detectors' spacing tells [rad/length].
+
+    Args:
+        curve: of the detectors that are used.
+        times: of the record [time].
+    """
+    return _of_inner_half(supported(curve, region, times, sound_speed=1.0))
 
 
 def _of_spacing(sampled: float, per_pixel: float) -> Estimate:

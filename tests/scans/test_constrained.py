@@ -91,6 +91,16 @@ def test_the_table_says_why_an_image_is_not_fitted():
     assert "alpha" not in to_look_at(with_best_method(made, choose(made, **SIZES)), 10)
 
 
+@pytest.mark.parametrize(("share", "fitted"), [(1.9, False), (2.1, True)])
+def test_two_dimensional_waves_finer_than_the_spacing_tells_are_fitted(share, fitted):
+    """Detectors s apart at the radius R sample waves of pi R / (s r) at the distance r."""
+    made, angle, radius = scan(record()), np.radians(270 / 89 * 6), 0.011
+    few = Scan("pressure", made.data[::6], {**made.known, "detectors": positions()[::6]})
+    tells = np.pi / (angle * radius / 2)  # in the inner half of the region
+    given = {"region_radius": radius, "pixels": 41, "max_frequency": share * tells}
+    assert with_best_method(few, choose(few, model="2d", **given)).model_based == fitted
+
+
 def test_the_command_stores_and_repeats_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     np.savez("scan.npz", pressure=record(), detectors=positions(), sampling_rate=RATE,
