@@ -21,10 +21,11 @@ def paper(options: argparse.Namespace) -> None:
 
 def plan(options: argparse.Namespace) -> None:
     """``jaxtat plan``."""
-    from ..io.plans import save_plan
+    from ..io.plans import require_plan_or_new, save_plan
     from .inputs import plan_for, setup_of_plan
 
     start = time.perf_counter()
+    require_plan_or_new(options.out)
     built = plan_for(options, setup_of_plan(options))
     save_plan(built, options.out)
     _report(options, _accuracy(built), start)

@@ -72,6 +72,8 @@ def _require_files(options: argparse.Namespace) -> None:
         require_place(options.out)
     if is_given(options, "json") and options.json != "-":
         require_place(options.json)
+        if is_given(options, "out") and Path(options.json) == Path(options.out):
+            raise ValueError(f"--json and --out are {name_of(options.out)}: expected two files.")
     for name in ("file", "detectors_from", "repeat", "plan", "impulse_response_file"):
         if is_given(options, name) and not (name == "file" and _is_of_folder(options)):
             require_file(getattr(options, name))
@@ -205,7 +207,9 @@ def _require_numbers(options: argparse.Namespace) -> None:
 def _require_detectors(options: argparse.Namespace) -> None:
     for name in ("arc", "ring"):
         if is_given(options, name):
-            n = getattr(options, name)[-1]
+            radius, n = getattr(options, name)[0], getattr(options, name)[-1]
+            if not radius > 0:
+                raise ValueError(f"--{name}: the radius is {radius:g}, expected above zero.")
             if not (n >= 1 and n.is_integer() and n < 2**31):
                 raise ValueError(
                     f"--{name}: the number of detectors is {n:g}, expected a whole one."

@@ -36,6 +36,18 @@ FORMAT, VERSION = "jaxtat plan", 8
 _BLOCK = 512  # [byte], the least HDF5 allows
 
 
+def require_plan_or_new(path: str | Path) -> None:
+    """Raise ValueError for a file that is there and no plan: a record may be lost."""
+    place = Path(path)
+    if not place.is_file():
+        return
+    with place.open("rb") as file:
+        if file.read(len(FORMAT)) != FORMAT.encode():
+            raise ValueError(
+                f"cannot write {name_of(path)}: it is there, and no plan: expected a new name."
+            )
+
+
 def save_plan(plan: ReconstructionPlan, path: str | Path, *, precision: str = "as is") -> None:
     """Write a plan, with everything it was built from, to an HDF5 file.
 

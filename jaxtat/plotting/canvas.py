@@ -37,6 +37,16 @@ def gray_levels(image: np.ndarray) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def beyond(values: np.ndarray, limits: tuple[float, float]) -> str:
+    """At which ends of a colour bar values lie beyond the limits, as Matplotlib names them.
+
+    >>> beyond(np.array([0.0, 1.0, 5.0]), (0.0, 2.0)), beyond(np.ones(3), (0.0, 2.0))
+    ('max', 'neither')
+    """
+    below, above = np.any(values < limits[0]), np.any(values > limits[1])  # NaN is neither
+    return {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[int(below), int(above)]
+
+
 def greatest(values: Numbers, otherwise: float = 1.0) -> float:
     """The 99.8th percentile of |values|, a limit for colours; ``otherwise`` if that is 0."""
     return float(np.percentile(np.abs(np.asarray(values)), 99.8)) or otherwise

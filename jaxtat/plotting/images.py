@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +14,7 @@ from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from ..base.checks import Numbers
 from ..base.units import OF_VALUES, millimetres
 from ..geometry import ImageGrid
-from .canvas import GRAY, gray_levels, label_axes, length_label, new_figure, text_size
+from .canvas import GRAY, beyond, gray_levels, label_axes, length_label, new_figure, text_size
 
 MOST_PANELS = 16  # images of a stack that one picture shows
 
@@ -108,7 +109,9 @@ def picture(
     for axes in panels.flat[n:]:
         axes.remove()
     assert shown is not None
-    figure.colorbar(shown, ax=panels.flat[:n].tolist(), shrink=0.9, label=OF_VALUES)
+    ends: Any = beyond(stack[chosen], limits)
+    shown_in = panels.flat[:n].tolist()
+    figure.colorbar(shown, ax=shown_in, shrink=0.9, label=OF_VALUES, extend=ends)
     if n < len(stack):
         figure.suptitle(f"{n} of {len(stack)} images", fontsize=text_size(9))
     return figure

@@ -1,6 +1,7 @@
 """Pictures of volumes: three slices, also in space among the detectors, and largest values."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -13,6 +14,7 @@ from ..geometry import VolumeGrid
 from ..geometry.caps import Detectors
 from .canvas import (
     GRAY,
+    beyond,
     gray_levels,
     label_axes,
     length_label,
@@ -104,7 +106,8 @@ def _show_three(
         )
         label_axes(axes, labels[axis], *(length_label(_NAMES[k], unit) for k in (i, j)))
         if axis == 2:
-            figure.colorbar(shown, ax=axes, shrink=0.8, label=OF_VALUES)
+            ends: Any = beyond(np.concatenate([np.ravel(each) for each in pictures]), limits)
+            figure.colorbar(shown, ax=axes, shrink=0.8, label=OF_VALUES, extend=ends)
     if title:
         figure.suptitle(title, fontsize=text_size(10))
 
@@ -174,7 +177,9 @@ def save_volume(
     stack = np.asarray(volume).reshape(-1, *grid.shape)
     chosen = np.unique(np.linspace(0, len(stack) - 1, MOST_ROWS).round().astype(int))
     figure = new_figure(9.6, 6.8 * len(chosen))
-    limits = gray_levels(stack[chosen])
+    # the brightest voxels are few, and all that projections show
+    brightest = [np.fmax.reduce(stack[chosen], axis=axis).ravel() for axis in (1, 2, 3)]
+    limits = gray_levels(stack[chosen])[0], gray_levels(np.concatenate(brightest))[1]
     rows = figure.subfigures(2 * len(chosen), 1, squeeze=False)[:, 0]
     for k, slices, projections in zip(chosen, rows[::2], rows[1::2], strict=True):
         title = "" if frames is None else f"{np.asarray(frames)[k]:g}"

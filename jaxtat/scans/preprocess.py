@@ -4,6 +4,7 @@ The artefact of the laser ends where the power falls to that of the quietest pie
 those of `channel_quality`, with NaN, or of too small a gain.
 """
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -24,6 +25,7 @@ from ..records.signal_power import (
     record_power,
     totals,
 )
+from ..steps import AccuracyWarning
 from .acquisition import (
     FEWEST,
     SLOWEST,
@@ -40,6 +42,7 @@ RIM = 0.95  # of the detectors' radius, up to which sources are reckoned with
 CUT_OFF = 5e-3  # share of samples with the highest or lowest value, which waves hardly reach
 FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
 EXACT = 1e-8  # noise over signal power, below which a record is simulated, not muted
+OFFSET = 0.1  # of a channel's range, by which its median is off zero
 SHOWN = 8  # rows, at most, that a message names
 LISTENED = 512  # detectors in space, at most, by which noise is judged
 LEFT_TO_JUDGE = 128  # samples after a muted start, by which channels and noise are judged
@@ -236,6 +239,8 @@ def preprocess_in_space(scan: Scan, p: Parameters) -> tuple[AcquisitionInSpace, 
     known = np.isfinite(frame[facts.order])
     quiet = np.ptp(np.where(known, frame[facts.order], 0.0), axis=1) == 0
     left_out = ~known.all(axis=1) | quiet
+    if facts.times is not None:
+        _warn_of_offset(frame[facts.order][~left_out])
     if left_out.any():
         silent = np.sort(facts.order[left_out])
         facts = _facts_without(scan, facts, silent)
@@ -248,6 +253,22 @@ def preprocess_in_space(scan: Scan, p: Parameters) -> tuple[AcquisitionInSpace, 
     order = (*(int(k) for k in facts.order), *rows)
     p = replace(p, units=facts.units).fixed(order=order, left_out=rows)
     return AcquisitionInSpace(scan, facts, frame[facts.order]), p.replaced(channels=channels)
+
+
+def _warn_of_offset(known: Float[np.ndarray, "detectors samples"]) -> None:
+    """Say that channels have an offset: waves in space leave none, and none is taken off there."""
+    if known.size == 0:
+        return
+    middle, low, high = np.median(known, axis=1), known.min(axis=1), known.max(axis=1)
+    if np.median(np.abs(middle) / (high - low)) > OFFSET:
+        k = int(np.argsort(middle)[len(middle) // 2])
+        warnings.warn(
+            f"the record has an offset: samples of a channel are about {middle[k]:.4g}, from "
+            f"{low[k]:.4g} to {high[k]:.4g}. In space records are taken as they are: subtract its "
+            "mean from every channel first.",
+            AccuracyWarning,
+            stacklevel=2,
+        )
 
 
 def _facts_without(scan: Scan, facts: FactsInSpace, rows: np.ndarray) -> FactsInSpace:

@@ -185,10 +185,11 @@ def _cut_at_opening(arc: ArcFit, p: Parameters, beyond: float = -np.inf) -> Para
         p.gives("region_radius") or beyond > arc.chord or little_left
     )
     why = "what lies beyond the arc's ends is not seen" if ends else "all of the disk"
+    grade = GUESSED if ends and beyond == -np.inf else SURE  # who knows what sounds there
     if beyond > arc.chord and arc.chord < radius:
         why = "all of the disk: what sounds reaches beyond the arc's ends"
     return p.with_(
-        region_cut=Estimate(float(arc.chord if ends else radius), why),
+        region_cut=Estimate(float(arc.chord if ends else radius), why, grade),
         region_angle=Estimate(
             float(np.degrees(arc.opening)), "closed ring" if arc.closed else "the arc opens there"
         ),
@@ -312,5 +313,6 @@ def require_scale(path: float, radius: float, speed: float) -> None:
             f"at a sound speed of {speed:.6g} the record ends after a path of {path:.4g}, while "
             f"the detectors are {radius:.4g} from their middle: expected {least:.4g} to "
             f"{LONGEST * radius:.4g}. Check that positions, times and sound speed are in units "
-            "that fit each other; for a part off the middle give region_center and region_radius."
+            "that fit each other, and when the first sample was taken (start_time); for a part off "
+            "the middle give region_center and region_radius."
         )

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from ..base.choice_table import SURE
+from ..base.choice_table import GUESSED, SURE
 from ..io import Scan
 from ..records import MODELS
 from ..records.water import water_speed
@@ -60,8 +60,7 @@ def with_two_speeds(scan: Scan, given: Mapping[str, Any]) -> Choices:
     made = choices_in_plane(scan, {**given, "water_speed": None})
     if made.model not in MODELS:
         raise ValueError("two_speeds is of pressure records in the plane: leave it out.")
-    water = given.get("water_speed")
-    found = estimate_body(scan, made, typical_frame(scan), water_speed=water)
+    made, found = _with_body(scan, given, made)
     if found is None or not found.clear:
         told = "the record is too short to tell a second one" if found is None else str(found)
         why = f"{dict(made.reasons)['sound_speed']}; by two speeds {told}"
@@ -69,6 +68,26 @@ def with_two_speeds(scan: Scan, given: Mapping[str, Any]) -> Choices:
         grade = made.grade("sound_speed")
         return made.with_reason("sound_speed", why, grade, errors.get("sound_speed"))
     return _through_body(scan, given, made, found)
+
+
+def _with_body(
+    scan: Scan, given: Mapping[str, Any], made: Choices
+) -> tuple[Choices, BodyEstimate | None]:
+    """The body, and the choices by one speed with the start with which it explains more.
+
+    By one speed images may take a body's for another start: the file's is tried too.
+    """
+    frame, water = typical_frame(scan), given.get("water_speed")
+    found = estimate_body(scan, made, frame, water_speed=water)
+    if made.time_shift == 0 or "time_shift" in made.user_set:
+        return made, found
+    as_filed = choices_in_plane(scan, {**given, "water_speed": None, "time_shift": 0.0})
+    other = estimate_body(scan, as_filed, frame, water_speed=water)
+    if other is None or not other.clear or (found and found.clear and found.share < other.share):
+        return made, found
+    as_filed = replace(as_filed, user_set=made.user_set)
+    why = "as the file says; by one speed another explained more"
+    return as_filed.with_reason("time_shift", why, GUESSED), other
 
 
 def _through_body(

@@ -525,6 +525,7 @@ GEOMETRY = f"{ARC} {REGION}"
             "--pixels is 0",
         ),
         (f"good.npz {GEOMETRY} --use 0:30 --out a.png", "there are 24 detectors"),
+        (f"good.npz {GEOMETRY} --json a.h5 --out a.h5", "expected two files"),
         (f"good.npz {GEOMETRY} --K -1 --out a.png", "K is -1.0"),
         (f"good.npz {GEOMETRY} --K nan --out a.png", "K is nan"),
         (f"good.npz {GEOMETRY} --series --out a.png", "equispaced detectors on a full circle"),
@@ -539,7 +540,7 @@ GEOMETRY = f"{ARC} {REGION}"
         (f"good.npz --arc 1.3 1 23.5 {REGION} --out a.png", "number of detectors is 23.5"),
         (f"good.npz --arc 1.3 1 inf {REGION} --out a.png", "number of detectors is inf"),
         (f"good.npz --ring 1.3 0 {REGION} --out a.png", "number of detectors is 0"),
-        (f"good.npz --ring 0 24 {REGION} --out a.png", "same position"),
+        (f"good.npz --ring 0 24 {REGION} --out a.png", "--ring: the radius is 0, expected"),
         ("good.npz --plan nowhere.h5 --out a.png", "there is no file nowhere.h5"),
         ("good.npz --plan good.txt --out a.png", "good.txt is not a jaxtat plan"),
     ],
@@ -588,6 +589,9 @@ def small_cli_plan(tmp_path_factory):
         (f"{GEOMETRY} --out /dev/null", "no ordinary file"),
         (f"--detectors-from nowhere.npz {REGION} --out a.h5", "there is no file nowhere.npz"),
         (f"--detectors-from good.npz {REGION} --out a.h5", "no detector positions"),
+        (f"{GEOMETRY} --out good.npz", "cannot write good.npz: it is there, and no plan"),
+        ("--ring -1 24 --region-radius 0.5 --out a.h5", "--ring: the radius is -1"),
+        (f"{GEOMETRY} --K 0 --out a.h5", "keeps no singular value"),
     ],
 )
 def test_plans_that_cannot_be_are_refused(bad_input, capsys, line, reason):

@@ -1,6 +1,7 @@
 """A body of another speed of sound, estimated from the record, and choices that go through it."""
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +13,14 @@ from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, phantoms
 from jaxtat.cli import main
 from jaxtat.io import Scan
 from jaxtat.records import simulate_pressure, water_speed
-from jaxtat.scans import body_estimate, choose, estimate_body, shares_by_speed, trials
+from jaxtat.scans import (
+    body_estimate,
+    choose,
+    estimate_body,
+    shares_by_speed,
+    trials,
+    two_speeds,
+)
 from jaxtat.scans.body_estimate import BodyEstimate, Through, _Surface
 
 WATER, TISSUE, RADIUS, CENTER = 1480.0, 1580.0, 0.011, (1e-3, -5e-4)
@@ -171,6 +179,22 @@ def test_a_speed_is_tried_through_the_body_that_was_found(through_body, told, mo
     chosen = choose(scan, **given)
     (one,) = trials(scan, chosen, given, "sound_speed", [1560.0])
     assert (one.sound_speed, one.body_radius) == (1560.0, RADIUS)
+
+
+@pytest.mark.parametrize("start", [0.0, 4e-7])
+def test_the_files_start_is_tried_where_one_speed_tells_another(start, monkeypatch):
+    """The body is clear with one of two starts, and that is taken."""
+
+    def of_start(scan, choices, frame, water_speed):
+        clear = choices.time_shift == start
+        return FOUND._replace(clear=clear, share=0.05 if clear else 0.2)
+
+    monkeypatch.setattr(two_speeds, "estimate_body", of_start)
+    scan = scan_of(record())
+    late = replace(choose(scan, **ONE), time_shift=4e-7)
+    chosen, found = two_speeds._with_body(scan, ONE, late)
+    assert found.clear and chosen.time_shift == start
+    assert "time_shift" not in chosen.user_set
 
 
 @pytest.mark.parametrize(

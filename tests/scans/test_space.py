@@ -1,5 +1,7 @@
 """Scans in space from file to file: the right volumes in every format, and what is refused."""
 
+import warnings
+
 import equinox as eqx
 import h5py
 import jax.numpy as jnp
@@ -402,6 +404,19 @@ def test_scattered_detectors_without_data_are_left_out(integrals):
     assert "on no rings" in describe(scan, choices)
     image = np.where(np.asarray(REGION.contains(GRID.points)), reconstruct(scan, choices).image, 0)
     assert np.abs(image - wanted).max() < 0.02 * wanted.max()
+
+
+@pytest.mark.parametrize("offset", [0.0, 2.0])
+def test_an_offset_is_said(offset):
+    points = cup(70)
+    pressure = record(points)
+    pressure = pressure + offset * np.ptp(pressure)
+    scan = Scan("pressure", pressure, {"detectors": points, "sampling_rate": RATE})
+    with warnings.catch_warnings(record=True) as noted:
+        warnings.simplefilter("always")
+        choose(scan, region_radius=RADIUS, sound_speed=SOUND, pixels=9)
+    said = [str(one.message) for one in noted if "the record has an offset" in str(one.message)]
+    assert len(said) == (offset > 0)
 
 
 def test_contradictions_in_space_are_refused():

@@ -246,6 +246,11 @@ def group_of(steps: Sequence[Step]) -> DensityGroup:
     largest = np.linalg.norm(rows, axis=-1).max()
     each = rows.reshape(rows.shape[0], 2, -1, rows.shape[-1])  # cosines and sines, orders
     matters = (np.linalg.norm(each, axis=-1) > ROUNDING * largest).any(axis=(0, 1))
+    if not matters.any():
+        raise ValueError(
+            "the rule keeps no singular value at any frequency: expected a larger K or rank, or a "
+            "lower cutoff."
+        )
     each = each[:, :, : _rounded(int(np.flatnonzero(matters).max()) + 1)]
     weight = np.abs(extra).max(axis=-1)
     n_extra = _rounded(int((weight > ROUNDING * largest).sum(axis=-1).max()))
