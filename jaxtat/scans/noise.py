@@ -100,10 +100,12 @@ def estimate_alpha(scan: Scan, choices: Choices) -> Choices:
         choices: with the speed of sound estimated.
 
     Returns:
-        The same choices for other models, for images under constraints, for detectors that
-        cylindrical waves do not reach, and if alpha is given.
+        The same choices for other models, for images under constraints, through a body of another
+        speed, for detectors that cylindrical waves do not reach, and if alpha is given.
     """
     if choices.model != "2d" or choices.model_based or "alpha" in choices.user_set:
+        return choices
+    if choices.medium is not None:  # its waves are not those of the criterion
         return choices
     problem = problem_of(scan, choices)
     if not (problem.setup.complete and problem.geometry is not None):

@@ -72,6 +72,10 @@ def test_it_is_left_alone_elsewhere():
     for given in ({"model": "in-plane"}, {"model": "2d", "alpha": 1e-2}, fitted):
         chosen = choose(of, **GIVEN | given)
         assert estimate_alpha(of, chosen) is chosen
+    of_waves = choose(of, **GIVEN | {"model": "2d"})
+    body = {"water_speed": 1480.0, "body_radius": 0.01, "body_center": (0.0, 0.0)}
+    through = replace(of_waves, **body)  # a body of another speed
+    assert estimate_alpha(of, through) is through
     curve, radii = detector_curve(positions()[:, :2]), np.linspace(0.02, 0.06, 60)
     g = np.asarray(phantoms.Bells([[0.0, 0.0]], [4e-3]).circular_integrals(curve, radii))
     integrals = Scan("circular_integrals", g, {"detectors": positions(), "radii": radii})
