@@ -228,14 +228,18 @@ def _add_unit_and_plan(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_repeat_and_unit(parser: argparse.ArgumentParser) -> None:
+    _add_unit(parser)
+    parser.add_argument(
+        "--repeat", metavar="IMAGE", help="choose what was chosen for this .h5 image"
+    )
+
+
+def _add_unit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--length-unit",
         choices=MILLIMETRES,
         help="in which positions and radii of the file are (default: told by their size); what is "
         "shown is in millimetres then",
-    )
-    parser.add_argument(
-        "--repeat", metavar="IMAGE", help="choose what was chosen for this .h5 image"
     )
 
 
@@ -266,6 +270,7 @@ def _add_info(subparsers) -> None:
     )
     parser.add_argument("file", metavar="FILE", help="a scan (formats: see jaxtat.io.load_scan)")
     _add_json(parser, "FILE|-", "write the choices, for programs, here or to standard output")
+    _add_unit(parser)
     _add_choices(parser)
 
 

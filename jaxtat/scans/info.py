@@ -18,6 +18,7 @@ STRAIGHT = 1e-3  # extent across over extent along, of a line
 def describe(scan: Scan, choices: Choices) -> str:
     """Data, detectors, and what would be chosen for a reconstruction, as lines of text."""
     facts = facts_in_space(scan, choices.channels) if in_space(scan) else facts_of(scan)
+    facts = facts._replace(units=choices.units)  # as options say
     lines = _of_data(scan, facts, choices.channels)
     if isinstance(facts, FactsInSpace):
         lines += _of_sphere(facts)
@@ -53,8 +54,8 @@ def _of_data(scan: Scan, facts: Facts | FactsInSpace, channels: tuple[int, ...])
     if facts.units.length is not None:
         of_times = f", times in {facts.units.time}" if facts.units.time else ""
         lines.append(
-            f"units: lengths are taken to be in {facts.units.length}{of_times}, by their size; "
-            "options are given in them"
+            f"units: lengths are taken to be in {facts.units.length}{of_times}; options are given "
+            "in them"
         )
     if "wavelengths" in scan.known:
         shown = np.unique(np.asarray(scan.known["wavelengths"]))

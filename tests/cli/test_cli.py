@@ -388,6 +388,12 @@ def test_radii_bound_the_region_and_what_they_do_not_cover_is_fitted(jaxtat_comm
     assert "the same unit of length" in capsys.readouterr().err
 
 
+def test_a_description_takes_the_unit_of_lengths(jaxtat_command, capsys):
+    np.savez("data.npz", g=INTEGRALS)
+    assert jaxtat_command(f"info data.npz {ARC} {REGION} --length-unit cm") == 0
+    assert "radius 13 mm" in capsys.readouterr().out
+
+
 def test_slices_choose_frames(jaxtat_command, capsys):
     frames = np.stack([INTEGRALS, 2 * INTEGRALS, np.nan * INTEGRALS, 4 * INTEGRALS])
     np.savez("data.npz", g=frames)
