@@ -167,7 +167,7 @@ def test_samples_and_response_beside_it(tmp_path):
         with pytest.raises(ValueError, match=r"a.irf has . bytes, expected numbers of 8 bytes"):
             load_scan(path)
     (tmp_path / "a.irf").write_bytes(np.array([np.nan]).tobytes())
-    with pytest.raises(ValueError, match="impulse_response hold NaN"):
+    with pytest.raises(ValueError, match="impulse_response holds NaN"):
         load_scan(path)
     (tmp_path / "a.bin").unlink()
     with pytest.raises(ValueError, match=r"there is no a.bin beside it, which holds its samples"):
