@@ -118,13 +118,11 @@ def scan_files(folder: Path, out: Path, response: str | None = None) -> list[str
     Raises:
         ValueError: if there is none.
     """
-    names, no_scan = [], Path(response or out).resolve()
+    names, others = [], [Path(other).resolve() for other in (out, response) if other]
     for path in sorted(folder.rglob("*")):
         inner = path.relative_to(folder)
         hidden = any(part.startswith(".") for part in inner.parts)
-        if hidden or not path.is_file() or path.resolve().is_relative_to(out.resolve()):
-            continue
-        if path.resolve() == no_scan:
+        if hidden or not path.is_file() or any(map(path.resolve().is_relative_to, others)):
             continue
         if path.suffix.lower() in SUFFIXES or registered_reader(path) is not None:
             names.append(inner.as_posix())

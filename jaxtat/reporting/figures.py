@@ -28,6 +28,7 @@ from ..plotting import (
     show_opening,
     show_sinogram,
 )
+from ..plotting.canvas import beyond
 from ..studies import DataResidual, Diagnosis, WaveAccuracy
 from .constrained import Constrained, limits_of
 
@@ -54,7 +55,8 @@ def constrained(diagnosis: Diagnosis, fitted_image: Constrained, unit: str | Non
         show_image(axes, image, grid, limits=limits, title=title, unit=unit)
         for axes, (title, image) in zip(panels, pair.items(), strict=True)
     ]
-    _bar(figure, shown[0], panels, OF_VALUES, shrink=0.9)
+    ends = beyond(np.stack([*pair.values()]), limits)
+    _bar(figure, shown[0], panels, OF_VALUES, shrink=0.9, extend=ends)
     return figure
 
 
