@@ -159,8 +159,25 @@ def test_points_that_see_half_of_the_lines_are_flagged():
     unit[:, 2] = -abs(unit[:, 2])
     with pytest.warns(VisibilityWarning, match=r"% of the lines .* miss the detectors"):
         problem(curve=DetectorPoints(1.5 * unit), max_frequency=9.0)
-    # those that end within 60 degrees of the only one count as seen, half of all
-    assert abs(missed_share(DetectorPoints([[0.0, 0.0, -1.5]]), ball(0.01)) - 0.5) < 0.02
+    assert missed_share(DetectorPoints([[0.0, 0.0, -1.5]]), ball(0.01)) == 1.0  # all around none
+
+
+@pytest.mark.parametrize("height", [0.3, 0.7, 1.0, 1.3])
+def test_the_share_of_lines_that_miss_scattered_points_is_that_of_the_cap(height):
+    """Beside random lines through the ball that leave the sphere above the cap at both ends."""
+    n, rng = 400, np.random.default_rng(0)
+    z, turn = -1 + height * (np.arange(n) + 0.5) / n, np.pi * (3 - np.sqrt(5)) * np.arange(n)
+    ring = np.sqrt(1 - z**2)
+    points = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
+    along = rng.standard_normal((200_000, 3))
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    within = rng.uniform(-1, 1, (200_000, 3))
+    feet = 0.4 * (within - np.sum(within * along, axis=1, keepdims=True) * along)
+    near = np.linalg.norm(feet, axis=1) < 0.4
+    half = np.sqrt(1 - np.sum(feet**2, axis=1))
+    ends = [(feet + sign * half[:, None] * along)[near, 2] > height - 1 for sign in (1, -1)]
+    exact = np.mean(ends[0] & ends[1])
+    assert missed_share(DetectorPoints(points), ball(0.4)) == pytest.approx(exact, abs=0.03)
 
 
 def test_boundary_points_suffice_wherever_the_ball_is_cut():

@@ -370,6 +370,7 @@ def test_derivatives_of_a_cap_s_rings():
     np.testing.assert_allclose(slopes, exact, rtol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:.*miss the detectors")
 def test_derivatives_in_any_positions_also_on_the_axis():
     """The gradient in each group of parameters along a random direction, against differences.
 
