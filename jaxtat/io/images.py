@@ -76,8 +76,8 @@ def save_image(
     """Write an image, a volume or a stack; outside a region it is blank (PNG) or zero.
 
     - ``.png``: a picture with axes, colour bar and, if the unit is known, a scale bar in
-      millimetres; of a stack, up to 16 images evenly chosen; of a volume, three slices through its
-      middle and the largest values in three directions, of up to four frames;
+      millimetres; of a stack, up to 16 images evenly chosen; of a volume, the three slices that
+      hold most and the largest values in three directions, of up to four frames;
     - ``.npy``: the bare array;
     - ``.h5``, ``.hdf5``: image, coordinates, whether each pixel is inside the region, frames, how
       far the image may be off (``errors``, with ``errors_x1`` and ``errors_x2``), all settings

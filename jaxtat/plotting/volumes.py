@@ -164,7 +164,7 @@ def save_volume(
     unit: str | None = None,
     metadata: dict[str, str] | None = None,
 ) -> None:
-    """`show_slices` through the centre above `show_projections`, of up to four frames, as a PNG.
+    """`show_slices` where most is, above `show_projections`, of up to four frames, as a PNG.
 
     Args:
         path: the file.
@@ -180,10 +180,11 @@ def save_volume(
     # the brightest voxels are few, and all that projections show
     brightest = [np.fmax.reduce(stack[chosen], axis=axis).ravel() for axis in (1, 2, 3)]
     limits = gray_levels(stack[chosen])[0], gray_levels(np.concatenate(brightest))[1]
+    at = _where_most_is(stack[chosen], grid)
     rows = figure.subfigures(2 * len(chosen), 1, squeeze=False)[:, 0]
     for k, slices, projections in zip(chosen, rows[::2], rows[1::2], strict=True):
         title = "" if frames is None else f"{np.asarray(frames)[k]:g}"
-        show_slices(slices, stack[k], grid, limits=limits, title=title, unit=unit)
+        show_slices(slices, stack[k], grid, at=at, limits=limits, title=title, unit=unit)
         show_projections(projections, stack[k], grid, limits=limits, unit=unit)
     figure.savefig(path, dpi=150, metadata=metadata)
 
@@ -209,3 +210,11 @@ def _checked(
 def _nearest(grid: VolumeGrid, at: tuple[float, float, float] | None) -> list[int]:
     point = np.asarray(grid.center) if at is None else np.asarray(at)
     return [int(np.abs(np.asarray(grid.axis(k)) - point[k]).argmin()) for k in range(3)]
+
+
+def _where_most_is(stack: np.ndarray, grid: VolumeGrid) -> tuple[float, float, float]:
+    """Across each axis where the sum of squares of a slice is largest [length]."""
+    power = np.sum(np.nan_to_num(stack) ** 2, axis=0)
+    sums = (np.sum(power, axis=tuple(j for j in range(3) if j != axis)) for axis in range(3))
+    first, second, third = (float(grid.axis(k)[int(np.argmax(s))]) for k, s in enumerate(sums))
+    return first, second, third

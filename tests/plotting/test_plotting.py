@@ -24,6 +24,7 @@ from jaxtat.plotting import (
     show_space,
     show_visibility,
 )
+from jaxtat.plotting.volumes import _where_most_is
 from jaxtat.spherical import spherical_cap
 
 FREQUENCIES, ANGLES = 100.0 * np.arange(1, 7), np.arange(8) * np.pi / 8
@@ -220,3 +221,12 @@ def test_a_sheet_has_no_empty_frames():
     panels = [(np.eye(9), grid, str(k)) for k in range(3)]
     sheet = contact_sheet(panels)
     assert [axes.get_title() for axes in sheet.axes] == ["0", "1", "2"]
+
+
+def test_slices_of_a_file_go_through_what_is_there():
+    grid = VolumeGrid((9, 11, 13), (0.4, 0.5, 0.6), center=(0.1, 0.0, -0.1))
+    volume = np.zeros((2, *grid.shape))
+    volume[:, 2, 8, 3] = 1.0
+    volume[1, 4, 4, 4] = np.nan  # blank
+    wanted = [float(grid.axis(k)[n]) for k, n in enumerate((2, 8, 3))]
+    assert _where_most_is(volume, grid) == pytest.approx(wanted)
