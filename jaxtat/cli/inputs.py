@@ -1,6 +1,7 @@
 """From command-line options to a scan, fixed choices and plans."""
 
 import argparse
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +17,7 @@ from ..regularization import FixedRank, NormBound, Regularization, SingularValue
 from ..scans import Choices, choose, setup_of, with_facts
 from ..scans.acquisition import facts_of, in_space
 from ..scans.frames import require_radii
-from ..steps import polar_grid
+from ..steps import AccuracyWarning, polar_grid
 from .option_checks import band, is_given, require_values, slices
 
 SAME = 1e-6  # of the size: positions and radii that differ by less are the same
@@ -49,6 +50,10 @@ def scan_of(
     """The file's scan with positions and times from the options; and the remaining options."""
     scan, positions = load_scan(options.file), _positions(options)
     unknown = positions is None and options.scanner is None and "detectors" not in scan.known
+    if positions is not None and "detectors" in scan.known:
+        option = "--arc" if options.arc else "--ring"
+        said = f"{option} replaces the positions of the detectors in the file."
+        warnings.warn(said, AccuracyWarning, stacklevel=2)
     if unknown and plan is not None:
         scan, positions = _rows(scan, options.use), np.asarray(plan.curve.points)
         options = changed(options, use=None)  # done

@@ -21,6 +21,7 @@ DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not show
 SHARES = (0.1, 0.97)  # least and largest region radius over the arc's
 UNTOLD = 0.5  # likewise, where sound seems to come from nowhere
 LONGEST = 100.0  # radii of the arc: no record of a scanner is that long
+PREFIXES = 1e3, 1e-3  # of millimetres beside metres per second, and the reverse
 MARGIN, SPREAD = 1.1, 2.0  # of the region: times as far as sound comes from, and deviations
 MARGIN_IN_SPACE = 1.4  # sound from the rims of balls is weak
 LITTLE = -0.5  # of the region's radius: a chord there leaves a fifth of the disk
@@ -309,10 +310,12 @@ def require_scale(path: float, radius: float, speed: float) -> None:
     """
     least = (1 + SHARES[0]) * radius
     if not least <= path <= LONGEST * radius:
+        fits = [x for x in PREFIXES if least <= x * path <= LONGEST * radius]
+        other = f" (--sound-speed {fits[0] * speed:.6g} would fit)" if fits else ""
         raise ValueError(
             f"at a sound speed of {speed:.6g} the record ends after a path of {path:.4g}, while "
             f"the detectors are {radius:.4g} from their middle: expected {least:.4g} to "
             f"{LONGEST * radius:.4g}. Check that positions, times and sound speed are in units "
-            "that fit each other, and when the first sample was taken (start_time); for a part off "
-            "the middle give region_center and region_radius."
+            f"that fit each other{other}, and when the first sample was taken (start_time); for a "
+            "part off the middle give region_center and region_radius."
         )

@@ -35,8 +35,9 @@ from jaxtat import (
 from jaxtat.cli import main
 from jaxtat.cli.cache import keep_programs, remove_oldest, user_folder
 from jaxtat.cli.inputs import chosen, repeated
+from jaxtat.cli.option_checks import require_no_record
 from jaxtat.cli.parser import build_parser
-from jaxtat.io import load_plan, load_settings
+from jaxtat.io import load_plan, load_settings, save_image
 from jaxtat.records import condition_record, pressure_to_circular_integrals
 from jaxtat.steps import require_boundary
 
@@ -712,6 +713,27 @@ def test_no_file_that_is_read_is_written_over(bad_input, small_cli_plan, capsys)
         require_refusal(bad_input, capsys, line, "it is read here, and would be lost")
 
 
+def test_an_image_takes_no_other_records_place(bad_input, capsys):
+    """One of jaxtat's own it does."""
+    with h5py.File("other.h5", "w") as file:
+        file["pressure"] = np.ones((24, 60))
+    held = Path("other.h5").read_bytes()
+    line = "reconstruct good.npz --out other.h5"
+    require_refusal(bad_input, capsys, line, "it is there, and no image of jaxtat's")
+    assert Path("other.h5").read_bytes() == held
+    save_image("mine.h5", np.ones((5, 5)), ImageGrid(5))
+    require_no_record(Path("mine.h5"))
+
+
+def test_positions_in_the_file_are_not_replaced_without_a_word(jaxtat_command, capsys):
+    curve = np.asarray(jaxtat.circular_arc(1.3, 1.0, 24).points)
+    np.savez("data.npz", circular_integrals=INTEGRALS, detectors=curve)
+    assert jaxtat_command(f"info data.npz {ARC} {REGION}") == 0
+    assert "--arc replaces the positions of the detectors in the file" in capsys.readouterr().err
+    assert jaxtat_command(f"info data.npz {REGION}") == 0
+    assert "replaces" not in capsys.readouterr().err
+
+
 def test_a_sample_takes_no_other_files_place(bad_input, capsys):
     require_refusal(bad_input, capsys, "sample good.npz", "good.npz: it is there already")
 
@@ -738,7 +760,7 @@ def test_what_deserves_a_look_comes_with_a_command_that_runs(jaxtat_command, cap
         assert command[:3] == ["jaxtat", "reconstruct", "data.npz"]
         options = build_parser().parse_args(command[1:])
         assert (options.arc, options.pixels) == ([1.3, 1.0, 24.0], 11)
-    assert len(said) == 6
+    assert len(said) == 4  # all channels are used, and nothing else is open
     assert main([*shlex.split(said[1])[1:], "--quiet"]) == 0
     sheet = matplotlib.image.imread("sheet.png")
     assert sheet.shape[1] > sheet.shape[0] > 300  # five pictures in two rows

@@ -395,8 +395,9 @@ def test_a_record_that_ends_early_bounds_the_region_and_what_is_asked_beyond_is_
     ],
 )
 def test_units_that_do_not_fit_each_other_are_refused(counts, known, path):
-    with pytest.raises(ValueError, match=path + ".* in units that fit each other"):
+    with pytest.raises(ValueError, match=path + ".* in units that fit each other") as refused:
         choose(scan(counts, **known))
+    assert ("--sound-speed 1.5e+06 would fit" in str(refused.value)) == ("detectors" in known)
 
 
 def test_a_scanner_gives_what_a_file_lacks():
