@@ -1,0 +1,82 @@
+"""A fit of a large volume to thousands of scattered elements, to its end: time, memory, error.
+
+    python benchmarks/large_volumes.py 129 1013 --waves 0.31
+    python benchmarks/large_volumes.py 193 4096 --waves 0.34
+
+Elements at Fibonacci's points of a whole sphere, 5 % of them dead; eight balls as in
+`bench_scattered.py`, 5 % noise. The error is relative, in the 2-norm over the region, beside the
+balls at the voxels; time and memory are those of the process, with compiling.
+"""
+
+import argparse
+import resource
+import time
+
+import jax
+import numpy as np
+from bench_scattered import (
+    CENTERS,
+    FIBONACCI,
+    NOISE,
+    PARTS,
+    PROFILES,
+    RADII,
+    VALUES,
+    elements,
+    pressure,
+)
+
+from jaxtat import Setup, VolumeGrid, model_based
+from jaxtat.spherical import ball
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("voxels", type=int)
+    parser.add_argument("elements", type=int)
+    parser.add_argument("--waves", type=float, default=1.0, help="up to this share of the voxels'")
+    given = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    FIBONACCI["whole"] = given.voxels, given.elements, 1.1, 0.03
+    n, curve = elements("whole")
+    grid = VolumeGrid(n)
+    setup = Setup(curve, ball(1.0), grid, max_frequency=4.0)  # of the formula, which is not used
+    distance, step = float(np.asarray(curve.distance)[0]), float(grid.spacing[0]) / 2
+    times = np.arange(distance - 1, distance + 1 + step, step)
+    start = time.process_time()
+    found = model_based(
+        setup,
+        record(curve.points, times, step),
+        nonnegative=True,
+        tolerance=1.5e-2,
+        times=times,
+        dtype="float32",
+        max_frequency=given.waves * float(np.pi / grid.spacing[0]),
+        progress=True,
+    )
+    spent = time.process_time() - start
+    inside, exact = np.asarray(setup.region.contains(grid.points)), truth(grid)
+    off = np.linalg.norm((np.asarray(found.image) - exact)[inside]) / np.linalg.norm(exact[inside])
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    print(f"{len(curve.points)} elements, {n} voxels along an axis: {found.steps} steps, ", end="")
+    print(f"{spent:.0f} CPU-s, {peak:.1f} GB, error {off:.3f}")
+
+
+def record(points: jax.Array, times: np.ndarray, step: float) -> np.ndarray:
+    """Means over samples, element after element, and noise."""
+    parts = (times[:, None] + step * ((np.arange(PARTS) + 0.5) / PARTS - 0.5)).ravel()
+    fine = jax.lax.map(lambda z: pressure(z[None], parts, PROFILES["balls"])[0], points)
+    means = np.asarray(fine).reshape(len(points), -1, PARTS).mean(axis=-1)
+    noise = np.random.default_rng(2).standard_normal(means.shape)
+    return means + NOISE * np.abs(means).max() * noise
+
+
+def truth(grid: VolumeGrid) -> np.ndarray:
+    """The balls at the voxels."""
+    points = np.asarray(grid.points)
+    within = [np.linalg.norm(points - c, axis=-1) < a for c, a in zip(CENTERS, RADII, strict=True)]
+    return np.tensordot(VALUES, np.array(within, float), 1)
+
+
+if __name__ == "__main__":
+    main()
