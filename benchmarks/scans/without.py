@@ -5,7 +5,16 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 from unittest.mock import patch
 
-from jaxtat.scans import acoustics, frames, onset_times, pipeline, preprocess, region, resolution
+from jaxtat.scans import (
+    acoustics,
+    acoustics_in_space,
+    frames,
+    onset_times,
+    pipeline,
+    preprocess,
+    region,
+    resolution,
+)
 from jaxtat.scans import angular_coverage as coverage
 from jaxtat.scans.speed_found import unknown
 
@@ -60,7 +69,7 @@ RULES = {
     ),
     "opposite": Rule(
         "speed by opposite detectors, in space",
-        pipeline,
+        acoustics_in_space,
         "speed_in_space",
         _always(unknown("the rule is left out")),
     ),

@@ -18,6 +18,7 @@ detectors count as much as those in the middle, and few steps do for all of them
 to its end explains a record at a wrong speed nearly as well.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -35,9 +36,10 @@ from ..fitting.alternating import Pace, of_weight, step
 from ..fitting.data_fit import DataFit
 from ..fitting.fit import begun
 from ..fitting.weight import SPREAD, balanced_weight
-from ..forward import CircleIntegrals, CircleSizes, circle_integrals
+from ..forward import CircleIntegrals, CircleSizes, SphereIntegrals, circle_integrals
 from ..forward.circular_sizes import circle_sizes, sizes_inside
-from ..geometry import Body, DetectorCurve, ImageGrid, disk
+from ..forward.fast_circles import Series
+from ..geometry import Body, DetectorCurve, DetectorPoints, ImageGrid, disk
 from ..reconstruction import ForwardOperator
 from ..reconstruction.laddered import longer_curve
 from ..reconstruction.operator import in_single_precision
@@ -52,30 +54,45 @@ CYCLES = 5.0  # within a record in the plane, at least: what is slower is drift
 NYQUIST = 0.45  # over the sampling rate
 SMOOTH, FAINT, FLATTENED = 7, 0.1, 0.5  # frequencies, amplitude over the largest, exponent of W
 EIGHT = 8  # frequencies at a time are added: records that are a little longer take one program
-FIRST_STEPS, STEPS = 40, 25  # of fits from zero: for the weight, for each candidate
-FEW_STEPS = 6  # that tell which candidates are worth more
-PACE = Pace(1, 0.1)  # of fits that end early
+
+
+class Effort(NamedTuple):
+    """Steps of fits from zero, which end early.
+
+    Attributes:
+        first: for the weight.
+        whole, few: for each candidate, and such that tell which candidates are worth more.
+        pace: of each step.
+    """
+
+    first: int
+    whole: int
+    few: int
+    pace: Pace
+
+
+IN_PLANE = Effort(40, 25, 6, Pace(1, 0.1))
 
 
 class Sound(NamedTuple):
     """A record and where it was made.
 
     Attributes:
-        curve: of the detectors.
+        curve: of the detectors, or these in space.
         record: of these, (detectors, samples).
         times: of the samples [time].
         good: detectors that count.
         start, end: of the part of the record that counts [time].
-        center, reach: of the disk of all that may sound [length].
+        center, reach: of the disk, or ball, of all that may sound [length].
     """
 
-    curve: DetectorCurve
+    curve: DetectorCurve | DetectorPoints
     record: Float[np.ndarray, "detectors samples"]
     times: Float[np.ndarray, " samples"]
     good: Bool[np.ndarray, " detectors"]
     start: float
     end: float
-    center: Float[np.ndarray, "2"]
+    center: Float[np.ndarray, " space"]
     reach: float
 
 
@@ -92,32 +109,56 @@ class Fit(NamedTuple):
     left: Float[np.ndarray, " detectors"]
     share: float
     weight: float
-    image: Float[np.ndarray, "x1 x2"]
+    image: Float[np.ndarray, "*space"]
+
+
+class PlaneTerms(eqx.Module):
+    """What takes G(z, lambda_k) to pressure in the plane.
+
+    Attributes:
+        of: the frequencies.
+        in_plane: whether the model is that of sound focused into the plane, else that of waves in
+            two dimensions: traced, so that both take one program.
+    """
+
+    of: Series
+    in_plane: Bool[Array, ""]
+
+    def __call__(self, paths: Float[Array, " samples"]) -> Float[Array, "k samples"]:
+        """Of paths c t [length]."""
+        series = jax.lax.cond(
+            self.in_plane,
+            partial(pressure_series, self.of, model="in-plane"),
+            partial(pressure_series, self.of, model="2d"),
+            jnp.abs(paths),
+        )
+        return jnp.where((paths > 0) & (paths < self.of.period), series, 0.0)
 
 
 class Misfit(eqx.Module):
     """The criterion for one record; arrays have sizes on the ladder.
 
     Attributes:
-        integrals: from images to G(z, lambda_k) of `forward.fast_circles`.
+        integrals: from images to G(z, lambda_k) of `forward.fast_circles`, or `fast_spheres`.
+        terms: from these to pressure, for paths of sound.
         support: pixels that may sound.
         data: W b, real and imaginary parts, (1, detectors, parts).
         whitening: W; 0 for detectors that are left out.
         times: of the samples [time].
         fourier: window times t exp(-2πi f t), (samples, frequencies).
-        in_plane: whether the model is that of sound focused into the plane, else that of waves in
-            two dimensions: traced, so that both take one program.
         n_detectors: that were not added.
+        effort: of fits.
     """
 
-    integrals: CircleIntegrals
-    support: Bool[Array, "x1 x2"]
+    integrals: CircleIntegrals | SphereIntegrals
+    terms: Callable[[Array], Array]
+    support: Bool[Array, "*space"]
     data: Float[Array, "1 detectors parts"]
     whitening: Float[Array, "detectors parts"]
     times: Float[Array, " samples"]
     fourier: Complex[Array, "samples frequencies"]
-    in_plane: Bool[Array, ""]
     n_detectors: Int[Array, ""]
+    effort: Effort = eqx.field(static=True)
 
     def best(
         self,
@@ -134,7 +175,7 @@ class Misfit(eqx.Module):
             steps: of the fit, by default few.
         """
         dtype = self.data.dtype
-        steps = steps or (FIRST_STEPS if weight is None else STEPS)
+        steps = steps or (self.effort.first if weight is None else self.effort.whole)
         found = _fitted(
             self,
             jax.device_put(np.float64(sound_speed)),
@@ -157,15 +198,7 @@ class Misfit(eqx.Module):
     @in_full
     def waves(self, sound_speed: Array, shift: Array) -> Float[Array, "k parts"]:
         """From G to the spectrum of the record."""
-        of, paths = self.integrals.of, sound_speed * (self.times + shift)
-        series = jax.lax.cond(
-            self.in_plane,
-            partial(pressure_series, of, model="in-plane"),
-            partial(pressure_series, of, model="2d"),
-            jnp.abs(paths),
-        )
-        sounds = (paths > 0) & (paths < of.period)
-        spectrum = jnp.where(sounds, series, 0.0) @ self.fourier
+        spectrum = self.terms(sound_speed * (self.times + shift)) @ self.fourier
         return jnp.concatenate([spectrum.real, spectrum.imag], axis=-1)
 
     def fit_at(self, sound_speed: Array, shift: Array) -> DataFit:
@@ -190,7 +223,8 @@ def _fitted(
         # what few steps leave is more than noise: no larger weight because of it
         balanced = balanced_weight(fit, penalty, image, inner.fitted - data, level.scale, SPREAD)
         new = jnp.where(find, balanced, weight).astype(weight.dtype)
-        return *step(level, penalty, new, image, of_weight(inner, weight, new), PACE), new
+        moved = step(level, penalty, new, image, of_weight(inner, weight, new), misfit.effort.pace)
+        return *moved, new
 
     parts = state.image, state.inner, state.weight
     image, _, weight = jax.lax.fori_loop(0, steps, advance, parts)
@@ -221,6 +255,19 @@ class Place(NamedTuple):
         made = circle_integrals(*where, self.sizes, None, self.tolerance, medium)
         return by_library(lambda _, each: in_single_precision(each), (made,))
 
+    @property
+    def highest(self) -> float:
+        """Frequency up to which its pixels hold waves [rad/length]."""
+        return float(self.sizes.frequencies[-1])
+
+    def support(self, sound: Sound) -> Bool[Array, "x1 x2"]:
+        """Pixels that may sound."""
+        return disk(sound.reach, center=sound.center).contains(self.grid.points)
+
+    def terms(self, integrals: CircleIntegrals, model: str) -> PlaneTerms:
+        """What takes the operator's values to pressure."""
+        return PlaneTerms(integrals.of, jax.device_put(model == "in-plane"))
+
 
 def place_of(
     sound: Sound,
@@ -238,6 +285,7 @@ def place_of(
         medium: of several bodies the one that takes the largest sizes.
         tolerance: of the non-uniform FFTs: finer for fits that go on for long.
     """
+    assert isinstance(sound.curve, DetectorCurve)
     grid = ImageGrid(pixels, sound.reach, sound.center)
     curve = longer_curve(sound.curve, rung(sound.curve.n_detectors))
     sizes = circle_sizes(curve, grid, medium)
@@ -260,34 +308,56 @@ def misfit_of(
         place: of `place_of`; by default one with one speed of sound.
     """
     place = place_of(sound, speeds[1]) if place is None else place
-    curve, grid, sizes = place.curve, place.grid, place.sizes
-    highest = SHORTEST * float(sizes.frequencies[-1]) * speeds[0] / (2 * np.pi)
-    times, fourier, n = _spectra(sound, highest)
+    integrals = place.integrals(place.medium)
+    return criterion(sound, integrals, place.terms(integrals, model), place, speeds[0], IN_PLANE)
+
+
+def criterion(
+    sound: Sound,
+    integrals: Any,
+    terms: Callable[[Array], Array],
+    place: Any,
+    slowest: float,
+    effort: Effort,
+    cycles: float = CYCLES,
+) -> Misfit:
+    """The criterion for a record, in the plane or in space.
+
+    Args:
+        integrals, terms: see `Misfit`.
+        place: with ``highest``, ``support`` and ``curve``, see `Place`.
+        slowest: least speed in water that may be asked for [length/time].
+        effort: of fits.
+        cycles: within the record, at least.
+    """
+    highest = SHORTEST * place.highest * slowest / (2 * np.pi)
+    times, fourier, n = _spectra(sound, highest, cycles)
     known = np.where(sound.good[:, None], sound.record, 0.0)
     spectrum: Any = known @ fourier[: len(sound.times)]
     flat = _flattening(np.sqrt(np.mean(np.abs(spectrum) ** 2, axis=0)), n)
     size = max(float(np.sqrt(np.mean(np.abs(spectrum * flat)[sound.good] ** 2))), 1e-300)
     weights = np.where(sound.good[:, None], np.tile(flat, 2) / size, 0.0)
     parts = np.concatenate([spectrum.real, spectrum.imag], axis=-1) * weights
-    shape = curve.n_detectors, parts.shape[1]
+    shape = len(place.curve.points), parts.shape[1]
     return Misfit(
-        integrals=place.integrals(place.medium),
-        support=disk(sound.reach, center=sound.center).contains(grid.points),
+        integrals=integrals,
+        terms=terms,
+        support=place.support(sound),
         data=jax.device_put(filled_up(parts, shape)[None].astype(np.float32)),
         whitening=jax.device_put(filled_up(weights, shape).astype(np.float32)),
         times=jax.device_put(times),
         fourier=jax.device_put(fourier),
-        in_plane=jax.device_put(model == "in-plane"),
-        n_detectors=jax.device_put(sound.curve.n_detectors),
+        n_detectors=jax.device_put(len(sound.record)),
+        effort=effort,
     )
 
 
 def _spectra(
-    sound: Sound, highest: float
+    sound: Sound, highest: float, cycles: float
 ) -> tuple[np.ndarray, Complex[np.ndarray, "samples frequencies"], int]:
     """Times, window times t exp(-2πi f t), and how many frequencies are not added."""
     step, span = sound.times[1] - sound.times[0], sound.end - sound.start
-    lowest = CYCLES / (sound.times[-1] - sound.times[0])
+    lowest = cycles / (sound.times[-1] - sound.times[0])
     last = min(highest, NYQUIST / step) * span
     frequencies = np.arange(np.ceil(lowest * span), max(np.floor(last), lowest * span) + 1) / span
     n = rung(len(sound.times))

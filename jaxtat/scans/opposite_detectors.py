@@ -41,6 +41,15 @@ SHARPER = 1.5  # times the image's highest frequency, up to which the record is 
 ACROSS = 25  # points along the region's diameter, at which they agree or not
 
 
+def agreement(scan: Scan, choices: Choices) -> float:
+    """How far opposite detectors agree at the speed of the choices: M, 1 at most.
+
+    Args:
+        scan, choices: in space, of pressure; of a typical frame.
+    """
+    return _agreements(_filtered_record(scan, choices), choices.sound_speed)[0]
+
+
 def speed_in_space(scan: Scan, choices: Choices) -> Estimate:
     """The speed over that of the choices at which opposite detectors agree best.
 

@@ -16,6 +16,7 @@ from ..io import Scan
 from ..records import MODELS
 from ..records.signal_power import RecordPower
 from .acoustics import tell_acoustics
+from .acoustics_in_space import acoustics_in_space
 from .acquisition import RESPONSE, Facts, facts_of, nominal_water_speed, typical_frame
 from .angular_coverage import with_speed_seen_once
 from .choices import IN_SPACE, Choices
@@ -24,7 +25,6 @@ from .laser_artefact import start_by_laser
 from .medium import acoustic_model, body, nominal_speed, require_body_inside, require_body_speed
 from .method import constraints, laser_energy
 from .noise import exact_integrals, noise_in_plane, noise_in_space
-from .opposite_detectors import speed_in_space
 from .parameters import Parameters
 from .preprocess import Acquisition, AcquisitionInSpace, preprocess_in_plane, preprocess_in_space
 from .radii import radii_in_plane, radii_in_space, radii_of_integrals
@@ -36,7 +36,6 @@ from .region import (
     with_rectangle,
 )
 from .resolution import band, resolution_in_plane, resolution_in_space
-from .speed_found import with_speed
 from .start_time import start_and_speed, with_start_confirmed, with_start_untold
 
 METHOD = laser_energy, constraints
@@ -181,8 +180,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     require_body_inside(p, record.facts.radius)
     for stage in BALL:
         p = stage(record, p)
-    made = p.choices()
-    return with_speed(made, speed_in_space(scan, made)) if p.nominal("sound_speed") else made
+    return p.choices() if record.facts.times is None else acoustics_in_space(scan, p)
 
 
 def _sound_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters:

@@ -43,7 +43,6 @@ CUT_OFF = 5e-3  # share of samples with the highest or lowest value, which waves
 FEWEST_SAMPLES = 16  # in which sound passes, for sums over them
 EXACT = 1e-8  # noise over signal power, below which a record is simulated, not muted
 OFFSET = 0.1  # of a channel's range, by which its median is off zero
-SHOWN = 8  # rows, at most, that a message names
 LISTENED = 512  # detectors in space, at most, by which noise is judged
 LEFT_TO_JUDGE = 128  # samples after a muted start, by which channels and noise are judged
 
@@ -234,25 +233,51 @@ def preprocess_in_space(scan: Scan, p: Parameters) -> tuple[AcquisitionInSpace, 
         ValueError: where these are on no whole rings and too many to be anywhere.
     """
     use = p.given.get("use")
-    facts, silent = facts_in_space(scan, use), np.array([], int)
+    facts, rows = facts_in_space(scan, use), ()
     frame = typical_frame(scan)
-    known = np.isfinite(frame[facts.order])
-    quiet = np.ptp(np.where(known, frame[facts.order], 0.0), axis=1) == 0
-    left_out = ~known.all(axis=1) | quiet
+    bad = _bad_in_space(frame[facts.order], facts.times, every=use is not None)
+    left_out = np.logical_or.reduce(tuple(bad.values()))
     if facts.times is not None:
         _warn_of_offset(frame[facts.order][~left_out])
+    why = "; ".join(
+        f"{ranges(np.sort(facts.order[of]))} {what}" for what, of in bad.items() if of.any()
+    )
     if left_out.any():
-        silent = np.sort(facts.order[left_out])
-        facts = _facts_without(scan, facts, silent)
+        rows = tuple(int(k) for k in np.sort(facts.order[left_out]))
+        facts = _facts_without(scan, facts, rows, why)
     facts = facts._replace(units=facts.units.in_length(p.given.get("length_unit")))
     channels = Estimate(None, facts.arrangement)
-    if len(silent):
-        why = f"; left out: {ranges(silent)} recorded nothing, or NaN"
-        channels = channels.but(why, LIKELY)
-    rows = tuple(int(k) for k in silent)
+    if rows:
+        channels = channels.but(f"; left out: {why}", LIKELY)
     order = (*(int(k) for k in facts.order), *rows)
     p = replace(p, units=facts.units).fixed(order=order, left_out=rows)
     return AcquisitionInSpace(scan, facts, frame[facts.order]), p.replaced(channels=channels)
+
+
+def _bad_in_space(
+    record: Float[np.ndarray, "detectors samples"],
+    times: Float[np.ndarray, " samples"] | None,
+    *,
+    every: bool,
+) -> dict[str, Bool[np.ndarray, " detectors"]]:
+    """Rows that do not count, by what is wrong with them.
+
+    Args:
+        times: of a pressure record; None of integrals.
+        every: whether rows were chosen, so that noise is no reason to leave one out.
+    """
+    known = np.isfinite(record)
+    silent = np.ptp(np.where(known, record, 0.0), axis=1) == 0
+    silent = np.logical_or(silent, ~known.all(axis=1))
+    bad = {"recorded nothing, or NaN": silent}
+    heard = record[~silent]
+    if every or times is None or len(heard) < FEWEST or len(times) < LEFT_TO_JUDGE:
+        return bad
+    quality = channel_quality(heard, times, dead_time=times[0])
+    for what in ("saturated", "noisy"):
+        bad[what] = np.zeros(len(record), bool)
+        bad[what][~silent] = getattr(quality, what)
+    return bad
 
 
 def _warn_of_offset(known: Float[np.ndarray, "detectors samples"]) -> None:
@@ -271,16 +296,16 @@ def _warn_of_offset(known: Float[np.ndarray, "detectors samples"]) -> None:
         )
 
 
-def _facts_without(scan: Scan, facts: FactsInSpace, rows: np.ndarray) -> FactsInSpace:
+def _facts_without(
+    scan: Scan, facts: FactsInSpace, rows: tuple[int, ...], why: str
+) -> FactsInSpace:
     try:
         return facts_in_space(scan, np.setdiff1d(facts.order, rows))
     except ValueError as error:
-        shown = ", ".join(map(str, rows[:SHOWN])) + (", ..." if len(rows) > SHOWN else "")
         raise ValueError(
-            f"{len(rows)} of {len(facts.order)} detectors recorded nothing, or NaN (rows {shown}), "
-            "and the others are on no whole rings. Fill their rows by interpolation along their "
-            "rings, or choose detectors without them with --use: whole rings, or any up to "
-            f"{MOST_POINTS}."
+            f"{len(rows)} of {len(facts.order)} detectors are left out (rows {why}), and the "
+            "others are on no whole rings. Fill their rows by interpolation along their rings, or "
+            f"choose detectors without them with --use: whole rings, or any up to {MOST_POINTS}."
         ) from error
 
 

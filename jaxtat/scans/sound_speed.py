@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from .misfit import FEW_STEPS, STEPS, Fit
+from .misfit import IN_PLANE, Effort, Fit
 from .speed_found import jackknife, summit
 
 STEP = 1 / 120  # between speeds, over water's
@@ -55,6 +55,7 @@ def least_share(
     fit_at: Callable[..., Fit],
     values: np.ndarray,
     good: Bool[np.ndarray, " detectors"],
+    effort: Effort = IN_PLANE,
 ) -> Least:
     """Where the unexplained share is least, between equispaced values.
 
@@ -62,15 +63,16 @@ def least_share(
         fit_at: the fit at a value, by a number of ``steps``.
         values: that are tried, (some,).
         good: detectors that count.
+        effort: of fits that are hardly begun, and of whole ones.
     """
     step = float(values[1] - values[0]) / FINER
     last = FINER * (len(values) - 1)
 
     @cache
     def whole(part: int) -> Fit:
-        return fit_at(float(values[0] + part * step), steps=STEPS)
+        return fit_at(float(values[0] + part * step), steps=effort.whole)
 
-    shares = np.array([fit_at(float(value), steps=FEW_STEPS).share for value in values])
+    shares = np.array([fit_at(float(value), steps=effort.few).share for value in values])
     k, typical = _least_and_typical(shares)
     if _depth(shares[k], shares[typical]) < TELLING:
         shares = np.array([whole(FINER * i).share for i in range(len(values))])

@@ -10,7 +10,7 @@ from made_scans import BELLS, RADIUS, SPEED, TIMES, positions, record
 
 from jaxtat import detector_curve, phantoms
 from jaxtat.scans.acquisition import FASTEST, SLOWEST
-from jaxtat.scans.misfit import STEPS, Fit, Sound, misfit_of, place_of
+from jaxtat.scans.misfit import IN_PLANE, Fit, Sound, misfit_of, place_of
 from jaxtat.scans.sound_speed import STEP, least_share
 
 PIXELS = 61  # fewer than by default, where many fits are made
@@ -132,7 +132,7 @@ def test_where_few_steps_are_a_little_off_whole_fits_go_on_downhill():
     values, good = np.arange(0.0, 9.0), np.ones(8, bool)
 
     def fit_at(x, *, steps):
-        return leaving(np.full(8, (x - 2.0) ** 2 if steps < STEPS else 1 + (x - 3.4) ** 2))
+        return leaving(np.full(8, (x - 2.0) ** 2 if steps < IN_PLANE.whole else 1 + (x - 3.4) ** 2))
 
     told = least_share(fit_at, values, good)
     assert told.value == pytest.approx(3.4, abs=1e-9)
