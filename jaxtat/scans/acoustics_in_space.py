@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from ..base.choice_table import GUESSED
+from ..base.choice_table import GUESSED, SURE
 from ..geometry import DetectorPoints
 from ..io import Scan
 from ..spherical.visible import covered_share
@@ -31,6 +31,7 @@ from .opposite_detectors import AGREE, agreement, speed_in_space
 from .parameters import Parameters
 from .sound_speed import Least, least_share
 from .speed_found import unknown, with_speed
+from .start_time import with_start_untold
 
 NO_VOLUME = 0.6  # share² over that of mixed rows, from which no volume explains a record
 HALF = 0.48  # of the sphere about the middle, from which on a volume tells the speed
@@ -42,10 +43,22 @@ STRETCHES = np.arange(SLOWEST, FASTEST + STEP / 2, STEP)  # speeds that are trie
 def acoustics_in_space(scan: Scan, p: Parameters) -> Choices:
     """Choices with the speed that the record tells, with a warning if no volume explains it.
 
+    Where the file does not say when the record starts, speeds are guesses: neither opposite
+    detectors nor the best volume tell a start from a speed.
+
     Args:
         scan: in space, of pressure.
         p: behind all other stages.
     """
+    made = _by_the_files_start(scan, p)
+    if made.grade("sound_speed") == SURE or not p.nominal("time_shift"):
+        return made
+    points = np.asarray(scan.known["detectors"], float)[list(made.channels)]
+    distance = np.linalg.norm(points - np.asarray(made.region_center), axis=1)
+    return with_start_untold(made, float(distance.mean()))
+
+
+def _by_the_files_start(scan: Scan, p: Parameters) -> Choices:
     made, nominal = p.choices(), p.nominal("sound_speed")
     if p.gives("water_speed") or p.gives("body_radius"):
         return made
@@ -74,7 +87,7 @@ def acoustics_in_space(scan: Scan, p: Parameters) -> Choices:
     share = least.fit.share
     if not least.distinct and share >= max(EXPLAINED, NO_VOLUME**0.5 * chance):
         data = {"least": share, "chance": chance}
-        warnings.warn(f"{NO_IMAGE_SAYS.format(**data)}.", Contradiction, stacklevel=5)
+        warnings.warn(f"{NO_IMAGE_SAYS.format(**data)}.", Contradiction, stacklevel=6)
         return p.doubted(NO_IMAGE_SAYS, ("sound_speed",) if nominal else (), **data).choices()
     return with_speed(made, _speed(least, speed, told=told)) if nominal else made
 

@@ -18,6 +18,7 @@ from ..records.signal_power import RecordPower
 from .acoustics import tell_acoustics
 from .acoustics_in_space import acoustics_in_space
 from .acquisition import RESPONSE, Facts, facts_of, nominal_water_speed, typical_frame
+from .all_speeds import about_center
 from .angular_coverage import with_speed_seen_once
 from .choices import IN_SPACE, Choices
 from .estimate import Estimate, Source
@@ -83,17 +84,18 @@ def _with_start(
     """
     if nominal_water_speed(facts.units) is None or made.grade("sound_speed") == SURE:
         return made
+    distance = float(np.hypot(*about_center(scan, made).T).mean())
     sure = made.grade("model") != GUESSED and made.water_speed is None
     start = start_and_speed(scan, made) if sure else None
     if start is None or (start.grade == GUESSED and not start.differs):
-        return with_start_untold(scan, made)
+        return with_start_untold(made, distance)
     if not start.differs:
         return with_start_confirmed(made, start)
     images = start.estimates(told.estimates["model"])
     shifted = _through(PRESSURE, *_sound(scan, facts, p, images)).choices()
     # with a start that is wrong, as through two speeds, sound may seem to come from nowhere
     lost = shifted.grade("region_radius") == GUESSED != made.grade("region_radius")
-    return with_start_untold(scan, made) if lost else shifted
+    return with_start_untold(made, distance) if lost else shifted
 
 
 def _sound(
@@ -189,10 +191,11 @@ def _sound_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters:
         return p.fixed(**NO_SOUND, impulse_response=False)
     as_it_is = "the record is taken as it is"
     unfiltered = p.given.get("band") == "none"
+    start = Source.FILE if "times" in record.scan.known else Source.NOMINAL
     p = p.with_(
         model=Estimate(IN_SPACE, "detectors in space, around a volume"),
         sound_speed=nominal_speed(record.scan, p),
-        time_shift=Estimate(0.0, "as the file says"),
+        time_shift=Estimate(0.0, "as the file says", source=start),
         dead_time=Estimate(0.0, as_it_is, LIKELY),
         band=Estimate(None, as_it_is, LIKELY),
         impulse_response=_response(record.scan),

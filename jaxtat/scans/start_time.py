@@ -89,10 +89,13 @@ class Start(NamedTuple):
         }
 
 
-def with_start_untold(scan: Scan, choices: Choices) -> Choices:
-    """Choices whose start and speed are guesses, with the line that joins them."""
+def with_start_untold(choices: Choices, distance: float) -> Choices:
+    """Choices whose start and speed are guesses, with the line that joins them.
+
+    Args:
+        distance: of the detectors from the middle [length].
+    """
     units, speed = choices.units, choices.sound_speed
-    distance = float(np.hypot(*about_center(scan, choices).T).mean())
     later = MICROSECOND / units.in_si("time")[0]
     faster = distance / (distance / speed - later) - speed
     why = (
