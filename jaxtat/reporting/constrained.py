@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers
 from ..fitting import NINETY, Comparison
 from ..scans.errors_of_images import ImageErrors
 
@@ -77,10 +76,3 @@ def errors_in_words(errors: ImageErrors) -> str:
         f"{of_most}, and by {high:.2g} where errors are largest. Nine of ten errors are taken to "
         f"be below {NINETY} times that."
     )
-
-
-def limits_of(*images: Numbers) -> tuple[float, float]:
-    """Common grey levels of all images."""
-    values = np.concatenate([np.ravel(np.asarray(image)) for image in images])
-    low, high = np.nanpercentile(values, [0.2, 99.8])
-    return float(low), float(high)

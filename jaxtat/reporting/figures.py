@@ -14,6 +14,7 @@ from ..base.units import OF_VALUES
 from ..geometry import ImageGrid
 from ..plotting import (
     SEQUENTIAL,
+    gray_levels,
     greatest,
     label_axes,
     length_label,
@@ -30,7 +31,7 @@ from ..plotting import (
 )
 from ..plotting.canvas import beyond
 from ..studies import DataResidual, Diagnosis, WaveAccuracy
-from .constrained import Constrained, limits_of
+from .constrained import Constrained
 
 _DISKS = 7  # across the region, of edges that are seen
 
@@ -48,14 +49,15 @@ def constrained(diagnosis: Diagnosis, fitted_image: Constrained, unit: str | Non
         "fitted": np.where(outside, np.nan, np.asarray(fitted_image.image)),
         "direct": diagnosis.image,
     }
-    limits = limits_of(*pair.values())
+    both = np.stack([*pair.values()])
+    limits = gray_levels(both)
     panels = figure.subplots(1, 2)
     grid = diagnosis.setup.grid
     shown = [
         show_image(axes, image, grid, limits=limits, title=title, unit=unit)
         for axes, (title, image) in zip(panels, pair.items(), strict=True)
     ]
-    ends = beyond(np.stack([*pair.values()]), limits)
+    ends = beyond(both, limits)
     _bar(figure, shown[0], panels, OF_VALUES, shrink=0.9, extend=ends)
     return figure
 

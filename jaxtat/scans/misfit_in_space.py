@@ -98,20 +98,21 @@ def sound_in_space(scan: Scan, choices: Choices) -> Sound:
     facts, times = facts_in_space(scan, choices.channels), times_of(scan)
     assert times is not None
     some = slice(None, None, -(-len(facts.order) // LISTENED))
-    rows, center = facts.order[some], np.asarray(choices.region_center)
-    points = np.asarray(scan.known["detectors"], float)[rows]
+    rows, center = list(choices.channels), np.asarray(choices.region_center)
+    points = np.asarray(scan.known["detectors"], float)[rows][some]
     elements = facts.detectors.element_radius
     if elements is not None and np.ndim(elements):
         elements = np.asarray(elements)[some]
     curve = DetectorPoints(points, None, center, element_radius=elements)
     distance, reach = np.asarray(curve.distance), WIDER * float(choices.region_radius)
     reach = min(reach, RIM * float(distance.min()))
-    record = jnp.asarray(typical_frame(scan)[rows])
+    record = jnp.asarray(typical_frame(scan)[rows])  # all of them: each may have a response
+    record = np.asarray(conditioned(scan, choices, record, times, baseline=False))[some]
     return Sound(
         curve=curve,
-        record=np.asarray(conditioned(scan, choices, record, times, baseline=False)),
+        record=record,
         times=times,
-        good=np.ones(len(rows), bool),
+        good=np.ones(len(record), bool),
         start=max(float(times[0]), float(distance.min() - reach) / (FASTEST * choices.sound_speed)),
         end=min(float(times[-1]), float(distance.max() + reach) / (SLOWEST * choices.sound_speed)),
         center=center,

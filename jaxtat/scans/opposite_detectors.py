@@ -105,10 +105,11 @@ def _filtered_record(scan: Scan, choices: Choices) -> _Record:
     facts, times = facts_in_space(scan, choices.channels), times_of(scan)
     assert times is not None
     some = slice(None, None, -(-len(facts.order) // LISTENED))
-    rows = facts.order[some]
-    points = np.asarray(scan.known["detectors"], float)[rows] - np.array(choices.region_center)
-    record = jnp.asarray(typical_frame(scan)[rows])
-    record = conditioned(scan, choices, record, times, baseline=False)
+    rows = list(choices.channels)
+    points = np.asarray(scan.known["detectors"], float)[rows][some]
+    points = points - np.array(choices.region_center)
+    record = jnp.asarray(typical_frame(scan)[rows])  # all of them: each may have a response
+    record = conditioned(scan, choices, record, times, baseline=False)[some]
     highest = SHARPER * choices.max_frequency * choices.sound_speed / (2 * np.pi)
     filtered = _filtered(np.asarray(record), times, highest) * _weights(facts.detectors)[some, None]
     line = np.linspace(-choices.region_radius, choices.region_radius, ACROSS)
