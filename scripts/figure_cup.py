@@ -2,9 +2,9 @@
 
     python scripts/figure_cup.py [--out docs/pictures/cup.png]
 
-256 square elements of 2 mm on a cap of radius 30 mm that sees half of all edges, on no rings; five
-balls, whose pressure is known in closed form, 5 % noise and twelve dead elements. Prints errors of
-the fit and of the formula, in the 2-norm, beside means of the balls over voxels.
+256 square elements of 2 mm on a cap of radius 30 mm that sees a quarter of all edges, on no rings;
+five balls, whose pressure is known in closed form, 5 % noise and twelve dead elements. Prints
+errors of the fit and of the formula, in the 2-norm, beside means of the balls over voxels.
 """
 
 import argparse

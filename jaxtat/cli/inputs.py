@@ -50,8 +50,8 @@ def scan_of(
     """The file's scan with positions and times from the options; and the remaining options."""
     scan, positions = load_scan(options.file), _positions(options)
     unknown = positions is None and options.scanner is None and "detectors" not in scan.known
-    if positions is not None and "detectors" in scan.known:
-        option = "--arc" if options.arc else "--ring"
+    if "detectors" in scan.known and (positions is not None or options.scanner is not None):
+        option = "--arc" if options.arc else "--ring" if options.ring else "--scanner"
         said = f"{option} replaces the positions of the detectors in the file."
         warnings.warn(said, AccuracyWarning, stacklevel=2)
     if unknown and plan is not None:

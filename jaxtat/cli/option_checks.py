@@ -80,7 +80,8 @@ def _require_files(options: argparse.Namespace) -> None:
     for name in ("out", "json"):
         if is_given(options, name) and not (name == "out" and is_given(options, "format")):
             _require_not_read(options, Path(getattr(options, name)))
-    if options.run.__name__ == "reconstruct" and is_given(options, "out"):
+    adds = is_given(options, "format")  # an image to a record
+    if options.run.__name__ == "reconstruct" and is_given(options, "out") and not adds:
         require_no_record(Path(options.out))
 
 
@@ -94,8 +95,8 @@ def require_no_record(path: Path) -> None:
         load_settings(path)
     except ValueError as error:
         raise ValueError(
-            f"cannot write {name_of(path)}: it is there, and no image of jaxtat's: expected a new "
-            "name."
+            f"cannot write {name_of(path)}: it is there, and no image that this jaxtat reads: "
+            f"expected a new name. {error}"
         ) from error
 
 

@@ -19,12 +19,12 @@ def choose(scan: Scan, **given: Any) -> Choices:
 
     Args:
         scan: from `load_scan`.
-        given: choices by name, as in `Choices`; further ``use``, rows of the data to use (bad
-            channels among them too), ``radii`` of the circular integrals, ``band="none"``,
-            ``length_unit``, in which the scan's positions are: "m", "cm", "mm" or "um",
-            ``two_speeds=True``, to estimate a body of another speed of sound than the water's, see
-            `estimate_body`, and ``water_temperature`` [°C] in place of ``water_speed``. What is
-            None is chosen.
+        given: choices by name, as in `Choices`; further ``use``, rows of the data to use
+            (noisy and saturated ones among them too), ``radii`` of the circular integrals,
+            ``band="none"``, ``length_unit``, in which the scan's positions are: "m", "cm", "mm" or
+            "um", ``two_speeds=True``, to estimate a body of another speed of sound than the
+            water's, see `estimate_body`, and ``water_temperature`` [°C] in place of
+            ``water_speed``. What is None is chosen.
 
     Returns:
         Choices, with a reason for each.

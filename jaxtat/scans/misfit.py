@@ -320,6 +320,8 @@ def criterion(
     slowest: float,
     effort: Effort,
     cycles: float = CYCLES,
+    *,
+    faint: bool = True,
 ) -> Misfit:
     """The criterion for a record, in the plane or in space.
 
@@ -329,12 +331,15 @@ def criterion(
         slowest: least speed in water that may be asked for [length/time].
         effort: of fits.
         cycles: within the record, at least.
+        faint: whether frequencies count whose amplitude is below a tenth of the largest.
     """
     highest = SHORTEST * place.highest * slowest / (2 * np.pi)
     times, fourier, n = _spectra(sound, highest, cycles)
     known = np.where(sound.good[:, None], sound.record, 0.0)
     spectrum: Any = known @ fourier[: len(sound.times)]
     flat = _flattening(np.sqrt(np.mean(np.abs(spectrum) ** 2, axis=0)), n)
+    if not faint:
+        flat = np.where(flat > (2 * FAINT) ** -FLATTENED, 0.0, flat)
     size = max(float(np.sqrt(np.mean(np.abs(spectrum * flat)[sound.good] ** 2))), 1e-300)
     weights = np.where(sound.good[:, None], np.tile(flat, 2) / size, 0.0)
     parts = np.concatenate([spectrum.real, spectrum.imag], axis=-1) * weights

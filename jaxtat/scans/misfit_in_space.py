@@ -1,7 +1,7 @@
 """What of a record in space the best volume f >= 0 leaves unexplained, as `misfit` in the plane.
 
-Of some of the detectors, and of what comes from the region alone: a volume of all that may sound
-would have voxels too coarse for the record. Of the series of `forward.fast_spheres`,
+Of some of the detectors, drawn by chance, and on coarse voxels. Of the series of
+`forward.fast_spheres`,
 
     p(z, t) = Σ_k G(z, lambda_k) w_k(c t),    w_k(r) = lambda_k² cos(lambda_k r) / 2πT,
 
@@ -24,11 +24,14 @@ from ..geometry import DetectorPoints, VolumeGrid
 from ..geometry.balls import ball
 from ..io import Scan
 from ..reconstruction.operator import in_single_precision
+from .acoustics import FEWEST_SAMPLES
 from .acquisition import FASTEST, SLOWEST, times_of, typical_frame
 from .choices import Choices
 from .frames import conditioned
 from .misfit import TOLERANCE, Effort, Misfit, Sound, criterion
-from .preprocess import RIM
+from .parameters import Parameters
+from .preprocess import RIM, AcquisitionInSpace
+from .region import DEFAULT_SHARE, MARGIN_IN_SPACE, sounding_radius
 from .space import facts_in_space
 
 VOXELS = 25  # along an axis: speeds told by 33 are as far off
@@ -89,35 +92,48 @@ def _operator(curve: DetectorPoints, grid: VolumeGrid, sizes: SphereSizes) -> Sp
     return sphere_integrals(curve, grid, jnp.ones(1), sizes, None, TOLERANCE)
 
 
-def sound_in_space(scan: Scan, choices: Choices) -> Sound:
-    """Some rows of a typical frame, and when sound from the region may arrive at them.
+def points_in_space(scan: Scan, choices: Choices) -> DetectorPoints:
+    """The detectors that are used, about the middle."""
+    points = np.asarray(scan.known["detectors"], float)[list(choices.channels)]
+    return DetectorPoints(points, None, np.asarray(choices.region_center))
+
+
+def sound_in_space(record: AcquisitionInSpace, p: Parameters, choices: Choices) -> Sound | None:
+    """Some rows of a typical frame, and when sound from all that sounds may arrive at them.
 
     Args:
-        scan, choices: in space, of pressure.
+        record, p, choices: of pressure.
+
+    Returns:
+        None of a record that is too short, or silent, and of elements that face elsewhere than to
+        the middle: to model these takes long.
     """
-    facts, times = facts_in_space(scan, choices.channels), times_of(scan)
+    facts, times = facts_in_space(record.scan, choices.channels), times_of(record.scan)
     assert times is not None
-    some = slice(None, None, -(-len(facts.order) // LISTENED))
-    rows, center = list(choices.channels), np.asarray(choices.region_center)
-    points = np.asarray(scan.known["detectors"], float)[rows][some]
+    if getattr(facts.detectors, "normals", None) is not None:
+        return None
+    every = points_in_space(record.scan, choices)
+    n = len(every.points)
+    some = np.sort(np.random.default_rng(0).permutation(n)[:LISTENED])
     elements = facts.detectors.element_radius
     if elements is not None and np.ndim(elements):
         elements = np.asarray(elements)[some]
-    curve = DetectorPoints(points, None, center, element_radius=elements)
-    distance, reach = np.asarray(curve.distance), WIDER * float(choices.region_radius)
-    reach = min(reach, RIM * float(distance.min()))
-    record = jnp.asarray(typical_frame(scan)[rows])  # all of them: each may have a response
-    record = np.asarray(conditioned(scan, choices, record, times, baseline=False))[some]
-    return Sound(
-        curve=curve,
-        record=record,
-        times=times,
-        good=np.ones(len(record), bool),
-        start=max(float(times[0]), float(distance.min() - reach) / (FASTEST * choices.sound_speed)),
-        end=min(float(times[-1]), float(distance.max() + reach) / (SLOWEST * choices.sound_speed)),
-        center=center,
-        reach=reach,
-    )
+    points = np.asarray(every.points)[some]
+    curve = DetectorPoints(points, None, every.center, element_radius=elements)
+    nearest, farthest = (float(f(np.asarray(curve.distance))) for f in (np.min, np.max))
+    sounds = sounding_radius(record, p) or DEFAULT_SHARE / MARGIN_IN_SPACE * nearest
+    wanted = max(WIDER * float(choices.region_radius), MARGIN_IN_SPACE * sounds)
+    reach, speed = min(wanted, RIM * nearest), choices.sound_speed
+    start = max(float(times[0]), 2 * choices.dead_time, (nearest - reach) / (FASTEST * speed))
+    end = min(float(times[-1]), (farthest + reach) / (SLOWEST * speed))
+    rows = list(choices.channels)
+    frame = jnp.asarray(typical_frame(record.scan)[rows])  # all: each may have a response
+    heard = np.asarray(conditioned(record.scan, choices, frame, times, baseline=False))[some]
+    within = (times >= start) & (times <= end)
+    if np.count_nonzero(within) < FEWEST_SAMPLES or not heard[:, within].any():
+        return None
+    good = np.ones(len(some), bool)
+    return Sound(curve, heard, times, good, start, end, np.asarray(every.center), reach)
 
 
 def misfit_in_space(sound: Sound, speeds: tuple[float, float], voxels: int = VOXELS) -> Misfit:
@@ -135,7 +151,8 @@ def misfit_in_space(sound: Sound, speeds: tuple[float, float], voxels: int = VOX
     place = PlaceInSpace(curve, grid, sizes)
     integrals = place.integrals()
     terms = SpaceTerms(sizes, jax.device_put(integrals.voxel))
-    return criterion(sound, integrals, terms, place, speeds[0], IN_SPACE, SLOWEST_WAVE)
+    effort = IN_SPACE, SLOWEST_WAVE
+    return criterion(sound, integrals, terms, place, speeds[0], *effort, faint=False)
 
 
 def power_within(sound: Sound, misfit: Misfit, speed: float) -> float:

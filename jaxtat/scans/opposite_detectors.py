@@ -55,6 +55,9 @@ def speed_in_space(scan: Scan, choices: Choices) -> Estimate:
 
     Args:
         scan, choices: in space, of pressure; of a typical frame.
+
+    Returns:
+        With M as ``agreement`` in its data, where that is enough.
     """
     record, assumed = _filtered_record(scan, choices), choices.sound_speed
 
@@ -68,12 +71,13 @@ def speed_in_space(scan: Scan, choices: Choices) -> Estimate:
     most = float(found[:, 0].max())
     if most < AGREE:
         return unknown(f"opposite detectors agree at no other within 10 %, to {most:.0%} at most")
+    agreed = {"agreement": most}
     displaced = record.displaced(assumed)
     speed = summit(near, found[:, 0]) / (1 + displaced)
     scatter = jackknife([summit(near, without) for without in found[:, 1:].T])
     error = float(np.hypot(scatter, FITS * displaced * speed))
     why = f"opposite detectors agree best, to {most:.0%}; none in the file"
-    return believed(speed, error, why, "detectors")
+    return believed(speed, error, why, "detectors")._replace(data=agreed)
 
 
 class _Record(NamedTuple):

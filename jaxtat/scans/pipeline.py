@@ -182,7 +182,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     require_body_inside(p, record.facts.radius)
     for stage in BALL:
         p = stage(record, p)
-    return p.choices() if record.facts.times is None else acoustics_in_space(scan, p)
+    return p.choices() if record.facts.times is None else acoustics_in_space(record, p)
 
 
 def _sound_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters:

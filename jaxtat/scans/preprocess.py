@@ -235,13 +235,18 @@ def preprocess_in_space(scan: Scan, p: Parameters) -> tuple[AcquisitionInSpace, 
     use = p.given.get("use")
     facts, rows = facts_in_space(scan, use), ()
     frame = typical_frame(scan)
-    bad = _bad_in_space(frame[facts.order], facts.times, every=use is not None)
+    loud = float(p.given.get("dead_time") or 0.0)
+    bad = _bad_in_space(frame[facts.order], facts.times, loud, every=use is not None)
     left_out = np.logical_or.reduce(tuple(bad.values()))
     if facts.times is not None:
         _warn_of_offset(frame[facts.order][~left_out])
     why = "; ".join(
         f"{ranges(np.sort(facts.order[of]))} {what}" for what, of in bad.items() if of.any()
     )
+    if left_out.all():
+        raise ValueError(
+            f"all {len(left_out)} detectors are left out: rows {why}. Check the file's data."
+        )
     if left_out.any():
         rows = tuple(int(k) for k in np.sort(facts.order[left_out]))
         facts = _facts_without(scan, facts, rows, why)
@@ -257,6 +262,7 @@ def preprocess_in_space(scan: Scan, p: Parameters) -> tuple[AcquisitionInSpace, 
 def _bad_in_space(
     record: Float[np.ndarray, "detectors samples"],
     times: Float[np.ndarray, " samples"] | None,
+    dead_time: float,
     *,
     every: bool,
 ) -> dict[str, Bool[np.ndarray, " detectors"]]:
@@ -264,6 +270,7 @@ def _bad_in_space(
 
     Args:
         times: of a pressure record; None of integrals.
+        dead_time: until when the laser's artefact may saturate all [time].
         every: whether rows were chosen, so that noise is no reason to leave one out.
     """
     known = np.isfinite(record)
@@ -271,9 +278,12 @@ def _bad_in_space(
     silent = np.logical_or(silent, ~known.all(axis=1))
     bad = {"recorded nothing, or NaN": silent}
     heard = record[~silent]
-    if every or times is None or len(heard) < FEWEST or len(times) < LEFT_TO_JUDGE:
+    if every or times is None or len(heard) < FEWEST:
         return bad
-    quality = channel_quality(heard, times, dead_time=times[0])
+    begin = max(float(times[0]), dead_time)
+    if np.count_nonzero(times >= begin) < LEFT_TO_JUDGE:
+        return bad
+    quality = channel_quality(heard, times, dead_time=begin)
     for what in ("saturated", "noisy"):
         bad[what] = np.zeros(len(record), bool)
         bad[what][~silent] = getattr(quality, what)

@@ -244,7 +244,7 @@ def ball_of_sound(record: AcquisitionInSpace, p: Parameters) -> Parameters:
         path = float(facts.times[-1]) * speed
         if not p.gives("region_radius"):
             require_scale(path, facts.radius, speed)
-        reach = _sounding(record, p)
+        reach = sounding_radius(record, p)
         if reach is not None and MARGIN_IN_SPACE * reach < ball.value:
             wanted = max(MARGIN_IN_SPACE * reach, SHARES[0] * facts.radius)
             data = {"reach": reach, "spare": MARGIN_IN_SPACE - 1}
@@ -262,7 +262,7 @@ def ball_of_sound(record: AcquisitionInSpace, p: Parameters) -> Parameters:
     return _as_wide(p.with_(region_cut=Estimate(cut, why)), ball.grade)
 
 
-def _sounding(record: AcquisitionInSpace, p: Parameters) -> float | None:
+def sounding_radius(record: AcquisitionInSpace, p: Parameters) -> float | None:
     """Radius about the middle from which sound comes, by its times; None if unknown."""
     facts, speed = record.facts, single_speed(record.facts.radius, p)
     assert facts.times is not None

@@ -105,7 +105,7 @@ def require_few(detectors: SphericalCap | DetectorPoints) -> None:
         raise ValueError(
             f"the formula takes up to {MOST_POINTS} detectors off rings, here are "
             f"{detectors.shape[0]}: leave out --direct, --alpha, --low-pass and --inversion, and "
-            "the volume is fitted, or choose some with --use."
+            "the volume is fitted, or choose some with --use (0:N takes all N, noisy ones too)."
         )
 
 

@@ -100,7 +100,7 @@ def with_start_untold(choices: Choices, distance: float) -> Choices:
     faster = distance / (distance / speed - later) - speed
     why = (
         f"as the file says, which the record does not tell: {units.of_time(later)} more would make "
-        f"the speed {units.of_speed(faster, 3)} more"
+        f"the speed {units.of_speed(faster, 3)} more; --start-time gives another start"
     )
     reason = dict(choices.reasons)["sound_speed"]
     if choices.grade("sound_speed") != GUESSED:

@@ -719,7 +719,7 @@ def test_an_image_takes_no_other_records_place(bad_input, capsys):
         file["pressure"] = np.ones((24, 60))
     held = Path("other.h5").read_bytes()
     line = "reconstruct good.npz --out other.h5"
-    require_refusal(bad_input, capsys, line, "it is there, and no image of jaxtat's")
+    require_refusal(bad_input, capsys, line, "it is there, and no image that this jaxtat reads")
     assert Path("other.h5").read_bytes() == held
     save_image("mine.h5", np.ones((5, 5)), ImageGrid(5))
     require_no_record(Path("mine.h5"))
