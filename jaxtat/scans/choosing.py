@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ..base.checks import real_array
+from ..base.checks import is_concrete, real_array
 from ..base.choice_table import OF_TWO_SPEEDS, OPTIONS, SURE, require_pixels
 from ..io import Scan
 from ..io.scan import require_one_rate
@@ -57,6 +57,9 @@ def _chosen(scan: Scan, given: Mapping[str, Any]) -> Choices:
         if asked:
             raise ValueError(f"{asked[0]} is of detectors in the plane: leave it out.")
         return choices_in_space(scan, given)
+    for name in ("region_center", "body_center"):
+        if given.get(name) is not None:
+            real_array(name, given[name], (2,))
     others = with_water_of(scan, given)
     if others.pop("two_speeds", None):
         return with_two_speeds(scan, others)
@@ -67,9 +70,14 @@ def _require_known(given: Mapping[str, Any]) -> None:
     unknown = [name for name in given if name not in NAMES]
     if unknown:
         raise ValueError(f"unknown options {unknown}, expected some of {', '.join(NAMES)}.")
+    traced = [name for name, value in given.items() if not is_concrete(value)]
+    if traced:
+        raise ValueError(
+            f"{traced[0]} is traced, and choices of a scan are made of known numbers: for "
+            "derivatives take a Setup with pressure_to_circular_integrals and reconstruct, or "
+            "model_based."
+        )
     for choice in OPTIONS:
         if choice.bound and given.get(choice.name) is not None:
             choice.require(float(real_array(choice.name, given[choice.name], ())))
-    if given.get("region_center") is not None:
-        real_array("region_center", given["region_center"], None)
     require_pixels(given.get("pixels"))

@@ -2,6 +2,7 @@
 
 import re
 
+import jax
 import numpy as np
 import pytest
 from made_scans import BELLS, RADIUS, RATE, SPEED, TIMES, N, positions, raw_counts, record, scan
@@ -329,11 +330,18 @@ def test_no_band_can_be_asked_for(counts):
         ({"sound_speed": -1.0}, "sound_speed is -1"),
         ({"region_radius": 0.05}, "inside or on the region"),
         ({"use": [1, 2]}, "expected at least 3|detector"),
+        ({"region_center": (0.0, 0.0, 0.0)}, r"region_center has shape \(3,\), expected \(2\)"),
+        ({"region_center": (0.0, np.nan)}, "region_center"),
     ],
 )
 def test_what_cannot_be_given(counts, given, reason):
     with pytest.raises(ValueError, match=reason):
         choose(scan(counts), **given)
+
+
+def test_choices_are_not_traced(counts):
+    with pytest.raises(ValueError, match=r"sound_speed is traced, .* for derivatives take a Setup"):
+        jax.grad(lambda speed: choose(scan(counts), sound_speed=speed).sound_speed)(1500.0)
 
 
 def test_what_a_file_lacks(counts, tmp_path):
