@@ -24,7 +24,7 @@ from .misfit import Misfit, Sound
 from .misfit_in_space import (
     IN_SPACE,
     NO_WEIGHT,
-    misfit_in_space,
+    misfit_of_volumes,
     points_in_space,
     power_within,
     sound_in_space,
@@ -43,7 +43,7 @@ STEP = 1 / 60  # between speeds, over water's
 STRETCHES = np.arange(SLOWEST, FASTEST + STEP / 2, STEP)  # speeds that are tried, over nominal
 
 
-def acoustics_in_space(record: AcquisitionInSpace, p: Parameters) -> Choices:
+def tell_acoustics_in_space(record: AcquisitionInSpace, p: Parameters) -> Choices:
     """Choices with the speed that the record tells, with a warning if no volume explains it.
 
     Where the file does not say when the record starts, speeds are guesses: neither opposite
@@ -76,7 +76,7 @@ def _by_the_files_start(record: AcquisitionInSpace, p: Parameters) -> Choices:
     sound = sound_in_space(record, p, made)
     if sound is None:
         return otherwise
-    misfit = misfit_in_space(sound, (SLOWEST * made.sound_speed, FASTEST * made.sound_speed))
+    misfit = misfit_of_volumes(sound, (SLOWEST * made.sound_speed, FASTEST * made.sound_speed))
     if power_within(sound, misfit, made.sound_speed) < HELD:
         return otherwise
     told = nominal and covered_share(points_in_space(scan, made)) >= HALF

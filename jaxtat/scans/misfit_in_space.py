@@ -136,7 +136,7 @@ def sound_in_space(record: AcquisitionInSpace, p: Parameters, choices: Choices) 
     return Sound(curve, heard, times, good, start, end, np.asarray(every.center), reach)
 
 
-def misfit_in_space(sound: Sound, speeds: tuple[float, float], voxels: int = VOXELS) -> Misfit:
+def misfit_of_volumes(sound: Sound, speeds: tuple[float, float], voxels: int = VOXELS) -> Misfit:
     """The criterion for a record.
 
     Args:

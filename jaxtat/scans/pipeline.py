@@ -16,7 +16,7 @@ from ..io import Scan
 from ..records import MODELS
 from ..records.signal_power import RecordPower
 from .acoustics import tell_acoustics
-from .acoustics_in_space import acoustics_in_space
+from .acoustics_in_space import tell_acoustics_in_space
 from .acquisition import RESPONSE, Facts, facts_of, nominal_water_speed, typical_frame
 from .all_speeds import about_center
 from .angular_coverage import with_speed_seen_once
@@ -182,7 +182,7 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
     require_body_inside(p, record.facts.radius)
     for stage in BALL:
         p = stage(record, p)
-    return p.choices() if record.facts.times is None else acoustics_in_space(record, p)
+    return p.choices() if record.facts.times is None else tell_acoustics_in_space(record, p)
 
 
 def _sound_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters:

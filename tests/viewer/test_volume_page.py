@@ -236,6 +236,7 @@ def test_the_command_makes_the_volume(page, path, tmp_path, monkeypatch, wanted,
     np.testing.assert_allclose(found, np.nan_to_num(volume), atol=1e-3 * np.nanmax(volume))
 
 
+@pytest.mark.filterwarnings("ignore:.*miss the detectors")
 def test_off_rings_there_is_nothing_before_the_fit(make_page, monkeypatch):
     scan = Scan("pressure", record(cup(70)), KNOWN | {"detectors": cup(70)})
     choices = choose(scan, **BALL | {"max_frequency": 450.0})
