@@ -101,8 +101,6 @@ def _otherwise(scan: Scan, choices: Choices, name: str, value: Any) -> list[str]
         return words_of(name, _OTHER[value])
     if name == "dead_time" and not value:
         return _dead_time(scan, choices)
-    if name not in NUMBERS:
-        return words_of(name, float(f"{value:.6g}"))
     others = _values(scan, choices, name)
     larger = [x for x in others if x > value + _ROUNDING * abs(value)]
     return words_of(name, float(f"{larger[0] if larger else others[-2]:.4g}"))

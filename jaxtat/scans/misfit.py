@@ -337,13 +337,11 @@ def criterion(
     times, fourier, n = _spectra(sound, highest, cycles)
     known = np.where(sound.good[:, None], sound.record, 0.0)
     spectrum: Any = known @ fourier[: len(sound.times)]
-    flat = _flattening(np.sqrt(np.mean(np.abs(spectrum) ** 2, axis=0)), n)
-    if not faint:
-        flat = np.where(flat > (2 * FAINT) ** -FLATTENED, 0.0, flat)
+    flat = _flattening(np.sqrt(np.mean(np.abs(spectrum) ** 2, axis=0)), n, faint)
     size = max(float(np.sqrt(np.mean(np.abs(spectrum * flat)[sound.good] ** 2))), 1e-300)
     weights = np.where(sound.good[:, None], np.tile(flat, 2) / size, 0.0)
     parts = np.concatenate([spectrum.real, spectrum.imag], axis=-1) * weights
-    shape = len(place.curve.points), parts.shape[1]
+    shape = place.curve.shape[0], parts.shape[1]
     return Misfit(
         integrals=integrals,
         terms=terms,
@@ -387,9 +385,10 @@ def _window(sound: Sound) -> Float[np.ndarray, " samples"]:
     return window
 
 
-def _flattening(amplitude: np.ndarray, n: int) -> Float[np.ndarray, " frequencies"]:
-    """One over the root of the smoothed amplitude of the first n frequencies."""
+def _flattening(amplitude: np.ndarray, n: int, faint: bool) -> Float[np.ndarray, " frequencies"]:
+    """One over the root of the smoothed amplitude of the first n frequencies; 0 of faint ones."""
     padded = np.pad(amplitude[:n], SMOOTH // 2, mode="edge")
     smooth = np.convolve(padded, np.ones(SMOOTH) / SMOOTH, "valid")
-    flat = (smooth / max(float(smooth.max()), 1e-300) + FAINT) ** -FLATTENED
+    relative = smooth / max(float(smooth.max()), 1e-300)
+    flat = np.where(faint | (relative >= FAINT), (relative + FAINT) ** -FLATTENED, 0.0)
     return filled_up(flat, amplitude.shape)

@@ -25,14 +25,13 @@ from ..geometry.balls import ball
 from ..io import Scan
 from ..reconstruction.operator import in_single_precision
 from .acoustics import FEWEST_SAMPLES
-from .acquisition import FASTEST, SLOWEST, times_of, typical_frame
+from .acquisition import FASTEST, SLOWEST
 from .choices import Choices
 from .frames import conditioned
 from .misfit import TOLERANCE, Effort, Misfit, Sound, criterion
 from .parameters import Parameters
 from .preprocess import RIM, AcquisitionInSpace
 from .region import DEFAULT_SHARE, MARGIN_IN_SPACE, sounding_radius
-from .space import facts_in_space
 
 VOXELS = 25  # along an axis: speeds told by 33 are as far off
 LISTENED = 200  # detectors, at most
@@ -108,7 +107,7 @@ def sound_in_space(record: AcquisitionInSpace, p: Parameters, choices: Choices) 
         None of a record that is too short, or silent, and of elements that face elsewhere than to
         the middle: to model these takes long.
     """
-    facts, times = facts_in_space(record.scan, choices.channels), times_of(record.scan)
+    facts, times = record.facts, record.facts.times
     assert times is not None
     if getattr(facts.detectors, "normals", None) is not None:
         return None
@@ -126,8 +125,7 @@ def sound_in_space(record: AcquisitionInSpace, p: Parameters, choices: Choices) 
     reach, speed = min(wanted, RIM * nearest), choices.sound_speed
     start = max(float(times[0]), 2 * choices.dead_time, (nearest - reach) / (FASTEST * speed))
     end = min(float(times[-1]), (farthest + reach) / (SLOWEST * speed))
-    rows = list(choices.channels)
-    frame = jnp.asarray(typical_frame(record.scan)[rows])  # all: each may have a response
+    frame = jnp.asarray(record.frame)  # of all: each may have a response
     heard = np.asarray(conditioned(record.scan, choices, frame, times, baseline=False))[some]
     within = (times >= start) & (times <= end)
     if np.count_nonzero(within) < FEWEST_SAMPLES or not heard[:, within].any():
