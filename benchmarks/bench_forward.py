@@ -90,10 +90,9 @@ def bench_transpose(measure, benchmark, case, dtype):
     measure(lambda: operator.T.mv(data), n=n, error=dot)
 
 
+@pytest.mark.parametrize("case", ["arc-129", "arc-257", "arc-513"], indirect=True)
 def bench_forward_of_eight(measure, benchmark, case):
     n, setup, image, g = case
-    if setup.grid.dimension == 3:
-        pytest.skip("eight volumes and their data are large")
     operator, images = made(benchmark, setup), jnp.stack([image] * 8)
     measure(lambda: operator(images), n=n, images=8, error=lambda found: of(found[0], g))
 

@@ -108,7 +108,6 @@ def cap() -> Problem:
 
 
 WHOLE = {"few_detectors": few_detectors, "half_circle": half_circle, "cap": cap}
-SHORT = [(1.56, "bells"), (1.56, "disks"), (1.0, "bells"), (1.0, "disks")]
 
 
 @pytest.fixture(scope="module", params=WHOLE)
@@ -148,9 +147,9 @@ def bench_half_circle_on_finer_pixels(measure, benchmark):
     _measured(measure, benchmark, given, lambda: _of_means(coarse.grid, replace(given, setup=fine)))
 
 
-@pytest.mark.parametrize(("last", "kind"), SHORT)
-def bench_record_that_ends_early(measure, benchmark, last, kind):
-    given = ends_early(last, kind)
+@pytest.mark.parametrize("kind", ["bells", "disks"])
+def bench_record_that_ends_early(measure, benchmark, kind):
+    given = ends_early(1.0, kind)
     _measured(measure, benchmark, given, given.constrained)
 
 

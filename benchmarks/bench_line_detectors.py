@@ -19,13 +19,12 @@ from jaxtat import (
     Setup,
     build_plan,
     circular_arc,
-    cosine_filter,
     data_radii,
     disk,
     line_detectors,
     phantoms,
 )
-from jaxtat.line_detectors import LineDetectorScan, PolynomialBalls, invert_projections
+from jaxtat.line_detectors import LineDetectorScan, PolynomialBalls
 
 N = 129
 BELLS = PolynomialBalls(
@@ -102,18 +101,11 @@ def bench_everything(compare):
 
 
 @pytest.mark.parametrize("inversion", ["fbp", "fourier"])
-@pytest.mark.parametrize("n_rotations", [128, 208, 256])
-def bench_rotations(compare, n_rotations, inversion):
-    plan, scan = plan_of("top"), scan_of("top", n_rotations)
+def bench_rotations(compare, inversion):
+    """256 for half a turn."""
+    plan, scan = plan_of("top"), scan_of("top", 256)
     g = BELLS.circular_integrals(scan, plan.curve, plan.radii)
     compare(lambda: line_detectors.reconstruct(plan, g, scan, inversion=inversion), BELLS)
-
-
-def bench_slices_alone(compare):
-    """From exact projections."""
-    plan, scan = plan_of("top"), scan_of("top", 256)
-    p = np.stack([BELLS.projection(a).image(plan.grid) for a in np.asarray(scan.angles)])
-    compare(lambda: invert_projections(p, scan, plan.grid, plan.region), BELLS)
 
 
 def bench_arc_at_one_side(compare):
@@ -128,8 +120,7 @@ def narrow(relative_frequency):
     return jnp.cos(jnp.pi * jnp.minimum(relative_frequency, 0.5))
 
 
-@pytest.mark.parametrize("low_pass", [None, cosine_filter, narrow])
-@pytest.mark.parametrize("noise", [0.0, 0.05, 0.15])
+@pytest.mark.parametrize(("noise", "low_pass"), [(0.0, None), (0.05, None), (0.05, narrow)])
 def bench_balls(compare, noise, low_pass):
     """Sharp edges, whose voxels alone make most of the error without noise."""
     plan, scan = plan_of("top"), scan_of("top", 256)

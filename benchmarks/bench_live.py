@@ -65,8 +65,11 @@ def bench_scan_without_live(measure, scan, choices):
     measure(lambda: jaxtat.scans.reconstruct(scan, choices).image, n=PIXELS, rounds=3)
 
 
-@pytest.mark.parametrize("frames", [1, BATCH])
-@pytest.mark.parametrize("dtype", [np.float64, np.float32], ids=lambda dtype: dtype.__name__)
+@pytest.mark.parametrize(
+    ("dtype", "frames"),
+    [(np.float64, 1), (np.float32, 1), (np.float32, BATCH)],
+    ids=["float64-1", "float32-1", f"float32-{BATCH}"],
+)
 def bench_live(measure, scan, images, wanted, frames, dtype):
     to_images, frame = images(dtype), scan.frame(0)
     stack = np.stack([frame] * frames)

@@ -72,15 +72,14 @@ def pressure(points: jax.Array, paths: np.ndarray, profile) -> jax.Array:
     return total
 
 
-@pytest.fixture(scope="module", params=["hemisphere-33", *FIBONACCI])
-def array(request):
-    return elements(request.param)
+CASES = [("balls", name) for name in ("hemisphere-33", *FIBONACCI)] + [("bells", "fibonacci-33")]
 
 
-@pytest.fixture(scope="module", params=PROFILES)
-def case(request, array):
-    voxels, curve = array
-    profile, grid = PROFILES[request.param], VolumeGrid(voxels)
+@pytest.fixture(scope="module", params=CASES, ids="-".join)
+def case(request):
+    body, array = request.param
+    voxels, curve = elements(array)
+    profile, grid = PROFILES[body], VolumeGrid(voxels)
     setup = Setup(curve, ball(1.0), grid, max_frequency=4.0)  # of the formula, which is not used
     distance, step = float(np.asarray(curve.distance)[0]), float(grid.spacing[0]) / 2
     times = np.arange(distance - 1, distance + 1 + step, step)

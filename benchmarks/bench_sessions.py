@@ -35,8 +35,8 @@ def report(benchmark):
 
 @pytest.mark.parametrize(
     ("options", "speed"),
-    [("", None), ("", sessions.SPEED), ("--direct", sessions.SPEED)],
-    ids=["speed-estimated", "chosen", "direct"],
+    [("", None), ("--direct", sessions.SPEED)],
+    ids=["speed-estimated", "direct"],
 )
 @pytest.mark.parametrize(
     "start", ["no folder of programs", "one filled by another scan"], ids=["cold", "warm-disk"]

@@ -1,6 +1,7 @@
 """The paper's geometries at any size: n pixels, 4 n - 16 detectors at most, n radii."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Array
@@ -25,6 +26,7 @@ class Problem:
         return float(np.abs(np.asarray(image - self.phantom.image(grid)))[inside].max())
 
 
+@lru_cache(2)  # what several rows share
 def problem(n: int, cut: float = 1.0) -> Problem:
     """Geometry #1 (cut = 1) or #2 (cut = 0) with n x n pixels."""
     curve, grid = circular_arc(1.3, cut, DETECTORS[n]), ImageGrid(n)
