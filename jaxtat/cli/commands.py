@@ -61,7 +61,7 @@ def info(options: argparse.Namespace) -> None:
 
 def reconstruct(options: argparse.Namespace) -> None:
     """``jaxtat reconstruct``."""
-    from ..io.images import require_suffix
+    from ..io.images import require_no_record, require_suffix
 
     if Path(options.file).is_dir():
         from .folders import reconstruct_folder
@@ -69,6 +69,8 @@ def reconstruct(options: argparse.Namespace) -> None:
         return reconstruct_folder(options)
     start = time.perf_counter()
     require_suffix(options.out)  # and the package that writes it
+    if not options.format:  # which adds an image to a record
+        require_no_record(Path(options.out))
     scan, choices, plan, options = prepared(options, start, fits=not options.trial)
     if options.json:
         _write_json(options, choices)

@@ -80,24 +80,6 @@ def _require_files(options: argparse.Namespace) -> None:
     for name in ("out", "json"):
         if is_given(options, name) and not (name == "out" and is_given(options, "format")):
             _require_not_read(options, Path(getattr(options, name)))
-    adds = is_given(options, "format")  # an image to a record
-    if options.run.__name__ == "reconstruct" and is_given(options, "out") and not adds:
-        require_no_record(Path(options.out))
-
-
-def require_no_record(path: Path) -> None:
-    """Raise ValueError for a file that is there and may be somebody's record."""
-    if path.suffix not in (".h5", ".hdf5") or not path.is_file():
-        return
-    from ..io import load_settings  # which needs JAX
-
-    try:
-        load_settings(path)
-    except ValueError as error:
-        raise ValueError(
-            f"cannot write {name_of(path)}: it is there, and no image that this jaxtat reads: "
-            f"expected a new name. {error}"
-        ) from error
 
 
 def _require_not_read(options: argparse.Namespace, path: Path) -> None:

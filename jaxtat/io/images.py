@@ -177,6 +177,19 @@ def require_suffix(path: str | Path) -> str:
     raise ValueError(f"cannot write {path}: expected a name ending in {', '.join(_FORMATS)}.")
 
 
+def require_no_record(path: Path) -> None:
+    """Raise ValueError for an HDF5 file that is there and may be somebody's record."""
+    if path.suffix not in (".h5", ".hdf5") or not path.is_file():
+        return
+    try:
+        load_settings(path)
+    except ValueError as error:
+        raise ValueError(
+            f"cannot write {name_of(path)}: it is there, and no image that this jaxtat reads: "
+            f"expected a new name. {error}"
+        ) from error
+
+
 def load_settings(path: str | Path) -> dict[str, Any]:
     """The settings with which an HDF5 image was made, as `save_image` was given them.
 

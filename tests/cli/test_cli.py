@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import matplotlib.image
 import numpy as np
 import pytest
+from jaxlib.version import __version_info__ as jaxlib_version
 
 import jaxtat
 from jaxtat import (
@@ -35,7 +36,6 @@ from jaxtat import (
 from jaxtat.cli import main
 from jaxtat.cli.cache import keep_programs, remove_oldest, user_folder
 from jaxtat.cli.inputs import chosen, repeated
-from jaxtat.cli.option_checks import require_no_record
 from jaxtat.cli.parser import build_parser
 from jaxtat.io import load_plan, load_settings, save_image
 from jaxtat.records import condition_record, pressure_to_circular_integrals
@@ -721,8 +721,24 @@ def test_an_image_takes_no_other_records_place(bad_input, capsys):
     line = "reconstruct good.npz --out other.h5"
     require_refusal(bad_input, capsys, line, "it is there, and no image that this jaxtat reads")
     assert Path("other.h5").read_bytes() == held
-    save_image("mine.h5", np.ones((5, 5)), ImageGrid(5))
-    require_no_record(Path("mine.h5"))
+
+
+OVER_AN_IMAGE = """
+import os
+from jaxtat.cli import entry
+ended = entry.main("reconstruct damaged.npz --out mine.h5".split())
+assert ended == 2 and os.environ["XLA_FLAGS"] == entry.QUICK, (ended, os.environ)
+"""
+
+
+@pytest.mark.skipif(jaxlib_version >= (0, 11), reason="newer versions have no such flag")
+def test_options_are_checked_without_jax(tmp_path):
+    """Also where an image is there already: its flags would be too late."""
+    save_image(tmp_path / "mine.h5", np.ones((5, 5)), ImageGrid(5))
+    (tmp_path / "damaged.npz").write_text("no archive")
+    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    program = [sys.executable, "-c", OVER_AN_IMAGE]
+    subprocess.run(program, cwd=tmp_path, env=environment, check=True)
 
 
 def test_positions_in_the_file_are_not_replaced_without_a_word(jaxtat_command, capsys):
