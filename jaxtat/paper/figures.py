@@ -1,11 +1,13 @@
 """The paper's figures, from the results of its experiments."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..base.atomic import replacing
 from ..plotting import DIVERGING, new_figure, show_geometry, show_image
+from ..plotting.canvas import beyond
 from .experiments import Results
 
 _WORDS = 11  # size of the letters in the figures of disks [points]
@@ -59,7 +61,9 @@ def disks_figure(results: Results):
         for axes in axes_row:
             axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
         axes_row[0].set_ylabel(method, fontsize=_WORDS)
-        figure.colorbar(shown[-1], ax=axes_row, shrink=0.8)
+        values = np.stack([results.images[name] for name in names])
+        ends: Any = beyond(values, limits)
+        figure.colorbar(shown[-1], ax=axes_row, shrink=0.8, extend=ends)
     for axes, title in zip(rows[0], titles, strict=True):
         axes.set_title(title, fontsize=_WORDS)
     _profiles(rows[2], results, ours, limits)
@@ -78,7 +82,8 @@ def outside_figure(results: Results):
     show_image(
         panels[1], results.images["outside"], grid, limits=(0, 1), title="reconstruction in region"
     )
-    figure.colorbar(shown, ax=panels[:2])
+    ends: Any = beyond(results.images["outside"], (0, 1))
+    figure.colorbar(shown, ax=panels[:2], extend=ends)
     _error_panel(figure, panels[2], results, "outside error", "error")
     figure.suptitle("geometry2: sources outside the region of interest", fontsize=10)
     return figure

@@ -59,7 +59,8 @@ def show_slices(
         pictures.append(np.take(values, index, axis=axis))
         height = float(grid.axis(axis)[index])
         height = 0.0 if abs(height) < 1e-3 * float(grid.spacing[axis]) else height
-        labels.append(f"{_NAMES[axis]} = {millimetres(unit) * height:.3g}")
+        place = f"{millimetres(unit) * height:.3g}{' mm' if unit else ''}"
+        labels.append(f"{_NAMES[axis]} = {place}")
     _show_three(figure, pictures, labels, grid, limits, cmap, title, unit)
 
 

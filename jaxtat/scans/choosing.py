@@ -52,18 +52,17 @@ NAMES = (
 
 
 def _chosen(scan: Scan, given: Mapping[str, Any]) -> Choices:
-    if in_space(scan):
-        asked = [name for name in OF_TWO_SPEEDS if given.get(name)]
-        if asked:
-            raise ValueError(f"{asked[0]} is of detectors in the plane: leave it out.")
-        return choices_in_space(scan, given)
-    for name in ("region_center", "body_center"):
+    volume = in_space(scan)
+    for name in ("body_center",) if volume else ("region_center", "body_center"):
         if given.get(name) is not None:
-            real_array(name, given[name], (2,))
+            real_array(name, given[name], (3 if volume else 2,))
+    if volume and given.get("two_speeds"):
+        raise ValueError("two_speeds is of detectors in the plane: leave it out.")
     others = with_water_of(scan, given)
-    if others.pop("two_speeds", None):
-        return with_two_speeds(scan, others)
-    return choices_in_plane(scan, others)
+    two_speeds = others.pop("two_speeds", None)
+    if volume:
+        return choices_in_space(scan, others)
+    return (with_two_speeds if two_speeds else choices_in_plane)(scan, others)
 
 
 def _require_known(given: Mapping[str, Any]) -> None:
