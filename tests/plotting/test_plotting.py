@@ -187,7 +187,7 @@ def test_slices_of_a_volume_lie_where_its_grid_says():
         assert_allclose(shown.images[0].get_array(), cut.T)
         names = [f"$x_{j + 1}$ [mm]" for j in range(3) if j != k]
         assert [shown.get_xlabel(), shown.get_ylabel()] == names
-    assert figure.axes[1].get_title() == "$x_2$ = 100"
+    assert figure.axes[1].get_title() == "$x_2$ = 100 mm"
     assert figure.axes[3].get_ylabel() == "initial pressure [arb. unit]"
     assert_allclose(figure.axes[2].images[0].get_extent()[:2], (750, 3250))
     volume[2, 3, 4], volume[:, 0, 0] = 2.0, np.nan
