@@ -51,7 +51,7 @@ def suggestions(options: argparse.Namespace, scan: Scan, choices: Choices) -> st
 
 def _asked(choices: Choices) -> list[str]:
     """Choices to look at that an option of the command changes, the least certain first."""
-    unasked = (*NOT_IN_SPACE, "body_center", "channels") if choices.in_space else ()
+    unasked = (*NOT_IN_SPACE, "channels") if choices.in_space else ()
     return [name for name in to_look_at(choices, len(LOOKED_AT)) if name not in unasked]
 
 

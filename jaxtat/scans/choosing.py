@@ -52,17 +52,17 @@ NAMES = (
 
 
 def _chosen(scan: Scan, given: Mapping[str, Any]) -> Choices:
-    volume = in_space(scan)
-    for name in ("body_center",) if volume else ("region_center", "body_center"):
+    if in_space(scan):
+        if given.get("two_speeds"):
+            raise ValueError("two_speeds is of detectors in the plane: leave it out.")
+        return choices_in_space(scan, with_water_of(scan, given))
+    for name in ("region_center", "body_center"):
         if given.get(name) is not None:
-            real_array(name, given[name], (3 if volume else 2,))
-    if volume and given.get("two_speeds"):
-        raise ValueError("two_speeds is of detectors in the plane: leave it out.")
+            real_array(name, given[name], (2,))
     others = with_water_of(scan, given)
-    two_speeds = others.pop("two_speeds", None)
-    if volume:
-        return choices_in_space(scan, others)
-    return (with_two_speeds if two_speeds else choices_in_plane)(scan, others)
+    if others.pop("two_speeds", None):
+        return with_two_speeds(scan, others)
+    return choices_in_plane(scan, others)
 
 
 def _require_known(given: Mapping[str, Any]) -> None:

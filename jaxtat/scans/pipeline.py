@@ -45,7 +45,7 @@ INTEGRALS = region_of_integrals, radii_of_integrals, exact_integrals, body, *MET
 BALL = ball_of_sound, body, resolution_in_space, radii_in_space, noise_in_space, *METHOD
 NO_SOUND = {"model": "none", "sound_speed": 1.0, "time_shift": 0.0, "dead_time": 0.0, "band": None}
 _REGION_IN_PLANE = "region_angle", "region_center", "region_size"
-NOT_IN_SPACE = "time_shift", *_REGION_IN_PLANE, "model"  # options
+NOT_IN_SPACE = "time_shift", *_REGION_IN_PLANE, "model", "body_center"  # options
 
 
 def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
