@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from multiprocessing.connection import wait as wait_for
 from typing import Any
 
+from tqdm import tqdm
+
 from .entry import begin
 
 
@@ -83,6 +85,8 @@ def _pool(jobs: int, options: argparse.Namespace) -> Iterator[ProcessPoolExecuto
 def _begin(cache: str | None, no_cache: bool, cores: int) -> None:
     """In a new process: few threads for each of them, and the settings of the command."""
     os.environ["NPROC"] = str(cores)  # by which XLA takes so many threads
+    # that of bars would be one for all processes, which Python misses when one of them is ended
+    tqdm.set_lock(threading.RLock())
     threading.Thread(target=_end_with_parent, daemon=True).start()
     begin(cache, no_cache)
 
