@@ -83,10 +83,10 @@ def half_circle() -> Problem:
     return Problem(setup, g + noise, pixel_means(DISKS, grid), float(noise.std()))
 
 
-def ends_early(last: float, kind: str) -> Problem:
-    """A full circle whose data end at radius ``last``, of 2 that meet the region."""
+def ends_early(kind: str) -> Problem:
+    """A full circle whose data end at radius 1, of 2 that meet the region."""
     curve, grid = circular_arc(1.0, 1.0, 512), ImageGrid(257)
-    setup = Setup(curve, disk(0.98), grid, np.arange(0.02, last, float(grid.spacing[0])))
+    setup = Setup(curve, disk(0.98), grid, np.arange(0.02, 1.0, float(grid.spacing[0])))
     if kind == "bells":
         bells = phantoms.Bells([[0.3, 0.3], [-0.4, 0.2]], [0.55, 0.5])
         return Problem(setup, bells.circular_integrals(curve, setup.radii), bells.image(grid))
@@ -149,7 +149,7 @@ def bench_half_circle_on_finer_pixels(measure, benchmark):
 
 @pytest.mark.parametrize("kind", ["bells", "disks"])
 def bench_record_that_ends_early(measure, benchmark, kind):
-    given = ends_early(1.0, kind)
+    given = ends_early(kind)
     _measured(measure, benchmark, given, given.constrained)
 
 

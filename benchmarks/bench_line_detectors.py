@@ -57,10 +57,10 @@ def plan_of(arc: str):
     return build_plan(setup_of(arc), rule)
 
 
-def scan_of(arc: str, n: int) -> LineDetectorScan:
-    """``n`` rotations for every half turn."""
+def scan_of(arc: str) -> LineDetectorScan:
+    """256 rotations for every half turn."""
     turns = 1 if arc == "top" else 2
-    return LineDetectorScan(np.arange(turns * n) * np.pi / n)
+    return LineDetectorScan(np.arange(turns * 256) * np.pi / 256)
 
 
 def exact(phantom: PolynomialBalls) -> tuple[np.ndarray, np.ndarray]:
@@ -91,7 +91,7 @@ def compare(measure, benchmark):
 
 def bench_everything(compare):
     """Plan and volume, as for a new scanner."""
-    setup, scan = setup_of("top"), scan_of("top", 256)
+    setup, scan = setup_of("top"), scan_of("top")
     g = BELLS.circular_integrals(scan, setup.curve, setup.radii)
 
     def work():
@@ -102,15 +102,14 @@ def bench_everything(compare):
 
 @pytest.mark.parametrize("inversion", ["fbp", "fourier"])
 def bench_rotations(compare, inversion):
-    """256 for half a turn."""
-    plan, scan = plan_of("top"), scan_of("top", 256)
+    plan, scan = plan_of("top"), scan_of("top")
     g = BELLS.circular_integrals(scan, plan.curve, plan.radii)
     compare(lambda: line_detectors.reconstruct(plan, g, scan, inversion=inversion), BELLS)
 
 
 def bench_arc_at_one_side(compare):
     """From half the projections of a whole turn."""
-    plan, scan = plan_of("side"), scan_of("side", 256)
+    plan, scan = plan_of("side"), scan_of("side")
     g = BELLS.circular_integrals(scan, plan.curve, plan.radii)
     compare(lambda: line_detectors.reconstruct(plan, g, scan), BELLS)
 
@@ -123,7 +122,7 @@ def narrow(relative_frequency):
 @pytest.mark.parametrize(("noise", "low_pass"), [(0.0, None), (0.05, None), (0.05, narrow)])
 def bench_balls(compare, noise, low_pass):
     """Sharp edges, whose voxels alone make most of the error without noise."""
-    plan, scan = plan_of("top"), scan_of("top", 256)
+    plan, scan = plan_of("top"), scan_of("top")
     g = BALLS.circular_integrals(scan, plan.curve, plan.radii)
     g = jnp.asarray(g + phantoms.noise_like(jax.random.key(0), g, noise))
     compare(lambda: line_detectors.reconstruct(plan, g, scan, low_pass=low_pass), BALLS)

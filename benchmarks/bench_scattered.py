@@ -72,6 +72,19 @@ def pressure(points: jax.Array, paths: np.ndarray, profile) -> jax.Array:
     return total
 
 
+def parts_of(times: np.ndarray) -> np.ndarray:
+    """Times within each sample, over which records are means."""
+    within = (np.arange(PARTS) + 0.5) / PARTS - 0.5
+    return (times[:, None] + (times[1] - times[0]) * within).ravel()
+
+
+def recorded(fine: np.ndarray) -> np.ndarray:
+    """Means over the parts of samples, and noise."""
+    means = fine.reshape(len(fine), -1, PARTS).mean(axis=-1)
+    noise = np.random.default_rng(2).standard_normal(means.shape)
+    return means + NOISE * np.abs(means).max() * noise
+
+
 CASES = [("balls", name) for name in ("hemisphere-33", *FIBONACCI)] + [("bells", "fibonacci-33")]
 
 
@@ -83,11 +96,10 @@ def case(request):
     setup = Setup(curve, ball(1.0), grid, max_frequency=4.0)  # of the formula, which is not used
     distance, step = float(np.asarray(curve.distance)[0]), float(grid.spacing[0]) / 2
     times = np.arange(distance - 1, distance + 1 + step, step)
-    parts = (times[:, None] + step * ((np.arange(PARTS) + 0.5) / PARTS - 0.5)).ravel()
-    fine = curve.mean_over_elements(lambda points: pressure(points, parts, profile), 3)
-    record = np.asarray(fine).reshape(len(fine), -1, PARTS).mean(axis=-1)
-    noise = np.random.default_rng(2).standard_normal(record.shape)
-    record = record + NOISE * np.abs(record).max() * noise
+    parts = parts_of(times)
+    record = recorded(
+        np.asarray(curve.mean_over_elements(lambda points: pressure(points, parts, profile), 3))
+    )
     points = grid.finer(3).points
     truth = jnp.zeros(points.shape[:-1])
     for center, radius, value in zip(CENTERS, RADII, VALUES, strict=True):

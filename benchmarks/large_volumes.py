@@ -19,13 +19,13 @@ import numpy as np
 from bench_scattered import (
     CENTERS,
     FIBONACCI,
-    NOISE,
-    PARTS,
     PROFILES,
     RADII,
     VALUES,
     elements,
+    parts_of,
     pressure,
+    recorded,
 )
 
 from jaxtat import Setup, VolumeGrid, model_based
@@ -49,7 +49,7 @@ def main() -> None:
     fit = partial(
         model_based,
         setup,
-        record(curve.points, times, step),
+        record(curve.points, times),
         nonnegative=True,
         tolerance=1.5e-2,
         times=times,
@@ -71,13 +71,11 @@ def main() -> None:
         print(f"compiled: {time.perf_counter() - began:.1f} s")
 
 
-def record(points: jax.Array, times: np.ndarray, step: float) -> np.ndarray:
-    """Means over samples, element after element, and noise."""
-    parts = (times[:, None] + step * ((np.arange(PARTS) + 0.5) / PARTS - 0.5)).ravel()
+def record(points: jax.Array, times: np.ndarray) -> np.ndarray:
+    """Element after element."""
+    parts = parts_of(times)
     fine = jax.lax.map(lambda z: pressure(z[None], parts, PROFILES["balls"])[0], points)
-    means = np.asarray(fine).reshape(len(points), -1, PARTS).mean(axis=-1)
-    noise = np.random.default_rng(2).standard_normal(means.shape)
-    return means + NOISE * np.abs(means).max() * noise
+    return recorded(np.asarray(fine))
 
 
 def truth(grid: VolumeGrid) -> np.ndarray:

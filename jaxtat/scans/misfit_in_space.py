@@ -134,15 +134,14 @@ def sound_in_space(record: AcquisitionInSpace, p: Parameters, choices: Choices) 
     return Sound(curve, heard, times, good, start, end, np.asarray(every.center), reach)
 
 
-def misfit_of_volumes(sound: Sound, speeds: tuple[float, float], voxels: int = VOXELS) -> Misfit:
+def misfit_of_volumes(sound: Sound, speeds: tuple[float, float]) -> Misfit:
     """The criterion for a record.
 
     Args:
         sound: of `sound_in_space`.
         speeds: least and greatest that may be asked for [length/time].
-        voxels: along an axis.
     """
-    grid = VolumeGrid(voxels, sound.reach, center=sound.center)
+    grid = VolumeGrid(VOXELS, sound.reach, center=sound.center)
     curve = sound.curve
     assert isinstance(curve, DetectorPoints)
     sizes = sphere_sizes(curve, grid, within=sound.reach, tolerance=LEFT_OUT, n_groups=1)
