@@ -9,11 +9,12 @@ export GLIBC_TUNABLES := glibc.malloc.hugetlb=1
 # where it is set, as in many containers, every process would compile all that it imports
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help paper test pytest test-lowest test-newest test-interop test-deepinv test-napari has-newest check bench peers docs pictures package clean
+.PHONY: help paper test pytest test-slow test-lowest test-newest test-interop test-deepinv test-napari has-newest check bench peers docs pictures package clean
 
 help:
 	@echo "make paper   reproduce the paper: table, figures and metrics.json in out/paper"
-	@echo "make test    style, types and all tests, the paper's run among them"
+	@echo "make test    style, types and most tests, the paper's run among them: at most 10 minutes"
+	@echo "make test-slow   the tests that take long, notebooks among them"
 	@echo "make test-lowest   a part of the tests with the oldest versions that are supported"
 	@echo "make test-newest   all tests with the newest Python that is found, and the newest packages"
 	@echo "make test-interop   the adapters, with the checks of PACFISH and OME-Zarr, in an environment of theirs"
@@ -34,8 +35,13 @@ paper: .venv/ready
 test: .venv/ready
 	$(MAKE) --jobs=2 check pytest
 
+PYTEST := $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
+
 pytest: .venv/ready
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
+	$(PYTEST) -m "not slow"
+
+test-slow: .venv/ready
+	$(PYTEST) -m slow
 
 check: .venv/ready
 	$(BIN)/ruff format --check .

@@ -81,7 +81,7 @@ collect_ignore = [
 
 
 # The longest files, longest first: begun last, one of them would run on alone.
-SLOW = (
+LONGEST = (
     "test_notebooks.py",
     "tests/test_others_data.py",
     "reconstruction/test_medium.py",
@@ -116,7 +116,7 @@ SLOW = (
 def pytest_collection_modifyitems(items):
     def place(item):
         path = item.path.as_posix()
-        return next((i for i, name in enumerate(SLOW) if path.endswith(name)), len(SLOW))
+        return next((i for i, name in enumerate(LONGEST) if path.endswith(name)), len(LONGEST))
 
     files = {path: number for number, path in enumerate(dict.fromkeys(i.path for i in items))}
     items.sort(key=lambda item: (place(item), files[item.path]))

@@ -31,6 +31,7 @@ def shown(page, language):
     return [re.sub(r'^--8<-- "(.*)"$', included, block, flags=re.M) for block in blocks]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if shown(page, "python")], ids=str)
 def test_python_runs_from_top_to_bottom(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -150,6 +151,7 @@ def test_names_are_in_the_files_where_texts_say_they_are(page):
         assert re.search(rf"\b{name}\b", (ROOT / path).read_text()), (name, path)
 
 
+@pytest.mark.slow
 def test_versions_are_said_alike():
     """In the package, citation and changes, and in the bounds that `make test-lowest` tests."""
     citation = (ROOT / "CITATION.cff").read_text()

@@ -65,6 +65,7 @@ def derived(setup):
     return at
 
 
+@pytest.mark.slow
 def test_no_gradient_is_nan_along_K(derived, data):
     """Circles and mirror symmetry make singular values pair up, and low ranks cut between them."""
     for K in np.linspace(1.0, 10.0, 10):

@@ -98,6 +98,7 @@ FUNCTIONS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::jaxtat.VisibilityWarning", "ignore::jaxtat.AccuracyWarning")
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_is_a_program_for_accelerators(name, monkeypatch):

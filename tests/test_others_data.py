@@ -15,6 +15,8 @@ from jaxtat.io import load_scan, load_settings, save_ipasc
 from jaxtat.scans import choose, with_facts
 from jaxtat.steps import require_boundary
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[1]
 
 

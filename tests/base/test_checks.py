@@ -233,6 +233,7 @@ def test_what_is_no_curve_region_or_grid_is_named_with_what_makes_one(given, mes
         require_objects(**given)
 
 
+@pytest.mark.slow
 def test_public_functions_say_it(unoptimised):
     """In a process of its own: here every annotation is checked before the functions are."""
     program = """
@@ -288,6 +289,7 @@ for wrong in (
     assert bound.endswith("or TikhonovNormBound(K) here.")
 
 
+@pytest.mark.slow
 def test_what_to_write_is_said(unoptimised):
     """In one plain sentence, for what people write first; likewise in a process of its own."""
     program = """

@@ -151,6 +151,7 @@ def test_rules_by_the_spectrum_have_no_batches():
     assert not batched_calls(jax.vmap(slope), jnp.full(3, 2.0), jnp.ones(3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["disk", "boundary"])
 def test_plans_and_their_derivatives_have_no_batches(name):
     def of_bound(k):
@@ -167,6 +168,7 @@ def test_plans_and_their_derivatives_have_no_batches(name):
         assert not batched_calls(jax.vmap(jax.value_and_grad(function)), jnp.full(3, at))
 
 
+@pytest.mark.slow
 def test_space_and_circles_have_no_batches():
     cap = spherical.spherical_cap(1.5, 1.0, 12, 16)
     setup = Setup(cap, spherical.ball(1.0, 0.5), VolumeGrid(7), max_frequency=4.0)

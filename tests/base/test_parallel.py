@@ -110,6 +110,7 @@ def finish(process: subprocess.Popen) -> str:
     return output
 
 
+@pytest.mark.slow
 def test_two_devices_share_frequencies_and_images(unoptimised):
     with running(GRADIENT + PLAN + DIVIDED + SPACE, "2") as process:
         output = finish(process)
@@ -117,6 +118,7 @@ def test_two_devices_share_frequencies_and_images(unoptimised):
         assert f"{what}: the same" in output
 
 
+@pytest.mark.slow
 def test_two_processes_share_the_frequencies(unoptimised):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

@@ -731,6 +731,7 @@ assert ended == 2 and os.environ["XLA_FLAGS"] == entry.QUICK, (ended, os.environ
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(jaxlib_version >= (0, 11), reason="newer versions have no such flag")
 def test_options_are_checked_without_jax(tmp_path):
     """Also where an image is there already: its flags would be too late."""
@@ -931,6 +932,7 @@ def test_programs_are_kept_in_the_users_folder_by_default(settings_of_jax, monke
     assert jax.config.jax_enable_compilation_cache is False
 
 
+@pytest.mark.slow
 def test_a_program_that_is_half_written_is_compiled_again_without_a_word(tmp_path):
     code = (
         "import jax; from jaxtat.cli.cache import keep_programs; "
@@ -976,6 +978,7 @@ def test_a_folder_for_programs_that_cannot_be_written_is_refused(settings_of_jax
         keep_programs(str(tmp_path / "file"))
 
 
+@pytest.mark.slow
 def test_two_processes_share_a_folder_of_programs(tmp_path, unoptimised):
     """At the same time, one of the programs being damaged, and some going meanwhile."""
     np.savez(tmp_path / "data.npz", circular_integrals=INTEGRALS)

@@ -18,6 +18,8 @@ from jaxtat.plotting import contact_sheet
 from jaxtat.scans import images
 from jaxtat.steps import Contradiction
 
+pytestmark = pytest.mark.slow
+
 NAMES = ["a.npz", "b.npz", "inner/c.npz"]
 
 

@@ -53,6 +53,7 @@ def test_its_norm_is_that_of_the_least_solution():
     assert np.isclose(np.linalg.norm(least), norm[1], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_full_circle_reconstructs_without_solving_anything():
     grid = ImageGrid(45)
     center = (0.2, -0.1)

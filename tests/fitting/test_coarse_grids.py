@@ -17,6 +17,8 @@ from jaxtat.fitting.progress import EVERY, after, before, wide_share
 from jaxtat.fitting.spectrum import middle_pixel, period, preconditioned, spectrum_of
 from jaxtat.reconstruction import operator_on
 
+pytestmark = pytest.mark.slow
+
 
 def test_each_grid_covers_the_same_square_with_a_quarter_of_the_nodes():
     grids = ladder(ImageGrid((433, 300), (2.0, 1.4), (0.3, 0.1)))

@@ -8,6 +8,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jaxtat import ImageGrid, Setup, circular_arc, disk, model_based, phantoms
 from jaxtat.fitting import Ridge
@@ -31,6 +32,7 @@ def of_pressure():
     return image, setup.grid.shape
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_differences():
     image, shape = of_pressure()
     weights = np.random.default_rng(0).uniform(0.5, 1, shape)

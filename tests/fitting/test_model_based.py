@@ -79,6 +79,7 @@ def test_ridge_is_what_dense_equations_give(few, data, matrix):
     assert_allclose(found.residual, left, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("penalty", "nonnegative"),
     [
@@ -130,6 +131,7 @@ def test_constraints_help_where_a_formula_does_not(few):
     assert error(few, found.image, DISK) < 0.6 * error(few, plain.image, DISK)
 
 
+@pytest.mark.slow
 def test_the_weight_follows_the_noise(arc):
     """It is near the best one, on a phantom that it was not chosen on."""
     phantom = jaxtat.phantoms.Disks([[-0.2, 0.3], [0.3, -0.2]], [0.4, 0.3], [1.0, 0.6])
@@ -164,6 +166,7 @@ def test_no_image_of_zeros_balances_its_own_weight():
     assert found.residual < 0.3
 
 
+@pytest.mark.slow
 def test_stacks_are_found_one_by_one_and_joint_ones_together(few, data):
     stack = jnp.stack([data, 2 * data, data[::-1]])
     found = model_based(few, stack, weight=0.05, **LONG)
@@ -259,6 +262,7 @@ def test_a_proximal_map_of_ones_own_is_taken(few, data, matrix):
     assert_allclose(slope, -2 * 0.5 * wanted @ np.linalg.solve(h, wanted), rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_differences(few, data, check_both_modes):
     """In data, weight, noise, radii, detectors' radius and smoothing, in both modes.
 
@@ -283,6 +287,7 @@ def test_derivatives_are_those_of_differences(few, data, check_both_modes):
     check_both_modes(exact, start, step=1e-4, rtol=2e-4, atol=2e-5)
 
 
+@pytest.mark.slow
 def test_unrolled_steps_are_differentiated_as_they_are(few, data):
     """By reverse mode, for which they are."""
 
@@ -452,6 +457,7 @@ def test_a_fit_that_is_cancelled_ends_soon_and_one_that_is_not_is_the_same(few, 
     assert looked.steps == alone.steps and jnp.array_equal(looked.image, alone.image)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options", [{"nonnegative": True}, {"penalty": Ridge(), "weight": 1e-3}, {"dtype": jnp.float32}]
 )

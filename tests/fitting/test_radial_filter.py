@@ -96,6 +96,7 @@ def test_ridge_is_what_dense_equations_give(small):
     assert_allclose(found.image.ravel()[inside], wanted, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_differences(small):
     """Forward and reverse mode are compared in the plane."""
     setup, g = small

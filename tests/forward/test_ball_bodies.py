@@ -89,6 +89,7 @@ def test_waves_at_the_detectors_are_those_of_the_series(center, speed, density):
     assert np.isclose(np.vdot(g, data), np.vdot(volume(), back), rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_derivatives_in_the_numbers_of_the_body(check_both_modes):
     """Against differences: c_1, c_2, a, densities and centre."""
     at = jnp.array([1.04, 1.0, RADIUS, 1.1, *OFF])

@@ -109,6 +109,7 @@ def test_data_of_wide_elements_are_means_of_those_of_points(kind):
     assert np.allclose(g, mean(brute_force(many, grid, RADII, sizes, image)), atol=2e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["points", "arc", "straight", "many"])
 def test_waves_about_a_body_are_moved_to_the_circle_of_the_detectors(kind, monkeypatch):
     """As tables of all waves at each detector, which need no circle."""

@@ -39,6 +39,7 @@ class Algorithm(IpascAlgorithm, Base):
     pass
 
 
+@pytest.mark.slow
 def test_the_image_is_that_of_the_scan(data):
     known = {"detectors": positions(), "sampling_rate": RATE, "sound_speed": SPEED}
     scans = [Scan("pressure", frame, known) for frame in data[0, :2]]

@@ -51,6 +51,7 @@ def unmixed(images, pa):
     return mixer, parts, so2, thb
 
 
+@pytest.mark.slow
 def test_saturation_is_that_of_arrays_given_directly_and_the_true_one(written, data):
     pa = opened(written)
     recons = pa.get_scan_reconstructions()

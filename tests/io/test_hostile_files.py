@@ -59,6 +59,7 @@ def outcomes(tmp_path_factory):
     return json.loads(done.stdout.splitlines()[-1])
 
 
+@pytest.mark.slow
 def test_the_fuzzer_tells_what_happens(outcomes):
     for text, found in outcomes[0].items():
         outcome = {"raw": "raw error", "long": "long message", "lines": "long message"}

@@ -112,6 +112,7 @@ def test_detectors_need_numbers(tmp_path):
         load_scan(path)
 
 
+@pytest.mark.slow
 def test_texts_that_lead_the_library_astray(tmp_path, monkeypatch):
     """Of any length and alphabet; where one is damaged, HDF5 may loop, crash or fill the memory."""
     monkeypatch.setattr("jaxtat.io.reader.SECONDS", 1)

@@ -113,6 +113,7 @@ def seal(path):
     path.write_bytes(line + content[len(line) :])
 
 
+@pytest.mark.slow
 def test_a_plan_comes_back_to_the_last_bit_and_gives_the_same_image(tiny_plan, tiny_file):
     plan, loaded = tiny_plan, load_plan(tiny_file)
     assert differences(loaded, plan) == []

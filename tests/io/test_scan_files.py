@@ -204,6 +204,7 @@ def test_nothing_is_left_behind(files, name):
     restore(files)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["npz", "matlab 5", "msot"])
 def test_max_bytes_is_the_limit_of_what_is_read_at_once(files, name):
     path, _ = files[name]

@@ -12,6 +12,8 @@ from jaxtat.geometry import keep_detectors, rectangle
 from jaxtat.reconstruction import on_ladder, solve_on_ladder
 from jaxtat.reconstruction.laddered import around, middle, setup_to_fit
 
+pytestmark = pytest.mark.slow
+
 BELLS = phantoms.Bells([[0.1, -0.15], [-0.3, -0.2]], [0.4, 0.3])
 
 

@@ -39,6 +39,8 @@ from jaxtat.records import (
 )
 from jaxtat.studies import calibrate, data_residual, pixel_standard_deviation
 
+pytestmark = pytest.mark.slow
+
 CENTER, RADIUS, WIDTH = np.array([0.1, -0.06]), 0.45, 0.05
 SOURCES, HEIGHTS = CENTER + np.array([(0.12, 0.1), (-0.15, -0.08)]), np.array([1.0, -0.6])
 CURVE = circular_arc(1.0, np.cos(np.pi / 4), 90)  # 270 degrees

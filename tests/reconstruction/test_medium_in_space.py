@@ -9,6 +9,8 @@ from jaxtat.forward import pressure_terms
 from jaxtat.reconstruction import forward_operator, operator_on, solve
 from jaxtat.spherical import BallBody, ball, cap_radii, spherical_cap
 
+pytestmark = pytest.mark.slow
+
 CAP = spherical_cap(1.0, 0.7, 13, 28)
 MIDDLE, OFF, RADIUS = np.zeros(3), np.array([0.05, 0.0, 0.1]), 0.45
 

@@ -220,6 +220,7 @@ def test_the_closed_form_needs_a_known_geometry(ring):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::jaxtat.AccuracyWarning")
 def test_derivatives_of_the_image_in_the_geometry(check_both_modes):
     """By collocation. By waves: ../test_gradients.py."""

@@ -186,6 +186,7 @@ def space_parts(radius, shift, stretch):
     }
 
 
+@pytest.mark.slow
 def test_replace_is_a_new_setup(small_cut):
     """Under jit and vmap: the images of setups that are made anew, by one program.
 
@@ -293,6 +294,7 @@ def traced(work, *given):
     return jaxpr_as_fun(program)(*filter(eqx.is_array, jax.tree.leaves(given)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "where"), CASES)
 def test_every_function_works_inside_jit(request, name, where):
     """With the setup closed over, and passed in: other positions need no numbers of their own.

@@ -208,6 +208,7 @@ def step_along(name, value):
     return size * jnp.asarray(np.random.default_rng(2).uniform(-1, 1, value.shape))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SETUPS)
 def test_derivatives_of_the_image(kind):
     """Reverse mode equals forward mode, and finite differences in every parameter.

@@ -39,6 +39,7 @@ def problem(name):
     return setup, g, np.asarray(region.contains(setup.grid.points))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_images_of_concrete_and_traced_positions_are_the_same(name):
     setup, g, inside = problem(name)
@@ -64,6 +65,7 @@ def test_plans_of_concrete_and_traced_positions_are_the_same(name, rule):
     np.testing.assert_allclose(traced, eager, atol=1e-9 * np.abs(eager[inside]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ellipse", "disk off the centre"])
 def test_derivatives_are_those_of_the_eager_function(name):
     """Detectors moved together and apart: differences of concrete positions."""

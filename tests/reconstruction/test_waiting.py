@@ -7,6 +7,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 START = """
 import warnings
 from concurrent.futures import ThreadPoolExecutor
@@ -61,6 +63,7 @@ for route in (
 """
 
 
+@pytest.mark.slow
 def test_descents_end_and_so_do_threads(unoptimised_flags):
     """Of the paper's size and of a small one.
 

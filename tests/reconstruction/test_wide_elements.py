@@ -22,6 +22,8 @@ from jaxtat import (
     solve,
 )
 
+pytestmark = pytest.mark.slow
+
 BELL = phantoms.Bells([[-0.45, 0.2], [0.1, -0.3]], [0.5, 0.6], [1.0, 0.7])
 WIDTH = 0.2  # of a radius of 1
 

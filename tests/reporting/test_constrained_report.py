@@ -36,6 +36,7 @@ def test_who_decided_is_said(numbers, said):
     assert "did not converge: more steps" in of(*numbers, unsettled="more steps would change it")
 
 
+@pytest.mark.slow
 def test_the_command_puts_them_side_by_side(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     g = phantoms.Bells([[0.1, -0.15]], [0.6]).circular_integrals(CURVE, RADII)

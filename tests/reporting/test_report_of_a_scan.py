@@ -38,6 +38,7 @@ def collocated(asked):
     return build
 
 
+@pytest.mark.slow
 def test_the_image_is_that_of_the_direct_reconstructions_regularisation(
     tmp_path, monkeypatch, few_figures
 ):

@@ -126,6 +126,7 @@ def written(complete, tmp_path_factory):
     return path.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_hostile_file_name_is_text(written):
     page = Reader(written)
     assert not page.open

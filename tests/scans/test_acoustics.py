@@ -29,6 +29,8 @@ from jaxtat.scans import choose, pipeline
 from jaxtat.scans.acoustics import shares_by_speed, tell_acoustics
 from jaxtat.steps import AccuracyWarning
 
+pytestmark = pytest.mark.slow
+
 NO_IMAGE = "no image explains this record"
 LATE, EARLIER = "sound arrives later than", "sound arrives earlier than"
 ARC, HALF = slice(None), slice(15, 75)  # 270 and 179 degrees

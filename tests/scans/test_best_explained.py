@@ -10,6 +10,8 @@ from jaxtat.scans import choose
 from jaxtat.scans.all_speeds import data_by_speed
 from jaxtat.scans.best_explained import SPEEDS, deepest
 
+pytestmark = pytest.mark.slow
+
 HALF = slice(15, 75)  # detectors of made scans, on 179 degrees
 SIZES = {"region_radius": 0.011, "max_frequency": 3500.0}  # the same for all: few programs
 

@@ -23,6 +23,8 @@ from jaxtat.scans import (
 )
 from jaxtat.scans.body_estimate import BodyEstimate, Through, _Surface
 
+pytestmark = pytest.mark.slow
+
 WATER, TISSUE, RADIUS, CENTER = 1480.0, 1580.0, 0.011, (1e-3, -5e-4)
 BODY = DiskBody(CENTER, RADIUS, TISSUE, WATER)
 ONE = {"model": "in-plane", "sound_speed": 1505.0, "region_radius": 0.0115, "pixels": 41}

@@ -142,6 +142,7 @@ def test_faded_channels_are_left_out_and_the_arc_is_that_of_the_others(pressure)
     assert choose(Scan("pressure", whole, known), model="in-plane").left_out == ()
 
 
+@pytest.mark.slow
 def test_positions_in_the_plane_are_a_scanners_if_sizes_rate_and_counts_are(counts, pressure):
     """Two columns, as people save them: the physics does not follow from the missing third."""
     known = {"detectors": positions()[:, :2], "sampling_rate": RATE, "sound_speed": SPEED}
@@ -466,6 +467,7 @@ def test_a_record_that_is_cut_off_in_all_channels_is_said_to_be(counts, chosen):
     assert re.search(r"[\d.]+% of all samples have the highest", dict(cut.reasons)["channels"])
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:no image explains")  # it is the record of an arc
 def test_a_line_of_a_scanners_size_has_a_scanners_units():
     """Half its extent stands in for a radius: water's speed is known then."""

@@ -11,6 +11,8 @@ from jaxtat.records import apply_impulse_response
 from jaxtat.scans import choose, reconstruct, to_look_at, with_best_method
 from jaxtat.steps import AccuracyWarning
 
+pytestmark = pytest.mark.slow
+
 # one size for most tests: few programs
 SIZES = {"region_radius": 0.011, "pixels": 41, "max_frequency": 3500.0}
 GIVEN = SIZES | {"model_based": True, "nonnegative": True}

@@ -14,6 +14,8 @@ from jaxtat.io import Scan, load_response, load_scan, load_settings
 from jaxtat.records import apply_impulse_response, gaussian_response
 from jaxtat.scans import choose, reconstruct, with_best_method, with_facts
 
+pytestmark = pytest.mark.slow
+
 CENTER, WIDTH = 0.4e6, 1.2
 GIVEN = {"region_radius": 0.011, "pixels": 33, "max_frequency": 3000.0}
 OPTIONS = "--region-radius 0.011 --pixels 33 --max-frequency 3000 --quiet --force"

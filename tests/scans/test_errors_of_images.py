@@ -12,6 +12,8 @@ from jaxtat.scans import choose, image_errors, reconstruct, setup_of, standard_d
 from jaxtat.scans.constrained import fitted
 from jaxtat.scans.errors_of_images import ImageErrors, _heard, _means, fit_errors
 
+pytestmark = pytest.mark.slow
+
 GIVEN = {"region_radius": 0.011, "pixels": 45, "max_frequency": 3500.0, "band": (2e4, 1.5e6)}
 GIVEN |= {"sound_speed": SPEED, "model_based": True, "nonnegative": True}
 

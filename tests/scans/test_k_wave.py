@@ -10,6 +10,8 @@ from jaxtat import ImageGrid, RelativeTikhonov, Setup, disk, elliptic_arc, recon
 from jaxtat.records import pressure_to_circular_integrals
 from jaxtat.spherical import spherical_cap
 
+pytestmark = pytest.mark.slow
+
 RADIUS, SPEED = 13e-3, 1500.0
 
 

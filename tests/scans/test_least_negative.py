@@ -8,6 +8,8 @@ from jaxtat.io import Scan
 from jaxtat.scans import choose
 from jaxtat.scans.least_negative import SPEEDS, highest_peak, positive_share, speed_least_negative
 
+pytestmark = pytest.mark.slow
+
 SHORT = slice(25, 65)  # detectors of made scans, on 118 degrees
 
 

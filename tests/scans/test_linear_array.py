@@ -11,6 +11,8 @@ from jaxtat.geometry import rectangle
 from jaxtat.io import Scan, load_settings
 from jaxtat.scans import choose, describe, reconstruct, trials
 
+pytestmark = pytest.mark.slow
+
 N, PITCH, SPEED, RATE = 64, 0.3e-3, 1500.0, 2e7
 POSITIONS = np.stack([(np.arange(N) - (N - 1) / 2) * PITCH, np.zeros(N)], axis=1)
 SIZE, CENTER = (0.014, 0.008), (0.0, 0.0065)

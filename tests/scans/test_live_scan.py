@@ -11,6 +11,8 @@ from made_scans import SPEED, TIMES, N, raw_counts, record, scan
 from jaxtat.scans import choose, reconstruct
 from jaxtat.streams import live
 
+pytestmark = pytest.mark.slow
+
 GIVEN = {"region_radius": 0.011, "pixels": 45, "max_frequency": 3500.0, "band": (2e4, 1.5e6)}
 GIVEN |= {"alpha": 1e-2, "dead_time": 4e-6, "inversion": "fourier", "sound_speed": SPEED}
 RESPONSE = np.exp(-((np.arange(31) - 15) ** 2) / 18) * np.cos((np.arange(31) - 15) / 1.5)

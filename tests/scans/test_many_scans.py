@@ -9,6 +9,8 @@ from made_scans import RATE, SPEED, N, raw_counts, record, scan
 from jaxtat.io import Scan
 from jaxtat.scans import choose, reconstruct
 
+pytestmark = pytest.mark.slow
+
 MAPS = Path("/proc/self/maps")
 
 

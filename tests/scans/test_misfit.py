@@ -13,6 +13,8 @@ from jaxtat.scans.acquisition import FASTEST, SLOWEST
 from jaxtat.scans.misfit import IN_PLANE, Fit, Sound, misfit_of, place_of
 from jaxtat.scans.sound_speed import STEP, least_share
 
+pytestmark = pytest.mark.slow
+
 PIXELS = 61  # fewer than by default, where many fits are made
 ENDS = (0.92 * SLOWEST * SPEED, 1.08 * FASTEST * SPEED)
 BODY = phantoms.Bells(BELLS["centers"], BELLS["radii"], [1.0, 0.7, 0.5])

@@ -14,6 +14,8 @@ from jaxtat.io import Scan, load_settings, save_ipasc
 from jaxtat.io.frames import LazyFrames
 from jaxtat.scans import choose, reconstruct
 
+pytestmark = pytest.mark.slow
+
 # one size for nearly all tests: few programs
 GIVEN = {"region_radius": 0.011, "pixels": 45, "max_frequency": 3500.0, "band": (2e4, 1.5e6)}
 GIVEN |= {"inversion": "fourier"}  # exactly alike in all directions

@@ -45,6 +45,8 @@ from jaxtat.spherical.sizes import resolved_frequency
 from jaxtat.spherical.visible import covered_share
 from jaxtat.steps import Contradiction
 
+pytestmark = pytest.mark.slow
+
 REACH = 0.018 + 0.0015  # how far from the middle the bell sounds
 # the ball in nine voxels across, and the radii of the command's rule
 GRID = VolumeGrid(9, RADIUS, CENTER)

@@ -21,6 +21,8 @@ from jaxtat.scans.laser_artefact import start_by_laser
 from jaxtat.scans.start_time import Start
 from jaxtat.steps import AccuracyWarning
 
+pytestmark = pytest.mark.slow
+
 GIVEN = {"region_radius": 0.011, "pixels": 33, "max_frequency": 3000.0, "alpha": 1e-3}
 EARLY = 40  # samples before the laser fires
 SHIFTED = TIMES[0] - EARLY / RATE

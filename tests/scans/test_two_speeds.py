@@ -16,6 +16,8 @@ from jaxtat.records import simulate_pressure
 from jaxtat.scans import choose, reconstruct, trials, with_best_method
 from jaxtat.viewer import Session
 
+pytestmark = pytest.mark.slow
+
 WATER, TISSUE, RADIUS, CENTER = 1480.0, 1600.0, 0.011, (1e-3, -5e-4)
 BODY = DiskBody(CENTER, RADIUS, TISSUE, WATER)
 CURVE = detector_curve(positions()[:, :2])

@@ -13,6 +13,8 @@ from jaxtat.special import (
     waves_through_outline,
 )
 
+pytestmark = pytest.mark.slow
+
 ANGLES = np.array([0.3, 1.9, 4.0])
 DETECTORS = 1.1 * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
 

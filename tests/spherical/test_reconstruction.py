@@ -321,6 +321,7 @@ def test_bad_data_are_refused():
 # --- derivatives ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_derivatives_in_everything_but_sizes(check_both_modes):
     """A weighted sum of voxels; both modes against differences, of the lower part of a ball.
 
@@ -421,6 +422,7 @@ def test_the_lowest_frequencies_alone():
     assert np.abs(np.asarray(image) - exact).max() < 1e-3 * exact.max()
 
 
+@pytest.mark.slow
 def test_49_voxels_on_a_side_to_1e_5():
     """A cap that covers z_3 < 1 of R_g = 1.3, half the grid's step between radii."""
     cap, region, grid = spherical_cap(1.3, 1.0, 65, 156), ball(1.0), VolumeGrid(49)

@@ -71,6 +71,7 @@ def on_disk(n=14):
     return places, np.full(len(places), 1 / len(places))
 
 
+@pytest.mark.slow
 def test_flat_elements_record_means_over_disks_that_face_elsewhere():
     """And over squares that face there, up to a twentieth of what turning them makes."""
     setup = Setup(tilted(), ball(1.0), VolumeGrid(25), max_frequency=3.8)
@@ -148,6 +149,7 @@ def test_data_are_means_over_the_elements(both):
     assert abs(np.vdot(there, data) - np.vdot(volume, back)) < 1e-12 * size
 
 
+@pytest.mark.slow
 def test_images_know_of_the_elements(both):
     """Images of wide elements are those of points; taken for points they are blurred."""
     (wide, g), (points, of_points) = both

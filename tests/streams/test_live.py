@@ -96,6 +96,7 @@ CURVES = {  # arcs on a circle, which all sides of the disk see; straight pieces
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::jaxtat.VisibilityWarning")
 @pytest.mark.parametrize(
     ("name", "center"),

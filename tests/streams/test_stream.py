@@ -328,6 +328,7 @@ def test_each_signal_ends_with_everything_written(small, heeded):
     assert signal.getsignal(heeded) is before
 
 
+@pytest.mark.slow
 def test_the_command_that_is_interrupted_ends_with_everything_written(started):
     started.send_signal(signal.SIGTERM)
     said, _ = started.communicate()
@@ -336,6 +337,7 @@ def test_the_command_that_is_interrupted_ends_with_everything_written(started):
     assert written("images.h5") == 3
 
 
+@pytest.mark.slow
 def test_a_killed_stream_leaves_what_was_written(started):
     started.kill()
     started.wait()
@@ -353,6 +355,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_line_and_what_fits_is_written(scan_file, unoptimised):
     """A limit of the system on sizes of files stands for it."""
     np.concatenate([scan_file] * 100).tofile("many")

@@ -21,6 +21,8 @@ from jaxtat.densities.cylindrical_waves import polar_geometry
 from jaxtat.studies import calibrate
 from jaxtat.studies.calibration import Parameters, _corrected, _fit, _Problem
 
+pytestmark = pytest.mark.slow
+
 DETECTORS = 24
 GRID = ImageGrid(23)
 STEP = float(GRID.spacing[0])

@@ -41,6 +41,7 @@ def compared():
     return setup, moved, compare_regularizations(setup, moved, frequency, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["truncation", "tikhonov"])
 def test_residuals_and_norms_are_those_of_plans(compared, name):
     setup, _, comparison = compared

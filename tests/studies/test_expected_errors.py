@@ -109,6 +109,7 @@ def test_derivatives_of_the_power(arc, arc_plan, check_both_modes):
     check_both_modes(power, (1.0, 0.01))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [NormBound, Tikhonov])
 def test_images_of_noisy_data_are_better_than_with_the_papers_K(fine, fine_plan, kind):
     """Of a phantom whose power was taken from its own noisy data, by the best of eight numbers."""

@@ -18,6 +18,7 @@ from jaxtat import (
 from jaxtat.studies import pixel_standard_deviation, predict_noise
 
 
+@pytest.mark.slow
 def test_the_law_tells_the_noise_of_a_reconstruction():
     """An ellipse and half a disk, in the middle of what is seen; one sigma for each detector."""
     curve = elliptic_arc((1.6, 1.25), 160, start=np.pi / 2, stop=3 * np.pi / 2)

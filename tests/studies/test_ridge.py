@@ -77,6 +77,7 @@ def test_a_jaxopt_that_no_longer_works_is_named(tmp_path, monkeypatch, asks_for)
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_jaxopt_is_imported_by_those_who_use_it_and_its_warning_seen_by_nobody():
     program = """
 import sys

@@ -36,6 +36,7 @@ def wanted(session, controls):
     return np.where(session.inside, image, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "turned",
     [

@@ -22,6 +22,8 @@ from jaxtat.viewer.serve import Viewer, _session
 from jaxtat.viewer.volume_page import VolumePage
 from jaxtat.viewer.volume_session import VolumeSession
 
+pytestmark = pytest.mark.slow
+
 BALL = {"region_radius": RADIUS, "pixels": 9, "max_frequency": MAX_FREQUENCY}
 KNOWN = {"detectors": shuffled()[0], "sampling_rate": RATE, "sound_speed": SOUND}
 WAVELENGTHS = [700.0, 800.0, 900.0]
