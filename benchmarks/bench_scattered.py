@@ -1,8 +1,8 @@
-"""Fits of volumes to scattered elements, beside back-projection: 5 % noise, 5 % of them dead.
+"""Fits of volumes to scattered elements, beside back-projection: noise, and 5 % of them dead.
 
 Balls or bells, whose pressure is known in closed form, about every element the mean over it; errors
-are relative, in the 2-norm over the region, beside means over voxels. Back-projection is given its
-best factor. Lengths are in radii of the region.
+are relative, in the 2-norm over the region, beside means over voxels. Noise is 5 % of the record's
+root mean square. Back-projection is given its best factor. Lengths are in radii of the region.
 
     pytest benchmarks/bench_scattered.py -c benchmarks/pytest.ini [-k 33]
 """
@@ -21,7 +21,10 @@ from jaxtat.spherical import DetectorPoints, back_projection, ball, pressure_to_
 
 NOISE, DEAD, PARTS = 0.05, 0.05, 4  # PARTS of a sample, over which records are means
 # voxels, elements on a whole sphere, its part below this share of the radius, radii of elements
-FIBONACCI = {"fibonacci-33": (33, 366, 0.4, 0.1), "fibonacci-65": (65, 1013, 0.4, 0.05)}
+FIBONACCI: dict[str, tuple[int, int, float, float | None]] = {
+    "fibonacci-33": (33, 366, 0.4, 0.1),
+    "fibonacci-65": (65, 1013, 0.4, 0.05),
+}
 HEMISPHERE = 33, 7e-3, 2e-3 / np.sqrt(3)  # voxels, region and element of `hemisphere_256` [m]
 RNG = np.random.default_rng(7)
 CENTERS, RADII = RNG.uniform(-0.45, 0.45, (8, 3)), RNG.uniform(0.15, 0.35, 8)
@@ -82,7 +85,17 @@ def recorded(fine: np.ndarray) -> np.ndarray:
     """Means over the parts of samples, and noise."""
     means = fine.reshape(len(fine), -1, PARTS).mean(axis=-1)
     noise = np.random.default_rng(2).standard_normal(means.shape)
-    return means + NOISE * np.abs(means).max() * noise
+    return means + NOISE * np.sqrt(np.mean(means**2)) * noise
+
+
+def truth_on(grid: VolumeGrid, profile) -> jax.Array:
+    """Means of the bodies over voxels."""
+    points = grid.finer(3).points
+    total = jnp.zeros(points.shape[:-1])
+    for center, radius, value in zip(CENTERS, RADII, VALUES, strict=True):
+        share = jnp.linalg.norm(points - center, axis=-1) / radius
+        total = total + value * profile(jnp.minimum(share, 1.0))
+    return grid.means(total)
 
 
 CASES = [("balls", name) for name in ("hemisphere-33", *FIBONACCI)] + [("bells", "fibonacci-33")]
@@ -100,13 +113,7 @@ def case(request):
     record = recorded(
         np.asarray(curve.mean_over_elements(lambda points: pressure(points, parts, profile), 3))
     )
-    points = grid.finer(3).points
-    truth = jnp.zeros(points.shape[:-1])
-    for center, radius, value in zip(CENTERS, RADII, VALUES, strict=True):
-        share = jnp.linalg.norm(points - center, axis=-1) / radius
-        truth = truth + value * profile(jnp.minimum(share, 1.0))
-    truth = grid.means(truth)
-    return Scattered(setup, times, record, np.asarray(truth))
+    return Scattered(setup, times, record, np.asarray(truth_on(grid, profile)))
 
 
 @pytest.mark.parametrize("method", ["jaxtat", "back-projection"])

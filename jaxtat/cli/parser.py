@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from decimal import Decimal
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, NoReturn
 
 from ..base.choice_table import (
     CONSTRAINTS,
@@ -85,7 +85,10 @@ _EXAMPLES = {
 
 
 class _Parser(argparse.ArgumentParser):
-    """argparse takes -5e-4 for an option, -0.0005 for a number: so it gets that."""
+    """argparse takes -5e-4 for an option, -0.0005 for a number: so it gets that.
+
+    And a wrong word is one line: the usage above it would be the length of a screen.
+    """
 
     def parse_known_args(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, args: Sequence[str] | None = None, namespace: Any = None
@@ -94,6 +97,10 @@ class _Parser(argparse.ArgumentParser):
         words = [_without_exponent(word) for word in words]
         options, unknown = super().parse_known_args(words, namespace)
         return options, [self._with_nearest(word) for word in unknown]
+
+    def error(self, message: str) -> NoReturn:
+        """Say it, and where all options are; exit code 2."""
+        self.exit(2, f"{self.prog}: error: {message}; all options: {self.prog} --help\n")
 
     def _with_nearest(self, word: str) -> str:
         """A word that is no option, and in brackets the one that it may have been meant to be."""

@@ -16,7 +16,7 @@ from ..base.checks import (
     whole_number,
 )
 from ..base.hashable_methods import ComparedByIdentity
-from .curves import DetectorCurve, opening
+from .curves import opening
 
 DEFAULT_BOUNDARY = 512  # boundary points of a region that no setup has chosen them for
 Counts = tuple[Any, ...]  # of boundary points on every piece; of a union, one tuple per region
@@ -199,14 +199,14 @@ def _boundary(
     return points @ turn.T + center, weights, normals @ turn.T
 
 
-def require_outside(curve: DetectorCurve, region: Region) -> None:
+def require_outside(points: Float[Array, "detectors 2"], region: Region) -> None:
     """Raise ValueError if a detector lies inside or on the region of interest."""
-    if not is_concrete(curve, region):
+    if not is_concrete(points, region):
         return
-    inside = np.asarray(region.level(curve.points)) <= 1e-6 * float(region.reach)
+    inside = np.asarray(region.level(points)) <= 1e-6 * float(region.reach)
     if inside.any():
         first, reach = int(np.argmax(inside)), float(region.reach)
-        where = _in_words(curve.points[first], reach), _in_words(region.center, reach)
+        where = _in_words(points[first], reach), _in_words(region.center, reach)
         raise ValueError(
             f"{int(inside.sum())} of {inside.size} detectors lie inside or on the region of "
             f"interest, the first is number {first} at {where[0]}; the region reaches {reach:.6g} "

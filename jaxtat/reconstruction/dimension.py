@@ -95,7 +95,7 @@ def _plane_radii(
 
 
 def _require_plane(curve: DetectorCurve, region: Region, medium: Body | None = None) -> None:
-    require_outside(curve, region)
+    require_outside(curve.points, region)
     if medium is not None:
         require_surrounded(curve, region, medium)
 

@@ -34,6 +34,7 @@ from .region import (
     region_of_integrals,
     region_of_sound,
     require_scale,
+    require_units_alike,
     with_rectangle,
 )
 from .resolution import band, resolution_in_plane, resolution_in_space
@@ -110,6 +111,7 @@ def _sound(
     p = p.with_(model=acoustic_model(facts, frame))
     p = p.with_(sound_speed=nominal_speed(scan, p), impulse_response=_response(scan))
     p = p.with_(time_shift=_start_of(scan, facts, frame, p["sound_speed"])).with_(**images)
+    require_units_alike(facts, p)
     require_body_speed(p)
     require_body_inside(p, facts.arc.radius if facts.arc else None)
     record, assumed = preprocess_in_plane(scan, facts, frame, p)

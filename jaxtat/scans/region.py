@@ -2,15 +2,18 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
 from ..base.checks import real_array, require_positive
 from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import ArcFit, DetectorPoints, detector_curve, visible_disk
+from ..geometry.regions import require_outside
 from ..io import Scan
 from ..records.source_extent import heard, sounding_disk
 from .acquisition import Facts
+from .choices import plane_region
 from .estimate import Estimate, Source
 from .medium import SUPPOSED, single_speed, slowest
 from .onset_times import PAUSE, body_onsets, power_after
@@ -21,6 +24,7 @@ DEFAULT_SHARE = 0.75  # of the detectors' radius, where the record does not show
 SHARES = (0.1, 0.97)  # least and largest region radius over the arc's
 UNTOLD = 0.5  # likewise, where sound seems to come from nowhere
 LONGEST = 100.0  # radii of the arc: no record of a scanner is that long
+WIDEST, NARROWEST = 20.0, 1e-3  # region over array, where both are in one unit of length
 PREFIXES = 1e3, 1e-3  # of millimetres beside metres per second, and the reverse
 MARGIN, SPREAD = 1.1, 2.0  # of the region: times as far as sound comes from, and deviations
 MARGIN_IN_SPACE = 1.4  # sound from the rims of balls is weak
@@ -319,3 +323,35 @@ def require_scale(path: float, radius: float, speed: float) -> None:
             f"that fit each other{other}, and when the first sample was taken (start_time); for a "
             "part off the middle give region_center and region_radius."
         )
+
+
+def require_units_alike(facts: Facts, p: Parameters) -> None:
+    """Raise ValueError for a region, or a record, that is in hardly the array's unit of length.
+
+    Args:
+        facts: of a pressure record.
+        p: with the speed, and what is given of the region.
+    """
+    assert facts.times is not None
+    across, units = float(np.ptp(facts.points, axis=0).max()), facts.units
+    array = f"the detectors are {units.of_length(across)} across"
+    size, radius = p.given.get("region_size"), p.given.get("region_radius")
+    wide = max(size) if size is not None else None if radius is None else 2 * radius
+    if wide is not None and not NARROWEST * across <= wide <= WIDEST * across:
+        raise ValueError(
+            f"a region {units.of_length(float(wide))} across is given, while {array}: check that "
+            "both are in one unit of length."
+        )
+    path = float(facts.times[-1]) * p["sound_speed"]
+    elsewhere = facts.arc is not None and not p.gives("region_radius")  # by `require_scale`
+    if path > LONGEST * across and not elsewhere:
+        raise ValueError(
+            f"at a sound speed of {p['sound_speed']:.6g} the record ends after a path of "
+            f"{units.of_length(path)}, while {array}. Check that positions, times and sound speed "
+            "are in units that fit each other: metres, seconds and m/s always do."
+        )
+    if wide is not None and p.gives("region_center") and not p.gives("region_cut"):
+        whole = {"region_cut": np.inf, "region_angle": 0.0}
+        about = {"region_size": size, "region_radius": radius}
+        about["region_center"] = p.given["region_center"]
+        require_outside(jax.device_put(facts.points), plane_region(about | whole))

@@ -45,7 +45,7 @@ def where_of(record: Acquisition, p: Parameters) -> Where:
     curve, region = detector_curve(record.points), plane_region(p.values)
     if not record.good.all():
         curve = keep_detectors(curve, record.good)
-    require_outside(curve, region)
+    require_outside(curve.points, region)
     return curve, region
 
 

@@ -99,7 +99,7 @@ def polar_grid(
 
 def require_problem(curve: DetectorCurve, region: Region, grid: ImageGrid) -> None:
     """Raise ValueError for an impossible geometry; warn of lines that miss the curve."""
-    require_outside(curve, region)
+    require_outside(curve.points, region)
     if not is_concrete(curve, region, grid):
         return
     require_pixels(grid, float(region.reach))

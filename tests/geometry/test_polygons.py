@@ -84,7 +84,9 @@ def test_components_of_a_union():
     far = np.linalg.norm(np.asarray(left.vertices), axis=1).max()
     assert far <= float(both.reach) < far + 0.01
     with pytest.raises(ValueError, match="20 of 40 detectors lie inside or on"):
-        require_outside(circular_arc(0.6, 0.6, 40), union_of_regions(left, both.components[1]))
+        require_outside(
+            circular_arc(0.6, 0.6, 40).points, union_of_regions(left, both.components[1])
+        )
 
 
 def test_lines_between_components_ask_for_nothing():

@@ -67,10 +67,10 @@ def test_bad_regions_are_refused(arguments, message):
 
 def test_detectors_inside_or_on_the_region_are_refused():
     region = disk(1.0, n_boundary=100)
-    require_outside(circular_arc(1.01, 0.0, 10), region)
+    require_outside(circular_arc(1.01, 0.0, 10).points, region)
     for radius in (0.5, 1.0):
         with pytest.raises(ValueError, match="10 of 10 detectors lie inside or on the region"):
-            require_outside(circular_arc(radius, 0.0, 10), region)
+            require_outside(circular_arc(radius, 0.0, 10).points, region)
 
 
 def test_grid_nodes_and_their_order():

@@ -502,3 +502,27 @@ def test_fitted_images_have_pixels_for_half_a_minute(pressure):
 def test_a_center_beyond_the_detectors_is_refused(made):
     with pytest.raises(ValueError, match=r"region_center is 0.05 from .* beyond its radius 0.04"):
         choose(made, region_center=(0.05, 0.0), region_radius=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"region_size": (30, 18)}, "a region 3e.04 mm across is given, while the detectors are"),
+        ({"region_radius": 1e-6}, "a region 0.002 mm across is given"),
+        ({"region_size": (0.03, 0.018), "region_center": (0, 5e-3)}, "lie inside or on the region"),
+        (
+            {"region_radius": 0.01, "sound_speed": 1.5e6},
+            r"the record ends after a path of 2.996e\+04 mm",
+        ),
+    ],
+)
+def test_units_of_a_line_and_of_its_region_are_alike(monkeypatch, given, reason):
+    def asked(*arguments):
+        raise AssertionError("images are asked before units are")
+
+    monkeypatch.setattr("jaxtat.scans.pipeline.tell_acoustics", asked)
+    positions = np.stack([np.linspace(-0.019, 0.019, 128), np.zeros(128)], axis=1)
+    record = np.random.default_rng(0).standard_normal((128, 800))
+    known = {"detectors": positions, "sampling_rate": 4e7, "sound_speed": 1500.0}
+    with pytest.raises(ValueError, match=reason):
+        choose(Scan("pressure", record, known), **given)
