@@ -73,6 +73,10 @@ def at_samples(pulse: np.ndarray) -> np.ndarray:
     return PARTS * np.fft.fftshift(np.fft.irfft(spectrum, len(pulse)))[::PARTS]
 
 
+def root_mean_square(record: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(record**2)))
+
+
 def compare(name: str, points: np.ndarray, voxels: int, body: str, pulse: np.ndarray | None) -> str:
     """A row of the table."""
     side = SIDE[name] / REGION if name in SIDE else None
@@ -88,7 +92,7 @@ def compare(name: str, points: np.ndarray, voxels: int, body: str, pulse: np.nda
         response = pulse_at(pulse, step / PARTS * REGION / SPEED, slower)
         fine = fftconvolve(fine, response[None], mode="same", axes=1)
         given["element_responses"] = np.tile(at_samples(response), (len(fine), 1))
-    record, truth = recorded(fine), np.asarray(truth_on(grid, PROFILES[body]))
+    record, truth = recorded(fine, root_mean_square), np.asarray(truth_on(grid, PROFILES[body]))
     inside = np.asarray(setup.region.contains(grid.points))
     spent = time.process_time()
     found = model_based(setup, record, **given)

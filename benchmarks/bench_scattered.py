@@ -1,13 +1,15 @@
-"""Fits of volumes to scattered elements, beside back-projection: noise, and 5 % of them dead.
+"""Fits of volumes to scattered elements, beside back-projection: 5 % noise, 5 % of them dead.
 
 Balls or bells, whose pressure is known in closed form, about every element the mean over it; errors
-are relative, in the 2-norm over the region, beside means over voxels. Noise is 5 % of the record's
-root mean square. Back-projection is given its best factor. Lengths are in radii of the region.
+are relative, in the 2-norm over the region, beside means over voxels. The deviation of
+the noise is 5 % of the largest pressure. Back-projection is given its best factor. Lengths are in
+radii of the region.
 
     pytest benchmarks/bench_scattered.py -c benchmarks/pytest.ini [-k 33]
 """
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,10 +23,7 @@ from jaxtat.spherical import DetectorPoints, back_projection, ball, pressure_to_
 
 NOISE, DEAD, PARTS = 0.05, 0.05, 4  # PARTS of a sample, over which records are means
 # voxels, elements on a whole sphere, its part below this share of the radius, radii of elements
-FIBONACCI: dict[str, tuple[int, int, float, float | None]] = {
-    "fibonacci-33": (33, 366, 0.4, 0.1),
-    "fibonacci-65": (65, 1013, 0.4, 0.05),
-}
+FIBONACCI = {"fibonacci-33": (33, 366, 0.4, 0.1), "fibonacci-65": (65, 1013, 0.4, 0.05)}
 HEMISPHERE = 33, 7e-3, 2e-3 / np.sqrt(3)  # voxels, region and element of `hemisphere_256` [m]
 RNG = np.random.default_rng(7)
 CENTERS, RADII = RNG.uniform(-0.45, 0.45, (8, 3)), RNG.uniform(0.15, 0.35, 8)
@@ -75,17 +74,22 @@ def pressure(points: jax.Array, paths: np.ndarray, profile) -> jax.Array:
     return total
 
 
+def largest(record: np.ndarray) -> float:
+    """The largest pressure."""
+    return float(np.abs(record).max())
+
+
 def parts_of(times: np.ndarray) -> np.ndarray:
     """Times within each sample, over which records are means."""
     within = (np.arange(PARTS) + 0.5) / PARTS - 0.5
     return (times[:, None] + (times[1] - times[0]) * within).ravel()
 
 
-def recorded(fine: np.ndarray) -> np.ndarray:
-    """Means over the parts of samples, and noise."""
+def recorded(fine: np.ndarray, size: Callable[[np.ndarray], float] = largest) -> np.ndarray:
+    """Means over the parts of samples, and noise, relative to that size of these."""
     means = fine.reshape(len(fine), -1, PARTS).mean(axis=-1)
     noise = np.random.default_rng(2).standard_normal(means.shape)
-    return means + NOISE * np.sqrt(np.mean(means**2)) * noise
+    return means + NOISE * size(means) * noise
 
 
 def truth_on(grid: VolumeGrid, profile) -> jax.Array:

@@ -3,8 +3,8 @@
     python benchmarks/large_volumes.py 129 1013 --waves 0.31
     python benchmarks/large_volumes.py 193 4096 --waves 0.34
 
-Points at Fibonacci's places on a whole sphere, 5 % of them dead; eight balls and noise as in
-`bench_scattered.py`. The error is relative, in the 2-norm over the region, beside the
+Elements at Fibonacci's points of a whole sphere, 5 % of them dead; eight balls as in
+`bench_scattered.py`, 5 % noise. The error is relative, in the 2-norm over the region, beside the
 balls at the voxels; times and memory are those of the process, with compiling. With ``--again`` the
 fit is done a second time, compiled.
 """
@@ -40,7 +40,7 @@ def main() -> None:
     parser.add_argument("--again", action="store_true", help="time the fit once it is compiled")
     given = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    FIBONACCI["whole"] = given.voxels, given.elements, 1.1, None
+    FIBONACCI["whole"] = given.voxels, given.elements, 1.1, 0.03
     n, curve = elements("whole")
     grid = VolumeGrid(n)
     setup = Setup(curve, ball(1.0), grid, max_frequency=4.0)  # of the formula, which is not used

@@ -19,6 +19,7 @@ from ..reconstruction.setup import plane_of
 
 _SPREAD = 5.0  # standard deviations from the typical detector that make one unusual
 _LEAST = 0.05  # of relative norm or gain, by which it must differ besides
+_ACROSS = 3  # detectors, over which unusual ones between do not part others
 
 
 class DataResidual(eqx.Module):
@@ -57,10 +58,12 @@ class DataResidual(eqx.Module):
     def unusual(self) -> Int[np.ndarray, " some"]:
         """Detectors whose residual or gain stands out from that of the others.
 
-        Five standard deviations, by the median absolute deviation, and a twentieth at least.
+        By five standard deviations, of the median absolute deviation, and a twentieth at least;
+        not those to which others lead in smaller steps, as towards the ends of an open curve, which
+        see less of the region.
         """
-        residual, gains = np.asarray(self.per_detector), np.asarray(self.gains)
-        return np.flatnonzero((_distance(residual) > 1) | (np.abs(_distance(gains)) > 1))
+        residual, gains = _distance(self.per_detector), _distance(self.gains)
+        return np.flatnonzero((_apart(residual) & (residual > 0)) | _apart(gains))
 
 
 def data_residual(setup: Setup, g: Numbers, image: Numbers) -> DataResidual:
@@ -138,8 +141,20 @@ def _meeting(
     return (radii >= nearest[:, None]) & (radii <= farthest[:, None])
 
 
-def _distance(values: np.ndarray) -> np.ndarray:
+def _distance(values: Float[Array, " detectors"]) -> Float[np.ndarray, " detectors"]:
     """Distances from the median, in units of the threshold of unusual detectors."""
-    off = values - np.median(values)
+    off = np.asarray(values) - np.median(values)
     deviation = 1.4826 * np.median(np.abs(off))  # that of normally distributed values
     return off / max(_SPREAD * float(deviation), _LEAST)
+
+
+def _apart(distances: Float[np.ndarray, " detectors"]) -> Bool[np.ndarray, " detectors"]:
+    """Beyond the threshold, and so from their neighbours, or from all that lead to the others."""
+    n, usual = len(distances), np.abs(distances) <= 1
+    for along in (range(n), range(n - 1, -1, -1)):
+        last = None
+        for k in along:
+            if not usual[k] and last is not None and abs(k - last) <= _ACROSS:
+                usual[k] = abs(distances[k] - distances[last]) <= abs(k - last)
+            last = k if usual[k] else last
+    return ~usual

@@ -69,6 +69,16 @@ def test_channels_that_are_dead_loud_inverted_or_noisy_stand_out():
     assert_allclose(np.asarray(found.gains)[[3, 7, 12]], [0, 2, -1], atol=2e-3)
 
 
+def test_gains_that_rise_towards_the_ends_do_not_stand_out():
+    """As where an open curve's ends see less of the region; one dead or loud there does."""
+    gains = 1 + 0.04 * np.maximum(np.abs(np.arange(24) - 11.5) - 6.5, 0.0)
+    data = gains[:, None] * DATA + 1e-3 * np.random.default_rng(1).standard_normal(DATA.shape)
+    rising = residual(data)
+    assert rising.gains[0] > 1.15 and not rising.unusual.size
+    data[2], data[21] = 0.0, 2 * data[21]
+    assert residual(data).unusual.tolist() == [2, 21]
+
+
 def test_equal_noise_makes_no_channel_stand_out():
     """Of 24 detectors, in 200 draws: five standard deviations of a mean square over 50 radii are
     rare, but the deviation itself is uncertain."""
