@@ -36,6 +36,7 @@ from ..special import j0
 _WAVES_AT_A_TIME = 256
 _FEWEST_MUTED = 4  # samples alike at the start
 _AT_ONCE = 0.7  # of the rows, of which a muted start ends with one sample
+_FEW = 8  # radii that may lie within one sample
 
 
 def pressure_to_circular_integrals(
@@ -409,4 +410,11 @@ def _require_record(times: Array, radii: Array, sound_speed: Array) -> None:
         raise ValueError(
             f"radii reach {wanted:.6g}, but with sound speed {float(sound_speed):.6g} the record "
             f"ends at {end:.6g}: use smaller radii or a longer record, and check the units."
+        )
+    values = np.asarray(times)
+    step, spread = float(values[1] - values[0]) * float(sound_speed), float(np.ptp(radii))
+    if len(radii) > _FEW and spread < step:
+        raise ValueError(
+            f"{len(radii)} radii lie within {spread:.6g}, but with sound speed "
+            f"{float(sound_speed):.6g} a sample is {step:.6g}: check the units of times and radii."
         )

@@ -233,6 +233,16 @@ def test_memory_does_not_grow_with_the_square_of_the_samples():
     assert lowered.compile().memory_analysis().temp_size_in_bytes < 200e6
 
 
+def test_times_in_another_unit_than_the_speed_are_refused():
+    times = np.arange(200) / 40e6
+    radii, record = 1e-4 * np.arange(1, 71), np.zeros((3, 200))
+    pressure_to_circular_integrals(record, times, radii, sound_speed=1500.0)
+    with pytest.raises(
+        ValueError, match=r"70 radii lie within 0\.0069, .* a sample is 37\.5: check"
+    ):
+        pressure_to_circular_integrals(record, 1e6 * times, radii, sound_speed=1500.0)
+
+
 def test_records_are_checked_inside_jit_too():
     times = np.linspace(0, 3.0, 60)
 
