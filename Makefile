@@ -13,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 help:
 	@echo "make paper   reproduce the paper: table, figures and metrics.json in out/paper"
-	@echo "make test    style, types and most tests, the paper's run among them: at most 10 minutes"
+	@echo "make test    style, types and most tests, the paper's run among them"
 	@echo "make test-slow   the tests that take long, notebooks among them"
 	@echo "make test-lowest   a part of the tests with the oldest versions that are supported"
 	@echo "make test-newest   all tests with the newest Python that is found, and the newest packages"

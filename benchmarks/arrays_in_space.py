@@ -8,7 +8,8 @@ region of 7 mm the balls and bells of `bench_scattered.py`, in closed form; 5 % 
 dead, noise is 5 % of the record's root mean square. Once as pressure, once through the pulse that
 the file has for the first array: so much slower that its band, 8 to 16 MHz where it is half as
 large as at most, ends where that of the voxels does. Errors are relative, in the 2-norm over the
-region, beside means over voxels; back-projection is given its best factor.
+region, beside means over voxels; back-projection knows nothing of the pulse, and is given its best
+factor.
 """
 
 import argparse
@@ -18,7 +19,16 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from bench_scattered import DEAD, PARTS, PROFILES, parts_of, pressure, recorded, truth_on
+from bench_scattered import (
+    PARTS,
+    PROFILES,
+    by_best_factor,
+    living,
+    parts_of,
+    pressure,
+    recorded,
+    truth_on,
+)
 from scipy.signal import fftconvolve
 
 from jaxtat import Setup, VolumeGrid, model_based
@@ -31,15 +41,11 @@ SPEED = 1500.0  # [m/s]
 TAPS = 40  # of the pulse, either side, at the samples of records
 
 
-def living(points: np.ndarray, side: float | None) -> DetectorPoints:
-    """Elements that are not dead, each standing for as much of the sphere between their heights."""
+def alive_of(points: np.ndarray, side: float | None) -> DetectorPoints:
+    """Elements that are not dead, on a whole sphere or a cap of it."""
     size, height = np.linalg.norm(points[0]), np.abs(points[:, 2])
     share = 1.0 if (points[:, 2] < 0).any() else (size - height.min()) / (2 * size)
-    n = len(points)
-    alive = np.sort(np.random.default_rng(1).permutation(n)[round(DEAD * n) :])
-    areas = np.full(len(alive), share * 4 * np.pi * size**2 / len(alive))
-    radius = None if side is None else side / np.sqrt(3)  # of the same second moment
-    return DetectorPoints(points[alive], areas, element_radius=radius)
+    return living(points, share, None if side is None else side / np.sqrt(3))  # second moments
 
 
 def over_squares(curve: DetectorPoints, side: float | None, paths: np.ndarray, profile):
@@ -80,7 +86,7 @@ def root_mean_square(record: np.ndarray) -> float:
 def compare(name: str, points: np.ndarray, voxels: int, body: str, pulse: np.ndarray | None) -> str:
     """A row of the table."""
     side = SIDE[name] / REGION if name in SIDE else None
-    curve, grid = living(points / REGION, side), VolumeGrid(voxels)
+    curve, grid = alive_of(points / REGION, side), VolumeGrid(voxels)
     setup = Setup(curve, ball(1.0), grid, max_frequency=4.0)  # of the formula, which is not used
     distance, step = float(np.asarray(curve.distance)[0]), float(grid.spacing[0]) / 2
     more = 0.0 if pulse is None else TAPS * step
@@ -92,19 +98,18 @@ def compare(name: str, points: np.ndarray, voxels: int, body: str, pulse: np.nda
         response = pulse_at(pulse, step / PARTS * REGION / SPEED, slower)
         fine = fftconvolve(fine, response[None], mode="same", axes=1)
         given["element_responses"] = np.tile(at_samples(response), (len(fine), 1))
-    record, truth = recorded(fine, root_mean_square), np.asarray(truth_on(grid, PROFILES[body]))
-    inside = np.asarray(setup.region.contains(grid.points))
+    record, inside = (
+        recorded(fine, root_mean_square),
+        np.asarray(setup.region.contains(grid.points)),
+    )
+    truth = np.asarray(truth_on(grid, PROFILES[body]))[inside]
     spent = time.process_time()
     found = model_based(setup, record, **given)
     spent = time.process_time() - spent
     g = pressure_to_spherical_integrals(record, times, times[1:-1])
-    projected = np.asarray(back_projection(curve, times[1:-1], g, grid.points))
-    part = projected[inside]
-    projected = projected * (part @ truth[inside]) / (part @ part)
-    off = [
-        np.linalg.norm((np.asarray(f) - truth)[inside]) / np.linalg.norm(truth[inside])
-        for f in (found.image, projected)
-    ]
+    projected = np.asarray(back_projection(curve, times[1:-1], g, grid.points))[inside]
+    each = np.asarray(found.image)[inside], by_best_factor(projected, truth)
+    off = [np.linalg.norm(values - truth) / np.linalg.norm(truth) for values in each]
     kind = "pressure" if pulse is None else "pulse"
     errors = " | ".join(f"{e:.3f}" for e in off)
     return f"| {name} | {len(record)} | {body} | {kind} | {errors} | {found.steps} | {spent:.0f} |"

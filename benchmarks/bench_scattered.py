@@ -1,9 +1,9 @@
 """Fits of volumes to scattered elements, beside back-projection: 5 % noise, 5 % of them dead.
 
 Balls or bells, whose pressure is known in closed form, about every element the mean over it; errors
-are relative, in the 2-norm over the region, beside means over voxels. The deviation of
-the noise is 5 % of the largest pressure. Back-projection is given its best factor. Lengths are in
-radii of the region.
+are relative, in the 2-norm over the region, beside means over voxels. The deviation of the
+noise is 5 % of the largest pressure. Back-projection is given its best factor. Lengths are in radii
+of the region.
 
     pytest benchmarks/bench_scattered.py -c benchmarks/pytest.ini [-k 33]
 """
@@ -56,11 +56,16 @@ def elements(name: str) -> tuple[int, DetectorPoints]:
         height, turn = -1 + 2 * (np.arange(whole) + 0.5) / whole, np.pi * (3 - np.sqrt(5))
         ring, turns = np.sqrt(1 - height**2), turn * np.arange(whole)
         points = np.stack([ring * np.cos(turns), ring * np.sin(turns), height], axis=1)
-        points, size, share = 2 * points[height < top], 2.0, (1 + top) / 2
-    rng = np.random.default_rng(1)
-    alive = np.sort(rng.permutation(len(points))[round(DEAD * len(points)) :])
+        points, share = 2 * points[height < top], (1 + top) / 2
+    return voxels, living(points, share, radius)
+
+
+def living(points: np.ndarray, share: float, radius: float | None) -> DetectorPoints:
+    """Elements that are not dead, each of an equal part of that share of the sphere."""
+    n, size = len(points), np.linalg.norm(points[0])
+    alive = np.sort(np.random.default_rng(1).permutation(n)[round(DEAD * n) :])
     areas = np.full(len(alive), share * 4 * np.pi * size**2 / len(alive))
-    return voxels, DetectorPoints(points[alive], areas, element_radius=radius)
+    return DetectorPoints(points[alive], areas, element_radius=radius)
 
 
 def pressure(points: jax.Array, paths: np.ndarray, profile) -> jax.Array:
@@ -102,6 +107,11 @@ def truth_on(grid: VolumeGrid, profile) -> jax.Array:
     return grid.means(total)
 
 
+def by_best_factor(values: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Nearest to the truth; of a fit the factor is 1."""
+    return values * (values @ truth) / (values @ values)
+
+
 CASES = [("balls", name) for name in ("hemisphere-33", *FIBONACCI)] + [("bells", "fibonacci-33")]
 
 
@@ -135,9 +145,8 @@ def bench_scattered(measure, benchmark, case, method):
         return back_projection(setup.curve, radii, g, setup.grid.points)
 
     def fitting(volume):
-        """By its best factor, which is 1 for a fit."""
         values = np.asarray(volume)[inside]
-        return values if method == "jaxtat" else values * (values @ truth) / (values @ values)
+        return values if method == "jaxtat" else by_best_factor(values, truth)
 
     n = setup.grid.shape[0]
     found = measure(work, n=n, error=lambda f: np.abs(fitting(f) - truth).max(), rounds=1)

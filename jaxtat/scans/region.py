@@ -333,7 +333,8 @@ def require_units_alike(facts: Facts, p: Parameters) -> None:
         p: with the speed, and what is given of the region.
     """
     assert facts.times is not None
-    across, units = float(np.ptp(facts.points, axis=0).max()), facts.units
+    points, units = facts.points[facts.order], facts.units  # of the detectors that are used
+    across = float(np.ptp(points, axis=0).max())
     array = f"the detectors are {units.of_length(across)} across"
     size, radius = p.given.get("region_size"), p.given.get("region_radius")
     wide = max(size) if size is not None else None if radius is None else 2 * radius
@@ -354,4 +355,4 @@ def require_units_alike(facts: Facts, p: Parameters) -> None:
         whole = {"region_cut": np.inf, "region_angle": 0.0}
         about = {"region_size": size, "region_radius": radius}
         about["region_center"] = p.given["region_center"]
-        require_outside(jax.device_put(facts.points), plane_region(about | whole))
+        require_outside(jax.device_put(points), plane_region(about | whole))

@@ -504,6 +504,23 @@ def test_a_center_beyond_the_detectors_is_refused(made):
         choose(made, region_center=(0.05, 0.0), region_radius=5e-3)
 
 
+class ImagesAsked(Exception):
+    """Behind all that is refused before."""
+
+
+def ask_images(*arguments):
+    raise ImagesAsked
+
+
+def line(*more):
+    """Noise, recorded by 128 detectors on a line and some more."""
+    positions = np.stack([np.linspace(-0.019, 0.019, 128), np.zeros(128)], axis=1)
+    positions = np.concatenate([positions, np.reshape(more, (-1, 2))])
+    record = np.random.default_rng(0).standard_normal((len(positions), 800))
+    known = {"detectors": positions, "sampling_rate": 4e7, "sound_speed": 1500.0}
+    return Scan("pressure", record, known)
+
+
 @pytest.mark.parametrize(
     ("given", "reason"),
     [
@@ -517,12 +534,13 @@ def test_a_center_beyond_the_detectors_is_refused(made):
     ],
 )
 def test_units_of_a_line_and_of_its_region_are_alike(monkeypatch, given, reason):
-    def asked(*arguments):
-        raise AssertionError("images are asked before units are")
-
-    monkeypatch.setattr("jaxtat.scans.pipeline.tell_acoustics", asked)
-    positions = np.stack([np.linspace(-0.019, 0.019, 128), np.zeros(128)], axis=1)
-    record = np.random.default_rng(0).standard_normal((128, 800))
-    known = {"detectors": positions, "sampling_rate": 4e7, "sound_speed": 1500.0}
+    monkeypatch.setattr("jaxtat.scans.pipeline.tell_acoustics", ask_images)
     with pytest.raises(ValueError, match=reason):
-        choose(Scan("pressure", record, known), **given)
+        choose(line(), **given)
+
+
+def test_a_detector_that_is_not_used_may_lie_in_the_region(monkeypatch):
+    monkeypatch.setattr("jaxtat.scans.pipeline.tell_acoustics", ask_images)
+    given = {"region_size": (0.03, 0.018), "region_center": (0, 0.012)}
+    with pytest.raises(ImagesAsked):
+        choose(line((0.0, 0.012)), use=np.arange(128), **given)
