@@ -37,6 +37,15 @@ def test_no_module_has_the_name_of_a_function_of_its_package():
             assert path.stem not in public.union(made), path
 
 
+def test_no_two_classes_share_a_name():
+    """Nor does a private one with a public one: in a traceback only the name is seen."""
+    places = {}
+    for path in PACKAGE.rglob("*.py"):
+        for name in re.findall(r"^class _?(\w+)", path.read_text(), re.MULTILINE):
+            places.setdefault(name, []).append(path.relative_to(PACKAGE).as_posix())
+    assert {name: paths for name, paths in places.items() if len(paths) > 1} == {}
+
+
 def test_unknown_names_are_refused():
     with pytest.raises(AttributeError, match="module 'jaxtat' has no attribute 'circle'"):
         jaxtat.circle  # noqa: B018

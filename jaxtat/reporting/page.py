@@ -7,11 +7,15 @@ from ..studies import UNCERTAINTY_PIXELS, Diagnosis
 from . import figures
 from .constrained import Constrained, errors_in_words, in_words, not_in_the_data
 from .html import Html, element, join, picture
-from .verdicts import Finding, Level, findings
+from .verdicts import Finding, Severity, findings
 
 Rows = Sequence[Sequence[str]]
 
-_MARKS = {Level.GOOD: ("✓", "good"), Level.CAUTION: ("!", "caution"), Level.BAD: ("✗", "bad")}
+_MARKS = {
+    Severity.GOOD: ("✓", "good"),
+    Severity.CAUTION: ("!", "caution"),
+    Severity.BAD: ("✗", "bad"),
+}
 # nothing is loaded from elsewhere, whatever text the scan's file contains
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _STYLE = """

@@ -17,7 +17,7 @@ _ABOVE_NOISE = 5.0  # times the noise, from which on a residual is not that
 _NAMED = 12  # detectors, at most, that are listed by number
 
 
-class Level(Enum):
+class Severity(Enum):
     """How serious a finding is."""
 
     GOOD = "good"
@@ -28,7 +28,7 @@ class Level(Enum):
 class Finding(NamedTuple):
     """One or two sentences, and how serious they are."""
 
-    level: Level
+    level: Severity
     text: str
 
 
@@ -55,11 +55,11 @@ def findings(
     return conclusions
 
 
-def _level(value: float, caution: float, bad: float) -> Level:
-    """Level of a number that should be small."""
+def _severity(value: float, caution: float, bad: float) -> Severity:
+    """How bad it is, of a number that should be small."""
     if value >= bad:
-        return Level.BAD
-    return Level.CAUTION if value >= caution else Level.GOOD
+        return Severity.BAD
+    return Severity.CAUTION if value >= caution else Severity.GOOD
 
 
 def _percent(share: float) -> str:
@@ -87,7 +87,7 @@ def _visibility(diagnosis: Diagnosis, unit: str | None) -> Finding:
     missed = float(diagnosis.lines.invisible_fraction)
     if partly == 0 and missed == 0:
         return Finding(
-            Level.GOOD,
+            Severity.GOOD,
             "Every edge in the region of interest sends its wave to the detectors, so that all of "
             "them can be reconstructed.",
         )
@@ -101,11 +101,11 @@ def _visibility(diagnosis: Diagnosis, unit: str | None) -> Finding:
     )
     if missed == 0:
         return Finding(
-            Level.GOOD if seen[inside].mean() > 0.95 else Level.CAUTION,
+            Severity.GOOD if seen[inside].mean() > 0.95 else Severity.CAUTION,
             f"Every line through the region meets the curve, but some only at its ends. {most}",
         )
     lines = f" {_percent(missed)} of the lines through the region miss the detectors."
-    return Finding(_level(1 - float(seen[inside].mean()), 0.0, 0.05), most + lines)
+    return Finding(_severity(1 - float(seen[inside].mean()), 0.0, 0.05), most + lines)
 
 
 def _held(diagnosis: Diagnosis) -> np.ndarray:
@@ -153,7 +153,7 @@ def _reached(waves: WaveAccuracy, held: np.ndarray, unit: str | None) -> Finding
     if eta.min() < 0.99:
         halved = frequencies[np.argmin(np.abs(eta - 0.5))]
         text += f" The low-pass halves waves of details of {_length(np.pi / float(halved), unit)}."
-    return Finding(_level(lost, 0.15, 0.5), text)
+    return Finding(_severity(lost, 0.15, 0.5), text)
 
 
 def _noise_gain(waves: WaveAccuracy) -> Finding:
@@ -161,7 +161,7 @@ def _noise_gain(waves: WaveAccuracy) -> Finding:
     area = np.broadcast_to(np.asarray(waves.frequencies)[:, None], gain.shape)
     mean = float(np.sqrt(np.sum(area * gain**2) / area.sum()))
     return Finding(
-        _level(mean, 3.0, 8.0),
+        _severity(mean, 3.0, 8.0),
         f"Noise in the image's plane waves is {mean:.2g} times (root mean square) that of waves "
         f"recorded on both sides of the region, {float(gain.max()):.2g} times at worst; waves "
         "recorded on one side only have about 1.4.",
@@ -177,12 +177,12 @@ def _explained(diagnosis: Diagnosis) -> Finding:
         f"that meet the region of interest; what is left has a relative norm of {relative:.2g}"
     )
     if noise.source is NoiseSource.UNKNOWN:
-        return Finding(_level(relative, 0.15, 0.5), f"{text}, noise and errors of the model.")
+        return Finding(_severity(relative, 0.15, 0.5), f"{text}, noise and errors of the model.")
     model = float(np.sqrt(max(0.0, relative**2 - of_noise**2)))
     more = relative > max(_LITTLE, _ABOVE_NOISE * of_noise)
     times = f", {relative / of_noise:.2g} times the noise" if more and of_noise > 0 else ""
     return Finding(
-        _level(model, 0.0 if more else 0.15, 0.5),
+        _severity(model, 0.0 if more else 0.15, 0.5),
         f"{text}{times}. Noise has {min(of_noise, relative):.2g}, known by {noise.source.value}; "
         f"the rest, {model:.2g}, is what model and image get wrong or leave out: sound speed, "
         "positions, sources outside the plane or the region, details finer than the image.",
@@ -202,7 +202,7 @@ def _outside(residual: DataResidual) -> list[Finding]:
         return []
     return [
         Finding(
-            Level.CAUTION,
+            Severity.CAUTION,
             f"{_percent(share)} of the data's energy lies on circles that miss the region of "
             "interest: sources outside it, or noise. Such sources cause no error in the region if "
             "the data contain all circles that meet them, and errors if not.",
@@ -214,7 +214,7 @@ def _unusual(residual: DataResidual, channels: Sequence[int] | None) -> Finding:
     unusual = residual.unusual
     if not unusual.size:
         text = "No detector differs from the image's data more than the others do."
-        return Finding(Level.GOOD, text)
+        return Finding(Severity.GOOD, text)
     one = unusual.size == 1
     in_file = ""
     if channels is not None:
@@ -222,7 +222,7 @@ def _unusual(residual: DataResidual, channels: Sequence[int] | None) -> Finding:
             f" ({'row' if one else 'rows'} {_listed(channels[k] for k in unusual)} of the file)"
         )
     return Finding(
-        _level(unusual.size / residual.gains.shape[0], 0.0, 0.05),
+        _severity(unusual.size / residual.gains.shape[0], 0.0, 0.05),
         f"{'Detector' if one else 'Detectors'} {_listed(unusual)}{in_file} "
         f"{'differs' if one else 'differ'} from the others (counted from 0): check the data, and "
         "leave bad detectors out.",
@@ -245,8 +245,8 @@ def _noise(noise: DataNoise, uncertainty: Uncertainty, image: np.ndarray) -> Fin
         f"worst), {_percent(share)} of the range of the image."
     )
     if noise.source is NoiseSource.GIVEN:
-        return Finding(_level(share, 0.05, 0.2), text)
+        return Finding(_severity(share, 0.05, 0.2), text)
     text += f" The noise is known by {noise.source.value}."
     if noise.source is NoiseSource.UNKNOWN:  # nothing that is worse than this can be said
-        return Finding(Level.GOOD if share < 0.05 else Level.CAUTION, text)
-    return Finding(_level(share, 0.05, 0.2), text)
+        return Finding(Severity.GOOD if share < 0.05 else Severity.CAUTION, text)
+    return Finding(_severity(share, 0.05, 0.2), text)

@@ -40,7 +40,7 @@ def power_after(
     return power.after(begin + CLEAR * FINELY * (power.times[1] - power.times[0]))
 
 
-class Body(NamedTuple):
+class BodyOnsets(NamedTuple):
     """A disk from which sound comes, and the first and last times by which that is known."""
 
     disk: SoundingDisk
@@ -49,7 +49,7 @@ class Body(NamedTuple):
 
 def body_onsets(
     acquired: Acquisition, points: Float[np.ndarray, "detectors 2"], speed: float, speed_known: bool
-) -> Body:
+) -> BodyOnsets:
     """The body from which sound comes: the disk that explains when detectors record it.
 
     If that explains the times badly, something else sounds, such as a wall, which may be louder
@@ -67,7 +67,7 @@ def body_onsets(
     pause, begin = PAUSE * acquired.middle, acquired.begin
     record, times = acquired.heard, acquired.times
     when = heard(power_after(begin, record, times, detrend=True), pause)
-    body = Body(sounding_disk(points, when, speed, speed_known), when)
+    body = BodyOnsets(sounding_disk(points, when, speed, speed_known), when)
     if when.tells and body.disk.deviation < BADLY * size:
         return body
     integral = np.cumsum(record - np.median(record, axis=1, keepdims=True), axis=1)
@@ -78,4 +78,4 @@ def body_onsets(
     when = heard(slow, pause, arriving_from(place, points, slow.times, speed))
     smaller = sounding_disk(points, when, speed, speed_known)
     much = smaller.reach < SMALLER * body.disk.reach or not body.when.tells
-    return Body(smaller, when) if when.tells and much else body
+    return BodyOnsets(smaller, when) if when.tells and much else body

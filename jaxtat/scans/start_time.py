@@ -167,7 +167,7 @@ def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
 
 def _highest(
     share_at: Callable[..., np.ndarray], known: float, distance: float, earliest: float
-) -> "_Ridge | None":
+) -> "_SpeedStartRidge | None":
     """The highest point, ever closer; None where the record is too short or there is none.
 
     Args:
@@ -177,7 +177,9 @@ def _highest(
         earliest: shift for which there are radii [time].
     """
     first = float(SPEEDS[np.argmax(-np.log(share_at(SPEEDS)).mean(axis=0))]) * known
-    ridge: _Ridge | None = _Ridge(0.0, first, 1 / distance, np.inf, np.inf, 0.0, 1.0)
+    ridge: _SpeedStartRidge | None = _SpeedStartRidge(
+        0.0, first, 1 / distance, np.inf, np.inf, 0.0, 1.0
+    )
     even = True
     for step, step_across in STEPS:
         for _ in range(MOVES):
@@ -197,7 +199,7 @@ def _highest(
     return ridge._replace(even=even)
 
 
-class _Ridge(NamedTuple):
+class _SpeedStartRidge(NamedTuple):
     """The highest point of what is explained, by the highest speed of each shift.
 
     Attributes:
@@ -225,7 +227,7 @@ def _along_ridge(
     shifts: Float[np.ndarray, " shifts"],
     speeds: Float[np.ndarray, "shifts speeds"],
     explained: Float[np.ndarray, "frequencies shifts speeds"],
-) -> _Ridge | None:
+) -> _SpeedStartRidge | None:
     """None where it is not between ups before and downs behind, but for small ones.
 
     Sound that the model does not hold, as from out of the plane, makes several heights.
@@ -240,7 +242,9 @@ def _along_ridge(
         return None
     if not 0 < k < len(shifts) - 1:
         slope = float(np.polyfit(shifts, 1 / tops[:, 0], 1)[0])
-        return _Ridge(float(shifts[k]), float(tops[k, 0]), slope, np.inf, np.inf, 0.0, 1.0, False)
+        return _SpeedStartRidge(
+            float(shifts[k]), float(tops[k, 0]), slope, np.inf, np.inf, 0.0, 1.0, False
+        )
 
     def highest(heights: np.ndarray) -> float:
         found = [top(*pair)[1] for pair in zip(speeds, heights, strict=True)]
@@ -254,7 +258,7 @@ def _along_ridge(
     depth = float(total[k].max() - max(total[k, 0], total[k, -1])) / n
     left = float(np.exp(-total[k].max() / n))
     here = shift, float(1 / offset), float(slope)
-    return _Ridge(*here, error, across, depth, left, even=bool(against <= 0))
+    return _SpeedStartRidge(*here, error, across, depth, left, even=bool(against <= 0))
 
 
 def _near(n: int, k: int) -> Float[np.ndarray, " shifts"]:

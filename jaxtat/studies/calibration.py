@@ -58,7 +58,7 @@ MAX_STEPS = 40
 AT_ONCE = 8  # second derivatives
 
 
-class Parameters(eqx.Module):
+class ScannerParameters(eqx.Module):
     """What is calibrated, or the standard errors of it.
 
     Attributes:
@@ -105,8 +105,8 @@ class Calibration(eqx.Module):
         stages: the course of the calibration.
     """
 
-    parameters: Parameters
-    standard_errors: Parameters
+    parameters: ScannerParameters
+    standard_errors: ScannerParameters
     curve: DetectorCurve
     radii: Float[Array, " radii"]
     g: Float[Array, "detectors radii"]
@@ -176,7 +176,7 @@ def calibrate(
     waves = None
     if not _MOVING & set(unknown):
         waves = waves_of(geometry, sizes.frequencies, sizes.groups[-1][-1])
-    problem = _Problem(
+    problem = _CalibrationProblem(
         geometry=geometry,
         curve=curve,
         region=region,
@@ -207,7 +207,7 @@ def calibrate(
     )
 
 
-class _Problem(eqx.Module):
+class _CalibrationProblem(eqx.Module):
     """The data and the nominal geometry of all views.
 
     Attributes:
@@ -227,10 +227,10 @@ class _Problem(eqx.Module):
 
 
 Free = dict[str, Array]  # corrections of the unknowns, relative, lengths over the distance
-_Fixed = tuple[_Problem, Float[Array, " frequencies"]]  # and weights
+_Fixed = tuple[_CalibrationProblem, Float[Array, " frequencies"]]  # and weights
 
 
-def _start(problem: _Problem, unknown: tuple[str, ...]) -> Free:
+def _start(problem: _CalibrationProblem, unknown: tuple[str, ...]) -> Free:
     """Zeros. The last gain follows from the others, whose logarithms add up to zero with it."""
     n = problem.curve.n_detectors
     relative = "sound_speed" in unknown or "radius" in unknown
@@ -238,7 +238,7 @@ def _start(problem: _Problem, unknown: tuple[str, ...]) -> Free:
     return {name: jnp.zeros(sizes.get(name, ())) for name in UNKNOWNS if name in unknown}
 
 
-def _parameters(problem: _Problem, free: Free) -> Parameters:
+def _parameters(problem: _CalibrationProblem, free: Free) -> ScannerParameters:
     zero = jnp.zeros(())
     none = jnp.zeros(problem.curve.n_detectors)
     speed = problem.sound_speed * (1 + free.get("sound_speed", zero))
@@ -249,7 +249,7 @@ def _parameters(problem: _Problem, free: Free) -> Parameters:
         center = problem.curve.center + size * free.get("center", jnp.zeros(2))
     gains = jnp.exp(_of_all(free["gains"], none)) if "gains" in free else 1 + none
     delays = _of_all(free["delays"], none) if "delays" in free else none
-    return Parameters(speed, radius, center, gains, delays * size / problem.sound_speed)
+    return ScannerParameters(speed, radius, center, gains, delays * size / problem.sound_speed)
 
 
 def _of_all(values: Float[Array, " some"], zeros: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -257,7 +257,7 @@ def _of_all(values: Float[Array, " some"], zeros: Float[Array, " n"]) -> Float[A
     return values if values.shape == zeros.shape else jnp.append(values, -jnp.sum(values))
 
 
-def _moved(curve: DetectorCurve, estimate: Parameters) -> DetectorCurve:
+def _moved(curve: DetectorCurve, estimate: ScannerParameters) -> DetectorCurve:
     if not isinstance(curve, CircularArc):
         return curve
     return eqx.tree_at(
@@ -265,7 +265,9 @@ def _moved(curve: DetectorCurve, estimate: Parameters) -> DetectorCurve:
     )
 
 
-def _geometry(problem: _Problem, free: Free, estimate: Parameters) -> PolarGeometry:
+def _geometry(
+    problem: _CalibrationProblem, free: Free, estimate: ScannerParameters
+) -> PolarGeometry:
     """The geometry; only unknowns are traced, so that the symmetry of the rest is kept."""
     if not free.keys() & _MOVING:
         return problem.geometry
@@ -283,7 +285,7 @@ def _geometry(problem: _Problem, free: Free, estimate: Parameters) -> PolarGeome
 
 
 def _transformed(
-    problem: _Problem, free: Free, estimate: Parameters, frequencies: Array
+    problem: _CalibrationProblem, free: Free, estimate: ScannerParameters, frequencies: Array
 ) -> Float[Array, "frequencies 2 detectors"]:
     """(G_J, G_Y) of the data without gains and delays, over the stretch of dr."""
     views = problem.turns.shape[0]
@@ -311,7 +313,7 @@ def _residual(free: Free, fixed: _Fixed) -> tuple[Array, Array]:
     return weight[:, None, None] * left, weight[:, None, None] * penalty
 
 
-def _weights(problem: _Problem, highest: Array) -> Float[Array, " frequencies"]:
+def _weights(problem: _CalibrationProblem, highest: Array) -> Float[Array, " frequencies"]:
     """One over the size of white noise in (G_J, G_Y), and 0 beyond ``highest``.
 
     Times a factor that makes the mean square of the data 1, so that units do not matter.
@@ -326,7 +328,7 @@ def _weights(problem: _Problem, highest: Array) -> Float[Array, " frequencies"]:
 
 
 @eqx.filter_jit
-def _fit(problem: _Problem, free: Free, highest: Array) -> tuple[Free, Stage]:
+def _fit(problem: _CalibrationProblem, free: Free, highest: Array) -> tuple[Free, Stage]:
     """One stage. The same program serves all: frequencies not yet used have weight zero."""
     weights = _weights(problem, highest)
     estimate, least, steps, converged = _least(free, (problem, weights))
@@ -399,14 +401,16 @@ def _(primals: tuple[Free, _Fixed], tangents: tuple[Any, Any]) -> tuple[Any, Any
 
 
 @eqx.filter_jit
-def _finish(problem: _Problem, free: Free) -> tuple[Parameters, Float[Array, "detectors radii"]]:
+def _finish(
+    problem: _CalibrationProblem, free: Free
+) -> tuple[ScannerParameters, Float[Array, "detectors radii"]]:
     """Parameters, and the data without gains and delays."""
     estimate = _parameters(problem, free)
     return estimate, _corrected(problem, estimate)
 
 
 @eqx.filter_jit
-def _standard_errors(problem: _Problem, free: Free) -> Parameters:
+def _standard_errors(problem: _CalibrationProblem, free: Free) -> ScannerParameters:
     """Standard errors to first order, by the change of the optimum with the data.
 
     Where the slope s(p, g) of half the sum of squares is zero, dp = -(ds/dp)^-1 (ds/dg) dg. dg is
@@ -439,7 +443,9 @@ def _standard_errors(problem: _Problem, free: Free) -> Parameters:
     return ravel_pytree(_parameters(problem, free))[1](errors)
 
 
-def _corrected(problem: _Problem, estimate: Parameters) -> Float[Array, "detectors radii"]:
+def _corrected(
+    problem: _CalibrationProblem, estimate: ScannerParameters
+) -> Float[Array, "detectors radii"]:
     """Data read c delay farther out, by a phase of their Fourier transform, over the gain.
 
     At equispaced radii, and from there back at those of the data.

@@ -140,7 +140,7 @@ def calibrate_positions(
     )
 
 
-class _Problem(eqx.Module):
+class _PositionsProblem(eqx.Module):
     """What is given, over the noise.
 
     Attributes:
@@ -164,7 +164,7 @@ class _Problem(eqx.Module):
     position_error: Float[Array, ""]
 
 
-class _State(NamedTuple):
+class _PositionsState(NamedTuple):
     """f and q."""
 
     values: Float[Array, " voxels"]
@@ -187,7 +187,7 @@ class _System(NamedTuple):
 
 
 def _rows(
-    problem: _Problem, point: Array, offsets: Array, shift: Array
+    problem: _PositionsProblem, point: Array, offsets: Array, shift: Array
 ) -> Float[Array, "waves voxels"]:
     """A of one element."""
 
@@ -205,16 +205,16 @@ def _rows(
 
 
 @eqx.filter_jit
-def _first(problem: _Problem) -> _State:
+def _first(problem: _PositionsProblem) -> _PositionsState:
     """Elements where they are thought to be, and back-projection by its best factor."""
     shifts = jnp.zeros_like(problem.setup.curve.points)
-    rows, _ = _linearised(problem, _State(jnp.zeros(problem.voxels.shape[0]), shifts))
+    rows, _ = _linearised(problem, _PositionsState(jnp.zeros(problem.voxels.shape[0]), shifts))
     back = jnp.einsum("dwn,dw->n", rows, problem.data)
-    return _State(back * jnp.sum(back**2) / jnp.sum((rows @ back) ** 2), shifts)
+    return _PositionsState(back * jnp.sum(back**2) / jnp.sum((rows @ back) ** 2), shifts)
 
 
 def _linearised(
-    problem: _Problem, state: _State
+    problem: _PositionsProblem, state: _PositionsState
 ) -> tuple[Float[Array, "detectors waves voxels"], Float[Array, "detectors waves 3"]]:
     """A and D."""
 
@@ -232,7 +232,9 @@ def _linearised(
 
 
 @eqx.filter_jit
-def _step(problem: _Problem, state: _State) -> tuple[_State, _System, _Move]:
+def _step(
+    problem: _PositionsProblem, state: _PositionsState
+) -> tuple[_PositionsState, _System, _Move]:
     """The minimum of J with the derivatives as they are."""
     rows, of_shifts = _linearised(problem, state)
     data = problem.data + jnp.einsum("dwi,di->dw", of_shifts, state.shifts)
@@ -249,7 +251,7 @@ def _step(problem: _Problem, state: _State) -> tuple[_State, _System, _Move]:
     rest = data - rows @ values - jnp.einsum("dwi,di->dw", of_shifts, shifts)
     least = jnp.sum(rest**2) + jnp.sum(shifts**2) + alpha * jnp.sum(values**2)
     move = _Move(jnp.sqrt(jnp.mean((shifts - state.shifts) ** 2)), jnp.sqrt(least / data.size))
-    return _State(values, shifts), _System(matrix, mixed, inverse), move
+    return _PositionsState(values, shifts), _System(matrix, mixed, inverse), move
 
 
 def _inverse(matrix: Float[Array, "n 3 3"]) -> Float[Array, "n 3 3"]:
@@ -269,13 +271,15 @@ def _standard_errors(system: _System) -> Float[Array, "detectors 3"]:
     return jnp.sqrt(jnp.einsum("dii->di", inverse) + of_image)
 
 
-def _displaced(problem: _Problem, state: _State) -> DetectorPoints:
+def _displaced(problem: _PositionsProblem, state: _PositionsState) -> DetectorPoints:
     curve = problem.setup.curve
     moved = curve.points + problem.position_error * state.shifts
     return eqx.tree_at(lambda each: each.points, curve, moved)
 
 
-def _on_grid(problem: _Problem, values: Float[Array, " voxels"]) -> Float[Array, "x1 x2 x3"]:
+def _on_grid(
+    problem: _PositionsProblem, values: Float[Array, " voxels"]
+) -> Float[Array, "x1 x2 x3"]:
     shape = problem.setup.grid.shape
     return jnp.zeros(shape).at[tuple(np.unravel_index(problem.inside, shape))].set(values)
 
@@ -287,7 +291,7 @@ def _problem(
     noise: Numbers,
     position_error: Numbers,
     sound_speed: Numbers,
-) -> _Problem:
+) -> _PositionsProblem:
     """The arguments, checked."""
     require_setup(setup)
     curve, grid = setup.curve, setup.grid
@@ -315,7 +319,7 @@ def _problem(
     offsets, weights = _nodes(curve)
     step = paths[1] - paths[0]
     size = float(jnp.prod(grid.spacing)) / (4 * np.pi * step) * np.sqrt(2 / len(paths))
-    return _Problem(
+    return _PositionsProblem(
         setup=setup,
         data=record @ (waves.T / sizes["noise"]),
         inside=inside,

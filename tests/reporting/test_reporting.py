@@ -24,7 +24,7 @@ from jaxtat import (
 from jaxtat.io.provenance import provenance_of
 from jaxtat.reporting import write_report
 from jaxtat.reporting.html import Html, element, join
-from jaxtat.reporting.verdicts import Level, findings
+from jaxtat.reporting.verdicts import Severity, findings
 from jaxtat.studies import DataNoise, NoiseSource, Uncertainty, WaveAccuracy, diagnose
 
 GRID, REGION = ImageGrid(21), disk(0.7)
@@ -211,7 +211,7 @@ def levels(diagnosis):
 
 def test_a_full_ring_and_clean_data_are_good():
     found = levels(diagnosed())
-    assert {level for level, _ in found} == {Level.GOOD}
+    assert {level for level, _ in found} == {Severity.GOOD}
     assert "Every edge in the region of interest" in found[0][1]
     assert "explains more than 99.9 % of" in found[1][1]
 
@@ -229,10 +229,10 @@ def test_noise_is_told_from_what_the_model_gets_wrong():
     assert float(wrong.residual.typical) > 2 * noise  # as noise this would be much
     explained = [levels(found)[1] for found in (clean, noisy, wrong, both)]
     assert [level for level, _ in explained] == [
-        Level.GOOD,
-        Level.GOOD,
-        Level.CAUTION,
-        Level.CAUTION,
+        Severity.GOOD,
+        Severity.GOOD,
+        Severity.CAUTION,
+        Severity.CAUTION,
     ]
     assert "sound speed, positions, sources outside" in explained[2][1]
 
@@ -253,20 +253,20 @@ def test_what_is_left_is_not_good_where_it_is_many_times_the_noise():
         return levels(grown)[1]
 
     level, text = explained(0.1, 0.1 / 35)
-    assert level is Level.CAUTION
+    assert level is Severity.CAUTION
     assert "35 times the noise" in text
-    assert explained(0.1, 0.08)[0] is explained(0.01, 1e-5)[0] is Level.GOOD
+    assert explained(0.1, 0.08)[0] is explained(0.01, 1e-5)[0] is Severity.GOOD
     assert "times the noise" not in explained(0.1, 0.08)[1]
-    assert explained(0.6, 1e-3)[0] is Level.BAD
+    assert explained(0.6, 1e-3)[0] is Severity.BAD
 
 
 @pytest.mark.parametrize(
     ("sigma", "source", "level", "says"),
     [
-        (1e-3, NoiseSource.INCOHERENT, Level.GOOD, "faster than any wave"),
-        (1.0, NoiseSource.INCOHERENT, Level.BAD, "faster than any wave"),
-        (1.0, NoiseSource.RECORD, Level.BAD, "the record before sound"),
-        (1.0, NoiseSource.UNKNOWN, Level.CAUTION, "it is at most that"),
+        (1e-3, NoiseSource.INCOHERENT, Severity.GOOD, "faster than any wave"),
+        (1.0, NoiseSource.INCOHERENT, Severity.BAD, "faster than any wave"),
+        (1.0, NoiseSource.RECORD, Severity.BAD, "the record before sound"),
+        (1.0, NoiseSource.UNKNOWN, Severity.CAUTION, "it is at most that"),
     ],
 )
 def test_noise_is_graded_by_what_it_does_to_the_image(complete, sigma, source, level, says):
@@ -287,16 +287,16 @@ def test_waves_that_the_image_does_not_hold_do_not_worry(complete):
     error = np.where(np.arange(8)[:, None] < 6, 0.01, 0.9) * np.ones((8, 16))
     fine = eqx.tree_at(lambda tree: tree.waves.residual, complete, jnp.asarray(error))
     level, text = levels(fine)[1]
-    assert level is Level.GOOD
+    assert level is Severity.GOOD
     assert "errors are below a half down to details of 175 mm" in text  # π / 18
     coarse = eqx.tree_at(lambda tree: tree.waves.residual, complete, jnp.asarray(error[::-1]))
-    assert levels(coarse)[1][0] is Level.BAD
+    assert levels(coarse)[1][0] is Severity.BAD
 
 
 def test_what_is_missing_is_said_with_its_share(complete):
     """Half a ring about a whole disk."""
     level, text = levels(complete)[0]
-    assert level is Level.BAD
+    assert level is Severity.BAD
     seen = np.asarray(complete.visible)
     worst = np.unravel_index(np.nanargmin(seen), seen.shape)
     x1, x2 = 1e3 * np.asarray(GRID.points)[worst]
@@ -317,7 +317,7 @@ def test_noise_and_bad_channels_are_said():
     relative = float(bad.residual.relative)
     assert 0.15 < relative < 0.5
     assert f"{relative:.2g}" in explained[1]
-    assert explained[0] is Level.CAUTION  # two dead channels are no noise
+    assert explained[0] is Severity.CAUTION  # two dead channels are no noise
     assert "Detectors 5, 17 differ" in channels[1]
 
 

@@ -19,7 +19,7 @@ from jaxtat import (
 )
 from jaxtat.densities.cylindrical_waves import polar_geometry
 from jaxtat.studies import calibrate
-from jaxtat.studies.calibration import Parameters, _corrected, _fit, _Problem
+from jaxtat.studies.calibration import ScannerParameters, _CalibrationProblem, _corrected, _fit
 
 pytestmark = pytest.mark.slow
 
@@ -106,7 +106,7 @@ def test_delays_are_taken_out_at_any_radii():
     radii = 0.2 + (jnp.arange(75) + rng.uniform(-0.2, 0.2, 75)) / 28
     delays = rng.uniform(-1, 1, 5) / 14
     late = [BELLS.circular_integrals(curve, radii - delay)[k] for k, delay in enumerate(delays)]
-    problem = _Problem(
+    problem = _CalibrationProblem(
         curve=curve,
         region=REGION,
         geometry=polar_geometry(curve, REGION),
@@ -117,7 +117,9 @@ def test_delays_are_taken_out_at_any_radii():
         alpha=jnp.ones(()),
         sizes=Setup(CURVE, REGION, GRID, RADII).sizes,
     )
-    found = Parameters(jnp.ones(()), jnp.ones(()), jnp.zeros(2), jnp.ones(5), jnp.asarray(delays))
+    found = ScannerParameters(
+        jnp.ones(()), jnp.ones(()), jnp.zeros(2), jnp.ones(5), jnp.asarray(delays)
+    )
     true = BELLS.circular_integrals(curve, radii)
     assert np.abs(_corrected(problem, found) - true).max() < 1e-3 * np.abs(true).max()
 

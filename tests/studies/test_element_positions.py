@@ -10,9 +10,9 @@ from jaxtat.spherical import DetectorPoints, ball, spherical_cap
 from jaxtat.studies import calibrate_positions
 from jaxtat.studies.element_positions import (
     _linearised,
+    _PositionsState,
     _problem,
     _standard_errors,
-    _State,
     _step,
 )
 
@@ -72,7 +72,7 @@ def test_a_step_solves_the_whole_system():
     problem = _problem(setup, record(points), PATHS, 1e-3, OFF, 1.0)
     n = problem.voxels.shape[0]
     values, shifts = rng.standard_normal(n), rng.standard_normal((12, 3))
-    state = _State(jnp.asarray(values), jnp.asarray(shifts))
+    state = _PositionsState(jnp.asarray(values), jnp.asarray(shifts))
     linearised = jax.jit(_linearised)
     rows, of_shifts = map(np.asarray, linearised(problem, state))
     for axis in np.eye(3):
