@@ -14,6 +14,7 @@ IMAGE_SUFFIXES: tuple[str, ...] = (
     ".tif",
     ".tiff",
 )  # `io.images`
+OME_ZARR = ".ome.zarr"  # a folder, see `interop.save_ome_zarr`
 WITH_ERRORS = (".h5", ".hdf5")  # of images that hold how far they may be off
 STREAM_SUFFIXES = (".h5", ".hdf5")  # of a file that grows, see `streams.sinks`
 FORMATS = {"patato": (".hdf5", ".h5")}  # of images, and their suffixes, see `interop`

@@ -6,6 +6,7 @@ import time
 import webbrowser
 from pathlib import Path
 
+from ..base.option_values import OME_ZARR
 from .option_checks import wants_plan
 
 
@@ -68,7 +69,12 @@ def reconstruct(options: argparse.Namespace) -> None:
 
         return reconstruct_folder(options)
     start = time.perf_counter()
-    require_suffix(options.out)  # and the package that writes it
+    if options.out.endswith(OME_ZARR):
+        from ..interop.labelled_images import require_ome_zarr
+
+        require_ome_zarr(options.out)
+    else:
+        require_suffix(options.out)  # and the package that writes it
     if not options.format:  # which adds an image to a record
         require_no_record(Path(options.out))
     scan, choices, plan, options = prepared(options, start, fits=not options.trial)

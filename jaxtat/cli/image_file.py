@@ -5,11 +5,14 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from ..base.option_values import OME_ZARR
 from ..geometry import ImageGrid
+from ..interop import save_ome_zarr
 from ..io import Scan
 from ..io.images import save_image
 from ..io.unfinished import UnfinishedImages
@@ -59,6 +62,14 @@ def write_image(
         result = reconstruct(scan, choices, plan=plan, out=kept, done=done, progress=progress)
         images = result.image if kept is None else kept.images()
         errors = _errors(scan, choices, images) if options.errors else None
+        if options.out.endswith(OME_ZARR):
+            save_ome_zarr(
+                options.out,
+                replace(result, image=images, unit=options.length_unit or result.unit),
+                wavelengths=scan.known.get("wavelengths"),
+                inputs=inputs_of(options),
+            )
+            return result.report
         save_image(
             options.out,
             images,

@@ -23,7 +23,13 @@ from ..base.choice_table import (
     words_of,
 )
 from ..base.messages import name_of, require_file
-from ..base.option_values import FORMATS, IMAGE_SUFFIXES, STREAM_SUFFIXES, WITH_ERRORS
+from ..base.option_values import (
+    FORMATS,
+    IMAGE_SUFFIXES,
+    OME_ZARR,
+    STREAM_SUFFIXES,
+    WITH_ERRORS,
+)
 from ..base.scanners import scanner_named
 
 MOST_TRIALS = 36  # images on a sheet
@@ -33,7 +39,7 @@ _MORE_BOUNDS = {
     **dict.fromkeys(("noise", "K", "j_max", "sigma_min"), NOT_NEGATIVE),
 }
 _BOUNDED = (*OPTIONS, *(Choice(name, float, bound=bound) for name, bound in _MORE_BOUNDS.items()))
-_SUFFIXES = {"reconstruct": IMAGE_SUFFIXES, "report": (".html",)}
+_SUFFIXES = {"reconstruct": (*IMAGE_SUFFIXES, OME_ZARR), "report": (".html",)}
 
 
 def require_options(options: argparse.Namespace) -> None:
@@ -106,7 +112,7 @@ def _require_of_folder(options: argparse.Namespace) -> None:
     if is_given(options, "jobs") and options.jobs < 1:
         raise ValueError(f"--jobs {options.jobs}: expected 1 or more processes.")
     out = Path(options.out)
-    if out.is_file() or (not out.exists() and out.name.endswith(IMAGE_SUFFIXES)):
+    if out.is_file() or (not out.exists() and out.name.endswith(_SUFFIXES["reconstruct"])):
         raise ValueError(
             f"{options.file} is a folder, whose images go into a folder, and {out} is none: "
             "expected --out FOLDER, or the file of one scan."

@@ -18,7 +18,7 @@ from ..base.choice_table import (
     REGION,
     option_of,
 )
-from ..base.option_values import FORMATS, IMAGE_SUFFIXES
+from ..base.option_values import FORMATS, IMAGE_SUFFIXES, OME_ZARR
 from ..base.scanners import SCANNERS
 from ..base.units import MILLIMETRES
 from ..version import __version__
@@ -192,8 +192,8 @@ def _add_reconstruct(subparsers) -> None:
         "--out",
         required=True,
         metavar="IMAGE|FOLDER",
-        help=f"image or volume to write: {', '.join(IMAGE_SUFFIXES)}; of a folder of scans one "
-        "for .h5 files, a summary and a contact sheet",
+        help=f"image or volume to write: {', '.join(IMAGE_SUFFIXES)}, {OME_ZARR}; of a folder of "
+        "scans one for .h5 files, a summary and a contact sheet",
     )
     parser.add_argument(
         "--errors",

@@ -96,12 +96,7 @@ def save_ome_zarr(
 
     Source: OME-NGFF 0.5, https://ngff.openmicroscopy.org/0.5.
     """
-    zarr = optional("zarr", "save_ome_zarr", "zarr")
-    target = Path(path).resolve()
-    if target.exists():
-        raise ValueError(f"cannot write {path}: it is there already.")
-    if not target.parent.is_dir():
-        raise ValueError(f"cannot write {path}: there is no folder {target.parent}.")
+    zarr, target = require_ome_zarr(path), Path(path).resolve()
     shape, d = result.grid.shape, len(result.grid.shape)
     inside = np.asarray(result.region.contains(result.grid.points))
     images = np.where(inside, result.image, np.nan).reshape(-1, *shape, *(1,) * (3 - d))
@@ -126,6 +121,16 @@ def save_ome_zarr(
         made.rename(target)
     finally:
         shutil.rmtree(made, ignore_errors=True)
+
+
+def require_ome_zarr(path: str | Path) -> Any:
+    """The package that writes OME-Zarr; ValueError without it, and if no folder can be made."""
+    zarr, target = optional("zarr", "save_ome_zarr", "zarr"), Path(path).resolve()
+    if target.exists():
+        raise ValueError(f"cannot write {path}: it is there already.")
+    if not target.parent.is_dir():
+        raise ValueError(f"cannot write {path}: there is no folder {target.parent}.")
+    return zarr
 
 
 def _ome(result: ScanImages, labels: Sequence[str]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from .canvas import (
     new_figure,
     text_size,
 )
-from .images import show_image
+from .images import add_scale_bar, show_image
 
 MOST_ROWS = 4  # frames of a stack that one picture shows
 _NAMES = ("$x_1$", "$x_2$", "$x_3$")
@@ -48,7 +48,8 @@ def show_slices(
         limits: values shown as darkest and brightest; by default those of the volume.
         cmap: matplotlib's name of a colour map.
         title: above all three.
-        unit: of length of the grid, "m", "cm", "mm" or "um"; axes are in millimetres then.
+        unit: of length of the grid, "m", "cm", "mm" or "um"; axes are in millimetres then, and each
+            picture has a scale bar.
 
     Raises:
         ValueError: for another shape than the grid's, and without limits where all is NaN.
@@ -105,6 +106,8 @@ def _show_three(
         shown = show_image(
             axes, pictures[axis], grid.across(axis), limits=limits, cmap=cmap, unit=unit
         )
+        if unit is not None:
+            add_scale_bar(axes)
         label_axes(axes, labels[axis], *(length_label(_NAMES[k], unit) for k in (i, j)))
         if axis == 2:
             ends: Any = beyond(np.concatenate([np.ravel(each) for each in pictures]), limits)

@@ -1,8 +1,11 @@
 """What is drawn, read back from the figure: places, values, units."""
 
+import re
+
 import jax
 import numpy as np
 import pytest
+from matplotlib.text import Text
 from numpy.testing import assert_allclose
 
 from jaxtat import ImageGrid, VolumeGrid, circular_arc, disk
@@ -188,6 +191,13 @@ def test_slices_of_a_volume_lie_where_its_grid_says():
         names = [f"$x_{j + 1}$ [mm]" for j in range(3) if j != k]
         assert [shown.get_xlabel(), shown.get_ylabel()] == names
     assert figure.axes[1].get_title() == "$x_2$ = 100 mm"
+    bars = [
+        text
+        for shown in figure.axes[:3]
+        for text in shown.findobj(Text)
+        if re.fullmatch(r"\d+ mm", text.get_text())
+    ]
+    assert [bar.get_text() for bar in bars] == ["200 mm", "500 mm", "500 mm"]
     assert figure.axes[3].get_ylabel() == "initial pressure [arb. unit]"
     assert_allclose(figure.axes[2].images[0].get_extent()[:2], (750, 3250))
     volume[2, 3, 4], volume[:, 0, 0] = 2.0, np.nan

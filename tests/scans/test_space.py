@@ -93,7 +93,7 @@ def test_every_format_holds_the_volume(scan_file, integrals, tmp_path):
     """Measured rings differ from the cap in the areas only, and so by what is not exact."""
     wanted = integrals[2]
     settings = f"reconstruct {scan_file} {OPTIONS} --length-unit m"
-    for name in ("v.h5", "v.nii.gz", "v.tif", "v.png", "v.npy"):
+    for name in ("v.h5", "v.nii.gz", "v.tif", "v.png", "v.npy", "v.ome.zarr"):
         assert main([*settings.split(), "--out", str(tmp_path / name)]) == 0
     volume = np.load(tmp_path / "v.npy")
     assert volume.shape == (9, 9, 9) and np.abs(volume - wanted).max() < 0.02
@@ -109,10 +109,23 @@ def test_every_format_holds_the_volume(scan_file, integrals, tmp_path):
     pixels = tifffile.imread(tmp_path / "v.tif")
     np.testing.assert_allclose(pixels[3], volume[:, ::-1, 3].T, atol=1e-6)
     assert (tmp_path / "v.png").stat().st_size > 10_000
+    zarr = pytest.importorskip("zarr")
+    voxels = zarr.open_group(tmp_path / "v.ome.zarr", mode="r")["0"][0]  # z, y, x of one channel
+    np.testing.assert_allclose(np.nan_to_num(voxels), volume.T, rtol=1e-6, atol=1e-9)
     again = f"reconstruct {scan_file} --repeat {tmp_path / 'v.h5'} --out {tmp_path / 'again.npy'}"
     assert main(again.split()) == 0
     np.testing.assert_array_equal(np.load(tmp_path / "again.npy"), volume)
     assert load_settings(tmp_path / "v.h5")["region_center"] == pytest.approx(CENTER.tolist())
+
+
+def test_an_ome_zarr_that_is_there_is_refused_before_anything_is_computed(
+    scan_file, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("jaxtat.scans.choose", None)  # not called
+    (tmp_path / "v.ome.zarr").mkdir()
+    line = f"reconstruct {scan_file} {OPTIONS} --out {tmp_path / 'v.ome.zarr'}"
+    assert main(line.split()) == 2
+    assert "cannot write" in capsys.readouterr().err
 
 
 def test_no_trials_are_suggested_in_space(scan_file, capsys):
