@@ -10,6 +10,11 @@ fine as these tell, fits are, and through a body of another speed, where constra
 is wrong with the body. In space records are fitted too: for detectors off rings the formula takes
 dense systems of all of them at every frequency, which are slower than a fit and see nothing of what
 is missing.
+
+Integrals over circles are fitted as well: the formula takes them for exact, and of 256 detectors
+on arcs of 360 to 115 degrees its images of disks are off by 0.3 to 0.9 without noise and by 0.9 to
+4 with 5 % of it, fits by 0.03 to 0.11. Of smooth bodies without noise both are as good. Integrals
+of f >= 0 are nowhere negative: whether they are says whether negative pixels are allowed.
 """
 
 from dataclasses import replace
@@ -30,6 +35,7 @@ from .resolution import FINER, sampled_by_detectors, with_waves_of_fit
 
 OF_FORMULA = ("alpha", "low_pass", "inversion")  # choices that mean nothing to a fit
 ADDS = "light that is absorbed only adds pressure; --signed allows f < 0"
+NEGATIVE = 0.02  # share of the square of integrals below 0, which 20 % of noise would have
 FIT = {
     "penalty": Estimate("tv", "total variation: for objects with edges", GUESSED),
     "nonnegative": Estimate(True, ADDS, LIKELY),
@@ -64,9 +70,17 @@ def constraints(record: Acquisition | AcquisitionInSpace, p: Parameters) -> Para
     _require_no_formula(p, expected)
     _require_whole_region(p)
     fit = dict(FIT)
-    if record.scan.kind != "pressure":  # whose source is nowhere negative
-        fit["nonnegative"] = Estimate(False, "not asked for", LIKELY)
+    if record.scan.kind != "pressure":
+        fit["nonnegative"] = _of_integrals(record.frame)
     return p.replaced(model_based=expected._replace(grade=SURE)).with_(**fit)
+
+
+def _of_integrals(g: Any) -> Estimate:
+    """Whether their image is nowhere negative."""
+    values = np.nan_to_num(np.asarray(g, float))
+    if np.sum(np.minimum(values, 0) ** 2) > NEGATIVE * np.sum(values**2):
+        return Estimate(False, "integrals are negative, and so is the image in places", LIKELY)
+    return Estimate(True, "integrals are hardly anywhere negative; --signed allows f < 0", LIKELY)
 
 
 def _require_direct(asked: list[str], expected: Estimate | None) -> None:
@@ -118,10 +132,9 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
         scan: any.
         choices: of `choose`.
     """
-    if scan.kind != "pressure":
-        return choices
+    pressure = scan.kind == "pressure"
     if choices.model_based:
-        return with_waves_of_fit(scan, choices)
+        return with_waves_of_fit(scan, choices) if pressure else choices
     if "model_based" in choices.user_set:
         return choices
     asked = [name for name in OF_FORMULA if name in choices.user_set]
@@ -135,15 +148,23 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
     if not _covers(choices.half_width, *wanted):
         why = "pixels show a part of the region, and a fit needs all of it"
         return choices.with_reason("model_based", why, SURE)
+    if not pressure:
+        why = "more accurate for integrals with noise or of sharp edges; --direct for the formula"
+        sign = _of_integrals(scan.frame(0)[list(choices.channels)])
+        return _fitted(choices, why, FIT | {"nonnegative": sign})
     if choices.model == "2d" and choices.water_speed is None and _nothing_is_missing(scan, choices):
         why = "two-dimensional waves, and every line through the region meets the detectors' curve"
         return choices.with_reason("model_based", why, LIKELY)
     why = "more accurate for measured pressure; --direct for the formula"
-    fit = {"model_based": Estimate(True, why, LIKELY), **FIT}
+    return with_waves_of_fit(scan, _fitted(choices, why, FIT))
+
+
+def _fitted(choices: Choices, why: str, fit: dict[str, Estimate]) -> Choices:
+    fit = {"model_based": Estimate(True, why, LIKELY), **fit}
     fitted = replace(choices, **{name: e.value for name, e in fit.items()})
     for name, e in fit.items():
         fitted = fitted.with_reason(name, e.why, e.grade)
-    return with_waves_of_fit(scan, fitted)
+    return fitted
 
 
 def _nothing_is_missing(scan: Scan, choices: Choices) -> bool:
