@@ -78,7 +78,7 @@ class RoundElements(ComparedByIdentity, eqx.Module):
     def enough_nodes(self, highest_frequency: float) -> int:
         """Number of nodes on an element, as `elements.enough_nodes`; detectors are concrete."""
         radius = self.element_radius
-        return enough_nodes(None if radius is None else 2 * radius, highest_frequency)
+        return enough_nodes(None if radius is None else 2 * np.asarray(radius), highest_frequency)
 
     def element_nodes(
         self, n_nodes: int

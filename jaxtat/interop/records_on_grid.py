@@ -58,7 +58,7 @@ def images_on_grid(
         grid = ImageGrid(tuple(map(len, nodes)), np.ptp(ends, axis=1) / 2, ends.mean(axis=1))
         of_choices = setup_of(scan, chosen)
         where = of_choices.curve, of_choices.region, grid, of_choices.radii
-        setup = Setup(*where, max_frequency=chosen.max_frequency)
+        setup = Setup(*where, medium=of_choices.medium, max_frequency=chosen.max_frequency)
         frames = np.asarray(scan.data)
         if chosen.model_based:
             found = fitted(scan, chosen, setup, frames)

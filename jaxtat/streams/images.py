@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float, Num
 
 from ..base.checks import Numbers, dtype_of, real_array, require_positive
-from ..base.precision import in_double
+from ..base.precision import in_double, in_full
 from ..densities import Densities, in_precision
 from ..densities.cylindrical_waves import (
     DecomposedWaves,
@@ -31,7 +31,7 @@ from ..densities.cylindrical_waves import (
     polar_geometry,
     tikhonov_densities,
 )
-from ..geometry import DiskBody, Region
+from ..geometry import Body, Region
 from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup, build_plan
 from ..reconstruction.plane_bases import default_rule
@@ -121,7 +121,7 @@ class Live(eqx.Module):
         low_pass: Any = None,
         region_center: Numbers | None = None,
         region_radius: Numbers | None = None,
-        medium: DiskBody | None = None,
+        medium: Body | None = None,
     ) -> "Live":
         """The same with other settings: only what depends on them is recomputed.
 
@@ -135,7 +135,7 @@ class Live(eqx.Module):
             region_center: of region and grid, (x1, x2) [length]. Within ``reach`` of `live` only
                 pixels change, beyond it systems are solved for a disk about this centre.
             region_radius: of the region, and the grid as many times larger, up to ``reach``.
-            medium: a body in place of another one; all systems are solved again.
+            medium: a body in place of another one of its kind; all systems are solved again.
 
         Raises:
             ValueError: for a speed that makes the record too short, a rule for the densities of a
@@ -337,6 +337,7 @@ def live(
 
 
 @eqx.filter_jit
+@in_full
 def _images(
     ready: _Ready,
     setup: Setup,

@@ -108,7 +108,8 @@ def _setup_around(setup: Setup, region: Disk, grid: Grid, end: float | None) -> 
     curve, _, radii, sizes = plane_of(setup)
     radii = np.asarray(radii)
     if end is not None:
-        radii = _covering(radii, np.asarray(data_radii(curve, region, radii[1] - radii[0])), end)
+        wanted = data_radii(curve, region, radii[1] - radii[0], medium=setup.medium)
+        radii = _covering(radii, np.asarray(wanted), end)
     made = Setup(
         curve,
         region,

@@ -10,9 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat import ImageGrid, Setup, circular_arc, disk, model_based, phantoms
+from jaxtat import ImageGrid, Setup, VolumeGrid, circular_arc, disk, model_based, phantoms
 from jaxtat.fitting import Ridge
+from jaxtat.forward import pressure_terms
+from jaxtat.reconstruction import operator_on
 from jaxtat.records import circular_integrals_to_pressure
+from jaxtat.spherical import SolidBells, ball, spherical_cap
 
 
 def of_pressure():
@@ -32,9 +35,26 @@ def of_pressure():
     return image, setup.grid.shape
 
 
+def of_pressure_in_space():
+    """By start of the record and speed of sound, of detectors on rings."""
+    rings = spherical_cap(1.5, 1.0, 6, 12)
+    setup = Setup(rings, ball(1.0), VolumeGrid(7), max_frequency=5.0)
+    times = jnp.linspace(0.3, 2.6, 24)
+    modelled = operator_on(setup, setup.grid, record=pressure_terms(setup.sizes.inside, times))
+    pressure = modelled(SolidBells([[0.2, -0.1, 0.1]], [0.8]).volume(setup.grid))
+
+    def image(scales):
+        recorded = {"times": times + 0.1 * scales[0] - 0.1, "sound_speed": scales[1]}
+        given = {"penalty": Ridge(), "weight": 1e-2, "tolerance": 1e-12, "max_steps": 20000}
+        return model_based(setup, pressure, **recorded, **given).image
+
+    return image, setup.grid.shape
+
+
 @pytest.mark.slow
-def test_derivatives_are_those_of_differences():
-    image, shape = of_pressure()
+@pytest.mark.parametrize("of", [of_pressure, of_pressure_in_space])
+def test_derivatives_are_those_of_differences(of):
+    image, shape = of()
     weights = np.random.default_rng(0).uniform(0.5, 1, shape)
 
     @jax.jit

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from spectral_scans import (
+    BELLS,
     CENTER,
     ENERGIES,
     GIVEN,
+    N_TIMES,
     RATE,
     SPEED,
     WAVELENGTHS,
@@ -16,9 +18,11 @@ from spectral_scans import (
     spectral_scan,
 )
 
+from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, phantoms
 from jaxtat.interop import IpascAlgorithm
 from jaxtat.io import Scan, load_scan, save_ipasc
-from jaxtat.scans import choose, reconstruct
+from jaxtat.records import simulate_pressure
+from jaxtat.scans import choose, reconstruct, with_best_method
 
 
 @pytest.fixture(scope="module")
@@ -39,31 +43,77 @@ class Algorithm(IpascAlgorithm, Base):
     pass
 
 
+def image_of(frame, choices, step, algorithm=None):
+    """Of the field of view in which 22 mm are pixels of this step."""
+    fov = [CENTER[0] - 0.011, CENTER[0] + 0.011, CENTER[1] - 0.011, CENTER[1] + 0.011, 0.0, 0.0]
+    image = (algorithm or Algorithm()).implementation(
+        time_series_data=frame,
+        detection_elements={"positions": positions()},
+        sampling_rate=RATE,
+        field_of_view=np.array(fov),
+        spacing_m=step,
+        choices=choices,
+        fnumber=0,
+    )
+    assert image.shape[2] == 1
+    return image[..., 0]
+
+
+def inside_of(chosen, image):
+    return np.where(chosen.region.contains(chosen.grid.points), image, 0.0)
+
+
+def relative(found, wanted):
+    assert found.shape == wanted.shape
+    return np.linalg.norm(found - wanted) / np.linalg.norm(wanted)
+
+
+def without(*names):
+    return {name: value for name, value in GIVEN.items() if name not in names}
+
+
+KNOWN = {"detectors": positions(), "sampling_rate": RATE, "sound_speed": SPEED}
+
+
 @pytest.mark.slow
 def test_the_image_is_that_of_the_scan(data):
-    known = {"detectors": positions(), "sampling_rate": RATE, "sound_speed": SPEED}
-    scans = [Scan("pressure", frame, known) for frame in data[0, :2]]
-    chosen = choose(scans[0], **GIVEN)
-    inside = np.asarray(chosen.region.contains(chosen.grid.points))
-    step = 0.0005  # the pixels of 45 in 22 mm
-    fov = [CENTER[0] - 0.011, CENTER[0] + 0.011, CENTER[1] - 0.011, CENTER[1] + 0.011, 0.0, 0.0]
-    choices = {name: value for name, value in GIVEN.items() if name != "pixels"}
-    algorithm = Algorithm()
+    scans = [Scan("pressure", frame, KNOWN) for frame in data[0, :2]]
+    chosen, algorithm = choose(scans[0], **GIVEN), Algorithm()
     for scan in scans:  # the second by what was chosen for the first
-        image = algorithm.implementation(
-            time_series_data=scan.frame(0),
-            detection_elements={"positions": positions()},
-            sampling_rate=RATE,
-            field_of_view=np.array(fov),
-            spacing_m=step,
-            choices=choices,
-            fnumber=0,
-        )
-        assert image.shape == (45, 45, 1)
-        wanted = np.where(inside, reconstruct(scan, chosen).image, 0.0)
-        assert np.linalg.norm(image[..., 0] - wanted) < 0.01 * np.linalg.norm(wanted)
+        image = image_of(scan.frame(0), without("pixels"), 0.0005, algorithm)  # 45 across
+        assert relative(image, inside_of(chosen, reconstruct(scan, chosen).image)) < 0.01
     with pytest.raises(ValueError, match=r"at least 4 pixels of 0\.0005 apart along two of them"):
         algorithm.implementation(scans[0].frame(0), {"positions": positions()}, RATE, np.zeros(6))
+
+
+@pytest.mark.slow
+def test_without_alpha_the_image_is_the_fitted_one(data):
+    """f >= 0, where the formula has what is below."""
+    scan, given = Scan("pressure", data[0, 0], KNOWN), without("pixels", "alpha", "inversion")
+    chosen = with_best_method(scan, choose(scan, pixels=45, **given))
+    assert chosen.model_based
+    image = image_of(scan.frame(0), given, 0.0005)
+    assert relative(image, inside_of(chosen, reconstruct(scan, chosen).image)) < 0.01
+    direct = image_of(scan.frame(0), given | {"alpha": 1e-3}, 0.0005)
+    assert direct.min() < -0.02 * direct.max() < 0 <= image.min()
+
+
+@pytest.mark.slow
+def test_a_body_of_another_speed_is_that_of_the_scan():
+    """Of its own record; without the body the image is worse."""
+    disk_body = DiskBody(CENTER, 0.012, SPEED, 1440.0)
+    where = detector_curve(positions()[:, :2]), disk(0.011, center=CENTER)
+    setup = Setup(*where, ImageGrid(45, 0.011, CENTER), medium=disk_body)
+    truth, times = phantoms.Bells(**BELLS).image(setup.grid), np.arange(N_TIMES) / RATE
+    record = simulate_pressure(setup, truth, times, model="in-plane")
+    scan = Scan("pressure", np.asarray(record), KNOWN)
+    body = {"water_speed": 1440.0, "body_center": CENTER, "body_radius": 0.012}
+    given = without("pixels") | {"model": "in-plane"}
+    chosen = choose(scan, pixels=45, **given, **body)
+    image = image_of(scan.frame(0), given | body, 0.0005)
+    assert relative(image, inside_of(chosen, reconstruct(scan, chosen).image)) < 0.01
+    errors = [relative(found, truth) for found in (image, image_of(scan.frame(0), given, 0.0005))]
+    assert errors[0] < 0.6 * errors[1]
 
 
 def test_pacfish_finds_no_fault_with_what_is_written(data, tmp_path):

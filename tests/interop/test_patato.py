@@ -23,6 +23,28 @@ from jaxtat.scans import choose, reconstruct
 
 patato = pytest.importorskip("patato", reason="PATATO is not installed: pip install jaxtat[patato]")
 
+PRESET = {
+    "PREPROCESSING_ALGORITHM": "Standard Preprocessor",
+    "RECONSTRUCTION_ALGORITHM": "jaxtat",
+    "HILBERT_TRANSFORM": False,
+    "IRF": False,
+    "INTERPOLATE_TIME": 1,
+    "INTERPOLATE_DETECTORS": 1,
+    "RECONSTRUCTION_NX": 45,
+    "RECONSTRUCTION_NY": 31,
+    "RECONSTRUCTION_FIELD_OF_VIEW_X": [CENTER[0] - 0.011, CENTER[0] + 0.011],
+    "RECONSTRUCTION_FIELD_OF_VIEW_Y": [CENTER[1] - 0.0075, CENTER[1] + 0.0075],
+    "RECONSTRUCTION_FIELD_OF_VIEW_Z": [0.0, 0.0],
+    "RECONSTRUCTION_PARAMS": {
+        "region_radius": 0.011,
+        "region_center": [0.0, 0.0],
+        "max_frequency": 3500.0,
+        "alpha": 1e-3,
+        "model": "in-plane",
+        "inversion": "fourier",
+    },
+}
+
 
 @pytest.fixture(scope="module")
 def data():
@@ -134,29 +156,8 @@ def test_a_reconstruction_class_is_registered_and_makes_our_images(written, data
     import jaxtat.interop.patato as plugin
 
     assert patato.recon.RECONSTRUCTION_NAMES["jaxtat"] is plugin.JaxtatReconstruction
-    preset = {
-        "PREPROCESSING_ALGORITHM": "Standard Preprocessor",
-        "RECONSTRUCTION_ALGORITHM": "jaxtat",
-        "HILBERT_TRANSFORM": False,
-        "IRF": False,
-        "INTERPOLATE_TIME": 1,
-        "INTERPOLATE_DETECTORS": 1,
-        "RECONSTRUCTION_NX": 45,
-        "RECONSTRUCTION_NY": 31,
-        "RECONSTRUCTION_FIELD_OF_VIEW_X": [CENTER[0] - 0.011, CENTER[0] + 0.011],
-        "RECONSTRUCTION_FIELD_OF_VIEW_Y": [CENTER[1] - 0.0075, CENTER[1] + 0.0075],
-        "RECONSTRUCTION_FIELD_OF_VIEW_Z": [0.0, 0.0],
-        "RECONSTRUCTION_PARAMS": {
-            "region_radius": 0.011,
-            "region_center": [0.0, 0.0],
-            "max_frequency": 3500.0,
-            "alpha": 1e-3,
-            "model": "in-plane",
-            "inversion": "fourier",
-        },
-    }
     pa = opened(written)
-    start = patato.read_reconstruction_preset(preset)
+    start = patato.read_reconstruction_preset(PRESET)
     series, extra, _ = start.run(pa.get_time_series(), pa)
     image, _, _ = start.children[0].run(series, pa, **extra)
     assert image.shape == (2, 4, 1, 31, 45)
@@ -168,3 +169,23 @@ def test_a_reconstruction_class_is_registered_and_makes_our_images(written, data
     with pytest.raises(ValueError, match="the record is a Hilbert transform"):
         start.children[0].run(series, pa, **extra)
     pa.close()
+
+
+@pytest.mark.slow
+def test_a_preset_without_alpha_asks_for_fitted_images(data, tmp_path):
+    """f >= 0, of the same bells as in direct images, which go below."""
+    import jaxtat.interop.patato  # noqa: F401
+
+    pa = opened(write_patato(tmp_path / "scan.hdf5", data[:1], ENERGIES[:1]))
+    of_formula = PRESET["RECONSTRUCTION_PARAMS"]
+    of_fit = {name: of_formula[name] for name in of_formula if name not in ("alpha", "inversion")}
+    images = []
+    for params in (of_fit, of_formula):
+        start = patato.read_reconstruction_preset(PRESET | {"RECONSTRUCTION_PARAMS": params})
+        series, extra, _ = start.run(pa.get_time_series(), pa)
+        images.append(np.asarray(start.children[0].run(series, pa, **extra)[0].raw_data))
+    pa.close()
+    fitted, direct = images
+    for one, other in zip(fitted[0], direct[0], strict=True):
+        assert other.min() < -0.02 * other.max() < 0 <= one.min()
+        assert np.corrcoef(one.ravel(), other.ravel())[0, 1] > 0.9

@@ -1,8 +1,10 @@
 """A bell within a cap of rings, or a cup of scattered elements, and its record in closed form."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
+from jaxtat.geometry.elements import across
 from jaxtat.spherical import SolidBells, ball, spherical_cap
 
 CENTER = np.array([0.02, -0.01, 0.03])
@@ -31,6 +33,13 @@ def record(points=None, samples=range(250)):
         return np.asarray(BELL._profile(jax.device_put(np.abs(s) / float(BELL.radii[0]))))
 
     return ((d - tau) * h(d - tau) + (d + tau) * h(d + tau)) / (2 * d)
+
+
+def wide_record(points, normals, width, samples):
+    """Of square elements, by Gauss's rule of four points of each."""
+    sides = [np.asarray(v) * width / np.sqrt(12) for v in across(jnp.asarray(normals))]
+    corners = [x * sides[0] + y * sides[1] for x in (-1, 1) for y in (-1, 1)]
+    return np.mean([record(points + corner, samples) for corner in corners], axis=0)
 
 
 def cup(n, bent=0.9):

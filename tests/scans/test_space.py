@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import nibabel
 import numpy as np
 import pytest
+import scipy.io
 import tifffile
 from made_volumes import (
     BELL,
@@ -21,6 +22,7 @@ from made_volumes import (
     cup,
     record,
     shuffled,
+    wide_record,
 )
 
 from jaxtat import Setup, VolumeGrid, reconstruct_file
@@ -191,12 +193,8 @@ def test_records_of_scattered_elements_are_fitted(tmp_path, capsys, monkeypatch)
     monkeypatch.setattr(misfit_in_space, "LISTENED", 40)
     points, rng = cup(70), np.random.default_rng(2)
     pulse = np.exp(-((np.arange(9) - 4) ** 2) / np.linspace(2, 6, 70)[:, None])  # of each
-    sides = [
-        np.asarray(v) * 0.006 / np.sqrt(12) for v in across(jnp.asarray(points - CENTER) / 0.04)
-    ]
-    corners = [x * sides[0] + y * sides[1] for x in (-1, 1) for y in (-1, 1)]  # of Gauss's rule
-    wide = [record(points + corner, range(40, 170)) for corner in corners]
-    data = np.asarray(apply_impulse_response(np.mean(wide, axis=0), pulse, origin=4))
+    wide = wide_record(points, (points - CENTER) / 0.04, 0.006, range(40, 170))
+    data = np.asarray(apply_impulse_response(wide, pulse, origin=4))
     data = data + 0.03 * np.abs(data).max() * rng.standard_normal(data.shape)
     data[[5, 33]] = 0.0
     path, times = tmp_path / "cup.npz", np.arange(40, 170) / RATE
@@ -220,6 +218,32 @@ def test_records_of_scattered_elements_are_fitted(tmp_path, capsys, monkeypatch)
         errors.append(np.linalg.norm(volume - wanted) / np.linalg.norm(wanted))
         assert ("% of the record is not explained" in capsys.readouterr().out) == (not method)
     assert errors[0] < 0.15 and errors[0] < errors[1] / 2.5
+
+
+@pytest.mark.filterwarnings("ignore:.*miss the detectors")
+def test_a_matlab_file_of_elements_that_face_elsewhere_becomes_a_volume(tmp_path):
+    """Size and normals of the file count: without normals the volume is worse."""
+    points = cup(70)
+    towards = (points - CENTER) / 0.04
+    aside = towards + np.asarray(across(jnp.asarray(towards))[0])  # by 45 degrees
+    normals = aside / np.linalg.norm(aside, axis=1, keepdims=True)
+    known = {"positions": points, "fs": RATE, "element_size": 0.008, "normals": normals}
+    known["pressure"] = wide_record(points, normals, 0.008, range(170))
+    options = f"--region-radius {RADIUS} --pixels 13 --sound-speed {SOUND} --length-unit m --quiet"
+    grid, errors = VolumeGrid(13, RADIUS, CENTER), []
+    wanted = np.asarray(BELL.volume(grid))
+    for name in ("facing", "unknown"):
+        path, out = tmp_path / f"{name}.mat", tmp_path / f"{name}.nii.gz"
+        scipy.io.savemat(path, known)
+        assert main([*f"reconstruct {path} {options} --out".split(), str(out)]) == 0
+        image = nibabel.load(out)
+        volume = image.get_fdata()
+        assert volume.shape == (13, 13, 13)
+        corner = image.affine @ [12, 0, 6, 1]
+        np.testing.assert_allclose(corner[:3], 1e3 * np.asarray(grid.points[12, 0, 6]), atol=1e-9)
+        errors.append(np.linalg.norm(volume - wanted) / np.linalg.norm(wanted))
+        known.pop("normals", None)
+    assert errors[0] < 0.07 and errors[0] < errors[1] / 2
 
 
 @pytest.mark.filterwarnings("ignore:.*miss the detectors")

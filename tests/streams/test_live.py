@@ -11,6 +11,7 @@ import pytest
 import jaxtat
 from jaxtat import RelativeTikhonov, Tikhonov, phantoms, solve
 from jaxtat.streams import images, live
+from jaxtat.streams.moving_region import setup_showing
 
 BELL = phantoms.Bells([[-0.3, 0.2], [-0.2, -0.3]], [0.4, 0.3], [1.0, -0.6])
 ALPHA = 1e-4
@@ -154,6 +155,20 @@ def test_images_go_on_until_another_center_is_ready(small, monkeypatch):
     assert np.array_equal(future.result(60)(g), first.replace(region_center=center)(g))
     with pytest.raises(ValueError, match="expected a value above zero"):
         first.replace_in_background(rule=-1.0).result(60)
+
+
+@pytest.mark.filterwarnings("ignore::jaxtat.VisibilityWarning")
+def test_radii_for_another_center_hold_the_slower_sound_of_a_body():
+    """Up to the end of the record, which is later than that of sound in water alone."""
+    medium = jaxtat.DiskBody((0.0, 0.0), 0.45, 0.85, 1.0)
+    where = jaxtat.circular_arc(1.0, 1.0, 60), jaxtat.disk(0.3), jaxtat.ImageGrid(17, 0.3)
+    setup = jaxtat.Setup(*where, medium=medium)
+    moved = jaxtat.disk(0.3, center=(0.1, 0.0)).with_counts(setup.region.counts)
+    there, solved_anew = setup_showing(setup, setup.region, moved, 3.0)
+    farthest = 1.1 + 0.3 + (1 / 0.85 - 1) * (0.45 + 0.4)  # through the body from its near side
+    assert solved_anew and farthest - 1e-3 < there.radii[-1] < farthest + 0.1
+    with pytest.raises(ValueError, match="record longer"):
+        setup_showing(setup, setup.region, moved, farthest - 0.1)
 
 
 @pytest.mark.filterwarnings("ignore::jaxtat.VisibilityWarning")

@@ -156,8 +156,8 @@ def require_resolved(geometry: PolarGeometry, frequency: float, n_max: int) -> N
     )
     if not float(residual) < RESOLVED:
         raise ValueError(
-            f"waves about {np.asarray(geometry.center)} miss the equations at the body's outline "
-            f"by {float(residual):.2g} of their size, expected less than {RESOLVED}: smooth the "
+            "waves about the body's centre miss the equations at the body's outline by "
+            f"{float(residual):.2g} of their size, expected less than {RESOLVED}: smooth the "
             "outline, or take a DiskBody, or a lower max_frequency."
         )
 
