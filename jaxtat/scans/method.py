@@ -30,6 +30,8 @@ from .resolution import FINER, sampled_by_detectors, with_waves_of_fit
 
 OF_FORMULA = ("alpha", "low_pass", "inversion")  # choices that mean nothing to a fit
 ADDS = "light that is absorbed only adds pressure; --signed allows f < 0"
+BETTER = "more accurate for measured pressure; --direct for the formula"
+BETTER_IN_SPACE = "less than half the formula's error on simulated volumes; --direct for that"
 FIT = {
     "penalty": Estimate("tv", "total variation: for objects with edges", GUESSED),
     "nonnegative": Estimate(True, ADDS, LIKELY),
@@ -138,7 +140,7 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
     if choices.model == "2d" and choices.water_speed is None and _nothing_is_missing(scan, choices):
         why = "two-dimensional waves, and every line through the region meets the detectors' curve"
         return choices.with_reason("model_based", why, LIKELY)
-    why = "more accurate for measured pressure; --direct for the formula"
+    why = BETTER_IN_SPACE if choices.in_space else BETTER
     fit = {"model_based": Estimate(True, why, LIKELY), **FIT}
     fitted = replace(choices, **{name: e.value for name, e in fit.items()})
     for name, e in fit.items():
