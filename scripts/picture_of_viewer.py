@@ -21,11 +21,12 @@ FLAGS = (  # no window, and nobody asked for anything
     "headless=new no-sandbox disable-gpu disable-quic no-first-run disable-sync "
     "disable-background-networking disable-component-update window-size=1180,1300"
 )
-CURVE = """
-const models = window.Bokeh?.documents[0]?._all_models.values() ?? [];
-return [...models].some((model) => model.data?.sharpness?.length > 0);
-"""
-SECONDS = 120  # for the curve of sharpness, which comes last
+THERE = """
+const models = [...(window.Bokeh?.documents[0]?._all_models.values() ?? [])];
+const fitted = (model) => model.type == "Div" && model.text.startsWith("model-based image in");
+return models.some((model) => model.data?.share?.length > 0) && models.some(fitted);
+"""  # the curve above the slider of the speed, and the fit in place of the direct image
+SECONDS = 1200  # on a busy machine
 
 
 def main() -> None:
@@ -38,15 +39,24 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         browser = webdriver.Chrome(options_in(folder), driver)
         browser.get(viewer.address)
-        end = time.monotonic() + SECONDS
-        while not browser.execute_script(CURVE) and time.monotonic() < end:
-            time.sleep(0.5)
+        wait_for_fit(browser)
+        browser.refresh()  # the page says how long the image took: now without compiling
+        wait_for_fit(browser)
         time.sleep(2)  # and is drawn
         page = Image.open(io.BytesIO(browser.get_screenshot_as_png()))
         browser.quit()
     viewer.close()
     page.convert("RGB").quantize(256, method=Image.Quantize.MEDIANCUT).save(OUT, optimize=True)
     print(f"{OUT.name}: {OUT.stat().st_size // 1024} kB")
+
+
+def wait_for_fit(browser: webdriver.Chrome) -> None:
+    """Until the page has all of what `THERE` asks for."""
+    end = time.monotonic() + SECONDS
+    while not browser.execute_script(THERE):
+        if time.monotonic() > end:
+            raise TimeoutError(f"no curve and fitted image in {SECONDS} s")
+        time.sleep(0.5)
 
 
 def options_in(folder: str) -> webdriver.ChromeOptions:

@@ -36,6 +36,15 @@ def results(date, seconds):
     }
 
 
+def test_no_image_is_better_than_the_best_with_all_known(module):
+    """An oracle that misses the best gives way to the image without options; NaN is of no scan."""
+    run = module("scans.run")
+    rows = [{"error": 0.2, "oracle": 0.1}, {"error": 0.3, "oracle": 0.4}, {"error": 0.5}]
+    assert [run.least(row) for row in rows[:2]] == [0.1, 0.3]
+    assert [run.over_least(row) for row in rows[:2]] == [2.0, 1.0]
+    assert math.isnan(run.least(rows[2]))
+
+
 def test_a_run_is_added_once_and_drawn(module, tmp_path):
     file, picture = tmp_path / "results.json", tmp_path / "history.png"
     for date, seconds in (("2026-11-02", 0.25), ("2026-11-01", 0.5), ("2026-11-02", 0.125)):

@@ -76,6 +76,19 @@ def test_measured_figures_are_those_of_the_benchmarks(page):
             assert abs(measured[name]["max_error"] / float(error) - 1) < 0.06, name
 
 
+def test_sizes_of_images_cost_what_the_benchmarks_say():
+    """Time, error and memory by the number of pixels, as in results.json."""
+    measured = benchmarks()
+    of_size = r"\| (\d+), \d+ \| ([\d.]+) s \| ([\d.e-]+) \| ([\d.]+) GB \|"
+    rows = re.findall(of_size, (ROOT / "docs" / "accuracy.md").read_text())
+    assert len(rows) == 5
+    for n, seconds, error, memory in rows:
+        there = measured[f"direct[{n}]"]
+        shown = float(seconds), float(error), 1e3 * float(memory)
+        for value, name in zip(shown, ("median_s", "max_error", "peak_mb"), strict=True):
+            assert abs(there[name] / value - 1) < 0.06, (n, name)
+
+
 def benchmarks():
     runs = json.loads((ROOT / "benchmarks" / "results.json").read_text())["benchmarks"]
     return {run["name"].removeprefix("bench_"): run["extra_info"] for run in runs}
@@ -103,7 +116,7 @@ def test_figures_of_the_readme_are_those_of_the_pages():
         ('"several hours" (the paper)', f"{seconds:.1g} s"),
         (f"about 5 % (its authors), {100 * theirs:.1f} % (here)", "0.035 %"),
         ("0.25 (time reversal)", "2e-3"),
-        ("0.64 (the formula)", "0.22"),
+        ("0.64 (0.43, 0.86) by the formula", "0.22 (0.09, 0.52)"),
     ]
     assert abs(measured["k_wave_time_reversal"]["max_error"] / 0.25 - 1) < 0.06
     assert abs(measured["jaxtat_from_the_record_of_k_wave"]["max_error"] / 2e-3 - 1) < 0.06
@@ -111,9 +124,12 @@ def test_figures_of_the_readme_are_those_of_the_pages():
 
 def test_the_figure_of_scans_without_options_is_that_of_the_page():
     page = (ROOT / "docs" / "automatic_choices.md").read_text()
-    ((fitted, direct),) = re.findall(r"^\| all 48 \| ([\d.]+) .*? \| ([\d.]+) ", page, re.M)
-    assert f"| {float(direct) + 1e-9:.2f} (the formula) |" in README
-    assert f"| {float(fitted) + 1e-9:.2f} |" in README
+    error = r"([\d.]+) (\([\d.]+, [\d.]+\))"  # and quartiles
+    ((fitted, of_fitted, direct, of_direct),) = re.findall(
+        rf"^\| all 48 \| {error} \| {error} \|", page, re.M
+    )
+    assert f"| {float(direct) + 1e-9:.2f} {of_direct} by the formula |" in README
+    assert f"| {float(fitted) + 1e-9:.2f} {of_fitted} |" in README
 
 
 PAGES = ("accuracy", "comparison")

@@ -53,7 +53,7 @@ _EXAMPLES = {
   jaxtat reconstruct scans/ --out images/ --jobs 4
       all scans in a folder; run it again to go on where it was interrupted
   jaxtat reconstruct scan.msot --format patato --out scan.hdf5
-      all wavelengths, for PATATO to unmix: images and standard deviations in its own file
+      all wavelengths, for PATATO to unmix, in its own file; with --direct standard deviations too
 """,
     "info": """
   jaxtat info scan.hdf5

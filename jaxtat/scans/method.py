@@ -36,6 +36,9 @@ from .resolution import FINER, sampled_by_detectors, with_waves_of_fit
 OF_FORMULA = ("alpha", "low_pass", "inversion")  # choices that mean nothing to a fit
 ADDS = "light that is absorbed only adds pressure; --signed allows f < 0"
 NEGATIVE = 0.02  # share of the square of integrals below 0, which 20 % of noise would have
+BETTER = "more accurate for measured pressure; --direct for the formula"
+BETTER_IN_SPACE = "more accurate on simulated volumes of sparse arrays; --direct for the formula"
+BETTER_OF_INTEGRALS = "more accurate with noise or for sharp edges; --direct for the formula"
 FIT = {
     "penalty": Estimate("tv", "total variation: for objects with edges", GUESSED),
     "nonnegative": Estimate(True, ADDS, LIKELY),
@@ -149,14 +152,13 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
         why = "pixels show a part of the region, and a fit needs all of it"
         return choices.with_reason("model_based", why, SURE)
     if not pressure:
-        why = "more accurate for integrals with noise or of sharp edges; --direct for the formula"
         sign = _of_integrals(scan.frame(0)[list(choices.channels)])
-        return _fitted(choices, why, FIT | {"nonnegative": sign})
+        return _fitted(choices, BETTER_OF_INTEGRALS, FIT | {"nonnegative": sign})
     if choices.model == "2d" and choices.water_speed is None and _nothing_is_missing(scan, choices):
         why = "two-dimensional waves, and every line through the region meets the detectors' curve"
         return choices.with_reason("model_based", why, LIKELY)
-    why = "more accurate for measured pressure; --direct for the formula"
-    return with_waves_of_fit(scan, _fitted(choices, why, FIT))
+    fitted = _fitted(choices, BETTER_IN_SPACE if choices.in_space else BETTER, FIT)
+    return with_waves_of_fit(scan, fitted)
 
 
 def _fitted(choices: Choices, why: str, fit: dict[str, Estimate]) -> Choices:
