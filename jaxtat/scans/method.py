@@ -26,7 +26,7 @@ from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
 from ..base.units import ROUNDING
 from ..geometry import Region, visibility
 from ..io import Scan
-from .acquisition import facts_of
+from .acquisition import facts_of, typical_frame
 from .choices import Choices
 from .estimate import Estimate
 from .parameters import Parameters
@@ -74,13 +74,13 @@ def constraints(record: Acquisition | AcquisitionInSpace, p: Parameters) -> Para
     _require_whole_region(p)
     fit = dict(FIT)
     if record.scan.kind != "pressure":
-        fit["nonnegative"] = _of_integrals(record.frame)
+        fit["nonnegative"] = _of_integrals(record.scan)
     return p.replaced(model_based=expected._replace(grade=SURE)).with_(**fit)
 
 
-def _of_integrals(g: Any) -> Estimate:
+def _of_integrals(scan: Scan) -> Estimate:
     """Whether their image is nowhere negative."""
-    values = np.nan_to_num(np.asarray(g, float))
+    values = np.nan_to_num(typical_frame(scan))
     if np.sum(np.minimum(values, 0) ** 2) > NEGATIVE * np.sum(values**2):
         return Estimate(False, "integrals are negative, and so is the image in places", LIKELY)
     return Estimate(True, "integrals are hardly anywhere negative; --signed allows f < 0", LIKELY)
@@ -152,8 +152,8 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
         why = "pixels show a part of the region, and a fit needs all of it"
         return choices.with_reason("model_based", why, SURE)
     if not pressure:
-        sign = _of_integrals(scan.frame(0)[list(choices.channels)])
-        return _fitted(choices, BETTER_OF_INTEGRALS, FIT | {"nonnegative": sign})
+        fit = FIT | {"nonnegative": _of_integrals(scan)}
+        return _fitted(choices, BETTER_OF_INTEGRALS, fit)
     if choices.model == "2d" and choices.water_speed is None and _nothing_is_missing(scan, choices):
         why = "two-dimensional waves, and every line through the region meets the detectors' curve"
         return choices.with_reason("model_based", why, LIKELY)
