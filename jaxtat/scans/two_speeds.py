@@ -8,11 +8,11 @@ from ..base.choice_table import GUESSED, SURE
 from ..io import Scan
 from ..records import MODELS
 from ..records.water import water_speed
-from .acquisition import WATER, facts_of, in_space, nominal_water_speed, typical_frame
+from .acquisition import WATER, nominal_water_speed, typical_frame
 from .body_estimate import BodyEstimate, estimate_body
 from .choices import Choices
 from .pipeline import choices_in_plane
-from .space import facts_in_space
+from .space import units_of_scan
 
 LARGER = 1.1  # the region than the body
 ESTIMATED = ("sound_speed", "body_radius", "body_center")
@@ -35,8 +35,7 @@ def with_water_of(scan: Scan, given: Mapping[str, Any]) -> dict[str, Any]:
         return others
     if others.get("water_speed") is not None:
         raise ValueError("water_speed and water_temperature are given, expected one of them.")
-    units = (facts_in_space if in_space(scan) else facts_of)(scan).units
-    nominal = nominal_water_speed(units.in_length(others.get("length_unit")))
+    nominal = nominal_water_speed(units_of_scan(scan).in_length(others.get("length_unit")))
     if nominal is None:
         raise ValueError(
             "water_temperature gives a speed in m/s, and the units of positions and times are not "
