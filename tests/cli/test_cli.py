@@ -1068,7 +1068,9 @@ def test_a_time_with_a_unit_beside_times_without_one_is_refused(jaxtat_command, 
     assert "--start-time 2us: the unit of the record's times is not known" in said
 
 
-@pytest.mark.parametrize("text", ["2 furlongs", "us", "1.2.3us", "2USD", "nan", "inf", "1e999us", "9" * 400 + "s"])
+@pytest.mark.parametrize(
+    "text", ["2 furlongs", "us", "1.2.3us", "2USD", "nan", "inf", "1e999us", "9" * 400 + "s"]
+)
 def test_what_is_no_time_is_one_line(capsys, text):
     for option in ("--start-time", "--duration", "--time-shift", "--dead-time"):
         with pytest.raises(SystemExit):
