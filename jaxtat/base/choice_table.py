@@ -172,7 +172,8 @@ CHOICES = (
         _NUMBER
         | {
             "metavar": "C",
-            "help": "around the body, where that is another one; --sound-speed is the body's then",
+            "help": "around the body, where that is another one; --sound-speed is the body's then "
+            "(default: looked for, see --two-speeds)",
         },
         POSITIVE,
         "speed",
@@ -392,7 +393,7 @@ BESIDES = (
 )
 """What settings say of the scan and of plans beside the choices; None if they do not."""
 
-OFF = {choice.name: choice.off for choice in CHOICES if choice.off}
+OFF = {choice.name: choice.off for choice in CHOICES if choice.off} | {"two_speeds": "one_speed"}
 """Options that say no, by name of the choice."""
 
 OPTIONS = tuple(choice for choice in CHOICES if choice.group is not None)

@@ -399,12 +399,20 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
         help="the same by a data sheet: centre frequency, and width at -6 dB over it, 0.6 of 60 %%",
     )
     _add_options(data, RECORD)
-    data.add_argument(
+    speeds = data.add_mutually_exclusive_group()
+    speeds.add_argument(
         "--two-speeds",
         action="store_true",
         default=None,
         help="estimate the body in water of another speed, half a minute's work; used if that "
-        "explains clearly more",
+        "explains clearly more (default where the water's speed or temperature is given alone)",
+    )
+    speeds.add_argument(
+        "--one-speed",
+        dest="two_speeds",
+        action="store_const",
+        const=False,
+        help="one speed of sound, of the body and the water alike",
     )
     data.add_argument(
         "--water-temperature", type=float, metavar="T", help="in place of --water-speed [degrees C]"

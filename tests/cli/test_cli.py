@@ -684,6 +684,7 @@ def test_an_interruption_is_no_traceback(bad_input, capsys, monkeypatch, option)
         "reconstruct data.npz --out a.png --inversion radon",
         "reconstruct data.npz --out a.png --alpha little",
         "reconstruct data.npz --out a.png --duration 1 --sampling-rate 3",
+        "reconstruct data.npz --out a.png --one-speed --two-speeds",
         "reconstruct data.npz --out a.png --pixels 12.5",
     ],
 )
