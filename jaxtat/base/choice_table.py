@@ -11,6 +11,7 @@ from numbers import Real
 from typing import Any, NamedTuple
 
 from .option_values import INVERSIONS, LOW_PASSES, MODELS, PENALTIES
+from .units import seconds, time_of
 
 SURE, LIKELY, GUESSED = GRADES = ("sure", "likely", "guessed")
 """Given, in the file, or following from it; what the data show, by a rule; nothing shows it."""
@@ -46,7 +47,7 @@ class Choice(NamedTuple):
     @property
     def is_number(self) -> bool:
         """Whether its option takes a single number."""
-        return self.option.get("type") in (int, float) and "nargs" not in self.option
+        return self.option.get("type") in (int, float, "time") and "nargs" not in self.option
 
     def stored(self, value: Any) -> Any:
         """Its value from a settings file, or ValueError if that is not allowed."""
@@ -61,8 +62,9 @@ class Choice(NamedTuple):
         """Raise ValueError for a number out of bounds; None means not chosen yet."""
         if value is None or not self.bound:
             return
-        least = value > 0 if self.bound == POSITIVE else value >= 0
-        if not (least and value < math.inf):
+        number = seconds(value) if isinstance(value, str) else value
+        least = number > 0 if self.bound == POSITIVE else number >= 0
+        if not (least and number < math.inf):
             raise ValueError(
                 f"{name or self.name} is {value}, expected a finite number, {self.bound}."
             )
@@ -72,6 +74,10 @@ def _number(value: Any) -> float:
     if isinstance(value, str | bool) or not math.isfinite(value):
         raise TypeError
     return float(value)
+
+
+def _time(value: Any) -> float | str:
+    return time_of(value) if isinstance(value, str) else _number(value)
 
 
 def _whole(value: Any) -> int:
@@ -132,6 +138,7 @@ def _cut(c: Any) -> str:
 PLAIN, RECORD, REGION, IMAGE, METHOD = "plain", "record", "region", "image", "method"
 CONSTRAINTS = "constraints"
 _NUMBER = {"type": float}
+_TIME = {"type": "time", "metavar": "T"}  # a type of the command's parser
 
 CHOICES = (
     Choice("order", _wholes),
@@ -165,7 +172,8 @@ CHOICES = (
         _NUMBER
         | {
             "metavar": "C",
-            "help": "around the body, where that is another one; --sound-speed is the body's then",
+            "help": "around the body, where that is another one; --sound-speed is the body's then "
+            "(default: looked for, see --two-speeds)",
         },
         POSITIVE,
         "speed",
@@ -202,7 +210,7 @@ CHOICES = (
         _number,
         lambda c: c.units.of_time(c.time_shift),
         RECORD,
-        _NUMBER | {"metavar": "T", "help": "added to the times of the record"},
+        _TIME | {"help": "added to the times of the record: 0.2us, or a number in their unit"},
         quantity="time",
     ),
     Choice(
@@ -210,7 +218,7 @@ CHOICES = (
         _number,
         lambda c: c.units.of_time(c.dead_time),
         RECORD,
-        _NUMBER | {"metavar": "T", "help": "silence the start"},
+        _TIME | {"help": "silence the start"},
         NOT_NEGATIVE,
         "time",
     ),
@@ -375,8 +383,9 @@ BESIDES = (
     Choice("arc", lambda values: _so_many(3, values)),
     Choice("ring", lambda values: _so_many(2, values)),
     *(Choice(name, _text) for name in ("scanner", "use", "frames")),
-    *(Choice(name, _number, bound=POSITIVE) for name in ("sampling_rate", "duration")),
-    Choice("start_time", _number),
+    Choice("sampling_rate", _number, bound=POSITIVE),
+    Choice("duration", _time, bound=POSITIVE),
+    Choice("start_time", _time),
     Choice("impulse_response_file", _text),
     Choice("element_band", lambda values: _so_many(2, values)),
     *(Choice(name, _number, bound=NOT_NEGATIVE) for name in ("K", "j_max", "sigma_min")),
@@ -384,7 +393,7 @@ BESIDES = (
 )
 """What settings say of the scan and of plans beside the choices; None if they do not."""
 
-OFF = {choice.name: choice.off for choice in CHOICES if choice.off}
+OFF = {choice.name: choice.off for choice in CHOICES if choice.off} | {"two_speeds": "one_speed"}
 """Options that say no, by name of the choice."""
 
 OPTIONS = tuple(choice for choice in CHOICES if choice.group is not None)

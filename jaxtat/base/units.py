@@ -1,12 +1,56 @@
 """Units: computations use those of positions and record; pictures, files and messages name them."""
 
+import math
+import re
 from collections.abc import Iterable
+from decimal import Decimal
 from typing import NamedTuple
 
 MILLIMETRES = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3}
 MICROSECONDS = {"s": 1e6, "us": 1.0}
 OF_VALUES = "initial pressure [arb. unit]"  # of images and volumes, beside a colour bar
 ROUNDING = 1e-9  # of a scale: what is less is what rounding left of zero
+EXPONENTS = {"ns": -9, "us": -6, "ms": -3, "s": 0}  # of times in seconds
+# two digits of an exponent: 1e999999999 would be written out
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?"
+_TIME = re.compile(rf"({_NUMBER})\s*({'|'.join(EXPONENTS)})")
+_MICRO = str.maketrans("\u00b5\u03bc", "uu")  # a sign and a letter that look alike
+
+
+def time_of(text: str) -> float | str:
+    """A time as a command or a file of settings has it: a number, or text with its unit.
+
+    Raises:
+        ValueError: for anything else.
+
+    >>> time_of("-2e-6"), time_of(" 1.375 us")
+    (-2e-06, '1.375 us')
+    """
+    text = text.strip().translate(_MICRO)
+    if _TIME.fullmatch(text) and math.isfinite(seconds(text)):
+        return text
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError(
+            f"{text!r:.60} is no time: expected a number, or one with a unit of "
+            f"{', '.join(EXPONENTS)}, such as 1.375us."
+        )
+    return number
+
+
+def seconds(time: str) -> float:
+    """Seconds of a time with its unit, as `time_of` has it, rounded once.
+
+    >>> seconds("1.375us") == 1.375e-6, seconds("-2e1 us"), seconds("40ms")
+    (True, -2e-05, 0.04)
+    """
+    found = _TIME.fullmatch(time)
+    assert found is not None, time
+    number, unit = found.groups()
+    return float(Decimal(number).scaleb(EXPONENTS[unit]))
 
 
 def millimetres(unit: str | None) -> float:

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..base.choice_table import BESIDES, OF_TWO_SPEEDS, OPTIONS
+from ..base.choice_table import BESIDES, OF_TWO_SPEEDS, OPTIONS, option_of
 from ..base.messages import name_of
+from ..base.units import MICROSECONDS, seconds
 from ..geometry import Disk, Region, circular_arc, in_plane
 from ..io import Scan, load_response, load_scan, load_settings
 from ..io.frames import LazyFrames
@@ -17,6 +18,7 @@ from ..regularization import FixedRank, NormBound, Regularization, SingularValue
 from ..scans import Choices, choose, setup_of, with_facts
 from ..scans.acquisition import facts_of, in_space
 from ..scans.frames import require_radii
+from ..scans.space import units_of_scan
 from ..steps import AccuracyWarning, polar_grid
 from .option_checks import band, is_given, require_values, slices
 
@@ -66,12 +68,14 @@ def scan_of(
         scan = replace(scan, known={k: v for k, v in scan.known.items() if k not in clock})
     facts = {"detectors": positions, "sampling_rate": rate, "frames": frames}
     scan = with_facts(scan, scanner=options.scanner, **facts)
+    if isinstance(duration, str):
+        duration = seconds(duration)
     rate = None if duration is None else (scan.n_samples - 1) / duration
     response = getattr(options, "impulse_response_file", None)
+    scan = with_facts(scan, sampling_rate=rate)
     scan = with_facts(
         scan,
-        sampling_rate=rate,
-        start_time=getattr(options, "start_time", None),
+        start_time=_time_of(options, "start_time", scan),
         element_response=None if response is None else load_response(response),
         element_band=getattr(options, "element_band", None),
     )
@@ -90,6 +94,8 @@ def given(
     made = {choice.name: getattr(options, choice.name, None) for choice in OPTIONS}
     for name in ("length_unit", *OF_TWO_SPEEDS):
         made[name] = getattr(options, name, None)
+    for name in ("time_shift", "dead_time"):
+        made[name] = _time_of(options, name, scan)
     made["use"] = None if options.use is None else chosen(options.use, scan.n_detectors)
     if made["band"] is not None:
         made["band"] = band(made["band"])
@@ -104,6 +110,20 @@ def given(
         "max_frequency": float(plan.frequencies[-1]),
         "radii": np.asarray(plan.radii),
     }
+
+
+def _time_of(options: argparse.Namespace, name: str, scan: Scan) -> float | None:
+    """A time among the options, in the unit of the scan's times."""
+    time = getattr(options, name, None)
+    if not isinstance(time, str) or scan.kind != "pressure":  # of which integrals have none
+        return seconds(time) if isinstance(time, str) else time
+    unit = units_of_scan(scan).time
+    if unit is None:
+        raise ValueError(
+            f"{option_of(name)} {time}: the unit of the record's times is not known: give a number "
+            "in that unit."
+        )
+    return seconds(time) * (1e6 / MICROSECONDS[unit])
 
 
 def _region_of(region: Region) -> dict[str, Any]:

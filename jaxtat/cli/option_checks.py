@@ -325,7 +325,8 @@ def _require_real_type(name: str) -> None:
 def _refuse(options: argparse.Namespace, names: tuple[str, ...], by: str, what: str) -> None:
     for name in names:
         if is_given(options, name):
-            raise ValueError(f"{option_of(name)} and --{by}: {what} has decided that.")
+            option = words_of(name, getattr(options, name))[0].partition("=")[0]
+            raise ValueError(f"{option} and --{by}: {what} has decided that.")
 
 
 def _require_folder(cache: str) -> None:

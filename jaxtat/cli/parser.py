@@ -20,12 +20,13 @@ from ..base.choice_table import (
 )
 from ..base.option_values import FORMATS, IMAGE_SUFFIXES, OME_ZARR
 from ..base.scanners import SCANNERS
-from ..base.units import MILLIMETRES
+from ..base.units import EXPONENTS, MILLIMETRES, time_of
 from ..version import __version__
 from . import commands
 
 # two digits: -1e999999999 would be written out
 _WITH_EXPONENT = re.compile(r"-(\d+\.?\d*|\.\d+)[eE][+-]?\d{1,2}")
+_NEGATIVE_TIME = re.compile(rf"-[\d.].*({'|'.join(EXPONENTS)})")
 
 _EXAMPLES = {
     "paper": """
@@ -85,16 +86,20 @@ _EXAMPLES = {
 
 
 class _Parser(argparse.ArgumentParser):
-    """argparse takes -5e-4 for an option, -0.0005 for a number: so it gets that.
+    """argparse takes -5e-4 and -2us for options, -0.0005 and " -2us" for values: it gets those.
 
     And a wrong word is one line: the usage above it would be the length of a screen.
     """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.register("type", "time", _time)
 
     def parse_known_args(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[argparse.Namespace, list[str]]:
         words = sys.argv[1:] if args is None else args
-        words = [_without_exponent(word) for word in words]
+        words = [_as_value(word) for word in words]
         options, unknown = super().parse_known_args(words, namespace)
         return options, [self._with_nearest(word) for word in unknown]
 
@@ -108,13 +113,23 @@ class _Parser(argparse.ArgumentParser):
         return f"{word} (do you mean {near[0]}?)" if near and word.startswith("--") else word
 
 
-def _without_exponent(word: str) -> str:
-    """A negative number with an exponent as one without; any other word as it is.
+def _as_value(word: str) -> str:
+    """A negative number without its exponent, a negative time behind a space; others as they are.
 
-    >>> _without_exponent("-5e-4"), _without_exponent("-e")
-    ('-0.0005', '-e')
+    >>> _as_value("-5e-4"), _as_value("-2us"), _as_value("-e")
+    ('-0.0005', ' -2us', '-e')
     """
-    return f"{Decimal(word):f}" if _WITH_EXPONENT.fullmatch(word) else word
+    if _WITH_EXPONENT.fullmatch(word):
+        return f"{Decimal(word):f}"
+    return f" {word}" if _NEGATIVE_TIME.fullmatch(word) else word
+
+
+def _time(text: str) -> float | str:
+    """A number, or a time with its unit."""
+    try:
+        return time_of(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error).removesuffix(".")) from None
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -361,12 +376,12 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
     data = parser.add_argument_group("pressure records (default: by the record)")
     times = data.add_mutually_exclusive_group()
     times.add_argument("--sampling-rate", type=float, metavar="F", help="samples at 0, 1/F, ...")
-    times.add_argument("--duration", type=float, metavar="T", help="samples from 0 to T inclusive")
+    times.add_argument("--duration", type="time", metavar="T", help="samples from 0 to T inclusive")
     data.add_argument(
         "--start-time",
-        type=float,
+        type="time",
         metavar="T",
-        help="time of the first sample, if that is not 0, when the laser fires; -1e-6 is before it",
+        help="time of the first sample, if that is not 0, when the laser fires: 1.375us, -1e-6",
     )
     response = data.add_mutually_exclusive_group()
     response.add_argument(
@@ -384,12 +399,20 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
         help="the same by a data sheet: centre frequency, and width at -6 dB over it, 0.6 of 60 %%",
     )
     _add_options(data, RECORD)
-    data.add_argument(
+    speeds = data.add_mutually_exclusive_group()
+    speeds.add_argument(
         "--two-speeds",
         action="store_true",
         default=None,
         help="estimate the body in water of another speed, half a minute's work; used if that "
-        "explains clearly more",
+        "explains clearly more (default where the water's speed or temperature is given alone)",
+    )
+    speeds.add_argument(
+        "--one-speed",
+        dest="two_speeds",
+        action="store_const",
+        const=False,
+        help="one speed of sound, of the body and the water alike",
     )
     data.add_argument(
         "--water-temperature", type=float, metavar="T", help="in place of --water-speed [degrees C]"

@@ -59,6 +59,7 @@ def read_msot(path: Path, kind: Kind | None) -> FileContents:
         element = root.find(where)
         if element is not None and element.text and element.text.strip():
             about[name] = _shortened(element.text.strip())
+    about |= _trigger_delay(root)
     about["map"] = _samples(path, _places(frames), len(positions), int(samples))
     return FileContents(about, known)
 
@@ -168,6 +169,16 @@ def _energy(element: Element) -> float:
     except ValueError:
         return np.nan
     return 1e3 * number if element.get("unit") == "J" else number
+
+
+def _trigger_delay(root: Element) -> dict[str, str]:
+    """That samples may begin after the laser fires; PATATO and other readers name no unit."""
+    element = root.find("HARDWARE-DESC/DAQTriggerDelay")
+    delay = "0" if element is None else _shortened((element.text or "0").strip())
+    if delay == "0":
+        return {}
+    said = f"{delay}, in a unit that is not known: not used, give --start-time"
+    return {"trigger delay": said}
 
 
 def _response(path: Path) -> np.ndarray:

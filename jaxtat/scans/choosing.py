@@ -11,7 +11,7 @@ from .acquisition import in_space
 from .choices import Choices
 from .noise import estimate_alpha
 from .pipeline import choices_in_plane, choices_in_space
-from .two_speeds import with_two_speeds, with_water_of
+from .two_speeds import lacks_second, require_one, with_one_said, with_two_speeds, with_water_of
 
 
 def choose(scan: Scan, **given: Any) -> Choices:
@@ -22,9 +22,10 @@ def choose(scan: Scan, **given: Any) -> Choices:
         given: choices by name, as in `Choices`; further ``use``, rows of the data to use
             (noisy and saturated ones among them too), ``radii`` of the circular integrals,
             ``band="none"``, ``length_unit``, in which the scan's positions are: "m", "cm", "mm" or
-            "um", ``two_speeds=True``, to estimate a body of another speed of sound than the
-            water's, see `estimate_body`, and ``water_temperature`` [°C] in place of
-            ``water_speed``. What is None is chosen.
+            "um", ``two_speeds``: True to estimate a body of another speed of sound than that of
+            water, see `estimate_body`, as where ``water_speed`` is given alone, False for one
+            speed; and ``water_temperature`` [°C] in place of ``water_speed``. What is None is
+            chosen.
 
     Returns:
         Choices, with a reason for each.
@@ -52,15 +53,20 @@ NAMES = (
 
 
 def _chosen(scan: Scan, given: Mapping[str, Any]) -> Choices:
+    others = dict(given)
+    two = others.pop("two_speeds", None)
+    if two is not None and not two:
+        require_one(scan, others)
+        return with_one_said(_chosen(scan, others))
     if in_space(scan):
-        if given.get("two_speeds"):
+        if two:
             raise ValueError("two_speeds is of detectors in the plane: leave it out.")
-        return choices_in_space(scan, with_water_of(scan, given))
+        return choices_in_space(scan, with_water_of(scan, others))
     for name in ("region_center", "body_center"):
         if given.get(name) is not None:
             real_array(name, given[name], (2,))
-    others = with_water_of(scan, given)
-    if others.pop("two_speeds", None):
+    others = with_water_of(scan, others)
+    if two or lacks_second(scan, others):
         return with_two_speeds(scan, others)
     return choices_in_plane(scan, others)
 

@@ -98,7 +98,8 @@ def require_body_speed(p: Parameters) -> None:
     if asked and p.nominal("sound_speed"):
         raise ValueError(
             "water_speed is given, and the body's own speed is neither given nor in the file: "
-            "give sound_speed too, or two_speeds, to estimate it."
+            "give sound_speed too. In the plane it is looked for, if nothing else of the body is "
+            "given."
         )
 
 

@@ -15,7 +15,7 @@ from ..geometry.balls import Ball
 from ..geometry.rings import fit_sphere
 from ..io import Scan
 from ..io.scan import OF_ELEMENTS
-from .acquisition import rows_used, times_of, units_of
+from .acquisition import facts_of, in_space, rows_used, times_of, units_of
 
 FACING = np.cos(np.radians(1.0))  # of elements that are taken to face the middle
 MOST_POINTS = 800  # detectors off rings, for the formula: its systems are dense
@@ -97,6 +97,11 @@ def facts_in_space(scan: Scan, use: object = None) -> FactsInSpace:
         order = np.arange(len(points))
         upside_down = False
     return FactsInSpace(detectors, rows[order], radius, upside_down, times, units_of(radius, times))
+
+
+def units_of_scan(scan: Scan) -> Units:
+    """Units of a scan's positions and times, in the plane or in space."""
+    return (facts_in_space if in_space(scan) else facts_of)(scan).units
 
 
 def require_few(detectors: SphericalCap | DetectorPoints) -> None:

@@ -8,11 +8,12 @@ from ..base.choice_table import GUESSED, SURE
 from ..io import Scan
 from ..records import MODELS
 from ..records.water import water_speed
-from .acquisition import WATER, facts_of, in_space, nominal_water_speed, typical_frame
+from .acquisition import WATER, nominal_water_speed, typical_frame
 from .body_estimate import BodyEstimate, estimate_body
 from .choices import Choices
+from .medium import OF_BODY
 from .pipeline import choices_in_plane
-from .space import facts_in_space
+from .space import units_of_scan
 
 LARGER = 1.1  # the region than the body
 ESTIMATED = ("sound_speed", "body_radius", "body_center")
@@ -35,14 +36,49 @@ def with_water_of(scan: Scan, given: Mapping[str, Any]) -> dict[str, Any]:
         return others
     if others.get("water_speed") is not None:
         raise ValueError("water_speed and water_temperature are given, expected one of them.")
-    units = (facts_in_space if in_space(scan) else facts_of)(scan).units
-    nominal = nominal_water_speed(units.in_length(others.get("length_unit")))
+    nominal = nominal_water_speed(units_of_scan(scan).in_length(others.get("length_unit")))
     if nominal is None:
         raise ValueError(
             "water_temperature gives a speed in m/s, and the units of positions and times are not "
             "known: give water_speed."
         )
     return others | {"water_speed": float(water_speed(temperature)) * nominal / WATER}
+
+
+def require_one(scan: Scan, given: Mapping[str, Any]) -> None:
+    """Raise ValueError where one speed is asked for beside what is of two, or of integrals."""
+    if scan.kind != "pressure":
+        raise ValueError("two_speeds is of pressure records: leave it out.")
+    beside = [name for name in (*OF_BODY, "water_temperature") if given.get(name) is not None]
+    if beside:
+        raise ValueError(f"one speed is asked for, and {beside[0]} is of two: leave one out.")
+
+
+def with_one_said(made: Choices) -> Choices:
+    """Choices by one speed of sound, where that was asked for."""
+    return _said_of_speed(made, "one speed is asked for")
+
+
+def _said_of_speed(made: Choices, more: str) -> Choices:
+    """The same choices, and a word more about the speed of sound."""
+    why, error = dict(made.reasons)["sound_speed"], dict(made.standard_errors).get("sound_speed")
+    return made.with_reason("sound_speed", f"{why}; {more}", made.grade("sound_speed"), error)
+
+
+def lacks_second(scan: Scan, given: Mapping[str, Any]) -> bool:
+    """Whether the water's speed is known alone, so that the body's is looked for.
+
+    Args:
+        scan: in the plane.
+        given: options by name; with numbers of the body its speed has to be given too.
+    """
+    known = scan.kind != "pressure" or "sound_speed" in scan.known
+    if known or given.get("water_speed") is None:
+        return False
+    if any(given.get(name) is not None for name in ESTIMATED):
+        return False
+    units = units_of_scan(scan).in_length(given.get("length_unit"))
+    return nominal_water_speed(units) is not None
 
 
 def with_two_speeds(scan: Scan, given: Mapping[str, Any]) -> Choices:
@@ -65,10 +101,7 @@ def with_two_speeds(scan: Scan, given: Mapping[str, Any]) -> Choices:
     made, found = _with_body(scan, given, made)
     if found is None or not found.clear:
         told = "the record is too short to tell a second one" if found is None else str(found)
-        why = f"{dict(made.reasons)['sound_speed']}; by two speeds {told}"
-        errors = dict(made.standard_errors)
-        grade = made.grade("sound_speed")
-        return made.with_reason("sound_speed", why, grade, errors.get("sound_speed"))
+        return _said_of_speed(made, f"by two speeds {told}")
     return _through_body(scan, given, made, found)
 
 

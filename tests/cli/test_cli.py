@@ -33,9 +33,10 @@ from jaxtat import (
     phantoms,
     reconstruct,
 )
+from jaxtat.base.choice_table import words_of
 from jaxtat.cli import main
 from jaxtat.cli.cache import keep_programs, remove_oldest, user_folder
-from jaxtat.cli.inputs import chosen, repeated
+from jaxtat.cli.inputs import chosen, given, repeated, scan_of
 from jaxtat.cli.parser import build_parser
 from jaxtat.io import load_plan, load_settings, save_image
 from jaxtat.records import condition_record, pressure_to_circular_integrals
@@ -683,6 +684,7 @@ def test_an_interruption_is_no_traceback(bad_input, capsys, monkeypatch, option)
         "reconstruct data.npz --out a.png --inversion radon",
         "reconstruct data.npz --out a.png --alpha little",
         "reconstruct data.npz --out a.png --duration 1 --sampling-rate 3",
+        "reconstruct data.npz --out a.png --one-speed --two-speeds",
         "reconstruct data.npz --out a.png --pixels 12.5",
     ],
 )
@@ -778,7 +780,7 @@ def test_what_deserves_a_look_comes_with_a_command_that_runs(jaxtat_command, cap
         assert command[:3] == ["jaxtat", "reconstruct", "data.npz"]
         options = build_parser().parse_args(command[1:])
         assert (options.arc, options.pixels) == ([1.3, 1.0, 24.0], 11)
-    assert len(said) == 4  # all channels are used, and nothing else is open
+    assert len(said) == 2  # all channels are used, and nothing else is open
     assert main([*shlex.split(said[1])[1:], "--quiet"]) == 0
     sheet = matplotlib.image.imread("sheet.png")
     assert sheet.shape[1] > sheet.shape[0] > 300  # five pictures in two rows
@@ -1012,6 +1014,76 @@ def test_negative_numbers_with_an_exponent_are_no_options():
     options = build_parser().parse_args(shlex.split(line))
     assert (options.body_center, options.region_center) == ([1e-3, -5e-4], [-5e-3, -2e-3])
     assert options.start_time == -1e-6
+
+
+TIMED = "info scan.npz --start-time {} --time-shift={} --dead-time {}"
+
+
+@pytest.mark.parametrize(("length", "time"), [(1.0, 1.0), (1e3, 1e6)])  # in SI units, in mm and us
+@pytest.mark.parametrize(
+    "texts",
+    [
+        ("1.375us", "-250ns", "0.5us"),
+        ("1375ns", "-0.25\u00b5s", "'5e-4 ms'"),
+        ("'1.375 \u03bcs'", "-0.00025ms", "0.0000005s"),
+    ],
+)
+def test_times_have_units_whatever_the_files_is(tmp_path, monkeypatch, length, time, texts):
+    monkeypatch.chdir(tmp_path)
+    file = {"pressure": pulses(90), "fs": 4e7 / time}
+    np.savez("scan.npz", **file, detectors=0.04 * length * CURVE.points)
+    scan, options = scan_of(build_parser().parse_args(shlex.split(TIMED.format(*texts))))
+    assert scan.known["times"][0] == pytest.approx(1.375e-6 * time, rel=1e-12)
+    asked = given(options, scan)
+    assert asked["time_shift"] == pytest.approx(-0.25e-6 * time, rel=1e-12)
+    assert asked["dead_time"] == pytest.approx(0.5e-6 * time, rel=1e-12)
+    line = shlex.join(words_of("start_time", options.start_time))
+    again = scan_of(build_parser().parse_args(shlex.split(f"info scan.npz {line}")))[0]
+    assert np.array_equal(again.known["times"], scan.known["times"])
+
+
+def test_a_negative_time_and_a_duration_with_units(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    np.savez("scan.npz", pressure=pulses(90), detectors=0.04 * CURVE.points)
+    line = "info scan.npz --duration 44.5us --start-time -2us"
+    scan, options = scan_of(build_parser().parse_args(shlex.split(line)))
+    assert np.allclose(scan.known["times"], -2e-6 + 0.5e-6 * np.arange(90), rtol=1e-12, atol=0)
+    assert options.start_time == "-2us"
+
+
+def test_a_time_with_a_unit_is_repeated(jaxtat_command):
+    np.savez("data.npz", pressure=pulses(90), fs=1e7, detectors=0.013 * CURVE.points)
+    line = "--duration 44.5us --start-time=-100ns --sound-speed 1500 --region-radius 0.008"
+    line += " --pixels 31 --quiet --force"
+    assert jaxtat_command(f"reconstruct data.npz {line} --direct --out a.h5") == 0
+    assert load_settings("a.h5")["start_time"] == "-100ns"
+    assert jaxtat_command("reconstruct data.npz --repeat a.h5 --quiet --force --out b.h5") == 0
+    with h5py.File("a.h5") as a, h5py.File("b.h5") as b:
+        assert np.array_equal(a["image"], b["image"]) and np.any(a["image"])
+
+
+def test_a_time_with_a_unit_beside_times_without_one_is_refused(jaxtat_command, capsys):
+    np.savez("data.npz", pressure=pulses(90), t=np.linspace(0, 3, 90))
+    assert jaxtat_command(f"info data.npz {ARC} {REGION} --start-time 2us") == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "--start-time 2us: the unit of the record's times is not known" in said
+
+
+@pytest.mark.parametrize(
+    "text", ["2 furlongs", "us", "1.2.3us", "2USD", "nan", "inf", "1e999us", "9" * 400 + "s"]
+)
+def test_what_is_no_time_is_one_line(capsys, text):
+    for option in ("--start-time", "--duration", "--time-shift", "--dead-time"):
+        with pytest.raises(SystemExit):
+            main(["info", "scan.npz", f"{option}={text}"])
+        (said,) = capsys.readouterr().err.splitlines()
+        assert f"{option}: {text!r:.60} is no time: expected a number" in said
+
+
+@pytest.mark.parametrize(("option", "bound"), [("duration", "above zero"), ("dead-time", "0 or")])
+def test_times_with_units_have_the_bounds_of_numbers(bad_input, capsys, option, bound):
+    assert main(["info", "good.npz", f"--{option}=-1us"]) == 2
+    assert f"--{option} is -1us, expected a finite number, {bound}" in capsys.readouterr().err
 
 
 LISTS = ([], [1], [1, 2], [1, 2, 3], ["a", "b", "c"], [[]], [2**70])

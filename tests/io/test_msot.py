@@ -62,6 +62,20 @@ def test_energies_of_the_pulses(tmp_path, name):
         assert "laser_energy" not in load_scan(path).known
 
 
+@pytest.mark.parametrize(
+    ("delay", "said"), [("0", None), ("0.0", None), ("", None), ("40", "40, in a unit")]
+)
+def test_a_delay_of_the_trigger_is_said_and_not_used(tmp_path, delay, said):
+    path = write_msot(tmp_path / "a.msot", DATA, POSITIONS, wavelengths=WAVELENGTHS)
+    without = load_scan(path)
+    tag = f"<DAQTriggerDelay>{delay}</DAQTriggerDelay></HARDWARE-DESC>"
+    path.write_text(path.read_text().replace("</HARDWARE-DESC>", tag))
+    scan = load_scan(path)
+    found = scan.about.get("trigger delay")
+    assert (found is None) if said is None else found.startswith(said)
+    assert set(scan.known) == set(without.known) and "times" not in scan.known
+
+
 def test_a_single_frame_and_no_response(tmp_path):
     scan = load_scan(write_msot(tmp_path / "a.msot", DATA[:1], POSITIONS, wavelengths=[700]))
     assert np.array_equal(scan.data, DATA[0])

@@ -12,7 +12,7 @@ from made_scans import BELLS, RATE, TIMES, positions
 from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, live, phantoms
 from jaxtat.cli import main
 from jaxtat.io import Scan
-from jaxtat.records import simulate_pressure
+from jaxtat.records import simulate_pressure, water_speed
 from jaxtat.scans import choose, reconstruct, trials, with_best_method
 from jaxtat.viewer import Session
 
@@ -127,7 +127,10 @@ def test_the_command_takes_two_speeds(two_speeds, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("given", "reason"),
     [
-        ({"water_speed": 1490.0}, "give sound_speed too"),
+        ({"water_speed": 1490.0, "body_radius": 0.01}, "give sound_speed too. In the plane it is"),
+        ({"two_speeds": False, "water_speed": 1490.0}, "one speed is asked for, and water_speed"),
+        ({"two_speeds": False, "water_temperature": 25.0}, "and water_temperature is of two"),
+        ({"two_speeds": False, "body_radius": 0.01}, "and body_radius is of two"),
         ({"body_radius": 0.01}, "the speed around it is not: water_speed"),
         ({"water_speed": 900.0, "sound_speed": 1550.0}, "0.7 to 1.4"),
         ({"water_speed": -1.0, "sound_speed": 1550.0}, "water_speed is -1"),
@@ -140,6 +143,35 @@ def test_the_command_takes_two_speeds(two_speeds, tmp_path, monkeypatch):
 def test_parts_of_a_body_are_refused(two_speeds, given, reason):
     with pytest.raises(ValueError, match=reason):
         reconstruct(two_speeds, choose(two_speeds, **SIZES, **given))
+
+
+def test_the_bodys_speed_is_looked_for_where_the_waters_is_given_alone(two_speeds, monkeypatch):
+    """What is asked is whether and with what; the search itself has its own tests."""
+    asked, found = [], choose(two_speeds, **GIVEN)
+
+    def search(scan, given):
+        asked.append(given["water_speed"])
+        return found
+
+    monkeypatch.setattr("jaxtat.scans.choosing.with_two_speeds", search)
+    monkeypatch.setattr("jaxtat.scans.choosing.estimate_alpha", lambda scan, made: made)
+    assert choose(two_speeds, water_speed=1490.0) is found
+    assert choose(two_speeds, water_temperature=25.0) is found
+    assert asked == [1490.0, pytest.approx(float(water_speed(25.0)))]
+    of_file = replace(two_speeds, known={**two_speeds.known, "sound_speed": np.array(1550.0)})
+    for scan, given in ((of_file, {}), (two_speeds, {"sound_speed": 1550.0})):
+        chosen = choose(scan, water_speed=1490.0, **SIZES, **given)
+        assert (chosen.sound_speed, chosen.water_speed) == (1550.0, 1490.0)
+
+
+def test_one_speed_is_said_to_be_asked_for(two_speeds, best_single_speed):
+    chosen = choose(two_speeds, band="none", two_speeds=False, **SIZES)
+    assert (chosen.sound_speed, chosen.water_speed) == (best_single_speed, None)
+    row = next(row for row in chosen.rows() if row[0] == "sound_speed")
+    assert row[3].endswith("; one speed is asked for")
+    silent = choose(two_speeds, band="none", **SIZES)
+    assert dict(chosen.standard_errors) == dict(silent.standard_errors)
+    assert chosen.grade("sound_speed") == silent.grade("sound_speed")
 
 
 @pytest.mark.parametrize("name", ["water_speed", "sound_speed", "time_shift", "dead_time"])
