@@ -89,7 +89,7 @@ class OnLadder(eqx.Module):
 
 
 def middle(images: Any, shape: tuple[int, int]) -> Float[np.ndarray, "*images x1 x2"]:
-    """The pixels in the middle of larger images, which are known.
+    """The central pixels of larger images; known, not traced.
 
     >>> middle(np.arange(9.0).reshape(3, 3), (1, 3)).tolist()
     [[3.0, 4.0, 5.0]]

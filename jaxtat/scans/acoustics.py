@@ -150,7 +150,7 @@ def sound_of(
 
 
 def tell_acoustics(record: Acquisition, p: Parameters) -> Parameters:
-    """What the record tells of model, speed and start, with a warning of what it contradicts.
+    """Model, sound speed and start estimated from the record, with a warning of contradictions.
 
     Of records of a scanner's size, by the best image of all that may sound within the detectors: of
     others nothing is estimated. Nor where sound arrives when the positions do not allow it.

@@ -44,7 +44,7 @@ STRETCHES = np.arange(SLOWEST, FASTEST + STEP / 2, STEP)  # speeds that are trie
 
 
 def tell_acoustics_in_space(record: AcquisitionInSpace, p: Parameters) -> Choices:
-    """Choices with the speed that the record tells, with a warning if no volume explains it.
+    """Choices with the estimated sound speed, with a warning if no volume explains the record.
 
     Where the file does not say when the record starts, speeds are guesses: neither opposite
     detectors nor the best volume tell a start from a speed.
@@ -108,7 +108,7 @@ class Asked(NamedTuple):
 
 
 def _by_volumes(asked: Asked, p: Parameters, made: Choices, *, told: bool) -> Choices:
-    """Choices with what the best volumes tell.
+    """Choices with what the best-fitting volumes give.
 
     Args:
         told: whether they tell the speed.

@@ -20,7 +20,7 @@ FADING = 0.05  # of the time in which the region sounds, before and after it
 
 
 def problem_for_speeds(scan: Scan, choices: Choices) -> OnLadder:
-    """The scan's, and no word of what detectors do not see: that is said with the image."""
+    """The scan's, without a warning of unseen edges: the image comes with that."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", VisibilityWarning)
         return problem_of(scan, choices)

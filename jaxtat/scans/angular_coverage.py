@@ -24,7 +24,7 @@ BETWEEN = 0.5  # of the region's radius: as near to its centre a line between de
 
 
 def with_speed_seen_once(scan: Scan, choices: Choices) -> Choices:
-    """Choices with the speed of sound that a typical frame tells, or with water's.
+    """Choices with the sound speed estimated from a typical frame, or with water's.
 
     Args:
         scan, choices: in the plane, of pressure, at water's speed.

@@ -58,7 +58,7 @@ GAIN, ERRORS = 0.1, 3.0  # least gain, and standard errors, from which two speed
 
 
 class BodyEstimate(NamedTuple):
-    """What a record tells of a body of another speed of sound.
+    """A body of another sound speed, estimated from a record.
 
     Attributes:
         body: the disk.
@@ -185,7 +185,7 @@ class Through(NamedTuple):
 def _about_what_sounds(
     sound: Sound, choices: Choices
 ) -> tuple[Through, Float[np.ndarray, "2"], float]:
-    """The criterion, and the disk of what sounds: that of the region, or a much smaller one.
+    """The criterion, and the disk of the sources: that of the region, or a much smaller one.
 
     A region that was given stays: a body may be silent near its rim.
     """
@@ -200,7 +200,7 @@ def _about_what_sounds(
 
 
 def _through(sound: Sound, choices: Choices, center: np.ndarray, radius: float) -> Through:
-    """The criterion in pixels about what sounds, for bodies of about its size."""
+    """The criterion in pixels about the sources, for bodies of about their size."""
     offset = center - sound.center
     away = float(np.hypot(*offset))
     reach = min(WIDE * radius, sound.reach - away)
@@ -229,7 +229,7 @@ class _Surface(NamedTuple):
     hessian: Float[np.ndarray, "free free detectors"]
 
     def step(self, kept: Bool[np.ndarray, " detectors"]) -> Float[np.ndarray, " free"]:
-        """To where these detectors leave least; none along what they do not tell."""
+        """Newton's step on these detectors' misfit; none where it is flat."""
         gradient, hessian = self.gradient[:, kept].sum(axis=1), self.hessian[..., kept].sum(axis=2)
         curvatures, axes = np.linalg.eigh(hessian)
         told = curvatures > FLAT * max(float(curvatures[-1]), 1e-300)

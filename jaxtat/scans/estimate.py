@@ -15,10 +15,10 @@ class Source(IntEnum):
     USER = 0
     FILE = 1
     ESTIMATE = 2
-    """What the record tells by a rule."""
+    """Estimated from the record by a rule."""
     DEFAULT = 3
     NOMINAL = 4
-    """A default until images tell the value."""
+    """A default until the value is estimated by images."""
 
 
 class Estimate(NamedTuple):

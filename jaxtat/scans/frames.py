@@ -30,7 +30,7 @@ GROUPS = 2  # of frequencies, at most: for few images, compiling is what takes t
 
 @contextmanager
 def bounded_as_said(choices: Choices) -> Iterator[None]:
-    """No warning of waves that detectors do not tell, unless they were asked for.
+    """No warning of undersampled waves, unless they were asked for.
 
     The table says what bounds them.
     """

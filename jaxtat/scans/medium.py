@@ -41,7 +41,7 @@ def acoustic_model(facts: Facts, frame: Float[np.ndarray, "detectors samples"]) 
 
 
 def nominal_speed(scan: Scan, p: Parameters) -> Estimate:
-    """The speed of the file, of a map or list its mean, or water's until images tell it."""
+    """The file's sound speed (the mean of a map or list); water's until it is estimated."""
     if "sound_speed" in scan.known:
         speeds = scan.known["sound_speed"]
         least, most = float(speeds.min()), float(speeds.max())
@@ -72,7 +72,7 @@ def path_speed(p: Parameters) -> float:
 
 
 def single_speed(away: float | None, p: Parameters) -> float:
-    """The speed of sound; of two the single one by which sound from the middle takes as long.
+    """The sound speed; of two, the single one with the same travel time from the middle.
 
     Args:
         away: radius of the circle or sphere of the detectors; None if there is none [length].

@@ -237,7 +237,7 @@ def _fitted(
 
 
 class Place(NamedTuple):
-    """Where sound comes from and is heard, and the sizes that its waves take.
+    """Source grid, detectors, and the sizes of the arrays of their waves.
 
     Attributes:
         curve: of the detectors, as many as on the ladder.

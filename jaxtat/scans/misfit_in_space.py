@@ -43,7 +43,7 @@ NO_WEIGHT = 0.0
 
 
 class PlaceInSpace(NamedTuple):
-    """Where sound comes from and is heard, and the sizes that its waves take.
+    """Source grid, detectors, and the sizes of the arrays of their waves.
 
     Attributes:
         curve: of the detectors.
@@ -98,7 +98,7 @@ def points_in_space(scan: Scan, choices: Choices) -> DetectorPoints:
 
 
 def sound_in_space(record: AcquisitionInSpace, p: Parameters, choices: Choices) -> Sound | None:
-    """Some rows of a typical frame, and when sound from all that sounds may arrive at them.
+    """Some rows of a typical frame, and the window in which sources can reach them.
 
     Args:
         record, p, choices: of pressure.

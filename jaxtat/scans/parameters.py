@@ -45,7 +45,7 @@ class Parameters:
         return self.user(name) is not None
 
     def nominal(self, name: str) -> bool:
-        """Whether images still have to tell it."""
+        """Whether it is still to be estimated by images."""
         known = self.estimates.get(name)
         return known is not None and known.source is Source.NOMINAL
 
@@ -68,7 +68,7 @@ class Parameters:
         return self.replaced(**{name: Estimate(value) for name, value in values.items()})
 
     def settled(self, why: str, names: Iterable[str], **data: Any) -> "Parameters":
-        """What images should have told stays a guess, for a reason."""
+        """An estimate by images failed: the value stays a guess, with the reason."""
         known = {name: self.estimates[name] for name in names if self.nominal(name)}
         return self.replaced(
             **{
@@ -78,7 +78,7 @@ class Parameters:
         )
 
     def doubted(self, why: str, names: Iterable[str], **data: Any) -> "Parameters":
-        """The same because of a contradiction, and all that the record tells is a guess."""
+        """The same after a contradiction; every estimate from the record becomes a guess."""
         unsure = {name: known for name, known in self.estimates.items() if known.grade != SURE}
         guesses = {name: known._replace(grade=GUESSED) for name, known in unsure.items()}
         return self.replaced(**guesses).settled(why, names, **data)

@@ -76,7 +76,7 @@ def _through(stages: tuple, record: Any, p: Parameters) -> Parameters:
 def _with_start(
     scan: Scan, facts: Facts, p: Parameters, told: Parameters, made: Choices
 ) -> Choices:
-    """Choices with the start that images tell, where neither the file nor the user says one.
+    """Choices with the start estimated by images, where neither file nor user gives one.
 
     Args:
         p: before the stages.
@@ -102,7 +102,7 @@ def _with_start(
 def _sound(
     scan: Scan, facts: Facts, p: Parameters, images: Mapping[str, Estimate]
 ) -> tuple[Acquisition, Parameters]:
-    """What of a pressure record counts, and what it tells of model, speed and start.
+    """The usable part of a pressure record; its model, sound speed and start.
 
     Args:
         images: what they told before; nothing else is asked of them then.

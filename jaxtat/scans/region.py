@@ -34,7 +34,7 @@ COVERED = "as much as detectors and record (path {path:length}) cover"
 
 
 class NoRegion(ValueError):
-    """The detectors do not tell where a region of interest could be."""
+    """No region of interest follows from the detectors' positions."""
 
 
 def with_rectangle(p: Parameters) -> Parameters:
@@ -177,7 +177,7 @@ def _largest_seen(facts: Facts, center: Any) -> tuple[tuple[float, float], float
 
 
 def _cut_at_opening(arc: ArcFit, p: Parameters, beyond: float = -np.inf) -> Parameters:
-    """The region ends at the chord of the opening, unless what sounds reaches beyond it.
+    """The region ends at the chord of the opening, unless sources reach beyond it.
 
     Of that the detectors see some edges, and the disk's image is better with than without them.
 

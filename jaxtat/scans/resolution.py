@@ -104,7 +104,7 @@ def _of_inner_half(support: Supported) -> float:
 
 
 def sampled_by_detectors(curve: DetectorCurve, region: Region, times: Any) -> float:
-    """The highest frequency that the detectors' spacing tells [rad/length].
+    """The highest frequency that the detectors' spacing samples [rad/length].
 
     Args:
         curve: of the detectors that are used.
@@ -114,7 +114,7 @@ def sampled_by_detectors(curve: DetectorCurve, region: Region, times: Any) -> fl
 
 
 def _of_spacing(sampled: float, per_pixel: float) -> Estimate:
-    """What the detectors' spacing tells and, of images of few pixels, twice that [rad/length].
+    """What the detectors' spacing samples; twice that for images of few pixels [rad/length].
 
     Between detectors that are far apart the constraints of fits tell more than the spacing does,
     and errors of the formula hardly change.
@@ -227,7 +227,7 @@ def _voxels(half_width: float, highest: float) -> int:
 
 
 def with_waves_of_fit(scan: Scan, choices: Choices) -> Choices:
-    """A fit in space with shorter waves than the detectors, by their spacing, tell alone.
+    """A fit in space with shorter waves than the detectors' spacing samples.
 
     f >= 0 and total variation tell these, up to what the record and 65 voxels hold: all volumes
     of the benchmark are nearer to the truth with them (docs/automatic_choices.md).

@@ -63,7 +63,7 @@ class Start(NamedTuple):
 
     @property
     def differs(self) -> bool:
-        """Whether a start as the file says is contradicted."""
+        """Whether the record contradicts the file's start time."""
         return abs(self.shift) > DIFFERENT * self.standard_error
 
     @property
@@ -71,7 +71,7 @@ class Start(NamedTuple):
         return LIKELY if self.even and self.speed_error <= SURE_TO * self.speed else GUESSED
 
     def estimates(self, model: Estimate) -> dict[str, Estimate]:
-        """Start and speed for the table, with the model by which they were told."""
+        """Start and speed for the table, with the model by which they were estimated."""
         when = "late" if self.shift > 0 else "early"
         why = (
             f"the record starts {{gone:time}} {when}: with that an image explains it best; "
