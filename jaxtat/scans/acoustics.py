@@ -38,7 +38,6 @@ MUCH_LESS = 0.3  # and another speed than the file's
 EXPLAINED = 0.4  # share, below which an image explains most of a record
 NO_IMAGE = 0.88  # share² over that of rows in another order, from which no image explains
 HARDLY = 0.5  # of that ratio, from which other speeds than the file's are tried
-TURNED = 0.6  # share² of minus the record over its own, below which its sign is turned
 STRETCHES = np.arange(SLOWEST, FASTEST + STEP / 2, STEP)  # speeds that are tried, over nominal
 WHAT = {"2d": "two-dimensional waves", "in-plane": "sound in the plane"}
 OPEN = ("sound_speed", "model")  # what images tell
@@ -46,10 +45,6 @@ NO_IMAGE_SAYS = (
     "no image explains this record: the best leaves {least:.0%} of it, and {chance:.0%} with its "
     "rows mixed. Check the order of the rows, the sampling rate, the start of the record, the "
     "units of positions and times, and whether there is more than noise"
-)
-SIGN_SAYS = (
-    "the record's sign is turned: the best image f >= 0 leaves {least:.0%} of it, and {turned:.0%} "
-    "of minus the record. If its amplifiers invert, multiply it by -1"
 )
 
 
@@ -197,11 +192,6 @@ def _told_by_images(sound: Sound, record: Acquisition, p: Parameters, nominal: f
     if of_file and twice and (best.speed.fit.share / chance()) ** 2 > HARDLY:
         best = _told(sound, best.model, nominal, sought=True)
         p = _compared(p, best, nominal)
-    least, turned = _shares_of_signs(best) if twice else (1.0, 1.0)
-    if turned < EXPLAINED and turned**2 < TURNED * least**2:
-        data = {"least": least, "turned": turned}
-        warnings.warn(f"{SIGN_SAYS.format(**data)}.", Contradiction, stacklevel=6)
-        return p.doubted(SIGN_SAYS, OPEN, **data)
     if _contradicted(best, chance):
         data = {"least": best.speed.fit.share, "chance": chance()}
         warnings.warn(f"{NO_IMAGE_SAYS.format(**data)}.", Contradiction, stacklevel=6)
@@ -288,12 +278,6 @@ def _contradicted(told: Told, chance: Callable[[], float]) -> bool:
         return False  # mixed rows have no such speed, 0.27 at most
     # what is round about the middle gives all detectors the same record
     return least >= EXPLAINED and (least / chance()) ** 2 >= NO_IMAGE
-
-
-def _shares_of_signs(told: Told) -> tuple[float, float]:
-    """The shares that fits of equally many steps leave of the record, and of minus the record."""
-    fit_of = partial(Misfit.best, sound_speed=told.speed.value, weight=told.weight)
-    return fit_of(told.misfit).share, fit_of(told.misfit.with_sign_turned()).share
 
 
 def _share_by_chance(told: Told) -> float:

@@ -187,10 +187,6 @@ class Misfit(eqx.Module):
         left, share, used, image = (np.asarray(part, float) for part in found)
         return Fit(left[: int(self.n_detectors)], float(share), float(used), image)
 
-    def with_sign_turned(self) -> "Misfit":
-        """The criterion for minus the record."""
-        return eqx.tree_at(lambda misfit: misfit.data, self, -self.data)
-
     def with_rows_mixed(self) -> "Misfit":
         """The criterion for the record of each detector that counts at another's place."""
         data = np.asarray(self.data)

@@ -27,11 +27,10 @@ from jaxtat.io.datasets import sample_scan
 from jaxtat.records import circular_integrals_to_pressure
 from jaxtat.scans import choose, pipeline
 from jaxtat.scans.acoustics import shares_by_speed, tell_acoustics
-from jaxtat.steps import AccuracyWarning, Contradiction
+from jaxtat.steps import AccuracyWarning
 
 pytestmark = pytest.mark.slow
 
-SIGN = "the record's sign is turned"
 NO_IMAGE = "no image explains this record"
 LATE, EARLIER = "sound arrives later than", "sound arrives earlier than"
 ARC, HALF = slice(None), slice(15, 75)  # 270 and 179 degrees
@@ -239,18 +238,6 @@ def test_a_measured_scan_raises_no_alarm_but_damaged(data_file):
     known = dict(measured.known) | {"detectors": 100 * measured.known["detectors"]}
     with pytest.warns(AccuracyWarning, match=LATE):
         choose(Scan("pressure", measured.frame(0), known))
-
-
-@pytest.mark.parametrize("given", [{}, {"sound_speed": SPEED}])
-@pytest.mark.parametrize("noise", [0.0, 0.1])
-def test_a_turned_sign_is_said_and_no_speed_is_told_by_it(noise, given):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", AccuracyWarning)
-        choose(made(noisy(noise)), **GIVEN, **given)
-    with pytest.warns(Contradiction, match=SIGN):
-        chosen = choose(made(-noisy(noise)), **GIVEN, **given)
-    wanted = (SPEED, "sure") if given else (1500.0, "guessed")
-    assert (chosen.sound_speed, chosen.grade("sound_speed")) == wanted
 
 
 def test_the_command_says_it_in_a_line(tmp_path, capsys, monkeypatch):
