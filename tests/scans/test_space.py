@@ -94,7 +94,7 @@ def scan_file(integrals, tmp_path_factory):
 def test_every_format_holds_the_volume(scan_file, integrals, tmp_path):
     """Measured rings differ from the cap in the areas only, and so by what is not exact."""
     wanted = integrals[2]
-    settings = f"reconstruct {scan_file} {OPTIONS} --length-unit m"
+    settings = f"reconstruct {scan_file} {OPTIONS} --length-unit m --direct"
     for name in ("v.h5", "v.nii.gz", "v.tif", "v.png", "v.npy", "v.ome.zarr"):
         assert main([*settings.split(), "--out", str(tmp_path / name)]) == 0
     volume = np.load(tmp_path / "v.npy")
@@ -148,6 +148,7 @@ def test_upside_down_is_turned_over(scan_file, integrals):
         region_radius=RADIUS,
         pixels=9,
         max_frequency=MAX_FREQUENCY,
+        model_based=False,
     )
     assert found.image.shape == (2, 9, 9, 9)
     inside = np.asarray(found.region.contains(found.grid.points))
