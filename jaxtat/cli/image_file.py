@@ -12,7 +12,6 @@ import numpy as np
 
 from ..base.option_values import OME_ZARR
 from ..geometry import ImageGrid
-from ..interop import save_ome_zarr
 from ..io import Scan
 from ..io.images import save_image
 from ..io.unfinished import UnfinishedImages
@@ -63,6 +62,8 @@ def write_image(
         images = result.image if kept is None else kept.images()
         errors = _errors(scan, choices, images) if options.errors else None
         if options.out.endswith(OME_ZARR):
+            from ..interop import save_ome_zarr  # with adapters that no other image needs
+
             save_ome_zarr(
                 options.out,
                 replace(result, image=images, unit=options.length_unit or result.unit),

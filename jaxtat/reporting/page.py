@@ -94,7 +94,7 @@ def _section(title: str, *parts: str) -> Html:
 
 def _list(conclusions: list[Finding]) -> Html:
     def item(finding: Finding) -> Html:
-        mark, name = _MARKS[finding.level]
+        mark, name = _MARKS[finding.severity]
         return element(
             "li",
             element("span", f"{mark} {name}: ", class_="mark"),

@@ -28,7 +28,7 @@ class Severity(Enum):
 class Finding(NamedTuple):
     """One or two sentences, and how serious they are."""
 
-    level: Severity
+    severity: Severity
     text: str
 
 

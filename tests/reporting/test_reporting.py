@@ -206,7 +206,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_any_work(tmp_path, com
 
 
 def levels(diagnosis):
-    return [(finding.level, finding.text) for finding in findings(diagnosis, "m")]
+    return [(finding.severity, finding.text) for finding in findings(diagnosis, "m")]
 
 
 def test_a_full_ring_and_clean_data_are_good():
