@@ -152,6 +152,11 @@ FUNCTIONS = {
         lambda s, g: fit(s, g, nonnegative=True, dtype=jnp.float32),
         "data",
     ),
+    "fitted to a record, each element with its response": (
+        plane,
+        lambda s, p: fit(s, p, times=TIMES, element_responses=np.ones((19, 3))),
+        "record",
+    ),
     "least squares": (plane, lambda s, g: fit(s, g, penalty=NoPenalty()), "data"),
     "integrals of a record": (
         plane,

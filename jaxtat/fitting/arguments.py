@@ -18,9 +18,11 @@ from ..base.checks import (
     require_positive,
     require_unmasked,
 )
-from ..forward import pressure_terms, response_factors
+from ..base.size_ladder import rung
+from ..forward import OwnResponses, pressure_terms, response_factors
 from ..reconstruction import Setup, operator_on
 from ..records import pressure_matrix
+from ..records.impulse_response import transfer_function
 from .data_fit import DataFit
 from .penalties import NoPenalty, Penalty, Ridge, TotalVariation, is_known
 from .radial_filter import high_pass
@@ -42,8 +44,9 @@ def data_fits(
     """The operators of the fit on each grid: A up to what was recorded, W, H and C."""
     record, responses, shape = None, None, setup.data_shape
     if pressure is not None:
-        record, responses = _record(setup, *pressure), _responses(setup, pressure)
-        shape = (*setup.detectors_shape, record.shape[0])
+        record, responses = _recorded(setup, *pressure)
+        recording = responses.conditioning.T if isinstance(responses, OwnResponses) else record
+        shape = (*setup.detectors_shape, recording.shape[0])
     if noise is not None:
         noise = real_array("noise", noise, None)
         require_positive("noise", noise)
@@ -75,21 +78,44 @@ def _weights(xp: Any, sizes: Any, counted: Any, dtype: Any) -> Any:
     return xp.where(counted, 1 / sizes, 0.0).astype(dtype)
 
 
-def _record(
+def _recorded(
     setup: Setup, times: Any, sound_speed: Any, model: str, conditioning: Any, responses: Any
-) -> Float[Array, "times terms"]:
-    """From what the operator knows to pressure, then the conditioning that the record had."""
+) -> tuple[Float[Array, "times terms"], OwnResponses | Float[Array, "2 k *detectors"] | None]:
+    """From what the operator knows to pressure, then the conditioning that the record had.
+
+    And the responses of each element, of which the plane's have the conditioning.
+    """
     if setup.medium is not None:
         if not (is_concrete(sound_speed) and np.ndim(sound_speed) == 0 and sound_speed == 1.0):
             raise ValueError("sound_speed is given, and the setup has a medium: leave it out.")
         sound_speed = setup.medium.water_speed
+    factors = None
+    if responses is not None:
+        shape = (*setup.detectors_shape, "taps")
+        responses = real_array("element_responses", responses, shape)
     if setup.grid.dimension == 3:
         matrix = _record_in_space(setup, times, sound_speed, model, responses is not None)
+        if responses is not None:
+            step = sound_speed * (jnp.asarray(times)[1] - jnp.asarray(times)[0])
+            factors = response_factors(setup.kind.sizes_inside(setup), responses, step)
     else:
         matrix = pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
+        if responses is not None:
+            within = _with_sound(setup, times, sound_speed, model, responses.shape[-1])
+            matrix = by_library(lambda _, known: known[within], (matrix,))
+            return matrix, _own_responses(
+                responses, np.eye(np.shape(times)[0])[within], conditioning
+            )
+    return _conditioned(conditioning, matrix), factors
+
+
+def _conditioned(
+    conditioning: Any, matrix: Float[Array, "times terms"]
+) -> Float[Array, "samples terms"]:
+    """A record for each column, conditioned."""
     if conditioning is None:
         return matrix
-    conditioned = jnp.asarray(conditioning(_turned(matrix)))  # a record for each column
+    conditioned = jnp.asarray(conditioning(_turned(matrix)))
     if conditioned.ndim != 2 or conditioned.shape[0] != matrix.shape[1]:
         raise ValueError(
             f"conditioning makes {conditioned.shape} of records (detectors, times) of shape "
@@ -108,20 +134,31 @@ def _record_in_space(
     return pressure_terms(setup.kind.sizes_inside(setup), speed * times, sines=sines)
 
 
-def _responses(setup: Setup, pressure: Pressure) -> Float[Array, "2 frequencies *detectors"] | None:
-    """What elements make of cosines, or None of those that record what arrives."""
-    times, speed, _, _, responses = pressure
-    if responses is None:
-        return None
-    if setup.grid.dimension == 2:
-        raise ValueError(
-            "element_responses are of detectors in space: in the plane take them out of the data "
-            "by records.remove_impulse_response, or pass one of all as conditioning."
-        )
-    shape = setup.detectors_shape
-    responses = real_array("element_responses", responses, (*shape, "taps"))
-    step = jnp.asarray(times)[1] - jnp.asarray(times)[0]
-    return response_factors(setup.kind.sizes_inside(setup), responses, speed * step)
+def _own_responses(
+    responses: Float[Array, "detectors taps"],
+    pulses: Float[np.ndarray, "some times"],
+    conditioning: Any,
+) -> OwnResponses:
+    """Responses to pressure at some times, and records of pulses at these, conditioned."""
+    kept = _conditioned(conditioning, jax.device_put(pulses.T))
+    taps = responses.shape[-1]
+    padded = rung(max(16, len(pulses) + taps))  # an even number
+    transfer = by_library(lambda xp, h: transfer_function(xp, padded, h, taps // 2), (responses,))
+    return OwnResponses(transfer, _turned(kept))
+
+
+def _with_sound(setup: Setup, times: Any, speed: Any, model: str, taps: int) -> slice:
+    """Samples in which elements of so long responses record anything from the region.
+
+    Waves in the plane have no end. A few samples more make the number one of the ladder.
+    """
+    n = np.shape(times)[0]
+    if not is_concrete(times, speed, setup.radii):
+        return slice(0, n)
+    paths, radii = np.asarray(speed) * np.asarray(times), np.asarray(setup.radii)
+    first = max(0, int(np.searchsorted(paths, radii[0])) - taps)
+    last = n if model == "2d" else min(n, int(np.searchsorted(paths, radii[-1])) + taps)
+    return slice(max(0, last - rung(max(1, last - first))), last)
 
 
 def _turned(matrix: Array) -> Array:

@@ -151,8 +151,9 @@ def model_based(
         conditioning: what each record went through: a linear function from (detectors, times) to
             (detectors, samples), the same for all detectors, such as
             ``functools.partial(condition_record, times=times, band=band, baseline=False)``.
-        element_responses: of elements in space, one impulse response of each at the steps of
-            ``times``, time 0 in the middle, (*detectors, taps); before the conditioning.
+        element_responses: one impulse response of each element at the steps of ``times``, time 0
+            in the middle, (*detectors, taps); before the conditioning. In the plane steps take
+            a quarter longer by them; one of all elements is better a part of the conditioning.
         max_frequency: above which images are taken to have no spectrum [rad/length]; by default
             π over the pixel's side. Finer pixels than the data resolve then cost little more.
         initial: image to start from, like the result, on the last grid at once; zeros instead if

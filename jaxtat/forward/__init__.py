@@ -3,11 +3,13 @@
 from .circular_sizes import CircleSizes, circle_sizes, sizes_inside
 from .fast_circles import CircleIntegrals, circle_integrals
 from .fast_spheres import SphereIntegrals, pressure_terms, response_factors, sphere_integrals
+from .own_responses import OwnResponses
 from .spherical_sizes import SphereSizes, sphere_sizes
 
 __all__ = [
     "CircleIntegrals",
     "CircleSizes",
+    "OwnResponses",
     "SphereIntegrals",
     "SphereSizes",
     "circle_integrals",

@@ -77,6 +77,7 @@ from .circular_harmonics import (
     within_reason,
 )
 from .circular_sizes import CircleSizes
+from .own_responses import OwnResponses
 
 # bytes of cosines and sines up to which a product with them is faster than a non-uniform FFT
 DENSE = 2**24
@@ -156,6 +157,8 @@ class CircleIntegrals(eqx.Module):
             group of frequencies (frequencies, pairs, detectors); None on a circle, and where they
             would not fit into memory and are made anew each time.
         series: (2 r/T²) J_0(lambda_k r) / J_1(lambda_k T)², times the low-pass.
+        elements: what these make of pressure, to which ``series`` leads then; None of elements that
+            are all alike.
         through: real and minus imaginary part of t_m, (frequencies, 2, orders); None in one speed
             of sound.
         of: the frequencies.
@@ -172,6 +175,7 @@ class CircleIntegrals(eqx.Module):
     middle: Complex[Array, "groups detectors"] | None
     tables: tuple[Float[Array, "..."] | None, ...]
     series: Float[Array, "frequencies radii"]
+    elements: OwnResponses | None
     through: Float[Array, "frequencies 2 inner_orders"] | None
     of: Series
     shape: tuple[int, int] = eqx.field(static=True)
@@ -186,11 +190,21 @@ class CircleIntegrals(eqx.Module):
             part = values[:, start:stop].reshape(-1, last - first, turn // 2)
             parts.append(self._at_detectors(number, harmonics_of(part, orders)))
             start = stop
-        return jnp.einsum("bkd,kr->bdr", jnp.concatenate(parts, axis=1), self.series)
+        data = jnp.einsum("bkd,kr->bdr", jnp.concatenate(parts, axis=1), self.series)
+        return data if self.elements is None else self.elements(data)
 
-    def recorded(self, record: Float[Array, "samples radii"]) -> "CircleIntegrals":
-        """f -> what was recorded, by a matrix from integrals."""
-        return eqx.tree_at(lambda each: each.series, self, self.series @ record.T)
+    def recorded(
+        self, record: Float[Array, "samples radii"], elements: OwnResponses | None = None
+    ) -> "CircleIntegrals":
+        """f -> what was recorded, by a matrix from integrals to it, or to pressure."""
+        through, own = (self.series @ record.T, elements), lambda each: (each.series, each.elements)
+        return eqx.tree_at(own, self, through, is_leaf=lambda leaf: leaf is None)
+
+    @property
+    def n_samples(self) -> int:
+        """Number of data of a detector."""
+        last = self.series if self.elements is None else self.elements.conditioning
+        return last.shape[-1]
 
     @property
     def kept(self) -> bool:
@@ -308,6 +322,7 @@ def _integrals(
         if concentric
         else _tables(positions, of, through, moved),
         series=series if eta is None else series * eta[:, None],
+        elements=None,
         through=through,
         of=of,
         shape=grid.shape,

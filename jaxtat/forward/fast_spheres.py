@@ -92,6 +92,11 @@ class SphereIntegrals(eqx.Module):
         return data.reshape(data.shape[0], *self.detectors, -1)
 
     @property
+    def n_samples(self) -> int:
+        """Number of data of a detector."""
+        return self.series.shape[-1]
+
+    @property
     def kept(self) -> bool:
         """Whether the waves at the detectors are stored, or recomputed in every product."""
         return isinstance(self.waves, RingWaves) or self.waves.tables is not None

@@ -15,8 +15,8 @@ from .named_arrays import NAMES, chosen_names
 from .scan import Kind, require_real
 
 _STORED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what NumPy writes
-# that of all elements comes before those of each
-RESPONSES = (*NAMES["impulse_response"], "EIR", "EIR_indiv_mat")
+# those of each element come before that of all
+RESPONSES = (*NAMES["impulse_response"], "EIR_indiv_mat", "EIR")
 _READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 

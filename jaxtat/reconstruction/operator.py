@@ -13,7 +13,7 @@ from ..base.checks import Numbers, named, real_array, require_magnitude
 from ..base.hashable_methods import ComparedByIdentity, compiled
 from ..base.precision import in_full
 from ..base.size_ladder import rung
-from ..forward import CircleSizes, SphereSizes
+from ..forward import CircleSizes, OwnResponses, SphereSizes
 from ..steps.radon import LowPass, low_pass_at
 from .setup import Setup, require_setup
 
@@ -181,7 +181,7 @@ def operator_on(
     *,
     max_frequency: float | None = None,
     record: Float[Array, "samples terms"] | None = None,
-    responses: Float[Array, "2 frequencies *detectors"] | None = None,
+    responses: OwnResponses | Float[Array, "2 frequencies *detectors"] | None = None,
     dtype: Any = None,
 ) -> ForwardOperator:
     """A from a coarser grid over the same square or box, to what was recorded.
@@ -194,7 +194,8 @@ def operator_on(
         max_frequency: above which the spectrum of an image does not count, concrete [rad/length].
         record: from integrals to what was recorded, (samples, radii); in space from the transforms
             of integrals, see `forward.pressure_terms`, (samples, frequencies).
-        responses: of elements in space, see `forward.response_factors`, to a record with sines.
+        responses: of each element: in the plane what follows the record, which is the pressure
+            then; in space see `forward.response_factors`, to a record with sines.
         dtype: as in `forward_operator`.
     """
     sizes = setup.kind.sizes_inside(setup)
@@ -230,12 +231,10 @@ def _made(
         raise ValueError(f"tolerance is {tolerance}, expected 1e-14 to 0.1.")
     where = setup.curve, grid, setup.radii
     integrals = setup.kind.fast_integrals(*where, sizes, eta, tolerance, *setup.through)
-    shape = setup.data_shape
-    if record is not None:
-        shape = (*shape[:-1], record[0].shape[0])
     if record is not None or chosen == np.float32:
         integrals = _of_record(integrals, record, chosen == np.float32)
     highest = jax.device_put(np.float64(sizes.highest))
+    shape = *setup.detectors_shape, integrals.n_samples
     return ForwardOperator(integrals, highest, grid.shape, shape)
 
 

@@ -156,20 +156,21 @@ def gaussian_response(
 
 def _applied(xp: Any, pressure: Any, response: Any, origin: Any) -> Any:
     n = pressure.shape[-1]
-    padded, transfer = _transfer(xp, n, response, origin)
+    padded = 2 * max(n, response.shape[-1])
+    transfer = transfer_function(xp, padded, response, origin)
     return xp.fft.irfft(xp.fft.rfft(pressure, padded) * transfer, padded)[..., :n]
 
 
-def _transfer(xp: Any, n: int, response: Any, origin: Any) -> tuple[int, Any]:
-    """Number of samples, padded so that the convolution does not wrap, and H."""
-    padded = 2 * max(n, response.shape[-1])
+def transfer_function(xp: Any, padded: int, response: Any, origin: Any) -> Any:
+    """H at the frequencies of so many samples, enough for the convolution not to wrap."""
     cycles = xp.fft.rfftfreq(padded)
-    return padded, xp.fft.rfft(response, padded) * xp.exp(2j * np.pi * cycles * origin)
+    return xp.fft.rfft(response, padded) * xp.exp(2j * np.pi * cycles * origin)
 
 
 def _removed(xp: Any, pressure: Any, response: Any, regularization: Any, origin: Any) -> Any:
     n = pressure.shape[-1]
-    padded, transfer = _transfer(xp, n, response, origin)  # the inverse has room to fade
+    padded = 2 * max(n, response.shape[-1])  # the inverse has room to fade
+    transfer = transfer_function(xp, padded, response, origin)
     power = transfer.real**2 + transfer.imag**2
     floor = regularization * xp.max(power, axis=-1, keepdims=True)
     inverse = xp.conj(transfer) / (power + floor)

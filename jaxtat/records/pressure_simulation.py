@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Numbers, is_concrete, real_array, require_positive
+from ..base.checks import Numbers, by_library, is_concrete, real_array, require_positive
 from ..base.size_ladder import filled_up, rung
 from ..phantoms import gauss_legendre
 from ..special import j0
@@ -113,8 +113,8 @@ def pressure_matrix(
         return _simulation_matrix(radii, sound_speed * times, model, n_panels)
     paths = np.asarray(sound_speed) * np.asarray(times)
     longer = filled_up(paths, (rung(len(paths)),), by="last")
-    found = np.asarray(_simulation_matrix(radii, longer, model, n_panels))
-    return jax.device_put(found[: len(paths)])
+    found = _simulation_matrix(radii, longer, model, n_panels)
+    return by_library(lambda _, matrix: matrix[: len(paths)], (found,))
 
 
 @partial(jax.jit, static_argnames=("model", "n_panels"))

@@ -160,9 +160,13 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
     def windowed(record: Any, baseline: bool) -> Float[np.ndarray, "*batch detectors samples"]:
         return np.asarray(in_band(choices, record, times, baseline=baseline))[..., window]
 
+    responses = _of_each(scan, choices, larger.curve.n_detectors)
+
     def as_recorded(pressure: Array) -> Array:
-        pressure = through_elements(scan, choices, pressure)
-        kept = windowed(pressure, baseline=False)[:n_radii]
+        if responses is None:  # a row for each radius, of which the last only fill up
+            pressure = through_elements(scan, choices, pressure)
+        n_rows = n_radii if responses is None else None
+        kept = windowed(pressure, baseline=False)[:n_rows]
         return jax.device_put(filled_up(kept, (pressure.shape[0], n_samples)))
 
     model = {
@@ -170,6 +174,7 @@ def _recorded(scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray) ->
         "sound_speed": choices.sound_speed if setup.medium is None else 1.0,  # else the body's
         "model": choices.model,
         "conditioning": as_recorded,
+        "element_responses": responses,
     }
     recorded = windowed(record, baseline=has_baseline(choices))
     data, mask = _masked(recorded, (larger.curve.n_detectors, n_samples))
@@ -207,6 +212,14 @@ def _recorded_in_space(
         each = np.broadcast_to(response, (len(choices.channels), shape[-1]))
         model["element_responses"] = each.reshape(shape)
     return _Recorded(setup, data, model, bool(path[-1] >= last))
+
+
+def _of_each(scan: Scan, choices: Choices, n_detectors: int) -> np.ndarray | None:
+    """Responses of elements in the plane if each has its own, filled up with zeros."""
+    if not choices.impulse_response:
+        return None
+    response, _ = element_responses(scan, choices)
+    return None if response.ndim == 1 else filled_up(response, (n_detectors, response.shape[-1]))
 
 
 def _masked(data: Any, shape: tuple[int, ...]) -> tuple[Array, dict[str, Any]]:

@@ -147,11 +147,6 @@ def through_elements(scan: Scan, choices: Choices, pressure: Array) -> Array:
     if not choices.impulse_response:
         return pressure
     response, origin = element_responses(scan, choices)
-    if response.ndim > 1:
-        raise ValueError(
-            "every element has a response of its own, and images in the plane are fitted with one "
-            "of all: use --direct, or take the responses out of the record."
-        )
     return apply_impulse_response(pressure, response, origin=origin)
 
 

@@ -143,10 +143,6 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
     asked = [name for name in OF_FORMULA if name in choices.user_set]
     if asked:
         return choices.with_reason("model_based", f"{asked[0]} is of the formula", SURE)
-    of_each = np.ndim(scan.known.get("impulse_response", 0)) == 2
-    if of_each and choices.impulse_response and not choices.in_space:
-        why = "every element has a response of its own, and a fit takes one of all"
-        return choices.with_reason("model_based", why, SURE)
     wanted = choices.region_radius, choices.region_size, choices.grade("region_radius")
     if not _covers(choices.half_width, *wanted):
         why = "pixels show a part of the region, and a fit needs all of it"
