@@ -27,7 +27,7 @@ from ..steps import AccuracyWarning, Contradiction
 from .commands import prepared
 from .digest_of_inputs import made_from
 from .folder_sheet import write_sheet
-from .image_file import write_image
+from .image_file import shares_of_fit, write_image
 from .inputs import changed
 from .worker_processes import by_processes
 
@@ -42,6 +42,7 @@ COLUMNS = (
     "units",
     "channels_left_out",
     "unexplained",
+    "remaining",
     "seconds",
     "message",
 )
@@ -229,8 +230,7 @@ def _row(task: Task, choices: Choices, result: ScanImages) -> dict[str, Any]:
             row |= {name: chosen[name]["value"], f"{name}_grade": chosen[name]["grade"]}
     row["units"] = "SI" if choices.units.length and choices.units.time else "of the file"
     row["channels_left_out"] = len(choices.left_out)
-    if result.unexplained is not None:
-        row["unexplained"] = round(result.unexplained, 4)
+    row |= {name: round(share, 4) for name, share in shares_of_fit(result).items()}
     return row
 
 

@@ -76,7 +76,7 @@ def write_image(
             images,
             result.grid,
             result.region,
-            settings_of(options) | choices.settings() | more(result),
+            settings_of(options) | choices.settings() | shares_of_fit(result) | more(result),
             frames=result.frames,
             errors=errors,
             unit=options.length_unit or result.unit,
@@ -84,6 +84,12 @@ def write_image(
         )
         del images  # a memory map keeps its file
     return result.report
+
+
+def shares_of_fit(result: ScanImages) -> dict[str, float]:
+    """What a fit leaves of the record, and of its way if it took steps enough to tell."""
+    both = {"unexplained": result.unexplained, "remaining": result.remaining}
+    return {name: share for name, share in both.items() if share is not None and share < np.inf}
 
 
 def _errors(scan: Scan, choices: Choices, images: Any) -> tuple[np.ndarray, ImageGrid] | None:

@@ -52,6 +52,8 @@ class ScanImages:
         report: how well the systems were solved, in words; nothing with a plan.
         unexplained: the share of the record that fitted images leave, the largest of all frames;
             None of others.
+        remaining: how far fitted images are from where their iteration goes, relative, the farthest
+            of all frames; None of others.
     """
 
     image: Any
@@ -63,6 +65,7 @@ class ScanImages:
     unit: str | None
     report: str
     unexplained: float | None = None
+    remaining: float | None = None
 
 
 def reconstruct_file(
@@ -161,7 +164,7 @@ def reconstruct(
     room = _room((scan.n_frames, *shape)) if out is None else None
     scan = without_blank_frames(scan, choices)
     setup = setup_of(scan, choices) if plan is None else plan.setup
-    report, left = "", np.zeros(scan.n_frames)
+    report, (left, far) = "", np.zeros((2, scan.n_frames))
     worst, images = 0.0, (scan.n_frames, *shape)
     out = out if room is None else room[: scan.n_frames]
     if tuple(out.shape) != images:
@@ -182,6 +185,7 @@ def reconstruct(
                 found = fitted(scan, choices, setup, frames, progress=progress)
                 image, report = found.image, _fitted(found)
                 left[start : start + n] = np.asarray(found.residual)
+                far[start : start + n] = np.asarray(found.remaining)
             elif plan is None:
                 g = integrals(scan, choices, setup, frames)
                 found = _solve(setup, g, choices)
@@ -206,6 +210,7 @@ def reconstruct(
         unit=choices.units.length if plan is None else facts_of(scan).units.length,
         report=report,
         unexplained=float(left.max()) if fits else None,
+        remaining=float(far.max()) if fits else None,
     )
 
 

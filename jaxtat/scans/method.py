@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ..base.choice_table import GUESSED, LIKELY, OF_CONSTRAINTS, SURE
-from ..base.units import ROUNDING
+from ..base.units import ROUNDING, Units
 from ..geometry import Region, visibility
 from ..io import Scan
 from .acquisition import facts_of, typical_frame
@@ -39,8 +39,8 @@ NEGATIVE = 0.02  # share of the square of integrals below 0, which 20 % of noise
 BETTER = "more accurate for measured pressure; --direct for the formula"
 BETTER_IN_SPACE = "more accurate on simulated volumes of sparse arrays; --direct for the formula"
 BETTER_OF_INTEGRALS = "more accurate with noise or for sharp edges; --direct for the formula"
+EDGES = "total variation: for objects with edges"
 FIT = {
-    "penalty": Estimate("tv", "total variation: for objects with edges", GUESSED),
     "nonnegative": Estimate(True, ADDS, LIKELY),
     "weight": Estimate(None, "balances penalty and misfit", LIKELY),
 }
@@ -72,10 +72,18 @@ def constraints(record: Acquisition | AcquisitionInSpace, p: Parameters) -> Para
         expected = Estimate(True, why)
     _require_no_formula(p, expected)
     _require_whole_region(p)
-    fit = dict(FIT)
+    fit = FIT | {"penalty": _penalty(p["band"], p.units)}
     if record.scan.kind != "pressure":
         fit["nonnegative"] = _of_integrals(record.scan)
     return p.replaced(model_based=expected._replace(grade=SURE)).with_(**fit)
+
+
+def _penalty(band: tuple[float, float] | None, units: Units) -> Estimate:
+    """And what follows from it alone, where a record lacks low frequencies."""
+    if band is None or not band[0] > 0:
+        return Estimate("tv", EDGES, GUESSED)
+    why = f"levels inside bodies follow from it, edges from the record ({units.of_band(*band)})"
+    return Estimate("tv", f"{EDGES}; {why}", GUESSED)
 
 
 def _of_integrals(scan: Scan) -> Estimate:
@@ -158,7 +166,8 @@ def with_best_method(scan: Scan, choices: Choices) -> Choices:
 
 
 def _fitted(choices: Choices, why: str, fit: dict[str, Estimate]) -> Choices:
-    fit = {"model_based": Estimate(True, why, LIKELY), **fit}
+    penalty = _penalty(choices.band, choices.units)
+    fit = {"model_based": Estimate(True, why, LIKELY), "penalty": penalty, **fit}
     fitted = replace(choices, **{name: e.value for name, e in fit.items()})
     for name, e in fit.items():
         fitted = fitted.with_reason(name, e.why, e.grade)

@@ -248,6 +248,17 @@ def test_the_summary_says_how_many_channels_were_left_out(tmp_path, monkeypatch)
     assert summary()[0]["channels_left_out"] == "2"
 
 
+def test_what_a_fit_leaves_is_kept_with_the_image_and_in_the_summary(scans):
+    """Of the record, and of its way: it ends where little of that is left."""
+    assert run() == 0
+    for row in summary():
+        kept = load_settings(f"images/{row['image']}")
+        for name in ("unexplained", "remaining"):
+            assert float(row[name]) == round(kept[name], 4)
+        assert 0 < kept["unexplained"] < 0.2
+        assert 0 <= kept["remaining"] < 0.1
+
+
 def test_errors_are_kept_beside_the_image(scans, capsys):
     """Of circular integrals by the formula nothing tells of noise; of fitted ones eight fits do."""
     line = f"reconstruct scans/a.npz {REGION} --errors"
