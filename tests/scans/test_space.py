@@ -21,6 +21,7 @@ from made_volumes import (
     SOUND,
     cup,
     record,
+    round_record,
     shuffled,
     wide_record,
 )
@@ -244,6 +245,32 @@ def test_a_matlab_file_of_elements_that_face_elsewhere_becomes_a_volume(tmp_path
         np.testing.assert_allclose(corner[:3], 1e3 * np.asarray(grid.points[12, 0, 6]), atol=1e-9)
         errors.append(np.linalg.norm(volume - wanted) / np.linalg.norm(wanted))
         known.pop("normals", None)
+    assert errors[0] < 0.07 and errors[0] < errors[1] / 2
+
+
+@pytest.mark.filterwarnings("ignore:.*miss the detectors")
+def test_an_ipasc_file_of_disks_becomes_a_volume(tmp_path, capsys):
+    """Size and orientation in the file count, and are said; without the size it is worse."""
+    points = cup(70)
+    towards = (points - CENTER) / 0.04
+    aside = towards + np.asarray(across(jnp.asarray(towards))[0])  # by 45 degrees
+    normals, path, out = aside / np.sqrt(2), tmp_path / "cup.hdf5", tmp_path / "v.npy"
+    known = {"detectors": points, "sampling_rate": RATE, "sound_speed": SOUND}
+    known |= {"element_radius": 0.0045, "normals": normals}
+    save_ipasc(path, Scan("pressure", round_record(points, normals, 0.0045, range(170)), known))
+    options = f"--region-radius {RADIUS} --pixels 13"
+    wanted, errors = np.asarray(BELL.volume(VolumeGrid(13, RADIUS, CENTER))), []
+    for sized in (True, False):
+        assert main([*f"reconstruct {path} {options} --quiet --out".split(), str(out)]) == 0
+        errors.append(np.linalg.norm(np.load(out) - wanted) / np.linalg.norm(wanted))
+        assert main([*f"info {path} {options}".split()]) == 0
+        said = capsys.readouterr().out.splitlines()
+        (channels,) = (line for line in said if line.startswith("channels"))
+        assert " sure " in channels and ("elements (in the file) as wide" in channels) == sized
+        with h5py.File(path, "a") as file:
+            for element in file["meta_data_device/detectors"].values():
+                for tag in {"detector_geometry", "detector_geometry_type"} & set(element):
+                    del element[tag]
     assert errors[0] < 0.07 and errors[0] < errors[1] / 2
 
 
