@@ -55,7 +55,13 @@ TOLERANCE_OF_SHORT = 2e-3  # what a record does not hold is found slowly, from t
 
 
 def fitted(
-    scan: Scan, choices: Choices, setup: Setup, frames: np.ndarray, *, progress: bool = False
+    scan: Scan,
+    choices: Choices,
+    setup: Setup,
+    frames: np.ndarray,
+    *,
+    initial: Array | None = None,
+    progress: bool = False,
 ) -> ModelBased:
     """Images of frames, each fitted by itself.
 
@@ -63,6 +69,7 @@ def fitted(
         scan, choices: what the frames belong to.
         setup: of `setup_of`.
         frames: (..., detectors, samples), rows as in the file.
+        initial: volumes to start from, as in `model_based`.
         progress: show a progress bar.
     """
     recorded = _recorded(scan, choices, setup, frames)
@@ -74,6 +81,7 @@ def fitted(
         weight=choices.weight,
         max_frequency=float(choices.max_frequency) if "times" in recorded.model else None,
         tolerance=TOLERANCE if recorded.whole else TOLERANCE_OF_SHORT,
+        initial=initial,
         dtype=jnp.float32,
         progress=progress,
         **recorded.model,

@@ -35,6 +35,7 @@ from jaxtat.reconstruction import operator_on
 from jaxtat.records import apply_impulse_response, water_speed
 from jaxtat.scans import choose, describe, misfit_in_space, reconstruct, setup_of, with_best_method
 from jaxtat.scans import integrals as integrals_of
+from jaxtat.scans.constrained import fitted
 from jaxtat.scans.space import facts_in_space
 from jaxtat.spherical import (
     BallBody,
@@ -304,6 +305,28 @@ def test_fits_in_space_have_shorter_waves_than_detectors_tell_alone():
     assert asked.max_frequency == fit.max_frequency
     coarse = choose(scan, max_frequency=0.5 * alone, **given)
     assert with_best_method(scan, coarse).max_frequency == 0.5 * alone
+
+
+@pytest.mark.filterwarnings("ignore:.*miss the detectors")
+def test_a_volume_of_a_series_starts_from_the_one_before():
+    """Fewer steps to the same volume, within what a fit leaves."""
+    points, rng = cup(70), np.random.default_rng(4)
+    bells, bell = of_bells(points), record(points)
+    frames = np.stack([bells + bell, 0.9 * bells + 1.1 * bell])
+    frames += 0.05 * frames.std() * rng.standard_normal(frames.shape)
+    known = {"detectors": points, "sampling_rate": RATE, "sound_speed": SOUND}
+    scan = Scan("pressure", frames, known)
+    choices = choose(scan, region_radius=RADIUS, pixels=13, model_based=True)
+    setup, series = setup_of(scan, choices), reconstruct(scan, choices).image
+    alone = [fitted(scan, choices, setup, frame) for frame in frames]
+    again = fitted(scan, choices, setup, frames[1], initial=alone[0].image)
+
+    def off(one, other):
+        return np.linalg.norm(one - np.asarray(other)) / np.linalg.norm(one)
+
+    assert again.steps < alone[1].steps
+    assert off(series[0], alone[0].image) < 1e-3 and off(series[1], again.image) < 1e-3
+    assert 5e-3 < off(series[1], alone[1].image) < 3e-2
 
 
 def test_normals_in_the_file_count_where_elements_face_elsewhere():
