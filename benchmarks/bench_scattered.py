@@ -3,12 +3,15 @@
 Balls or bells, whose pressure is known in closed form, about every element the mean over it; errors
 are relative, in the 2-norm over the region, beside means over voxels. The deviation of the
 noise is 5 % of the largest pressure. Back-projection is given its best factor. Lengths are in radii
-of the region.
+of the region. Times are given in products with the fit's operator too, measured in the same run, so
+that they can be compared between machines: of the fit with it and its transpose, one of each, of
+the formula's solution (``direct``) with it alone.
 
     pytest benchmarks/bench_scattered.py -c benchmarks/pytest.ini [-k 33]
 """
 
 import os
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +21,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtat import Setup, VolumeGrid, model_based
+from jaxtat import RelativeTikhonov, Setup, VolumeGrid, model_based, solve
+from jaxtat.forward import pressure_terms
+from jaxtat.reconstruction import operator_on
 from jaxtat.spherical import DetectorPoints, back_projection, ball, pressure_to_spherical_integrals
+from jaxtat.spherical.sizes import resolved_frequency
 
 NOISE, DEAD, PARTS = 0.05, 0.05, 4  # PARTS of a sample, over which records are means
 # voxels, elements on a whole sphere, its part below this share of the radius, radii of elements
@@ -120,7 +126,7 @@ def case(request):
     body, array = request.param
     voxels, curve = elements(array)
     profile, grid = PROFILES[body], VolumeGrid(voxels)
-    setup = Setup(curve, ball(1.0), grid, max_frequency=4.0)  # of the formula, which is not used
+    setup = Setup(curve, ball(1.0), grid, max_frequency=4.0)  # of the formula: a fit has its own
     distance, step = float(np.asarray(curve.distance)[0]), float(grid.spacing[0]) / 2
     times = np.arange(distance - 1, distance + 1 + step, step)
     parts = parts_of(times)
@@ -130,7 +136,27 @@ def case(request):
     return Scattered(setup, times, record, np.asarray(truth_on(grid, profile)))
 
 
-@pytest.mark.parametrize("method", ["jaxtat", "back-projection"])
+def seconds(work: Callable[[], object], rounds: int = 7) -> float:
+    """The median once it is compiled."""
+    jax.block_until_ready(work())
+    spent = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        jax.block_until_ready(work())
+        spent.append(time.perf_counter() - start)
+    return float(np.median(spent))
+
+
+def products(case: Scattered) -> tuple[float, float]:
+    """Times of a product with the fit's operator and of one with its transpose [s]."""
+    setup = case.setup
+    record = pressure_terms(setup.kind.sizes_inside(setup), jnp.asarray(case.times))
+    operator = operator_on(setup, setup.grid, record=record, dtype="float32")
+    volume, data = (jnp.asarray(array, "float32") for array in (case.truth, case.record))
+    return seconds(lambda: operator.mv(volume)), seconds(lambda: operator.T.mv(data))
+
+
+@pytest.mark.parametrize("method", ["jaxtat", "direct", "back-projection"])
 def bench_scattered(measure, benchmark, case, method):
     setup = case.setup
     inside = np.asarray(setup.region.contains(setup.grid.points))
@@ -138,18 +164,25 @@ def bench_scattered(measure, benchmark, case, method):
 
     def work():
         if method == "jaxtat":
-            found = model_based(setup, case.record, nonnegative=True, tolerance=1.5e-2, **given)
-            return found.image
+            return model_based(setup, case.record, nonnegative=True, tolerance=1.5e-2, **given)
         radii = case.times[1:-1]
         g = pressure_to_spherical_integrals(case.record, case.times, radii)
+        if method == "direct":
+            highest = resolved_frequency(setup.curve, 1.0)
+            by_formula = Setup(setup.curve, setup.region, setup.grid, radii, max_frequency=highest)
+            return solve(by_formula, g, RelativeTikhonov(0.1))
         return back_projection(setup.curve, radii, g, setup.grid.points)
 
-    def fitting(volume):
-        values = np.asarray(volume)[inside]
-        return values if method == "jaxtat" else by_best_factor(values, truth)
+    def fitting(found):
+        values = np.asarray(getattr(found, "image", found))[inside]
+        return by_best_factor(values, truth) if method == "back-projection" else values
 
     n = setup.grid.shape[0]
     found = measure(work, n=n, error=lambda f: np.abs(fitting(f) - truth).max(), rounds=1)
     error = np.linalg.norm(fitting(found) - truth) / np.linalg.norm(truth)
-    benchmark.extra_info.update(relative_error=float(error))
-    print(f"relative error {error:.3f}")
+    forward, transpose = products(case)
+    took = benchmark.extra_info["median_s"]
+    relative = {"in_forwards": took / forward, "in_products": took / (forward + transpose)}
+    steps = int(getattr(found, "steps", 0))
+    benchmark.extra_info.update(relative_error=float(error), iterations=steps, **relative)
+    print(f"relative error {error:.3f}, {steps} steps, {relative}")

@@ -199,6 +199,7 @@ def spherical_cap(
     center: Numbers = (0.0, 0.0, 0.0),
     rule: str = "gauss",
     element_radius: Numbers | None = None,
+    element_size: Numbers | None = None,
 ) -> SphericalCap:
     """The cap |z| = R_g, z_3 < cut with detectors on rings.
 
@@ -215,10 +216,11 @@ def spherical_cap(
         center: of the sphere, (3,) [length].
         rule: "gauss" or "equal".
         element_radius: of round elements over which detectors take the mean [length].
+        element_size: the side of square ones in its place, see `RoundElements` [length].
 
     Raises:
         ValueError: for an empty cap, radius <= 0, fewer than 2 rings, an odd number of azimuths, or
-            an element_radius that no element can have.
+            a size that no element can have.
 
     >>> cap = spherical_cap(1.3, 0.0, 24, 64)
     >>> cap.points.shape, round(float(cap.weights.sum() / (2 * jnp.pi * 1.3**2)), 12)
@@ -239,7 +241,7 @@ def spherical_cap(
     if rule not in RULES:
         raise ValueError(f"rule is {rule!r}, expected one of {', '.join(RULES)}.")
     half_opening = opening_angle(cut / radius)
-    elements = checked_element_radius(element_radius, radius)
+    elements = checked_element_radius(element_radius, radius, element_size)
     return SphericalCap(  # pyright: ignore[reportCallIssue] (abstract variables are no arguments)
         *(center, radius, half_opening, n_rings, n_azimuths, rule), element_radius=elements
     )
@@ -257,8 +259,9 @@ class DetectorPoints(RoundElements):
             that face the centre, which cost nothing: means over others are sums over some twenty
             points of each.
 
-    >>> DetectorPoints([[1.3, 0.0, 0.0], [0.0, 0.0, -1.3]]).shape
-    (2,)
+    >>> squares = DetectorPoints([[1.3, 0.0, 0.0], [0.0, 0.0, -1.3]], element_size=0.03)
+    >>> squares.shape, round(float(squares.element_radius), 6)  # 0.03 / √3
+    ((2,), 0.017321)
     """
 
     points: Float[Array, "detectors 3"]
@@ -273,23 +276,29 @@ class DetectorPoints(RoundElements):
         center: Numbers = (0.0, 0.0, 0.0),
         *,
         element_radius: Numbers | None = None,
+        element_size: Numbers | None = None,
         normals: Numbers | None = None,
     ):
         """points, weights (equal ones by default), center, element_radius and normals as above.
 
+        Of square elements element_size is the side, in place of element_radius: one number or one
+        for each. Without normals they face the centre.
+
         Raises:
-            ValueError: for wrong shapes, NaN, weights that are not positive, an element_radius
-                that no element can have, normals without a direction, or of points.
+            ValueError: for wrong shapes, NaN, weights that are not positive, a size that no element
+                can have, normals without a direction, or of points.
         """
         self.points = real_array("points", points, ("detectors", 3))
         n = whole_number("the number of detectors", self.points.shape[0], 1)
         self.weights = real_array("weights", np.ones(n) if weights is None else weights, (n,))
         require_positive("weights", self.weights)
         self.center = real_array("center", center, (3,))
-        self.element_radius = checked_element_radius(element_radius, self.distance)
+        self.element_radius = checked_element_radius(element_radius, self.distance, element_size)
         self.normals = None if normals is None else checked_normals(normals, n)
-        if normals is not None and element_radius is None:
-            raise ValueError("normals are given without element_radius: points have none.")
+        if normals is not None and self.element_radius is None:
+            raise ValueError(
+                "normals are given without element_radius or element_size: points have none."
+            )
 
     def element_factor(
         self, n_degrees: int, n_nodes: int

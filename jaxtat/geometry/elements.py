@@ -27,6 +27,7 @@ T = TypeVar("T")
 
 NODES = 8  # by default: exact to 1e-7 for elements of three pixels
 MOST_NODES = 100
+SQUARE = 1 / np.sqrt(3)  # radius of a disk over the side of a square, of the same second moment
 
 
 def element_factor(
@@ -126,31 +127,37 @@ def checked_width(
 
 
 def checked_element_radius(
-    element_radius: Numbers | None, distance: Float[Array, "*detectors"]
+    element_radius: Numbers | None,
+    distance: Float[Array, "*detectors"],
+    element_size: Numbers | None = None,
 ) -> Float[Array, "*one_or_detectors"] | None:
     """A radius for all elements or one for each, or ValueError.
 
     Args:
         element_radius: in the unit of the positions [length].
         distance: of the detectors from their centre, one of all on a sphere [length].
+        element_size: the side of square elements in its place, see `SQUARE` [length].
     """
-    if element_radius is None:
+    if element_radius is not None and element_size is not None:
+        raise ValueError("element_radius and element_size are both given, expected one of them.")
+    name, given = "element_radius", element_radius
+    if given is None:
+        name, given = "element_size", element_size
+    if given is None:
         return None
-    element_radius = real_array("element_radius", element_radius, None)
-    if element_radius.shape not in ((), distance.shape):
+    size = real_array(name, given, None)
+    if size.shape not in ((), distance.shape):
         each = f", or one for each of {distance.shape[0]} detectors" if distance.ndim else ""
-        raise ValueError(
-            f"element_radius has shape {element_radius.shape}, expected one number{each}."
-        )
-    if is_concrete(element_radius, distance):
-        low, angle = float(np.min(element_radius)), float(np.max(element_radius / distance))
+        raise ValueError(f"{name} has shape {size.shape}, expected one number{each}.")
+    if is_concrete(size, distance):
+        low, angle = float(np.min(size)), float(np.max(size / distance))
         if low < 0 or angle > 1:
             raise ValueError(
-                f"element_radius is {low if low < 0 else float(np.max(element_radius)):.6g}, "
-                "expected a length, 0 or above, and below the detectors' distance from their "
-                f"centre, {float(np.min(distance)):.6g}: in the unit of the positions."
+                f"{name} is {low if low < 0 else float(np.max(size)):.6g}, expected a length, 0 or "
+                "above, and below the detectors' distance from their centre, "
+                f"{float(np.min(distance)):.6g}: in the unit of the positions."
             )
-    return element_radius
+    return size if name == "element_radius" else size * SQUARE
 
 
 def checked_normals(normals: Numbers, n: int) -> Float[Array, "detectors 3"]:

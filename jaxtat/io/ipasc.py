@@ -3,7 +3,8 @@
 ``/binary_time_series_data`` is (detectors, samples, wavelengths, measurements), in older files
 (detectors, samples, wavelengths or measurements). ``/meta_data`` and ``/meta_data_device`` hold a
 dataset for each thing known, in SI units; "None" (text) stands for what is not. Detectors are
-groups in ``/meta_data_device/detectors`` with a number each, in the order of the data's rows.
+groups in ``/meta_data_device/detectors`` with a number each, in the order of the data's rows. A
+frequency response there is magnitudes, without the phase that a model of the record needs.
 
 Frame number m W + w of a scan is measurement m at the w-th of W wavelengths.
 
@@ -35,13 +36,17 @@ _ABOUT = {
     "scanning method": f"{_META}/scanning_method",
 }
 # things for which the format has no name of its own: further meta data, as it allows
-_FURTHER = ("times", "radii", "impulse_response", *OF_ELEMENTS)
+_FURTHER = ("times", "radii", "impulse_response")
 # what each detector has, by the names of `Scan.known`
 _OF_DETECTORS = {
     "detectors": "detector_position",
     "normals": "detector_orientation",
     "frequency_response": "frequency_response",
 }
+_GEOMETRY, _TYPE = "detector_geometry", "detector_geometry_type"
+_ROUND = "CIRCULAR", "CIRCLE"  # PACFISH writes the first and draws the second
+_LONGEST = 1.5  # of a rectangle's sides over the other one, to count as a square
+_UNIT = 1e-2  # by which the length of a direction may be off 1
 
 
 def is_ipasc(path: Path) -> bool:
@@ -54,7 +59,10 @@ def read_ipasc(path: Path, kind: Kind | None) -> FileContents:
 
     Zero, NaN and "None" stand for an unknown sampling rate or speed of sound. Wavelengths, metres
     by the standard, are often nanometres: those below 1 mm are taken for metres, those from 100 up
-    for nanometres, others are left out, as are those whose number is not the data's.
+    for nanometres, others are left out, as are those whose number is not the data's. Orientations
+    of length 1 are normals; others may be angles and are left out. Elements of the types CIRCULAR,
+    and CUBOID with its thickness along x3 and sides that differ by half at most, have the size that
+    the file gives; `Scan.about` says what is left out.
 
     What `save_ipasc` writes has a checksum over the data; otherwise, unless it is compressed, a
     wrong number cannot be told.
@@ -73,8 +81,9 @@ def read_ipasc(path: Path, kind: Kind | None) -> FileContents:
     if axes == 3 and shape[2] != n:  # measurements
         shape = (*shape[:2], 1, shape[2])
     rows, columns, colours, measurements = (*shape, 1, 1)[:4]
-    known = _detectors(file, rows)
-    for name in _FURTHER:
+    known, left_out = _detectors(file, rows)
+    about |= left_out
+    for name in (*_FURTHER, *OF_ELEMENTS):  # sizes as jaxtat wrote them until 0.3
         known |= _optional(name, file, f"{_META}/{name}")
     for name, tag in (("sampling_rate", "ad_sampling_rate"), ("sound_speed", "speed_of_sound")):
         value = _optional(name, file, f"{_META}/{tag}").get(name)
@@ -158,22 +167,21 @@ def save_ipasc(path: str | Path, scan: Scan) -> None:
         _write_device(file, scan)
 
 
-def _detectors(file: Hdf5File, rows: int) -> dict[str, np.ndarray]:
-    """Positions, normals and frequency responses by their numbers, as far as all have them."""
+def _detectors(file: Hdf5File, rows: int) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """What all detectors have, in the order of their numbers, and what is left out of it, why."""
     folder = f"{_DEVICE}/detectors"
     names = sorted(file.names(folder), key=_number)
     if not names:
-        return {}
+        return {}, {}
     if len({_number(name) for name in names}) < len(names) or len(names) != rows:
         raise ValueError(
             f"it has {len(names)} detectors, {names[0]} to {names[-1]}, but data of {rows}."
         )
     known = {}
     for thing, tag in _OF_DETECTORS.items():
-        places = [f"{folder}/{name}/{tag}" for name in names]
-        there = [file.has_numbers(place) for place in places]
+        arrays = _of_each(file, [f"{folder}/{name}/{tag}" for name in names])
+        there = [array is not None for array in arrays]
         if all(there):
-            arrays = [file.read(place) for place in places]
             shapes = {array.shape for array in arrays}
             if len(shapes) == 1 and (thing == "detectors" or _fits(thing, arrays)):
                 known[thing] = np.stack(arrays)
@@ -181,7 +189,49 @@ def _detectors(file: Hdf5File, rows: int) -> dict[str, np.ndarray]:
                 raise ValueError(f"its detector positions have shapes {sorted(shapes)}.")
         elif any(there) and thing == "detectors":
             raise ValueError(f"it has no position of detector {names[there.index(False)]}.")
-    return known
+    sizes, why = _sizes(file, [f"{folder}/{name}" for name in names])
+    left_out = {"elements": f"their sizes are left out: {why}"} if why else {}
+    lengths = np.linalg.norm(known.get("normals", np.eye(3)), axis=1)
+    if not np.allclose(lengths, 1, rtol=0, atol=_UNIT):
+        del known["normals"]
+        left_out["orientations"] = "left out: no directions of length 1"
+    return known | sizes, left_out
+
+
+def _of_each(file: Hdf5File, places: list[str]) -> list[Any]:
+    """Numbers under each name, None where there are none."""
+    return [file.read(place) if file.has_numbers(place) else None for place in places]
+
+
+def _sizes(file: Hdf5File, places: list[str]) -> tuple[dict[str, np.ndarray], str]:
+    """Radii of round elements or sides of square ones [m]; or why there are none, if there is more.
+
+    A rectangle of the sides a and b has the mean second moment of a square of the side
+    √((a² + b²)/2).
+    """
+    types = sorted({file.text(f"{place}/{_TYPE}") or "no type" for place in places})
+    sizes = _of_each(file, [f"{place}/{_GEOMETRY}" for place in places])
+    if types == ["no type"] and not any(size is not None for size in sizes):
+        return {}, ""
+    numbers = {0 if size is None else size.size for size in sizes}
+    wanted = 1 if types[0] in _ROUND else 3
+    if len(types) > 1 or types[0] not in (*_ROUND, "CUBOID") or numbers != {wanted}:
+        counts = " and ".join(map(str, sorted(numbers)))
+        said = f"of type {' and '.join(types)} with {counts} numbers each"
+        return {}, f"{said}, expected CIRCULAR with 1, or CUBOID with 3"
+    sizes = np.reshape(sizes, (len(places), wanted)).astype(float)
+    if not (np.isfinite(sizes).all() and (sizes[:, :2] > 0).all()):
+        return {}, "not all are above zero"
+    if types[0] in _ROUND:
+        return {"element_radius": _one_if_all_equal(sizes[:, 0])}, ""
+    short, long = np.sort(sizes[:, :2], axis=1).T
+    if not ((sizes[:, 2] <= short) & (long <= _LONGEST * short)).all():
+        return {}, f"thicker along x3 than wide, or one side over {_LONGEST} of the other"
+    return {"element_size": _one_if_all_equal(np.sqrt((short**2 + long**2) / 2))}, ""
+
+
+def _one_if_all_equal(values: np.ndarray) -> np.ndarray:
+    return values if np.ptp(values) else values[0]
 
 
 def _fits(thing: str, arrays: list[np.ndarray]) -> bool:
@@ -239,13 +289,26 @@ def _write_device(file: h5py.File, scan: Scan) -> None:
     positions = scan.known.get("detectors")
     if positions is not None and positions.shape[1] == 2:
         positions = np.pad(positions, ((0, 0), (0, 1)))
-    kept = {t: scan.known[t] for t in ("normals", "frequency_response") if t in scan.known}
+    kept = {_OF_DETECTORS[t]: v for t, v in scan.known.items() if t in _OF_DETECTORS}
+    kept["detector_position"] = ["None"] * scan.n_detectors if positions is None else positions
+    if "normals" in scan.known:
+        lengths = np.linalg.norm(scan.known["normals"], axis=1, keepdims=True)
+        kept[_OF_DETECTORS["normals"]] = scan.known["normals"] / np.where(lengths, lengths, 1)
+    kept |= _geometry(scan)
     for number in range(scan.n_detectors):
-        place = f"{_DEVICE}/detectors/{number:010d}"
-        position = "None" if positions is None else positions[number]
-        _write(file, f"{place}/detector_position", position)
-        for thing, values in kept.items():
-            _write(file, f"{place}/{_OF_DETECTORS[thing]}", values[number])
+        for tag, values in kept.items():
+            _write(file, f"{_DEVICE}/detectors/{number:010d}/{tag}", values[number])
+
+
+def _geometry(scan: Scan) -> dict[str, Any]:
+    """Type and size of each element, those of a square without thickness; empty if unknown."""
+    size = next((name for name in OF_ELEMENTS if name in scan.known), None)
+    if size is None:
+        return {}
+    values = np.broadcast_to(scan.known[size], scan.n_detectors).astype(float)
+    if size == "element_radius":
+        return {_TYPE: [_ROUND[0]] * len(values), _GEOMETRY: values}
+    return {_TYPE: ["CUBOID"] * len(values), _GEOMETRY: values[:, None] * [1, 1, 0]}
 
 
 def _write(file: h5py.File, where: str, value: Any) -> None:

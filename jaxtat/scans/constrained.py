@@ -60,6 +60,7 @@ def fitted(
     setup: Setup,
     frames: np.ndarray,
     *,
+    initial: Array | None = None,
     tolerance: float | None = None,
     max_steps: int = 500,
     progress: bool = False,
@@ -70,6 +71,7 @@ def fitted(
         scan, choices: what the frames belong to.
         setup: of `setup_of`.
         frames: (..., detectors, samples), rows as in the file.
+        initial: volumes to start from, as in `model_based`.
         tolerance, max_steps: as in `model_based`; 2.5e-2, of records that end early 2e-3.
         progress: show a progress bar.
     """
@@ -85,6 +87,7 @@ def fitted(
         max_frequency=float(choices.max_frequency) if "times" in recorded.model else None,
         tolerance=tolerance,
         max_steps=max_steps,
+        initial=initial,
         dtype=jnp.float32,
         progress=progress,
         **recorded.model,

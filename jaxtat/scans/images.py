@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 from tqdm import tqdm
 
 from ..fitting import ModelBased
+from ..fitting.coarse_grids import ladder
 from ..geometry import ImageGrid, VolumeGrid
 from ..io import Scan, load_scan
 from ..io.images import HasInside
@@ -175,6 +177,7 @@ def reconstruct(
         fits = choices.model_based and plan is None
         if choices.in_space and not fits:
             require_few(setup.curve)
+        before = _first_start(setup) if choices.in_space and scan.n_frames > 1 else None
         for start, size in one_by_one if fits else frames_together(scan, scan.n_frames):
             n = min(size, scan.n_frames - start)
             if start + n <= done:
@@ -182,7 +185,9 @@ def reconstruct(
                 continue
             frames = _frames(scan, choices, start, size)
             if fits:
-                found = fitted(scan, choices, setup, frames, progress=progress)
+                of_fit = {"initial": before, "progress": progress}
+                found = fitted(scan, choices, setup, frames, **of_fit)
+                before = found.image if choices.in_space else None
                 image, report = found.image, _fitted(found)
                 left[start : start + n] = np.asarray(found.residual)
                 far[start : start + n] = np.asarray(found.remaining)
@@ -226,6 +231,11 @@ def without_blank_frames(scan: Scan, choices: Choices) -> Scan:
         stacklevel=3,
     )
     return some_frames(scan, np.flatnonzero(good))
+
+
+def _first_start(setup: Setup) -> Array | None:
+    """Zeros where no coarser grid gives a start, by which all frames share their programs."""
+    return jnp.zeros(setup.grid.shape) if len(ladder(setup.grid)) == 1 else None
 
 
 def _room(shape: tuple[int, ...]) -> np.ndarray:

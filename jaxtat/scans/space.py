@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..base.units import Units
 from ..geometry import DetectorPoints, SphericalCap, find_rings
 from ..geometry.balls import Ball
+from ..geometry.elements import SQUARE
 from ..geometry.rings import fit_sphere
 from ..io import Scan
 from ..io.scan import OF_ELEMENTS
@@ -52,7 +53,8 @@ class FactsInSpace(NamedTuple):
         widest = float(np.max(np.asarray(self.detectors.element_radius)))
         normals = getattr(self.detectors, "normals", None)
         facing = "" if normals is None else " that face where the file says"
-        return f", elements as wide as disks of radius {self.units.of_length(widest)}{facing}"
+        size = self.units.of_length(widest)
+        return f", elements (in the file) as wide as disks of radius {size}{facing}"
 
     @property
     def _places(self) -> str:
@@ -115,18 +117,14 @@ def require_few(detectors: SphericalCap | DetectorPoints) -> None:
 
 
 def _element_radii(scan: Scan, rows: np.ndarray) -> np.ndarray | None:
-    """Radii of round elements, or of those that record what square ones do, as the file says.
-
-    A square of the side w has the second moment of a disk of the radius w/√3, see
-    `geometry.caps.RoundElements`.
-    """
+    """Radii of round elements, or of those that record what square ones do, as the file says."""
     known = {name: scan.known[name] for name in OF_ELEMENTS if name in scan.known}
     if not known:
         return None
     if len(known) > 1:
         raise ValueError("element_radius and element_size are both known: expected one of them.")
     ((name, size),) = known.items()
-    radius = size / (1 if name == "element_radius" else np.sqrt(3))
+    radius = size * (1 if name == "element_radius" else SQUARE)
     return np.asarray(radius[rows] if np.ndim(radius) else radius)
 
 

@@ -120,6 +120,7 @@ def test_pacfish_finds_no_fault_with_what_is_written(data, tmp_path):
     pacfish = pytest.importorskip("pacfish", reason="PACFISH is not installed: pip install pacfish")
     path = tmp_path / "scan.hdf5"
     scan = spectral_scan(data, field_of_view=[-0.01, 0.01, -0.01, 0.01, 0.0, 0.0])
+    scan = replace(scan, known={**scan.known, "element_size": 1e-3})
     save_ipasc(path, replace(scan, about={"device": "an array"}))  # it asks for both
     read = pacfish.load_data(str(path))
     checker = pacfish.ConsistencyChecker()
@@ -129,6 +130,35 @@ def test_pacfish_finds_no_fault_with_what_is_written(data, tmp_path):
     assert np.allclose(read.get_acquisition_wavelengths(), WAVELENGTHS / 1e9)
     energies = read.meta_data_acquisition[pacfish.MetadataAcquisitionTags.PULSE_ENERGY.tag]
     assert np.allclose(energies, ENERGIES / 1e3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "known"),
+    [
+        ("CIRCULAR", 0.5e-3, {"element_radius": 0.5e-3}),
+        ("CUBOID", np.array([2e-3, 2e-3, 1e-4]), {"element_size": 2e-3}),
+    ],
+)
+def test_elements_that_pacfish_writes_have_their_size_and_direction(tmp_path, kind, size, known):
+    pacfish = pytest.importorskip("pacfish", reason="PACFISH is not installed: pip install pacfish")
+    device = pacfish.DeviceMetaDataCreator()
+    device.set_general_information("an array", np.zeros(6))
+    directions = np.random.default_rng(0).standard_normal((5, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    for direction in directions:
+        element = pacfish.DetectionElementCreator()
+        element.set_detector_position(0.04 * direction)
+        element.set_detector_orientation(direction)
+        element.set_detector_geometry_type(kind)
+        element.set_detector_geometry(size)
+        device.add_detection_element(element.get_dictionary())
+    path, rate = tmp_path / "a.hdf5", pacfish.MetadataAcquisitionTags.AD_SAMPLING_RATE.tag
+    written = pacfish.PAData(np.ones((5, 7, 1, 1)), {rate: 4e7}, device.finalize_device_meta_data())
+    pacfish.write_data(str(path), written)
+    found = load_scan(path).known
+    assert {name: float(found[name]) for name in known} == known
+    np.testing.assert_array_equal(found["normals"], directions)
+    np.testing.assert_array_equal(found["detectors"], 0.04 * directions)
 
 
 def test_energies_come_back(data, tmp_path):

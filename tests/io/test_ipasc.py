@@ -16,15 +16,18 @@ POSITIONS = RNG.standard_normal((12, 3))
 SERIES = RNG.standard_normal((12, 7, 2, 3))  # detectors, samples, wavelengths, measurements
 
 
-def write(path, series=SERIES, name="{}", positions=POSITIONS, **meta):
-    """As PACFISH does, with any names of detectors."""
+def write(path, series=SERIES, name="{}", positions=POSITIONS, detector=None, **meta):
+    """As PACFISH does, with any names of detectors; ``detector`` gives more of each."""
     with h5py.File(path, "w") as file:
         file["binary_time_series_data"] = series
         for tag, value in {"ad_sampling_rate": 4e7, **meta}.items():
             file[f"meta_data/{tag}"] = value
         file["meta_data_device/general/unique_identifier"] = "a device"
         for number, position in enumerate(positions):
-            file[f"meta_data_device/detectors/{name.format(number)}/detector_position"] = position
+            place = f"meta_data_device/detectors/{name.format(number)}"
+            file[f"{place}/detector_position"] = position
+            for tag, value in (detector(number) if detector else {}).items():
+                file[f"{place}/detector_{tag}"] = value
     return path
 
 
@@ -86,6 +89,83 @@ def test_wavelengths_that_are_none_are_left_out_and_that_is_said(tmp_path, named
     )
 
 
+ROOT_OF_MEAN = np.sqrt((2.0**2 + 2.5**2) / 2) * 1e-3
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "known"),
+    [
+        ("CIRCULAR", lambda k: 1.3e-3, {"element_radius": 1.3e-3}),
+        ("CIRCLE", lambda k: [1e-3 + k / 1e5], {"element_radius": 1e-3 + np.arange(12) / 1e5}),
+        ("CUBOID", lambda k: [0.3e-3, 0.3e-3, 1e-7], {"element_size": 0.3e-3}),
+        ("CUBOID", lambda k: [2e-3, 2.5e-3, 0], {"element_size": ROOT_OF_MEAN}),
+        ("CUBOID", lambda k: [2.5e-3, 2e-3, 2e-3], {"element_size": ROOT_OF_MEAN}),
+    ],
+)
+def test_sizes_of_elements_are_those_of_the_file(tmp_path, kind, size, known):
+    """A rectangle's second moments, a²/12 and b²/12, have the mean of a square's, s²/12."""
+
+    def detector(k):
+        return {"geometry_type": kind, "geometry": size(k), "orientation": [0.0, 0.6, -0.8]}
+
+    scan = load_scan(write(tmp_path / "a.h5", detector=detector))
+    normals = np.tile([0.0, 0.6, -0.8], (12, 1))
+    assert set(scan.known) == {"detectors", "sampling_rate", "normals", *known}
+    assert np.array_equal(scan.known["normals"], normals)
+    for name, values in known.items():
+        assert scan.known[name].shape == np.shape(values)
+        np.testing.assert_allclose(scan.known[name], values, rtol=4e-16)
+    assert set(scan.about) == {"format", "device"}
+
+
+@pytest.mark.parametrize(
+    ("detector", "why"),
+    [
+        (lambda k: {"geometry_type": "SPHERE", "geometry": 1e-3}, "of type SPHERE with 1 numbers"),
+        (lambda k: {"geometry_type": "MESH", "geometry": "solid"}, "MESH with 0 numbers"),
+        (lambda k: {"geometry": [1e-3, 1e-3, 0]}, "no type with 3 numbers"),
+        (lambda k: {"geometry_type": "CUBOID"}, "CUBOID with 0 numbers"),
+        (lambda k: {"geometry_type": "CUBOID", "geometry": [1.0] * (3 - k % 2)}, "2 and 3 numbers"),
+        (lambda k: {"geometry_type": "CUBOID", "geometry": [0, 0, 0]}, "not all are above zero"),
+        (lambda k: {"geometry_type": "CIRCULAR", "geometry": float(k)}, "not all are above zero"),
+        (lambda k: {"geometry_type": "CUBOID", "geometry": [1, 1, 2]}, "thicker along x3"),
+        (
+            lambda k: {"geometry_type": "CUBOID", "geometry": [1, 1.6, 0]},
+            "one side over 1.5 of the other",
+        ),
+        (
+            lambda k: {"geometry_type": ["CIRCULAR", "CUBOID"][k % 2], "geometry": 1.0},
+            "CIRCULAR and CUBOID with 1 numbers",
+        ),
+    ],
+)
+def test_elements_that_are_no_disks_or_squares_are_points_and_that_is_said(tmp_path, detector, why):
+    scan = load_scan(write(tmp_path / "a.h5", detector=detector))
+    assert set(scan.known) == {"detectors", "sampling_rate"}
+    assert scan.about["elements"].startswith("their sizes are left out: ")
+    assert why in scan.about["elements"]
+
+
+def test_orientations_that_are_angles_are_no_normals(tmp_path):
+    """The format's text has angles of a rotation; those who write it have directions."""
+    detector = {"orientation": [0.3, np.pi / 2, 0.0]}
+    scan = load_scan(write(tmp_path / "a.h5", detector=lambda k: detector))
+    assert "normals" not in scan.known and "length 1" in scan.about["orientations"]
+
+
+@pytest.mark.parametrize("given", [{"element_radius": 2e-3}, {"element_size": np.arange(1.0, 4)}])
+def test_elements_are_written_as_the_format_has_them(tmp_path, given):
+    known = {"sampling_rate": 1.0, "normals": 3 * np.eye(3), **given}
+    save_ipasc(tmp_path / "a.h5", Scan("pressure", np.ones((3, 7)), known))
+    with h5py.File(tmp_path / "a.h5") as file:
+        last = file["meta_data_device/detectors/0000000002"]
+        kind, size = last["detector_geometry_type"][()], last["detector_geometry"][()].tolist()
+        assert (kind, size) in [(b"CIRCULAR", 2e-3), (b"CUBOID", [3.0, 3.0, 0.0])]
+        assert last["detector_orientation"][()].tolist() == [0, 0, 1]
+    found = load_scan(tmp_path / "a.h5").known
+    assert all(np.array_equal(found[name], given[name]) for name in given)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -139,8 +219,8 @@ known = st.fixed_dictionaries(
         "field_of_view": st.just(RNG.standard_normal(6)),
         "times": st.just(np.linspace(1, 2, 5)),
         "impulse_response": st.sampled_from([RNG.standard_normal(9), RNG.standard_normal((3, 9))]),
-        "normals": st.just(RNG.standard_normal((3, 3))),
-        "element_size": st.just(np.array([1e-3, 2e-3, 1e-3])),
+        "normals": st.just(np.eye(3)[[2, 0, 1]]),
+        "element_size": st.sampled_from([0.3e-3, np.array([1e-3, 2e-3, 0.7e-3])]),
         "frequency_response": st.just(RNG.standard_normal((3, 2, 4))),
     },
 )

@@ -37,9 +37,21 @@ def record(points=None, samples=range(250)):
 
 def wide_record(points, normals, width, samples):
     """Of square elements, by Gauss's rule of four points of each."""
-    sides = [np.asarray(v) * width / np.sqrt(12) for v in across(jnp.asarray(normals))]
-    corners = [x * sides[0] + y * sides[1] for x in (-1, 1) for y in (-1, 1)]
-    return np.mean([record(points + corner, samples) for corner in corners], axis=0)
+    steps = np.array([-1, 1]) / np.sqrt(12)
+    return record_over([(x, y) for x in steps for y in steps], points, normals, width, samples)
+
+
+def round_record(points, normals, radius, samples):
+    """Of disks, by the midpoints of a square lattice that lie in them."""
+    steps = np.arange(-3, 4) / 3.5
+    inside = [(x, y) for x in steps for y in steps if x**2 + y**2 < 1]
+    return record_over(inside, points, normals, radius, samples)
+
+
+def record_over(places, points, normals, size, samples):
+    """The mean over places of an element, (along, aside) in units of its size."""
+    along, aside = (np.asarray(v) * size for v in across(jnp.asarray(normals)))
+    return np.mean([record(points + x * along + y * aside, samples) for x, y in places], axis=0)
 
 
 def cup(n, bent=0.9):

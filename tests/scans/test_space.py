@@ -21,6 +21,7 @@ from made_volumes import (
     SOUND,
     cup,
     record,
+    round_record,
     shuffled,
     wide_record,
 )
@@ -34,6 +35,7 @@ from jaxtat.reconstruction import operator_on
 from jaxtat.records import apply_impulse_response, water_speed
 from jaxtat.scans import choose, describe, misfit_in_space, reconstruct, setup_of, with_best_method
 from jaxtat.scans import integrals as integrals_of
+from jaxtat.scans.constrained import fitted
 from jaxtat.scans.space import facts_in_space
 from jaxtat.spherical import (
     BallBody,
@@ -248,6 +250,32 @@ def test_a_matlab_file_of_elements_that_face_elsewhere_becomes_a_volume(tmp_path
 
 
 @pytest.mark.filterwarnings("ignore:.*miss the detectors")
+def test_an_ipasc_file_of_disks_becomes_a_volume(tmp_path, capsys):
+    """Size and orientation in the file count, and are said; without the size it is worse."""
+    points = cup(70)
+    towards = (points - CENTER) / 0.04
+    aside = towards + np.asarray(across(jnp.asarray(towards))[0])  # by 45 degrees
+    normals, path, out = aside / np.sqrt(2), tmp_path / "cup.hdf5", tmp_path / "v.npy"
+    known = {"detectors": points, "sampling_rate": RATE, "sound_speed": SOUND}
+    known |= {"element_radius": 0.0045, "normals": normals}
+    save_ipasc(path, Scan("pressure", round_record(points, normals, 0.0045, range(170)), known))
+    options = f"--region-radius {RADIUS} --pixels 13"
+    wanted, errors = np.asarray(BELL.volume(VolumeGrid(13, RADIUS, CENTER))), []
+    for sized in (True, False):
+        assert main([*f"reconstruct {path} {options} --quiet --out".split(), str(out)]) == 0
+        errors.append(np.linalg.norm(np.load(out) - wanted) / np.linalg.norm(wanted))
+        assert main([*f"info {path} {options}".split()]) == 0
+        said = capsys.readouterr().out.splitlines()
+        (channels,) = (line for line in said if line.startswith("channels"))
+        assert " sure " in channels and ("elements (in the file) as wide" in channels) == sized
+        with h5py.File(path, "a") as file:
+            for element in file["meta_data_device/detectors"].values():
+                for tag in {"detector_geometry", "detector_geometry_type"} & set(element):
+                    del element[tag]
+    assert errors[0] < 0.07 and errors[0] < errors[1] / 2
+
+
+@pytest.mark.filterwarnings("ignore:.*miss the detectors")
 def test_fits_in_space_have_shorter_waves_than_detectors_tell_alone():
     """Half as short at most, as the record and voxels allow; the formula keeps its own."""
     points, rng = cup(70), np.random.default_rng(3)
@@ -277,6 +305,28 @@ def test_fits_in_space_have_shorter_waves_than_detectors_tell_alone():
     assert asked.max_frequency == fit.max_frequency
     coarse = choose(scan, max_frequency=0.5 * alone, **given)
     assert with_best_method(scan, coarse).max_frequency == 0.5 * alone
+
+
+@pytest.mark.filterwarnings("ignore:.*miss the detectors")
+def test_a_volume_of_a_series_starts_from_the_one_before():
+    """Fewer steps to the same volume, within what a fit leaves."""
+    points, rng = cup(70), np.random.default_rng(4)
+    bells, bell = of_bells(points), record(points)
+    frames = np.stack([bells + bell, 0.9 * bells + 1.1 * bell])
+    frames += 0.05 * frames.std() * rng.standard_normal(frames.shape)
+    known = {"detectors": points, "sampling_rate": RATE, "sound_speed": SOUND}
+    scan = Scan("pressure", frames, known)
+    choices = choose(scan, region_radius=RADIUS, pixels=13, model_based=True)
+    setup, series = setup_of(scan, choices), reconstruct(scan, choices).image
+    alone = [fitted(scan, choices, setup, frame) for frame in frames]
+    again = fitted(scan, choices, setup, frames[1], initial=alone[0].image)
+
+    def off(one, other):
+        return np.linalg.norm(one - np.asarray(other)) / np.linalg.norm(one)
+
+    assert again.steps < alone[1].steps
+    assert off(series[0], alone[0].image) < 1e-3 and off(series[1], again.image) < 1e-3
+    assert 5e-3 < off(series[1], alone[1].image) < 3e-2
 
 
 def test_normals_in_the_file_count_where_elements_face_elsewhere():

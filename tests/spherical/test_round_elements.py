@@ -128,9 +128,18 @@ def test_squares_record_what_disks_of_the_same_second_moment_do(turn):
     points = DetectorPoints(1.5 * on_sphere / np.linalg.norm(on_sphere, axis=1, keepdims=True))
     g = np.asarray(BELL.spherical_integrals(points, radii)).reshape(37, 4, -1)
     squares = np.tensordot(np.outer(weights, weights).ravel() / 4, g[1:], 1)
-    disks = DetectorPoints(middles, element_radius=width / np.sqrt(3))
-    off = np.abs(np.asarray(BELL.spherical_integrals(disks, radii)) - squares).max()
+    of_size = DetectorPoints(middles, element_size=width)
+    off = np.abs(np.asarray(BELL.spherical_integrals(of_size, radii)) - squares).max()
     assert off < 2e-3 * squares.max() and off < np.abs(g[0] - squares).max() / 10
+
+
+def test_square_elements_have_the_radius_of_their_second_moment():
+    """(1/w²) ∫ x² over a square of the side w and (1/πa²) ∫ x² over a disk: w²/12 = a²/4."""
+    sizes = np.linspace(0.1, 0.3, 5)
+    points = DetectorPoints(1.5 * np.ones((5, 3)), element_size=sizes, normals=np.ones((5, 3)))
+    np.testing.assert_allclose(np.asarray(points.element_radius) ** 2 / 4, sizes**2 / 12)
+    cap = spherical_cap(1.5, 1.1, 12, 24, element_size=0.2)
+    assert float(cap.element_radius) == pytest.approx(np.sqrt(0.2**2 / 3), rel=1e-14)
 
 
 def test_data_are_means_over_the_elements(both):
@@ -187,6 +196,10 @@ def test_refusals():
         ValueError, match=r"shape \(2,\), expected one number, or one for each of 3"
     ):
         DetectorPoints(np.eye(3), element_radius=[0.1, 0.2])
+    with pytest.raises(ValueError, match=r"element_size is 1\.6, expected a length"):
+        spherical_cap(1.5, 1.1, 12, 24, element_size=1.6)
+    with pytest.raises(ValueError, match="element_radius and element_size are both given"):
+        DetectorPoints(np.eye(3), element_radius=0.1, element_size=0.1)
     with pytest.raises(ValueError, match="normals are given without element_radius"):
         DetectorPoints(np.eye(3), normals=np.eye(3))
     with pytest.raises(ValueError, match="normal 1 is zero, expected a direction"):
