@@ -53,7 +53,7 @@ def of_scan(
     setup = setup_of(scan, choices, n_groups=N_GROUPS) if plan is None else plan.setup
     require_complete(setup)
     pressure_at = _pressure_at(scan, choices)
-    pressure = None if pressure_at is None else pressure_at(choices.time_shift)
+    pressure = None if pressure_at is None else pressure_at(choices.time_shift).multiplied()
     speed, region = speed_of(choices.path_speed), setup.region
     if reach is not None:
         setup = setup_within_reach(setup, reach, record_end(pressure, speed))
