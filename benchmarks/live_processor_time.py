@@ -41,6 +41,7 @@ def main():
         return lambda value: live.replace(**{name: value})
 
     print(row("another speed", median(changed("sound_speed"), 1480.0 + np.arange(13.0))))
+    print(row("another start", median(changed("time_shift"), 1e-8 * np.arange(13.0))))
     print(row("another rule", median(changed("rule"), 0.01 + 0.001 * np.arange(13))))
     centers = [(1e-5 * k, 0.0) for k in range(13)]
     print(row("another centre within reach", median(changed("region_center"), centers)))

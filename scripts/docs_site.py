@@ -38,6 +38,7 @@ def on_page_content(content: str, *, page: Any, **others: Any) -> str:
     if source.endswith(".ipynb"):
         # mkdocs-jupyter's own MathJax comes from the network
         content = re.sub(r'<script[^>]*\ssrc="(https?://[^"]*)?"[^>]*>\s*</script>', "", content)
+        content = _NAMED.sub(_from_own_folder, content)
         return _TAG_OR_FORMULA.sub(_of_notebook, content)
     return _IN_PAGE.sub(lambda found: _mathml(found[2], found[1] == "div"), content)
 
@@ -53,6 +54,17 @@ _IN_PAGE = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>'
 _TAG_OR_FORMULA = re.compile(
     r"<(pre|code|script|style)\b.*?</\1>|<[^>]+>|\$\$([^$]+)\$\$|\$([^$<>]+)\$", re.S
 )
+
+
+# relative addresses, of a page or another file
+_NAMED = re.compile(r'\b(href|src)="(?![a-z]+:|[#/])([^"#]+?)(\.md|\.ipynb)?(#[^"]*)?"')
+
+
+def _from_own_folder(found: re.Match[str]) -> str:
+    """An address in a notebook, as its page has it: that lies in a folder, and so do the others."""
+    attribute, path, is_page, anchor = found.groups()
+    path = path.removeprefix("../docs/") if path.startswith("../docs/") else f"notebooks/{path}"
+    return f'{attribute}="../../{path}{"/" if is_page else ""}{anchor or ""}"'
 
 
 def _of_notebook(found: re.Match[str]) -> str:

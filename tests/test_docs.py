@@ -89,6 +89,28 @@ def test_the_lines_of_the_pipeline_are_those_of_the_code():
         assert re.sub(r" +#", "  #", line) in code
 
 
+def test_the_built_site_is_searched_for_what_is_far_or_missing(tmp_path):
+    faults = runpy.run_path(str(ROOT / "scripts" / "check_site.py"))["faults"]
+    (tmp_path / "there").mkdir()
+    (tmp_path / "a.png").touch()
+    (tmp_path / "style.css").write_text("@import '//far/b.css'; a {background: url(a.png)}")
+    (tmp_path / "there" / "index.html").write_text(
+        '<link rel="stylesheet" href="../style.css"><img src="../a.png"><img src="data:image/x">'
+        '<a href="https://far">of another site</a><a href="#here">here</a><a href="/a.png">a</a>'
+    )
+    (tmp_path / "index.html").write_text(
+        '<a href="there/#here">there</a><script src="https://far/a.js"></script>'
+        '<link rel="icon" href="//far/a.ico"><img src="b%20.png"><a href="gone/">gone</a>'
+    )
+    assert list(faults(tmp_path)) == [
+        "index.html: https://far/a.js comes from the network",
+        "index.html: //far/a.ico comes from the network",
+        "index.html: b%20.png is not there",
+        "index.html: gone/ is not there",
+        "style.css: //far/b.css comes from the network",
+    ]
+
+
 def lines(page):
     blocks = (block.replace("\\\n", " ") for block in shown(page, "sh"))  # lines that go on
     return [line for block in blocks for line in block.strip().splitlines()]

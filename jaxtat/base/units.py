@@ -115,7 +115,7 @@ class Units(NamedTuple):
 
     def of_time(self, time: float) -> str:
         """A time in microseconds."""
-        return _with(f"{self._microseconds * time:.4g}", self.time, "us")
+        return _with(f"{self.microseconds * time:.4g}", self.time, "us")
 
     def of_speed(self, speed: float, digits: int = 6) -> str:
         """A speed in metres per second."""
@@ -126,11 +126,11 @@ class Units(NamedTuple):
     def metres_per_second(self) -> float:
         """Factor from the unit of speed to m/s; 1 where the units are not known."""
         both = self.length and self.time
-        return 1e3 * millimetres(self.length) / self._microseconds if both else 1.0
+        return 1e3 * millimetres(self.length) / self.microseconds if both else 1.0
 
     def of_band(self, low: float, high: float) -> str:
         """Frequencies in megahertz."""
-        low, high = low / self._microseconds, high / self._microseconds
+        low, high = low / self.microseconds, high / self.microseconds
         return _with(f"{low:.4g} to {high:.4g}", self.time, "MHz")
 
     def of_wave_number(self, wave_number: float) -> str:
@@ -147,7 +147,7 @@ class Units(NamedTuple):
         >>> Units("mm", "us").in_si("speed"), Units().in_si("speed")
         ((1000.0, 'm/s'), (1.0, None))
         """
-        length, time = millimetres(self.length), self._microseconds
+        length, time = millimetres(self.length), self.microseconds
         factor, unit, known = {
             "length": (length / 1e3, "m", self.length),
             "time": (time / 1e6, "s", self.time),
@@ -160,7 +160,8 @@ class Units(NamedTuple):
         return (factor, unit) if known else (1.0, None)
 
     @property
-    def _microseconds(self) -> float:
+    def microseconds(self) -> float:
+        """Factor from the unit of time to microseconds; 1 where it is not known."""
         return MICROSECONDS[self.time] if self.time else 1.0
 
 

@@ -13,6 +13,7 @@ function of this module runs, and in its thread alone.
 
 import dataclasses
 import threading
+from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, NamedTuple
 
@@ -68,6 +69,7 @@ class Live(eqx.Module):
         radii: of the integrals: the setup's, or as many that the record covers at this speed.
         frame_shape: (detectors, samples) of a frame.
         sound_speed: c [length/time]; of no meaning for circular integrals.
+        time_shift: what is added to the times of the file [time]; likewise.
         rule: of the densities; None of a plan.
         low_pass: name or function, as in `reconstruct`.
         dtype: of the images.
@@ -79,6 +81,7 @@ class Live(eqx.Module):
     radii: Float[Array, " radii"]
     frame_shape: tuple[int, int] = eqx.field(static=True)
     sound_speed: float = eqx.field(static=True)
+    time_shift: float = eqx.field(static=True)
     rule: Tikhonov | RelativeTikhonov | None
     low_pass: Any = eqx.field(static=True)
     dtype: np.dtype = eqx.field(static=True)
@@ -86,6 +89,7 @@ class Live(eqx.Module):
     _rows: tuple[int, ...] | None = eqx.field(static=True)  # of the frame, None for all in order
     _leveled: bool = eqx.field(static=True)  # whether offset and drift are taken off
     _pressure: Pressure | None
+    _pressure_at: Callable[[float], Pressure] | None = eqx.field(static=True)  # by time_shift
     _kernels: Float[Array, "rows radii"]  # of the radii
     _waves: DecomposedWaves | None
     _ready: _Ready
@@ -117,6 +121,7 @@ class Live(eqx.Module):
         self,
         *,
         sound_speed: Numbers | None = None,
+        time_shift: Numbers | None = None,
         rule: Any = None,
         low_pass: Any = None,
         region_center: Numbers | None = None,
@@ -130,6 +135,7 @@ class Live(eqx.Module):
 
         Args:
             sound_speed: c [length/time], the water's where there are two.
+            time_shift: what is added to the times of the file [time].
             rule: a number as `alpha`, or `Tikhonov` or `RelativeTikhonov`.
             low_pass: "none", "cosine" or a function.
             region_center: of region and grid, (x1, x2) [length]. Within ``reach`` of `live` only
@@ -138,19 +144,16 @@ class Live(eqx.Module):
             medium: a body in place of another one of its kind; all systems are solved again.
 
         Raises:
-            ValueError: for a speed that makes the record too short, a rule for the densities of a
-                plan, a region that does not fit, and a body where there was none.
+            ValueError: for a speed or shift that makes the record too short, a rule for the
+                densities of a plan, a region that does not fit, and a body where there was none.
         """
         waves, densities, samples = self._waves, self._ready.densities, self._ready.samples
-        radii, kernels, speed = self.radii, self._kernels, self.sound_speed
+        radii, kernels = self.radii, self._kernels
+        speed, shift, pressure = self._heard(sound_speed, time_shift)
         setup, region, solved_anew = self.setup, self.region, False
-        if sound_speed is not None:
-            if self._pressure is None:
-                raise ValueError("sound_speed: circular integrals are made at one; change radii.")
-            speed = speed_of(sound_speed)
         if region_center is not None or region_radius is not None:
             region = moved_disk(region, region_center, region_radius)
-            end = record_end(self._pressure, speed)
+            end = record_end(pressure, speed)
             setup, solved_anew = setup_showing(setup, self.region, region, end)
         if medium is not None:
             if setup.medium is None:
@@ -159,12 +162,12 @@ class Live(eqx.Module):
         rule = self.rule if rule is None else _rule_of(rule, setup)
         if self.rule is None and (rule is not None or solved_anew):
             raise ValueError("densities of a plan: its rule and geometry cannot be changed.")
-        if solved_anew or speed != self.sound_speed:
-            radii = _radii(self._pressure, setup, speed)
+        if solved_anew or speed != self.sound_speed or pressure is not self._pressure:
+            radii = _radii(pressure, setup, speed)
             if solved_anew or not np.array_equal(radii, self.radii):
-                kernels = _kernels(self._pressure, radii, setup, self.dtype)
+                kernels = _kernels(pressure, radii, setup, self.dtype)
             # begun here, and done while numpy works below
-            samples = _samples(kernels, self._pressure, radii, speed)
+            samples = _samples(kernels, pressure, radii, speed)
         if rule is not self.rule or solved_anew:
             waves = _waves_of(setup, self.dtype) if solved_anew else waves
             densities = _densities(setup, waves, rule, self.dtype)
@@ -175,12 +178,30 @@ class Live(eqx.Module):
             region=region,
             radii=radii,
             sound_speed=speed,
+            time_shift=shift,
             rule=rule,
             low_pass=low_pass,
+            _pressure=pressure,
             _kernels=kernels,
             _waves=waves,
             _ready=_ready(setup, samples, densities, low_pass, self.dtype),
         )
+
+    def _heard(
+        self, sound_speed: Numbers | None, time_shift: Numbers | None
+    ) -> tuple[float, float, Pressure | None]:
+        """Speed and shift, as they were where they are None, and the conditioning of a record."""
+        speed, shift, pressure = self.sound_speed, self.time_shift, self._pressure
+        if sound_speed is not None:
+            if pressure is None:
+                raise ValueError("sound_speed: circular integrals are made at one; change radii.")
+            speed = speed_of(sound_speed)
+        if time_shift is not None:
+            if self._pressure_at is None:
+                raise ValueError("time_shift: circular integrals have no times; change radii.")
+            shift = float(real_array("time_shift", time_shift, ()))
+            pressure = pressure if shift == self.time_shift else self._pressure_at(shift)
+        return speed, shift, pressure
 
     def replace_in_background(self, **settings: Any) -> "Future[Live]":
         """Start `replace` in a thread; images of this one go on until the other is ready.
@@ -323,6 +344,7 @@ def live(
         radii=radii,
         frame_shape=settings.frame_shape,
         sound_speed=settings.sound_speed,
+        time_shift=settings.time_shift,
         rule=used,
         low_pass=settings.low_pass,
         dtype=dtype,
@@ -330,6 +352,7 @@ def live(
         _rows=settings.rows,
         _leveled=settings.leveled,
         _pressure=settings.pressure,
+        _pressure_at=settings.pressure_at,
         _kernels=kernels,
         _waves=waves,
         _ready=_ready(setup, samples, densities, settings.low_pass, dtype),

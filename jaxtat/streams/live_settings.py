@@ -1,10 +1,11 @@
 """The settings of live images, from a setup of circular integrals or a scan and its choices."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from ..base.checks import Numbers, real_array, require_positive
 from ..geometry import Region
@@ -12,7 +13,8 @@ from ..io import Scan
 from ..reconstruction import ReconstructionPlan, Setup
 from ..reconstruction.setup import plane_of, require_complete
 from ..scans import Choices, choose, setup_of
-from ..scans.frames import conditioned, has_baseline, shifted_times
+from ..scans.acquisition import times_of
+from ..scans.frames import conditioned, has_baseline, in_band
 from .moving_region import N_GROUPS, setup_within_reach
 from .samples import Pressure, pressure_of, record_end
 
@@ -28,7 +30,9 @@ class LiveSettings(NamedTuple):
     sound_speed: float = 1.0
     energy: float = 1.0
     rows: tuple[int, ...] | None = None
+    time_shift: float = 0.0
     pressure: Pressure | None = None
+    pressure_at: Callable[[float], Pressure] | None = None
     leveled: bool = False
 
 
@@ -48,7 +52,8 @@ def of_scan(
     _require_formula(choices)
     setup = setup_of(scan, choices, n_groups=N_GROUPS) if plan is None else plan.setup
     require_complete(setup)
-    pressure, leveled = _pressure_of(scan, choices)
+    pressure_at = _pressure_at(scan, choices)
+    pressure = None if pressure_at is None else pressure_at(choices.time_shift).multiplied()
     speed, region = speed_of(choices.path_speed), setup.region
     if reach is not None:
         setup = setup_within_reach(setup, reach, record_end(pressure, speed))
@@ -61,8 +66,10 @@ def of_scan(
         sound_speed=speed,
         energy=float(np.mean(scan.known["laser_energy"])) if choices.laser_energy else 1.0,
         rows=_rows_of(choices, scan.n_detectors),
+        time_shift=float(choices.time_shift),
         pressure=pressure,
-        leveled=leveled,
+        pressure_at=pressure_at,
+        leveled=pressure is not None and has_baseline(choices),
     )
 
 
@@ -72,16 +79,23 @@ def speed_of(speed: Numbers) -> float:
     return float(value)
 
 
-def _pressure_of(scan: Scan, choices: Choices) -> tuple[Pressure | None, bool]:
-    """The conditioning of a record, and whether offset and drift are subtracted before."""
-    times = shifted_times(scan, choices)
+def _pressure_at(scan: Scan, choices: Choices) -> Callable[[float], Pressure] | None:
+    """The conditioning of a record by what is added to its times; None for circular integrals.
+
+    Of it only what silences the start depends on that.
+    """
+    times = times_of(scan)
     if times is None:
-        return None, False
+        return None
+    heard, silenced = replace(choices, dead_time=0.0), replace(choices, band=None)
+    filtered = conditioned(scan, heard, jnp.eye(len(times)), times, baseline=False)
 
-    def conditioning(record: Array) -> Array:
-        return conditioned(scan, choices, record, times, baseline=False)
+    def at(time_shift: float) -> Pressure:
+        later = jnp.asarray(times + time_shift)
+        mute = in_band(silenced, jnp.ones((1, len(times))), later, baseline=False)[0]
+        return pressure_of(later, choices.model, filtered, mute)
 
-    return pressure_of(jnp.asarray(times), choices.model, conditioning), has_baseline(choices)
+    return at
 
 
 def _rows_of(choices: Choices, n_detectors: int) -> tuple[int, ...] | None:

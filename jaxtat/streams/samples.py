@@ -2,19 +2,20 @@
 
 All of it is linear in a detector's record p, the same for all detectors, and so is
 
-    (G_J, G_Y)(lambda) = K I C p,
+    (G_J, G_Y)(lambda) = K I C F m p,
 
-C the conditioning, with the cosine coefficients of what comes out, I the integrals of cosines over
-circles, K the kernels of step 2. K I C is a matrix of twice the frequencies by the samples; of its
-parts I alone depends on the speed of sound. A last row gives ∫ g dr.
+m what silences the start, F the filters, C the cosine coefficients of what comes out, I the
+integrals of cosines over circles, K the kernels of step 2. All is a matrix of twice the frequencies
+by the samples; of its parts I alone depends on the speed of sound, C and m alone on the time of the
+first sample. A last row gives ∫ g dr.
 """
 
-from collections.abc import Callable
-
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..base.size_ladder import rung
 from ..records.pressure import cosine_coefficients, integrals_of_cosines, samples_from_zero
 from ..special import both_kinds
 from ..steps.quadrature import radial_quadrature, trapezoid_weights
@@ -24,24 +25,41 @@ class Pressure(eqx.Module):
     """Conditioning and conversion of a pressure record, before it is transformed.
 
     Attributes:
-        coefficients: cosine coefficients of the conditioned record, (waves, samples).
+        cosines: C, or C F m, (waves, samples).
+        filtered: F, by the sample that goes in, (samples, samples); None with C F m.
+        mute: m, 0 to 1, (samples,); likewise.
         times: of the record [time].
         model: "2d" or "in-plane".
     """
 
-    coefficients: Float[Array, "waves samples"]
+    cosines: Float[Array, "waves samples"]
+    filtered: Float[Array, "samples samples"] | None
+    mute: Float[Array, " samples"] | None
     times: Float[Array, " samples"]
     model: str = eqx.field(static=True)
 
+    def multiplied(self) -> "Pressure":
+        """The same with C F m, which takes long once, and less for each speed of sound."""
+        assert self.filtered is not None and self.mute is not None
+        cosines = self.cosines @ self.filtered.T * self.mute
+        return Pressure(cosines, None, None, self.times, self.model)
+
 
 def pressure_of(
-    times: Float[Array, " samples"], model: str, conditioning: Callable[[Array], Array]
+    times: Float[Array, " samples"],
+    model: str,
+    filtered: Float[Array, "samples samples"],
+    mute: Float[Array, " samples"],
 ) -> Pressure:
-    """Conditioning, a linear function of records (detectors, samples), as a matrix."""
+    """A `Pressure` of these times, of as many waves as for a start some samples earlier or later.
+
+    Args:
+        times, model, filtered, mute: its attributes.
+    """
     n_waves = samples_from_zero(times)
-    conditioned = conditioning(jnp.eye(times.shape[0]))  # the record of each sample, in rows
-    coefficients = cosine_coefficients(jnp.arange(n_waves), times, times[-1], n_waves)
-    return Pressure(coefficients @ conditioned.T, times, model)
+    m = jnp.arange(rung(n_waves))
+    cosines = jax.jit(cosine_coefficients)(m, times, times[-1], n_waves)
+    return Pressure(cosines, filtered, mute, times, model)
 
 
 def record_end(pressure: Pressure | None, sound_speed: float) -> float | None:
@@ -77,7 +95,7 @@ def samples_to_waves(
     radii: Float[Array, " radii"],
     sound_speed: Float[Array, ""],
 ) -> Float[Array, "rows samples"]:
-    """K I C of the formula above, in the precision of K.
+    """K I C F m of the formula above, in the precision of K.
 
     Args:
         kernels: K of `integrals_to_waves`.
@@ -85,6 +103,10 @@ def samples_to_waves(
         radii: r [length].
         sound_speed: c [length/time].
     """
-    m, dtype = jnp.arange(pressure.coefficients.shape[0]), kernels.dtype
+    m, dtype = jnp.arange(pressure.cosines.shape[0]), kernels.dtype
     integrals = integrals_of_cosines(m, pressure.times[-1], radii, sound_speed, pressure.model)
-    return kernels @ integrals.astype(dtype) @ pressure.coefficients.astype(dtype)
+    # from the left: there are fewer rows than waves or samples
+    waves = kernels @ integrals.astype(dtype) @ pressure.cosines.astype(dtype)
+    if pressure.filtered is None or pressure.mute is None:
+        return waves
+    return waves @ pressure.filtered.astype(dtype).T * pressure.mute.astype(dtype)

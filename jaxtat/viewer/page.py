@@ -115,6 +115,16 @@ class ViewerPage:
         self.low_pass = RadioButtonGroup(
             labels=list(LOW_PASSES), active=LOW_PASSES.index(start.low_pass)
         )
+        units = session.choices.units
+        self.microseconds, of_time = units.microseconds, " [µs]" if units.time else ""
+        first, last = (self.microseconds * shift for shift in session.time_shifts())
+        self.shift = Slider(start=first, end=last, value=self.microseconds * start.time_shift)
+        self.shift.update(
+            title=f"times of the record are later by{of_time}",
+            step=(last - first) / 400,
+            format="0.000",
+            visible=self.speed.visible,
+        )
         self._make_curve(low, high)
         scale, unit = lengths(session)
         self.looking = ZoomControls(session, WIDTH, self._changed)
@@ -162,6 +172,7 @@ class ViewerPage:
             self.curve_plot,
             self.speed,
             self.water,
+            self.shift,
             self.alpha,
             row(Div(text="low-pass", width=70), self.low_pass),
             *self.looking.sliders,
@@ -172,8 +183,9 @@ class ViewerPage:
             row(self.keep_picture, self.keep_choices),
             self.status,
         )
-        for control in (self.frame, self.speed, self.water, self.alpha, self.picture.levels):
-            control.width = WIDTH
+        sliders = self.frame, self.speed, self.water, self.shift, self.alpha, self.picture.levels
+        for slider in sliders:
+            slider.width = WIDTH
         pictures = self.picture.figure, self.beside.figure
         below = Div(text="<b>The same by a command</b>"), self.command, self.table
         self._document.add_root(column(row(*pictures, controls, spacing=20), *below, margin=10))
@@ -185,12 +197,13 @@ class ViewerPage:
             (self.frame, "value"),
             (self.speed, "value"),
             (self.water, "value"),
+            (self.shift, "value"),
             (self.alpha, "value"),
             (self.low_pass, "active"),
             (self.method, "active"),
         ):
             _on_change(control, its, self._changed)
-        for slider in (self.frame, self.alpha):  # when it is let go
+        for slider in (self.frame, self.shift, self.alpha):  # when it is let go
             _on_change(slider, "value_throttled", self._ask_for_curve)
         _on_change(self.wavelength, "value", self._take_wavelength)
         _on_change(self.errors, "active", self._turn_errors)
@@ -211,6 +224,7 @@ class ViewerPage:
             METHODS[self.method.active or 0],
             self.looking.disk,
             None if start.water_speed is None else _unless_moved(water, start.water_speed),
+            _unless_moved(self.shift.value / self.microseconds, start.time_shift),
         )
 
     def _changed(self) -> None:
@@ -231,6 +245,7 @@ class ViewerPage:
         self.speed.value = self.scale * values.sound_speed
         if values.water_speed is not None:
             self.water.value = self.scale * values.water_speed
+        self.shift.value = self.microseconds * values.time_shift
         self.alpha.value = math.log10(values.alpha)
         self.low_pass.active = LOW_PASSES.index(values.low_pass)
         self.looking.show(values.disk)
@@ -415,6 +430,8 @@ class ViewerPage:
             said.append(f"{self.scale * controls.sound_speed:.6g} m/s")
         if controls.water_speed is not None:
             said[-1] += f" in {self.scale * controls.water_speed:.6g} m/s"
+        if controls.time_shift:
+            said.append(f"later by {self._session.choices.units.of_time(controls.time_shift)}")
         if controls.method == DIRECT:
             said.append(f"alpha {controls.alpha:.2g}, {controls.low_pass}")
         return ", ".join(said)

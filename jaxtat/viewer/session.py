@@ -12,11 +12,11 @@ from jaxtyping import Float
 
 from ..base.choice_table import METHOD, OPTIONS, PLAIN, RECORD
 from ..base.units import ROUNDING
-from ..geometry import DiskBody, ImageGrid, fit_circle
+from ..geometry import ImageGrid, fit_circle
 from ..io import Scan
 from ..scans import Choices, ImageErrors, choose, image_errors, integrals, with_best_method
 from ..scans.acoustics import shares_by_speed
-from ..scans.acquisition import FASTEST, SLOWEST, facts_of, nominal_water_speed
+from ..scans.acquisition import FASTEST, SLOWEST, facts_of, nominal_water_speed, times_of
 from ..scans.constrained import fitted
 from ..scans.frames import per_energy
 from ..steps import universal_back_projection
@@ -33,6 +33,7 @@ from .image_methods import (
 from .viewed_scan import ViewedScan
 
 SPEEDS = 25  # of the curve by which one is chosen
+SHIFT, SAMPLES = 2.0, 80  # of a start to either side [us]; where no unit of time is known
 PIXELS = 257  # of images, where nothing else is said
 Shown = tuple[float, tuple[float, float]]  # radius and centre of a disk [length]
 _KEPT = (PLAIN, RECORD, METHOD)  # groups of choices that another region leaves as they are
@@ -51,6 +52,7 @@ class ControlValues:
         disk: radius and centre of a part of the region that is looked at, with as many pixels
             [length]; None for all of it, as always model-based.
         water_speed: around the body [length/time]; None for one speed.
+        time_shift: what is added to the times of the file [time].
     """
 
     sound_speed: float
@@ -60,6 +62,7 @@ class ControlValues:
     method: str = DIRECT
     disk: Shown | None = None
     water_speed: float | None = None
+    time_shift: float = 0.0
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -95,6 +98,7 @@ class Session(ViewedScan):
             choices.alpha,
             choices.low_pass,
             water_speed=choices.water_speed,
+            time_shift=choices.time_shift,
         )
         self._solved = live(scan, choices), direct  # one object: copies may be made meanwhile
         self.start = replace(direct, method=MODEL_BASED) if self._best.model_based else direct
@@ -175,6 +179,14 @@ class Session(ViewedScan):
         known = self.choices.sound_speed, self.choices.path_speed
         return min(SLOWEST * nominal, 0.97 * min(known)), max(FASTEST * nominal, 1.03 * max(known))
 
+    def time_shifts(self) -> tuple[float, float]:
+        """Least and greatest shift of the times that is offered [time]."""
+        units, times, middle = self.choices.units, times_of(self.scan), self.choices.time_shift
+        most = SHIFT / units.microseconds
+        if times is not None and not units.time:
+            most = SAMPLES * float(times[1] - times[0])
+        return middle - most, middle + most
+
     def unexplained(
         self, controls: ControlValues
     ) -> tuple[Float[np.ndarray, " speeds"], Float[np.ndarray, " speeds"]] | None:
@@ -187,7 +199,8 @@ class Session(ViewedScan):
         low, high = self.speeds()
         speeds = np.linspace(low, high, SPEEDS)
         frame = np.asarray(self.scan.frame(controls.frame), float)
-        shares = shares_by_speed(self.scan, self.choices, frame, speeds)
+        choices = replace(self.choices, time_shift=controls.time_shift)
+        shares = shares_by_speed(self.scan, choices, frame, speeds)
         return None if shares is None else (speeds, shares)
 
     def with_region(
@@ -204,6 +217,7 @@ class Session(ViewedScan):
         kept = {c.name: getattr(self.choices, c.name) for c in OPTIONS if c.group in _KEPT}
         kept |= {"sound_speed": controls.sound_speed, "alpha": controls.alpha}
         kept |= {"low_pass": controls.low_pass, "water_speed": controls.water_speed}
+        kept |= {"time_shift": controls.time_shift}
         kept |= {"pixels": self.choices.pixels}
         if self.scan.kind != "pressure":
             kept = {name: kept[name] for name in ("alpha", "low_pass", "max_frequency", "pixels")}
@@ -261,10 +275,10 @@ class Session(ViewedScan):
         before = self._solved[1]
         new, made = _settings(controls), _settings(before)
         turned: dict[str, Any] = {name: value for name, value in new.items() if value != made[name]}
-        body, water = self.choices.medium, controls.water_speed
-        turns = (controls.sound_speed, water) != (before.sound_speed, before.water_speed)
-        if body is not None and water is not None and turns:
-            turned["medium"] = DiskBody(body.center, body.radius, controls.sound_speed, water)
+        body, speeds = self._live.setup.medium, ("sound_speed", "water_speed")
+        of_body = {name: getattr(controls, name) for name in speeds}
+        if body is not None and of_body != {name: getattr(before, name) for name in speeds}:
+            turned["medium"] = replace(body, **of_body)
         disk = None if controls.method == MODEL_BASED else controls.disk
         controls = replace(controls, disk=disk)
         if disk != before.disk:
@@ -289,7 +303,7 @@ class Session(ViewedScan):
         """The choices, with radii as they are at this speed."""
         self._recompute(controls)
         start, said = self.choices, {}
-        for name in ("sound_speed", "water_speed", "alpha", "low_pass"):
+        for name in ("sound_speed", "water_speed", "time_shift", "alpha", "low_pass"):
             if getattr(controls, name) != getattr(start, name):
                 said[name] = "set in the viewer"
         if self.scan.kind == "pressure":
@@ -298,6 +312,7 @@ class Session(ViewedScan):
                 start,
                 sound_speed=controls.sound_speed,
                 water_speed=controls.water_speed,
+                time_shift=controls.time_shift,
                 first_radius=float(radii[0]),
                 radial_step=float(radii[-1] - radii[0]) / (len(radii) - 1),
             )
@@ -324,4 +339,9 @@ class Session(ViewedScan):
 def _settings(controls: ControlValues) -> dict[str, Any]:
     """What images are recomputed by, by names of `Live.replace`."""
     speed = controls.sound_speed if controls.water_speed is None else controls.water_speed
-    return {"sound_speed": speed, "rule": controls.alpha, "low_pass": controls.low_pass}
+    return {
+        "sound_speed": speed,
+        "time_shift": controls.time_shift,
+        "rule": controls.alpha,
+        "low_pass": controls.low_pass,
+    }

@@ -121,6 +121,25 @@ def test_another_speed_is_that_of_other_choices(frames):
         first.replace(sound_speed=-1.0)
 
 
+@pytest.mark.parametrize("known", [{}, {"impulse_response": RESPONSE}])
+def test_another_start_is_that_of_other_choices(frames, known):
+    """The silenced start ends at the same time, and so at another sample."""
+    made = scan(frames, **known)
+    choices = choose(made, **GIVEN, time_shift=3e-7)
+    first = live(made, choices, dtype=np.float64)
+    before = np.asarray(first(frames))
+    for shift in (-1.1e-6, 0.0, 1.62e-6):
+        later = first.replace(time_shift=shift, sound_speed=1480.0)
+        other = replace(choices, time_shift=shift, sound_speed=1480.0, **_like(later.radii))
+        wanted = reconstruct(made, other).image
+        assert later.time_shift == shift and relative(wanted, before) > 0.1
+        assert relative(later(frames), wanted) < 1e-10
+        back = later.replace(time_shift=3e-7, sound_speed=SPEED)
+        assert relative(back(frames), before) < 1e-12
+    with pytest.raises(ValueError, match="radii run"):
+        first.replace(time_shift=-3e-5)
+
+
 def _radii(choices, speed):
     """As many, as far as the record reaches."""
     end = min(float(choices.radii[-1]), speed * TIMES[-1])

@@ -288,6 +288,8 @@ def test_settings_that_cannot_be_are_refused(arc, half_arc, arc_plan, cap):
         live(arc, rule=jaxtat.NoiseLevel(0.1))
     with pytest.raises(ValueError, match="circular integrals are made at one"):
         live(arc, rule=ALPHA).replace(sound_speed=1.1)
+    with pytest.raises(ValueError, match="circular integrals have no times"):
+        live(arc, rule=ALPHA).replace(time_shift=0.1)
     with pytest.raises(ValueError, match="expected at least the region's radius 1"):
         live(arc, reach=0.9)
     with pytest.raises(ValueError, match="reach is for whole disks"):

@@ -10,8 +10,8 @@ from bokeh.document import Document
 from viewed import GIVEN, relative, write_scan
 
 from jaxtat.fitting import FitCancelled
-from jaxtat.io import load_scan
-from jaxtat.scans import choose
+from jaxtat.io import Scan, load_scan
+from jaxtat.scans import choose, integrals, setup_of
 from jaxtat.viewer import Session
 from jaxtat.viewer.page import ViewerPage
 
@@ -204,6 +204,30 @@ def test_a_body_and_the_water_have_a_slider_each(path, make_page, page):
     assert "1520 m/s in 1480 m/s" in page._in_words(page.controls)
     page.undoing.undo()
     assert page.controls == start
+
+
+def test_the_start_of_a_record_has_a_slider_in_microseconds(page):
+    before, start = shown(page), page.controls
+    assert page.shift.visible and (page.shift.start, page.shift.end) == pytest.approx((-2, 2))
+    page.shift.value = 0.5
+    until(page, lambda: not np.array_equal(shown(page), before))
+    assert page.controls == replace(start, time_shift=0.5 / 1e6)
+    assert "later by 0.5 us" in page._in_words(page.controls)
+    wanted = page._session.copy().image(page.controls)
+    assert relative(shown(page), np.nan_to_num(wanted)) < 1e-6
+    page.undoing.undo()
+    assert page.controls == start and page.shift.value == 0
+
+
+def test_circular_integrals_have_no_start(make_page, session):
+    setup = setup_of(session.scan, session.choices)
+    known = {"detectors": setup.curve.points, "radii": setup.radii}
+    g = integrals(session.scan, session.choices, setup, session.scan.frame(0))
+    scan = Scan("circular_integrals", np.asarray(g), known)
+    given = {name: value for name, value in GIVEN.items() if name not in ("band", "dead_time")}
+    page = make_page(Session(scan, choose(scan, **given)))
+    assert not (page.shift.visible or page.speed.visible)
+    assert page.controls.time_shift == 0 and page.shift.start < page.shift.end
 
 
 def test_what_no_image_explains_is_shown_by_speed(page):

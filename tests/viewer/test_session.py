@@ -9,11 +9,11 @@ import pytest
 from made_scans import SPEED
 from viewed import GIVEN, OPTIONS, relative, write_scan
 
-from jaxtat import DiskBody
+from jaxtat import DiskBody, OutlineBody
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_scan
 from jaxtat.io.frames import LazyFrames
-from jaxtat.scans import choose, reconstruct, standard_deviations, with_facts
+from jaxtat.scans import Choices, choose, reconstruct, standard_deviations, with_facts
 from jaxtat.scans.acquisition import some_frames
 from jaxtat.viewer import ControlValues, Session, command_line, keep
 
@@ -44,6 +44,7 @@ def wanted(session, controls):
         {"sound_speed": 1460.0},
         {"alpha": 0.1, "low_pass": "none", "frame": 3},
         {"sound_speed": 1530.0, "alpha": 1e-3, "frame": 5},
+        {"time_shift": -7e-7, "sound_speed": 1510.0},
     ],
 )
 def test_a_changed_control_gives_the_image_of_its_choices(session, turned):
@@ -57,7 +58,7 @@ def test_a_changed_control_gives_the_image_of_its_choices(session, turned):
         assert relative(image, np.nan_to_num(session.image(session.start))) > 1e-2
     choices = mine.choices_of(controls)
     reasons = dict(choices.reasons)
-    for name in {"sound_speed", "alpha", "low_pass"} & set(turned):
+    for name in {"sound_speed", "alpha", "low_pass", "time_shift"} & set(turned):
         assert getattr(choices, name) == turned[name]
         assert reasons[name] == "set in the viewer"
 
@@ -116,12 +117,14 @@ def test_the_command_makes_the_image(session, path, tmp_path, monkeypatch):
     """Its radii are chosen anew, and differ by less than a step."""
     monkeypatch.chdir(tmp_path)
     mine, controls = session.copy(), replace(session.start, sound_speed=1490.0, alpha=0.02, frame=2)
+    controls = replace(controls, time_shift=2.5e-7)
     line = command_line(mine.choices_of(controls), mine.frame_facts(2), str(path))
     program, *words = shlex.split(line.replace("image.png", "image.h5"))
     assert program == "jaxtat" and main([*words, "--quiet"]) == 0
     with h5py.File("image.h5") as file:
         assert relative(file["image"][0], np.nan_to_num(mine.image(controls))) < 1e-2
-    for option in ("--use 0:30,31:90", "--frames 2:3", "--sound-speed 1490", "--alpha 0.02"):
+    said = "--use 0:30,31:90", "--frames 2:3", "--sound-speed 1490", "--alpha 0.02"
+    for option in (*said, "--time-shift 0.00000025"):
         assert option in line
 
 
@@ -140,14 +143,35 @@ def test_least_is_unexplained_at_the_speed_of_the_record(session):
     assert abs(speeds[np.argmin(shares)] - SPEED) < 12.0
 
 
+def test_what_is_unexplained_by_speed_is_that_of_the_start(session):
+    """Sound that comes later by the way to the middle is slower."""
+    distance, later = 0.04, 1e-6
+    speeds, shares = session.unexplained(replace(session.start, time_shift=later))
+    wanted = distance / (distance / SPEED + later)
+    assert abs(speeds[np.argmin(shares)] - wanted) < 12.0 < SPEED - wanted
+
+
+def test_a_body_keeps_its_outline_at_other_speeds(path, monkeypatch):
+    scan = load_scan(path)
+    choices = choose(scan, **GIVEN, sound_speed=1520.0, water_speed=1490.0)
+    outline = OutlineBody.ellipse((0.001, 0.0), (0.013, 0.0125), 1520.0, 1490.0, 1.05)
+    monkeypatch.setattr(Choices, "medium", property(lambda _: outline))
+    mine = Session(scan, choices)
+    controls = replace(mine.start, method="direct", sound_speed=1540.0, water_speed=1480.0)
+    image, body = mine.image(controls), mine._live.setup.medium
+    assert isinstance(body, OutlineBody) and np.array_equal(body.points, outline.points)
+    assert (body.sound_speed, body.water_speed, body.density_ratio) == (1540.0, 1480.0, 1.05)
+    assert not np.allclose(image, mine.image(replace(controls, sound_speed=1520.0)), equal_nan=True)
+
+
 def test_another_region(session):
     mine = session.copy()
-    controls = replace(session.start, alpha=0.02)
+    controls = replace(session.start, alpha=0.02, time_shift=1e-7)
     moved = mine.with_region(0.008, (0.001, -0.002), controls)
     assert moved.choices.region_radius == 0.008
     assert moved.choices.region_center == (0.001, -0.002)
     assert moved.choices.channels == mine.choices.channels
-    assert moved.start.alpha == 0.02
+    assert moved.start.alpha == 0.02 and moved.start.time_shift == 1e-7
     assert relative(np.nan_to_num(moved.image(controls)), wanted(moved, controls)) < 1e-4
     match = r"a region of radius 50 mm about \(0, 0\) mm: the nearest detector is 40 mm from there"
     with pytest.raises(ValueError, match=match):
