@@ -5,16 +5,26 @@ import importlib
 import re
 import runpy
 import shlex
+import shutil
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 from unittest import mock
 
+import h5py
 import jax
 import numpy as np
 import pytest
 
 import jaxtat
+from jaxtat.cli import main
 from jaxtat.cli.parser import build_parser
+from jaxtat.io.datasets import sample_scan
+from jaxtat.records import (
+    apply_impulse_response,
+    circular_integrals_to_pressure,
+    gaussian_response,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -129,6 +139,83 @@ def test_commands_parse(page):
                 assert extra in extras["optional-dependencies"]
         elif arguments != ["--help"]:
             assert callable(build_parser().parse_args(arguments).run)
+
+
+# what a command that is not run has in it, and why it is not
+NOT_RUN = {
+    "--help": "it is argparse's",
+    "paper": "takes minutes: tests/paper runs it",
+    "view": "serves a page until it is stopped: tests/viewer opens pages",
+    "--follow": "waits for frames until it is stopped: tests/streams",
+    "--two-speeds": "looks for a body, for minutes: tests/scans/test_body_estimate.py",
+    "--water-temperature": "likewise",
+    "0:5000:10": "of a file of 5000 frames",
+    "cap.h5": "a volume takes minutes: tests/spherical",
+    "cup.npz": "a volume, which scripts/figure_cup.py records",
+    "record.npz": "k-Wave makes it: the test of its record above",
+    "patato": "of PATATO's files: tests/interop",
+    "Scan_9.msot": "a measured scan that PATATO publishes",
+    "half_disk_three_quarter_arc.npz": "a record that others publish",
+}
+
+
+def run(page):
+    """The words of each command of a page that is run."""
+    commands = (shlex.split(line) for line in lines(page))
+    own = (arguments for program, *arguments in commands if program == "jaxtat")
+    return [arguments for arguments in own if not NOT_RUN.keys() & set(arguments)]
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """A folder with small files of the names that pages use."""
+    monkeypatch.chdir(tmp_path)
+    sample_scan("scan.npz")
+    with np.load("scan.npz") as file:
+        scan = dict(file)
+    response = gaussian_response(scan["sampling_rate"], 3.5e6, 1.2)
+    np.save("response.npy", response)
+    heard = apply_impulse_response(scan["pressure"], response, origin=len(response) // 2)
+    np.savez("band.npz", **scan | {"pressure": heard})
+    scan["pressure"].tofile("frames.raw")
+
+    example = runpy.run_path(str(DOCS / "snippets" / "example.py"))
+    setup, g = example["setup"], np.asarray(example["g"])
+    known = {"radii": np.asarray(setup.radii), "detectors": np.asarray(setup.curve.points)}
+    np.savez("data.npz", circular_integrals=g, **known)
+    Path("scans").mkdir()
+    for name in ("scans/a.npz", "scans/b.npz"):
+        shutil.copy("data.npz", name)
+    assert main(["reconstruct", "data.npz", "--direct", "--quiet", "--out", "good.h5"]) == 0
+    with h5py.File("series.h5", "w") as file:
+        file.update({"circular_integrals": np.stack([g, 2 * g])} | known)
+
+    along = 0.3e-3 * (np.arange(64) - 31.5)
+    line = np.stack([along, 0 * along], axis=1)
+    times, radii = np.arange(700) / 40e6, 1e-4 * np.arange(1, 250)
+    curve, bell = jaxtat.detector_curve(line), jaxtat.phantoms.Bells([[0.0, 0.008]], [0.004])
+    g = bell.circular_integrals(curve, radii)
+    record = circular_integrals_to_pressure(g, radii, times, sound_speed=1500.0, model="in-plane")
+    np.savez("line.npz", pressure=record, detectors=line, times=times, sound_speed=1500.0)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::jaxtat.VisibilityWarning")
+@pytest.mark.parametrize("page", [page for page in PAGES if run(page)], ids=str)
+def test_commands_run_from_top_to_bottom(page, files):
+    """And leave the files that they name."""
+    for words in run(page):
+        if words[0] == "sample":  # which writes over no file
+            Path(words[1]).unlink(missing_ok=True)
+        assert main(words) == 0, shlex.join(words)
+        for option in {"--out", "--json"} & set(words):
+            (named,) = (word for before, word in pairwise(words) if before == option)
+            assert named == "-" or Path(named).exists(), shlex.join(words)
+
+
+def test_reasons_not_to_run_a_command_are_needed():
+    said = {word for page in PAGES for line in lines(page) for word in shlex.split(line)}
+    assert NOT_RUN.keys() <= said
 
 
 def test_make_targets_that_texts_name_are_there():

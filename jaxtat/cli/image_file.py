@@ -61,6 +61,7 @@ def write_image(
         result = reconstruct(scan, choices, plan=plan, out=kept, done=done, progress=progress)
         images = result.image if kept is None else kept.images()
         errors = _errors(scan, choices, images) if options.errors else None
+        of_fit = {"of_fit": shares_of_fit(result)}
         if options.out.endswith(OME_ZARR):
             from ..interop import save_ome_zarr  # with adapters that no other image needs
 
@@ -76,7 +77,7 @@ def write_image(
             images,
             result.grid,
             result.region,
-            settings_of(options) | choices.settings() | shares_of_fit(result) | more(result),
+            settings_of(options) | choices.settings() | of_fit | more(result),
             frames=result.frames,
             errors=errors,
             unit=options.length_unit or result.unit,

@@ -41,6 +41,7 @@ _OPTIONS = (
     "trial",
     "jobs",
     "of_folder",
+    "of_fit",
     "errors",
     *OF_TWO_SPEEDS,
 )

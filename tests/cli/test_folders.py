@@ -252,11 +252,13 @@ def test_what_a_fit_leaves_is_kept_with_the_image_and_in_the_summary(scans):
     """Of the record, and of its way: it ends where little of that is left."""
     assert run() == 0
     for row in summary():
-        kept = load_settings(f"images/{row['image']}")
+        kept = load_settings(f"images/{row['image']}")["of_fit"]
         for name in ("unexplained", "remaining"):
             assert float(row[name]) == round(kept[name], 4)
         assert 0 < kept["unexplained"] < 0.2
         assert 0 <= kept["remaining"] < 0.1
+    again = "reconstruct scans/a.npz --repeat images/a.npz.h5 --out again.h5 --quiet"
+    assert main(shlex.split(again)) == 0
 
 
 def test_errors_are_kept_beside_the_image(scans, capsys):
