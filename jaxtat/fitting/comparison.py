@@ -40,6 +40,7 @@ def compare_fits(
     sound_speed: Numbers = 1.0,
     model: str = "2d",
     conditioning: Callable[[Array], Array] | None = None,
+    element_responses: Numbers | None = None,
 ) -> Comparison:
     """How well two images fit the data, and whether the data distinguish them.
 
@@ -47,8 +48,8 @@ def compare_fits(
     data above the noise: it comes from the formula or the penalty.
 
     Args:
-        setup, data, noise, mask, times, sound_speed, model, conditioning: as in `model_based`, of
-            one image.
+        setup, data, noise, mask, times, sound_speed, model, conditioning, element_responses: as in
+            `model_based`, of one image.
         first, second: images; what is outside the region may be NaN.
 
     Returns:
@@ -66,7 +67,8 @@ def compare_fits(
     (0.5, 1.0)
     """
     require_setup(setup)
-    pressure = None if times is None else (times, sound_speed, model, conditioning, None)
+    recorded = times, sound_speed, model, conditioning, element_responses
+    pressure = None if times is None else recorded
     fits = data_fits(setup, pressure, False, noise, mask, None, None, [setup.grid])
     wanted, _, size = checked_data(data, fits[0])
     (fit,), wanted = in_units_of(size, fits, wanted)

@@ -69,8 +69,8 @@ def load_response(path: str | Path) -> np.ndarray:
     """The impulse response of elements in a file of NumPy.
 
     Args:
-        path: of .npy, or of .npz with one array or with one named as in a scan; of several the one
-            of all elements, rather than those of each.
+        path: of .npy, or of .npz with one array or with one named as in a scan; of several those of
+            each element, rather than the one of all.
 
     Returns:
         (taps,), or (detectors, taps), time 0 in the middle.

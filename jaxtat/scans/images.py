@@ -53,9 +53,9 @@ class ScanImages:
         unit: of length, "m" or "mm" if it is known.
         report: how well the systems were solved, in words; nothing with a plan.
         unexplained: the share of the record that fitted images leave, the largest of all frames;
-            None of others.
+            None of others, and where images of an earlier run are among them.
         remaining: how far fitted images are from where their iteration goes, relative, the farthest
-            of all frames; None of others.
+            of all frames; None likewise.
     """
 
     image: Any
@@ -214,8 +214,8 @@ def reconstruct(
         numbers=frame_numbers(scan),
         unit=choices.units.length if plan is None else facts_of(scan).units.length,
         report=report,
-        unexplained=float(left.max()) if fits else None,
-        remaining=float(far.max()) if fits else None,
+        unexplained=float(left.max()) if fits and not done else None,
+        remaining=float(far.max()) if fits and not done else None,
     )
 
 

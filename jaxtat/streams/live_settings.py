@@ -50,6 +50,7 @@ def of_scan(
 ) -> LiveSettings:
     choices = choose(scan) if choices is None else choices
     _require_formula(choices)
+    _require_elements_alike(scan, choices)
     setup = setup_of(scan, choices, n_groups=N_GROUPS) if plan is None else plan.setup
     require_complete(setup)
     pressure_at = _pressure_at(scan, choices)
@@ -96,6 +97,14 @@ def _pressure_at(scan: Scan, choices: Choices) -> Callable[[float], Pressure] | 
         return pressure_of(later, choices.model, filtered, mute)
 
     return at
+
+
+def _require_elements_alike(scan: Scan, choices: Choices) -> None:
+    if choices.impulse_response and np.ndim(scan.known.get("impulse_response", 0)) == 2:
+        raise ValueError(
+            "every element has a response of its own, and live images take one of all: take them "
+            "out of the record (records.remove_impulse_response), or let reconstruct fit it."
+        )
 
 
 def _rows_of(choices: Choices, n_detectors: int) -> tuple[int, ...] | None:

@@ -251,6 +251,7 @@ class ViewerPage:
         self.looking.show(values.disk)
         self._setting = False
         self._look()
+        self._ask_for_curve()
 
     def _look(self) -> None:
         """Ask for the image of the controls as they stand; of a fit for the direct one first."""
@@ -467,7 +468,7 @@ def _at_once(controls: ControlValues) -> ControlValues:
 
 
 def _unless_moved(value: float, start: float) -> float:
-    return start if math.isclose(value, start, rel_tol=1e-9) else value
+    return start if math.isclose(value, start, rel_tol=1e-9, abs_tol=1e-15) else value
 
 
 def _on_change(widget: Any, its: str, do: Callable[[], Any]) -> None:

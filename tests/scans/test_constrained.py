@@ -8,7 +8,8 @@ from made_scans import RATE, SPEED, positions, raw_counts, record, scan, truth
 from jaxtat.cli import main
 from jaxtat.io import Scan, load_settings
 from jaxtat.records import apply_impulse_response
-from jaxtat.scans import choose, reconstruct, to_look_at, with_best_method
+from jaxtat.scans import choose, reconstruct, setup_of, to_look_at, with_best_method
+from jaxtat.scans.constrained import compared, fitted
 from jaxtat.steps import AccuracyWarning
 
 pytestmark = pytest.mark.slow
@@ -39,6 +40,19 @@ def test_a_band_passed_record_is_fitted_as_it_is():
         np.linalg.norm(size * f.image - wanted) / np.linalg.norm(wanted) for f in (direct, fitted)
     ]
     assert off[1] < 0.2 and off[1] < 0.5 * off[0]
+
+
+@pytest.mark.parametrize("known", [{}, {"impulse_response": np.full((90, 1), 2.0)}])
+def test_images_are_compared_as_they_are_fitted(known):
+    """By records that each of them leaves unexplained; elements may have a response each."""
+    made = scan((2.0 if known else 1.0) * np.asarray(record()), **known)
+    choices = choose(made, band="none", **GIVEN)
+    setup, frame = setup_of(made, choices), np.asarray(made.frame(0))
+    image = fitted(made, choices, setup, frame).image
+    both = compared(made, choices, setup, frame, image, 0.5 * image)
+    assert both.misfits[0] < 0.1
+    assert 0.45 < both.misfits[1] < 0.55
+    assert 0.99 < both.differ < 1.01
 
 
 def test_the_model_goes_through_the_impulse_response():

@@ -208,6 +208,12 @@ def test_responses_of_each_element_are_fitted(silent):
     assert error_of_each < 0.6 * image_error(each, model_based=False)
 
 
+def test_live_images_take_one_response_of_all():
+    of_each = with_facts(scan(), element_response=np.ones((90, 3)))
+    with pytest.raises(ValueError, match="live images take one of all"):
+        jaxtat.live(of_each, choose(of_each, **GIVEN, model="in-plane"))
+
+
 def test_another_response_is_another_image_of_a_folder(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("scans").mkdir()

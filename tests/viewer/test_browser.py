@@ -237,7 +237,7 @@ def test_an_error_is_a_line_on_the_page(browser, page, session, monkeypatch):
 def status(address):
     """Of the answer, whenever it comes: the server's thread makes a page for each that asks."""
     try:
-        return urllib.request.urlopen(address).status
+        return urllib.request.urlopen(address, timeout=PATIENCE).status
     except urllib.error.HTTPError as error:
         return error.code
 
