@@ -113,8 +113,8 @@ def save_ipasc(path: str | Path, scan: Scan) -> None:
 
     All that `Scan.known` holds is kept; what the format has no name for (times, radii, impulse
     response) stands beside its meta data. Of wavelengths the shortest series that repeats becomes
-    an axis. Detectors in the plane get a third coordinate 0, and of ``scan.about`` the device, its
-    identifiers, coupling agent and method are kept.
+    an axis. Detectors in the plane get a third coordinate 0, normals the length 1, and of
+    ``scan.about`` the device, its identifiers, coupling agent and method are kept.
 
     Args:
         path: the file, whole or untouched.

@@ -430,7 +430,8 @@ def _radii(pressure: Pressure | None, setup: Setup, speed: float) -> Float[Array
     try:
         return setup.replace(radii=np.linspace(radii[0], end, len(radii))).radii
     except ValueError as error:
-        raise ValueError(f"with sound_speed {speed:.6g} {error}") from error
+        ends = f"with sound_speed {speed:.6g} and a record up to {float(pressure.times[-1]):.6g}"
+        raise ValueError(f"{ends} {error}") from error
 
 
 def _waves_of(setup: Setup, dtype: np.dtype) -> DecomposedWaves | None:
