@@ -10,6 +10,7 @@ import argparse
 
 import jax
 import numpy as np
+from bench_scattered import by_best_factor
 
 from jaxtat import detector_curve, phantoms
 from jaxtat.io import Scan
@@ -35,9 +36,8 @@ def error(scan: Scan, response: np.ndarray | None, disks: phantoms.Disks, fitted
     known = scan.known if response is None else scan.known | {"impulse_response": response}
     scan = Scan("pressure", scan.data, known)
     found = reconstruct(scan, with_best_method(scan, choose(scan, **GIVEN, model_based=fitted)))
-    image = np.asarray(found.image)
-    exact = np.asarray(found.grid.means(disks.image(found.grid.finer(8))))
-    image = image * np.sum(image * exact) / np.sum(image**2)
+    exact = np.asarray(found.grid.means(disks.image(found.grid.finer(8)))).ravel()
+    image = by_best_factor(np.asarray(found.image).ravel(), exact)
     return float(np.linalg.norm(image - exact) / np.linalg.norm(exact))
 
 

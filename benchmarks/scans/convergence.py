@@ -17,7 +17,7 @@ import jax
 import numpy as np
 from cases import SIZES, Case, truth, write
 from intervals import case
-from oracle import TO_SPARE
+from oracle import region_radius
 
 from jaxtat import circular_arc, data_radii, disk, phantoms
 from jaxtat.io import Scan, load_scan
@@ -25,6 +25,8 @@ from jaxtat.scans import Choices, choose, with_best_method
 from jaxtat.scans.constrained import fitted
 from jaxtat.scans.frames import lit_frames, setup_of
 
+HEAD = "| scan | grid | steps | estimated to remain | difference | further steps | |"
+HEAD += "\n|" + 7 * " --- |"
 FURTHER = (
     Case(20, "quarter", "vessels", "in-plane", 1500.0, 1500.0, 0.03, ()),
     Case(21, "cap", "balls", "in-space", 1500.0, 1500.0, 0.03, ()),
@@ -34,10 +36,7 @@ FURTHER = (
 def problems(size: str, folder: Path, files: list[str]) -> Iterator[tuple[str, Scan, Choices]]:
     for this in (*map(case, range(5)), *FURTHER):
         body, scan = truth(this, SIZES[size]), load_scan(write(this, SIZES[size], folder))
-        known = {
-            "sound_speed": this.speed,
-            "region_radius": min(TO_SPARE * body.reach, 0.9 * 38e-3),
-        }
+        known = {"sound_speed": this.speed, "region_radius": region_radius(body)}
         if this.model != "in-space":
             known |= {"model": this.model, "region_center": (0.0, 0.0)}
         yield f"{this.array}, {this.body}", scan, with_best_method(scan, choose(scan, **known))
@@ -82,11 +81,7 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     jax.config.update("jax_enable_x64", True)
     warnings.simplefilter("ignore")
-    print(
-        "| scan | grid | steps | estimated to remain | difference | further steps | |\n"
-        + 7 * "| --- "
-        + "|"
-    )
+    print(HEAD)
     size = "full" if options.full else "quick"
     for problem in problems(size, options.out, options.files):
         print(row(*problem), flush=True)

@@ -15,7 +15,7 @@ from pathlib import Path
 import jax
 import numpy as np
 from cases import SIZES, Case, truth, write
-from oracle import TO_SPARE
+from oracle import region_radius
 
 ARRAYS = "arc270", "arc180", "ring", "ellipse", "arc125"
 BODIES = "vessels", "mouse", "derenzo", "bells", "off-middle"
@@ -41,9 +41,8 @@ def examined(k: int, folder: Path) -> tuple[float, float, float]:
     this, size = case(k), SIZES["quick"]
     body = truth(this, size)
     scan = load_scan(write(this, size, folder))
-    radius = min(TO_SPARE * body.reach, 0.9 * 38e-3)
     known = {"sound_speed": this.speed, "model": "in-plane", "region_center": (0.0, 0.0)}
-    choices = with_best_method(scan, choose(scan, **known, region_radius=radius))
+    choices = with_best_method(scan, choose(scan, **known, region_radius=region_radius(body)))
     image = jax.device_put(reconstruct(scan, choices).image)
     found = fit_errors(scan, choices, np.asarray(scan.frame(0), float), image)
     true = np.asarray(found.grid.means(body.image(np.asarray(found.grid.finer(4).points))))

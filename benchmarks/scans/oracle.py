@@ -151,6 +151,11 @@ def _coarse(choices: Choices) -> Choices:
     return replace(choices, pixels=pixels, inversion="fourier", weight=weight)
 
 
+def region_radius(body: Body) -> float:
+    """Of a region in the plane that holds the body, within every array."""
+    return min(TO_SPARE * body.reach, 0.9 * 38e-3)
+
+
 def _known(case: Case, body: Body) -> dict:
     if case.model == "in-space":
         return {"region_radius": TO_SPARE * body.reach}
@@ -158,5 +163,5 @@ def _known(case: Case, body: Body) -> dict:
         "model": case.model,
         "time_shift": case.start,
         "region_center": (0.0, 0.0),
-        "region_radius": min(TO_SPARE * body.reach, 0.9 * 38e-3),
+        "region_radius": region_radius(body),
     }

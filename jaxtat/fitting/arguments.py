@@ -45,8 +45,8 @@ def data_fits(
     record, responses, shape = None, None, setup.data_shape
     if pressure is not None:
         record, responses = _recorded(setup, *pressure)
-        recording = responses.conditioning.T if isinstance(responses, OwnResponses) else record
-        shape = (*setup.detectors_shape, recording.shape[0])
+        own = isinstance(responses, OwnResponses)
+        shape = (*setup.detectors_shape, responses.n_samples if own else record.shape[0])
     if noise is not None:
         noise = real_array("noise", noise, None)
         require_positive("noise", noise)
@@ -89,24 +89,23 @@ def _recorded(
         if not (is_concrete(sound_speed) and np.ndim(sound_speed) == 0 and sound_speed == 1.0):
             raise ValueError("sound_speed is given, and the setup has a medium: leave it out.")
         sound_speed = setup.medium.water_speed
-    factors = None
     if responses is not None:
         shape = (*setup.detectors_shape, "taps")
         responses = real_array("element_responses", responses, shape)
     if setup.grid.dimension == 3:
         matrix = _record_in_space(setup, times, sound_speed, model, responses is not None)
+        factors = None
         if responses is not None:
             step = sound_speed * (jnp.asarray(times)[1] - jnp.asarray(times)[0])
             factors = response_factors(setup.kind.sizes_inside(setup), responses, step)
-    else:
-        matrix = pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
-        if responses is not None:
-            within = _with_sound(setup, times, sound_speed, model, responses.shape[-1])
-            matrix = by_library(lambda _, known: known[within], (matrix,))
-            return matrix, _own_responses(
-                responses, np.eye(np.shape(times)[0])[within], conditioning
-            )
-    return _conditioned(conditioning, matrix), factors
+        return _conditioned(conditioning, matrix), factors
+    matrix = pressure_matrix(setup.radii, times, sound_speed=sound_speed, model=model)
+    if responses is None:
+        return _conditioned(conditioning, matrix), None
+    within = _with_sound(setup, times, sound_speed, model, responses.shape[-1])
+    pulses = np.eye(np.shape(times)[0])[within]
+    matrix = by_library(lambda _, known: known[within], (matrix,))
+    return matrix, _own_responses(responses, pulses, conditioning)
 
 
 def _conditioned(

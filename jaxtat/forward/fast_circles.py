@@ -203,8 +203,7 @@ class CircleIntegrals(eqx.Module):
     @property
     def n_samples(self) -> int:
         """Number of data of a detector."""
-        last = self.series if self.elements is None else self.elements.conditioning
-        return last.shape[-1]
+        return self.series.shape[-1] if self.elements is None else self.elements.n_samples
 
     @property
     def kept(self) -> bool:

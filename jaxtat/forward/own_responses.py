@@ -19,6 +19,11 @@ class OwnResponses(eqx.Module):
     transfer: Complex[Array, "detectors padded_frequencies"]
     conditioning: Float[Array, "times samples"]
 
+    @property
+    def n_samples(self) -> int:
+        """Number of data of an element."""
+        return self.conditioning.shape[-1]
+
     def __call__(
         self, pressure: Float[Array, "images detectors times"]
     ) -> Float[Array, "images detectors samples"]:

@@ -185,8 +185,7 @@ def reconstruct(
                 continue
             frames = _frames(scan, choices, start, size)
             if fits:
-                of_fit = {"initial": before, "progress": progress}
-                found = fitted(scan, choices, setup, frames, **of_fit)
+                found = fitted(scan, choices, setup, frames, initial=before, progress=progress)
                 before = found.image if choices.in_space else None
                 image, report = found.image, _fitted(found)
                 left[start : start + n] = np.asarray(found.residual)
