@@ -1,26 +1,15 @@
 """A body of another speed of sound than the water's, by what the best image leaves unexplained.
 
-The criterion is that of `misfit`, with the waves of a `DiskBody` in its operator and an image that
-may sound in it and just around it: farther away its waves mean nothing. Pixels, numbers of waves
-and the samples that count are those of the largest body and the same for all, so that a candidate
-compiles nothing.
-
-Numbers are searched for that a record tells apart: the radius a, the centre, the water's speed c_2
-where it is not known, and in place of the body's own speed c_1 the time
-
-    T = D/c_2 - a (1/c_2 - 1/c_1),    D the distance of the detectors from the middle,
-
-which sound from the middle takes; the best single speed has it nearly right. Least is looked for
-along lines, then Newton's method takes differences of what is left in all numbers at once. What is
-left is known for each detector, so that the jackknife over sectors of them costs nothing.
+The criterion is that of `body_criterion`. Least is looked for along lines first, by fits that end
+early; from there, and from the best single speed, downhill in all numbers at once with a tenth of
+the weight, of which the least is at the true body. What is left is known for each detector, and so
+are its derivatives: the jackknife over sectors of detectors costs nothing.
 """
 
-from itertools import combinations
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
 import numpy as np
+import scipy.optimize
 from jaxtyping import Bool, Float
 
 from ..base.checks import real_array, require_positive
@@ -28,30 +17,33 @@ from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import DiskBody
 from ..io import Scan
 from .acoustics import sound_of
-from .acquisition import FASTEST, SLOWEST
 from .angular_coverage import SEEN_TWICE, span
+from .body_criterion import RATIOS, Least, Through, through_bodies
 from .choices import Choices
-from .misfit import Fit, Misfit, Place, Sound, misfit_of, place_of
+from .misfit import Fit, Sound
 from .region import MARGIN
 from .sound_speed import SECTORS, least_share
 from .speed_found import jackknife
 
-PIXELS = 65  # along an axis: coarse ones see wrong bodies from farther
-FINE = 1e-5  # tolerance of the non-uniform FFTs: with 1e-3 a fit through a body ends too early
-SUPPORT = 1.1  # of the body's radius, up to which there may be sound
-WIDE, WAY = 1.35, 0.25  # of the radius of what sounds: reach of the pixels, way of the centre
-RATIOS = 0.92, 1.1  # of the two speeds, that are tried
-SOUNDING, SMALLER = 0.95, 0.75  # of an image's power; of the radius: a body beside the middle
+SMALLER = 0.75  # of the radius: what sounds is a body beside the middle
 OFF = 1.005  # of the speed at which a weight is found: of small weights fits come to no end
 OF_ONE = np.arange(-3, 4) / 150  # single speeds over the one that is chosen, less 1
 OF_WATER = np.arange(-6, 7) / 333  # the water's over that, less 1
 OF_ARRIVAL = 0.005 * np.arange(-2, 3)  # T, over the time through the radius
 OF_RADIUS = 0.06 * np.arange(-3, 4)  # over that before, less 1
 OF_CENTER = 0.05 * np.arange(-2, 3)  # over the radius
-STEPS = np.array([0.004, 0.04, 0.05, 0.05, 0.002])  # of differences in (T, a, x, y, c_2)
 PASSES = 0, 1, 2, 3, 0, 1, 2, 3  # numbers along which lines run, one after the other
-ROUNDS, FARTHEST = 3, 2.0  # of Newton's method, and steps by which numbers change at most
-ARRIVED = 0.2  # of a step: a smaller one ends it
+UNITS = np.array([0.004, 0.04, 0.05, 0.05, 0.002])  # of (T, a, x, y, c_2)
+LIGHT = 0.1  # of the weight: with all of it the least is up to 30 m/s away from the true body
+CONTRASTS, BEST = (0.98, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of all
+COLD, WARM = 60, 25  # steps of fits from zeros, and from the best image so far
+MOST = 20  # fits of one way downhill
+ROUNDS, ARRIVED = 4, 0.2  # of Newton's method, and the step that ends it
+SETTLED = 1e-5  # change of V over itself, which ends it
+FARTHEST = np.array([25.0, np.inf, 5.0, 5.0, 25.0])  # units from the start; of the radius bounds:
+SIZES = 0.6, 1.2  # of the radius of what sounds
+HALF = 0.5  # unit to each side, of differences of slopes
+FARTHER = 4.0  # units of one of its steps at most
 COMPARED = 100  # steps of the two fits that are compared: the better model takes more of them
 FLAT = 1e-3  # curvature over the largest, below which nothing is told
 GAIN, ERRORS = 0.1, 3.0  # least gain, and standard errors, from which two speeds are clear
@@ -98,7 +90,7 @@ def estimate_body(
 ) -> BodyEstimate | None:
     """The disk of another speed of sound by which an image explains most of a frame.
 
-    Takes 100 to 200 fits of a coarse image, 0.1 to 0.2 s of a processor each.
+    Takes some 50 to 100 fits of a coarse image, and as many with their derivatives.
 
     Args:
         scan, choices: in the plane, of pressure; the choices with one speed of sound, by which
@@ -130,56 +122,11 @@ def estimate_body(
         return through.best(through.one(speed), weight, steps)
 
     one = least_share(single, singles, good).value
-    first = [through.distance / one, radius, *center, water_speed or one]
-    units = np.array([radius / nominal, radius, radius, radius, nominal])
-    search = _Search(through, STEPS * units, weight, good, 4 if water_speed else 5)
-    return _estimate(search, search.newton(search.along_lines(np.array(first))), one)
-
-
-class Through(NamedTuple):
-    """The criterion for bodies.
-
-    Attributes:
-        misfit, place: through one of them, and its sizes.
-        distance: D [length].
-        center, reach: of the disk of all pixels [length].
-    """
-
-    misfit: Misfit
-    place: Place
-    distance: float
-    center: Float[np.ndarray, "2"]
-    reach: float
-
-    def body(self, numbers: Float[np.ndarray, "5"]) -> DiskBody:
-        """That of (T, a, x, y, c_2), with speeds within `RATIOS` of each other."""
-        arrival, radius, x, y, water = map(float, numbers)
-        slowness = 1 + (water * arrival - self.distance) / radius  # c_2/c_1
-        speed = water / float(np.clip(slowness, 1 / RATIOS[1], 1 / RATIOS[0]))
-        return DiskBody((x, y), radius, speed, water)
-
-    def one(self, speed: float, like: DiskBody | None = None) -> DiskBody:
-        """A body of the water's speed, which may sound everywhere, or where another one does."""
-        if like is None:
-            return DiskBody(self.center, self.reach / SUPPORT, speed, speed)
-        return DiskBody(like.center, like.radius, speed, speed)
-
-    def best(self, body: DiskBody, weight: float | None, steps: int | None = None) -> Fit:
-        """The best image in and just around a body."""
-        points = np.asarray(self.place.grid.points) - np.asarray(body.center)
-        support = np.hypot(points[..., 0], points[..., 1]) <= SUPPORT * float(body.radius)
-        parts = self.place.integrals(body), jax.device_put(support)
-        misfit = eqx.tree_at(lambda m: (m.integrals, m.support), self.misfit, parts)
-        return misfit.best(float(body.water_speed), weight=weight, steps=steps)
-
-    def sounding(self, fit: Fit) -> tuple[Float[np.ndarray, "2"], float]:
-        """The middle of an image, and the radius about it within which nearly all of it is."""
-        points, power = np.asarray(self.place.grid.points).reshape(-1, 2), fit.image.ravel() ** 2
-        middle = power @ points / max(float(power.sum()), 1e-300)
-        distance = np.hypot(*(points - middle).T)
-        order = np.argsort(distance)
-        within = np.searchsorted(np.cumsum(power[order]), SOUNDING * power.sum())
-        return middle, float(distance[order[min(int(within), len(order) - 1)]])
+    first = np.array([through.distance / one, radius, *center, water_speed or one])
+    units = UNITS * np.array([radius / nominal, radius, radius, radius, nominal])
+    search = _Search(through, units, weight, radius, good, 4 if water_speed else 5)
+    ends = [search.downhill(start) for start in search.starts(first)]
+    return _estimate(search, search.newton(*min(ends, key=lambda end: end[1].value)), one)
 
 
 def _about_what_sounds(
@@ -190,33 +137,17 @@ def _about_what_sounds(
     A region that was given stays: a body may be silent near its rim.
     """
     center, radius = np.array(choices.region_center), choices.region_radius / MARGIN
-    through = _through(sound, choices, center, radius)
+    through = through_bodies(sound, choices, center, radius)
     if choices.grade("region_radius") == SURE:
         return through, center, radius
     seen = through.sounding(through.best(through.one(choices.sound_speed), None))
     if seen[1] > SMALLER * radius:
         return through, center, radius
-    return _through(sound, choices, *seen), *seen
-
-
-def _through(sound: Sound, choices: Choices, center: np.ndarray, radius: float) -> Through:
-    """The criterion in pixels about the sources, for bodies of about their size."""
-    offset = center - sound.center
-    away = float(np.hypot(*offset))
-    reach = min(WIDE * radius, sound.reach - away)
-    # off the centre of the detectors' circle in any case, where bodies take larger sizes
-    outward = offset / away if away > 0 else np.array([1.0, 0.0])
-    largest = DiskBody(center + WAY * radius * outward, reach / SUPPORT, RATIOS[0], 1.0)
-    ends = SLOWEST * choices.sound_speed, FASTEST * choices.sound_speed
-    distance = np.hypot(*(np.asarray(sound.curve.points)[sound.good] - center).T).mean()
-    sound = sound._replace(center=center, reach=reach)
-    place = place_of(sound, ends[1], largest, pixels=PIXELS, tolerance=FINE)
-    misfit = misfit_of(sound, choices.model, ends, place)
-    return Through(misfit, place, float(distance), center, reach)
+    return through_bodies(sound, choices, *seen), *seen
 
 
 class _Surface(NamedTuple):
-    """What is left near some numbers, to second order, in units of the steps of differences.
+    """Half of what is left near some numbers, to second order, in units of the numbers.
 
     Attributes:
         center: the numbers.
@@ -234,7 +165,7 @@ class _Surface(NamedTuple):
         curvatures, axes = np.linalg.eigh(hessian)
         told = curvatures > FLAT * max(float(curvatures[-1]), 1e-300)
         steps = np.where(told, -(axes.T @ gradient) / np.where(told, curvatures, 1.0), 0.0)
-        return axes @ np.clip(steps, -FARTHEST, FARTHEST)
+        return axes @ np.clip(steps, -FARTHER, FARTHER)
 
 
 class _Search(NamedTuple):
@@ -242,15 +173,17 @@ class _Search(NamedTuple):
 
     Attributes:
         through: the criterion.
-        steps: of differences in all numbers.
+        units: of all numbers.
         weight: of total variation.
+        radius: of what sounds [length].
         good: detectors that count.
         n_free: how many of the numbers are searched for; the last is the water's speed.
     """
 
     through: Through
-    steps: Float[np.ndarray, "5"]
+    units: Float[np.ndarray, "5"]
     weight: float
+    radius: float
     good: Bool[np.ndarray, " detectors"]
     n_free: int
 
@@ -272,36 +205,71 @@ class _Search(NamedTuple):
             numbers = np.where(np.arange(5) == which, found, numbers)
         return numbers
 
-    def moved(self, numbers: np.ndarray, by: np.ndarray) -> Float[np.ndarray, "5"]:
-        """Numbers that differ by so many steps in those that are free."""
-        return numbers + self.steps * np.concatenate([by, np.zeros(5 - self.n_free)])
+    def starts(self, numbers: Float[np.ndarray, "5"]) -> list[Float[np.ndarray, "5"]]:
+        """From where the way goes downhill: of the end of the lines and bodies of sizes that are
+        given, slower and faster than the water, those with the least V."""
+        arrival, radius, *_ = numbers
+        tried = [self.along_lines(numbers), numbers]
+        if self.n_free == 5:
+            water = [(self.through.distance - radius * (1 - 1 / r)) / arrival for r in CONTRASTS]
+            tried += [np.append(numbers[:4], speed) for speed in water]
+        return sorted(tried, key=lambda start: self.at(start).value)[:BEST]
 
-    def newton(self, numbers: Float[np.ndarray, "5"]) -> _Surface:
-        """What is left near its least."""
-        surface = self._surface(numbers)
+    def moved(self, numbers: np.ndarray, by: np.ndarray) -> Float[np.ndarray, "5"]:
+        """Numbers that differ by so many units in those that are free."""
+        return numbers + self.units * np.concatenate([by, np.zeros(5 - self.n_free)])
+
+    def at(self, numbers: np.ndarray, like: Least | None = None) -> Least:
+        """V with the light weight, its slopes in units of those numbers that are free."""
+        start = (COLD, None) if like is None else (WARM, like.image)
+        found = self.through.least(numbers, LIGHT * self.weight, *start)
+        return found._replace(slopes=(found.slopes * self.units)[:, : self.n_free])
+
+    def downhill(self, numbers: Float[np.ndarray, "5"]) -> tuple[Float[np.ndarray, "5"], Least]:
+        """Where V is least near some numbers, and what it is there."""
+        best = self.at(numbers), np.zeros(self.n_free)
+
+        def height(by: np.ndarray) -> tuple[float, np.ndarray]:
+            nonlocal best
+            found = self.at(self.moved(numbers, by), best[0])
+            best = min(best, (found, by.copy()), key=lambda one: one[0].value)
+            return found.value, found.slopes.sum(axis=0)
+
+        sizes = (np.array(SIZES) * self.radius - numbers[1]) / self.units[1]
+        bounds = np.stack([-FARTHEST, FARTHEST], axis=1)
+        bounds[1] = min(sizes[0], 0.0), max(sizes[1], 0.0)
+        scipy.optimize.minimize(
+            height,
+            best[1],
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds[: self.n_free],
+            options={"maxfun": MOST, "ftol": SETTLED},
+        )
+        return self.moved(numbers, best[1]), best[0]
+
+    def newton(self, numbers: Float[np.ndarray, "5"], like: Least) -> _Surface:
+        """What is left near where Newton's method comes to from there, as long as V falls."""
+        surface, like = self._surface(numbers, like)
         for _ in range(ROUNDS - 1):
             by = surface.step(self.good)
-            if np.abs(by).max() < ARRIVED:
+            there = self.moved(surface.center, by)
+            ahead = self.at(there, like)
+            if np.abs(by).max() < ARRIVED or ahead.value >= like.value:
                 break
-            surface = self._surface(self.moved(surface.center, by))
+            surface, like = self._surface(there, ahead)
         return surface
 
-    def _surface(self, numbers: Float[np.ndarray, "5"]) -> _Surface:
-        units = np.eye(self.n_free)
+    def _surface(self, numbers: Float[np.ndarray, "5"], like: Least) -> tuple[_Surface, Least]:
+        """What is left near some numbers, by differences of slopes; V there after more steps."""
+        like = self.at(numbers, like)
 
-        def left(by: np.ndarray) -> np.ndarray:
-            body = self.through.body(self.moved(numbers, by))
-            return self.through.best(body, self.weight).left
+        def slopes(by: np.ndarray) -> np.ndarray:
+            return self.at(self.moved(numbers, by), like).slopes.T
 
-        middle = left(0 * units[0])
-        ahead, behind = (np.array([left(sign * unit) for unit in units]) for sign in (1, -1))
-        hessian = np.zeros((self.n_free, *ahead.shape))
-        for k in range(self.n_free):
-            hessian[k, k] = ahead[k] - 2 * middle + behind[k]
-        for j, k in combinations(range(self.n_free), 2):
-            mixed = left(units[j] + units[k]) - ahead[j] - ahead[k] + middle
-            hessian[j, k] = hessian[k, j] = mixed
-        return _Surface(numbers, (ahead - behind) / 2, hessian)
+        sides = HALF * np.eye(self.n_free)
+        rows = np.array([slopes(side) - slopes(-side) for side in sides]) / (2 * HALF)
+        return _Surface(numbers, like.slopes.T, (rows + rows.swapaxes(0, 1)) / 2), like
 
 
 def _estimate(search: _Search, surface: _Surface, one_speed: float) -> BodyEstimate:
@@ -315,7 +283,8 @@ def _estimate(search: _Search, surface: _Surface, one_speed: float) -> BodyEstim
     others = [good & ~np.isin(np.arange(len(good)), part) for part in sectors]
     body, each = through.body(least(good)), [through.body(least(kept)) for kept in others]
     single = through.one(one_speed, body)
-    two, one = (through.best(each, None, COMPARED) for each in (body, single))
+    weight = LIGHT * search.weight
+    two, one = (through.best(each, weight, COMPARED) for each in (body, single))
 
     def error(number: str) -> float:
         values = np.array([np.atleast_1d(getattr(one, number)) for one in each])

@@ -14,14 +14,16 @@ from jaxtat.cli import main
 from jaxtat.io import Scan
 from jaxtat.records import simulate_pressure, water_speed
 from jaxtat.scans import (
-    body_estimate,
+    body_criterion,
     choose,
     estimate_body,
     shares_by_speed,
     trials,
     two_speeds,
 )
-from jaxtat.scans.body_estimate import BodyEstimate, Through, _Surface
+from jaxtat.scans.acoustics import sound_of
+from jaxtat.scans.body_criterion import Through, through_bodies
+from jaxtat.scans.body_estimate import BodyEstimate, _Surface
 
 pytestmark = pytest.mark.slow
 
@@ -56,7 +58,7 @@ def through_body():
 
 
 def estimated(pressure, monkeypatch, speed):
-    monkeypatch.setattr(body_estimate, "PIXELS", 27)
+    monkeypatch.setattr(body_criterion, "PIXELS", 27)
     scan = scan_of(pressure)
     chosen = choose(scan, **ONE | {"sound_speed": speed})
     return estimate_body(scan, chosen, pressure, water_speed=WATER)
@@ -103,7 +105,38 @@ def test_sound_from_the_middle_takes_the_time_of_the_numbers():
     body = through.body(np.array([arrival, RADIUS, *CENTER, WATER]))
     assert float(body.sound_speed) == pytest.approx(TISSUE)
     far = through.body(np.array([0.9 * arrival, RADIUS, *CENTER, WATER]))
-    assert float(far.speed_ratio) == pytest.approx(body_estimate.RATIOS[1])
+    assert float(far.speed_ratio) == pytest.approx(body_criterion.RATIOS[1])
+
+
+@pytest.fixture
+def criterion(through_body, monkeypatch):
+    """That of the record through the body, and numbers that are a little off the body's."""
+    monkeypatch.setattr(body_criterion, "PIXELS", 33)
+    scan = scan_of(through_body)
+    sound = sound_of(scan, choose(scan, **ONE), through_body)
+    through = through_bodies(sound, choose(scan, **ONE), np.zeros(2), 0.0115)
+    radius, water = 1.05 * RADIUS, 1.003 * WATER
+    arrival = through.distance / WATER - RADIUS * (1 / WATER - 1 / TISSUE)
+    return through, np.array([arrival, radius, 0.0, 0.0, water])
+
+
+@pytest.mark.parametrize("held", [True, False], ids=["one image", "the best image"])
+def test_slopes_are_the_derivatives_of_what_is_left(criterion, held):
+    """Of half of it for each detector, by one image, and of V, whose image changes too."""
+    through, numbers = criterion
+    here = through.least(numbers, 0.1, 400)
+    for k, step in enumerate((1e-9, 1.5e-5, 3e-5, 3e-5, 0.5)):
+        ahead, behind = (
+            through.least(numbers + by * np.eye(5)[k], 0.1, 0 if held else 400, here.image)
+            for by in (step, -step)
+        )
+        if held:
+            differences = (ahead.left - behind.left) / (4 * step)
+            error = np.linalg.norm(differences - here.slopes[:, k])
+            assert error < 0.02 * np.linalg.norm(here.slopes[:, k])
+        else:
+            slope = (ahead.value - behind.value) / (2 * step)
+            assert slope == pytest.approx(here.slopes[:, k].sum(), rel=0.05)
 
 
 def test_the_least_of_a_paraboloid_takes_one_step():
