@@ -108,6 +108,12 @@ K_WAVE = [
     Case(N + 1, "arc270", "mouse", "2d", 1560.0, 1490.0, 0.03, ("k-wave",)),
     Case(N + 2, "ring", "off-middle", "2d", 1550.0, 1510.0, 0.03, ("k-wave",)),
     Case(N + 3, "arc180", "derenzo", "2d", 1580.0, 1500.0, 0.01, ("k-wave",)),
+    Case(HELD_OUT + N, "ring", "vessels", "2d", 1530.0, 1490.0, 0.03, ("k-wave",)),
+    Case(HELD_OUT + N + 1, "arc270", "derenzo", "2d", 1450.0, 1500.0, 0.01, ("k-wave",)),
+    Case(HELD_OUT + N + 2, "arc270", "mouse", "2d", 1555.0, 1505.0, 0.03, ("k-wave",)),
+    Case(HELD_OUT + N + 3, "arc180", "vessels", "2d", 1560.0, 1500.0, 0.01, ("k-wave",)),
+    Case(HELD_OUT + N + 4, "arc270", "mouse", "2d", 1500.0, 1500.0, 0.03, ("k-wave",)),
+    Case(HELD_OUT + N + 5, "ring", "off-middle", "2d", 1510.0, 1510.0, 0.03, ("k-wave",)),
 ]
 
 

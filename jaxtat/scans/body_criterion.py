@@ -54,12 +54,14 @@ class Least(NamedTuple):
     Attributes:
         value: V.
         left: energy that is unexplained, by detector, (detectors,).
+        share: of all, the root of its part.
         slopes: derivatives of half of it in the numbers, (detectors, 5).
         image: that is least.
     """
 
     value: float
     left: Float[np.ndarray, " detectors"]
+    share: float
     slopes: Float[np.ndarray, "detectors 5"]
     image: Array
 
@@ -83,11 +85,9 @@ class Through(NamedTuple):
         """That of (T, a, x, y, c_2), with speeds within `RATIOS` of each other."""
         return _body_of(numbers, self.distance)
 
-    def one(self, speed: float, like: DiskBody | None = None) -> DiskBody:
-        """A body of the water's speed, which may sound everywhere, or where another one does."""
-        if like is None:
-            return DiskBody(self.center, self.reach / SUPPORT, speed, speed)
-        return DiskBody(like.center, like.radius, speed, speed)
+    def one(self, speed: float) -> DiskBody:
+        """A body of the water's speed, which may sound everywhere."""
+        return DiskBody(self.center, self.reach / SUPPORT, speed, speed)
 
     def best(self, body: DiskBody, weight: float | None, steps: int | None = None) -> Fit:
         """The best image in and just around a body."""
@@ -107,7 +107,7 @@ class Through(NamedTuple):
         """V and its derivatives after some steps, from an image or zeros."""
         shape = (1, *self.misfit.support.shape)
         start = jnp.zeros(shape, self.misfit.data.dtype) if image is None else image
-        value, left, slopes, image = _least(
+        value, left, share, slopes, image = _least(
             self.misfit,
             self.place,
             jax.device_put(numbers),
@@ -117,7 +117,8 @@ class Through(NamedTuple):
             start,
         )
         n = int(self.misfit.n_detectors)
-        return Least(float(value), np.asarray(left)[:n], np.asarray(slopes)[:n], image)
+        each = np.asarray(left)[:n], float(share), np.asarray(slopes)[:n]
+        return Least(float(value), *each, image)
 
     def sounding(self, fit: Fit) -> tuple[Float[np.ndarray, "2"], float]:
         """The middle of an image, and the radius about it within which nearly all of it is."""
@@ -165,8 +166,8 @@ def _least(
     weight: Float[Array, ""],
     steps: Int[Array, ""],
     start: Float[Array, "1 *space"],
-) -> tuple[Array, Array, Array, Array]:
-    """V, what is left, its slopes, and the image."""
+) -> tuple[Array, Array, Array, Array, Array]:
+    """V, what is left, its share and slopes, and the image."""
     penalty, data = TotalVariation(), misfit.data
 
     def model(numbers: Array) -> DataFit:
@@ -196,4 +197,5 @@ def _least(
             return jnp.sum((modelled.modelled(image) - data)[0] ** 2, axis=1) / 2
 
     slopes = jax.jacfwd(half_left)(numbers)
-    return jnp.sum(left) / 2 + weight * roughness, left, slopes, image
+    share = jnp.sqrt(jnp.sum(left) / jnp.sum(data**2))
+    return jnp.sum(left) / 2 + weight * roughness, left, share, slopes, image

@@ -26,6 +26,7 @@ from .sound_speed import SECTORS, least_share
 from .speed_found import jackknife
 
 SMALLER = 0.75  # of the radius: what sounds is a body beside the middle
+AROUND = 1.15  # a body over what sounds
 OFF = 1.005  # of the speed at which a weight is found: of small weights fits come to no end
 OF_ONE = np.arange(-3, 4) / 150  # single speeds over the one that is chosen, less 1
 OF_WATER = np.arange(-6, 7) / 333  # the water's over that, less 1
@@ -41,10 +42,10 @@ MOST = 20  # fits of one way downhill
 ROUNDS, ARRIVED = 4, 0.2  # of Newton's method, and the step that ends it
 SETTLED = 1e-5  # change of V over itself, which ends it
 FARTHEST = np.array([25.0, np.inf, 5.0, 5.0, 25.0])  # units from the start; of the radius bounds:
-SIZES = 0.6, 1.2  # of the radius of what sounds
+SIZES = 0.6, 1.22  # of the radius of what sounds
 HALF = 0.5  # unit to each side, of differences of slopes
 FARTHER = 4.0  # units of one of its steps at most
-COMPARED = 100  # steps of the two fits that are compared: the better model takes more of them
+COMPARED = 200  # steps of the two fits that are compared
 FLAT = 1e-3  # curvature over the largest, below which nothing is told
 GAIN, ERRORS = 0.1, 3.0  # least gain, and standard errors, from which two speeds are clear
 
@@ -143,7 +144,8 @@ def _about_what_sounds(
     seen = through.sounding(through.best(through.one(choices.sound_speed), None))
     if seen[1] > SMALLER * radius:
         return through, center, radius
-    return through_bodies(sound, choices, *seen), *seen
+    center, radius = seen[0], AROUND * seen[1]
+    return through_bodies(sound, choices, center, radius), center, radius
 
 
 class _Surface(NamedTuple):
@@ -281,10 +283,11 @@ def _estimate(search: _Search, surface: _Surface, one_speed: float) -> BodyEstim
 
     sectors = np.array_split(np.flatnonzero(good), SECTORS)
     others = [good & ~np.isin(np.arange(len(good)), part) for part in sectors]
-    body, each = through.body(least(good)), [through.body(least(kept)) for kept in others]
-    single = through.one(one_speed, body)
+    numbers = least(good)
+    body, each = through.body(numbers), [through.body(least(kept)) for kept in others]
+    alike = np.array([through.distance / one_speed, *numbers[1:4], one_speed])
     weight = LIGHT * search.weight
-    two, one = (through.best(each, weight, COMPARED) for each in (body, single))
+    two, one = (through.least(which, weight, COMPARED) for which in (numbers, alike))
 
     def error(number: str) -> float:
         values = np.array([np.atleast_1d(getattr(one, number)) for one in each])
