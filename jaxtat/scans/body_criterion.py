@@ -117,7 +117,7 @@ class Through(NamedTuple):
             start,
         )
         n = int(self.misfit.n_detectors)
-        each = np.asarray(left)[:n], float(share), np.asarray(slopes)[:n]
+        each = np.asarray(left, float)[:n], float(share), np.asarray(slopes, float)[:n]
         return Least(float(value), *each, image)
 
     def sounding(self, fit: Fit) -> tuple[Float[np.ndarray, "2"], float]:
