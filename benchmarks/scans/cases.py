@@ -102,7 +102,7 @@ def cases() -> list[Case]:
     return [*first, *K_WAVE, *(case for more in others for case in more)]
 
 
-# waves in the plane through a body and water of different speeds, by another code: `two_speeds.py`
+# waves in the plane through a body and water, of one speed in two, by another code: `two_speeds.py`
 K_WAVE = [
     Case(N, "arc270", "vessels", "2d", 1540.0, 1500.0, 0.01, ("k-wave",)),
     Case(N + 1, "arc270", "mouse", "2d", 1560.0, 1490.0, 0.03, ("k-wave",)),

@@ -15,8 +15,9 @@ total variation the least over images and its derivatives are
 
     V(q) = min_f ||W (A(q) f - b)||² / 2 + w TV(f),    dV/dq = d/dq ||W (A(q) f - b)||² / 2,
 
-the latter with the image held that is least (envelope theorem): five derivatives for less than the
-time of the fit. A large w moves the least V away from the true body, towards images that vary less.
+the latter with the image held that is least, and where it may sound (envelope theorem): five
+derivatives for less than the time of the fit. A large w moves the least V away from the true body,
+towards images that vary less.
 """
 
 from typing import Any, NamedTuple
@@ -48,7 +49,7 @@ SOUNDING = 0.95  # of an image's power
 PACE = Pace(1, 0.03, 0.02)  # of fits that go on to their end: 60 steps from zeros come near
 
 
-class Least(NamedTuple):
+class BodyFit(NamedTuple):
     """V and its derivatives.
 
     Attributes:
@@ -103,7 +104,7 @@ class Through(NamedTuple):
         weight: float,
         steps: int,
         image: Any = None,
-    ) -> Least:
+    ) -> BodyFit:
         """V and its derivatives after some steps, from an image or zeros."""
         shape = (1, *self.misfit.support.shape)
         start = jnp.zeros(shape, self.misfit.data.dtype) if image is None else image
@@ -118,7 +119,7 @@ class Through(NamedTuple):
         )
         n = int(self.misfit.n_detectors)
         each = np.asarray(left, float)[:n], float(share), np.asarray(slopes, float)[:n]
-        return Least(float(value), *each, image)
+        return BodyFit(float(value) if np.isfinite(value) else np.inf, *each, image)
 
     def sounding(self, fit: Fit) -> tuple[Float[np.ndarray, "2"], float]:
         """The middle of an image, and the radius about it within which nearly all of it is."""

@@ -1,9 +1,10 @@
 """A body of another speed of sound than the water's, by what the best image leaves unexplained.
 
 The criterion is that of `body_criterion`. Least is looked for along lines first, by fits that end
-early; from there, and from the best single speed, downhill in all numbers at once with a tenth of
-the weight, of which the least is at the true body. What is left is known for each detector, and so
-are its derivatives: the jackknife over sectors of detectors costs nothing.
+early. From the best two of where they end, one speed, and bodies slower and faster than the water,
+the way goes downhill in all numbers at once, with a tenth of the weight and fits that come near
+their end; Newton's method, by differences of slopes, ends it. What is left is known for each
+detector, and so are its derivatives: the jackknife over sectors of detectors costs nothing.
 """
 
 from typing import NamedTuple
@@ -18,7 +19,7 @@ from ..geometry import DiskBody
 from ..io import Scan
 from .acoustics import sound_of
 from .angular_coverage import SEEN_TWICE, span
-from .body_criterion import RATIOS, Least, Through, through_bodies
+from .body_criterion import RATIOS, SUPPORT, BodyFit, Through, through_bodies
 from .choices import Choices
 from .misfit import Fit, Sound
 from .region import MARGIN
@@ -34,17 +35,17 @@ OF_ARRIVAL = 0.005 * np.arange(-2, 3)  # T, over the time through the radius
 OF_RADIUS = 0.06 * np.arange(-3, 4)  # over that before, less 1
 OF_CENTER = 0.05 * np.arange(-2, 3)  # over the radius
 PASSES = 0, 1, 2, 3, 0, 1, 2, 3  # numbers along which lines run, one after the other
+CONTRASTS, BEST = (0.98, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of them are followed
 UNITS = np.array([0.004, 0.04, 0.05, 0.05, 0.002])  # of (T, a, x, y, c_2)
-LIGHT = 0.1  # of the weight: with all of it the least is up to 30 m/s away from the true body
-CONTRASTS, BEST = (0.98, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of all
+LIGHT = 0.1  # of the weight: with all of it V was least 34 m/s away from the body of one scan
 COLD, WARM = 60, 25  # steps of fits from zeros, and from the best image so far
-MOST = 20  # fits of one way downhill
-ROUNDS, ARRIVED = 4, 0.2  # of Newton's method, and the step that ends it
-SETTLED = 1e-5  # change of V over itself, which ends it
-FARTHEST = np.array([25.0, np.inf, 5.0, 5.0, 25.0])  # units from the start; of the radius bounds:
-SIZES = 0.6, 1.22  # of the radius of what sounds
-HALF = 0.5  # unit to each side, of differences of slopes
-FARTHER = 4.0  # units of one of its steps at most
+# Of the way downhill: fits after which it ends, change of V over itself, units from its start
+MOST, SETTLED, FARTHEST = 20, 1e-5, np.array([25.0, np.inf, 5.0, 5.0, 25.0])
+SIZES = 0.6, 1.22  # least and greatest radius, over that of what sounds
+# Of Newton's method: steps, the step that ends it, the greatest one, and the half width of
+# differences of slopes, in units
+ROUNDS, ARRIVED, FARTHER, HALF = 4, 0.2, 4.0, 0.5
+EDGE = 1e-4  # of the ratio of speeds: nearer it lies at an end of what is tried
 COMPARED = 200  # steps of the two fits that are compared
 FLAT = 1e-3  # curvature over the largest, below which nothing is told
 GAIN, ERRORS = 0.1, 3.0  # least gain, and standard errors, from which two speeds are clear
@@ -91,7 +92,7 @@ def estimate_body(
 ) -> BodyEstimate | None:
     """The disk of another speed of sound by which an image explains most of a frame.
 
-    Takes some 50 to 100 fits of a coarse image, and as many with their derivatives.
+    Takes some 100 short fits of a coarse image, and 50 to 100 with derivatives.
 
     Args:
         scan, choices: in the plane, of pressure; the choices with one speed of sound, by which
@@ -127,7 +128,8 @@ def estimate_body(
     units = UNITS * np.array([radius / nominal, radius, radius, radius, nominal])
     search = _Search(through, units, weight, radius, good, 4 if water_speed else 5)
     ends = [search.downhill(start) for start in search.starts(first)]
-    return _estimate(search, search.newton(*min(ends, key=lambda end: end[1].value)), one)
+    nearest = search.newton(*min(ends, key=lambda end: end[1].value))
+    return _estimate(search, *nearest, one)
 
 
 def _about_what_sounds(
@@ -208,8 +210,11 @@ class _Search(NamedTuple):
         return numbers
 
     def starts(self, numbers: Float[np.ndarray, "5"]) -> list[Float[np.ndarray, "5"]]:
-        """From where the way goes downhill: of the end of the lines and bodies of sizes that are
-        given, slower and faster than the water, those with the least V."""
+        """Numbers from which ways downhill begin: those of least V.
+
+        Of the end of the lines, the best single speed, and, where the water's is free, bodies
+        slower and faster than water.
+        """
         arrival, radius, *_ = numbers
         tried = [self.along_lines(numbers), numbers]
         if self.n_free == 5:
@@ -221,13 +226,13 @@ class _Search(NamedTuple):
         """Numbers that differ by so many units in those that are free."""
         return numbers + self.units * np.concatenate([by, np.zeros(5 - self.n_free)])
 
-    def at(self, numbers: np.ndarray, like: Least | None = None) -> Least:
+    def at(self, numbers: np.ndarray, like: BodyFit | None = None) -> BodyFit:
         """V with the light weight, its slopes in units of those numbers that are free."""
         start = (COLD, None) if like is None else (WARM, like.image)
         found = self.through.least(numbers, LIGHT * self.weight, *start)
         return found._replace(slopes=(found.slopes * self.units)[:, : self.n_free])
 
-    def downhill(self, numbers: Float[np.ndarray, "5"]) -> tuple[Float[np.ndarray, "5"], Least]:
+    def downhill(self, numbers: Float[np.ndarray, "5"]) -> tuple[Float[np.ndarray, "5"], BodyFit]:
         """Where V is least near some numbers, and what it is there."""
         best = self.at(numbers), np.zeros(self.n_free)
 
@@ -237,7 +242,8 @@ class _Search(NamedTuple):
             best = min(best, (found, by.copy()), key=lambda one: one[0].value)
             return found.value, found.slopes.sum(axis=0)
 
-        sizes = (np.array(SIZES) * self.radius - numbers[1]) / self.units[1]
+        ends = SIZES[0] * self.radius, min(SIZES[1] * self.radius, self.through.reach / SUPPORT)
+        sizes = (np.array(ends) - numbers[1]) / self.units[1]
         bounds = np.stack([-FARTHEST, FARTHEST], axis=1)
         bounds[1] = min(sizes[0], 0.0), max(sizes[1], 0.0)
         scipy.optimize.minimize(
@@ -250,19 +256,26 @@ class _Search(NamedTuple):
         )
         return self.moved(numbers, best[1]), best[0]
 
-    def newton(self, numbers: Float[np.ndarray, "5"], like: Least) -> _Surface:
-        """What is left near where Newton's method comes to from there, as long as V falls."""
-        surface, like = self._surface(numbers, like)
-        for _ in range(ROUNDS - 1):
+    def newton(
+        self, numbers: Float[np.ndarray, "5"], like: BodyFit
+    ) -> tuple[_Surface, Float[np.ndarray, " free"]]:
+        """What is left near where Newton's method comes to, and its last step from there.
+
+        A step is taken as long as V falls by it.
+        """
+        (surface, like), by = self._surface(numbers, like), np.zeros(self.n_free)
+        for k in range(ROUNDS):
             by = surface.step(self.good)
             there = self.moved(surface.center, by)
             ahead = self.at(there, like)
-            if np.abs(by).max() < ARRIVED or ahead.value >= like.value:
+            if not ahead.value < like.value:
+                return surface, np.zeros_like(by)
+            if k == ROUNDS - 1 or np.abs(by).max() < ARRIVED:
                 break
             surface, like = self._surface(there, ahead)
-        return surface
+        return surface, by
 
-    def _surface(self, numbers: Float[np.ndarray, "5"], like: Least) -> tuple[_Surface, Least]:
+    def _surface(self, numbers: Float[np.ndarray, "5"], like: BodyFit) -> tuple[_Surface, BodyFit]:
         """What is left near some numbers, by differences of slopes; V there after more steps."""
         like = self.at(numbers, like)
 
@@ -274,12 +287,15 @@ class _Search(NamedTuple):
         return _Surface(numbers, like.slopes.T, (rows + rows.swapaxes(0, 1)) / 2), like
 
 
-def _estimate(search: _Search, surface: _Surface, one_speed: float) -> BodyEstimate:
+def _estimate(
+    search: _Search, surface: _Surface, last: Float[np.ndarray, " free"], one_speed: float
+) -> BodyEstimate:
     """The body of least, its errors by leaving out sectors, and how it compares with one speed."""
     through, good = search.through, search.good
+    whole = surface.step(good)
 
     def least(kept: np.ndarray) -> Float[np.ndarray, "5"]:
-        return search.moved(surface.center, surface.step(kept))
+        return search.moved(surface.center, last + surface.step(kept) - whole)
 
     sectors = np.array_split(np.flatnonzero(good), SECTORS)
     others = [good & ~np.isin(np.arange(len(good)), part) for part in sectors]
@@ -298,7 +314,7 @@ def _estimate(search: _Search, surface: _Surface, one_speed: float) -> BodyEstim
     gain, gain_error = 1 - (two.share / one.share) ** 2, jackknife(gains)
     ratios = [float(one.speed_ratio) for one in each]
     apart = abs(float(body.speed_ratio) - 1) > ERRORS * jackknife(ratios)
-    inside = RATIOS[0] < float(body.speed_ratio) < RATIOS[1]
+    inside = RATIOS[0] + EDGE < float(body.speed_ratio) < RATIOS[1] - EDGE
     clear = bool(inside and apart and gain > max(GAIN, ERRORS * gain_error))
     seen = span(np.asarray(search.through.place.curve.points)[: len(good)][good], through.center)
     return BodyEstimate(

@@ -22,8 +22,8 @@ from jaxtat.scans import (
     two_speeds,
 )
 from jaxtat.scans.acoustics import sound_of
-from jaxtat.scans.body_criterion import Through, through_bodies
-from jaxtat.scans.body_estimate import BodyEstimate, _Surface
+from jaxtat.scans.body_criterion import BodyFit, Through, through_bodies
+from jaxtat.scans.body_estimate import BodyEstimate, _Search, _Surface
 
 pytestmark = pytest.mark.slow
 
@@ -57,11 +57,11 @@ def through_body():
     return np.asarray(made)
 
 
-def estimated(pressure, monkeypatch, speed):
+def estimated(pressure, monkeypatch, speed, water=WATER):
     monkeypatch.setattr(body_criterion, "PIXELS", 27)
     scan = scan_of(pressure)
     chosen = choose(scan, **ONE | {"sound_speed": speed})
-    return estimate_body(scan, chosen, pressure, water_speed=WATER)
+    return estimate_body(scan, chosen, pressure, water_speed=water)
 
 
 def test_the_body_is_told_by_its_record(through_body, monkeypatch):
@@ -72,6 +72,38 @@ def test_the_body_is_told_by_its_record(through_body, monkeypatch):
     assert np.linalg.norm(np.asarray(found.body.center) - CENTER) < 1e-3
     assert 0 < found.standard_errors["sound_speed"] < 15.0
     assert WATER < found.one_speed < TISSUE and "water_speed" not in found.standard_errors
+
+
+def test_body_and_water_are_told_together(through_body, monkeypatch):
+    found = estimated(through_body, monkeypatch, 1505.0, water=None)
+    assert found.clear and set(found.standard_errors) == {*FOUND.standard_errors, "water_speed"}
+    assert float(found.body.water_speed) == pytest.approx(WATER, abs=15.0)
+    assert float(found.body.sound_speed) == pytest.approx(TISSUE, abs=30.0)
+    assert np.linalg.norm(np.asarray(found.body.center) - CENTER) < 1e-3
+
+
+class Hill:
+    """A criterion of a body that rises in all directions from a point, more than it says."""
+
+    reach = 1.0
+
+    def __init__(self, point):
+        self.point = point
+
+    def least(self, numbers, weight, steps, image=None):
+        away = numbers - self.point
+        value = float(np.sum(away**2) + np.sum(np.abs(away)))
+        slopes = np.tile(2 * away, (4, 1)) / 4
+        return BodyFit(value, np.full(4, value), 0.5, slopes, np.zeros(1))
+
+
+@pytest.mark.parametrize(("begin", "step"), [(0.0, 0.0), (3.0, -3.0)], ids=["there", "away"])
+def test_newtons_step_is_taken_where_the_criterion_falls(begin, step):
+    search = _Search(Hill(np.ones(5)), np.ones(5), 1.0, 1.0, np.ones(4, bool), 5)
+    start = np.ones(5) + begin
+    surface, last = search.newton(start, search.at(start))
+    np.testing.assert_allclose(surface.center + last, np.ones(5), atol=1e-12)
+    assert np.all(np.isclose(last, 0.0) | np.isclose(last, step))
 
 
 def test_a_record_of_one_speed_has_no_clear_body(monkeypatch):
