@@ -127,7 +127,7 @@ def estimate_body(
     first = np.array([through.distance / one, radius, *center, water_speed or one])
     units = UNITS * np.array([radius / nominal, radius, radius, radius, nominal])
     search = _Search(through, units, weight, radius, good, 4 if water_speed else 5)
-    ends = [search.downhill(start) for start in search.starts(first)]
+    ends = [search.downhill(*start) for start in search.starts(first)]
     nearest = search.newton(*min(ends, key=lambda end: end[1].value))
     return _estimate(search, *nearest, one)
 
@@ -209,8 +209,10 @@ class _Search(NamedTuple):
             numbers = np.where(np.arange(5) == which, found, numbers)
         return numbers
 
-    def starts(self, numbers: Float[np.ndarray, "5"]) -> list[Float[np.ndarray, "5"]]:
-        """Numbers from which ways downhill begin: those of least V.
+    def starts(
+        self, numbers: Float[np.ndarray, "5"]
+    ) -> list[tuple[Float[np.ndarray, "5"], BodyFit]]:
+        """Numbers from which ways downhill begin, those of least V, and what it is there.
 
         Of the end of the lines, the best single speed, and, where the water's is free, bodies
         slower and faster than water.
@@ -220,7 +222,8 @@ class _Search(NamedTuple):
         if self.n_free == 5:
             water = [(self.through.distance - radius * (1 - 1 / r)) / arrival for r in CONTRASTS]
             tried += [np.append(numbers[:4], speed) for speed in water]
-        return sorted(tried, key=lambda start: self.at(start).value)[:BEST]
+        begun = [(start, self.at(start)) for start in tried]
+        return sorted(begun, key=lambda start: start[1].value)[:BEST]
 
     def moved(self, numbers: np.ndarray, by: np.ndarray) -> Float[np.ndarray, "5"]:
         """Numbers that differ by so many units in those that are free."""
@@ -232,9 +235,15 @@ class _Search(NamedTuple):
         found = self.through.least(numbers, LIGHT * self.weight, *start)
         return found._replace(slopes=(found.slopes * self.units)[:, : self.n_free])
 
-    def downhill(self, numbers: Float[np.ndarray, "5"]) -> tuple[Float[np.ndarray, "5"], BodyFit]:
-        """Where V is least near some numbers, and what it is there."""
-        best = self.at(numbers), np.zeros(self.n_free)
+    def downhill(
+        self, numbers: Float[np.ndarray, "5"], begun: BodyFit
+    ) -> tuple[Float[np.ndarray, "5"], BodyFit]:
+        """Where V is least near some numbers, and what it is there.
+
+        Args:
+            begun: V at the numbers.
+        """
+        best = begun, np.zeros(self.n_free)
 
         def height(by: np.ndarray) -> tuple[float, np.ndarray]:
             nonlocal best

@@ -145,8 +145,9 @@ def criterion(through_body, monkeypatch):
     """That of the record through the body, and numbers that are a little off the body's."""
     monkeypatch.setattr(body_criterion, "PIXELS", 33)
     scan = scan_of(through_body)
-    sound = sound_of(scan, choose(scan, **ONE), through_body)
-    through = through_bodies(sound, choose(scan, **ONE), np.zeros(2), 0.0115)
+    chosen = choose(scan, **ONE)
+    sound = sound_of(scan, chosen, through_body)
+    through = through_bodies(sound, chosen, np.zeros(2), 0.0115)
     radius, water = 1.05 * RADIUS, 1.003 * WATER
     arrival = through.distance / WATER - RADIUS * (1 / WATER - 1 / TISSUE)
     return through, np.array([arrival, radius, 0.0, 0.0, water])
