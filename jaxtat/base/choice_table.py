@@ -192,7 +192,12 @@ CHOICES = (
         lambda values: None if values is None else _numbers(values),
         lambda c: c.units.of_place(c.body_center, c.body_radius),
         RECORD,
-        _NUMBER | {"nargs": 2, "metavar": ("X1", "X2"), "help": "(default: the region's)"},
+        _NUMBER
+        | {
+            "nargs": "+",
+            "metavar": ("X1", "X2"),
+            "help": "and X3 in space (default: the region's)",
+        },
         quantity="length",
     ),
     Choice(

@@ -259,6 +259,7 @@ def circle_integrals(
     eta: Float[Array, " frequencies"] | None,
     tolerance: float,
     medium: Body | None = None,
+    about: Positions | None = None,
 ) -> CircleIntegrals:
     """The operator of a geometry, with all its tables.
 
@@ -268,10 +269,10 @@ def circle_integrals(
         eta: low-pass at `sizes.frequencies`; None for none.
         tolerance: relative error of the non-uniform FFT.
         medium: a body of another speed of sound; may be traced.
+        about: `positions_on_circle` of a curve that is traced, if they are known to lie on one.
     """
     # outside of the program: of known detectors it is seen whether they lie on a circle
-    circle = _common_circle(curve)
-    about = None if circle is None else _on_circle(curve, circle, sizes.n_nodes)
+    about = positions_on_circle(curve, sizes.n_nodes) if about is None else about
     if isinstance(medium, OutlineBody):
         about = None
     if about is not None and (medium is None or (not sizes.moved and _concentric(about, medium))):
@@ -347,8 +348,11 @@ def _directions(xp: Any, points: Any, center: Any) -> Any:
     return xp.arctan2(local[..., 1], local[..., 0])
 
 
-def _on_circle(curve: DetectorCurve, circle: Circle, n_nodes: int) -> Positions:
-    """Positions about the centre of the detectors' circle."""
+def positions_on_circle(curve: DetectorCurve, n_nodes: int) -> Positions | None:
+    """Positions about the centre of the circle that the detectors share; None where they do not."""
+    circle = _common_circle(curve)
+    if circle is None:
+        return None
     weights = curve.element_nodes(n_nodes)[1]
     if isinstance(curve, CircularArc):
         # in a turn about zero, where rounding to 32 bits loses least

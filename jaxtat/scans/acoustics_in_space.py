@@ -24,6 +24,7 @@ from .misfit import Misfit, Sound
 from .misfit_in_space import (
     IN_SPACE,
     NO_WEIGHT,
+    all_that_sounds,
     misfit_of_volumes,
     points_in_space,
     power_within,
@@ -73,7 +74,7 @@ def _by_the_files_start(record: AcquisitionInSpace, p: Parameters) -> Choices:
             return otherwise
     elif agreement(scan, made) >= AGREE:
         return made
-    sound = sound_in_space(record, p, made)
+    sound = sound_in_space(record, made, all_that_sounds(record, p, made))
     if sound is None:
         return otherwise
     misfit = misfit_of_volumes(sound, (SLOWEST * made.sound_speed, FASTEST * made.sound_speed))

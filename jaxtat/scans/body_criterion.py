@@ -1,12 +1,12 @@
-"""What the best image leaves of a record through a disk of another speed, and its derivatives.
+"""What the best image leaves of a record through a disk or ball of another speed; derivatives.
 
 The criterion is that of `misfit`, with the waves of a `DiskBody` in its operator and an image that
 may sound in it and just around it: farther away its waves mean nothing. Pixels, numbers of waves
 and the samples that count are those of the largest body and the same for all, so that a candidate
 compiles nothing.
 
-A body is five numbers q that a record tells apart: the radius a, the centre, the water's speed c_2,
-and in place of the body's own speed c_1 the time
+A body is five numbers q, in space six, that a record tells apart: the radius a, the centre, the
+water's speed c_2, and in place of the body's own speed c_1 the time
 
     T = D/c_2 - a (1/c_2 - 1/c_1),    D the distance of the detectors from the middle,
 
@@ -15,8 +15,8 @@ total variation the least over images and its derivatives are
 
     V(q) = min_f ||W (A(q) f - b)||² / 2 + w TV(f),    dV/dq = d/dq ||W (A(q) f - b)||² / 2,
 
-the latter with the image held that is least, and where it may sound (envelope theorem): five
-derivatives for less than the time of the fit. A large w moves the least V away from the true body,
+the latter with the image held that is least, and where it may sound (envelope theorem): all
+of them for less than the time of the fit. A large w moves the least V away from the true body,
 towards images that vary less.
 """
 
@@ -28,23 +28,23 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..base.checks import by_library
+from ..base.checks import by_library, is_concrete
 from ..fitting import TotalVariation
 from ..fitting.alternating import Pace, step
 from ..fitting.data_fit import DataFit
 from ..fitting.fit import begun
-from ..forward import circle_integrals
-from ..geometry import DiskBody
-from ..reconstruction.operator import in_single_precision
+from ..geometry import BallBody, DiskBody
 from .acquisition import FASTEST, SLOWEST
 from .choices import Choices
-from .misfit import Fit, Misfit, Place, Sound, misfit_of, place_of
+from .misfit import Fit, Misfit, Sound, misfit_of, place_of
+from .misfit_in_space import misfit_of_volumes, place_in_space
 
 PIXELS = 65  # along an axis: coarse ones see wrong bodies from farther
 FINE = 1e-5  # tolerance of the non-uniform FFTs: with 1e-3 a fit through a body ends too early
 SUPPORT = 1.1  # of the body's radius, up to which there may be sound
 WIDE, WAY = 1.35, 0.25  # of the radius of what sounds: reach of the pixels, way of the centre
 RATIOS = 0.92, 1.1  # of the two speeds, that are tried
+STEPS = 40  # of a fit from which a weight is taken
 SOUNDING = 0.95  # of an image's power
 PACE = Pace(1, 0.03, 0.02)  # of fits that go on to their end: 60 steps from zeros come near
 
@@ -56,14 +56,14 @@ class BodyFit(NamedTuple):
         value: V.
         left: energy that is unexplained, by detector, (detectors,).
         share: of all, the root of its part.
-        slopes: derivatives of half of it in the numbers, (detectors, 5).
+        slopes: derivatives of V in the numbers.
         image: that is least.
     """
 
     value: float
     left: Float[np.ndarray, " detectors"]
     share: float
-    slopes: Float[np.ndarray, "detectors 5"]
+    slopes: Float[np.ndarray, " numbers"]
     image: Array
 
 
@@ -71,36 +71,52 @@ class Through(NamedTuple):
     """The criterion for bodies.
 
     Attributes:
-        misfit, place: through one of them, and its sizes.
+        misfit, place: through one of them, and its sizes, of the plane or in space.
         distance: D [length].
         center, reach: of the disk of all pixels [length].
     """
 
     misfit: Misfit
-    place: Place
+    place: Any
     distance: float
-    center: Float[np.ndarray, "2"]
+    center: Float[np.ndarray, " space"]
     reach: float
 
-    def body(self, numbers: Float[np.ndarray, "5"]) -> DiskBody:
-        """That of (T, a, x, y, c_2), with speeds within `RATIOS` of each other."""
+    def body(self, numbers: Float[np.ndarray, " numbers"]) -> DiskBody | BallBody:
+        """That of (T, a, centre, c_2), with speeds within `RATIOS` of each other."""
         return _body_of(numbers, self.distance)
 
-    def one(self, speed: float) -> DiskBody:
-        """A body of the water's speed, which may sound everywhere."""
-        return DiskBody(self.center, self.reach / SUPPORT, speed, speed)
+    def by_one(self, speed: float) -> Fit:
+        """An image by one speed, of all pixels, after few steps, and a weight that suits it."""
+        kind = DiskBody if len(self.center) == 2 else BallBody
+        one = kind(self.center, self.reach / SUPPORT, speed, speed)
+        misfit = eqx.tree_at(lambda m: m.integrals, self.misfit, self.place.integrals(one))
+        return misfit.best(speed, steps=STEPS)
 
-    def best(self, body: DiskBody, weight: float | None, steps: int | None = None) -> Fit:
-        """The best image in and just around a body."""
-        points = np.asarray(self.place.grid.points) - np.asarray(body.center)
-        support = np.hypot(points[..., 0], points[..., 1]) <= SUPPORT * float(body.radius)
-        parts = self.place.integrals(body), jax.device_put(support)
-        misfit = eqx.tree_at(lambda m: (m.integrals, m.support), self.misfit, parts)
-        return misfit.best(float(body.water_speed), weight=weight, steps=steps)
+    def low_passed(self, part: float) -> tuple["Through", float]:
+        """The criterion in which frequencies fade above a part of the highest one.
+
+        Returns:
+            It, and how much of the record's energy is in it.
+        """
+        m = self.misfit
+        n, most = self.n_frequencies, m.fourier.shape[1]
+        fade = np.tile(np.exp(-((np.arange(most) / n / part) ** 2)), 2).astype(np.float32)
+        parts = m.data * fade, m.whitening * fade
+        faded = eqx.tree_at(lambda m: (m.data, m.whitening), m, parts)
+        energy = float((parts[0] ** 2).sum() / (m.data**2).sum())
+        return self._replace(misfit=faded), energy
+
+    @property
+    def n_frequencies(self) -> int:
+        """That count."""
+        most = self.misfit.fourier.shape[1]
+        counts = np.asarray(self.misfit.whitening)[:, :most].any(axis=0)
+        return int(np.flatnonzero(counts)[-1]) + 1
 
     def least(
         self,
-        numbers: Float[np.ndarray, "5"],
+        numbers: Float[np.ndarray, " numbers"],
         weight: float,
         steps: int,
         image: Any = None,
@@ -117,15 +133,18 @@ class Through(NamedTuple):
             jax.device_put(np.asarray(steps)),
             start,
         )
-        n = int(self.misfit.n_detectors)
-        each = np.asarray(left, float)[:n], float(share), np.asarray(slopes, float)[:n]
-        return BodyFit(float(value) if np.isfinite(value) else np.inf, *each, image)
+        of_each = np.asarray(left, float)[: int(self.misfit.n_detectors)]
+        finite = float(value) if np.isfinite(value) else np.inf
+        return BodyFit(finite, of_each, float(share), np.asarray(slopes, float), image)
 
-    def sounding(self, fit: Fit) -> tuple[Float[np.ndarray, "2"], float]:
+    def sounding(self, fit: Fit) -> tuple[Float[np.ndarray, " space"], float]:
         """The middle of an image, and the radius about it within which nearly all of it is."""
-        points, power = np.asarray(self.place.grid.points).reshape(-1, 2), fit.image.ravel() ** 2
+        points, power = (
+            np.asarray(self.place.grid.points).reshape(-1, len(self.center)),
+            fit.image.ravel() ** 2,
+        )
         middle = power @ points / max(float(power.sum()), 1e-300)
-        distance = np.hypot(*(points - middle).T)
+        distance = np.linalg.norm(points - middle, axis=1)
         order = np.argsort(distance)
         within = np.searchsorted(np.cumsum(power[order]), SOUNDING * power.sum())
         return middle, float(distance[order[min(int(within), len(order) - 1)]])
@@ -134,35 +153,43 @@ class Through(NamedTuple):
 def through_bodies(sound: Sound, choices: Choices, center: np.ndarray, radius: float) -> Through:
     """The criterion in pixels about the sources, for bodies of about their size."""
     offset = center - sound.center
-    away = float(np.hypot(*offset))
+    away = float(np.linalg.norm(offset))
     reach = min(WIDE * radius, sound.reach - away)
     # off the centre of the detectors' circle in any case, where bodies take larger sizes
-    outward = offset / away if away > 0 else np.array([1.0, 0.0])
-    largest = DiskBody(center + WAY * radius * outward, reach / SUPPORT, RATIOS[0], 1.0)
+    outward = offset / away if away > 0 else np.eye(len(center))[0]
+    kind = DiskBody if len(center) == 2 else BallBody
+    largest = kind(center + WAY * radius * outward, reach / SUPPORT, RATIOS[0], 1.0)
     ends = SLOWEST * choices.sound_speed, FASTEST * choices.sound_speed
-    distance = np.hypot(*(np.asarray(sound.curve.points)[sound.good] - center).T).mean()
     sound = sound._replace(center=center, reach=reach)
-    place = place_of(sound, ends[1], largest, pixels=PIXELS, tolerance=FINE)
-    misfit = misfit_of(sound, choices.model, ends, place)
-    return Through(misfit, place, float(distance), center, reach)
+    if isinstance(largest, DiskBody):
+        place = place_of(sound, ends[1], largest, pixels=PIXELS, tolerance=FINE)
+        misfit = misfit_of(sound, choices.model, ends, place)
+    else:
+        place = place_in_space(sound, largest, tolerance=FINE)
+        misfit = misfit_of_volumes(sound, ends, place)
+    ways = np.asarray(sound.curve.points)[sound.good] - center
+    return Through(misfit, place, float(np.linalg.norm(ways, axis=1).mean()), center, reach)
 
 
-def _body_of(numbers: Any, distance: Any) -> DiskBody:
-    arrival, radius, x, y, water = numbers
+def _body_of(numbers: Any, distance: Any) -> DiskBody | BallBody:
+    arrival, radius, *center, water = numbers
 
     def speed(xp: Any, arrival: Any, radius: Any, water: Any, distance: Any) -> Any:
         slowness = 1 + (water * arrival - distance) / radius  # c_2/c_1
         return water / xp.clip(slowness, 1 / RATIOS[1], 1 / RATIOS[0])
 
     own = by_library(speed, (arrival, radius, water, distance))
-    return DiskBody((x, y), radius, own, water)
+    kind = DiskBody if len(center) == 2 else BallBody
+    return kind(
+        jnp.stack(center) if not is_concrete(*center) else np.array(center), radius, own, water
+    )
 
 
 @eqx.filter_jit
 def _least(
     misfit: Misfit,
-    place: Place,
-    numbers: Float[Array, "5"],
+    place: Any,
+    numbers: Float[Array, " numbers"],
     distance: Float[Array, ""],
     weight: Float[Array, ""],
     steps: Int[Array, ""],
@@ -173,15 +200,13 @@ def _least(
 
     def model(numbers: Array) -> DataFit:
         body = _body_of(tuple(numbers), distance)
-        where = place.curve, place.grid, jnp.ones(1), place.sizes
-        integrals = circle_integrals(*where, None, place.tolerance, body)
         points = place.grid.points - body.center
-        support = jnp.hypot(points[..., 0], points[..., 1]) <= SUPPORT * body.radius
-        parts = in_single_precision(integrals), support
+        support = jnp.linalg.norm(points, axis=-1) <= SUPPORT * body.radius
+        parts = place.integrals(body), support
         through = eqx.tree_at(lambda m: (m.integrals, m.support), misfit, parts)
         return through.fit_at(body.water_speed, jnp.zeros(()))
 
-    fit = model(numbers)
+    fit, slopes_of = eqx.filter_vjp(model, numbers)
     level, state = begun(fit, data, penalty, weight, start, 1)
 
     def advance(_: Any, parts: Any) -> Any:
@@ -189,14 +214,14 @@ def _least(
         return step(level, penalty, weight, image, inner, PACE)
 
     image, _ = jax.lax.fori_loop(0, steps, advance, (state.image, state.inner))
-    left = jnp.sum((fit.modelled(image) - data)[0] ** 2, axis=1)
-    roughness = penalty.value(image, penalty.smoothing * level.scale.image)
 
-    def half_left(numbers: Array) -> Float[Array, " detectors"]:
-        modelled = model(numbers)
+    def half_left(fit: DataFit) -> tuple[Array, Float[Array, " detectors"]]:
         with jax.enable_x64(False):  # else the rule of the non-uniform FFT mixes both precisions
-            return jnp.sum((modelled.modelled(image) - data)[0] ** 2, axis=1) / 2
+            left = jnp.sum((fit.modelled(image) - data)[0] ** 2, axis=1)
+        return jnp.sum(left) / 2, left
 
-    slopes = jax.jacfwd(half_left)(numbers)
-    share = jnp.sqrt(jnp.sum(left) / jnp.sum(data**2))
-    return jnp.sum(left) / 2 + weight * roughness, left, share, slopes, image
+    (half, left), of_parts = eqx.filter_value_and_grad(half_left, has_aux=True)(fit)
+    (slopes,) = slopes_of(of_parts)
+    roughness = penalty.value(image, penalty.smoothing * level.scale.image)
+    share = jnp.sqrt(2 * half / jnp.sum(data**2))
+    return half + weight * roughness, left, share, slopes, image

@@ -1,52 +1,53 @@
 """A body of another speed of sound than the water's, by what the best image leaves unexplained.
 
-The criterion is that of `body_criterion`. Least is looked for along lines first, by fits that end
-early. From the best two of where they end, one speed, and bodies slower and faster than the water,
-the way goes downhill in all numbers at once, with a tenth of the weight and fits that come near
-their end; Newton's method, by differences of slopes, ends it. What is left is known for each
-detector, and so are its derivatives: the jackknife over sectors of detectors costs nothing.
+The criterion is that of `body_criterion`, with a tenth of the weight and fits that come near their
+end. Of all frequencies it has many valleys, of low ones few. So its least is looked for downhill
+with the lowest quarter of frequencies, from one speed and from bodies slower and faster than the
+water, then with half of them, with which it begins in space, then with all. Newton's method, by
+differences of slopes, ends it. What is left for each detector beside the end gives the jackknife
+over sectors of detectors at no further cost.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import scipy.optimize
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..base.checks import real_array, require_positive
 from ..base.choice_table import GUESSED, LIKELY, SURE
-from ..geometry import DiskBody
+from ..geometry import BallBody, DetectorPoints, DiskBody
 from ..io import Scan
+from ..spherical.visible import covered_share
 from .acoustics import sound_of
+from .acoustics_in_space import HALF
 from .angular_coverage import SEEN_TWICE, span
-from .body_criterion import RATIOS, SUPPORT, BodyFit, Through, through_bodies
+from .body_criterion import RATIOS, SUPPORT, WIDE, BodyFit, Through, through_bodies
 from .choices import Choices
-from .misfit import Fit, Sound
-from .region import MARGIN
-from .sound_speed import SECTORS, least_share
+from .misfit import Sound
+from .misfit_in_space import sound_in_space
+from .preprocess import AcquisitionInSpace
+from .region import MARGIN, MARGIN_IN_SPACE
+from .sound_speed import SECTORS
+from .space import facts_in_space
 from .speed_found import jackknife
 
 SMALLER = 0.75  # of the radius: what sounds is a body beside the middle
 AROUND = 1.15  # a body over what sounds
 OFF = 1.005  # of the speed at which a weight is found: of small weights fits come to no end
-OF_ONE = np.arange(-3, 4) / 150  # single speeds over the one that is chosen, less 1
-OF_WATER = np.arange(-6, 7) / 333  # the water's over that, less 1
-OF_ARRIVAL = 0.005 * np.arange(-2, 3)  # T, over the time through the radius
-OF_RADIUS = 0.06 * np.arange(-3, 4)  # over that before, less 1
-OF_CENTER = 0.05 * np.arange(-2, 3)  # over the radius
-PASSES = 0, 1, 2, 3, 0, 1, 2, 3  # numbers along which lines run, one after the other
-CONTRASTS, BEST = (0.98, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of them are followed
-UNITS = np.array([0.004, 0.04, 0.05, 0.05, 0.002])  # of (T, a, x, y, c_2)
+PARTS, PARTS_IN_SPACE = (0.25, 0.5), (0.5,)  # of the frequencies, before all of them
+LISTENED = 100  # detectors in space, at most
+CONTRASTS, BEST = (0.98, 1.0, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of them are followed
+UNITS = 0.004, 0.04, 0.05, 0.002  # of T, a, the centre, c_2
 LIGHT = 0.1  # of the weight: with all of it V was least 34 m/s away from the body of one scan
 COLD, WARM = 60, 25  # steps of fits from zeros, and from the best image so far
 # Of the way downhill: fits after which it ends, change of V over itself, units from its start
-MOST, SETTLED, FARTHEST = 20, 1e-5, np.array([25.0, np.inf, 5.0, 5.0, 25.0])
+MOST, SETTLED, FARTHEST = 20, 1e-5, (25.0, np.inf, 5.0, 25.0)
 SIZES = 0.6, 1.22  # least and greatest radius, over that of what sounds
-# Of Newton's method: steps, the step that ends it, the greatest one, and the half width of
-# differences of slopes, in units
-ROUNDS, ARRIVED, FARTHER, HALF = 4, 0.2, 4.0, 0.5
+FARTHER, BESIDE = 4.0, 0.5  # greatest of Newton's steps, half the width of differences, in units
 EDGE = 1e-4  # of the ratio of speeds: nearer it lies at an end of what is tried
-COMPARED = 200  # steps of the two fits that are compared
+COMPARED = 100  # more steps of the two fits that are compared
 FLAT = 1e-3  # curvature over the largest, below which nothing is told
 GAIN, ERRORS = 0.1, 3.0  # least gain, and standard errors, from which two speeds are clear
 
@@ -55,7 +56,7 @@ class BodyEstimate(NamedTuple):
     """A body of another sound speed, estimated from a record.
 
     Attributes:
-        body: the disk.
+        body: the disk, or ball.
         standard_errors: of its numbers by name, the jackknife's over sectors of detectors:
             "sound_speed", "radius", "center" and, where it was not given, "water_speed".
         one_speed: the single speed that explains most [length/time].
@@ -68,7 +69,7 @@ class BodyEstimate(NamedTuple):
         grade: "likely" where it is clear and most edges are seen from both sides, else "guessed".
     """
 
-    body: DiskBody
+    body: DiskBody | BallBody
     standard_errors: dict[str, float]
     one_speed: float
     share: float
@@ -90,13 +91,13 @@ def estimate_body(
     *,
     water_speed: float | None = None,
 ) -> BodyEstimate | None:
-    """The disk of another speed of sound by which an image explains most of a frame.
+    """The disk, or ball, of another speed of sound by which an image explains most of a frame.
 
-    Takes some 100 short fits of a coarse image, and 50 to 100 with derivatives.
+    Takes about 100 fits of a coarse image with derivatives.
 
     Args:
-        scan, choices: in the plane, of pressure; the choices with one speed of sound, by which
-            model, region and channels are known.
+        scan, choices: of pressure; the choices with one speed of sound, by which model, region
+            and channels are known.
         frame: rows as in the file.
         water_speed: c_2, if it is known [length/time].
 
@@ -105,71 +106,114 @@ def estimate_body(
         is too short to tell.
 
     Raises:
-        ValueError: for choices of two speeds, circular integrals, and a speed that is not above
-            zero.
+        ValueError: for choices of two speeds, integrals, a speed that is not above zero, and
+            elements in space that have a size.
     """
     if choices.water_speed is not None:
         raise ValueError("choices have two speeds of sound already, expected choices of one.")
     if water_speed is not None:
         require_positive("water_speed", real_array("water_speed", water_speed, ()))
-    sound = sound_of(scan, choices, frame)
+    in_space = choices.in_space
+    sound = (_heard_in_space if in_space else sound_of)(scan, choices, frame)
     if sound is None:
         return None
-    good, nominal = sound.good, choices.sound_speed
-    through, center, radius = _about_what_sounds(sound, choices)
-    weight = through.best(through.one(OFF * nominal), None).weight
-    singles = nominal * (1 + OF_ONE)
+    through, center, radius, weight = _about_what_sounds(sound, choices)
+    speed, dim = choices.sound_speed, len(center)
+    first = np.array([through.distance / speed, radius, *center, water_speed or speed])
+    search = _Search(
+        through=through,
+        first=first,
+        units=_each(UNITS, dim) * _each((radius / speed, radius, radius, speed), dim),
+        weight=LIGHT * weight,
+        radius=radius,
+        good=sound.good,
+        n_free=len(first) - (water_speed is not None),
+        parts=PARTS_IN_SPACE if in_space else PARTS,
+    )
+    two = search.newton(*search.through_frequencies())
+    return _estimate(search, two, *search.one_speed(two.numbers))
 
-    def single(speed: float, *, steps: int) -> Fit:
-        return through.best(through.one(speed), weight, steps)
 
-    one = least_share(single, singles, good).value
-    first = np.array([through.distance / one, radius, *center, water_speed or one])
-    units = UNITS * np.array([radius / nominal, radius, radius, radius, nominal])
-    search = _Search(through, units, weight, radius, good, 4 if water_speed else 5)
-    ends = [search.downhill(*start) for start in search.starts(first)]
-    nearest = search.newton(*min(ends, key=lambda end: end[1].value))
-    return _estimate(search, *nearest, one)
+def _heard_in_space(scan: Scan, choices: Choices, frame: np.ndarray) -> Sound | None:
+    """What some of the detectors recorded, whose elements have no size.
+
+    Raises:
+        ValueError: for elements of a size, integrals, a frame of another shape, and NaN in it.
+    """
+    facts = facts_in_space(scan, choices.channels)
+    if facts.times is None:
+        raise ValueError("the data are integrals over spheres, and a body is told by pressure.")
+    size = scan.n_detectors, scan.n_samples
+    if np.shape(frame) != size:
+        raise ValueError(f"frame has shape {np.shape(frame)}, expected {size}, as in the file.")
+    if facts.detectors.element_radius is not None:
+        raise ValueError(
+            "two speeds of a scan in space are of elements without a size, and the file has one: "
+            "give the speeds and the radius of a ball about the middle of the detectors."
+        )
+    used = np.asarray(real_array("frame", np.asarray(frame)[facts.order], None))
+    record = AcquisitionInSpace(scan, facts, used)
+    return sound_in_space(record, choices, WIDE * choices.region_radius, LISTENED)
 
 
 def _about_what_sounds(
     sound: Sound, choices: Choices
-) -> tuple[Through, Float[np.ndarray, "2"], float]:
-    """The criterion, and the disk of the sources: that of the region, or a much smaller one.
+) -> tuple[Through, Float[np.ndarray, " space"], float, float]:
+    """The criterion, the disk of the sources, that of the region or a much smaller one; a weight.
 
     A region that was given stays: a body may be silent near its rim.
     """
-    center, radius = np.array(choices.region_center), choices.region_radius / MARGIN
+    margin = MARGIN_IN_SPACE if choices.in_space else MARGIN
+    center, radius = np.array(choices.region_center), choices.region_radius / margin
     through = through_bodies(sound, choices, center, radius)
-    if choices.grade("region_radius") == SURE:
-        return through, center, radius
-    seen = through.sounding(through.best(through.one(choices.sound_speed), None))
-    if seen[1] > SMALLER * radius:
-        return through, center, radius
+    fit = through.by_one(OFF * choices.sound_speed)
+    seen = through.sounding(fit)
+    if choices.grade("region_radius") == SURE or seen[1] > SMALLER * radius:
+        return through, center, radius, fit.weight
     center, radius = seen[0], AROUND * seen[1]
-    return through_bodies(sound, choices, center, radius), center, radius
+    through = through_bodies(sound, choices, center, radius)
+    return through, center, radius, through.by_one(OFF * choices.sound_speed).weight
 
 
-class _Surface(NamedTuple):
-    """Half of what is left near some numbers, to second order, in units of the numbers.
+def _each(values: tuple[float, float, float, float], dim: int) -> Float[np.ndarray, " numbers"]:
+    """For T, a, each coordinate of the centre and c_2."""
+    arrival, radius, center, water = values
+    return np.array([arrival, radius, *[center] * dim, water])
+
+
+class _Near(NamedTuple):
+    """V near its least to second order, in units of those numbers that are free.
 
     Attributes:
-        center: the numbers.
-        gradient: (free, detectors).
-        hessian: (free, free, detectors).
+        numbers: where it is least.
+        fit: there.
+        gradient: (free,).
+        hessian: (free, free).
+        of_left: derivatives of half of what is left, (free, detectors).
     """
 
-    center: Float[np.ndarray, "5"]
-    gradient: Float[np.ndarray, "free detectors"]
-    hessian: Float[np.ndarray, "free free detectors"]
+    numbers: Float[np.ndarray, " numbers"]
+    fit: BodyFit
+    gradient: Float[np.ndarray, " free"]
+    hessian: Float[np.ndarray, "free free"]
+    of_left: Float[np.ndarray, "free detectors"]
 
-    def step(self, kept: Bool[np.ndarray, " detectors"]) -> Float[np.ndarray, " free"]:
-        """Newton's step on these detectors' misfit; none where it is flat."""
-        gradient, hessian = self.gradient[:, kept].sum(axis=1), self.hessian[..., kept].sum(axis=2)
-        curvatures, axes = np.linalg.eigh(hessian)
+    def step(self) -> Float[np.ndarray, " free"]:
+        """Newton's; none where V is flat."""
+        curvatures, axes = np.linalg.eigh(self.hessian)
         told = curvatures > FLAT * max(float(curvatures[-1]), 1e-300)
-        steps = np.where(told, -(axes.T @ gradient) / np.where(told, curvatures, 1.0), 0.0)
+        steps = np.where(told, -(axes.T @ self.gradient) / np.where(told, curvatures, 1.0), 0.0)
         return axes @ np.clip(steps, -FARTHER, FARTHER)
+
+    def without(self, part: Int[np.ndarray, " part"], n: int) -> Float[np.ndarray, " free"]:
+        """By how much the least moves without some of n detectors.
+
+        What they weigh in V is half of what is left of them, to the first order: the image is
+        least, so that its change counts in the second.
+        """
+        gradient = self.gradient - self.of_left[:, part].sum(axis=1)
+        hessian = (1 - len(part) / n) * self.hessian
+        return self._replace(gradient=gradient, hessian=hessian).step() - self.step()
 
 
 class _Search(NamedTuple):
@@ -177,163 +221,212 @@ class _Search(NamedTuple):
 
     Attributes:
         through: the criterion.
+        first: numbers near which all are looked for.
         units: of all numbers.
-        weight: of total variation.
+        weight: of total variation, light.
         radius: of what sounds [length].
         good: detectors that count.
         n_free: how many of the numbers are searched for; the last is the water's speed.
+        parts: of the frequencies, before all of them.
     """
 
     through: Through
-    units: Float[np.ndarray, "5"]
+    first: Float[np.ndarray, " numbers"]
+    units: Float[np.ndarray, " numbers"]
     weight: float
     radius: float
     good: Bool[np.ndarray, " detectors"]
     n_free: int
+    parts: tuple[float, ...]
 
-    def along_lines(self, numbers: Float[np.ndarray, "5"]) -> Float[np.ndarray, "5"]:
-        """Where least is left along each of a few lines, one after the other."""
-        radius, water = numbers[1], numbers[4]
-        center = radius * OF_CENTER
-        ways = OF_ARRIVAL * radius / water, radius * OF_RADIUS, center, center, water * OF_WATER
-        for which in (*[4] * (self.n_free == 5), *PASSES):
-            values = numbers[which] + ways[which]
+    def through_frequencies(self) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
+        """Where V is least, downhill from where it is so with few frequencies; V there."""
+        low, *higher = (self.low_passed(part) for part in self.parts)
+        ends = [low.downhill(*start) for start in low.starts()]
+        end = min(ends, key=lambda end: end[1].value)
+        for search in (*higher, self):
+            end = search.downhill(end[0], search.at(*end))
+        return end
 
-            def fit_at(
-                value: float, which: int = which, numbers: np.ndarray = numbers, *, steps: int
-            ) -> Fit:
-                there = np.where(np.arange(5) == which, value, numbers)
-                return self.through.best(self.through.body(there), self.weight, steps)
+    def low_passed(self, part: float) -> "_Search":
+        """The search in which frequencies fade above a part of the highest one."""
+        through, energy = self.through.low_passed(part)
+        return self._replace(through=through, weight=energy * self.weight)
 
-            found = least_share(fit_at, values, self.good).value
-            numbers = np.where(np.arange(5) == which, found, numbers)
-        return numbers
-
-    def starts(
-        self, numbers: Float[np.ndarray, "5"]
-    ) -> list[tuple[Float[np.ndarray, "5"], BodyFit]]:
+    def starts(self) -> list[tuple[Float[np.ndarray, " numbers"], BodyFit]]:
         """Numbers from which ways downhill begin, those of least V, and what it is there.
 
-        Of the end of the lines, the best single speed, and, where the water's is free, bodies
-        slower and faster than water.
+        Of a body as fast as the water, and slower and faster ones, by the water's speed that sound
+        from the middle takes the time of the first numbers with, or by that time where the water's
+        speed is known.
         """
-        arrival, radius, *_ = numbers
-        tried = [self.along_lines(numbers), numbers]
-        if self.n_free == 5:
-            water = [(self.through.distance - radius * (1 - 1 / r)) / arrival for r in CONTRASTS]
-            tried += [np.append(numbers[:4], speed) for speed in water]
+        arrival, radius, *_, water = self.first
+        away = [self.through.distance - radius * (1 - 1 / ratio) for ratio in CONTRASTS]
+        if self.n_free == len(self.first):
+            tried = [np.append(self.first[:-1], way / arrival) for way in away]
+        else:
+            tried = [np.append(way / water, self.first[1:]) for way in away]
         begun = [(start, self.at(start)) for start in tried]
         return sorted(begun, key=lambda start: start[1].value)[:BEST]
 
-    def moved(self, numbers: np.ndarray, by: np.ndarray) -> Float[np.ndarray, "5"]:
+    def moved(self, numbers: np.ndarray, by: np.ndarray) -> Float[np.ndarray, " numbers"]:
         """Numbers that differ by so many units in those that are free."""
-        return numbers + self.units * np.concatenate([by, np.zeros(5 - self.n_free)])
+        return numbers + self.units * np.concatenate([by, np.zeros(len(self.units) - self.n_free)])
 
     def at(self, numbers: np.ndarray, like: BodyFit | None = None) -> BodyFit:
-        """V with the light weight, its slopes in units of those numbers that are free."""
+        """V, its slopes in units of those numbers that are free."""
         start = (COLD, None) if like is None else (WARM, like.image)
-        found = self.through.least(numbers, LIGHT * self.weight, *start)
-        return found._replace(slopes=(found.slopes * self.units)[:, : self.n_free])
+        found = self.through.least(numbers, self.weight, *start)
+        return found._replace(slopes=(found.slopes * self.units)[: self.n_free])
 
     def downhill(
-        self, numbers: Float[np.ndarray, "5"], begun: BodyFit
-    ) -> tuple[Float[np.ndarray, "5"], BodyFit]:
+        self, numbers: Float[np.ndarray, " numbers"], begun: BodyFit
+    ) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
         """Where V is least near some numbers, and what it is there.
 
         Args:
             begun: V at the numbers.
         """
-        best = begun, np.zeros(self.n_free)
-
-        def height(by: np.ndarray) -> tuple[float, np.ndarray]:
-            nonlocal best
-            found = self.at(self.moved(numbers, by), best[0])
-            best = min(best, (found, by.copy()), key=lambda one: one[0].value)
-            return found.value, found.slopes.sum(axis=0)
-
         ends = SIZES[0] * self.radius, min(SIZES[1] * self.radius, self.through.reach / SUPPORT)
         sizes = (np.array(ends) - numbers[1]) / self.units[1]
-        bounds = np.stack([-FARTHEST, FARTHEST], axis=1)
-        bounds[1] = min(sizes[0], 0.0), max(sizes[1], 0.0)
-        scipy.optimize.minimize(
-            height,
-            best[1],
-            jac=True,
-            method="L-BFGS-B",
-            bounds=bounds[: self.n_free],
-            options={"maxfun": MOST, "ftol": SETTLED},
-        )
-        return self.moved(numbers, best[1]), best[0]
+        farthest = _each(FARTHEST, len(numbers) - 3)
+        way = (self.first - numbers) / self.units
+        bounds = way[:, None] + np.stack([-farthest, farthest], axis=1)
+        bounds[1] = sizes
+        bounds = np.stack([np.minimum(bounds[:, 0], 0.0), np.maximum(bounds[:, 1], 0.0)], axis=1)
 
-    def newton(
-        self, numbers: Float[np.ndarray, "5"], like: BodyFit
-    ) -> tuple[_Surface, Float[np.ndarray, " free"]]:
-        """What is left near where Newton's method comes to, and its last step from there.
+        def at(by: np.ndarray, like: BodyFit) -> BodyFit:
+            return self.at(self.moved(numbers, by), like)
 
-        A step is taken as long as V falls by it.
+        by, end = _lowest(at, begun, bounds[: self.n_free])
+        return self.moved(numbers, by), end
+
+    def one_speed(
+        self, numbers: Float[np.ndarray, " numbers"]
+    ) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
+        """The single speed with which V is least, with sound where a body has it; V there.
+
+        From the one with which sound from the middle takes as long as through the body.
+
+        Args:
+            numbers: of the body.
         """
-        (surface, like), by = self._surface(numbers, like), np.zeros(self.n_free)
-        for k in range(ROUNDS):
-            by = surface.step(self.good)
-            there = self.moved(surface.center, by)
-            ahead = self.at(there, like)
-            if not ahead.value < like.value:
-                return surface, np.zeros_like(by)
-            if k == ROUNDS - 1 or np.abs(by).max() < ARRIVED:
-                break
-            surface, like = self._surface(there, ahead)
-        return surface, by
+        distance = self.through.distance
+        speed = distance / numbers[0]
 
-    def _surface(self, numbers: Float[np.ndarray, "5"], like: BodyFit) -> tuple[_Surface, BodyFit]:
-        """What is left near some numbers, by differences of slopes; V there after more steps."""
-        like = self.at(numbers, like)
+        def alike(by: np.ndarray) -> Float[np.ndarray, " numbers"]:
+            c = speed + self.units[-1] * by[0]
+            return np.array([distance / c, *numbers[1:-1], c])
 
-        def slopes(by: np.ndarray) -> np.ndarray:
-            return self.at(self.moved(numbers, by), like).slopes.T
+        def at(by: np.ndarray, like: BodyFit | None) -> BodyFit:
+            start = (COLD, None) if like is None else (WARM, like.image)
+            fit = self.through.least(alike(by), self.weight, *start)
+            slope = fit.slopes[-1] - fit.slopes[0] * distance / alike(by)[-1] ** 2
+            return fit._replace(slopes=self.units[-1:] * slope)
 
-        sides = HALF * np.eye(self.n_free)
-        rows = np.array([slopes(side) - slopes(-side) for side in sides]) / (2 * HALF)
-        return _Surface(numbers, like.slopes.T, (rows + rows.swapaxes(0, 1)) / 2), like
+        bounds = FARTHEST[-1] * np.array([[-1.0, 1.0]])
+        by, end = _lowest(at, at(np.zeros(1), None), bounds)
+        return alike(by), end
+
+    def newton(self, numbers: Float[np.ndarray, " numbers"], fit: BodyFit) -> _Near:
+        """V near its least, to which a step is taken if V falls by it.
+
+        By differences of slopes to both sides.
+        """
+        fit = self.at(numbers, fit)
+        sides = BESIDE * np.eye(self.n_free)
+        pairs = [[self.at(self.moved(numbers, by), fit) for by in (x, -x)] for x in sides]
+        rows = np.array([ahead.slopes - behind.slopes for ahead, behind in pairs]) / (2 * BESIDE)
+        of_left = np.array([ahead.left - behind.left for ahead, behind in pairs]) / (4 * BESIDE)
+        near = _Near(numbers, fit, fit.slopes, (rows + rows.T) / 2, of_left)
+        there = self.moved(numbers, near.step())
+        ahead = self.at(there, fit)
+        if not ahead.value < fit.value:
+            return near
+        return near._replace(numbers=there, fit=ahead, gradient=ahead.slopes)
+
+
+def _lowest(
+    at: Callable[[np.ndarray, BodyFit], BodyFit],
+    begun: BodyFit,
+    bounds: Float[np.ndarray, "free 2"],
+) -> tuple[Float[np.ndarray, " free"], BodyFit]:
+    """Where V is least of what is tried on a way from zero downhill, and what it is there.
+
+    Args:
+        at: V and its slopes, from the image of another fit.
+        begun: V at zero.
+        bounds: of the way.
+    """
+    best = np.zeros(len(bounds)), begun
+
+    def height(by: np.ndarray) -> tuple[float, np.ndarray]:
+        nonlocal best
+        found = at(by, best[1])
+        best = min(best, (by.copy(), found), key=lambda one: one[1].value)
+        return found.value, found.slopes
+
+    most = {"maxfun": MOST, "ftol": SETTLED}
+    scipy.optimize.minimize(
+        height, best[0], jac=True, method="L-BFGS-B", bounds=bounds, options=most
+    )
+    return best
 
 
 def _estimate(
-    search: _Search, surface: _Surface, last: Float[np.ndarray, " free"], one_speed: float
+    search: _Search, near: _Near, alike: Float[np.ndarray, " numbers"], by_one: BodyFit
 ) -> BodyEstimate:
-    """The body of least, its errors by leaving out sectors, and how it compares with one speed."""
+    """The body of least, its errors by leaving out sectors, and how it compares with one speed.
+
+    Args:
+        near: the least by two speeds.
+        alike, by_one: the numbers of the best single speed, and V there.
+    """
     through, good = search.through, search.good
-    whole = surface.step(good)
-
-    def least(kept: np.ndarray) -> Float[np.ndarray, "5"]:
-        return search.moved(surface.center, last + surface.step(kept) - whole)
-
-    sectors = np.array_split(np.flatnonzero(good), SECTORS)
+    points = np.asarray(through.place.curve.points)[: len(good)] - through.center
+    around = np.argsort(np.arctan2(points[:, 1], points[:, 0]), kind="stable")
+    sectors = np.array_split(around[good[around]], SECTORS)
     others = [good & ~np.isin(np.arange(len(good)), part) for part in sectors]
-    numbers = least(good)
-    body, each = through.body(numbers), [through.body(least(kept)) for kept in others]
-    alike = np.array([through.distance / one_speed, *numbers[1:4], one_speed])
-    weight = LIGHT * search.weight
-    two, one = (through.least(which, weight, COMPARED) for which in (numbers, alike))
+    ways = [near.without(part, int(good.sum())) for part in sectors]
+    body, *each = (
+        through.body(search.moved(near.numbers, by)) for by in (np.zeros(search.n_free), *ways)
+    )
+    ends = (near.numbers, near.fit), (alike, by_one)
+    two, one = (through.least(at, search.weight, COMPARED, fit.image) for at, fit in ends)
 
     def error(number: str) -> float:
         values = np.array([np.atleast_1d(getattr(one, number)) for one in each])
         return float(np.linalg.norm([jackknife(list(column)) for column in values.T]))
 
-    names = ("sound_speed", "radius", "center", *(["water_speed"] if search.n_free == 5 else []))
+    names = (
+        "sound_speed",
+        "radius",
+        "center",
+        *(["water_speed"] if search.n_free == len(search.units) else []),
+    )
     gains = [1 - two.left[kept].sum() / one.left[kept].sum() for kept in others]
     gain, gain_error = 1 - (two.share / one.share) ** 2, jackknife(gains)
     ratios = [float(one.speed_ratio) for one in each]
     apart = abs(float(body.speed_ratio) - 1) > ERRORS * jackknife(ratios)
     inside = RATIOS[0] + EDGE < float(body.speed_ratio) < RATIOS[1] - EDGE
     clear = bool(inside and apart and gain > max(GAIN, ERRORS * gain_error))
-    seen = span(np.asarray(search.through.place.curve.points)[: len(good)][good], through.center)
     return BodyEstimate(
         body=body,
         standard_errors={name: error(name) for name in names},
-        one_speed=one_speed,
+        one_speed=float(alike[-1]),
         share=two.share,
         share_of_one=one.share,
         gain=gain,
         gain_error=gain_error,
         clear=clear,
-        grade=LIKELY if clear and seen >= SEEN_TWICE else GUESSED,
+        grade=LIKELY if clear and _seen_twice(through, good) else GUESSED,
     )
+
+
+def _seen_twice(through: Through, good: Bool[np.ndarray, " detectors"]) -> bool:
+    """Whether detectors see most edges from both sides."""
+    curve = through.place.curve
+    if isinstance(curve, DetectorPoints):
+        return covered_share(curve) >= HALF
+    points = np.asarray(curve.points)[: len(good)][good]
+    return bool(span(points, through.center) >= SEEN_TWICE)

@@ -10,8 +10,14 @@ from ..io.scan import require_one_rate
 from .acquisition import in_space
 from .choices import Choices
 from .noise import estimate_alpha
-from .pipeline import choices_in_plane, choices_in_space
-from .two_speeds import lacks_second, require_one, with_one_said, with_two_speeds, with_water_of
+from .two_speeds import (
+    choices_of,
+    lacks_second,
+    require_one,
+    with_one_said,
+    with_two_speeds,
+    with_water_of,
+)
 
 
 def choose(scan: Scan, **given: Any) -> Choices:
@@ -58,17 +64,13 @@ def _chosen(scan: Scan, given: Mapping[str, Any]) -> Choices:
     if two is not None and not two:
         require_one(scan, others)
         return with_one_said(_chosen(scan, others))
-    if in_space(scan):
-        if two:
-            raise ValueError("two_speeds is of detectors in the plane: leave it out.")
-        return choices_in_space(scan, with_water_of(scan, others))
-    for name in ("region_center", "body_center"):
+    for name in ("body_center",) if in_space(scan) else ("region_center", "body_center"):
         if given.get(name) is not None:
-            real_array(name, given[name], (2,))
+            real_array(name, given[name], (3 if in_space(scan) else 2,))
     others = with_water_of(scan, others)
     if two or lacks_second(scan, others):
         return with_two_speeds(scan, others)
-    return choices_in_plane(scan, others)
+    return choices_of(scan, others)
 
 
 def _require_known(given: Mapping[str, Any]) -> None:

@@ -98,8 +98,7 @@ def require_body_speed(p: Parameters) -> None:
     if asked and p.nominal("sound_speed"):
         raise ValueError(
             "water_speed is given, and the body's own speed is neither given nor in the file: "
-            "give sound_speed too. In the plane it is looked for, if nothing else of the body is "
-            "given."
+            "give sound_speed too. It is looked for if nothing else of the body is given."
         )
 
 
@@ -114,8 +113,8 @@ def require_body_inside(p: Parameters, radius: float | None) -> None:
     if own is not None and radius is not None and own >= radius:
         raise ValueError(
             f"body_radius is {p.units.of_length(own)}, expected less than the "
-            f"{p.units.of_length(radius)} of the detectors' circle: lengths are in the unit of the "
-            "positions."
+            f"{p.units.of_length(radius)} of the detectors: lengths are in the "
+            "unit of the positions."
         )
 
 

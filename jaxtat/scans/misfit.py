@@ -36,7 +36,14 @@ from ..fitting.alternating import Pace, of_weight, step
 from ..fitting.data_fit import DataFit
 from ..fitting.fit import begun
 from ..fitting.weight import SPREAD, balanced_weight
-from ..forward import CircleIntegrals, CircleSizes, SphereIntegrals, circle_integrals
+from ..forward import (
+    CircleIntegrals,
+    CircleSizes,
+    Positions,
+    SphereIntegrals,
+    circle_integrals,
+    positions_on_circle,
+)
 from ..forward.circular_sizes import circle_sizes, sizes_inside
 from ..forward.fast_circles import Series
 from ..geometry import Body, DetectorCurve, DetectorPoints, ImageGrid, disk
@@ -241,6 +248,7 @@ class Place(NamedTuple):
         sizes: of the forward operator.
         medium: what sound goes through; None for one speed of sound.
         tolerance: of the non-uniform FFTs.
+        about: of detectors on a circle, about its centre: known where the curve is traced.
     """
 
     curve: DetectorCurve
@@ -248,11 +256,12 @@ class Place(NamedTuple):
     sizes: CircleSizes
     medium: Body | None
     tolerance: float
+    about: Positions | None
 
     def integrals(self, medium: Body | None) -> CircleIntegrals:
         """The operator, in single precision; another body of the same kind compiles nothing."""
-        where = self.curve, self.grid, jax.device_put(np.ones(1))
-        made = circle_integrals(*where, self.sizes, None, self.tolerance, medium)
+        where = self.curve, self.grid, jax.device_put(np.ones(1)), self.sizes
+        made = circle_integrals(*where, None, self.tolerance, medium, self.about)
         return by_library(lambda _, each: in_single_precision(each), (made,))
 
     @property
@@ -293,7 +302,8 @@ def place_of(
         sizes = sizes_inside(sizes, curve, grid, disk(sound.reach, center=sound.center))
     longest = float(LONGER * fastest * sound.end)
     sizes = sizes.with_period(longest) if longest > sizes.period else sizes
-    return Place(curve, grid, sizes, medium, tolerance)
+    about = positions_on_circle(curve, sizes.n_nodes)
+    return Place(curve, grid, sizes, medium, tolerance, about)
 
 
 def misfit_of(

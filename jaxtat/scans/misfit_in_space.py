@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float
 from ..base.checks import by_library
 from ..fitting.alternating import Pace
 from ..forward import SphereIntegrals, SphereSizes, pressure_terms, sphere_integrals, sphere_sizes
-from ..geometry import DetectorPoints, VolumeGrid
+from ..geometry import BallBody, DetectorPoints, VolumeGrid
 from ..geometry.balls import ball
 from ..io import Scan
 from ..reconstruction.operator import in_single_precision
@@ -49,21 +49,25 @@ class PlaceInSpace(NamedTuple):
         curve: of the detectors.
         grid: of the volume.
         sizes: of the forward operator.
+        medium: what sound goes through; None for one speed of sound.
+        tolerance: of the non-uniform FFTs.
     """
 
     curve: DetectorPoints
     grid: VolumeGrid
     sizes: SphereSizes
+    medium: BallBody | None
+    tolerance: float
 
-    def integrals(self) -> SphereIntegrals:
-        """The operator, in single precision."""
-        made = _operator(self.curve, self.grid, self.sizes)
+    def integrals(self, medium: BallBody | None) -> SphereIntegrals:
+        """The operator, in single precision; another body compiles nothing."""
+        made = _operator(self.curve, self.grid, self.sizes, medium, self.tolerance)
         return by_library(lambda _, each: in_single_precision(each), (made,))
 
     @property
     def highest(self) -> float:
         """Frequency up to which its voxels hold waves [rad/length]."""
-        return self.sizes.highest
+        return float(self.sizes.frequencies[-1])
 
     def support(self, sound: Sound) -> Bool[Array, "x1 x2 x3"]:
         """Voxels that may sound."""
@@ -87,8 +91,14 @@ class SpaceTerms(eqx.Module):
 
 
 @eqx.filter_jit
-def _operator(curve: DetectorPoints, grid: VolumeGrid, sizes: SphereSizes) -> SphereIntegrals:
-    return sphere_integrals(curve, grid, jnp.ones(1), sizes, None, TOLERANCE)
+def _operator(
+    curve: DetectorPoints,
+    grid: VolumeGrid,
+    sizes: SphereSizes,
+    medium: BallBody | None,
+    tolerance: float,
+) -> SphereIntegrals:
+    return sphere_integrals(curve, grid, jnp.ones(1), sizes, None, tolerance, medium)
 
 
 def points_in_space(scan: Scan, choices: Choices) -> DetectorPoints:
@@ -97,11 +107,15 @@ def points_in_space(scan: Scan, choices: Choices) -> DetectorPoints:
     return DetectorPoints(points, None, np.asarray(choices.region_center))
 
 
-def sound_in_space(record: AcquisitionInSpace, p: Parameters, choices: Choices) -> Sound | None:
+def sound_in_space(
+    record: AcquisitionInSpace, choices: Choices, wanted: float, listened: int = LISTENED
+) -> Sound | None:
     """Some rows of a typical frame, and the window in which sources can reach them.
 
     Args:
-        record, p, choices: of pressure.
+        record, choices: of pressure.
+        wanted: radius of the ball of all that may sound, if detectors are not nearer [length].
+        listened: detectors, at most.
 
     Returns:
         None of a record that is too short, or silent, and of elements that face elsewhere than to
@@ -113,15 +127,13 @@ def sound_in_space(record: AcquisitionInSpace, p: Parameters, choices: Choices) 
         return None
     every = points_in_space(record.scan, choices)
     n = len(every.points)
-    some = np.sort(np.random.default_rng(0).permutation(n)[:LISTENED])
+    some = np.sort(np.random.default_rng(0).permutation(n)[:listened])
     elements = facts.detectors.element_radius
     if elements is not None and np.ndim(elements):
         elements = np.asarray(elements)[some]
     points = np.asarray(every.points)[some]
     curve = DetectorPoints(points, None, every.center, element_radius=elements)
     nearest, farthest = (float(f(np.asarray(curve.distance))) for f in (np.min, np.max))
-    sounds = sounding_radius(record, p) or DEFAULT_SHARE / MARGIN_IN_SPACE * nearest
-    wanted = max(WIDER * float(choices.region_radius), MARGIN_IN_SPACE * sounds)
     reach, speed = min(wanted, RIM * nearest), choices.sound_speed
     start = max(float(times[0]), 2 * choices.dead_time, (nearest - reach) / (FASTEST * speed))
     end = min(float(times[-1]), (farthest + reach) / (SLOWEST * speed))
@@ -134,20 +146,44 @@ def sound_in_space(record: AcquisitionInSpace, p: Parameters, choices: Choices) 
     return Sound(curve, heard, times, good, start, end, np.asarray(every.center), reach)
 
 
-def misfit_of_volumes(sound: Sound, speeds: tuple[float, float]) -> Misfit:
-    """The criterion for a record.
+def all_that_sounds(record: AcquisitionInSpace, p: Parameters, choices: Choices) -> float:
+    """Radius of the ball about the middle from which sound may come [length]."""
+    nearest = float(np.min(np.asarray(points_in_space(record.scan, choices).distance)))
+    sounds = sounding_radius(record, p) or DEFAULT_SHARE / MARGIN_IN_SPACE * nearest
+    return max(WIDER * float(choices.region_radius), MARGIN_IN_SPACE * sounds)
+
+
+def place_in_space(
+    sound: Sound, medium: BallBody | None = None, *, tolerance: float = TOLERANCE
+) -> PlaceInSpace:
+    """Coarse voxels over all that may sound.
 
     Args:
         sound: of `sound_in_space`.
-        speeds: least and greatest that may be asked for [length/time].
+        medium: of several bodies the one that takes the largest sizes.
+        tolerance: of the non-uniform FFTs: finer for fits that go on for long.
     """
     grid = VolumeGrid(VOXELS, sound.reach, center=sound.center)
     curve = sound.curve
     assert isinstance(curve, DetectorPoints)
-    sizes = sphere_sizes(curve, grid, within=sound.reach, tolerance=LEFT_OUT, n_groups=1)
-    place = PlaceInSpace(curve, grid, sizes)
-    integrals = place.integrals()
-    terms = SpaceTerms(sizes, jax.device_put(integrals.voxel))
+    within = sound.reach if medium is None else np.inf
+    sizes = sphere_sizes(curve, grid, medium, within=within, tolerance=LEFT_OUT, n_groups=1)
+    return PlaceInSpace(curve, grid, sizes, medium, tolerance)
+
+
+def misfit_of_volumes(
+    sound: Sound, speeds: tuple[float, float], place: PlaceInSpace | None = None
+) -> Misfit:
+    """The criterion for a record.
+
+    Args:
+        sound: of `sound_in_space`.
+        speeds: least and greatest in water that may be asked for [length/time].
+        place: of `place_in_space`; by default one with one speed of sound.
+    """
+    place = place_in_space(sound) if place is None else place
+    integrals = place.integrals(place.medium)
+    terms = SpaceTerms(place.sizes, jax.device_put(integrals.voxel))
     effort = IN_SPACE, SLOWEST_WAVE
     return criterion(sound, integrals, terms, place, speeds[0], *effort, faint=False)
 

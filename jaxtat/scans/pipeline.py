@@ -38,6 +38,7 @@ from .region import (
     with_rectangle,
 )
 from .resolution import band, resolution_in_plane, resolution_in_space
+from .space import facts_around
 from .start_time import start_and_speed, with_start_confirmed, with_start_untold
 
 METHOD = laser_energy, constraints
@@ -46,7 +47,7 @@ INTEGRALS = region_of_integrals, radii_of_integrals, exact_integrals, body, *MET
 BALL = ball_of_sound, body, resolution_in_space, radii_in_space, noise_in_space, *METHOD
 NO_SOUND = {"model": "none", "sound_speed": 1.0, "time_shift": 0.0, "dead_time": 0.0, "band": None}
 _REGION_IN_PLANE = "region_angle", "region_center", "region_size"
-NOT_IN_SPACE = "time_shift", *_REGION_IN_PLANE, "model", "body_center"  # options
+NOT_IN_SPACE = "time_shift", *_REGION_IN_PLANE, "model"  # options
 
 
 def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
@@ -176,15 +177,28 @@ def choices_in_space(scan: Scan, given: Mapping[str, Any]) -> Choices:
                 f"{option_of(name)}: the detectors lie in space, around a ball about "
                 "their own centre; there is no choice."
             )
-    record, p = preprocess_in_space(scan, Parameters(given, Units()))
-    center = tuple(float(x) for x in np.asarray(record.facts.detectors.center))
-    p = p.fixed(region_center=center, region_angle=0.0, region_size=None)
+    record, p = _about_center(*preprocess_in_space(scan, Parameters(given, Units())))
     p = _sound_in_space(record, p)
     require_body_speed(p)
     require_body_inside(p, record.facts.radius)
     for stage in BALL:
         p = stage(record, p)
     return p.choices() if record.facts.times is None else tell_acoustics_in_space(record, p)
+
+
+def _about_center(
+    record: AcquisitionInSpace, p: Parameters
+) -> tuple[AcquisitionInSpace, Parameters]:
+    """Detectors about their own centre, or that of a body, which is the region's too.
+
+    Raises:
+        ValueError: for a body off the centre of elements that have a size.
+    """
+    facts = facts_around(record.scan, record.facts, p.given.get("body_center"))
+    center = tuple(float(x) for x in np.asarray(facts.detectors.center))
+    return record._replace(facts=facts), p.fixed(
+        region_center=center, region_angle=0.0, region_size=None
+    )
 
 
 def _sound_in_space(record: AcquisitionInSpace, p: Parameters) -> Parameters:

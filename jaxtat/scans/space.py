@@ -1,7 +1,7 @@
 """Scans in space: detectors around a volume, by their positions."""
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.units import Units
-from ..geometry import DetectorPoints, SphericalCap, find_rings
+from ..geometry import BallBody, DetectorPoints, SphericalCap, around_body, find_rings
 from ..geometry.balls import Ball
 from ..geometry.elements import SQUARE
 from ..geometry.rings import fit_sphere
@@ -28,7 +28,8 @@ class FactsInSpace(NamedTuple):
     Attributes:
         detectors: the cap, or points.
         order: rows of the data in the order of the detectors, flat.
-        radius: of the sphere on which, or near which, they lie [length].
+        radius: of the sphere on which, or near which, they lie; off a body, to the nearest of them
+            [length].
         upside_down: see `geometry.rings.FoundRings`.
         times: of a pressure record, (times,) [time].
         units: of lengths and times.
@@ -99,6 +100,26 @@ def facts_in_space(scan: Scan, use: object = None) -> FactsInSpace:
         order = np.arange(len(points))
         upside_down = False
     return FactsInSpace(detectors, rows[order], radius, upside_down, times, units_of(radius, times))
+
+
+def facts_around(scan: Scan, facts: FactsInSpace, center: Any) -> FactsInSpace:
+    """The same about another centre, of a body, as scattered detectors where that is off their own.
+
+    Args:
+        center: three numbers [length]; None for their own.
+
+    Raises:
+        ValueError: for elements of a size, which face their own centre.
+    """
+    if center is None:
+        return facts
+    body = BallBody(center, 1.0, 1.0, 1.0)
+    if around_body(facts.detectors, body) is facts.detectors:
+        return facts
+    points = np.asarray(scan.known["detectors"], float)[facts.order]  # rings may be turned over
+    detectors = DetectorPoints(points, None, body.center)
+    nearest = float(np.min(np.asarray(detectors.distance)))
+    return facts._replace(detectors=detectors, radius=nearest, upside_down=False)
 
 
 def units_of_scan(scan: Scan) -> Units:

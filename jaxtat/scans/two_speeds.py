@@ -8,11 +8,11 @@ from ..base.choice_table import GUESSED, SURE
 from ..io import Scan
 from ..records import MODELS
 from ..records.water import water_speed
-from .acquisition import WATER, nominal_water_speed, typical_frame
+from .acquisition import WATER, in_space, nominal_water_speed, typical_frame
 from .body_estimate import BodyEstimate, estimate_body
 from .choices import Choices
 from .medium import OF_BODY
-from .pipeline import choices_in_plane
+from .pipeline import IN_SPACE, choices_in_plane, choices_in_space
 from .space import units_of_scan
 
 LARGER = 1.1  # the region than the body
@@ -69,7 +69,7 @@ def lacks_second(scan: Scan, given: Mapping[str, Any]) -> bool:
     """Whether the water's speed is known alone, so that the body's is looked for.
 
     Args:
-        scan: in the plane.
+        scan: in the plane or in space.
         given: options by name; with numbers of the body its speed has to be given too.
     """
     known = scan.kind != "pressure" or "sound_speed" in scan.known
@@ -81,23 +81,28 @@ def lacks_second(scan: Scan, given: Mapping[str, Any]) -> bool:
     return nominal_water_speed(units) is not None
 
 
+def choices_of(scan: Scan, given: Mapping[str, Any]) -> Choices:
+    """Choices by what is given, with one speed of sound, or of a body that is given."""
+    return (choices_in_space if in_space(scan) else choices_in_plane)(scan, given)
+
+
 def with_two_speeds(scan: Scan, given: Mapping[str, Any]) -> Choices:
     """Choices through the body that explains clearly more of a typical frame, or by one speed.
 
     Args:
-        scan: of pressure, in the plane.
+        scan: of pressure.
         given: options by name; with a water speed that is taken to be known.
 
     Raises:
-        ValueError: for numbers of the body beside the wish to estimate them, and for data that
-            have no speeds.
+        ValueError: for numbers of the body beside the wish to estimate them, for data that have no
+            speeds, and for elements in space that have a size.
     """
     beside = [name for name in ESTIMATED if given.get(name) is not None]
     if beside:
         raise ValueError(f"two_speeds estimates {beside[0]}, which is given: leave one out.")
-    made = choices_in_plane(scan, {**given, "water_speed": None})
-    if made.model not in MODELS:
-        raise ValueError("two_speeds is of pressure records in the plane: leave it out.")
+    made = choices_of(scan, {**given, "water_speed": None})
+    if made.model not in (*MODELS, IN_SPACE):
+        raise ValueError("two_speeds is of pressure records: leave it out.")
     made, found = _with_body(scan, given, made)
     if found is None or not found.clear:
         told = "the record is too short to tell a second one" if found is None else str(found)
@@ -116,7 +121,7 @@ def _with_body(
     found = estimate_body(scan, made, frame, water_speed=water)
     if made.time_shift == 0 or "time_shift" in made.user_set:
         return made, found
-    as_filed = choices_in_plane(scan, {**given, "water_speed": None, "time_shift": 0.0})
+    as_filed = choices_of(scan, {**given, "water_speed": None, "time_shift": 0.0})
     other = estimate_body(scan, as_filed, frame, water_speed=water)
     if other is None or not other.clear or (found and found.clear and found.share < other.share):
         return made, found
@@ -137,12 +142,14 @@ def _through_body(
         "body_radius": float(body.radius),
         "body_center": center,
     }
-    region = {"region_center": center, "region_radius": LARGER * float(body.radius)}
+    region: dict[str, Any] = {"region_radius": LARGER * float(body.radius)}
+    if not made.in_space:  # where the body's centre is that of the region
+        region["region_center"] = center
     if any(given.get(name) is not None for name in (*region, "region_size")):
         region = {}
-    told = {name: getattr(made, name) for name in KEPT}
+    told = {} if made.in_space else {name: getattr(made, name) for name in KEPT}
     known = {name: value for name, value in given.items() if value is not None}
-    other = choices_in_plane(scan, told | known | numbers | region)
+    other = choices_of(scan, told | known | numbers | region)
     errors = found.standard_errors | {"body_radius": found.standard_errors["radius"]}
     for name in numbers:
         if name == "water_speed" and given.get(name) is not None:

@@ -110,7 +110,8 @@ def command_line(choices: Choices, facts: Mapping[str, Any], file: str = "FILE")
 def _value(name: str, choices: Choices) -> Any:
     """The value as a word of the command line."""
     value = getattr(choices, name)
-    if name == "region_center":  # what rounding left of zero is zero
+    if name in ("region_center", "body_center") and value is not None:
+        # what rounding left of zero is zero
         least = ROUNDING * choices.region_radius
         return tuple(x if abs(x) > least else 0.0 for x in value)
     return "none" if name == "band" and value is None else value

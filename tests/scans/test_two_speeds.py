@@ -127,7 +127,7 @@ def test_the_command_takes_two_speeds(two_speeds, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("given", "reason"),
     [
-        ({"water_speed": 1490.0, "body_radius": 0.01}, "give sound_speed too. In the plane it is"),
+        ({"water_speed": 1490.0, "body_radius": 0.01}, "give sound_speed too. It is looked for"),
         ({"two_speeds": False, "water_speed": 1490.0}, "one speed is asked for, and water_speed"),
         ({"two_speeds": False, "water_temperature": 25.0}, "and water_temperature is of two"),
         ({"two_speeds": False, "body_radius": 0.01}, "and body_radius is of two"),
