@@ -364,7 +364,7 @@ def test_a_ball_of_another_speed():
     through, one = (reconstruct(scan, each).image for each in (choices, choose(scan, **given)))
     errors = [np.linalg.norm((found - truth)[inside]) for found in (through, one)]
     assert errors[0] < 0.15 * np.linalg.norm(truth) and errors[0] < 0.7 * errors[1]
-    with pytest.raises(ValueError, match=r"body_center has shape \(2,\), expected \(3,\)"):
+    with pytest.raises(ValueError, match=r"body_center has shape \(2,\), expected \(3\)"):
         choose(scan, water_speed=SOUND, body_center=(0.0, 0.0), **given)
     warm = choose(scan, water_temperature=30.0, **given)
     assert warm.water_speed == pytest.approx(float(water_speed(30.0)))
