@@ -161,6 +161,12 @@ class BallBody(Body):
         return DiskBody((0.0, 0.0), self.radius, *speeds, self.density_ratio)
 
 
+def body_about(center: Any, radius: Any, sound_speed: Any, water_speed: Any) -> DiskBody | BallBody:
+    """A `DiskBody` about a centre of two coordinates, a `BallBody` about one of three."""
+    make = DiskBody if len(center) == 2 else BallBody
+    return make(center, radius, sound_speed, water_speed)
+
+
 def around_body(detectors: Detectors, body: BallBody | None) -> Detectors:
     """The same detectors with the centre of a body, about which its waves are.
 

@@ -133,15 +133,26 @@ def sound_of(
     times = shifted_times(scan, choices)
     if times is None:
         raise ValueError("the speed of sound is of pressure records, and the data are integrals.")
-    size = scan.n_detectors, scan.n_samples
-    if np.shape(frame) != size:
-        raise ValueError(f"frame has shape {np.shape(frame)}, expected {size}, as in the file.")
-    used = np.asarray(real_array("frame", np.asarray(frame)[rows], None))
+    used = rows_of_frame(scan, frame, rows)
     points = facts.points[rows]
     arc = arc_through(points) or circle_without_detectors(points, choices.region_center)
     good = np.ones(len(rows), bool)
     begin, speed = 2 * choices.dead_time, choices.sound_speed
     return sound_within(arc, points, used, times, good, begin, speed)
+
+
+def rows_of_frame(
+    scan: Scan, frame: np.ndarray, rows: np.ndarray | list[int]
+) -> Float[np.ndarray, "used samples"]:
+    """Some rows of a frame.
+
+    Raises:
+        ValueError: for a frame of another shape than the file's, and NaN in these rows.
+    """
+    size = scan.n_detectors, scan.n_samples
+    if np.shape(frame) != size:
+        raise ValueError(f"frame has shape {np.shape(frame)}, expected {size}, as in the file.")
+    return np.asarray(real_array("frame", np.asarray(frame)[rows], None))
 
 
 def tell_acoustics(record: Acquisition, p: Parameters) -> Parameters:

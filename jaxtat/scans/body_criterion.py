@@ -28,12 +28,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..base.checks import by_library, is_concrete
+from ..base.checks import by_library
 from ..fitting import TotalVariation
 from ..fitting.alternating import Pace, step
 from ..fitting.data_fit import DataFit
 from ..fitting.fit import begun
-from ..geometry import BallBody, DiskBody
+from ..geometry import BallBody, DiskBody, body_about
 from .acquisition import FASTEST, SLOWEST
 from .choices import Choices
 from .misfit import Fit, Misfit, Sound, misfit_of, place_of
@@ -88,8 +88,7 @@ class Through(NamedTuple):
 
     def by_one(self, speed: float) -> Fit:
         """An image by one speed, of all pixels, after few steps, and a weight that suits it."""
-        kind = DiskBody if len(self.center) == 2 else BallBody
-        one = kind(self.center, self.reach / SUPPORT, speed, speed)
+        one = body_about(self.center, self.reach / SUPPORT, speed, speed)
         misfit = eqx.tree_at(lambda m: m.integrals, self.misfit, self.place.integrals(one))
         return misfit.best(speed, steps=STEPS)
 
@@ -157,8 +156,7 @@ def through_bodies(sound: Sound, choices: Choices, center: np.ndarray, radius: f
     reach = min(WIDE * radius, sound.reach - away)
     # off the centre of the detectors' circle in any case, where bodies take larger sizes
     outward = offset / away if away > 0 else np.eye(len(center))[0]
-    kind = DiskBody if len(center) == 2 else BallBody
-    largest = kind(center + WAY * radius * outward, reach / SUPPORT, RATIOS[0], 1.0)
+    largest = body_about(center + WAY * radius * outward, reach / SUPPORT, RATIOS[0], 1.0)
     ends = SLOWEST * choices.sound_speed, FASTEST * choices.sound_speed
     sound = sound._replace(center=center, reach=reach)
     if isinstance(largest, DiskBody):
@@ -179,10 +177,8 @@ def _body_of(numbers: Any, distance: Any) -> DiskBody | BallBody:
         return water / xp.clip(slowness, 1 / RATIOS[1], 1 / RATIOS[0])
 
     own = by_library(speed, (arrival, radius, water, distance))
-    kind = DiskBody if len(center) == 2 else BallBody
-    return kind(
-        jnp.stack(center) if not is_concrete(*center) else np.array(center), radius, own, water
-    )
+    middle = by_library(lambda xp, *parts: xp.stack(parts), center)
+    return body_about(middle, radius, own, water)
 
 
 @eqx.filter_jit

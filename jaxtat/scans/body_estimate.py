@@ -20,7 +20,7 @@ from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import BallBody, DetectorPoints, DiskBody
 from ..io import Scan
 from ..spherical.visible import covered_share
-from .acoustics import sound_of
+from .acoustics import rows_of_frame, sound_of
 from .acoustics_in_space import HALF
 from .angular_coverage import SEEN_TWICE, span
 from .body_criterion import RATIOS, SUPPORT, WIDE, BodyFit, Through, through_bodies
@@ -143,15 +143,12 @@ def _heard_in_space(scan: Scan, choices: Choices, frame: np.ndarray) -> Sound | 
     facts = facts_in_space(scan, choices.channels)
     if facts.times is None:
         raise ValueError("the data are integrals over spheres, and a body is told by pressure.")
-    size = scan.n_detectors, scan.n_samples
-    if np.shape(frame) != size:
-        raise ValueError(f"frame has shape {np.shape(frame)}, expected {size}, as in the file.")
+    used = rows_of_frame(scan, frame, facts.order)
     if facts.detectors.element_radius is not None:
         raise ValueError(
             "two speeds of a scan in space are of elements without a size, and the file has one: "
             "give the speeds and the radius of a ball about the middle of the detectors."
         )
-    used = np.asarray(real_array("frame", np.asarray(frame)[facts.order], None))
     record = AcquisitionInSpace(scan, facts, used)
     return sound_in_space(record, choices, WIDE * choices.region_radius, LISTENED)
 
@@ -248,6 +245,11 @@ class _Search(NamedTuple):
             end = search.downhill(end[0], search.at(*end))
         return end
 
+    @property
+    def water_is_free(self) -> bool:
+        """Whether the water's speed is searched for."""
+        return self.n_free == len(self.first)
+
     def low_passed(self, part: float) -> "_Search":
         """The search in which frequencies fade above a part of the highest one."""
         through, energy = self.through.low_passed(part)
@@ -262,7 +264,7 @@ class _Search(NamedTuple):
         """
         arrival, radius, *_, water = self.first
         away = [self.through.distance - radius * (1 - 1 / ratio) for ratio in CONTRASTS]
-        if self.n_free == len(self.first):
+        if self.water_is_free:
             tried = [np.append(self.first[:-1], way / arrival) for way in away]
         else:
             tried = [np.append(way / water, self.first[1:]) for way in away]
@@ -273,10 +275,14 @@ class _Search(NamedTuple):
         """Numbers that differ by so many units in those that are free."""
         return numbers + self.units * np.concatenate([by, np.zeros(len(self.units) - self.n_free)])
 
+    def fit(self, numbers: np.ndarray, like: BodyFit | None) -> BodyFit:
+        """V after some steps from zeros, or fewer from the image of another fit."""
+        start = (COLD, None) if like is None else (WARM, like.image)
+        return self.through.least(numbers, self.weight, *start)
+
     def at(self, numbers: np.ndarray, like: BodyFit | None = None) -> BodyFit:
         """V, its slopes in units of those numbers that are free."""
-        start = (COLD, None) if like is None else (WARM, like.image)
-        found = self.through.least(numbers, self.weight, *start)
+        found = self.fit(numbers, like)
         return found._replace(slopes=(found.slopes * self.units)[: self.n_free])
 
     def downhill(
@@ -319,8 +325,7 @@ class _Search(NamedTuple):
             return np.array([distance / c, *numbers[1:-1], c])
 
         def at(by: np.ndarray, like: BodyFit | None) -> BodyFit:
-            start = (COLD, None) if like is None else (WARM, like.image)
-            fit = self.through.least(alike(by), self.weight, *start)
+            fit = self.fit(alike(by), like)
             slope = fit.slopes[-1] - fit.slopes[0] * distance / alike(by)[-1] ** 2
             return fit._replace(slopes=self.units[-1:] * slope)
 
@@ -388,9 +393,8 @@ def _estimate(
     sectors = np.array_split(around[good[around]], SECTORS)
     others = [good & ~np.isin(np.arange(len(good)), part) for part in sectors]
     ways = [near.without(part, int(good.sum())) for part in sectors]
-    body, *each = (
-        through.body(search.moved(near.numbers, by)) for by in (np.zeros(search.n_free), *ways)
-    )
+    body = through.body(near.numbers)
+    each = [through.body(search.moved(near.numbers, by)) for by in ways]
     ends = (near.numbers, near.fit), (alike, by_one)
     two, one = (through.least(at, search.weight, COMPARED, fit.image) for at, fit in ends)
 
@@ -398,12 +402,7 @@ def _estimate(
         values = np.array([np.atleast_1d(getattr(one, number)) for one in each])
         return float(np.linalg.norm([jackknife(list(column)) for column in values.T]))
 
-    names = (
-        "sound_speed",
-        "radius",
-        "center",
-        *(["water_speed"] if search.n_free == len(search.units) else []),
-    )
+    names = "sound_speed", "radius", "center", *(["water_speed"] if search.water_is_free else [])
     gains = [1 - two.left[kept].sum() / one.left[kept].sum() for kept in others]
     gain, gain_error = 1 - (two.share / one.share) ** 2, jackknife(gains)
     ratios = [float(one.speed_ratio) for one in each]

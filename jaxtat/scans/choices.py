@@ -20,6 +20,7 @@ from ..geometry import (
     ImageGrid,
     Region,
     VolumeGrid,
+    body_about,
     detector_curve,
     disk,
     keep_detectors,
@@ -47,9 +48,8 @@ def body_of(values: Mapping[str, Any]) -> DiskBody | BallBody | None:
     """The body of choices by name; None for one speed of sound."""
     if values["water_speed"] is None:
         return None
-    shape = values["body_center"], values["body_radius"]
-    make = DiskBody if len(values["body_center"]) == 2 else BallBody
-    return make(*shape, values["sound_speed"], values["water_speed"])
+    names = "body_center", "body_radius", "sound_speed", "water_speed"
+    return body_about(*(values[name] for name in names))
 
 
 class Choices(eqx.Module):

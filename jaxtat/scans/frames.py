@@ -23,7 +23,7 @@ from ..spherical import pressure_to_spherical_integrals
 from ..steps import TooFewDetectors
 from .acquisition import facts_of, times_of
 from .choices import IN_SPACE, Choices
-from .space import facts_around, facts_in_space
+from .space import facts_in_space
 
 GROUPS = 2  # of frequencies, at most: for few images, compiling is what takes time
 
@@ -52,8 +52,7 @@ def setup_of(scan: Scan, choices: Choices, *, n_groups: int = GROUPS) -> Setup:
     own = scan.known.get("radii") if scan.kind == "circular_integrals" else None
     radii = choices.radii if own is None else real_array("radii", own, ("radii",))
     if choices.in_space:
-        facts = facts_in_space(scan, choices.channels)
-        curve = facts_around(scan, facts, choices.body_center).detectors
+        curve = facts_in_space(scan, choices.channels, choices.body_center).detectors
     else:
         curve = choices.curve(facts_of(scan).points)
     with bounded_as_said(choices):

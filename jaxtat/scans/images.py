@@ -33,7 +33,7 @@ from .choosing import choose
 from .constrained import fitted, warn_of_hardly_any
 from .frames import GROUPS, bounded_as_said, integrals, lit_frames, setup_of
 from .method import with_best_method
-from .space import TurnedOver, facts_around, facts_in_space, require_few
+from .space import TurnedOver, facts_in_space, require_few
 
 AT_A_TIME = 2**26  # bytes of data, as float64, that are reconstructed together
 TOGETHER, FEW = (32, 8), 2  # frames; the last are filled up, but for a single one
@@ -171,7 +171,8 @@ def reconstruct(
     out = out if room is None else room[: scan.n_frames]
     if tuple(out.shape) != images:
         raise ValueError(f"out has shape {tuple(out.shape)}, expected {images}.")
-    flipped = choices.in_space and _turned_over(scan, choices)
+    about = choices.body_center
+    flipped = choices.in_space and facts_in_space(scan, choices.channels, about).upside_down
     with tqdm(total=scan.n_frames, unit="image", disable=not progress or scan.n_frames == 1) as bar:
         one_by_one = ((k, 1) for k in range(scan.n_frames))
         fits = choices.model_based and plan is None
@@ -230,12 +231,6 @@ def without_blank_frames(scan: Scan, choices: Choices) -> Scan:
         stacklevel=3,
     )
     return some_frames(scan, np.flatnonzero(good))
-
-
-def _turned_over(scan: Scan, choices: Choices) -> bool:
-    """Whether the rings of a scan in space are taken in the mirror of their central plane."""
-    facts = facts_in_space(scan, choices.channels)
-    return facts_around(scan, facts, choices.body_center).upside_down
 
 
 def _first_start(setup: Setup) -> Array | None:

@@ -10,7 +10,7 @@ from ..io import Scan
 from ..records import ranges, supported
 from .acquisition import Facts, arc_through, blank_frames, facts_of, frame_numbers, in_space
 from .choices import Choices
-from .space import FactsInSpace, facts_around, facts_in_space
+from .space import FactsInSpace, facts_in_space
 
 STRAIGHT = 1e-3  # extent across over extent along, of a line
 
@@ -18,7 +18,7 @@ STRAIGHT = 1e-3  # extent across over extent along, of a line
 def describe(scan: Scan, choices: Choices) -> str:
     """Data, detectors, and what would be chosen for a reconstruction, as lines of text."""
     if in_space(scan):
-        facts = facts_around(scan, facts_in_space(scan, choices.channels), choices.body_center)
+        facts = facts_in_space(scan, choices.channels, choices.body_center)
     else:
         facts = facts_of(scan)
     facts = facts._replace(units=choices.units)  # as options say

@@ -22,7 +22,7 @@ from .estimate import Estimate
 from .medium import path_speed, slowest
 from .parameters import Parameters
 from .preprocess import Acquisition, AcquisitionInSpace
-from .space import facts_around, facts_in_space
+from .space import facts_in_space
 
 PIXELS, VOXELS = (65, 1025), (17, 129)  # along an axis, if none are given
 FITTED = 513  # pixels at most where there is no formula: half a minute's work
@@ -238,7 +238,7 @@ def with_waves_of_fit(scan: Scan, choices: Choices) -> Choices:
     """
     if not choices.in_space or "max_frequency" in choices.user_set:
         return choices
-    facts = facts_around(scan, facts_in_space(scan, choices.channels), choices.body_center)
+    facts = facts_in_space(scan, choices.channels, choices.body_center)
     alone = float(resolved_frequency(facts.detectors, choices.region_radius))
     if choices.max_frequency < alone * (1 - ROUNDING):  # what the record or the voxels hold
         return choices

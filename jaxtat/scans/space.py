@@ -66,12 +66,13 @@ class FactsInSpace(NamedTuple):
         return "on no rings"
 
 
-def facts_in_space(scan: Scan, use: object = None) -> FactsInSpace:
+def facts_in_space(scan: Scan, use: object = None, about: Any = None) -> FactsInSpace:
     """Detectors on rings, if they are, and times.
 
     Args:
         scan: of which `facts.in_space` is true.
         use: rows of the data to use, all by default.
+        about: a body's centre, see `facts_around`; by default their own.
 
     Raises:
         ValueError: for integrals of detectors that are neither on rings nor few, and as `rows_used`
@@ -99,7 +100,9 @@ def facts_in_space(scan: Scan, use: object = None) -> FactsInSpace:
         detectors = DetectorPoints(points, None, center, element_radius=sizes, normals=normals)
         order = np.arange(len(points))
         upside_down = False
-    return FactsInSpace(detectors, rows[order], radius, upside_down, times, units_of(radius, times))
+    units = units_of(radius, times)
+    facts = FactsInSpace(detectors, rows[order], radius, upside_down, times, units)
+    return facts_around(scan, facts, about)
 
 
 def facts_around(scan: Scan, facts: FactsInSpace, center: Any) -> FactsInSpace:
