@@ -38,7 +38,7 @@ SEEDS = {
 }
 HELD_OUT = 900  # from there on: rules are made on the others, these tell how good they are
 HALVES = ("rules", "held-out")
-SPEEDS = ("one", "two", "two-water-given")  # of sound, that are looked for
+SPEEDS = ("unsaid", "one", "two", "two-water-given")  # of sound, that are looked for
 HARDER = 1000  # from there on with more of what scanners do, see `_harder`
 LATE, WRONG = 2e-6, 0.005  # s that a record starts late or early, and radius of an array, at most
 RATE, SAMPLES = 40e6, 2030  # of a scanner

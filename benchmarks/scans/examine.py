@@ -15,6 +15,8 @@ from cases import SIZES, Case, cases, truth, write
 
 def options(case: Case, speeds: str) -> dict:
     """What `choose` is told."""
+    if speeds == "unsaid":
+        return {}
     water = {"water_speed": case.water} if speeds == "two-water-given" else {}
     return {"two_speeds": speeds != "one"} | water
 

@@ -1,7 +1,8 @@
 """Reconstructs all scans with no option, and shows what came of it beside the truth.
 
     python benchmarks/scans/run.py [--half rules|held-out] [--first NUMBER] [--only NAME] [--quick]
-        [--last NUMBER] [--no-oracle] [--speeds one|two|two-water-given] [--ablation] [--out FOLDER]
+        [--last NUMBER] [--no-oracle] [--speeds unsaid|one|two|two-water-given] [--ablation]
+        [--out FOLDER]
 
 The image without options is the fitted one for most records; "direct" is the formula's error.
 Writes scans.csv, scans.md and contact sheets (truth, with no option, oracle) into the folder.
@@ -68,7 +69,7 @@ def main() -> None:
     parser.add_argument("--only", metavar="NAME", help="scans whose name holds this")
     parser.add_argument("--quick", action="store_true", help="0.3 of all detectors and samples")
     parser.add_argument("--no-oracle", action="store_true", help="but what jaxtat chooses alone")
-    parser.add_argument("--speeds", choices=SPEEDS, default="one", help="of sound, estimated")
+    parser.add_argument("--speeds", choices=SPEEDS, default="unsaid", help="of sound, estimated")
     parser.add_argument("--ablation", action="store_true", help="also without each of the rules")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="scans at a time")
     parser.add_argument("--out", type=Path, default=Path("out/scans"), metavar="FOLDER")

@@ -404,8 +404,9 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
         "--two-speeds",
         action="store_true",
         default=None,
-        help="estimate the body in water of another speed, half a minute's work or a few; used if "
-        "it explains clearly more (default where the water's speed or temperature is given alone)",
+        help="estimate the body in water of another speed, a minute's work or a few; used if it "
+        "explains clearly more (default where the water's speed or temperature is given alone, and "
+        "in the plane where one speed leaves the start of the record open)",
     )
     speeds.add_argument(
         "--one-speed",

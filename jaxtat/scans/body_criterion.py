@@ -26,17 +26,18 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..base.checks import by_library
 from ..fitting import TotalVariation
-from ..fitting.alternating import Pace, step
+from ..fitting.alternating import Pace, of_weight, step
 from ..fitting.data_fit import DataFit
 from ..fitting.fit import begun
+from ..fitting.weight import SPREAD, balanced_weight
 from ..geometry import BallBody, DiskBody, body_about
 from .acquisition import FASTEST, SLOWEST
 from .choices import Choices
-from .misfit import Fit, Misfit, Sound, misfit_of, place_of
+from .misfit import Misfit, Sound, misfit_of, place_of
 from .misfit_in_space import misfit_of_volumes, place_in_space
 
 PIXELS = 65  # along an axis: coarse ones see wrong bodies from farther
@@ -86,11 +87,10 @@ class Through(NamedTuple):
         """That of (T, a, centre, c_2), with speeds within `RATIOS` of each other."""
         return _body_of(numbers, self.distance)
 
-    def by_one(self, speed: float) -> Fit:
+    def by_one(self, speed: float) -> tuple[Array, Array]:
         """An image by one speed, of all pixels, after few steps, and a weight that suits it."""
         one = body_about(self.center, self.reach / SUPPORT, speed, speed)
-        misfit = eqx.tree_at(lambda m: m.integrals, self.misfit, self.place.integrals(one))
-        return misfit.best(speed, steps=STEPS)
+        return self._image(one, None, STEPS)[:2]
 
     def low_passed(self, part: float) -> tuple["Through", float]:
         """The criterion in which frequencies fade above a part of the highest one.
@@ -121,26 +121,38 @@ class Through(NamedTuple):
         image: Any = None,
     ) -> BodyFit:
         """V and its derivatives after some steps, from an image or zeros."""
-        shape = (1, *self.misfit.support.shape)
-        start = jnp.zeros(shape, self.misfit.data.dtype) if image is None else image
-        value, left, share, slopes, image = _least(
-            self.misfit,
-            self.place,
-            jax.device_put(numbers),
-            jax.device_put(np.float64(self.distance)),
-            jax.device_put(np.float32(weight)),
-            jax.device_put(np.asarray(steps)),
-            start,
+        image, _, rough = self._image(self.body(numbers), weight, steps, image)
+        place, distance = self.place, jax.device_put(np.float64(self.distance))
+        half, left, slopes = _left_by(self.misfit, place, jax.device_put(numbers), distance, image)
+        value = float(half + rough)
+        return BodyFit(
+            value=value if np.isfinite(value) else np.inf,
+            left=np.asarray(left, float)[: int(self.misfit.n_detectors)],
+            share=float(np.sqrt(2 * half / self.energy)),
+            slopes=np.asarray(slopes, float),
+            image=image,
         )
-        of_each = np.asarray(left, float)[: int(self.misfit.n_detectors)]
-        finite = float(value) if np.isfinite(value) else np.inf
-        return BodyFit(finite, of_each, float(share), np.asarray(slopes, float), image)
 
-    def sounding(self, fit: Fit) -> tuple[Float[np.ndarray, " space"], float]:
+    def _image(
+        self, body: DiskBody | BallBody, weight: float | None, steps: int, start: Any = None
+    ) -> tuple[Array, Array, Array]:
+        """See `_fitted`; from zeros without a start, with a weight that suits without one."""
+        if start is None:
+            start = np.zeros((1, *self.misfit.support.shape), np.float32)
+        numbers = np.float32(weight or 0.0), weight is None, np.asarray(steps), start
+        through = _with_body(self.misfit, self.place, body)
+        return _fitted(through, jnp.asarray(body.water_speed), *jax.device_put(numbers))
+
+    @property
+    def energy(self) -> float:
+        """That of the record, as it counts."""
+        return float(jnp.sum(self.misfit.data**2))
+
+    def sounding(self, image: Array) -> tuple[Float[np.ndarray, " space"], float]:
         """The middle of an image, and the radius about it within which nearly all of it is."""
         points, power = (
             np.asarray(self.place.grid.points).reshape(-1, len(self.center)),
-            fit.image.ravel() ** 2,
+            np.asarray(image, float).ravel() ** 2,
         )
         middle = power @ points / max(float(power.sum()), 1e-300)
         distance = np.linalg.norm(points - middle, axis=1)
@@ -182,42 +194,57 @@ def _body_of(numbers: Any, distance: Any) -> DiskBody | BallBody:
 
 
 @eqx.filter_jit
-def _least(
+def _fitted(
+    misfit: Misfit,
+    water: Float[Array, ""],
+    weight: Float[Array, ""],
+    find: Bool[Array, ""],
+    steps: Int[Array, ""],
+    start: Float[Array, "1 *space"],
+) -> tuple[Array, Array, Array]:
+    """The image after some steps, w of total variation, found on the way if asked, and w TV."""
+    fit, penalty = misfit.fit_at(water, jnp.zeros(())), TotalVariation()
+    level, state = begun(fit, misfit.data, penalty, weight, start, 1)
+
+    def advance(_: Any, parts: Any) -> Any:
+        image, inner, weight = parts
+        left = inner.fitted - misfit.data
+        balanced = balanced_weight(fit, penalty, image, left, level.scale, SPREAD)
+        new = jnp.where(find, balanced, weight).astype(weight.dtype)
+        return *step(level, penalty, new, image, of_weight(inner, weight, new), PACE), new
+
+    parts = state.image, state.inner, state.weight
+    image, _, weight = jax.lax.fori_loop(0, steps, advance, parts)
+    return image, weight, weight * penalty.value(image, penalty.smoothing * level.scale.image)
+
+
+@eqx.filter_jit
+def _left_by(
     misfit: Misfit,
     place: Any,
     numbers: Float[Array, " numbers"],
     distance: Float[Array, ""],
-    weight: Float[Array, ""],
-    steps: Int[Array, ""],
-    start: Float[Array, "1 *space"],
-) -> tuple[Array, Array, Array, Array, Array]:
-    """V, what is left, its share and slopes, and the image."""
-    penalty, data = TotalVariation(), misfit.data
+    image: Float[Array, "1 *space"],
+) -> tuple[Array, Array, Array]:
+    """Half of what an image leaves, by detector too, and its derivatives in the numbers."""
 
     def model(numbers: Array) -> DataFit:
         body = _body_of(tuple(numbers), distance)
-        points = place.grid.points - body.center
-        support = jnp.linalg.norm(points, axis=-1) <= SUPPORT * body.radius
-        parts = place.integrals(body), support
-        through = eqx.tree_at(lambda m: (m.integrals, m.support), misfit, parts)
-        return through.fit_at(body.water_speed, jnp.zeros(()))
-
-    fit, slopes_of = eqx.filter_vjp(model, numbers)
-    level, state = begun(fit, data, penalty, weight, start, 1)
-
-    def advance(_: Any, parts: Any) -> Any:
-        image, inner = parts
-        return step(level, penalty, weight, image, inner, PACE)
-
-    image, _ = jax.lax.fori_loop(0, steps, advance, (state.image, state.inner))
+        return _with_body(misfit, place, body).fit_at(body.water_speed, jnp.zeros(()))
 
     def half_left(fit: DataFit) -> tuple[Array, Float[Array, " detectors"]]:
         with jax.enable_x64(False):  # else the rule of the non-uniform FFT mixes both precisions
-            left = jnp.sum((fit.modelled(image) - data)[0] ** 2, axis=1)
+            left = jnp.sum((fit.modelled(image) - misfit.data)[0] ** 2, axis=1)
         return jnp.sum(left) / 2, left
 
+    fit, slopes_of = eqx.filter_vjp(model, numbers)
     (half, left), of_parts = eqx.filter_value_and_grad(half_left, has_aux=True)(fit)
     (slopes,) = slopes_of(of_parts)
-    roughness = penalty.value(image, penalty.smoothing * level.scale.image)
-    share = jnp.sqrt(2 * half / jnp.sum(data**2))
-    return half + weight * roughness, left, share, slopes, image
+    return half, left, slopes
+
+
+def _with_body(misfit: Misfit, place: Any, body: DiskBody | BallBody) -> Misfit:
+    """The criterion with the waves of a body, in and around which there may be sound."""
+    away = jnp.linalg.norm(place.grid.points - body.center, axis=-1)
+    parts = place.integrals(body), away <= SUPPORT * body.radius
+    return eqx.tree_at(lambda m: (m.integrals, m.support), misfit, parts)

@@ -39,6 +39,7 @@ OFF = 1.005  # of the speed at which a weight is found: of small weights fits co
 PARTS, PARTS_IN_SPACE = (0.25, 0.5), (0.5,)  # of the frequencies, before all of them
 LISTENED = 100  # detectors in space, at most
 CONTRASTS, BEST = (0.98, 1.0, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of them are followed
+FELL = 0.05  # of V with the fewest frequencies, by which a body makes it fall at least
 UNITS = 0.004, 0.04, 0.05, 0.002  # of T, a, the centre, c_2
 LIGHT = 0.1  # of the weight: with all of it V was least 34 m/s away from the body of one scan
 COLD, WARM = 60, 25  # steps of fits from zeros, and from the best image so far
@@ -58,7 +59,8 @@ class BodyEstimate(NamedTuple):
     Attributes:
         body: the disk, or ball.
         standard_errors: of its numbers by name, the jackknife's over sectors of detectors:
-            "sound_speed", "radius", "center" and, where it was not given, "water_speed".
+            "sound_speed", "radius", "center" and, where it was not given, "water_speed"; empty
+            where few frequencies already show no body: then all else is of these alone.
         one_speed: the single speed that explains most [length/time].
         share, share_of_one: of the record, that is left unexplained by two speeds and by one.
         gain: 1 - (share / share_of_one)², by which less is left.
@@ -130,7 +132,12 @@ def estimate_body(
         n_free=len(first) - (water_speed is not None),
         parts=PARTS_IN_SPACE if in_space else PARTS,
     )
-    two = search.newton(*search.through_frequencies())
+    first_look = search.low_passed(search.parts[0])
+    end = first_look.lowest_of_starts()
+    by_one = first_look.one_speed(end[0])
+    if end[1].value > (1 - FELL) * by_one[1].value:
+        return _hardly_less(first_look, *end, *by_one)
+    two = search.newton(*search.through_frequencies(*end))
     return _estimate(search, two, *search.one_speed(two.numbers))
 
 
@@ -163,13 +170,13 @@ def _about_what_sounds(
     margin = MARGIN_IN_SPACE if choices.in_space else MARGIN
     center, radius = np.array(choices.region_center), choices.region_radius / margin
     through = through_bodies(sound, choices, center, radius)
-    fit = through.by_one(OFF * choices.sound_speed)
-    seen = through.sounding(fit)
+    image, weight = through.by_one(OFF * choices.sound_speed)
+    seen = through.sounding(image)
     if choices.grade("region_radius") == SURE or seen[1] > SMALLER * radius:
-        return through, center, radius, fit.weight
+        return through, center, radius, float(weight)
     center, radius = seen[0], AROUND * seen[1]
     through = through_bodies(sound, choices, center, radius)
-    return through, center, radius, through.by_one(OFF * choices.sound_speed).weight
+    return through, center, radius, float(through.by_one(OFF * choices.sound_speed)[1])
 
 
 def _each(values: tuple[float, float, float, float], dim: int) -> Float[np.ndarray, " numbers"]:
@@ -236,14 +243,18 @@ class _Search(NamedTuple):
     n_free: int
     parts: tuple[float, ...]
 
-    def through_frequencies(self) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
-        """Where V is least, downhill from where it is so with few frequencies; V there."""
-        low, *higher = (self.low_passed(part) for part in self.parts)
-        ends = [low.downhill(*start) for start in low.starts()]
-        end = min(ends, key=lambda end: end[1].value)
-        for search in (*higher, self):
-            end = search.downhill(end[0], search.at(*end))
-        return end
+    def lowest_of_starts(self) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
+        """Where V is least downhill from the starts, and V there."""
+        ends = [self.downhill(*start) for start in self.starts()]
+        return min(ends, key=lambda end: end[1].value)
+
+    def through_frequencies(
+        self, numbers: Float[np.ndarray, " numbers"], fit: BodyFit
+    ) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
+        """Where V is least, downhill from where it is so with the fewest; V there."""
+        for search in (*map(self.low_passed, self.parts[1:]), self):
+            numbers, fit = search.downhill(numbers, search.at(numbers, fit))
+        return numbers, fit
 
     @property
     def water_is_free(self) -> bool:
@@ -376,6 +387,32 @@ def _lowest(
         height, best[0], jac=True, method="L-BFGS-B", bounds=bounds, options=most
     )
     return best
+
+
+def _hardly_less(
+    search: _Search,
+    numbers: Float[np.ndarray, " numbers"],
+    fit: BodyFit,
+    alike: Float[np.ndarray, " numbers"],
+    by_one: BodyFit,
+) -> BodyEstimate:
+    """A body with which few frequencies are explained hardly better: it is not looked for further.
+
+    Args:
+        numbers, fit: the least by two speeds.
+        alike, by_one: the numbers of the best single speed, and V there.
+    """
+    return BodyEstimate(
+        body=search.through.body(numbers),
+        standard_errors={},
+        one_speed=float(alike[-1]),
+        share=fit.share,
+        share_of_one=by_one.share,
+        gain=1 - (fit.share / by_one.share) ** 2,
+        gain_error=np.inf,
+        clear=False,
+        grade=GUESSED,
+    )
 
 
 def _estimate(

@@ -1,5 +1,6 @@
 """The automatic choices for a scan; each can be given instead."""
 
+import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,11 +14,15 @@ from .noise import estimate_alpha
 from .two_speeds import (
     choices_of,
     lacks_second,
+    may_have_two,
     require_one,
+    with_clear_body,
     with_one_said,
     with_two_speeds,
     with_water_of,
 )
+
+_LOG = logging.getLogger(__name__)
 
 
 def choose(scan: Scan, **given: Any) -> Choices:
@@ -29,9 +34,9 @@ def choose(scan: Scan, **given: Any) -> Choices:
             (noisy and saturated ones among them too), ``radii`` of the circular integrals,
             ``band="none"``, ``length_unit``, in which the scan's positions are: "m", "cm", "mm" or
             "um", ``two_speeds``: True to estimate a body of another speed of sound than that of
-            water, see `estimate_body`, as where ``water_speed`` is given alone, False for one
-            speed; and ``water_temperature`` [°C] in place of ``water_speed``. What is None is
-            chosen.
+            water, see `estimate_body`, as where ``water_speed`` is given alone and where images
+            of one speed leave the start of a record in the plane open, False for one speed; and
+            ``water_temperature`` [°C] in place of ``water_speed``. What is None is chosen.
 
     Returns:
         Choices, with a reason for each.
@@ -61,16 +66,25 @@ NAMES = (
 def _chosen(scan: Scan, given: Mapping[str, Any]) -> Choices:
     others = dict(given)
     two = others.pop("two_speeds", None)
-    if two is not None and not two:
+    only_one = two is not None and not two
+    if only_one:
         require_one(scan, others)
-        return with_one_said(_chosen(scan, others))
     for name in ("body_center",) if in_space(scan) else ("region_center", "body_center"):
         if given.get(name) is not None:
             real_array(name, given[name], (3 if in_space(scan) else 2,))
     others = with_water_of(scan, others)
     if two or lacks_second(scan, others):
         return with_two_speeds(scan, others)
-    return choices_of(scan, others)
+    made = choices_of(scan, others)
+    if only_one:
+        return with_one_said(made)
+    if not may_have_two(scan, others, made):
+        return made
+    _LOG.info(
+        "one speed of sound leaves the start of the record open: a body of another speed is looked "
+        "for, which takes a minute or two (--one-speed leaves it out)"
+    )
+    return with_clear_body(scan, others, made)
 
 
 def _require_known(given: Mapping[str, Any]) -> None:

@@ -14,9 +14,11 @@ from .choices import Choices
 from .medium import OF_BODY
 from .pipeline import IN_SPACE, choices_in_plane, choices_in_space
 from .space import units_of_scan
+from .start_time import start_and_speed
 
 LARGER = 1.1  # the region than the body
 ESTIMATED = ("sound_speed", "body_radius", "body_center")
+OF_SPEEDS = (*ESTIMATED, "water_speed")
 KEPT = ("model", "time_shift")  # as one speed tells them, while two are looked for
 
 
@@ -86,8 +88,42 @@ def choices_of(scan: Scan, given: Mapping[str, Any]) -> Choices:
     return (choices_in_space if in_space(scan) else choices_in_plane)(scan, given)
 
 
+def may_have_two(scan: Scan, given: Mapping[str, Any], made: Choices) -> bool:
+    """Whether a body of another speed is looked for that nobody asked for.
+
+    In the plane, where images told the speed, but not the start with it: a body of another speed
+    looks like another start to first order, and to second order like no start at all. A record
+    whose start one speed tells has no such body.
+
+    Args:
+        scan: in the plane or in space.
+        given: options by name.
+        made: choices with one speed.
+    """
+    if made.model not in MODELS or any(given.get(name) is not None for name in OF_SPEEDS):
+        return False
+    if "sound_speed" not in dict(made.standard_errors):
+        return False
+    if made.grade("time_shift") != SURE:
+        return made.grade("time_shift") == GUESSED
+    start = start_and_speed(scan, made)
+    return start is None or start.differs or start.grade == GUESSED
+
+
+def with_clear_body(scan: Scan, given: Mapping[str, Any], made: Choices) -> Choices:
+    """Choices through the body that explains clearly more of a typical frame, or as they are.
+
+    Args:
+        scan: of pressure.
+        given: options by name.
+        made: choices with one speed.
+    """
+    other, found = _with_body(scan, given, made)
+    return _through_body(scan, given, other, found) if found and found.clear else made
+
+
 def with_two_speeds(scan: Scan, given: Mapping[str, Any]) -> Choices:
-    """Choices through the body that explains clearly more of a typical frame, or by one speed.
+    """Choices through the body that explains clearly more, or by one speed, with what was seen.
 
     Args:
         scan: of pressure.
@@ -104,10 +140,10 @@ def with_two_speeds(scan: Scan, given: Mapping[str, Any]) -> Choices:
     if made.model not in (*MODELS, IN_SPACE):
         raise ValueError("two_speeds is of pressure records: leave it out.")
     made, found = _with_body(scan, given, made)
-    if found is None or not found.clear:
-        told = "the record is too short to tell a second one" if found is None else str(found)
-        return _said_of_speed(made, f"by two speeds {told}")
-    return _through_body(scan, given, made, found)
+    if found and found.clear:
+        return _through_body(scan, given, made, found)
+    told = "the record is too short to tell a second one" if found is None else str(found)
+    return _said_of_speed(made, f"by two speeds {told}")
 
 
 def _with_body(

@@ -17,6 +17,7 @@ from jaxtat.scans import (
     body_criterion,
     choose,
     estimate_body,
+    pipeline,
     shares_by_speed,
     trials,
     two_speeds,
@@ -24,6 +25,7 @@ from jaxtat.scans import (
 from jaxtat.scans.acoustics import sound_of
 from jaxtat.scans.body_criterion import BodyFit, Through, through_bodies
 from jaxtat.scans.body_estimate import BodyEstimate, _Near, _Search
+from jaxtat.scans.start_time import Start
 
 pytestmark = pytest.mark.slow
 
@@ -271,6 +273,56 @@ def test_a_speed_is_tried_through_the_body_that_was_found(through_body, told, mo
     chosen = choose(scan, **given)
     (one,) = trials(scan, chosen, given, "sound_speed", [1560.0])
     assert (one.sound_speed, one.body_radius) == (1560.0, RADIUS)
+
+
+def start_of(shift, error):
+    """What images tell of a record's start."""
+    return lambda *_: Start(shift, error, SPEED, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("start", "asks"),
+    [
+        (start_of(0.0, 1e-8), False),
+        (start_of(1e-6, 1e-8), False),
+        (lambda *_: None, True),
+    ],
+    ids=["told as in the file", "told to be another", "not told"],
+)
+def test_a_body_is_looked_for_where_the_start_is_not_told(start, asks, told, monkeypatch):
+    monkeypatch.setattr(pipeline, "start_and_speed", start)
+    asked = told(None)
+    chosen = choose(scan_of(record()), pixels=41)
+    assert asked == ([None] if asks else []) and chosen.water_speed is None
+    assert ("too short" in dict(chosen.reasons)["sound_speed"]) == asks
+
+
+@pytest.mark.parametrize(
+    ("start", "asks"),
+    [
+        (start_of(0.0, 1e-8), False),
+        (start_of(1e-6, 1e-8), True),
+        (lambda *_: None, True),
+    ],
+    ids=["as the file says", "another", "not told"],
+)
+def test_a_start_of_the_file_is_compared_with_the_one_that_images_tell(
+    start, asks, told, monkeypatch
+):
+    """A body looks like another start than the one that is known."""
+    monkeypatch.setattr(two_speeds, "start_and_speed", start)
+    asked = told(None)
+    choose(scan_of(record(), times=TIMES), pixels=41)
+    assert asked == ([None] if asks else [])
+
+
+@pytest.mark.parametrize(
+    "given", [{"sound_speed": SPEED}, {"two_speeds": False}], ids=["a speed", "one speed"]
+)
+def test_no_body_is_looked_for_where_a_speed_is_given(given, told, monkeypatch):
+    monkeypatch.setattr(pipeline, "start_and_speed", lambda *_: None)
+    asked = told(FOUND)
+    assert choose(scan_of(record()), pixels=41, **given).medium is None and not asked
 
 
 @pytest.mark.parametrize("start", [0.0, 4e-7])
