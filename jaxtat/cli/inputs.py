@@ -18,6 +18,7 @@ from ..regularization import FixedRank, NormBound, Regularization, SingularValue
 from ..scans import Choices, choose, setup_of, with_facts
 from ..scans.acquisition import facts_of, in_space
 from ..scans.frames import require_radii
+from ..scans.medium import OF_BODY
 from ..scans.space import units_of_scan
 from ..steps import AccuracyWarning, polar_grid
 from .option_checks import band, is_given, require_values, slices
@@ -202,7 +203,12 @@ def setup_of_plan(options: argparse.Namespace) -> Setup:
         n = 1 if positions is None else len(positions)
         scan = Scan("circular_integrals", np.zeros((n, 1)))  # geometry alone
         scan = with_facts(scan, scanner=options.scanner, detectors=positions)
-    return setup_in_plane(scan, choose(scan, **given(options, scan)))
+    asked = given(options, scan)
+    if scan.kind == "pressure" and not any(
+        asked[name] is not None for name in (*OF_BODY, *OF_TWO_SPEEDS)
+    ):
+        asked["two_speeds"] = False  # a plan is for many records, of which this is one
+    return setup_in_plane(scan, choose(scan, **asked))
 
 
 def setup_in_plane(scan: Scan, choices: Choices) -> Setup:

@@ -100,7 +100,8 @@ def may_have_two(scan: Scan, given: Mapping[str, Any], made: Choices) -> bool:
         given: options by name.
         made: choices with one speed.
     """
-    if made.model not in MODELS or any(given.get(name) is not None for name in OF_SPEEDS):
+    fixed = any(given.get(name) is not None for name in (*OF_SPEEDS, "radii"))
+    if fixed or made.model not in MODELS:
         return False
     if "sound_speed" not in dict(made.standard_errors):
         return False

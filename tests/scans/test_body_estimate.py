@@ -294,7 +294,19 @@ def test_a_body_is_looked_for_where_the_start_is_not_told(start, asks, told, mon
     asked = told(None)
     chosen = choose(scan_of(record()), pixels=41)
     assert asked == ([None] if asks else []) and chosen.water_speed is None
-    assert ("too short" in dict(chosen.reasons)["sound_speed"]) == asks
+
+
+@pytest.mark.parametrize("clear", [True, False])
+def test_a_body_that_nobody_asked_for_is_taken_where_it_is_clear(clear, told, monkeypatch, caplog):
+    monkeypatch.setattr(pipeline, "start_and_speed", lambda *_: None)
+    told(FOUND._replace(clear=clear))
+    scan = scan_of(record())
+    one = choose(scan, pixels=41, two_speeds=False)
+    with caplog.at_level("INFO", logger="jaxtat.scans"):
+        chosen = choose(scan, pixels=41)
+    assert "a body of another speed is looked for" in caplog.text
+    assert (chosen.medium is not None) == clear
+    assert chosen.sound_speed == (TISSUE if clear else one.sound_speed)
 
 
 @pytest.mark.parametrize(
