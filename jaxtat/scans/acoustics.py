@@ -33,6 +33,8 @@ from .speed_found import UNSURE
 
 FEWEST_SAMPLES = 64  # in which sound passes
 LATE = 1.0 / 13  # of the arrival from the middle: a start may be wrong by that
+# ends of the speeds for which a record is cut, over nominal
+SPEEDS_SOUGHT = SLOWEST * (1 - LATE), FASTEST * (1 + LATE)
 CLEARLY = 0.5  # share² that the right model must spare, to be likely
 MUCH_LESS = 0.3  # and another speed than the file's
 EXPLAINED = 0.4  # share, below which an image explains most of a record
@@ -216,8 +218,8 @@ def _told(sound: Sound, model: str, nominal: float, *, sought: bool) -> Told:
     Args:
         sought: whether the speed is.
     """
-    ends = (SLOWEST * (1 - LATE) * nominal, FASTEST * (1 + LATE) * nominal)
-    misfit = misfit_of(sound, model, ends)
+    first, last = SPEEDS_SOUGHT
+    misfit = misfit_of(sound, model, (first * nominal, last * nominal))
     first = misfit.best(nominal)
     if not sought:
         return Told(model, misfit, first.weight, Least(nominal, np.inf, 0.0, first))

@@ -4,10 +4,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ..base.choice_table import GUESSED, SURE
 from ..io import Scan
 from ..records import MODELS
 from ..records.water import water_speed
+from .acoustics import SPEEDS_SOUGHT, shares_by_speed
 from .acquisition import WATER, in_space, nominal_water_speed, typical_frame
 from .body_estimate import BodyEstimate, estimate_body
 from .choices import Choices
@@ -18,6 +21,7 @@ from .start_time import start_and_speed
 
 LARGER = 1.1  # the region than the body
 ESTIMATED = ("sound_speed", "body_radius", "body_center")
+UNEXPLAINED = 0.5  # share of a record, above which no body is looked for that nobody asked for
 OF_SPEEDS = (*ESTIMATED, "water_speed")
 KEPT = ("model", "time_shift")  # as one speed tells them, while two are looked for
 
@@ -93,7 +97,8 @@ def may_have_two(scan: Scan, given: Mapping[str, Any], made: Choices) -> bool:
 
     In the plane, where images told the speed, but not the start with it: a body of another speed
     looks like another start to first order, and to second order like no start at all. A record
-    whose start one speed tells has no such body.
+    whose start one speed tells has no such body. One of which most is unexplained has more amiss
+    than a body could mend.
 
     Args:
         scan: in the plane or in space.
@@ -105,10 +110,25 @@ def may_have_two(scan: Scan, given: Mapping[str, Any], made: Choices) -> bool:
         return False
     if "sound_speed" not in dict(made.standard_errors):
         return False
+    return not _start_is_told(scan, made) and _most_is_explained(scan, made)
+
+
+def _start_is_told(scan: Scan, made: Choices) -> bool:
+    """Whether images of one speed tell the start, and the same as one that is known."""
     if made.grade("time_shift") != SURE:
-        return made.grade("time_shift") == GUESSED
+        return made.grade("time_shift") != GUESSED
     start = start_and_speed(scan, made)
-    return start is None or start.differs or start.grade == GUESSED
+    return start is not None and start.grade != GUESSED and not start.differs
+
+
+def _most_is_explained(scan: Scan, made: Choices) -> bool:
+    """Asked as the speed was looked for, by programs that are compiled already."""
+    nominal = nominal_water_speed(made.units) or made.sound_speed
+    first, last = SPEEDS_SOUGHT
+    speeds = np.array([first * nominal, made.sound_speed, last * nominal])
+    as_then = replace(made, sound_speed=nominal)
+    shares = shares_by_speed(scan, as_then, typical_frame(scan), speeds)
+    return shares is not None and bool(shares[1] <= UNEXPLAINED)
 
 
 def with_clear_body(scan: Scan, given: Mapping[str, Any], made: Choices) -> Choices:
