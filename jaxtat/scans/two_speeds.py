@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.choice_table import GUESSED, SURE
+from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..io import Scan
 from ..records import MODELS
 from ..records.water import water_speed
@@ -21,6 +21,7 @@ from .start_time import start_and_speed
 
 LARGER = 1.1  # the region than the body
 ESTIMATED = ("sound_speed", "body_radius", "body_center")
+NEAR = 2.0  # standard errors of a start that one speed tells
 UNEXPLAINED = 0.5  # share of a record, above which no body is looked for that nobody asked for
 OF_SPEEDS = (*ESTIMATED, "water_speed")
 KEPT = ("model", "time_shift")  # as one speed tells them, while two are looked for
@@ -110,15 +111,17 @@ def may_have_two(scan: Scan, given: Mapping[str, Any], made: Choices) -> bool:
         return False
     if "sound_speed" not in dict(made.standard_errors):
         return False
-    return not _start_is_told(scan, made) and _most_is_explained(scan, made)
+    return _most_is_explained(scan, made) and not _start_is_told(scan, made)
 
 
 def _start_is_told(scan: Scan, made: Choices) -> bool:
-    """Whether images of one speed tell the start, and the same as one that is known."""
-    if made.grade("time_shift") != SURE:
-        return made.grade("time_shift") != GUESSED
+    """Whether images of one speed tell the start, and the same as the file or the user."""
+    if made.grade("time_shift") == LIKELY:
+        return True
+    if made.grade("time_shift") == GUESSED and made.time_shift != 0:
+        return False
     start = start_and_speed(scan, made)
-    return start is not None and start.grade != GUESSED and not start.differs
+    return start is not None and start.even and abs(start.shift) <= NEAR * start.standard_error
 
 
 def _most_is_explained(scan: Scan, made: Choices) -> bool:

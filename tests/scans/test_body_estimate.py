@@ -290,7 +290,8 @@ def start_of(shift, error):
     ids=["told as in the file", "told to be another", "not told"],
 )
 def test_a_body_is_looked_for_where_the_start_is_not_told(start, asks, told, monkeypatch):
-    monkeypatch.setattr(pipeline, "start_and_speed", start)
+    for room in (pipeline, two_speeds):
+        monkeypatch.setattr(room, "start_and_speed", start)
     asked = told(None)
     chosen = choose(scan_of(record()), pixels=41)
     assert asked == ([None] if asks else []) and chosen.water_speed is None

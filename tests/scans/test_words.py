@@ -42,7 +42,10 @@ def decided(scan, **options):
 
 
 def test_other_words_give_the_same_choices(monkeypatch):
-    options = ({}, {"sound_speed": SPEED, "model": "in-plane", "low_pass": "none"})
+    options = (
+        {"two_speeds": False},
+        {"sound_speed": SPEED, "model": "in-plane", "low_pass": "none"},
+    )
     wanted = [decided(made(), **some) for some in options]
     sentence, with_reason = Estimate.sentence, Choices.with_reason
     monkeypatch.setattr(Estimate, "sentence", lambda self, units: sentence(self, units)[::-1])
