@@ -87,7 +87,9 @@ def main() -> None:
     rows: list[dict] = []
     size = "quick" if options.quick else "full"
     script = "ablation.py" if options.ablation else "examine.py"
-    how = (script, size, not options.no_oracle, options.speeds, options.out)
+    # without the rule of starts a body would be looked for as well
+    speeds = "one" if options.ablation else options.speeds
+    how = (script, size, not options.no_oracle, speeds, options.out)
     with ThreadPoolExecutor(options.jobs) as pool:
         made = pool.map(lambda case: examined(case, *how), wanted)
         for row in made:

@@ -1,9 +1,12 @@
 """The commands. Heavy imports wait until one is run, so that --help is quick."""
 
 import argparse
+import logging
 import sys
 import time
 import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..base.option_values import OME_ZARR
@@ -44,7 +47,8 @@ def info(options: argparse.Namespace) -> None:
     scan, options = scan_of(options)
     asked = given(options, scan)
     try:
-        choices = choose(scan, **asked)
+        with _long_work_told(quiet=False):
+            choices = choose(scan, **asked)
     except NoRegion as error:
         if options.json:
             raise
@@ -255,6 +259,7 @@ def prepared(
     from ..scans import choose, integrals, with_best_method
     from ..scans.acquisition import in_space
     from .inputs import (
+        for_plan,
         given,
         plan_for,
         repeated,
@@ -274,7 +279,10 @@ def prepared(
         options_set = given(left, scan, plan)
         if options_set["pixels"] is None and not in_space(scan):
             options_set["pixels"] = pixels
-        choices = choose(scan, **options_set)
+        if plan is not None or wants_plan(options):
+            options_set = for_plan(scan, options_set)
+        with _long_work_told(options.quiet):
+            choices = choose(scan, **options_set)
         require_size(scan, choices)
         if fits and plan is None and not wants_plan(options):
             choices = with_best_method(scan, choices)
@@ -293,6 +301,22 @@ def prepared(
     if plan is not None:
         _report(options, _accuracy(plan), start)
     return scan, choices, plan, options
+
+
+@contextmanager
+def _long_work_told(quiet: bool) -> Iterator[None]:
+    """While choices are made, say on stderr what takes long, unless all is to be quiet."""
+    log, told = logging.getLogger("jaxtat.scans"), logging.StreamHandler()
+    told.setFormatter(logging.Formatter("jaxtat: %(message)s"))
+    level = log.level
+    if not quiet:
+        log.addHandler(told)
+        log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(told)
+        log.setLevel(level)
 
 
 def _accuracy(plan) -> str:

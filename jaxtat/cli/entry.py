@@ -2,12 +2,10 @@
 
 import argparse
 import gc
-import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 
 from ..base.messages import reason_of
 from .option_checks import require_options
@@ -70,29 +68,13 @@ def _run(options: argparse.Namespace) -> bool:
     from ..geometry import VisibilityWarning
     from ..steps import AccuracyWarning, Contradiction
 
-    with one_blas_thread(), _long_work_told(options), warnings.catch_warnings():
+    with one_blas_thread(), warnings.catch_warnings():
         warnings.simplefilter("always", VisibilityWarning)
         warnings.simplefilter("always", AccuracyWarning)
         shown: dict[str, type[Warning]] = {}
         warnings.showwarning = _notes(shown)
         options.run(options)
     return Contradiction in shown.values()
-
-
-@contextmanager
-def _long_work_told(options: argparse.Namespace) -> Iterator[None]:
-    """While choices are made, say on stderr what takes long, unless all is to be quiet."""
-    log, told = logging.getLogger("jaxtat.scans"), logging.StreamHandler()
-    told.setFormatter(logging.Formatter("jaxtat: %(message)s"))
-    level = log.level
-    if not getattr(options, "quiet", False):
-        log.addHandler(told)
-        log.setLevel(logging.INFO)
-    try:
-        yield
-    finally:
-        log.removeHandler(told)
-        log.setLevel(level)
 
 
 def begin(cache: str | None, no_cache: bool) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..base.choice_table import NUMBERS, OF_TWO_SPEEDS, OPTIONS, words_of
 from ..geometry import in_plane
+from ..geometry.bodies import BEYOND
 from ..io import Scan
 from ..scans import Choices, to_look_at
 from ..scans.frames import shifted_times
@@ -78,6 +79,10 @@ def _values(scan: Scan, choices: Choices, name: str) -> list[float]:
         return tried
     distances = _distances(scan, choices)
     most = SHARES[1] * distances.min()
+    if choices.medium is not None:  # beyond, sound would be counted as from inside the body
+        body = choices.medium
+        off = np.linalg.norm(np.asarray(body.center) - np.asarray(choices.region_center))
+        most = min(most, BEYOND * float(body.radius) - float(off))
     times = shifted_times(scan, choices)
     if choices.in_space and times is not None:  # and no farther than the record reaches
         most = min(most, float(times[-1]) * choices.sound_speed - distances.max())

@@ -203,12 +203,16 @@ def setup_of_plan(options: argparse.Namespace) -> Setup:
         n = 1 if positions is None else len(positions)
         scan = Scan("circular_integrals", np.zeros((n, 1)))  # geometry alone
         scan = with_facts(scan, scanner=options.scanner, detectors=positions)
-    asked = given(options, scan)
-    if scan.kind == "pressure" and not any(
-        asked[name] is not None for name in (*OF_BODY, *OF_TWO_SPEEDS)
-    ):
-        asked["two_speeds"] = False  # a plan is for many records, of which this is one
-    return setup_in_plane(scan, choose(scan, **asked))
+    return setup_in_plane(scan, choose(scan, **for_plan(scan, given(options, scan))))
+
+
+def for_plan(scan: Scan, asked: dict[str, Any]) -> dict[str, Any]:
+    """Choices of a plan: with one speed of sound, unless two are asked for.
+
+    A plan is for many records, of which this is one.
+    """
+    of_two = any(asked[name] is not None for name in (*OF_BODY, *OF_TWO_SPEEDS))
+    return asked if of_two or scan.kind != "pressure" else asked | {"two_speeds": False}
 
 
 def setup_in_plane(scan: Scan, choices: Choices) -> Setup:

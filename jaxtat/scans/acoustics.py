@@ -34,7 +34,7 @@ from .speed_found import UNSURE
 FEWEST_SAMPLES = 64  # in which sound passes
 LATE = 1.0 / 13  # of the arrival from the middle: a start may be wrong by that
 # ends of the speeds for which a record is cut, over nominal
-SPEEDS_SOUGHT = SLOWEST * (1 - LATE), FASTEST * (1 + LATE)
+SLOWEST_SOUGHT, FASTEST_SOUGHT = SLOWEST * (1 - LATE), FASTEST * (1 + LATE)
 CLEARLY = 0.5  # share² that the right model must spare, to be likely
 MUCH_LESS = 0.3  # and another speed than the file's
 EXPLAINED = 0.4  # share, below which an image explains most of a record
@@ -99,6 +99,7 @@ def shares_by_speed(
     choices: Choices,
     frame: Float[np.ndarray, "rows samples"],
     speeds: Float[np.ndarray, " speeds"],
+    ends: tuple[float, float] | None = None,
 ) -> Float[np.ndarray, " speeds"] | None:
     """What share of a frame the best image leaves unexplained at each speed of sound.
 
@@ -106,6 +107,7 @@ def shares_by_speed(
         scan, choices: in the plane, of pressure.
         frame: rows as in the file.
         speeds: (speeds,) [length/time].
+        ends: least and greatest that could be asked for; by default of these [length/time].
 
     Returns:
         ||record of the image - record|| / ||record||, see `misfit`; None of a record that is too
@@ -114,7 +116,8 @@ def shares_by_speed(
     sound, speed = sound_of(scan, choices, frame), choices.sound_speed
     if sound is None:
         return None
-    misfit = misfit_of(sound, choices.model, (float(min(speeds)), float(max(speeds))))
+    ends = ends or (float(min(speeds)), float(max(speeds)))
+    misfit = misfit_of(sound, choices.model, ends)
     weight = misfit.best(speed).weight
     return np.array([misfit.best(float(c), weight=weight).share for c in speeds])
 
@@ -218,8 +221,7 @@ def _told(sound: Sound, model: str, nominal: float, *, sought: bool) -> Told:
     Args:
         sought: whether the speed is.
     """
-    first, last = SPEEDS_SOUGHT
-    misfit = misfit_of(sound, model, (first * nominal, last * nominal))
+    misfit = misfit_of(sound, model, (SLOWEST_SOUGHT * nominal, FASTEST_SOUGHT * nominal))
     first = misfit.best(nominal)
     if not sought:
         return Told(model, misfit, first.weight, Least(nominal, np.inf, 0.0, first))

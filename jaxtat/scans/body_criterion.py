@@ -29,15 +29,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..base.checks import by_library
-from ..fitting import TotalVariation
-from ..fitting.alternating import Pace, of_weight, step
+from ..fitting.alternating import Pace
 from ..fitting.data_fit import DataFit
-from ..fitting.fit import begun
-from ..fitting.weight import SPREAD, balanced_weight
 from ..geometry import BallBody, DiskBody, body_about
 from .acquisition import FASTEST, SLOWEST
 from .choices import Choices
-from .misfit import Misfit, Sound, misfit_of, place_of
+from .misfit import Misfit, Sound, after_steps, misfit_of, place_of
 from .misfit_in_space import misfit_of_volumes, place_in_space
 
 PIXELS = 65  # along an axis: coarse ones see wrong bodies from farther
@@ -102,9 +99,8 @@ class Through(NamedTuple):
         n, most = self.n_frequencies, m.fourier.shape[1]
         fade = np.tile(np.exp(-((np.arange(most) / n / part) ** 2)), 2).astype(np.float32)
         parts = m.data * fade, m.whitening * fade
-        faded = eqx.tree_at(lambda m: (m.data, m.whitening), m, parts)
-        energy = float((parts[0] ** 2).sum() / (m.data**2).sum())
-        return self._replace(misfit=faded), energy
+        faded = self._replace(misfit=eqx.tree_at(lambda m: (m.data, m.whitening), m, parts))
+        return faded, faded.energy / self.energy
 
     @property
     def n_frequencies(self) -> int:
@@ -139,9 +135,9 @@ class Through(NamedTuple):
         """See `_fitted`; from zeros without a start, with a weight that suits without one."""
         if start is None:
             start = np.zeros((1, *self.misfit.support.shape), np.float32)
-        numbers = np.float32(weight or 0.0), weight is None, np.asarray(steps), start
+        fitting = np.float32(weight or 0.0), weight is None, np.asarray(steps), start
         through = _with_body(self.misfit, self.place, body)
-        return _fitted(through, jnp.asarray(body.water_speed), *jax.device_put(numbers))
+        return _fitted(through, jnp.asarray(body.water_speed), *jax.device_put(fitting))
 
     @property
     def energy(self) -> float:
@@ -202,20 +198,9 @@ def _fitted(
     steps: Int[Array, ""],
     start: Float[Array, "1 *space"],
 ) -> tuple[Array, Array, Array]:
-    """The image after some steps, w of total variation, found on the way if asked, and w TV."""
-    fit, penalty = misfit.fit_at(water, jnp.zeros(())), TotalVariation()
-    level, state = begun(fit, misfit.data, penalty, weight, start, 1)
-
-    def advance(_: Any, parts: Any) -> Any:
-        image, inner, weight = parts
-        left = inner.fitted - misfit.data
-        balanced = balanced_weight(fit, penalty, image, left, level.scale, SPREAD)
-        new = jnp.where(find, balanced, weight).astype(weight.dtype)
-        return *step(level, penalty, new, image, of_weight(inner, weight, new), PACE), new
-
-    parts = state.image, state.inner, state.weight
-    image, _, weight = jax.lax.fori_loop(0, steps, advance, parts)
-    return image, weight, weight * penalty.value(image, penalty.smoothing * level.scale.image)
+    """See `misfit.after_steps`."""
+    fit = misfit.fit_at(water, jnp.zeros(()))
+    return after_steps(fit, misfit.data, weight, find, steps, start, PACE)
 
 
 @eqx.filter_jit

@@ -3,9 +3,10 @@
 The criterion is that of `body_criterion`, with a tenth of the weight and fits that come near their
 end. Of all frequencies it has many valleys, of low ones few. So its least is looked for downhill
 with the lowest quarter of frequencies, from one speed and from bodies slower and faster than the
-water, then with half of them, with which it begins in space, then with all. Newton's method, by
-differences of slopes, ends it. What is left for each detector beside the end gives the jackknife
-over sectors of detectors at no further cost.
+water. Where no body makes V fall by more than 2 %, it ends there. Else it goes on with half of the
+frequencies, with which it begins in space, then with all. Newton's method, by differences of
+slopes, ends it. What is left for each detector beside the end gives the jackknife over sectors of
+detectors at no further cost.
 """
 
 from collections.abc import Callable
@@ -39,7 +40,7 @@ OFF = 1.005  # of the speed at which a weight is found: of small weights fits co
 PARTS, PARTS_IN_SPACE = (0.25, 0.5), (0.5,)  # of the frequencies, before all of them
 LISTENED = 100  # detectors in space, at most
 CONTRASTS, BEST = (0.98, 1.0, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of them are followed
-FELL = 0.05  # of V with the fewest frequencies, by which a body makes it fall at least
+FELL = 0.02  # of V with the fewest frequencies, by which a body makes it fall at least
 UNITS = 0.004, 0.04, 0.05, 0.002  # of T, a, the centre, c_2
 LIGHT = 0.1  # of the weight: with all of it V was least 34 m/s away from the body of one scan
 COLD, WARM = 60, 25  # steps of fits from zeros, and from the best image so far
@@ -64,7 +65,7 @@ class BodyEstimate(NamedTuple):
         one_speed: the single speed that explains most [length/time].
         share, share_of_one: of the record, that is left unexplained by two speeds and by one.
         gain: 1 - (share / share_of_one)², by which less is left.
-        gain_error: its standard error.
+        gain_error: its standard error; infinite of few frequencies.
         clear: whether that is clearly more than by one speed: the gain is at least 0.1 and, like
             the difference of the speeds, three standard errors, and the speeds are within what is
             tried.
@@ -82,7 +83,8 @@ class BodyEstimate(NamedTuple):
     grade: str
 
     def __str__(self) -> str:
-        compared = f"{self.share:.1%} left unexplained, {self.share_of_one:.1%} by one speed"
+        of = "left unexplained" if self.standard_errors else "of low frequencies left unexplained"
+        compared = f"{self.share:.1%} {of}, {self.share_of_one:.1%} by one speed"
         return compared if self.clear else f"{compared}: not clearly less"
 
 
@@ -95,11 +97,12 @@ def estimate_body(
 ) -> BodyEstimate | None:
     """The disk, or ball, of another speed of sound by which an image explains most of a frame.
 
-    Takes about 100 fits of a coarse image with derivatives.
+    Takes about 100 fits of a coarse image with derivatives, 40 where low frequencies already show
+    that no body makes much less unexplained.
 
     Args:
-        scan, choices: of pressure; the choices with one speed of sound, by which model, region
-            and channels are known.
+        scan, choices: of pressure; the choices with one speed of sound, of
+            ``choose(scan, two_speeds=False)``, by which model, region and channels are known.
         frame: rows as in the file.
         water_speed: c_2, if it is known [length/time].
 

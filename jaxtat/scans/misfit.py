@@ -217,24 +217,42 @@ class Misfit(eqx.Module):
         return DataFit(operator, self.whitening, None, self.support, True, False)
 
 
-@eqx.filter_jit
-def _fitted(
-    misfit: Misfit, sound_speed: Array, shift: Array, weight: Array, find: Array, steps: Array
-) -> tuple[Array, Array, Array, Array]:
-    """What is left, by detector, its share, weight and image, after some steps from zero."""
-    fit, data, penalty = misfit.fit_at(sound_speed, shift), misfit.data, TotalVariation()
-    level, state = begun(fit, data, penalty, weight, None, 1)
+def after_steps(
+    fit: DataFit,
+    data: Array,
+    weight: Array,
+    find: Array,
+    steps: Array,
+    start: Array | None,
+    pace: Pace,
+) -> tuple[Array, Array, Array]:
+    """The image after some steps, w of total variation, found on the way if asked, and w TV.
+
+    Args:
+        start: image to begin with; zeros by default.
+    """
+    penalty = TotalVariation()
+    level, state = begun(fit, data, penalty, weight, start, 1)
 
     def advance(_: Any, parts: Any) -> Any:
         image, inner, weight = parts
         # what few steps leave is more than noise: no larger weight because of it
         balanced = balanced_weight(fit, penalty, image, inner.fitted - data, level.scale, SPREAD)
         new = jnp.where(find, balanced, weight).astype(weight.dtype)
-        moved = step(level, penalty, new, image, of_weight(inner, weight, new), misfit.effort.pace)
-        return *moved, new
+        return *step(level, penalty, new, image, of_weight(inner, weight, new), pace), new
 
     parts = state.image, state.inner, state.weight
     image, _, weight = jax.lax.fori_loop(0, steps, advance, parts)
+    return image, weight, weight * penalty.value(image, penalty.smoothing * level.scale.image)
+
+
+@eqx.filter_jit
+def _fitted(
+    misfit: Misfit, sound_speed: Array, shift: Array, weight: Array, find: Array, steps: Array
+) -> tuple[Array, Array, Array, Array]:
+    """What is left, by detector, its share, weight and image, after some steps from zero."""
+    fit, data = misfit.fit_at(sound_speed, shift), misfit.data
+    image, weight, _ = after_steps(fit, data, weight, find, steps, None, misfit.effort.pace)
     left = jnp.sum((fit.modelled(image) - data)[0] ** 2, axis=1)
     return left, jnp.sqrt(jnp.sum(left) / jnp.sum(data**2)), weight, image[0]
 

@@ -130,7 +130,8 @@ def start_and_speed(scan: Scan, choices: Choices) -> Start | None:
 
     Args:
         scan: of pressure in the plane; its typical frame is taken.
-        choices: for it, with one speed of sound, at most a sixth off for times as they are.
+        choices: for it, with one speed of sound, of ``choose(scan, two_speeds=False)``, at most a
+            sixth off for times as they are.
 
     Returns:
         None where the record is too short to tell, hardly any speed is better than others, no image

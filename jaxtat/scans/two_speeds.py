@@ -10,10 +10,11 @@ from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..io import Scan
 from ..records import MODELS
 from ..records.water import water_speed
-from .acoustics import SPEEDS_SOUGHT, shares_by_speed
+from .acoustics import FASTEST_SOUGHT, SLOWEST_SOUGHT, shares_by_speed
 from .acquisition import WATER, in_space, nominal_water_speed, typical_frame
 from .body_estimate import BodyEstimate, estimate_body
 from .choices import Choices
+from .frames import setup_of
 from .medium import OF_BODY
 from .pipeline import IN_SPACE, choices_in_plane, choices_in_space
 from .space import units_of_scan
@@ -23,7 +24,6 @@ LARGER = 1.1  # the region than the body
 ESTIMATED = ("sound_speed", "body_radius", "body_center")
 NEAR = 2.0  # standard errors of a start that one speed tells
 UNEXPLAINED = 0.5  # share of a record, above which no body is looked for that nobody asked for
-OF_SPEEDS = (*ESTIMATED, "water_speed")
 KEPT = ("model", "time_shift")  # as one speed tells them, while two are looked for
 
 
@@ -96,54 +96,64 @@ def choices_of(scan: Scan, given: Mapping[str, Any]) -> Choices:
 def may_have_two(scan: Scan, given: Mapping[str, Any], made: Choices) -> bool:
     """Whether a body of another speed is looked for that nobody asked for.
 
-    In the plane, where images told the speed, but not the start with it: a body of another speed
-    looks like another start to first order, and to second order like no start at all. A record
-    whose start one speed tells has no such body. One of which most is unexplained has more amiss
-    than a body could mend.
+    In the plane, where images told the speed, and explain most of the record, but do not tell that
+    it starts when the file says: a body looks like another start to first order, and to second
+    order like no start at all.
 
     Args:
         scan: in the plane or in space.
         given: options by name.
         made: choices with one speed.
     """
-    fixed = any(given.get(name) is not None for name in (*OF_SPEEDS, "radii"))
-    if fixed or made.model not in MODELS:
-        return False
-    if "sound_speed" not in dict(made.standard_errors):
+    told_by_images = "sound_speed" in dict(made.standard_errors) and made.model in MODELS
+    if not told_by_images or given.get("radii") is not None:
         return False
     return _most_is_explained(scan, made) and not _start_is_told(scan, made)
 
 
+def _most_is_explained(scan: Scan, made: Choices) -> bool:
+    """Asked as the speed was looked for, by programs that are compiled already."""
+    nominal = nominal_water_speed(made.units)
+    assert nominal is not None  # else no speed is told
+    ends = SLOWEST_SOUGHT * nominal, FASTEST_SOUGHT * nominal
+    at, frame = np.array([made.sound_speed]), typical_frame(scan)
+    shares = shares_by_speed(scan, replace(made, sound_speed=nominal), frame, at, ends)
+    return shares is not None and bool(shares[0] <= UNEXPLAINED)
+
+
 def _start_is_told(scan: Scan, made: Choices) -> bool:
-    """Whether images of one speed tell the start, and the same as the file or the user."""
-    if made.grade("time_shift") == LIKELY:
+    """Whether images of one speed tell the start of the choices."""
+    grade, shifted = made.grade("time_shift"), made.time_shift != 0
+    if grade == LIKELY and not shifted:
         return True
-    if made.grade("time_shift") == GUESSED and made.time_shift != 0:
+    if grade == GUESSED and shifted:
         return False
     start = start_and_speed(scan, made)
     return start is not None and start.even and abs(start.shift) <= NEAR * start.standard_error
 
 
-def _most_is_explained(scan: Scan, made: Choices) -> bool:
-    """Asked as the speed was looked for, by programs that are compiled already."""
-    nominal = nominal_water_speed(made.units) or made.sound_speed
-    first, last = SPEEDS_SOUGHT
-    speeds = np.array([first * nominal, made.sound_speed, last * nominal])
-    as_then = replace(made, sound_speed=nominal)
-    shares = shares_by_speed(scan, as_then, typical_frame(scan), speeds)
-    return shares is not None and bool(shares[1] <= UNEXPLAINED)
-
-
 def with_clear_body(scan: Scan, given: Mapping[str, Any], made: Choices) -> Choices:
-    """Choices through the body that explains clearly more of a typical frame, or as they are.
+    """Choices through the body that explains clearly more of a typical frame, or by one speed.
 
     Args:
         scan: of pressure.
         given: options by name.
         made: choices with one speed.
     """
-    other, found = _with_body(scan, given, made)
-    return _through_body(scan, given, other, found) if found and found.clear else made
+    one, found = _with_body(scan, given, made)
+    if not found or not found.clear:
+        return _not_clear(made, found)
+    through = _through_body(scan, given, one, found)
+    try:
+        setup_of(scan, through)
+    except ValueError:  # of a region that was given
+        return _said_of_speed(made, f"by two speeds {found}, of a body smaller than the region")
+    return through
+
+
+def _not_clear(made: Choices, found: BodyEstimate | None) -> Choices:
+    told = "the record is too short to tell a second one" if found is None else str(found)
+    return _said_of_speed(made, f"by two speeds {told}")
 
 
 def with_two_speeds(scan: Scan, given: Mapping[str, Any]) -> Choices:
@@ -166,8 +176,7 @@ def with_two_speeds(scan: Scan, given: Mapping[str, Any]) -> Choices:
     made, found = _with_body(scan, given, made)
     if found and found.clear:
         return _through_body(scan, given, made, found)
-    told = "the record is too short to tell a second one" if found is None else str(found)
-    return _said_of_speed(made, f"by two speeds {told}")
+    return _not_clear(made, found)
 
 
 def _with_body(

@@ -10,7 +10,7 @@ import pytest
 from made_scans import BELLS, RATE, SPEED, TIMES, positions, record
 
 from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, phantoms
-from jaxtat.cli import main
+from jaxtat.cli import hints, main
 from jaxtat.io import Scan
 from jaxtat.records import simulate_pressure, water_speed
 from jaxtat.scans import (
@@ -280,26 +280,61 @@ def start_of(shift, error):
     return lambda *_: Start(shift, error, SPEED, 0.1)
 
 
+@pytest.fixture
+def start_told(monkeypatch):
+    """Function that sets what images tell of a record's start."""
+
+    def tell(start):
+        for room in (pipeline, two_speeds):
+            monkeypatch.setattr(room, "start_and_speed", start)
+
+    return tell
+
+
 @pytest.mark.parametrize(
-    ("start", "asks"),
+    ("start", "known", "asks"),
     [
-        (start_of(0.0, 1e-8), False),
-        (start_of(1e-6, 1e-8), False),
-        (lambda *_: None, True),
+        (start_of(0.0, 1e-8), {}, False),
+        (start_of(1.5e-6, 1e-6), {}, False),
+        (lambda *_: None, {}, True),
+        (start_of(0.0, 1e-8), {"times": TIMES}, False),
+        (start_of(1e-6, 1e-8), {"times": TIMES}, True),
+        (lambda *_: None, {"times": TIMES}, True),
     ],
-    ids=["told as in the file", "told to be another", "not told"],
+    ids=[
+        "told",
+        "near",
+        "not told",
+        "as the file says",
+        "not as the file says",
+        "file's, not told",
+    ],
 )
-def test_a_body_is_looked_for_where_the_start_is_not_told(start, asks, told, monkeypatch):
-    for room in (pipeline, two_speeds):
-        monkeypatch.setattr(room, "start_and_speed", start)
+def test_a_body_is_looked_for_where_the_start_is_not_told(start, known, asks, told, start_told):
+    start_told(start)
     asked = told(None)
-    chosen = choose(scan_of(record()), pixels=41)
+    chosen = choose(scan_of(record(), **known), pixels=41)
     assert asked == ([None] if asks else []) and chosen.water_speed is None
+    assert ("too short" in dict(chosen.reasons)["sound_speed"]) == asks
+
+
+def test_with_another_start_a_body_is_looked_for_by_both(told, start_told, monkeypatch):
+    monkeypatch.setattr(two_speeds, "_most_is_explained", lambda *_: True)
+    start_told(start_of(1e-7, 1e-9))
+    asked = told(None)
+    assert choose(scan_of(record()), pixels=41).time_shift == 1e-7 and asked == [None, None]
+
+
+def test_no_body_is_looked_for_where_most_is_unexplained(told, start_told, monkeypatch):
+    monkeypatch.setattr(two_speeds, "UNEXPLAINED", 0.0)
+    start_told(lambda *_: None)
+    asked = told(FOUND)
+    assert choose(scan_of(record()), pixels=41).medium is None and not asked
 
 
 @pytest.mark.parametrize("clear", [True, False])
-def test_a_body_that_nobody_asked_for_is_taken_where_it_is_clear(clear, told, monkeypatch, caplog):
-    monkeypatch.setattr(pipeline, "start_and_speed", lambda *_: None)
+def test_a_body_that_nobody_asked_for_is_taken_where_it_is_clear(clear, told, start_told, caplog):
+    start_told(lambda *_: None)
     told(FOUND._replace(clear=clear))
     scan = scan_of(record())
     one = choose(scan, pixels=41, two_speeds=False)
@@ -310,32 +345,47 @@ def test_a_body_that_nobody_asked_for_is_taken_where_it_is_clear(clear, told, mo
     assert chosen.sound_speed == (TISSUE if clear else one.sound_speed)
 
 
-@pytest.mark.parametrize(
-    ("start", "asks"),
-    [
-        (start_of(0.0, 1e-8), False),
-        (start_of(1e-6, 1e-8), True),
-        (lambda *_: None, True),
-    ],
-    ids=["as the file says", "another", "not told"],
-)
-def test_a_start_of_the_file_is_compared_with_the_one_that_images_tell(
-    start, asks, told, monkeypatch
-):
-    """A body looks like another start than the one that is known."""
-    monkeypatch.setattr(two_speeds, "start_and_speed", start)
-    asked = told(None)
-    choose(scan_of(record(), times=TIMES), pixels=41)
-    assert asked == ([None] if asks else [])
+def test_one_speed_stays_where_the_region_that_is_given_is_no_bodys(told, start_told):
+    start_told(lambda *_: None)
+    told(FOUND)
+    chosen = choose(scan_of(record()), pixels=41, region_radius=1.4 * RADIUS)
+    assert chosen.medium is None and chosen.region_radius == 1.4 * RADIUS
+    assert "a body smaller than the region" in dict(chosen.reasons)["sound_speed"]
+    assert choose(scan_of(record()), pixels=41, region_radius=1.1 * RADIUS).medium is not None
 
 
 @pytest.mark.parametrize(
-    "given", [{"sound_speed": SPEED}, {"two_speeds": False}], ids=["a speed", "one speed"]
+    "given",
+    [{"sound_speed": SPEED}, {"two_speeds": False}, {"radii": np.linspace(2e-2, 6e-2, 99)}],
+    ids=["a speed", "one speed", "radii"],
 )
-def test_no_body_is_looked_for_where_a_speed_is_given(given, told, monkeypatch):
-    monkeypatch.setattr(pipeline, "start_and_speed", lambda *_: None)
+def test_no_body_is_looked_for_where_a_speed_is_given(given, told, start_told):
+    start_told(lambda *_: None)
     asked = told(FOUND)
     assert choose(scan_of(record()), pixels=41, **given).medium is None and not asked
+
+
+def test_the_command_tells_of_the_search_and_plans_do_without(
+    told, start_told, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    start_told(lambda *_: None)
+    asked = told(FOUND._replace(clear=False))
+    np.savez("scan.npz", pressure=record(), **scan_of(record()).known)
+    assert main(["info", "scan.npz", "--pixels", "41"]) == 0 and asked == [None]
+    assert "a body of another speed is looked for" in capsys.readouterr().err
+    line = "reconstruct scan.npz --pixels 41 --direct --quiet --out a.npy"
+    assert main(line.split()) == 0 and len(asked) == 2
+    assert "a body of another speed" not in capsys.readouterr().err
+    assert main(f"{line} --K 4".split()) == 0 and len(asked) == 2
+
+
+def test_regions_that_are_suggested_are_those_of_a_body(through_body, told):
+    told(FOUND)
+    scan = scan_of(through_body)
+    chosen = choose(scan, model="in-plane", two_speeds=True)
+    tried = hints._values(scan, chosen, "region_radius")
+    assert max(tried) <= 1.25 * RADIUS < 1.4 * chosen.region_radius and len(tried) > 1
 
 
 @pytest.mark.parametrize("start", [0.0, 4e-7])

@@ -181,7 +181,7 @@ def test_no_start_counts_with_which_sound_would_come_from_nowhere(monkeypatch):
     """As two speeds may look like one: here 8 us, more than sound takes to a detector."""
     early = Start(-8e-6, 1e-8, SPEED, 1.0)
     monkeypatch.setattr("jaxtat.scans.pipeline.start_and_speed", lambda scan, choices: early)
-    chosen = choose(made(record()))
+    chosen = choose(made(record()), two_speeds=False)
     assert chosen.time_shift == 0 and chosen.grade("time_shift") == "guessed"
     assert chosen.grade("region_radius") == "likely"
 
@@ -189,7 +189,8 @@ def test_no_start_counts_with_which_sound_would_come_from_nowhere(monkeypatch):
 def test_from_half_a_circle_no_start_is_told():
     """A speed that goes with it does as well: both are guesses, and the file's start is kept."""
     half = slice(15, 75)
-    chosen = choose(made(record()[half, 3:], detectors=positions()[half]), model="in-plane")
+    of_half = made(record()[half, 3:], detectors=positions()[half])
+    chosen = choose(of_half, model="in-plane", two_speeds=False)
     assert chosen.time_shift == 0.0 and chosen.grade("time_shift") == "guessed"
     assert chosen.grade("sound_speed") == "guessed"
     speed = chosen.sound_speed
