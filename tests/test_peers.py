@@ -287,7 +287,7 @@ def test_what_the_page_says_of_the_tables_is_in_them():
     ahead = [f"{shape}-{array}" for shape in shapes for array in arrays]
     reaching = {"full_circle_64_detectors", "half_disk_three_quarter_arc"}
     assert behind == {"vessels-arc125"} and len(ratio) == 21
-    assert max(ratio[name] for name in reaching) < 0.435
+    assert max(ratio[name] for name in reaching) < 0.125
     letters = errors["letters-arc125"]
     assert round(letters[own], 2) == 0.49 and round(best("letters-arc125"), 2) == 0.54
     assert errors["half_disk_three_quarter_arc"][own] < 0.0015
@@ -299,16 +299,16 @@ def test_what_the_page_says_of_the_tables_is_in_them():
         assert least == errors[name]["jaxtat, told the same, direct"]
     for body in ("two-speeds-disk", "two-speeds-ellipse"):
         found = errors[body]
-        two = found["jaxtat, two speeds"]
-        single = [v for p, v in found.items() if "two speeds" not in p]
-        assert min(single) == found[own] and 2.8 <= min(single) / two <= 4.4
-        assert found["straight rays, two speeds"] > 3 * two
-        assert 50 < cost[body]["jaxtat, two speeds"] < 65
+        two, rays = found[own], found["straight rays, two speeds"]
+        single = [v for p, v in found.items() if "two speeds" not in p and p != own]
+        assert min(single) == found["jaxtat, told the same, fitted"]
+        assert 3 < min(single) / two < 5 and rays > 3.5 * two
+        assert 120 < cost[body][own] < 140
     assert best("hemisphere") > 3 * errors["hemisphere"][own]
-    assert round(errors["late"][own], 2) == 0.34 and round(best("late"), 2) == 0.88
+    assert round(errors["late"][own], 2) == 0.26 and round(best("late"), 2) == 0.88
     assert best("vessels-arc125") > 0.3
     assert round(errors["vessels-arc125"]["jaxtat, told the same, fitted"], 2) == 0.18
     times = cost["vessels-arc270"]
     ours = [seconds for peer, seconds in times.items() if "jaxtat" in peer]
-    assert round(min(ours)) == 14 and round(max(ours)) == 18
+    assert round(min(ours)) == 14 and round(max(ours)) == 64
     assert all(seconds < min(ours) for peer, seconds in times.items() if "jaxtat" not in peer)

@@ -39,7 +39,6 @@ PEERS = [
     Peer("jaxtat, own choices", "jaxtat_choices", only=NAMES),
     Peer("jaxtat, told the same, fitted", "jaxtat_fitted", only=NAMES),
     Peer("jaxtat, told the same, direct", "jaxtat_direct"),
-    Peer("jaxtat, two speeds", "jaxtat_two_speeds", only=TWO_SPEEDS),
     Peer("PATATO, back-projection", "patato_backprojection", "patato"),
     Peer("PATATO, FFT", "patato_fft", "patato"),
     Peer("PATATO, FFT, fading mended", "patato_fft_mended", "patato"),

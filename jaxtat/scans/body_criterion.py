@@ -117,7 +117,7 @@ class Through(NamedTuple):
         image: Any = None,
     ) -> BodyFit:
         """V and its derivatives after some steps, from an image or zeros."""
-        image, _, rough = self._image(self.body(numbers), weight, steps, image)
+        image, _, _, rough = self._image(self.body(numbers), weight, steps, image)
         place, distance = self.place, jax.device_put(np.float64(self.distance))
         half, left, slopes = _left_by(self.misfit, place, jax.device_put(numbers), distance, image)
         value = float(half + rough)
@@ -129,9 +129,18 @@ class Through(NamedTuple):
             image=image,
         )
 
+    def value(self, numbers: Float[np.ndarray, " numbers"], weight: float, steps: int) -> BodyFit:
+        """V after some steps from zeros, without its derivatives: by a program less."""
+        image, _, left, rough = self._image(self.body(numbers), weight, steps)
+        of_each = np.asarray(left, float)[: int(self.misfit.n_detectors)]
+        half = of_each.sum() / 2
+        share = float(np.sqrt(2 * half / self.energy))
+        unknown = np.full(len(numbers), np.nan)
+        return BodyFit(float(half + rough), of_each, share, unknown, image)
+
     def _image(
         self, body: DiskBody | BallBody, weight: float | None, steps: int, start: Any = None
-    ) -> tuple[Array, Array, Array]:
+    ) -> tuple[Array, Array, Array, Array]:
         """See `_fitted`; from zeros without a start, with a weight that suits without one."""
         if start is None:
             start = np.zeros((1, *self.misfit.support.shape), np.float32)
@@ -197,10 +206,12 @@ def _fitted(
     find: Bool[Array, ""],
     steps: Int[Array, ""],
     start: Float[Array, "1 *space"],
-) -> tuple[Array, Array, Array]:
-    """See `misfit.after_steps`."""
+) -> tuple[Array, Array, Array, Array]:
+    """Image and weight of `misfit.after_steps`, what is left, by detector, and w TV."""
     fit = misfit.fit_at(water, jnp.zeros(()))
-    return after_steps(fit, misfit.data, weight, find, steps, start, PACE)
+    image, weight, rough = after_steps(fit, misfit.data, weight, find, steps, start, PACE)
+    left = jnp.sum((fit.modelled(image) - misfit.data)[0] ** 2, axis=1)
+    return image, weight, left, rough
 
 
 @eqx.filter_jit

@@ -40,6 +40,7 @@ OFF = 1.005  # of the speed at which a weight is found: of small weights fits co
 PARTS, PARTS_IN_SPACE = (0.25, 0.5), (0.5,)  # of the frequencies, before all of them
 LISTENED = 100  # detectors in space, at most
 CONTRASTS, BEST = (0.98, 1.0, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of them are followed
+BESIDE_ONE, LEVEL = (0.99, 1.0, 1.01), 4e-3  # c_1/c_2, and how near to 1 V is least without a body
 FELL = 0.02  # of V with the fewest frequencies, by which a body makes it fall at least
 UNITS = 0.004, 0.04, 0.05, 0.002  # of T, a, the centre, c_2
 LIGHT = 0.1  # of the weight: with all of it V was least 34 m/s away from the body of one scan
@@ -94,6 +95,7 @@ def estimate_body(
     frame: Float[np.ndarray, "rows samples"],
     *,
     water_speed: float | None = None,
+    asked: bool = True,
 ) -> BodyEstimate | None:
     """The disk, or ball, of another speed of sound by which an image explains most of a frame.
 
@@ -105,6 +107,8 @@ def estimate_body(
             ``choose(scan, two_speeds=False)``, by which model, region and channels are known.
         frame: rows as in the file.
         water_speed: c_2, if it is known [length/time].
+        asked: whether someone asked for it; else the search ends at once where bodies of other
+            speeds, as large as what sounds and about its middle, explain low frequencies less.
 
     Returns:
         The body, and whether it explains clearly more than one speed does; None of a record that
@@ -136,6 +140,8 @@ def estimate_body(
         parts=PARTS_IN_SPACE if in_space else PARTS,
     )
     first_look = search.low_passed(search.parts[0])
+    if not asked and (level := first_look.level()):
+        return _hardly_less(first_look, *level, *level)
     end = first_look.lowest_of_starts()
     by_one = first_look.one_speed(end[0])
     if end[1].value > (1 - FELL) * by_one[1].value:
@@ -246,6 +252,19 @@ class _Search(NamedTuple):
     n_free: int
     parts: tuple[float, ...]
 
+    def level(self) -> tuple[Float[np.ndarray, " numbers"], BodyFit] | None:
+        """The numbers of one speed, and V there, if it is least there of speeds beside; else None.
+
+        Of bodies through which sound from the middle takes as long: to first order V falls towards
+        the true one. No slope is needed, and so half as much is compiled.
+        """
+        beside = [self.through.value(q, self.weight, COLD) for q in self._contrasts(BESIDE_ONE)]
+        below, here, above = (fit.value for fit in beside)
+        bend = below - 2 * here + above
+        vertex = BESIDE_ONE[-1] - 1, (below - above) / (2 * bend) if bend > 0 else np.inf
+        told = abs(vertex[0] * vertex[1]) <= LEVEL
+        return (self._contrasts((1.0,))[0], beside[1]) if told else None
+
     def lowest_of_starts(self) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
         """Where V is least downhill from the starts, and V there."""
         ends = [self.downhill(*start) for start in self.starts()]
@@ -276,14 +295,16 @@ class _Search(NamedTuple):
         from the middle takes the time of the first numbers with, or by that time where the water's
         speed is known.
         """
-        arrival, radius, *_, water = self.first
-        away = [self.through.distance - radius * (1 - 1 / ratio) for ratio in CONTRASTS]
-        if self.water_is_free:
-            tried = [np.append(self.first[:-1], way / arrival) for way in away]
-        else:
-            tried = [np.append(way / water, self.first[1:]) for way in away]
-        begun = [(start, self.at(start)) for start in tried]
+        begun = [(start, self.at(start)) for start in self._contrasts(CONTRASTS)]
         return sorted(begun, key=lambda start: start[1].value)[:BEST]
+
+    def _contrasts(self, contrasts: tuple[float, ...]) -> list[Float[np.ndarray, " numbers"]]:
+        """The first numbers, but for the body's speed over that of the water."""
+        arrival, radius, *_, water = self.first
+        away = [self.through.distance - radius * (1 - 1 / ratio) for ratio in contrasts]
+        if self.water_is_free:
+            return [np.append(self.first[:-1], way / arrival) for way in away]
+        return [np.append(way / water, self.first[1:]) for way in away]
 
     def moved(self, numbers: np.ndarray, by: np.ndarray) -> Float[np.ndarray, " numbers"]:
         """Numbers that differ by so many units in those that are free."""

@@ -140,7 +140,7 @@ def with_clear_body(scan: Scan, given: Mapping[str, Any], made: Choices) -> Choi
         given: options by name.
         made: choices with one speed.
     """
-    one, found = _with_body(scan, given, made)
+    one, found = _with_body(scan, given, made, asked=False)
     if not found or not found.clear:
         return _not_clear(made, found)
     through = _through_body(scan, given, one, found)
@@ -180,18 +180,18 @@ def with_two_speeds(scan: Scan, given: Mapping[str, Any]) -> Choices:
 
 
 def _with_body(
-    scan: Scan, given: Mapping[str, Any], made: Choices
+    scan: Scan, given: Mapping[str, Any], made: Choices, *, asked: bool = True
 ) -> tuple[Choices, BodyEstimate | None]:
     """The body, and the choices by one speed with the start with which it explains more.
 
     By one speed images may take a body's for another start: the file's is tried too.
     """
     frame, water = typical_frame(scan), given.get("water_speed")
-    found = estimate_body(scan, made, frame, water_speed=water)
+    found = estimate_body(scan, made, frame, water_speed=water, asked=asked)
     if made.time_shift == 0 or "time_shift" in made.user_set:
         return made, found
     as_filed = choices_of(scan, {**given, "water_speed": None, "time_shift": 0.0})
-    other = estimate_body(scan, as_filed, frame, water_speed=water)
+    other = estimate_body(scan, as_filed, frame, water_speed=water, asked=asked)
     if other is None or not other.clear or (found and found.clear and found.share < other.share):
         return made, found
     as_filed = replace(as_filed, user_set=made.user_set)

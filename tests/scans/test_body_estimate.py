@@ -118,6 +118,25 @@ def test_a_record_of_one_speed_has_no_clear_body(monkeypatch):
     assert found.one_speed == pytest.approx(SPEED, rel=2e-3)
 
 
+def test_nobody_asked_for_a_body_that_one_speed_does_without(through_body, monkeypatch):
+    """Low frequencies tell at once that a record of one speed has none, and that another may."""
+    monkeypatch.setattr(body_criterion, "PIXELS", 27)
+    lowest = []
+    search = _Search.lowest_of_starts
+
+    def watched(self):
+        lowest.append(self)
+        return search(self)
+
+    monkeypatch.setattr(_Search, "lowest_of_starts", watched)
+    one, given = scan_of(record()), ONE | {"sound_speed": SPEED}
+    found = estimate_body(one, choose(one, **given), record(), asked=False)
+    assert not lowest and not found.clear and found.share == found.share_of_one
+    assert found.standard_errors == {} and "of low frequencies" in str(found)
+    two = scan_of(through_body)
+    assert estimate_body(two, choose(two, **ONE), through_body, asked=False).clear and lowest
+
+
 @pytest.mark.parametrize(
     "told", [estimate_body, partial(shares_by_speed, speeds=np.array([SPEED]))]
 )
@@ -217,7 +236,7 @@ def told(monkeypatch):
     asked = []
 
     def tell(found):
-        def answer(scan, choices, frame, water_speed=None):
+        def answer(scan, choices, frame, water_speed=None, **_):
             asked.append(water_speed)
             return found
 
@@ -392,7 +411,7 @@ def test_regions_that_are_suggested_are_those_of_a_body(through_body, told):
 def test_the_files_start_is_tried_where_one_speed_tells_another(start, monkeypatch):
     """The body is clear with one of two starts, and that is taken."""
 
-    def of_start(scan, choices, frame, water_speed):
+    def of_start(scan, choices, frame, water_speed, asked):
         clear = choices.time_shift == start
         return FOUND._replace(clear=clear, share=0.05 if clear else 0.2)
 
