@@ -129,7 +129,9 @@ class Through(NamedTuple):
             image=image,
         )
 
-    def value(self, numbers: Float[np.ndarray, " numbers"], weight: float, steps: int) -> BodyFit:
+    def without_slopes(
+        self, numbers: Float[np.ndarray, " numbers"], weight: float, steps: int
+    ) -> BodyFit:
         """V after some steps from zeros, without its derivatives: by a program less."""
         image, _, left, rough = self._image(self.body(numbers), weight, steps)
         of_each = np.asarray(left, float)[: int(self.misfit.n_detectors)]

@@ -40,7 +40,7 @@ OFF = 1.005  # of the speed at which a weight is found: of small weights fits co
 PARTS, PARTS_IN_SPACE = (0.25, 0.5), (0.5,)  # of the frequencies, before all of them
 LISTENED = 100  # detectors in space, at most
 CONTRASTS, BEST = (0.98, 1.0, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of them are followed
-BESIDE_ONE, LEVEL = (0.99, 1.0, 1.01), 4e-3  # c_1/c_2, and how near to 1 V is least without a body
+BESIDE_ONE, LEVEL = 0.01, 4e-3  # of c_1/c_2 - 1: tried, and as small where there is no body
 FELL = 0.02  # of V with the fewest frequencies, by which a body makes it fall at least
 UNITS = 0.004, 0.04, 0.05, 0.002  # of T, a, the centre, c_2
 LIGHT = 0.1  # of the weight: with all of it V was least 34 m/s away from the body of one scan
@@ -258,12 +258,12 @@ class _Search(NamedTuple):
         Of bodies through which sound from the middle takes as long: to first order V falls towards
         the true one. No slope is needed, and so half as much is compiled.
         """
-        beside = [self.through.value(q, self.weight, COLD) for q in self._contrasts(BESIDE_ONE)]
-        below, here, above = (fit.value for fit in beside)
+        tried = self._contrasts((1 - BESIDE_ONE, 1.0, 1 + BESIDE_ONE))
+        fits = [self.through.without_slopes(one, self.weight, COLD) for one in tried]
+        below, here, above = (fit.value for fit in fits)
         bend = below - 2 * here + above
-        vertex = BESIDE_ONE[-1] - 1, (below - above) / (2 * bend) if bend > 0 else np.inf
-        told = abs(vertex[0] * vertex[1]) <= LEVEL
-        return (self._contrasts((1.0,))[0], beside[1]) if told else None
+        contrast = BESIDE_ONE * (below - above) / (2 * bend) if bend > 0 else np.inf
+        return (tried[1], fits[1]) if abs(contrast) <= LEVEL else None
 
     def lowest_of_starts(self) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
         """Where V is least downhill from the starts, and V there."""

@@ -108,6 +108,8 @@ def may_have_two(scan: Scan, given: Mapping[str, Any], made: Choices) -> bool:
     told_by_images = "sound_speed" in dict(made.standard_errors) and made.model in MODELS
     if not told_by_images or given.get("radii") is not None:
         return False
+    if made.grade("time_shift") == LIKELY and made.time_shift == 0:  # by images
+        return False
     return _most_is_explained(scan, made) and not _start_is_told(scan, made)
 
 
@@ -123,10 +125,7 @@ def _most_is_explained(scan: Scan, made: Choices) -> bool:
 
 def _start_is_told(scan: Scan, made: Choices) -> bool:
     """Whether images of one speed tell the start of the choices."""
-    grade, shifted = made.grade("time_shift"), made.time_shift != 0
-    if grade == LIKELY and not shifted:
-        return True
-    if grade == GUESSED and shifted:
+    if made.grade("time_shift") == GUESSED and made.time_shift != 0:
         return False
     start = start_and_speed(scan, made)
     return start is not None and start.even and abs(start.shift) <= NEAR * start.standard_error
