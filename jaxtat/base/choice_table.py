@@ -201,6 +201,27 @@ CHOICES = (
         quantity="length",
     ),
     Choice(
+        "body_axes",
+        _pair,
+        lambda c: " x ".join(c.units.of_length(x) for x in c.body_axes or ()),
+        RECORD,
+        _NUMBER
+        | {
+            "nargs": 2,
+            "metavar": ("A", "B"),
+            "help": "half axes of a body that is an ellipse (default: a disk)",
+        },
+        quantity="length",
+    ),
+    Choice(
+        "body_angle",
+        _number_or_none,
+        lambda c: f"{round(c.body_angle or 0.0, 1) + 0.0:g} degrees",
+        RECORD,
+        _NUMBER | {"metavar": "DEG", "help": "from the first axis to that of A (default: 0)"},
+        quantity="angle",
+    ),
+    Choice(
         "impulse_response",
         _flag,
         lambda c: "removed" if c.impulse_response else "kept",
@@ -404,8 +425,11 @@ OFF = {choice.name: choice.off for choice in CHOICES if choice.off} | {"two_spee
 OPTIONS = tuple(choice for choice in CHOICES if choice.group is not None)
 NUMBERS = tuple(choice.name for choice in OPTIONS if choice.is_number)
 OF_CONSTRAINTS = tuple(choice.name for choice in CHOICES if choice.group == CONSTRAINTS)
-OF_TWO_SPEEDS = ("two_speeds", "water_temperature")
+OF_TWO_SPEEDS = ("two_speeds", "water_temperature", "body_shape")
 """What is asked of the choices of two speeds, and is none of them."""
+
+BODY_SHAPES = ("disk", "ellipse")
+"""Of bodies that are estimated; in space a disk is a ball."""
 
 OF_REGION = tuple(choice.name for choice in CHOICES if choice.group in (REGION, IMAGE))
 

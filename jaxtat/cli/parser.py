@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from typing import Any, NoReturn
 
 from ..base.choice_table import (
+    BODY_SHAPES,
     CONSTRAINTS,
     IMAGE,
     METHOD,
@@ -414,6 +415,12 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
         action="store_const",
         const=False,
         help="one speed of sound, of the body and the water alike",
+    )
+    data.add_argument(
+        "--body-shape",
+        choices=BODY_SHAPES,
+        help="of the body that --two-speeds estimates; an ellipse takes some minutes more, and is "
+        "used if it explains clearly more than a disk",
     )
     data.add_argument(
         "--water-temperature", type=float, metavar="T", help="in place of --water-speed [degrees C]"

@@ -82,7 +82,7 @@ from .own_responses import OwnResponses
 # bytes of cosines and sines up to which a product with them is faster than a non-uniform FFT
 DENSE = 2**24
 KEPT = 1.5e9  # bytes of waves at detectors off a circle, above which they are made anew each time
-NOTHING = 1e-10  # of a wave in an image, with the factors of an outline
+NOTHING = 1e-6  # of a wave in an image: its factors grow as fast, and errors of the FFT with them
 TOGETHER = 8  # frequencies whose waves are made at once
 
 
@@ -316,7 +316,7 @@ def _integrals(
         moved=moved,
         turned=_turned(about.angles, of) if about is not None and dense else None,
         middle=_middle(about.angles, of) if about is not None and not dense else None,
-        tables=_outline_tables(positions, of, medium)
+        tables=_outline_tables(positions, of, medium, max(NOTHING, tolerance))
         if isinstance(medium, OutlineBody)
         else none
         if concentric
@@ -501,7 +501,7 @@ def _tables(
 
 
 def _outline_tables(
-    positions: Positions, of: Series, body: OutlineBody
+    positions: Positions, of: Series, body: OutlineBody, nothing: float
 ) -> tuple[Float[Array, "..."], ...]:
     """`_products` of a body with an outline, which take long and are always kept."""
 
@@ -517,8 +517,8 @@ def _outline_tables(
         )
         m = np.arange(orders + 1)
         decay = jnp.cumprod(steps[:-1])
-        # an image has hardly more of these orders than rounding
-        scales = jnp.where(decay < NOTHING, 0.0, (-1.0) ** (m // 2) / decay)
+        # of these orders an image has hardly more than errors of the FFT
+        scales = jnp.where(decay < nothing, 0.0, (-1.0) ** (m // 2) / decay)
         return jnp.concatenate([waves[0, 0], -waves[0, 1]]) * jnp.tile(scales, 2)[:, None]
 
     def at(k: Array, orders: int) -> Array:
@@ -527,7 +527,7 @@ def _outline_tables(
         return mean_over_nodes(partial(of_node, k, steps), nodes, positions.weights)
 
     return tuple(
-        jax.lax.map(partial(at, orders=orders), of.frequencies[first:last])
+        jax.lax.map(jax.checkpoint(partial(at, orders=orders)), of.frequencies[first:last])
         for first, last, orders, _, _ in of.groups
     )
 

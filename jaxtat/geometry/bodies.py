@@ -19,6 +19,7 @@ SPEEDS = 0.7, 1.4  # of the body over the water: no tissue is farther from water
 FEWEST, ELLIPSE = 8, 16  # points of an outline, and of an ellipse, whose degree is 1
 DENSE = 360  # points of an outline, for sizes and checks
 BEYOND = 1.25  # of the body's radius, up to which its waves may be continued outside
+NEARLY_NONE = 1e-8  # of |s|², below which its functions are their series
 SAME = 1e-9  # of a radius: centres that are no farther apart are one
 
 
@@ -55,6 +56,10 @@ class Body(ComparedByIdentity, eqx.Module):
     def equal_radius(self) -> Float[Array, ""]:
         """Of a disk of the same area [length]."""
         return self.radius
+
+    def share_of_way(self, points: Float[Array, "*n space"]) -> Float[Array, "*n"]:
+        """Distances from the centre over that of the rim there: at most 1 in the body."""
+        return jnp.linalg.norm(points - self.center, axis=-1) / self.radius
 
 
 def radial_step(spacing: Any, medium: Body | None) -> Any:
@@ -267,9 +272,38 @@ class OutlineBody(Body):
         middle, axes = real_array("center", center, (2,)), real_array("half_axes", half_axes, (2,))
         turn = real_array("angle", angle, ())
         require_positive("half_axes", axes)
-        t = 2 * np.pi / ELLIPSE * np.arange(ELLIPSE)
-        points = _turned(jnp, axes * np.stack([np.cos(t), np.sin(t)], axis=1), turn)
+        points = _turned(jnp, axes * _on_circle(), turn)
         return cls(middle + points, sound_speed, water_speed, density_ratio)
+
+    @classmethod
+    def stretched(
+        cls,
+        center: Numbers,
+        radius: Numbers,
+        stretch: Numbers,
+        sound_speed: Numbers,
+        water_speed: Numbers,
+    ) -> "OutlineBody":
+        """The ellipse c + a exp(S) u, |u| = 1, S = [[s_1, s_2], [s_2, -s_1]], for searches.
+
+        Half axes are a exp(±|s|), the longer one at half of the angle of s. Where s is 0 this is a
+        circle, with derivatives in s, which axes and angle of an ellipse have not.
+
+        Args:
+            center: c, (2,) [length].
+            radius: a > 0, of the circle of the same area [length].
+            stretch: s, (2,).
+            sound_speed, water_speed: as of any outline.
+
+        >>> body = OutlineBody.stretched((0.1, 0.0), 0.4, (0.0, 0.2), 1540.0, 1500.0)
+        >>> round(float(body.radius / body.equal_radius), 6), round(float(np.exp(0.2)), 6)
+        (1.221403, 1.221403)
+        """
+        middle, s = real_array("center", center, (2,)), real_array("stretch", stretch, (2,))
+        size = real_array("radius", radius, ())
+        require_positive("radius", size)
+        points = middle + size * by_library(_stretched, (_on_circle(), s))
+        return cls(points, sound_speed, water_speed)
 
     @property  # of arrays, as the disk's field is
     def center(  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -289,6 +323,13 @@ class OutlineBody(Body):
     def equal_radius(self) -> Float[Array, ""]:
         """Of a disk of the same area [length]."""
         return by_library(_equal_radius, (self.points,))
+
+    def share_of_way(self, points: Float[Array, "*n space"]) -> Float[Array, "*n"]:
+        """Distances from the centre over that of the outline there: at most 1 in the body."""
+        rim, local = outline_at(jnp, self.points, DENSE)[0] - self.center, points - self.center
+        angles, at = (jnp.arctan2(x[..., 1], x[..., 0]) for x in (rim, local))
+        reach = jnp.interp(at, angles, jnp.linalg.norm(rim, axis=1), period=2 * np.pi)
+        return jnp.linalg.norm(local, axis=-1) / reach
 
     def nodes(self, n_max: int, axis: Numbers = 0.0) -> OutlineNodes:
         """The outline about its centre, as waves up to an order need it.
@@ -310,6 +351,23 @@ class OutlineBody(Body):
             weights=2 * np.pi / points.shape[0] * length,
             tests=outline_at(jnp, turned, n_tests)[0],
         )
+
+
+def _on_circle() -> Float[np.ndarray, "points 2"]:
+    t = 2 * np.pi / ELLIPSE * np.arange(ELLIPSE)
+    return np.stack([np.cos(t), np.sin(t)], axis=1)
+
+
+def _stretched(xp: Any, points: Any, s: Any) -> Any:
+    """exp(S) x = cosh|s| x + sinh|s| / |s| S x, smooth where s is 0."""
+    square = s[0] ** 2 + s[1] ** 2
+    far = square > NEARLY_NONE
+    size = xp.sqrt(xp.where(far, square, 1.0))
+    even = xp.where(far, xp.cosh(size), 1 + square / 2)
+    odd = xp.where(far, xp.sinh(size) / size, 1 + square / 6)
+    x, y = points[..., 0], points[..., 1]
+    turned = xp.stack([s[0] * x + s[1] * y, s[1] * x - s[0] * y], axis=-1)
+    return even * points + odd * turned
 
 
 def outline_at(xp: Any, points: Any, n: int) -> tuple[Any, Any]:

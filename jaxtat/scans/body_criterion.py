@@ -31,7 +31,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..base.checks import by_library
 from ..fitting.alternating import Pace
 from ..fitting.data_fit import DataFit
-from ..geometry import BallBody, DiskBody, body_about
+from ..geometry import BallBody, Body, OutlineBody, body_about
 from .acquisition import FASTEST, SLOWEST
 from .choices import Choices
 from .misfit import Misfit, Sound, after_steps, misfit_of, place_of
@@ -39,6 +39,7 @@ from .misfit_in_space import misfit_of_volumes, place_in_space
 
 PIXELS = 65  # along an axis: coarse ones see wrong bodies from farther
 FINE = 1e-5  # tolerance of the non-uniform FFTs: with 1e-3 a fit through a body ends too early
+PIXELS_OF_ELLIPSES = 25
 SUPPORT = 1.1  # of the body's radius, up to which there may be sound
 WIDE, WAY = 1.35, 0.25  # of the radius of what sounds: reach of the pixels, way of the centre
 RATIOS = 0.92, 1.1  # of the two speeds, that are tried
@@ -72,6 +73,7 @@ class Through(NamedTuple):
         misfit, place: through one of them, and its sizes, of the plane or in space.
         distance: D [length].
         center, reach: of the disk of all pixels [length].
+        n_stretch: numbers of an ellipse that a disk has not: 2, or 0.
     """
 
     misfit: Misfit
@@ -79,15 +81,17 @@ class Through(NamedTuple):
     distance: float
     center: Float[np.ndarray, " space"]
     reach: float
+    n_stretch: int
 
-    def body(self, numbers: Float[np.ndarray, " numbers"]) -> DiskBody | BallBody:
-        """That of (T, a, centre, c_2), with speeds within `RATIOS` of each other."""
-        return _body_of(numbers, self.distance)
+    def body(self, numbers: Float[np.ndarray, " numbers"]) -> Body:
+        """That of (T, a, centre, stretch, c_2), with speeds within `RATIOS` of each other."""
+        return _body_of(numbers, self.distance, len(self.center))
 
     def by_one(self, speed: float) -> tuple[Array, Array]:
         """An image by one speed, of all pixels, after few steps, and a weight that suits it."""
-        one = body_about(self.center, self.reach / SUPPORT, speed, speed)
-        return self._image(one, None, STEPS)[:2]
+        stretch = np.zeros(self.n_stretch)
+        largest = self.distance / speed, self.reach / SUPPORT, *self.center, *stretch, speed
+        return self._image(self.body(np.array(largest)), None, STEPS)[:2]
 
     def low_passed(self, part: float) -> tuple["Through", float]:
         """The criterion in which frequencies fade above a part of the highest one.
@@ -141,7 +145,7 @@ class Through(NamedTuple):
         return BodyFit(float(half + rough), of_each, share, unknown, image)
 
     def _image(
-        self, body: DiskBody | BallBody, weight: float | None, steps: int, start: Any = None
+        self, body: Body, weight: float | None, steps: int, start: Any = None
     ) -> tuple[Array, Array, Array, Array]:
         """See `_fitted`; from zeros without a start, with a weight that suits without one."""
         if start is None:
@@ -168,28 +172,40 @@ class Through(NamedTuple):
         return middle, float(distance[order[min(int(within), len(order) - 1)]])
 
 
-def through_bodies(sound: Sound, choices: Choices, center: np.ndarray, radius: float) -> Through:
-    """The criterion in pixels about the sources, for bodies of about their size."""
+def through_bodies(
+    sound: Sound, choices: Choices, center: np.ndarray, radius: float, *, ellipses: bool = False
+) -> Through:
+    """The criterion in pixels about the sources, for bodies of about their size.
+
+    Ellipses take coarser pixels: each solves its equations anew.
+    """
     offset = center - sound.center
     away = float(np.linalg.norm(offset))
     reach = min(WIDE * radius, sound.reach - away)
     # off the centre of the detectors' circle in any case, where bodies take larger sizes
     outward = offset / away if away > 0 else np.eye(len(center))[0]
-    largest = body_about(center + WAY * radius * outward, reach / SUPPORT, RATIOS[0], 1.0)
+    where = center + WAY * radius * outward, reach / SUPPORT
+    if ellipses:
+        largest: Body = OutlineBody.stretched(*where, np.zeros(2), RATIOS[0], 1.0)
+    else:
+        largest = body_about(*where, RATIOS[0], 1.0)
     ends = SLOWEST * choices.sound_speed, FASTEST * choices.sound_speed
     sound = sound._replace(center=center, reach=reach)
-    if isinstance(largest, DiskBody):
-        place = place_of(sound, ends[1], largest, pixels=PIXELS, tolerance=FINE)
+    if not isinstance(largest, BallBody):
+        pixels = PIXELS_OF_ELLIPSES if ellipses else PIXELS
+        place = place_of(sound, ends[1], largest, pixels=pixels, tolerance=FINE)
         misfit = misfit_of(sound, choices.model, ends, place)
     else:
         place = place_in_space(sound, largest, tolerance=FINE)
         misfit = misfit_of_volumes(sound, ends, place)
     ways = np.asarray(sound.curve.points)[sound.good] - center
-    return Through(misfit, place, float(np.linalg.norm(ways, axis=1).mean()), center, reach)
+    away = float(np.linalg.norm(ways, axis=1).mean())
+    return Through(misfit, place, away, center, reach, 2 if ellipses else 0)
 
 
-def _body_of(numbers: Any, distance: Any) -> DiskBody | BallBody:
-    arrival, radius, *center, water = numbers
+def _body_of(numbers: Any, distance: Any, dimension: int) -> Body:
+    arrival, radius, *others, water = numbers
+    center, stretch = others[:dimension], others[dimension:]
 
     def speed(xp: Any, arrival: Any, radius: Any, water: Any, distance: Any) -> Any:
         slowness = 1 + (water * arrival - distance) / radius  # c_2/c_1
@@ -197,7 +213,10 @@ def _body_of(numbers: Any, distance: Any) -> DiskBody | BallBody:
 
     own = by_library(speed, (arrival, radius, water, distance))
     middle = by_library(lambda xp, *parts: xp.stack(parts), center)
-    return body_about(middle, radius, own, water)
+    if not stretch:
+        return body_about(middle, radius, own, water)
+    stretches = by_library(lambda xp, *parts: xp.stack(parts), stretch)
+    return OutlineBody.stretched(middle, radius, stretches, own, water)
 
 
 @eqx.filter_jit
@@ -225,9 +244,10 @@ def _left_by(
     image: Float[Array, "1 *space"],
 ) -> tuple[Array, Array, Array]:
     """Half of what an image leaves, by detector too, and its derivatives in the numbers."""
+    dimension = place.grid.points.shape[-1]
 
     def model(numbers: Array) -> DataFit:
-        body = _body_of(tuple(numbers), distance)
+        body = _body_of(tuple(numbers), distance, dimension)
         return _with_body(misfit, place, body).fit_at(body.water_speed, jnp.zeros(()))
 
     def half_left(fit: DataFit) -> tuple[Array, Float[Array, " detectors"]]:
@@ -241,8 +261,7 @@ def _left_by(
     return half, left, slopes
 
 
-def _with_body(misfit: Misfit, place: Any, body: DiskBody | BallBody) -> Misfit:
+def _with_body(misfit: Misfit, place: Any, body: Body) -> Misfit:
     """The criterion with the waves of a body, in and around which there may be sound."""
-    away = jnp.linalg.norm(place.grid.points - body.center, axis=-1)
-    parts = place.integrals(body), away <= SUPPORT * body.radius
+    parts = place.integrals(body), body.share_of_way(place.grid.points) <= SUPPORT
     return eqx.tree_at(lambda m: (m.integrals, m.support), misfit, parts)

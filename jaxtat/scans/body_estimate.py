@@ -9,22 +9,21 @@ slopes, ends it. What is left for each detector beside the end gives the jackkni
 detectors at no further cost.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.optimize
 from jaxtyping import Bool, Float, Int
 
 from ..base.checks import real_array, require_positive
-from ..base.choice_table import GUESSED, LIKELY, SURE
-from ..geometry import BallBody, DetectorPoints, DiskBody
+from ..base.choice_table import BODY_SHAPES, GUESSED, LIKELY, SURE
+from ..geometry import Body, DetectorPoints
 from ..io import Scan
 from ..spherical.visible import covered_share
 from .acoustics import rows_of_frame, sound_of
 from .acoustics_in_space import HALF
 from .angular_coverage import SEEN_TWICE, span
-from .body_criterion import RATIOS, SUPPORT, WIDE, BodyFit, Through, through_bodies
+from .body_criterion import RATIOS, WIDE, BodyFit, Through, through_bodies
+from .body_search import BodySearch, NearLeast, units_of
 from .choices import Choices
 from .misfit import Sound
 from .misfit_in_space import sound_in_space
@@ -39,19 +38,10 @@ AROUND = 1.15  # a body over what sounds
 OFF = 1.005  # of the speed at which a weight is found: of small weights fits come to no end
 PARTS, PARTS_IN_SPACE = (0.25, 0.5), (0.5,)  # of the frequencies, before all of them
 LISTENED = 100  # detectors in space, at most
-CONTRASTS, BEST = (0.98, 1.0, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of them are followed
-BESIDE_ONE, LEVEL = 0.01, 4e-3  # of c_1/c_2 - 1: tried, and as small where there is no body
 FELL = 0.02  # of V with the fewest frequencies, by which a body makes it fall at least
-UNITS = 0.004, 0.04, 0.05, 0.002  # of T, a, the centre, c_2
 LIGHT = 0.1  # of the weight: with all of it V was least 34 m/s away from the body of one scan
-COLD, WARM = 60, 25  # steps of fits from zeros, and from the best image so far
-# Of the way downhill: fits after which it ends, change of V over itself, units from its start
-MOST, SETTLED, FARTHEST = 20, 1e-5, (25.0, np.inf, 5.0, 25.0)
-SIZES = 0.6, 1.22  # least and greatest radius, over that of what sounds
-FARTHER, BESIDE = 4.0, 0.5  # greatest of Newton's steps, half the width of differences, in units
 EDGE = 1e-4  # of the ratio of speeds: nearer it lies at an end of what is tried
 COMPARED = 100  # more steps of the two fits that are compared
-FLAT = 1e-3  # curvature over the largest, below which nothing is told
 GAIN, ERRORS = 0.1, 3.0  # least gain, and standard errors, from which two speeds are clear
 
 
@@ -59,10 +49,13 @@ class BodyEstimate(NamedTuple):
     """A body of another sound speed, estimated from a record.
 
     Attributes:
-        body: the disk, or ball.
+        body: the disk, ball, or ellipse.
         standard_errors: of its numbers by name, the jackknife's over sectors of detectors:
-            "sound_speed", "radius", "center" and, where it was not given, "water_speed"; empty
-            where few frequencies already show no body: then all else is of these alone.
+            "sound_speed", "radius" (of an ellipse that of the circle of its area), "center", of an
+            ellipse "half_axes" and "angle", and, where it was not given, "water_speed"; empty where
+            few frequencies already show no body: then all else is of these alone.
+        half_axes, angle: of an ellipse, the longer one first [length] and its direction [degrees];
+            None of a disk or ball.
         one_speed: the single speed that explains most [length/time].
         share, share_of_one: of the record, that is left unexplained by two speeds and by one.
         gain: 1 - (share / share_of_one)², by which less is left.
@@ -73,7 +66,7 @@ class BodyEstimate(NamedTuple):
         grade: "likely" where it is clear and most edges are seen from both sides, else "guessed".
     """
 
-    body: DiskBody | BallBody
+    body: Body
     standard_errors: dict[str, float]
     one_speed: float
     share: float
@@ -82,6 +75,8 @@ class BodyEstimate(NamedTuple):
     gain_error: float
     clear: bool
     grade: str
+    half_axes: tuple[float, float] | None = None
+    angle: float | None = None
 
     def __str__(self) -> str:
         of = "left unexplained" if self.standard_errors else "of low frequencies left unexplained"
@@ -96,11 +91,13 @@ def estimate_body(
     *,
     water_speed: float | None = None,
     asked: bool = True,
+    shape: str = "disk",
 ) -> BodyEstimate | None:
     """The disk, or ball, of another speed of sound by which an image explains most of a frame.
 
     Takes about 100 fits of a coarse image with derivatives, 40 where low frequencies already show
-    that no body makes much less unexplained.
+    that no body makes much less unexplained. An ellipse begins at the disk and takes 40 more, of
+    coarser images, for each of which the equations at its outline are solved.
 
     Args:
         scan, choices: of pressure; the choices with one speed of sound, of
@@ -109,15 +106,17 @@ def estimate_body(
         water_speed: c_2, if it is known [length/time].
         asked: whether someone asked for it; else the search ends at once where bodies of other
             speeds, as large as what sounds and about its middle, explain low frequencies less.
+        shape: "disk", a ball in space, or "ellipse", in the plane.
 
     Returns:
         The body, and whether it explains clearly more than one speed does; None of a record that
-        is too short to tell.
+        is too short to tell. The best disk where no ellipse explains clearly more than a disk.
 
     Raises:
-        ValueError: for choices of two speeds, integrals, a speed that is not above zero, and
-            elements in space that have a size.
+        ValueError: for choices of two speeds, integrals, a speed that is not above zero, elements
+            in space that have a size, and a shape that there is not.
     """
+    _require_shape(shape, choices.in_space)
     if choices.water_speed is not None:
         raise ValueError("choices have two speeds of sound already, expected choices of one.")
     if water_speed is not None:
@@ -127,12 +126,12 @@ def estimate_body(
     if sound is None:
         return None
     through, center, radius, weight = _about_what_sounds(sound, choices)
-    speed, dim = choices.sound_speed, len(center)
+    speed = choices.sound_speed
     first = np.array([through.distance / speed, radius, *center, water_speed or speed])
-    search = _Search(
+    search = BodySearch(
         through=through,
         first=first,
-        units=_each(UNITS, dim) * _each((radius / speed, radius, radius, speed), dim),
+        units=units_of(through, radius, speed),
         weight=LIGHT * weight,
         radius=radius,
         good=sound.good,
@@ -147,7 +146,18 @@ def estimate_body(
     if end[1].value > (1 - FELL) * by_one[1].value:
         return _hardly_less(first_look, *end, *by_one)
     two = search.newton(*search.through_frequencies(*end))
-    return _estimate(search, two, *search.one_speed(two.numbers))
+    found = _estimate(search, two, *search.one_speed(two.numbers))
+    if shape == "disk":
+        return found
+    return _ellipse_from(sound, choices, found, two.numbers[0], search.water_is_free)
+
+
+def _require_shape(shape: Any, in_space: bool) -> None:
+    """Raise ValueError for a shape of bodies that is not searched for."""
+    if shape not in BODY_SHAPES:
+        raise ValueError(f"shape is {shape!r}, expected one of {', '.join(BODY_SHAPES)}.")
+    if in_space and shape == "ellipse":
+        raise ValueError("an ellipse is asked for, and the detectors lie in space: leave it out.")
 
 
 def _heard_in_space(scan: Scan, choices: Choices, frame: np.ndarray) -> Sound | None:
@@ -188,233 +198,40 @@ def _about_what_sounds(
     return through, center, radius, float(through.by_one(OFF * choices.sound_speed)[1])
 
 
-def _each(values: tuple[float, float, float, float], dim: int) -> Float[np.ndarray, " numbers"]:
-    """For T, a, each coordinate of the centre and c_2."""
-    arrival, radius, center, water = values
-    return np.array([arrival, radius, *[center] * dim, water])
-
-
-class _Near(NamedTuple):
-    """V near its least to second order, in units of those numbers that are free.
-
-    Attributes:
-        numbers: where it is least.
-        fit: there.
-        gradient: (free,).
-        hessian: (free, free).
-        of_left: derivatives of half of what is left, (free, detectors).
-    """
-
-    numbers: Float[np.ndarray, " numbers"]
-    fit: BodyFit
-    gradient: Float[np.ndarray, " free"]
-    hessian: Float[np.ndarray, "free free"]
-    of_left: Float[np.ndarray, "free detectors"]
-
-    def step(self) -> Float[np.ndarray, " free"]:
-        """Newton's; none where V is flat."""
-        curvatures, axes = np.linalg.eigh(self.hessian)
-        told = curvatures > FLAT * max(float(curvatures[-1]), 1e-300)
-        steps = np.where(told, -(axes.T @ self.gradient) / np.where(told, curvatures, 1.0), 0.0)
-        return axes @ np.clip(steps, -FARTHER, FARTHER)
-
-    def without(self, part: Int[np.ndarray, " part"], n: int) -> Float[np.ndarray, " free"]:
-        """By how much the least moves without some of n detectors.
-
-        What they weigh in V is half of what is left of them, to the first order: the image is
-        least, so that its change counts in the second.
-        """
-        gradient = self.gradient - self.of_left[:, part].sum(axis=1)
-        hessian = (1 - len(part) / n) * self.hessian
-        return self._replace(gradient=gradient, hessian=hessian).step() - self.step()
-
-
-class _Search(NamedTuple):
-    """The search for the numbers of a body.
-
-    Attributes:
-        through: the criterion.
-        first: numbers near which all are looked for.
-        units: of all numbers.
-        weight: of total variation, light.
-        radius: of what sounds [length].
-        good: detectors that count.
-        n_free: how many of the numbers are searched for; the last is the water's speed.
-        parts: of the frequencies, before all of them.
-    """
-
-    through: Through
-    first: Float[np.ndarray, " numbers"]
-    units: Float[np.ndarray, " numbers"]
-    weight: float
-    radius: float
-    good: Bool[np.ndarray, " detectors"]
-    n_free: int
-    parts: tuple[float, ...]
-
-    def level(self) -> tuple[Float[np.ndarray, " numbers"], BodyFit] | None:
-        """The numbers of one speed, and V there, if it is least there of speeds beside; else None.
-
-        Of bodies through which sound from the middle takes as long: to first order V falls towards
-        the true one. No slope is needed, and so half as much is compiled.
-        """
-        tried = self._contrasts((1 - BESIDE_ONE, 1.0, 1 + BESIDE_ONE))
-        fits = [self.through.without_slopes(one, self.weight, COLD) for one in tried]
-        below, here, above = (fit.value for fit in fits)
-        bend = below - 2 * here + above
-        contrast = BESIDE_ONE * (below - above) / (2 * bend) if bend > 0 else np.inf
-        return (tried[1], fits[1]) if abs(contrast) <= LEVEL else None
-
-    def lowest_of_starts(self) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
-        """Where V is least downhill from the starts, and V there."""
-        ends = [self.downhill(*start) for start in self.starts()]
-        return min(ends, key=lambda end: end[1].value)
-
-    def through_frequencies(
-        self, numbers: Float[np.ndarray, " numbers"], fit: BodyFit
-    ) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
-        """Where V is least, downhill from where it is so with the fewest; V there."""
-        for search in (*map(self.low_passed, self.parts[1:]), self):
-            numbers, fit = search.downhill(numbers, search.at(numbers, fit))
-        return numbers, fit
-
-    @property
-    def water_is_free(self) -> bool:
-        """Whether the water's speed is searched for."""
-        return self.n_free == len(self.first)
-
-    def low_passed(self, part: float) -> "_Search":
-        """The search in which frequencies fade above a part of the highest one."""
-        through, energy = self.through.low_passed(part)
-        return self._replace(through=through, weight=energy * self.weight)
-
-    def starts(self) -> list[tuple[Float[np.ndarray, " numbers"], BodyFit]]:
-        """Numbers from which ways downhill begin, those of least V, and what it is there.
-
-        Of a body as fast as the water, and slower and faster ones, by the water's speed that sound
-        from the middle takes the time of the first numbers with, or by that time where the water's
-        speed is known.
-        """
-        begun = [(start, self.at(start)) for start in self._contrasts(CONTRASTS)]
-        return sorted(begun, key=lambda start: start[1].value)[:BEST]
-
-    def _contrasts(self, contrasts: tuple[float, ...]) -> list[Float[np.ndarray, " numbers"]]:
-        """The first numbers, but for the body's speed over that of the water."""
-        arrival, radius, *_, water = self.first
-        away = [self.through.distance - radius * (1 - 1 / ratio) for ratio in contrasts]
-        if self.water_is_free:
-            return [np.append(self.first[:-1], way / arrival) for way in away]
-        return [np.append(way / water, self.first[1:]) for way in away]
-
-    def moved(self, numbers: np.ndarray, by: np.ndarray) -> Float[np.ndarray, " numbers"]:
-        """Numbers that differ by so many units in those that are free."""
-        return numbers + self.units * np.concatenate([by, np.zeros(len(self.units) - self.n_free)])
-
-    def fit(self, numbers: np.ndarray, like: BodyFit | None) -> BodyFit:
-        """V after some steps from zeros, or fewer from the image of another fit."""
-        start = (COLD, None) if like is None else (WARM, like.image)
-        return self.through.least(numbers, self.weight, *start)
-
-    def at(self, numbers: np.ndarray, like: BodyFit | None = None) -> BodyFit:
-        """V, its slopes in units of those numbers that are free."""
-        found = self.fit(numbers, like)
-        return found._replace(slopes=(found.slopes * self.units)[: self.n_free])
-
-    def downhill(
-        self, numbers: Float[np.ndarray, " numbers"], begun: BodyFit
-    ) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
-        """Where V is least near some numbers, and what it is there.
-
-        Args:
-            begun: V at the numbers.
-        """
-        ends = SIZES[0] * self.radius, min(SIZES[1] * self.radius, self.through.reach / SUPPORT)
-        sizes = (np.array(ends) - numbers[1]) / self.units[1]
-        farthest = _each(FARTHEST, len(numbers) - 3)
-        way = (self.first - numbers) / self.units
-        bounds = way[:, None] + np.stack([-farthest, farthest], axis=1)
-        bounds[1] = sizes
-        bounds = np.stack([np.minimum(bounds[:, 0], 0.0), np.maximum(bounds[:, 1], 0.0)], axis=1)
-
-        def at(by: np.ndarray, like: BodyFit) -> BodyFit:
-            return self.at(self.moved(numbers, by), like)
-
-        by, end = _lowest(at, begun, bounds[: self.n_free])
-        return self.moved(numbers, by), end
-
-    def one_speed(
-        self, numbers: Float[np.ndarray, " numbers"]
-    ) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
-        """The single speed with which V is least, with sound where a body has it; V there.
-
-        From the one with which sound from the middle takes as long as through the body.
-
-        Args:
-            numbers: of the body.
-        """
-        distance = self.through.distance
-        speed = distance / numbers[0]
-
-        def alike(by: np.ndarray) -> Float[np.ndarray, " numbers"]:
-            c = speed + self.units[-1] * by[0]
-            return np.array([distance / c, *numbers[1:-1], c])
-
-        def at(by: np.ndarray, like: BodyFit | None) -> BodyFit:
-            fit = self.fit(alike(by), like)
-            slope = fit.slopes[-1] - fit.slopes[0] * distance / alike(by)[-1] ** 2
-            return fit._replace(slopes=self.units[-1:] * slope)
-
-        bounds = FARTHEST[-1] * np.array([[-1.0, 1.0]])
-        by, end = _lowest(at, at(np.zeros(1), None), bounds)
-        return alike(by), end
-
-    def newton(self, numbers: Float[np.ndarray, " numbers"], fit: BodyFit) -> _Near:
-        """V near its least, to which a step is taken if V falls by it.
-
-        By differences of slopes to both sides.
-        """
-        fit = self.at(numbers, fit)
-        sides = BESIDE * np.eye(self.n_free)
-        pairs = [[self.at(self.moved(numbers, by), fit) for by in (x, -x)] for x in sides]
-        rows = np.array([ahead.slopes - behind.slopes for ahead, behind in pairs]) / (2 * BESIDE)
-        of_left = np.array([ahead.left - behind.left for ahead, behind in pairs]) / (4 * BESIDE)
-        near = _Near(numbers, fit, fit.slopes, (rows + rows.T) / 2, of_left)
-        there = self.moved(numbers, near.step())
-        ahead = self.at(there, fit)
-        if not ahead.value < fit.value:
-            return near
-        return near._replace(numbers=there, fit=ahead, gradient=ahead.slopes)
-
-
-def _lowest(
-    at: Callable[[np.ndarray, BodyFit], BodyFit],
-    begun: BodyFit,
-    bounds: Float[np.ndarray, "free 2"],
-) -> tuple[Float[np.ndarray, " free"], BodyFit]:
-    """Where V is least of what is tried on a way from zero downhill, and what it is there.
+def _ellipse_from(
+    sound: Sound, choices: Choices, disk: BodyEstimate, arrival: float, water_is_free: bool
+) -> BodyEstimate:
+    """The ellipse that explains most, or the disk where that explains hardly less.
 
     Args:
-        at: V and its slopes, from the image of another fit.
-        begun: V at zero.
-        bounds: of the way.
+        disk: where the search begins.
+        arrival: T of the disk.
+        water_is_free: whether the water's speed is searched for.
     """
-    best = np.zeros(len(bounds)), begun
-
-    def height(by: np.ndarray) -> tuple[float, np.ndarray]:
-        nonlocal best
-        found = at(by, best[1])
-        best = min(best, (by.copy(), found), key=lambda one: one[1].value)
-        return found.value, found.slopes
-
-    most = {"maxfun": MOST, "ftol": SETTLED}
-    scipy.optimize.minimize(
-        height, best[0], jac=True, method="L-BFGS-B", bounds=bounds, options=most
+    body = disk.body
+    center, radius, water = np.asarray(body.center), float(body.radius), float(body.water_speed)
+    through = through_bodies(sound, choices, center, radius, ellipses=True)
+    first = np.array([arrival, radius, *center, 0.0, 0.0, water])
+    search = BodySearch(
+        through=through,
+        first=first,
+        units=units_of(through, radius, water),
+        weight=LIGHT * float(through.by_one(OFF * disk.one_speed)[1]),
+        radius=radius,
+        good=sound.good,
+        n_free=len(first) - (not water_is_free),
+        parts=(),  # coarse pixels hold low frequencies alone
     )
-    return best
+    best_disk = search.downhill(first, search.at(first), disks=True)
+    near = search.newton(*search.downhill(*best_disk))
+    gain, gain_error, *_ = _gain(search, (near.numbers, near.fit), best_disk)
+    if gain < max(GAIN, ERRORS * gain_error):
+        return disk
+    return _estimate(search, near, *search.one_speed(near.numbers))
 
 
 def _hardly_less(
-    search: _Search,
+    search: BodySearch,
     numbers: Float[np.ndarray, " numbers"],
     fit: BodyFit,
     alike: Float[np.ndarray, " numbers"],
@@ -440,7 +257,7 @@ def _hardly_less(
 
 
 def _estimate(
-    search: _Search, near: _Near, alike: Float[np.ndarray, " numbers"], by_one: BodyFit
+    search: BodySearch, near: NearLeast, alike: Float[np.ndarray, " numbers"], by_one: BodyFit
 ) -> BodyEstimate:
     """The body of least, its errors by leaving out sectors, and how it compares with one speed.
 
@@ -448,39 +265,75 @@ def _estimate(
         near: the least by two speeds.
         alike, by_one: the numbers of the best single speed, and V there.
     """
-    through, good = search.through, search.good
-    points = np.asarray(through.place.curve.points)[: len(good)] - through.center
-    around = np.argsort(np.arctan2(points[:, 1], points[:, 0]), kind="stable")
-    sectors = np.array_split(around[good[around]], SECTORS)
-    others = [good & ~np.isin(np.arange(len(good)), part) for part in sectors]
-    ways = [near.without(part, int(good.sum())) for part in sectors]
-    body = through.body(near.numbers)
-    each = [through.body(search.moved(near.numbers, by)) for by in ways]
-    ends = (near.numbers, near.fit), (alike, by_one)
-    two, one = (through.least(at, search.weight, COMPARED, fit.image) for at, fit in ends)
+    through = search.through
+    ways = [near.without(part, int(search.good.sum())) for part in _sectors(search)]
+    moved = [search.moved(near.numbers, by) for by in ways]
+    body, each = through.body(near.numbers), [_told(search, numbers) for numbers in moved]
+    gain, gain_error, two, one = _gain(search, (near.numbers, near.fit), (alike, by_one))
 
-    def error(number: str) -> float:
-        values = np.array([np.atleast_1d(getattr(one, number)) for one in each])
+    def error(name: str) -> float:
+        values = np.array([np.atleast_1d(told[name]) for told in each])
         return float(np.linalg.norm([jackknife(list(column)) for column in values.T]))
 
-    names = "sound_speed", "radius", "center", *(["water_speed"] if search.water_is_free else [])
-    gains = [1 - two.left[kept].sum() / one.left[kept].sum() for kept in others]
-    gain, gain_error = 1 - (two.share / one.share) ** 2, jackknife(gains)
-    ratios = [float(one.speed_ratio) for one in each]
+    ratios = [float(through.body(numbers).speed_ratio) for numbers in moved]
     apart = abs(float(body.speed_ratio) - 1) > ERRORS * jackknife(ratios)
     inside = RATIOS[0] + EDGE < float(body.speed_ratio) < RATIOS[1] - EDGE
     clear = bool(inside and apart and gain > max(GAIN, ERRORS * gain_error))
+    told = _told(search, near.numbers)
     return BodyEstimate(
         body=body,
-        standard_errors={name: error(name) for name in names},
+        standard_errors={name: error(name) for name in told},
         one_speed=float(alike[-1]),
-        share=two.share,
-        share_of_one=one.share,
+        share=two,
+        share_of_one=one,
         gain=gain,
         gain_error=gain_error,
         clear=clear,
-        grade=LIKELY if clear and _seen_twice(through, good) else GUESSED,
+        grade=LIKELY if clear and _seen_twice(through, search.good) else GUESSED,
+        half_axes=tuple(told["half_axes"]) if "half_axes" in told else None,
+        angle=float(told["angle"]) if "angle" in told else None,
     )
+
+
+def _told(search: BodySearch, numbers: Float[np.ndarray, " numbers"]) -> dict[str, Any]:
+    """What is told of a body, by name."""
+    body, dimension = search.through.body(numbers), len(search.through.center)
+    told: dict[str, Any] = {
+        "sound_speed": float(body.sound_speed),
+        "radius": numbers[1],
+        "center": numbers[2 : 2 + dimension],
+    }
+    if search.through.n_stretch:
+        stretch = numbers[2 + dimension : -1]
+        told["half_axes"] = numbers[1] * np.exp(np.hypot(*stretch) * np.array([1.0, -1.0]))
+        told["angle"] = np.rad2deg(np.arctan2(stretch[1], stretch[0]) / 2)
+    return told | ({"water_speed": numbers[-1]} if search.water_is_free else {})
+
+
+def _gain(
+    search: BodySearch,
+    two: tuple[Float[np.ndarray, " numbers"], BodyFit],
+    one: tuple[Float[np.ndarray, " numbers"], BodyFit],
+) -> tuple[float, float, float, float]:
+    """By how much less numbers leave than others, its standard error, and both shares.
+
+    Args:
+        two, one: numbers, and a fit there that may not have come to its end.
+    """
+    fits = [search.through.least(at, search.weight, COMPARED, fit.image) for at, fit in (two, one)]
+    everyone = np.arange(len(search.good))
+    others = [search.good & ~np.isin(everyone, part) for part in _sectors(search)]
+    gains = [1 - fits[0].left[kept].sum() / fits[1].left[kept].sum() for kept in others]
+    least, most = (fit.share for fit in fits)
+    return 1 - (least / most) ** 2, jackknife(gains), least, most
+
+
+def _sectors(search: BodySearch) -> list[Int[np.ndarray, " part"]]:
+    """Detectors that count, by azimuth about the body."""
+    good = search.good
+    points = np.asarray(search.through.place.curve.points)[: len(good)] - search.through.center
+    around = np.argsort(np.arctan2(points[:, 1], points[:, 0]), kind="stable")
+    return np.array_split(around[good[around]], SECTORS)
 
 
 def _seen_twice(through: Through, good: Bool[np.ndarray, " detectors"]) -> bool:

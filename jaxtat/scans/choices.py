@@ -14,10 +14,10 @@ from ..base.choice_table import CHOICES, GRADES, GUESSED
 from ..base.option_values import PENALTIES
 from ..base.units import Units
 from ..geometry import (
-    BallBody,
+    Body,
     DetectorCurve,
-    DiskBody,
     ImageGrid,
+    OutlineBody,
     Region,
     VolumeGrid,
     body_about,
@@ -44,12 +44,17 @@ def plane_region(values: Mapping[str, Any]) -> Region:
     return disk(radius, cut if cut < radius else None, center=center, angle=angle)
 
 
-def body_of(values: Mapping[str, Any]) -> DiskBody | BallBody | None:
+def body_of(values: Mapping[str, Any]) -> Body | None:
     """The body of choices by name; None for one speed of sound."""
     if values["water_speed"] is None:
         return None
-    names = "body_center", "body_radius", "sound_speed", "water_speed"
-    return body_about(*(values[name] for name in names))
+    center, radius, *speeds = (
+        values[name] for name in ("body_center", "body_radius", "sound_speed", "water_speed")
+    )
+    if values["body_axes"] is None:
+        return body_about(center, radius, *speeds)
+    angle = math.radians(values["body_angle"])
+    return OutlineBody.ellipse(center, np.array(values["body_axes"]), *speeds, angle=angle)
 
 
 class Choices(eqx.Module):
@@ -66,6 +71,8 @@ class Choices(eqx.Module):
         sound_speed: c, with a water speed that of the body [length/time].
         water_speed: around the body, where that is another one [length/time]; None for one speed.
         body_radius, body_center: of the disk, or ball, of the other speed [length]; None for one.
+        body_axes, body_angle: half axes of a body that is an ellipse [length], whose radius is that
+            of the circle of its area, and the direction of the first [degrees]; None of a disk.
         time_shift: what is added to the times of the file [time].
         dead_time: before it the record is silenced [time].
         band: pass band (f_lo, f_hi), or None for no filter [cycles/time].
@@ -129,6 +136,8 @@ class Choices(eqx.Module):
     water_speed: float | None = None
     body_radius: float | None = None
     body_center: tuple[float, ...] | None = None
+    body_axes: tuple[float, float] | None = None
+    body_angle: float | None = None
 
     def __check_init__(self) -> None:
         models = *MODELS, IN_SPACE, "none"
@@ -146,6 +155,8 @@ class Choices(eqx.Module):
         if unknown:
             raise ValueError(f"grades are {unknown}, expected some of {', '.join(GRADES)}.")
         require_inversion(self.inversion)
+        if (self.body_axes is None) != (self.body_angle is None):
+            raise ValueError("body_axes and body_angle belong together: give both or none.")
         body = self.water_speed, self.body_radius, self.body_center
         if any(part is None for part in body) and any(part is not None for part in body):
             raise ValueError(
@@ -177,7 +188,7 @@ class Choices(eqx.Module):
         return self.sound_speed if self.water_speed is None else self.water_speed
 
     @property
-    def medium(self) -> DiskBody | BallBody | None:
+    def medium(self) -> Body | None:
         """The body of another speed than the water's."""
         return body_of(self.settings())
 

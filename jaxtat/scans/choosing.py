@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..base.checks import is_concrete, real_array
-from ..base.choice_table import OF_TWO_SPEEDS, OPTIONS, SURE, require_pixels
+from ..base.choice_table import BODY_SHAPES, OF_TWO_SPEEDS, OPTIONS, SURE, require_pixels
 from ..io import Scan
 from ..io.scan import require_one_rate
 from .acquisition import in_space
@@ -35,8 +35,9 @@ def choose(scan: Scan, **given: Any) -> Choices:
             ``band="none"``, ``length_unit``, in which the scan's positions are: "m", "cm", "mm" or
             "um", ``two_speeds``: True to estimate a body of another speed of sound than that of
             water, see `estimate_body`, as where ``water_speed`` is given alone and where images
-            of one speed leave the start of a record in the plane open, False for one speed; and
-            ``water_temperature`` [°C] in place of ``water_speed``. What is None is chosen.
+            of one speed leave the start of a record in the plane open, False for one speed;
+            ``body_shape``: "ellipse" to estimate that where it explains clearly more than a disk;
+            and ``water_temperature`` [°C] in place of ``water_speed``. What is None is chosen.
 
     Returns:
         Choices, with a reason for each.
@@ -65,16 +66,18 @@ NAMES = (
 
 def _chosen(scan: Scan, given: Mapping[str, Any]) -> Choices:
     others = dict(given)
-    two = others.pop("two_speeds", None)
+    two, shape = others.pop("two_speeds", None), others.pop("body_shape", None) or "disk"
+    if shape not in BODY_SHAPES:
+        raise ValueError(f"body_shape is {shape!r}, expected one of {', '.join(BODY_SHAPES)}.")
     only_one = two is not None and not two
     if only_one:
-        require_one(scan, others)
+        require_one(scan, others, shape)
     for name in ("body_center",) if in_space(scan) else ("region_center", "body_center"):
         if given.get(name) is not None:
             real_array(name, given[name], (3 if in_space(scan) else 2,))
     others = with_water_of(scan, others)
-    if two or lacks_second(scan, others):
-        return with_two_speeds(scan, others)
+    if two or shape != "disk" or lacks_second(scan, others):
+        return with_two_speeds(scan, others, shape)
     made = choices_of(scan, others)
     if only_one:
         return with_one_said(made)

@@ -1,5 +1,6 @@
 """Acoustic model and speeds of sound by the file, and by sizes until images tell them."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,8 @@ from .parameters import Parameters
 OFFSET = 3.0  # over the sound's deviation, of a converter's counts; waves are about zero
 TAIL = 0.1  # of `tail_share`: less is no tail of two-dimensional waves
 SUPPOSED = 0.25  # of the detectors' radius: as far a body reaches from the middle, if not known
-OF_BODY = ("water_speed", "body_radius", "body_center")
+OF_BODY = ("water_speed", "body_radius", "body_center", "body_axes", "body_angle")
+ROUNDED = 1e-3  # of a radius beside half axes: as a table or a command line has it
 
 
 def acoustic_model(facts: Facts, frame: Float[np.ndarray, "detectors samples"]) -> Estimate:
@@ -81,7 +83,8 @@ def single_speed(away: float | None, p: Parameters) -> float:
     speed, water = float(p["sound_speed"]), p.given.get("water_speed")
     if water is None:
         return speed
-    radius = p.given.get("body_radius")
+    axes = p.given.get("body_axes")
+    radius = p.given.get("body_radius") if axes is None else _equal_radius(axes)
     share = SUPPOSED if radius is None or away is None else float(radius) / away
     return 1 / (share / speed + (1 - share) / float(water))
 
@@ -109,10 +112,12 @@ def require_body_inside(p: Parameters, radius: float | None) -> None:
         p: with what is given.
         radius: of the detectors' circle, or sphere; None where they lie on none [length].
     """
-    own = p.given.get("body_radius")
+    axes = p.given.get("body_axes")
+    own = p.given.get("body_radius") if axes is None else max(axes)
     if own is not None and radius is not None and own >= radius:
         raise ValueError(
-            f"body_radius is {p.units.of_length(own)}, expected less than the "
+            f"{'body_radius is' if axes is None else 'the longer of body_axes is'} "
+            f"{p.units.of_length(own)}, expected less than the "
             f"{p.units.of_length(radius)} of the detectors: lengths are in the "
             "unit of the positions."
         )
@@ -125,8 +130,42 @@ def body(_: Any, p: Parameters) -> Parameters:
         raise ValueError(f"{asked[0]} is of pressure records: leave it out.")
     if not asked:
         return p.fixed(**dict.fromkeys(OF_BODY))
-    return p.with_(
+    p = p.with_(
         water_speed=Estimate(None),
-        body_radius=Estimate(p["region_radius"], "the region's", GUESSED),
         body_center=Estimate(p["region_center"], "the region's", GUESSED),
     )
+    if not p.gives("body_axes"):
+        radius = Estimate(p["region_radius"], "the region's", GUESSED)
+        return p.with_(body_radius=radius).fixed(body_axes=None, body_angle=None)
+    radius = Estimate(_equal_radius(p.given["body_axes"]))
+    return p.with_(
+        body_axes=Estimate(None), body_angle=Estimate(0.0, "none is given", GUESSED)
+    ).replaced(body_radius=radius)
+
+
+def _equal_radius(axes: Any) -> float:
+    """Of the circle of the area of an ellipse."""
+    return math.sqrt(axes[0] * axes[1])
+
+
+def require_ellipse(p: Parameters) -> None:
+    """Raise ValueError for half axes, an angle and a radius that do not go together.
+
+    Args:
+        p: with what is given.
+    """
+    axes, angle, radius = (p.given.get(n) for n in ("body_axes", "body_angle", "body_radius"))
+    if axes is None:
+        if angle is not None:
+            raise ValueError("body_angle is given, and the half axes are not: body_axes.")
+        return
+    if not all(x > 0 and math.isfinite(x) for x in axes):
+        raise ValueError(f"body_axes is {tuple(axes)}, expected two numbers above zero.")
+    if angle is not None and not math.isfinite(angle):
+        raise ValueError(f"body_angle is {angle}, expected a finite number of degrees.")
+    own = _equal_radius(axes)
+    if radius is not None and abs(radius - own) > ROUNDED * own:
+        raise ValueError(
+            f"body_radius is {p.units.of_length(radius)} beside body_axes, whose ellipse has the "
+            f"area of a circle of {p.units.of_length(own)}: leave out the radius."
+        )

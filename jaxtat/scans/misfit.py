@@ -46,7 +46,7 @@ from ..forward import (
 )
 from ..forward.circular_sizes import circle_sizes, sizes_inside
 from ..forward.fast_circles import Series
-from ..geometry import Body, DetectorCurve, DetectorPoints, ImageGrid, disk
+from ..geometry import Body, DetectorCurve, DetectorPoints, ImageGrid, OutlineBody, disk
 from ..reconstruction import ForwardOperator
 from ..reconstruction.laddered import longer_curve
 from ..reconstruction.operator import in_single_precision
@@ -320,6 +320,8 @@ def place_of(
         sizes = sizes_inside(sizes, curve, grid, disk(sound.reach, center=sound.center))
     longest = float(LONGER * fastest * sound.end)
     sizes = sizes.with_period(longest) if longest > sizes.period else sizes
+    if isinstance(medium, OutlineBody):
+        sizes = sizes.with_fewer_orders()
     about = positions_on_circle(curve, sizes.n_nodes)
     return Place(curve, grid, sizes, medium, tolerance, about)
 

@@ -23,7 +23,14 @@ from .angular_coverage import with_speed_seen_once
 from .choices import IN_SPACE, Choices
 from .estimate import Estimate, Source
 from .laser_artefact import start_by_laser
-from .medium import acoustic_model, body, nominal_speed, require_body_inside, require_body_speed
+from .medium import (
+    acoustic_model,
+    body,
+    nominal_speed,
+    require_body_inside,
+    require_body_speed,
+    require_ellipse,
+)
 from .method import constraints, laser_energy
 from .noise import exact_integrals, noise_in_plane, noise_in_space
 from .parameters import Parameters
@@ -47,7 +54,7 @@ INTEGRALS = region_of_integrals, radii_of_integrals, exact_integrals, body, *MET
 BALL = ball_of_sound, body, resolution_in_space, radii_in_space, noise_in_space, *METHOD
 NO_SOUND = {"model": "none", "sound_speed": 1.0, "time_shift": 0.0, "dead_time": 0.0, "band": None}
 _REGION_IN_PLANE = "region_angle", "region_center", "region_size"
-NOT_IN_SPACE = "time_shift", *_REGION_IN_PLANE, "model"  # options
+NOT_IN_SPACE = "time_shift", *_REGION_IN_PLANE, "model", "body_axes", "body_angle"  # options
 
 
 def choices_in_plane(scan: Scan, given: Mapping[str, Any]) -> Choices:
@@ -114,6 +121,7 @@ def _sound(
     p = p.with_(time_shift=_start_of(scan, facts, frame, p["sound_speed"])).with_(**images)
     require_units_alike(facts, p)
     require_body_speed(p)
+    require_ellipse(p)
     require_body_inside(p, facts.arc.radius if facts.arc else None)
     record, assumed = preprocess_in_plane(scan, facts, frame, p)
     if images:

@@ -21,9 +21,15 @@ from .space import units_of_scan
 from .start_time import start_and_speed
 
 LARGER = 1.1  # the region than the body
-ESTIMATED = ("sound_speed", "body_radius", "body_center")
+ESTIMATED = ("sound_speed", *(name for name in OF_BODY if name != "water_speed"))
 NEAR = 2.0  # standard errors of a start that one speed tells
 UNEXPLAINED = 0.5  # share of a record, above which no body is looked for that nobody asked for
+_NAMED = {
+    "radius": "body_radius",
+    "center": "body_center",
+    "half_axes": "body_axes",
+    "angle": "body_angle",
+}
 KEPT = ("model", "time_shift")  # as one speed tells them, while two are looked for
 
 
@@ -52,11 +58,12 @@ def with_water_of(scan: Scan, given: Mapping[str, Any]) -> dict[str, Any]:
     return others | {"water_speed": float(water_speed(temperature)) * nominal / WATER}
 
 
-def require_one(scan: Scan, given: Mapping[str, Any]) -> None:
+def require_one(scan: Scan, given: Mapping[str, Any], shape: str) -> None:
     """Raise ValueError where one speed is asked for beside what is of two, or of integrals."""
     if scan.kind != "pressure":
         raise ValueError("two_speeds is of pressure records: leave it out.")
     beside = [name for name in (*OF_BODY, "water_temperature") if given.get(name) is not None]
+    beside += ["body_shape"] if shape != "disk" else []
     if beside:
         raise ValueError(f"one speed is asked for, and {beside[0]} is of two: leave one out.")
 
@@ -155,42 +162,51 @@ def _not_clear(made: Choices, found: BodyEstimate | None) -> Choices:
     return _said_of_speed(made, f"by two speeds {told}")
 
 
-def with_two_speeds(scan: Scan, given: Mapping[str, Any]) -> Choices:
+def with_two_speeds(scan: Scan, given: Mapping[str, Any], shape: str = "disk") -> Choices:
     """Choices through the body that explains clearly more, or by one speed, with what was seen.
 
     Args:
         scan: of pressure.
         given: options by name; with a water speed that is taken to be known.
+        shape: "disk" or "ellipse".
 
     Raises:
         ValueError: for numbers of the body beside the wish to estimate them, for data that have no
-            speeds, and for elements in space that have a size.
+            speeds, for elements in space that have a size, and an ellipse in space.
     """
+    if in_space(scan) and shape != "disk":
+        raise ValueError(f"body_shape is {shape!r}, and detectors in space tell a ball.")
     beside = [name for name in ESTIMATED if given.get(name) is not None]
     if beside:
         raise ValueError(f"two_speeds estimates {beside[0]}, which is given: leave one out.")
     made = choices_of(scan, {**given, "water_speed": None})
     if made.model not in (*MODELS, IN_SPACE):
         raise ValueError("two_speeds is of pressure records: leave it out.")
-    made, found = _with_body(scan, given, made)
+    made, found = _with_body(scan, given, made, shape=shape)
     if found and found.clear:
         return _through_body(scan, given, made, found)
     return _not_clear(made, found)
 
 
 def _with_body(
-    scan: Scan, given: Mapping[str, Any], made: Choices, *, asked: bool = True
+    scan: Scan,
+    given: Mapping[str, Any],
+    made: Choices,
+    *,
+    asked: bool = True,
+    shape: str = "disk",
 ) -> tuple[Choices, BodyEstimate | None]:
     """The body, and the choices by one speed with the start with which it explains more.
 
     By one speed images may take a body's for another start: the file's is tried too.
     """
     frame, water = typical_frame(scan), given.get("water_speed")
-    found = estimate_body(scan, made, frame, water_speed=water, asked=asked)
+    how: dict[str, Any] = {"water_speed": water, "asked": asked, "shape": shape}
+    found = estimate_body(scan, made, frame, **how)
     if made.time_shift == 0 or "time_shift" in made.user_set:
         return made, found
     as_filed = choices_of(scan, {**given, "water_speed": None, "time_shift": 0.0})
-    other = estimate_body(scan, as_filed, frame, water_speed=water, asked=asked)
+    other = estimate_body(scan, as_filed, frame, **how)
     if other is None or not other.clear or (found and found.clear and found.share < other.share):
         return made, found
     as_filed = replace(as_filed, user_set=made.user_set)
@@ -204,12 +220,15 @@ def _through_body(
     """All choices with the body that was found; the region is its own, unless it is given."""
     body = found.body
     center = tuple(float(x) for x in body.center)
-    numbers = {
+    numbers: dict[str, Any] = {
         "sound_speed": float(body.sound_speed),
         "water_speed": float(body.water_speed),
-        "body_radius": float(body.radius),
         "body_center": center,
     }
+    if found.half_axes is None:
+        numbers["body_radius"] = float(body.radius)
+    else:
+        numbers |= {"body_axes": found.half_axes, "body_angle": found.angle}
     region: dict[str, Any] = {"region_radius": LARGER * float(body.radius)}
     if not made.in_space:  # where the body's centre is that of the region
         region["region_center"] = center
@@ -218,7 +237,7 @@ def _through_body(
     told = {} if made.in_space else {name: getattr(made, name) for name in KEPT}
     known = {name: value for name, value in given.items() if value is not None}
     other = choices_of(scan, told | known | numbers | region)
-    errors = found.standard_errors | {"body_radius": found.standard_errors["radius"]}
+    errors = {_NAMED.get(name, name): error for name, error in found.standard_errors.items()}
     for name in numbers:
         if name == "water_speed" and given.get(name) is not None:
             other = other.with_reason(name, "given", SURE)
