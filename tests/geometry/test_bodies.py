@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.test_util import check_grads
 
 from jaxtat import (
     DiskBody,
@@ -107,3 +108,30 @@ def test_outlines_that_are_refused(points, speeds, message):
     points = shapes[points] if isinstance(points, str) else points
     with pytest.raises(ValueError, match=message):
         OutlineBody(points, *speeds)
+
+
+def test_a_stretched_disk_is_an_ellipse():
+    """Half axes a exp(±|s|), the longer at half of the angle of s; at s = 0 derivatives too."""
+    axes, turn = np.array([0.5, 0.4]), 0.35
+    stretch = np.log(axes[0] / axes[1]) / 2 * np.array([np.cos(2 * turn), np.sin(2 * turn)])
+    ellipse = OutlineBody.ellipse((0.1, 0.0), axes, 1.04, 1.0, angle=turn)
+    radius = np.sqrt(axes.prod())
+    made = OutlineBody.stretched((0.1, 0.0), radius, stretch, 1.04, 1.0)
+    rim = np.asarray(made.points) - [0.1, 0.0]
+    np.testing.assert_allclose(ellipse.share_of_way(made.points), 1.0, rtol=1e-4)
+    along = np.array([np.cos(turn), np.sin(turn)])
+    across = rim @ [-along[1], along[0]]
+    np.testing.assert_allclose((rim @ along / axes[0]) ** 2 + (across / axes[1]) ** 2, 1.0)
+
+    def points(s):
+        return OutlineBody.stretched((0.0, 0.0), 0.4, s, 1.04, 1.0).points
+
+    for at in (jnp.zeros(2), jnp.array([1e-5, 2e-5]), jnp.asarray(stretch)):
+        check_grads(points, (at,), order=2, modes=("fwd", "rev"), rtol=1e-5)
+
+
+def test_shares_of_the_way_to_the_rim():
+    points = jnp.array([[0.1, 0.34], [0.55, -0.06], [0.1, -0.06]])
+    np.testing.assert_allclose(BODY.share_of_way(points), [0.4 / 0.45, 1.0, 0.0], atol=1e-12)
+    ellipse = OutlineBody.ellipse((0.1, -0.06), (0.45, 0.2), 1.04, 1.0)
+    np.testing.assert_allclose(ellipse.share_of_way(points), [2.0, 1.0, 0.0], atol=1e-3)

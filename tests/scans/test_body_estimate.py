@@ -24,7 +24,8 @@ from jaxtat.scans import (
 )
 from jaxtat.scans.acoustics import sound_of
 from jaxtat.scans.body_criterion import BodyFit, Through, through_bodies
-from jaxtat.scans.body_estimate import BodyEstimate, _Near, _Search
+from jaxtat.scans.body_estimate import BodyEstimate
+from jaxtat.scans.body_search import BodySearch, NearLeast
 from jaxtat.scans.start_time import Start
 
 pytestmark = pytest.mark.slow
@@ -103,7 +104,7 @@ class Hill:
 )
 def test_newtons_step_is_taken_where_the_criterion_falls(begin, wrong):
     ones, good = np.ones(5), np.ones(4, bool)
-    search = _Search(Hill(ones, wrong), ones, ones, 1.0, 1.0, good, 5, ())
+    search = BodySearch(Hill(ones, wrong), ones, ones, 1.0, 1.0, good, 5, ())
     start = np.ones(5) + begin
     near = search.newton(start, search.at(start))
     np.testing.assert_allclose(near.numbers, np.ones(5), atol=1e-12)
@@ -122,13 +123,13 @@ def test_nobody_asked_for_a_body_that_one_speed_does_without(through_body, monke
     """Low frequencies tell at once that a record of one speed has none, and that another may."""
     monkeypatch.setattr(body_criterion, "PIXELS", 27)
     lowest = []
-    search = _Search.lowest_of_starts
+    search = BodySearch.lowest_of_starts
 
     def watched(self):
         lowest.append(self)
         return search(self)
 
-    monkeypatch.setattr(_Search, "lowest_of_starts", watched)
+    monkeypatch.setattr(BodySearch, "lowest_of_starts", watched)
     one, given = scan_of(record()), ONE | {"sound_speed": SPEED}
     found = estimate_body(one, choose(one, **given), record(), asked=False)
     assert not lowest and not found.clear and found.share == found.share_of_one
@@ -155,7 +156,7 @@ def test_frames_that_cannot_be_are_refused(told):
 
 def test_sound_from_the_middle_takes_the_time_of_the_numbers():
     """T of the body's own speed, which is kept within bounds."""
-    through = Through(None, None, 0.04, np.zeros(2), 0.011)
+    through = Through(None, None, 0.04, np.zeros(2), 0.011, 0)
     arrival = 0.04 / WATER - RADIUS * (1 / WATER - 1 / TISSUE)
     body = through.body(np.array([arrival, RADIUS, *CENTER, WATER]))
     assert float(body.sound_speed) == pytest.approx(TISSUE)
@@ -194,7 +195,7 @@ def test_slopes_are_the_derivatives_of_what_is_left(criterion, held):
 
 
 def near_of(gradient, hessian, of_left=None):
-    return _Near(np.zeros(5), None, np.asarray(gradient, float), np.asarray(hessian), of_left)
+    return NearLeast(np.zeros(5), None, np.asarray(gradient, float), np.asarray(hessian), of_left)
 
 
 def test_the_least_of_a_paraboloid_takes_one_step():

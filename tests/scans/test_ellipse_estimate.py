@@ -1,0 +1,197 @@
+"""A body that is an ellipse, estimated from the record, and choices that go through it."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from made_scans import RATE, TIMES, positions
+
+from jaxtat import (
+    DiskBody,
+    ImageGrid,
+    OutlineBody,
+    Setup,
+    detector_curve,
+    disk,
+    model_based,
+    phantoms,
+)
+from jaxtat.cli import main
+from jaxtat.io import Scan
+from jaxtat.records import simulate_pressure
+from jaxtat.scans import body_criterion, body_estimate, choose, estimate_body
+from jaxtat.scans.acoustics import sound_of
+from jaxtat.scans.body_criterion import through_bodies
+from jaxtat.scans.body_estimate import BodyEstimate
+from jaxtat.scans.body_search import BodySearch
+
+pytestmark = pytest.mark.slow
+
+WATER, TISSUE, AXES, ANGLE, CENTER = 1480.0, 1580.0, (0.012, 0.0098), 40.0, (1e-3, -5e-4)
+RADIUS = float(np.sqrt(AXES[0] * AXES[1]))
+WAYS = np.array(
+    [(0.1, 30), (0.75, 40), (0.7, 100), (0.8, 160), (0.75, 215), (0.7, 280), (0.8, 340)]
+)
+UNIT = WAYS[:, :1] * np.stack([np.cos(a := np.deg2rad(WAYS[:, 1])), np.sin(a)], axis=1)
+TURN = np.deg2rad(ANGLE)
+MIDDLES = CENTER + UNIT * AXES @ [[np.cos(TURN), np.sin(TURN)], [-np.sin(TURN), np.cos(TURN)]]
+BELLS = phantoms.Bells(MIDDLES, np.full(7, 0.002), [0.7, 1.0, 0.8, 1.2, 0.9, 1.1, 0.6])
+BODY = OutlineBody.ellipse(CENTER, AXES, TISSUE, WATER, angle=np.deg2rad(ANGLE))
+ONE = {"model": "in-plane", "sound_speed": 1505.0, "region_radius": 0.0125, "pixels": 41}
+GIVEN = {"sound_speed": TISSUE, "water_speed": WATER, "body_center": CENTER, "body_axes": AXES}
+DISK = BodyEstimate(
+    body=DiskBody(CENTER, RADIUS, TISSUE, WATER),
+    standard_errors={"sound_speed": 2.0, "radius": 1e-4, "center": 2e-4},
+    one_speed=1505.0,
+    share=0.05,
+    share_of_one=0.1,
+    gain=0.75,
+    gain_error=0.05,
+    clear=True,
+    grade="likely",
+)
+FOUND = DISK._replace(
+    body=BODY,
+    standard_errors=DISK.standard_errors | {"half_axes": 1e-4, "angle": 3.0},
+    half_axes=AXES,
+    angle=ANGLE,
+)
+
+
+def scan_of(pressure, **known):
+    return Scan("pressure", pressure, {"detectors": positions(), "sampling_rate": RATE} | known)
+
+
+@pytest.fixture(scope="module")
+def through_ellipse():
+    """The record of the bells through the body, in finer pixels than the estimate has."""
+    curve, grid = detector_curve(positions()[:, :2]), ImageGrid(65, AXES[0], CENTER)
+    setup = Setup(curve, disk(AXES[0], center=CENTER), grid, medium=BODY)
+    return np.asarray(simulate_pressure(setup, BELLS.image(grid), TIMES, model="in-plane"))
+
+
+def criterion_of(pressure):
+    scan = scan_of(pressure)
+    chosen = choose(scan, **ONE)
+    sound = sound_of(scan, chosen, pressure)
+    return sound, chosen
+
+
+def test_slopes_are_the_derivatives_of_what_is_left(through_ellipse, monkeypatch):
+    """At a disk, where axes and angle have none."""
+    monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 17)
+    sound, chosen = criterion_of(through_ellipse)
+    through = through_bodies(sound, chosen, np.array(CENTER), RADIUS, ellipses=True)
+    arrival = through.distance / WATER - RADIUS * (1 / WATER - 1 / TISSUE)
+    numbers = np.array([arrival, RADIUS, *CENTER, 0.0, 0.0, WATER])
+    here = through.least(numbers, 0.1, 60)
+    for k, step in ((1, 1.5e-5), (4, 2e-3), (5, 2e-3), (6, 0.5)):
+        ahead, behind = (
+            through.least(numbers + by * np.eye(7)[k], 0.1, 0, here.image) for by in (step, -step)
+        )
+        slope = (ahead.left - behind.left).sum() / (4 * step)
+        assert slope == pytest.approx(here.slopes[k], rel=0.02)
+
+
+def test_the_ellipse_is_told_by_its_record(through_ellipse, monkeypatch):
+    """From a disk of its area with wrong speeds on."""
+    monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 21)
+    sound, chosen = criterion_of(through_ellipse)
+    start = DISK._replace(body=DiskBody(CENTER, RADIUS, TISSUE - 8.0, WATER + 3.0))
+    points = np.asarray(sound.curve.points)[sound.good]
+    away = np.linalg.norm(points - CENTER, axis=1).mean()
+    arrival = float(away / WATER - RADIUS * (1 / WATER - 1 / TISSUE))
+    found = body_estimate._ellipse_from(sound, chosen, start, arrival, True)
+    assert found.half_axes is not None and found.clear
+    np.testing.assert_allclose(found.half_axes, AXES, rtol=0.04)
+    assert found.angle == pytest.approx(ANGLE, abs=6.0)
+    assert float(found.body.sound_speed) == pytest.approx(TISSUE, abs=15.0)
+    assert float(found.body.water_speed) == pytest.approx(WATER, abs=8.0)
+    assert set(found.standard_errors) == {*FOUND.standard_errors, "water_speed"}
+    assert 0 < found.standard_errors["half_axes"] < 1e-3
+
+
+@pytest.mark.parametrize(("gain", "error"), [(0.08, 0.01), (0.2, 0.08)])
+def test_a_disk_stays_where_no_ellipse_explains_more(gain, error, through_ellipse, monkeypatch):
+    monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 17)
+    monkeypatch.setattr(body_estimate, "_gain", lambda *_: (gain, error, 0.1, 0.1))
+    monkeypatch.setattr(BodySearch, "at", lambda *_: None)
+    monkeypatch.setattr(BodySearch, "downhill", lambda *_, **__: (None, None))
+    near = SimpleNamespace(numbers=None, fit=None)
+    monkeypatch.setattr(BodySearch, "newton", lambda *_: near)
+    sound, chosen = criterion_of(through_ellipse)
+    assert body_estimate._ellipse_from(sound, chosen, DISK, 1e-5, True) is DISK
+
+
+def test_choices_go_through_the_ellipse(through_ellipse, monkeypatch, tmp_path):
+    """By the command, which repeats it; region and table are of the ellipse."""
+    asked = []
+
+    def told(scan, choices, frame, *, shape, **_):
+        asked.append(shape)
+        return FOUND
+
+    monkeypatch.setattr("jaxtat.scans.two_speeds.estimate_body", told)
+    monkeypatch.chdir(tmp_path)
+    scan = scan_of(through_ellipse)
+    np.savez("scan.npz", pressure=scan.data, **scan.known)
+    line = "reconstruct scan.npz --body-shape ellipse --model in-plane --sound-speed 1505 --pixels"
+    with pytest.raises(ValueError, match="sound_speed, which is given"):
+        choose(scan, body_shape="ellipse", sound_speed=1505.0)
+    scan = replace(scan, known=scan.known | {"sound_speed": np.array([1505.0])})
+    np.savez("scan.npz", pressure=scan.data, **scan.known)
+    line = line.replace(" --sound-speed 1505", "")
+    assert main(f"{line} 41 --direct --quiet --json a.json --out a.h5".split()) == 0
+    assert asked == ["ellipse"]
+    told_of = json.loads(Path("a.json").read_text())["choices"]
+    assert told_of["body_axes"]["value"] == list(AXES) and told_of["body_angle"]["value"] == ANGLE
+    assert told_of["region_radius"]["value"] == pytest.approx(1.1 * AXES[0])
+    monkeypatch.setattr("jaxtat.scans.two_speeds.estimate_body", None)  # it is not asked again
+    again = "reconstruct scan.npz --repeat a.h5 --quiet --out b.npy"
+    assert main(again.split()) == 0 and main(f"{again} --body-shape disk".split()) == 2
+
+
+def test_fits_through_an_ellipse_in_32_bits(through_ellipse):
+    """Factors of high orders magnified rounding: such images were zero."""
+    curve, region = detector_curve(positions()[:, :2]), disk(AXES[0], center=CENTER)
+    errors = []
+    for medium in (BODY, DISK.body):
+        setup = Setup(curve, region, ImageGrid(49, AXES[0], CENTER), medium=medium)
+        given = {"model": "in-plane", "nonnegative": True, "dtype": "float32"}
+        fit = model_based(setup, through_ellipse, times=TIMES, **given)
+        truth = np.asarray(BELLS.image(setup.grid))
+        errors.append(np.linalg.norm(np.asarray(fit.image) - truth) / np.linalg.norm(truth))
+    assert errors[0] < 0.06 and errors[0] < 0.5 * errors[1]
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        (GIVEN | {"body_radius": 0.02}, "leave out the radius"),
+        (GIVEN | {"body_axes": (0.01, 0.0)}, "two numbers above zero"),
+        (GIVEN | {"body_axes": (0.2, 0.01)}, "longer of body_axes is"),
+        (GIVEN | {"body_angle": np.nan}, "finite number of degrees"),
+        (GIVEN | {"body_axes": None, "body_angle": 3.0}, "half axes are not"),
+        ({"body_axes": AXES}, "speed around it is not"),
+        ({"body_shape": "square"}, "expected one of disk, ellipse"),
+        ({"body_shape": "ellipse", "two_speeds": False}, "body_shape is of two"),
+        ({"body_shape": "ellipse", "body_angle": 3.0}, "body_angle, which is given"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(through_ellipse, given, reason):
+    with pytest.raises(ValueError, match=reason):
+        choose(scan_of(through_ellipse), **given)
+
+
+def test_shapes_are_of_the_plane_and_known(through_ellipse):
+    scan = scan_of(through_ellipse)
+    with pytest.raises(ValueError, match="expected one of disk, ellipse"):
+        estimate_body(scan, choose(scan, **ONE), through_ellipse, shape="square")
+    points = np.random.default_rng(0).standard_normal((40, 3))
+    points *= 0.04 / np.linalg.norm(points, axis=1, keepdims=True)
+    in_space = scan_of(through_ellipse[:40], detectors=points)
+    with pytest.raises(ValueError, match="tell a ball"):
+        choose(in_space, body_shape="ellipse")
