@@ -209,7 +209,7 @@ CHOICES = (
         | {
             "nargs": 2,
             "metavar": ("A", "B"),
-            "help": "half axes of a body that is an ellipse (default: a disk)",
+            "help": "half axes of a body that is an ellipse, in either order (default: a disk)",
         },
         quantity="length",
     ),
@@ -218,7 +218,7 @@ CHOICES = (
         _number_or_none,
         lambda c: f"{round(c.body_angle or 0.0, 1) + 0.0:g} degrees",
         RECORD,
-        _NUMBER | {"metavar": "DEG", "help": "from the first axis to that of A (default: 0)"},
+        _NUMBER | {"metavar": "DEG", "help": "direction of A, from x1 towards x2 (default: 0)"},
         quantity="angle",
     ),
     Choice(

@@ -211,7 +211,7 @@ def for_plan(scan: Scan, asked: dict[str, Any]) -> dict[str, Any]:
 
     A plan is for many records, of which this is one.
     """
-    of_two = any(asked[name] is not None for name in (*OF_BODY, *OF_TWO_SPEEDS))
+    of_two = any(asked[name] not in (None, "disk") for name in (*OF_BODY, *OF_TWO_SPEEDS))
     return asked if of_two or scan.kind != "pressure" else asked | {"two_speeds": False}
 
 

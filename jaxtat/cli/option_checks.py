@@ -244,7 +244,7 @@ def _require_together(options: argparse.Namespace) -> None:
         decided = (*every, *OF_PLANS, *OF_TWO_SPEEDS, "length_unit")
         _refuse(options, decided, "repeat", "the earlier image")
     if is_given(options, "plan"):
-        of_plan = (*OF_REGION, "max_frequency", "alpha", "two_speeds", *OF_PLANS)
+        of_plan = (*OF_REGION, "max_frequency", "alpha", *OF_TWO_SPEEDS, *OF_PLANS)
         _refuse(options, of_plan, "plan", "the plan")
     if is_given(options, "plan") or wants_plan(options):
         _refuse_constraints(options)

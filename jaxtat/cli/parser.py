@@ -419,8 +419,8 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
     data.add_argument(
         "--body-shape",
         choices=BODY_SHAPES,
-        help="of the body that --two-speeds estimates; an ellipse takes some minutes more, and is "
-        "used if it explains clearly more than a disk",
+        help="of a body that is estimated (default: disk, in space a ball); ellipse asks for "
+        "--two-speeds and takes some minutes, and is used if it explains clearly more than a disk",
     )
     data.add_argument(
         "--water-temperature", type=float, metavar="T", help="in place of --water-speed [degrees C]"

@@ -69,9 +69,9 @@ class CircleSizes(eqx.Module):
         return replace(self, period=period, n_frequencies=n, groups=groups)
 
     def with_fewer_orders(self) -> "CircleSizes":
-        """Orders up to where J_m is below 1e-5: equations at an outline take as much as their cube.
+        """Orders up to where J_m(x) is below 1e-5, x to 400, for criteria of outlines.
 
-        What images leave of a record changes by less than 1e-6.
+        Equations at an outline take as much as the cube of the highest order.
         """
         groups = []
         for first, last, orders, turn, outer in self.groups:

@@ -82,7 +82,9 @@ from .own_responses import OwnResponses
 # bytes of cosines and sines up to which a product with them is faster than a non-uniform FFT
 DENSE = 2**24
 KEPT = 1.5e9  # bytes of waves at detectors off a circle, above which they are made anew each time
-NOTHING = 1e-6  # of a wave in an image: its factors grow as fast, and errors of the FFT with them
+# Orders of an outline of which an image has less are left out: factors are up to its inverse, and
+# multiply errors of the FFT. Errors are below 1e-6 then, whatever the tolerance.
+NOTHING = 1e-6
 TOGETHER = 8  # frequencies whose waves are made at once
 
 

@@ -57,8 +57,8 @@ class Body(ComparedByIdentity, eqx.Module):
         """Of a disk of the same area [length]."""
         return self.radius
 
-    def share_of_way(self, points: Float[Array, "*n space"]) -> Float[Array, "*n"]:
-        """Distances from the centre over that of the rim there: at most 1 in the body."""
+    def relative_radius(self, points: Float[Array, "*n space"]) -> Float[Array, "*n"]:
+        """Distances from the centre over that of the rim in their direction."""
         return jnp.linalg.norm(points - self.center, axis=-1) / self.radius
 
 
@@ -276,7 +276,7 @@ class OutlineBody(Body):
         return cls(middle + points, sound_speed, water_speed, density_ratio)
 
     @classmethod
-    def stretched(
+    def stretched_disk(
         cls,
         center: Numbers,
         radius: Numbers,
@@ -295,7 +295,7 @@ class OutlineBody(Body):
             stretch: s, (2,).
             sound_speed, water_speed: as of any outline.
 
-        >>> body = OutlineBody.stretched((0.1, 0.0), 0.4, (0.0, 0.2), 1540.0, 1500.0)
+        >>> body = OutlineBody.stretched_disk((0.1, 0.0), 0.4, (0.0, 0.2), 1540.0, 1500.0)
         >>> round(float(body.radius / body.equal_radius), 6), round(float(np.exp(0.2)), 6)
         (1.221403, 1.221403)
         """
@@ -324,8 +324,8 @@ class OutlineBody(Body):
         """Of a disk of the same area [length]."""
         return by_library(_equal_radius, (self.points,))
 
-    def share_of_way(self, points: Float[Array, "*n space"]) -> Float[Array, "*n"]:
-        """Distances from the centre over that of the outline there: at most 1 in the body."""
+    def relative_radius(self, points: Float[Array, "*n space"]) -> Float[Array, "*n"]:
+        """Distances from the centre over that of the outline in their direction."""
         rim, local = outline_at(jnp, self.points, DENSE)[0] - self.center, points - self.center
         angles, at = (jnp.arctan2(x[..., 1], x[..., 0]) for x in (rim, local))
         reach = jnp.interp(at, angles, jnp.linalg.norm(rim, axis=1), period=2 * np.pi)

@@ -2,7 +2,7 @@
 
 from .acoustics import shares_by_speed
 from .acquisition import with_facts
-from .body_estimate import BodyEstimate, estimate_body
+from .body_estimate import BodyEstimate, estimate_body, estimate_ellipse
 from .choices import Choices
 from .choosing import choose
 from .deviations import standard_deviations
@@ -25,6 +25,7 @@ __all__ = [
     "choose",
     "describe",
     "estimate_body",
+    "estimate_ellipse",
     "image_errors",
     "integrals",
     "reconstruct",

@@ -1,11 +1,12 @@
-"""What the best image leaves of a record through a disk or ball of another speed; derivatives.
+"""What the best image leaves of a record through a disk, ball or ellipse; derivatives.
 
 The criterion is that of `misfit`, with the waves of a `DiskBody` in its operator and an image that
 may sound in it and just around it: farther away its waves mean nothing. Pixels, numbers of waves
 and the samples that count are those of the largest body and the same for all, so that a candidate
 compiles nothing.
 
-A body is five numbers q, in space six, that a record tells apart: the radius a, the centre, the
+A body is five numbers q, in space six, of an ellipse seven (the stretch s of
+`OutlineBody.stretched_disk` too), that a record tells apart: the radius a, the centre, the
 water's speed c_2, and in place of the body's own speed c_1 the time
 
     T = D/c_2 - a (1/c_2 - 1/c_1),    D the distance of the detectors from the middle,
@@ -39,7 +40,7 @@ from .misfit_in_space import misfit_of_volumes, place_in_space
 
 PIXELS = 65  # along an axis: coarse ones see wrong bodies from farther
 FINE = 1e-5  # tolerance of the non-uniform FFTs: with 1e-3 a fit through a body ends too early
-PIXELS_OF_ELLIPSES = 25
+PIXELS_OF_ELLIPSES = 25  # whose equations take as much as the fourth power of these
 SUPPORT = 1.1  # of the body's radius, up to which there may be sound
 WIDE, WAY = 1.35, 0.25  # of the radius of what sounds: reach of the pixels, way of the centre
 RATIOS = 0.92, 1.1  # of the two speeds, that are tried
@@ -186,7 +187,7 @@ def through_bodies(
     outward = offset / away if away > 0 else np.eye(len(center))[0]
     where = center + WAY * radius * outward, reach / SUPPORT
     if ellipses:
-        largest: Body = OutlineBody.stretched(*where, np.zeros(2), RATIOS[0], 1.0)
+        largest: Body = OutlineBody.stretched_disk(*where, np.zeros(2), RATIOS[0], 1.0)
     else:
         largest = body_about(*where, RATIOS[0], 1.0)
     ends = SLOWEST * choices.sound_speed, FASTEST * choices.sound_speed
@@ -216,7 +217,7 @@ def _body_of(numbers: Any, distance: Any, dimension: int) -> Body:
     if not stretch:
         return body_about(middle, radius, own, water)
     stretches = by_library(lambda xp, *parts: xp.stack(parts), stretch)
-    return OutlineBody.stretched(middle, radius, stretches, own, water)
+    return OutlineBody.stretched_disk(middle, radius, stretches, own, water)
 
 
 @eqx.filter_jit
@@ -263,5 +264,5 @@ def _left_by(
 
 def _with_body(misfit: Misfit, place: Any, body: Body) -> Misfit:
     """The criterion with the waves of a body, in and around which there may be sound."""
-    parts = place.integrals(body), body.share_of_way(place.grid.points) <= SUPPORT
+    parts = place.integrals(body), body.relative_radius(place.grid.points) <= SUPPORT
     return eqx.tree_at(lambda m: (m.integrals, m.support), misfit, parts)

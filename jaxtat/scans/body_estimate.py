@@ -6,7 +6,8 @@ with the lowest quarter of frequencies, from one speed and from bodies slower an
 water. Where no body makes V fall by more than 2 %, it ends there. Else it goes on with half of the
 frequencies, with which it begins in space, then with all. Newton's method, by differences of
 slopes, ends it. What is left for each detector beside the end gives the jackknife over sectors of
-detectors at no further cost.
+detectors at no further cost. An ellipse is looked for from the best disk on, with the low
+frequencies that coarse pixels hold.
 """
 
 from typing import Any, NamedTuple
@@ -15,14 +16,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..base.checks import real_array, require_positive
-from ..base.choice_table import BODY_SHAPES, GUESSED, LIKELY, SURE
+from ..base.choice_table import GUESSED, LIKELY, SURE
 from ..geometry import Body, DetectorPoints
 from ..io import Scan
 from ..spherical.visible import covered_share
 from .acoustics import rows_of_frame, sound_of
 from .acoustics_in_space import HALF
 from .angular_coverage import SEEN_TWICE, span
-from .body_criterion import RATIOS, WIDE, BodyFit, Through, through_bodies
+from .body_criterion import RATIOS, SUPPORT, WIDE, BodyFit, Through, through_bodies
 from .body_search import BodySearch, NearLeast, units_of
 from .choices import Choices
 from .misfit import Sound
@@ -79,7 +80,8 @@ class BodyEstimate(NamedTuple):
     angle: float | None = None
 
     def __str__(self) -> str:
-        of = "left unexplained" if self.standard_errors else "of low frequencies left unexplained"
+        few = not self.standard_errors or self.half_axes is not None
+        of = "of low frequencies left unexplained" if few else "left unexplained"
         compared = f"{self.share:.1%} {of}, {self.share_of_one:.1%} by one speed"
         return compared if self.clear else f"{compared}: not clearly less"
 
@@ -91,13 +93,11 @@ def estimate_body(
     *,
     water_speed: float | None = None,
     asked: bool = True,
-    shape: str = "disk",
 ) -> BodyEstimate | None:
     """The disk, or ball, of another speed of sound by which an image explains most of a frame.
 
     Takes about 100 fits of a coarse image with derivatives, 40 where low frequencies already show
-    that no body makes much less unexplained. An ellipse begins at the disk and takes 40 more, of
-    coarser images, for each of which the equations at its outline are solved.
+    that no body makes much less unexplained. `estimate_ellipse` goes on from a disk.
 
     Args:
         scan, choices: of pressure; the choices with one speed of sound, of
@@ -106,17 +106,15 @@ def estimate_body(
         water_speed: c_2, if it is known [length/time].
         asked: whether someone asked for it; else the search ends at once where bodies of other
             speeds, as large as what sounds and about its middle, explain low frequencies less.
-        shape: "disk", a ball in space, or "ellipse", in the plane.
 
     Returns:
         The body, and whether it explains clearly more than one speed does; None of a record that
-        is too short to tell. The best disk where no ellipse explains clearly more than a disk.
+        is too short to tell.
 
     Raises:
-        ValueError: for choices of two speeds, integrals, a speed that is not above zero, elements
-            in space that have a size, and a shape that there is not.
+        ValueError: for choices of two speeds, integrals, a speed that is not above zero, and
+            elements in space that have a size.
     """
-    _require_shape(shape, choices.in_space)
     if choices.water_speed is not None:
         raise ValueError("choices have two speeds of sound already, expected choices of one.")
     if water_speed is not None:
@@ -146,18 +144,7 @@ def estimate_body(
     if end[1].value > (1 - FELL) * by_one[1].value:
         return _hardly_less(first_look, *end, *by_one)
     two = search.newton(*search.through_frequencies(*end))
-    found = _estimate(search, two, *search.one_speed(two.numbers))
-    if shape == "disk":
-        return found
-    return _ellipse_from(sound, choices, found, two.numbers[0], search.water_is_free)
-
-
-def _require_shape(shape: Any, in_space: bool) -> None:
-    """Raise ValueError for a shape of bodies that is not searched for."""
-    if shape not in BODY_SHAPES:
-        raise ValueError(f"shape is {shape!r}, expected one of {', '.join(BODY_SHAPES)}.")
-    if in_space and shape == "ellipse":
-        raise ValueError("an ellipse is asked for, and the detectors lie in space: leave it out.")
+    return _estimate(search, two, *search.one_speed(two.numbers))
 
 
 def _heard_in_space(scan: Scan, choices: Choices, frame: np.ndarray) -> Sound | None:
@@ -198,21 +185,55 @@ def _about_what_sounds(
     return through, center, radius, float(through.by_one(OFF * choices.sound_speed)[1])
 
 
-def _ellipse_from(
-    sound: Sound, choices: Choices, disk: BodyEstimate, arrival: float, water_is_free: bool
+def estimate_ellipse(
+    scan: Scan,
+    choices: Choices,
+    frame: Float[np.ndarray, "rows samples"],
+    disk: BodyEstimate,
+    *,
+    water_speed: float | None = None,
 ) -> BodyEstimate:
-    """The ellipse that explains most, or the disk where that explains hardly less.
+    """The ellipse of another speed of sound by which an image explains most, from a disk on.
+
+    Takes 40 to 80 fits of an image of 25 x 25 pixels with derivatives, for each of which the
+    equations at the outline are solved.
 
     Args:
-        disk: where the search begins.
-        arrival: T of the disk.
-        water_is_free: whether the water's speed is searched for.
+        scan, choices, frame, water_speed: as of `estimate_body`, in the plane.
+        disk: what that told.
+
+    Returns:
+        The ellipse where it explains clearly more than the best disk, and more than one speed; else
+        the disk. Shares of an ellipse are of those frequencies that coarse pixels hold.
+
+    Raises:
+        ValueError: as `estimate_body`, and for detectors in space.
     """
+    if choices.in_space:
+        raise ValueError("the detectors lie in space, which tell a ball: use estimate_body.")
+    sound = sound_of(scan, choices, frame)
+    if sound is None:
+        return disk
+    search = _search_for_ellipses(sound, choices, disk, water_speed is None)
+    best_disk = search.downhill(search.first, search.at(search.first), disks=True)
+    near = search.newton(*search.downhill(*best_disk))
+    gain, gain_error, *_ = _gain(search, (near.numbers, near.fit), best_disk)
+    if not gain > max(GAIN, ERRORS * gain_error):
+        return disk
+    found = _estimate(search, near, *search.one_speed(near.numbers))
+    return found if found.clear or not disk.clear else disk
+
+
+def _search_for_ellipses(
+    sound: Sound, choices: Choices, disk: BodyEstimate, water_is_free: bool
+) -> BodySearch:
+    """That which begins at a disk, in pixels about it."""
     body = disk.body
     center, radius, water = np.asarray(body.center), float(body.radius), float(body.water_speed)
     through = through_bodies(sound, choices, center, radius, ellipses=True)
+    arrival = through.distance / water - radius * (1 / water - 1 / float(body.sound_speed))
     first = np.array([arrival, radius, *center, 0.0, 0.0, water])
-    search = BodySearch(
+    return BodySearch(
         through=through,
         first=first,
         units=units_of(through, radius, water),
@@ -222,12 +243,6 @@ def _ellipse_from(
         n_free=len(first) - (not water_is_free),
         parts=(),  # coarse pixels hold low frequencies alone
     )
-    best_disk = search.downhill(first, search.at(first), disks=True)
-    near = search.newton(*search.downhill(*best_disk))
-    gain, gain_error, *_ = _gain(search, (near.numbers, near.fit), best_disk)
-    if gain < max(GAIN, ERRORS * gain_error):
-        return disk
-    return _estimate(search, near, *search.one_speed(near.numbers))
 
 
 def _hardly_less(
@@ -268,18 +283,23 @@ def _estimate(
     through = search.through
     ways = [near.without(part, int(search.good.sum())) for part in _sectors(search)]
     moved = [search.moved(near.numbers, by) for by in ways]
-    body, each = through.body(near.numbers), [_told(search, numbers) for numbers in moved]
+    body, each = through.body(near.numbers), [_by_name(search, numbers) for numbers in moved]
     gain, gain_error, two, one = _gain(search, (near.numbers, near.fit), (alike, by_one))
 
+    told = _by_name(search, near.numbers)
+
     def error(name: str) -> float:
-        values = np.array([np.atleast_1d(told[name]) for told in each])
+        values = np.array([np.atleast_1d(one[name]) for one in each])
+        if name == "angle":  # of an axis: a half turn is none
+            values = (values - told[name] + 90.0) % 180.0
         return float(np.linalg.norm([jackknife(list(column)) for column in values.T]))
 
     ratios = [float(through.body(numbers).speed_ratio) for numbers in moved]
     apart = abs(float(body.speed_ratio) - 1) > ERRORS * jackknife(ratios)
     inside = RATIOS[0] + EDGE < float(body.speed_ratio) < RATIOS[1] - EDGE
+    axes = told.get("half_axes")
+    inside &= axes is None or SUPPORT * axes[0] <= through.reach  # else beyond the pixels
     clear = bool(inside and apart and gain > max(GAIN, ERRORS * gain_error))
-    told = _told(search, near.numbers)
     return BodyEstimate(
         body=body,
         standard_errors={name: error(name) for name in told},
@@ -290,12 +310,12 @@ def _estimate(
         gain_error=gain_error,
         clear=clear,
         grade=LIKELY if clear and _seen_twice(through, search.good) else GUESSED,
-        half_axes=tuple(told["half_axes"]) if "half_axes" in told else None,
-        angle=float(told["angle"]) if "angle" in told else None,
+        half_axes=None if axes is None else (float(axes[0]), float(axes[1])),
+        angle=told.get("angle"),
     )
 
 
-def _told(search: BodySearch, numbers: Float[np.ndarray, " numbers"]) -> dict[str, Any]:
+def _by_name(search: BodySearch, numbers: Float[np.ndarray, " numbers"]) -> dict[str, Any]:
     """What is told of a body, by name."""
     body, dimension = search.through.body(numbers), len(search.through.center)
     told: dict[str, Any] = {
@@ -306,7 +326,7 @@ def _told(search: BodySearch, numbers: Float[np.ndarray, " numbers"]) -> dict[st
     if search.through.n_stretch:
         stretch = numbers[2 + dimension : -1]
         told["half_axes"] = numbers[1] * np.exp(np.hypot(*stretch) * np.array([1.0, -1.0]))
-        told["angle"] = np.rad2deg(np.arctan2(stretch[1], stretch[0]) / 2)
+        told["angle"] = float(np.rad2deg(np.arctan2(stretch[1], stretch[0]) / 2))
     return told | ({"water_speed": numbers[-1]} if search.water_is_free else {})
 
 

@@ -75,6 +75,8 @@ def _chosen(scan: Scan, given: Mapping[str, Any]) -> Choices:
     for name in ("body_center",) if in_space(scan) else ("region_center", "body_center"):
         if given.get(name) is not None:
             real_array(name, given[name], (3 if in_space(scan) else 2,))
+    if given.get("body_axes") is not None:
+        real_array("body_axes", given["body_axes"], (2,))
     others = with_water_of(scan, others)
     if two or shape != "disk" or lacks_second(scan, others):
         return with_two_speeds(scan, others, shape)

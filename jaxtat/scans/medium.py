@@ -124,7 +124,7 @@ def require_body_inside(p: Parameters, radius: float | None) -> None:
 
 
 def body(_: Any, p: Parameters) -> Parameters:
-    """The disk, or ball, of another speed than the water's, where that is given: the region's."""
+    """The body of another speed than the water's, where that is given; by default the region."""
     asked = [name for name in OF_BODY if p.gives(name)]
     if asked and p["model"] == "none":
         raise ValueError(f"{asked[0]} is of pressure records: leave it out.")

@@ -12,7 +12,7 @@ from ..records import MODELS
 from ..records.water import water_speed
 from .acoustics import FASTEST_SOUGHT, SLOWEST_SOUGHT, shares_by_speed
 from .acquisition import WATER, in_space, nominal_water_speed, typical_frame
-from .body_estimate import BodyEstimate, estimate_body
+from .body_estimate import BodyEstimate, estimate_body, estimate_ellipse
 from .choices import Choices
 from .frames import setup_of
 from .medium import OF_BODY
@@ -176,13 +176,17 @@ def with_two_speeds(scan: Scan, given: Mapping[str, Any], shape: str = "disk") -
     """
     if in_space(scan) and shape != "disk":
         raise ValueError(f"body_shape is {shape!r}, and detectors in space tell a ball.")
+    option = "two_speeds" if shape == "disk" else "body_shape"
     beside = [name for name in ESTIMATED if given.get(name) is not None]
     if beside:
-        raise ValueError(f"two_speeds estimates {beside[0]}, which is given: leave one out.")
+        raise ValueError(f"{option} estimates {beside[0]}, which is given: leave one out.")
     made = choices_of(scan, {**given, "water_speed": None})
     if made.model not in (*MODELS, IN_SPACE):
-        raise ValueError("two_speeds is of pressure records: leave it out.")
-    made, found = _with_body(scan, given, made, shape=shape)
+        raise ValueError(f"{option} is of pressure records: leave it out.")
+    made, found = _with_body(scan, given, made)
+    if shape == "ellipse" and found and found.standard_errors:
+        how = typical_frame(scan), found
+        found = estimate_ellipse(scan, made, *how, water_speed=given.get("water_speed"))
     if found and found.clear:
         return _through_body(scan, given, made, found)
     return _not_clear(made, found)
@@ -194,19 +198,17 @@ def _with_body(
     made: Choices,
     *,
     asked: bool = True,
-    shape: str = "disk",
 ) -> tuple[Choices, BodyEstimate | None]:
     """The body, and the choices by one speed with the start with which it explains more.
 
     By one speed images may take a body's for another start: the file's is tried too.
     """
     frame, water = typical_frame(scan), given.get("water_speed")
-    how: dict[str, Any] = {"water_speed": water, "asked": asked, "shape": shape}
-    found = estimate_body(scan, made, frame, **how)
+    found = estimate_body(scan, made, frame, water_speed=water, asked=asked)
     if made.time_shift == 0 or "time_shift" in made.user_set:
         return made, found
     as_filed = choices_of(scan, {**given, "water_speed": None, "time_shift": 0.0})
-    other = estimate_body(scan, as_filed, frame, **how)
+    other = estimate_body(scan, as_filed, frame, water_speed=water, asked=asked)
     if other is None or not other.clear or (found and found.clear and found.share < other.share):
         return made, found
     as_filed = replace(as_filed, user_set=made.user_set)

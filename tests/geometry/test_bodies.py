@@ -116,15 +116,15 @@ def test_a_stretched_disk_is_an_ellipse():
     stretch = np.log(axes[0] / axes[1]) / 2 * np.array([np.cos(2 * turn), np.sin(2 * turn)])
     ellipse = OutlineBody.ellipse((0.1, 0.0), axes, 1.04, 1.0, angle=turn)
     radius = np.sqrt(axes.prod())
-    made = OutlineBody.stretched((0.1, 0.0), radius, stretch, 1.04, 1.0)
+    made = OutlineBody.stretched_disk((0.1, 0.0), radius, stretch, 1.04, 1.0)
     rim = np.asarray(made.points) - [0.1, 0.0]
-    np.testing.assert_allclose(ellipse.share_of_way(made.points), 1.0, rtol=1e-4)
+    np.testing.assert_allclose(ellipse.relative_radius(made.points), 1.0, rtol=1e-4)
     along = np.array([np.cos(turn), np.sin(turn)])
     across = rim @ [-along[1], along[0]]
     np.testing.assert_allclose((rim @ along / axes[0]) ** 2 + (across / axes[1]) ** 2, 1.0)
 
     def points(s):
-        return OutlineBody.stretched((0.0, 0.0), 0.4, s, 1.04, 1.0).points
+        return OutlineBody.stretched_disk((0.0, 0.0), 0.4, s, 1.04, 1.0).points
 
     for at in (jnp.zeros(2), jnp.array([1e-5, 2e-5]), jnp.asarray(stretch)):
         check_grads(points, (at,), order=2, modes=("fwd", "rev"), rtol=1e-5)
@@ -132,6 +132,6 @@ def test_a_stretched_disk_is_an_ellipse():
 
 def test_shares_of_the_way_to_the_rim():
     points = jnp.array([[0.1, 0.34], [0.55, -0.06], [0.1, -0.06]])
-    np.testing.assert_allclose(BODY.share_of_way(points), [0.4 / 0.45, 1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(BODY.relative_radius(points), [0.4 / 0.45, 1.0, 0.0], atol=1e-12)
     ellipse = OutlineBody.ellipse((0.1, -0.06), (0.45, 0.2), 1.04, 1.0)
-    np.testing.assert_allclose(ellipse.share_of_way(points), [2.0, 1.0, 0.0], atol=1e-3)
+    np.testing.assert_allclose(ellipse.relative_radius(points), [2.0, 1.0, 0.0], atol=1e-3)

@@ -22,15 +22,14 @@ from jaxtat import (
 from jaxtat.cli import main
 from jaxtat.io import Scan
 from jaxtat.records import simulate_pressure
-from jaxtat.scans import body_criterion, body_estimate, choose, estimate_body
+from jaxtat.scans import body_criterion, body_estimate, choose, estimate_ellipse, two_speeds
 from jaxtat.scans.acoustics import sound_of
 from jaxtat.scans.body_criterion import through_bodies
 from jaxtat.scans.body_estimate import BodyEstimate
-from jaxtat.scans.body_search import BodySearch
 
 pytestmark = pytest.mark.slow
 
-WATER, TISSUE, AXES, ANGLE, CENTER = 1480.0, 1580.0, (0.012, 0.0098), 40.0, (1e-3, -5e-4)
+WATER, TISSUE, AXES, ANGLE, CENTER = 1480.0, 1580.0, (0.012, 0.0098), 89.0, (1e-3, -5e-4)
 RADIUS = float(np.sqrt(AXES[0] * AXES[1]))
 WAYS = np.array(
     [(0.1, 30), (0.75, 40), (0.7, 100), (0.8, 160), (0.75, 215), (0.7, 280), (0.8, 340)]
@@ -97,59 +96,86 @@ def test_slopes_are_the_derivatives_of_what_is_left(through_ellipse, monkeypatch
 
 
 def test_the_ellipse_is_told_by_its_record(through_ellipse, monkeypatch):
-    """From a disk of its area with wrong speeds on."""
-    monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 21)
-    sound, chosen = criterion_of(through_ellipse)
-    start = DISK._replace(body=DiskBody(CENTER, RADIUS, TISSUE - 8.0, WATER + 3.0))
-    points = np.asarray(sound.curve.points)[sound.good]
-    away = np.linalg.norm(points - CENTER, axis=1).mean()
-    arrival = float(away / WATER - RADIUS * (1 / WATER - 1 / TISSUE))
-    found = body_estimate._ellipse_from(sound, chosen, start, arrival, True)
-    assert found.half_axes is not None and found.clear
+    """From a disk of its area with wrong speeds and another centre on; upright: angles jump there."""
+    monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 17)
+    scan, start = scan_of(through_ellipse), np.array(CENTER) + 3e-4
+    disk = DISK._replace(body=DiskBody(start, RADIUS, TISSUE - 8.0, WATER + 3.0))
+    found = estimate_ellipse(scan, choose(scan, **ONE), through_ellipse, disk)
+    assert found.half_axes is not None and found.angle is not None and found.clear
     np.testing.assert_allclose(found.half_axes, AXES, rtol=0.04)
-    assert found.angle == pytest.approx(ANGLE, abs=6.0)
+    assert abs((found.angle - ANGLE + 90.0) % 180.0 - 90.0) < 6.0
     assert float(found.body.sound_speed) == pytest.approx(TISSUE, abs=15.0)
     assert float(found.body.water_speed) == pytest.approx(WATER, abs=8.0)
     assert set(found.standard_errors) == {*FOUND.standard_errors, "water_speed"}
     assert 0 < found.standard_errors["half_axes"] < 1e-3
+    assert 0 < found.standard_errors["angle"] < 6.0
 
 
-@pytest.mark.parametrize(("gain", "error"), [(0.08, 0.01), (0.2, 0.08)])
-def test_a_disk_stays_where_no_ellipse_explains_more(gain, error, through_ellipse, monkeypatch):
-    monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 17)
-    monkeypatch.setattr(body_estimate, "_gain", lambda *_: (gain, error, 0.1, 0.1))
-    monkeypatch.setattr(BodySearch, "at", lambda *_: None)
-    monkeypatch.setattr(BodySearch, "downhill", lambda *_, **__: (None, None))
-    near = SimpleNamespace(numbers=None, fit=None)
-    monkeypatch.setattr(BodySearch, "newton", lambda *_: near)
+def test_the_search_begins_at_the_disk(through_ellipse, monkeypatch):
+    """Also off the middle of the region, where detectors are at another distance."""
+    monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 13)
     sound, chosen = criterion_of(through_ellipse)
-    assert body_estimate._ellipse_from(sound, chosen, DISK, 1e-5, True) is DISK
+    disk = DiskBody(np.array(CENTER) + 1e-3, RADIUS, TISSUE, WATER)
+    search = body_estimate._search_for_ellipses(sound, chosen, DISK._replace(body=disk), True)
+    first = search.through.body(search.first)
+    for name in ("center", "equal_radius", "sound_speed", "water_speed"):
+        np.testing.assert_allclose(getattr(first, name), getattr(disk, name), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("gain", "error", "clear", "shape"),
+    [
+        (0.08, 0.01, True, "disk"),
+        (0.2, 0.08, True, "disk"),
+        (np.nan, 0.01, True, "disk"),
+        (0.2, 0.01, False, "disk"),
+        (0.2, 0.01, True, "ellipse"),
+    ],
+)
+def test_a_disk_stays_where_no_ellipse_explains_more(
+    gain, error, clear, shape, through_ellipse, monkeypatch
+):
+    end = None, None
+    stub = SimpleNamespace(
+        first=None,
+        at=lambda _: None,
+        downhill=lambda *_, **__: end,
+        newton=lambda *_: SimpleNamespace(numbers=None, fit=None),
+        one_speed=lambda _: end,
+    )
+    monkeypatch.setattr(body_estimate, "_search_for_ellipses", lambda *_: stub)
+    monkeypatch.setattr(body_estimate, "_gain", lambda *_: (gain, error, 0.1, 0.1))
+    monkeypatch.setattr(body_estimate, "_estimate", lambda *_: FOUND._replace(clear=clear))
+    scan = scan_of(through_ellipse)
+    found = estimate_ellipse(scan, choose(scan, **ONE), through_ellipse, DISK)
+    assert (found.half_axes is None) == (shape == "disk")
 
 
 def test_choices_go_through_the_ellipse(through_ellipse, monkeypatch, tmp_path):
     """By the command, which repeats it; region and table are of the ellipse."""
     asked = []
 
-    def told(scan, choices, frame, *, shape, **_):
-        asked.append(shape)
+    def told(scan, choices, frame, disk, water_speed):
+        asked.append(disk)
         return FOUND
 
-    monkeypatch.setattr("jaxtat.scans.two_speeds.estimate_body", told)
+    monkeypatch.setattr(two_speeds, "estimate_body", lambda *_, **__: DISK)
+    monkeypatch.setattr(two_speeds, "estimate_ellipse", told)
     monkeypatch.chdir(tmp_path)
     scan = scan_of(through_ellipse)
     np.savez("scan.npz", pressure=scan.data, **scan.known)
-    line = "reconstruct scan.npz --body-shape ellipse --model in-plane --sound-speed 1505 --pixels"
-    with pytest.raises(ValueError, match="sound_speed, which is given"):
-        choose(scan, body_shape="ellipse", sound_speed=1505.0)
+    line = "reconstruct scan.npz --body-shape ellipse --model in-plane --pixels"
+    with pytest.raises(ValueError, match="body_shape estimates body_angle, which is given"):
+        choose(scan, body_shape="ellipse", body_angle=3.0)
     scan = replace(scan, known=scan.known | {"sound_speed": np.array([1505.0])})
     np.savez("scan.npz", pressure=scan.data, **scan.known)
-    line = line.replace(" --sound-speed 1505", "")
     assert main(f"{line} 41 --direct --quiet --json a.json --out a.h5".split()) == 0
-    assert asked == ["ellipse"]
+    assert asked == [DISK]
     told_of = json.loads(Path("a.json").read_text())["choices"]
     assert told_of["body_axes"]["value"] == list(AXES) and told_of["body_angle"]["value"] == ANGLE
+    assert told_of["body_angle"]["standard_error"] == 3.0 and "body_radius" not in told_of
     assert told_of["region_radius"]["value"] == pytest.approx(1.1 * AXES[0])
-    monkeypatch.setattr("jaxtat.scans.two_speeds.estimate_body", None)  # it is not asked again
+    monkeypatch.setattr(two_speeds, "estimate_body", None)  # it is not asked again
     again = "reconstruct scan.npz --repeat a.h5 --quiet --out b.npy"
     assert main(again.split()) == 0 and main(f"{again} --body-shape disk".split()) == 2
 
@@ -174,6 +200,7 @@ def test_fits_through_an_ellipse_in_32_bits(through_ellipse):
         (GIVEN | {"body_axes": (0.01, 0.0)}, "two numbers above zero"),
         (GIVEN | {"body_axes": (0.2, 0.01)}, "longer of body_axes is"),
         (GIVEN | {"body_angle": np.nan}, "finite number of degrees"),
+        (GIVEN | {"body_axes": 0.01}, r"body_axes has shape \(\), expected \(2\)"),
         (GIVEN | {"body_axes": None, "body_angle": 3.0}, "half axes are not"),
         ({"body_axes": AXES}, "speed around it is not"),
         ({"body_shape": "square"}, "expected one of disk, ellipse"),
@@ -186,12 +213,11 @@ def test_what_does_not_go_together_is_refused(through_ellipse, given, reason):
         choose(scan_of(through_ellipse), **given)
 
 
-def test_shapes_are_of_the_plane_and_known(through_ellipse):
-    scan = scan_of(through_ellipse)
-    with pytest.raises(ValueError, match="expected one of disk, ellipse"):
-        estimate_body(scan, choose(scan, **ONE), through_ellipse, shape="square")
+def test_ellipses_are_of_the_plane(through_ellipse):
     points = np.random.default_rng(0).standard_normal((40, 3))
     points *= 0.04 / np.linalg.norm(points, axis=1, keepdims=True)
     in_space = scan_of(through_ellipse[:40], detectors=points)
     with pytest.raises(ValueError, match="tell a ball"):
         choose(in_space, body_shape="ellipse")
+    with pytest.raises(ValueError, match="tell a ball"):
+        estimate_ellipse(in_space, choose(in_space, sound_speed=1500.0), in_space.data, DISK)
