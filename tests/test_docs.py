@@ -149,6 +149,7 @@ NOT_RUN = {
     "--follow": "waits for frames until it is stopped: tests/streams",
     "--two-speeds": "looks for a body, for minutes: tests/scans/test_body_estimate.py",
     "--water-temperature": "likewise",
+    "--body-shape": "likewise: tests/scans/test_ellipse_estimate.py",
     "0:5000:10": "of a file of 5000 frames",
     "cap.h5": "a volume takes minutes: tests/spherical",
     "cup.npz": "a volume, which scripts/figure_cup.py records",

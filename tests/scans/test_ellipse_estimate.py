@@ -96,7 +96,7 @@ def test_slopes_are_the_derivatives_of_what_is_left(through_ellipse, monkeypatch
 
 
 def test_the_ellipse_is_told_by_its_record(through_ellipse, monkeypatch):
-    """From a disk of its area with wrong speeds and another centre on; upright: angles jump there."""
+    """From a disk of its area with wrong speeds and centre on; upright, where angles jump."""
     monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 17)
     scan, start = scan_of(through_ellipse), np.array(CENTER) + 3e-4
     disk = DISK._replace(body=DiskBody(start, RADIUS, TISSUE - 8.0, WATER + 3.0))
