@@ -149,7 +149,8 @@ def test_the_bodys_speed_is_looked_for_where_the_waters_is_given_alone(two_speed
     """What is asked is whether and with what; the search itself has its own tests."""
     asked, found = [], choose(two_speeds, **GIVEN)
 
-    def search(scan, given):
+    def search(scan, given, shape):
+        assert shape == "disk"
         asked.append(given["water_speed"])
         return found
 
