@@ -135,6 +135,14 @@ def _cut(c: Any) -> str:
     return c.units.of_length(c.region_cut, scale=radius) if c.region_cut < radius else "none"
 
 
+def _by(c: Any, lengths: tuple[float, float] | None) -> str:
+    return " x ".join(c.units.of_length(x) for x in lengths or ())
+
+
+def _degrees(angle: float | None) -> str:
+    return f"{round(angle or 0.0, 1) + 0.0:g} degrees"
+
+
 PLAIN, RECORD, REGION, IMAGE, METHOD = "plain", "record", "region", "image", "method"
 CONSTRAINTS = "constraints"
 _NUMBER = {"type": float}
@@ -203,7 +211,7 @@ CHOICES = (
     Choice(
         "body_axes",
         _pair,
-        lambda c: " x ".join(c.units.of_length(x) for x in c.body_axes or ()),
+        lambda c: _by(c, c.body_axes),
         RECORD,
         _NUMBER
         | {
@@ -216,7 +224,7 @@ CHOICES = (
     Choice(
         "body_angle",
         _number_or_none,
-        lambda c: f"{round(c.body_angle or 0.0, 1) + 0.0:g} degrees",
+        lambda c: _degrees(c.body_angle),
         RECORD,
         _NUMBER | {"metavar": "DEG", "help": "direction of A, from x1 towards x2 (default: 0)"},
         quantity="angle",
@@ -280,7 +288,7 @@ CHOICES = (
     Choice(
         "region_angle",
         _number,
-        lambda c: f"{round(c.region_angle, 1) + 0.0:g} degrees",
+        lambda c: _degrees(c.region_angle),
         REGION,
         _NUMBER | {"metavar": "DEG", "help": "outward normal of the cut"},
         quantity="angle",
@@ -288,7 +296,7 @@ CHOICES = (
     Choice(
         "region_size",
         _pair,
-        lambda c: " x ".join(c.units.of_length(x) for x in c.region_size or ()),
+        lambda c: _by(c, c.region_size),
         REGION,
         _NUMBER | {"nargs": 2, "metavar": ("W", "H"), "help": "of a rectangle in place of a disk"},
         quantity="length",

@@ -294,7 +294,7 @@ def _estimate(
             values = (values - told[name] + 90.0) % 180.0
         return float(np.linalg.norm([jackknife(list(column)) for column in values.T]))
 
-    ratios = [float(through.body(numbers).speed_ratio) for numbers in moved]
+    ratios = [one["sound_speed"] / at[-1] for one, at in zip(each, moved, strict=True)]
     apart = abs(float(body.speed_ratio) - 1) > ERRORS * jackknife(ratios)
     inside = RATIOS[0] + EDGE < float(body.speed_ratio) < RATIOS[1] - EDGE
     axes = told.get("half_axes")

@@ -226,6 +226,7 @@ def _each(values: tuple[float, ...], through: Through) -> Float[np.ndarray, " nu
 
 
 def units_of(through: Through, radius: float, speed: float) -> Float[np.ndarray, " numbers"]:
+    """Of the numbers of bodies about a radius [length] and a speed [length/time]."""
     sizes = radius / speed, radius, radius, speed, 1.0
     return _each(UNITS, through) * _each(sizes, through)
 
