@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxtat import detector_curve, phantoms
 from jaxtat.io import Scan
+from jaxtat.scans import BodyEstimate
 
 RADIUS, SPEED, RATE, N = 0.04, 1500.0, 4e6, 90
 BELLS = {"centers": [[2e-3, 3e-3], [-4e-3, -1e-3], [1e-3, -5e-3]], "radii": [4e-3, 3e-3, 2.5e-3]}
@@ -62,3 +63,18 @@ def raw_counts(pressure, noise=0.01, seed=0, drift=1.0):
     line = offset + drift * slope * TIMES / TIMES[-1]
     counts = pressure / peak + artefact + line + noise * rng.standard_normal(pressure.shape)
     return (32768 + 500 * counts).clip(0, 65535).astype(np.uint16)
+
+
+def clear_body(body):
+    """What a record tells of a body that explains clearly more than one speed."""
+    return BodyEstimate(
+        body=body,
+        standard_errors={"sound_speed": 2.0, "radius": 1e-4, "center": 2e-4},
+        one_speed=1505.0,
+        share=0.05,
+        share_of_one=0.1,
+        gain=0.75,
+        gain_error=0.05,
+        clear=True,
+        grade="likely",
+    )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_scans import BELLS, RATE, SPEED, TIMES, positions, record
+from made_scans import BELLS, RATE, SPEED, TIMES, clear_body, positions, record
 
 from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, phantoms
 from jaxtat.cli import hints, main
@@ -24,7 +24,6 @@ from jaxtat.scans import (
 )
 from jaxtat.scans.acoustics import sound_of
 from jaxtat.scans.body_criterion import BodyFit, Through, through_bodies
-from jaxtat.scans.body_estimate import BodyEstimate
 from jaxtat.scans.body_search import BodySearch, NearLeast
 from jaxtat.scans.start_time import Start
 
@@ -33,17 +32,7 @@ pytestmark = pytest.mark.slow
 WATER, TISSUE, RADIUS, CENTER = 1480.0, 1580.0, 0.011, (1e-3, -5e-4)
 BODY = DiskBody(CENTER, RADIUS, TISSUE, WATER)
 ONE = {"model": "in-plane", "sound_speed": 1505.0, "region_radius": 0.0115, "pixels": 41}
-FOUND = BodyEstimate(
-    body=BODY,
-    standard_errors={"sound_speed": 2.0, "radius": 1e-4, "center": 2e-4},
-    one_speed=1505.0,
-    share=0.05,
-    share_of_one=0.1,
-    gain=0.75,
-    gain_error=0.05,
-    clear=True,
-    grade="likely",
-)
+FOUND = clear_body(BODY)
 
 
 def scan_of(pressure, **known):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from made_scans import RATE, TIMES, positions
+from made_scans import RATE, TIMES, clear_body, positions
 
 from jaxtat import (
     DiskBody,
@@ -25,7 +25,6 @@ from jaxtat.records import simulate_pressure
 from jaxtat.scans import body_criterion, body_estimate, choose, estimate_ellipse, two_speeds
 from jaxtat.scans.acoustics import sound_of
 from jaxtat.scans.body_criterion import through_bodies
-from jaxtat.scans.body_estimate import BodyEstimate
 
 pytestmark = pytest.mark.slow
 
@@ -41,17 +40,7 @@ BELLS = phantoms.Bells(MIDDLES, np.full(7, 0.002), [0.7, 1.0, 0.8, 1.2, 0.9, 1.1
 BODY = OutlineBody.ellipse(CENTER, AXES, TISSUE, WATER, angle=np.deg2rad(ANGLE))
 ONE = {"model": "in-plane", "sound_speed": 1505.0, "region_radius": 0.0125, "pixels": 41}
 GIVEN = {"sound_speed": TISSUE, "water_speed": WATER, "body_center": CENTER, "body_axes": AXES}
-DISK = BodyEstimate(
-    body=DiskBody(CENTER, RADIUS, TISSUE, WATER),
-    standard_errors={"sound_speed": 2.0, "radius": 1e-4, "center": 2e-4},
-    one_speed=1505.0,
-    share=0.05,
-    share_of_one=0.1,
-    gain=0.75,
-    gain_error=0.05,
-    clear=True,
-    grade="likely",
-)
+DISK = clear_body(DiskBody(CENTER, RADIUS, TISSUE, WATER))
 FOUND = DISK._replace(
     body=BODY,
     standard_errors=DISK.standard_errors | {"half_axes": 1e-4, "angle": 3.0},
