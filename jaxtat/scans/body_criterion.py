@@ -46,6 +46,7 @@ WIDE, WAY = 1.35, 0.25  # of the radius of what sounds: reach of the pixels, way
 RATIOS = 0.92, 1.1  # of the two speeds, that are tried
 STEPS = 40  # of a fit from which a weight is taken
 SOUNDING = 0.95  # of an image's power
+OF_OUTLINE, FLATTEST = 0.9, 0.35  # of an image's sum; half axes differ by less than a half
 PACE = Pace(1, 0.03, 0.02)  # of fits that go on to their end: 60 steps from zeros come near
 
 
@@ -171,6 +172,25 @@ class Through(NamedTuple):
         order = np.argsort(distance)
         within = np.searchsorted(np.cumsum(power[order]), SOUNDING * power.sum())
         return middle, float(distance[order[min(int(within), len(order) - 1)]])
+
+    def outline(
+        self, image: Array
+    ) -> tuple[Float[np.ndarray, " 2"], float, Float[np.ndarray, " 2"]]:
+        """Centre, radius and stretch of an ellipse with the moments of an image in the plane."""
+        points, weights = (
+            np.asarray(self.place.grid.points).reshape(-1, 2),
+            np.abs(np.asarray(image, float).ravel()),
+        )
+        center = np.average(points, axis=0, weights=weights)
+        (xx, xy), (_, yy) = np.cov(points.T, aweights=weights)
+        # of exp(S), whose square these moments are but for a factor
+        size, angle = np.hypot((xx - yy) / 2, xy) / ((xx + yy) / 2), np.arctan2(2 * xy, xx - yy)
+        stretch = np.arctanh(min(size, FLATTEST)) / 2 * np.array([np.cos(angle), np.sin(angle)])
+        body = OutlineBody.stretched_disk(center, 1.0, stretch, 1.0, 1.0)
+        sizes = np.asarray(body.relative_radius(jnp.asarray(points)))
+        order = np.argsort(sizes)
+        within = np.searchsorted(np.cumsum(weights[order]), OF_OUTLINE * weights.sum())
+        return center, float(sizes[order[within]]), stretch
 
 
 def through_bodies(

@@ -6,8 +6,8 @@ with the lowest quarter of frequencies, from one speed and from bodies slower an
 water. Where no body makes V fall by more than 2 %, it ends there. Else it goes on with half of the
 frequencies, with which it begins in space, then with all. Newton's method, by differences of
 slopes, ends it. What is left for each detector beside the end gives the jackknife over sectors of
-detectors at no further cost. An ellipse is looked for from the best disk on, with the low
-frequencies that coarse pixels hold.
+detectors at no further cost. An ellipse is looked for from the best disk on, or from what sounds,
+with the low frequencies that coarse pixels hold.
 """
 
 from typing import Any, NamedTuple
@@ -42,6 +42,7 @@ LISTENED = 100  # detectors in space, at most
 FELL = 0.02  # of V with the fewest frequencies, by which a body makes it fall at least
 LIGHT = 0.1  # of the weight: with all of it V was least 34 m/s away from the body of one scan
 EDGE = 1e-4  # of the ratio of speeds: nearer it lies at an end of what is tried
+NEAR = 5e-3  # of V: where a step of Newton's method ends the way to an ellipse
 COMPARED = 100  # more steps of the two fits that are compared
 GAIN, ERRORS = 0.1, 3.0  # least gain, and standard errors, from which two speeds are clear
 
@@ -193,18 +194,19 @@ def estimate_ellipse(
     *,
     water_speed: float | None = None,
 ) -> BodyEstimate:
-    """The ellipse of another speed of sound by which an image explains most, from a disk on.
+    """The ellipse of another speed of sound by which an image explains most.
 
-    Takes 40 to 80 fits of an image of 25 x 25 pixels with derivatives, for each of which the
-    equations at the outline are solved.
+    From the disk on, where that explains clearly more than one speed; else, as of a large ellipse
+    that no disk is like, from what sounds by one speed. Takes 40 to 80 fits of an image of
+    25 x 25 pixels with derivatives, for each of which the equations at the outline are solved.
 
     Args:
         scan, choices, frame, water_speed: as of `estimate_body`, in the plane.
         disk: what that told.
 
     Returns:
-        The ellipse where it explains clearly more than the best disk, and more than one speed; else
-        the disk. Shares of an ellipse are of those frequencies that coarse pixels hold.
+        The ellipse where it explains clearly more than one speed, and than a clear disk; else the
+        disk. Shares of an ellipse are of those frequencies that coarse pixels hold.
 
     Raises:
         ValueError: as `estimate_body`, and for detectors in space.
@@ -214,35 +216,57 @@ def estimate_ellipse(
     sound = sound_of(scan, choices, frame)
     if sound is None:
         return disk
-    search = _search_for_ellipses(sound, choices, disk, water_speed is None)
-    best_disk = search.downhill(search.first, search.at(search.first), disks=True)
-    near = search.newton(*search.downhill(*best_disk))
-    gain, gain_error, *_ = _gain(search, (near.numbers, near.fit), best_disk)
-    if not gain > max(GAIN, ERRORS * gain_error):
-        return disk
+    search = _search_for_ellipses(sound, choices, disk, water_speed)
+    if disk.clear:
+        best_disk = search.downhill(search.first, search.at(search.first), disks=True)
+        near = search.newton(*search.downhill(*best_disk))
+        gain, gain_error, *_ = _gain(search, (near.numbers, near.fit), best_disk)
+        if not gain > max(GAIN, ERRORS * gain_error):
+            return disk
+    else:
+        near = search.newton(*search.downhill(*search.lowest_of_starts()))
     found = _estimate(search, near, *search.one_speed(near.numbers))
-    return found if found.clear or not disk.clear else disk
+    return found if found.clear else disk
 
 
 def _search_for_ellipses(
-    sound: Sound, choices: Choices, disk: BodyEstimate, water_is_free: bool
+    sound: Sound, choices: Choices, disk: BodyEstimate, water_speed: float | None
 ) -> BodySearch:
-    """That which begins at a disk, in pixels about it."""
-    body = disk.body
-    center, radius, water = np.asarray(body.center), float(body.radius), float(body.water_speed)
-    through = through_bodies(sound, choices, center, radius, ellipses=True)
-    arrival = through.distance / water - radius * (1 / water - 1 / float(body.sound_speed))
-    first = np.array([arrival, radius, *center, 0.0, 0.0, water])
+    """That which begins at a clear disk, else at the outline of what sounds by one speed.
+
+    A disk may be a worse model of a large ellipse than one speed is.
+    """
+    if disk.clear:
+        center, radius, stretch = np.asarray(disk.body.center), float(disk.body.radius), np.zeros(2)
+        own, water, about = float(disk.body.sound_speed), float(disk.body.water_speed), radius
+    else:
+        center, radius, stretch = _outline_of_what_sounds(sound, choices)
+        own = water = choices.sound_speed
+        about = AROUND * radius
+    through = through_bodies(sound, choices, center, about, ellipses=True)
+    arrival = through.distance / water - radius * (1 / water - 1 / own)
+    first = np.array([arrival, radius, *center, *stretch, water_speed or water])
     return BodySearch(
         through=through,
         first=first,
-        units=units_of(through, radius, water),
+        units=units_of(through, about, water),
         weight=LIGHT * float(through.by_one(OFF * disk.one_speed)[1]),
-        radius=radius,
+        radius=about,
         good=sound.good,
-        n_free=len(first) - (not water_is_free),
+        n_free=len(first) - (water_speed is not None),
         parts=(),  # coarse pixels hold low frequencies alone
+        settled=NEAR,
     )
+
+
+def _outline_of_what_sounds(
+    sound: Sound, choices: Choices
+) -> tuple[Float[np.ndarray, " 2"], float, Float[np.ndarray, " 2"]]:
+    """Centre, radius and stretch of an ellipse with the moments of an image by one speed."""
+    center, radius = np.array(choices.region_center), choices.region_radius / MARGIN
+    through = through_bodies(sound, choices, center, radius)
+    image, _ = through.by_one(OFF * choices.sound_speed)
+    return through.outline(image)
 
 
 def _hardly_less(

@@ -17,6 +17,7 @@ from .body_criterion import SUPPORT, BodyFit, Through
 CONTRASTS, BEST = (0.98, 1.0, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of them are followed
 BESIDE_ONE, LEVEL = 0.01, 4e-3  # of c_1/c_2 - 1: tried, and as small where there is no body
 UNITS = 0.004, 0.04, 0.05, 0.002, 0.03  # of T, a, the centre, c_2, the stretch of an ellipse
+UNITS_OF_ELLIPSES = 0.0015, 0.04, 0.05, 0.006, 0.04  # by curvatures of V
 COLD, WARM = 60, 25  # steps of fits from zeros, and from the best image so far
 # Of the way downhill: fits after which it ends, change of V over itself, units from its start
 MOST, SETTLED, FARTHEST = 20, 1e-5, (25.0, np.inf, 5.0, 25.0, 10.0)
@@ -72,6 +73,7 @@ class BodySearch(NamedTuple):
         good: detectors that count.
         n_free: how many of the numbers are searched for; the last is the water's speed.
         parts: of the frequencies, before all of them.
+        settled: change of V over itself, with which a way downhill ends.
     """
 
     through: Through
@@ -82,6 +84,7 @@ class BodySearch(NamedTuple):
     good: Bool[np.ndarray, " detectors"]
     n_free: int
     parts: tuple[float, ...]
+    settled: float = SETTLED
 
     def level(self) -> tuple[Float[np.ndarray, " numbers"], BodyFit] | None:
         """The numbers of one speed, and V there, if it is least there of speeds beside; else None.
@@ -171,7 +174,7 @@ class BodySearch(NamedTuple):
         def at(by: np.ndarray, like: BodyFit) -> BodyFit:
             return self.at(self.moved(numbers, by), like)
 
-        by, end = _lowest(at, begun, bounds[: self.n_free])
+        by, end = _lowest(at, begun, bounds[: self.n_free], self.settled)
         return self.moved(numbers, by), end
 
     def one_speed(
@@ -197,7 +200,7 @@ class BodySearch(NamedTuple):
             return fit._replace(slopes=self.units[-1:] * slope)
 
         bounds = FARTHEST[3] * np.array([[-1.0, 1.0]])
-        by, end = _lowest(at, at(np.zeros(1), None), bounds)
+        by, end = _lowest(at, at(np.zeros(1), None), bounds, self.settled)
         return alike(by), end
 
     def newton(self, numbers: Float[np.ndarray, " numbers"], fit: BodyFit) -> NearLeast:
@@ -228,13 +231,14 @@ def _each(values: tuple[float, ...], through: Through) -> Float[np.ndarray, " nu
 def units_of(through: Through, radius: float, speed: float) -> Float[np.ndarray, " numbers"]:
     """Of the numbers of bodies about a radius [length] and a speed [length/time]."""
     sizes = radius / speed, radius, radius, speed, 1.0
-    return _each(UNITS, through) * _each(sizes, through)
+    return _each(UNITS_OF_ELLIPSES if through.n_stretch else UNITS, through) * _each(sizes, through)
 
 
 def _lowest(
     at: Callable[[np.ndarray, BodyFit], BodyFit],
     begun: BodyFit,
     bounds: Float[np.ndarray, "free 2"],
+    settled: float,
 ) -> tuple[Float[np.ndarray, " free"], BodyFit]:
     """Where V is least of what is tried on a way from zero downhill, and what it is there.
 
@@ -242,6 +246,7 @@ def _lowest(
         at: V and its slopes, from the image of another fit.
         begun: V at zero.
         bounds: of the way.
+        settled: change of V over itself, with which it ends.
     """
     best = np.zeros(len(bounds)), begun
 
@@ -251,7 +256,7 @@ def _lowest(
         best = min(best, (by.copy(), found), key=lambda one: one[1].value)
         return found.value, found.slopes
 
-    most = {"maxfun": MOST, "ftol": SETTLED}
+    most = {"maxfun": MOST, "ftol": settled * min(begun.value, 1.0)}  # over V or, below 1, over 1
     scipy.optimize.minimize(
         height, best[0], jac=True, method="L-BFGS-B", bounds=bounds, options=most
     )

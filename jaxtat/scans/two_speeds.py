@@ -184,7 +184,7 @@ def with_two_speeds(scan: Scan, given: Mapping[str, Any], shape: str = "disk") -
     if made.model not in (*MODELS, IN_SPACE):
         raise ValueError(f"{option} is of pressure records: leave it out.")
     made, found = _with_body(scan, given, made)
-    if shape == "ellipse" and found and found.standard_errors:
+    if shape == "ellipse" and found:
         how = typical_frame(scan), found
         found = estimate_ellipse(scan, made, *how, water_speed=given.get("water_speed"))
     if found and found.clear:

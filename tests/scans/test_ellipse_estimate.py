@@ -84,11 +84,16 @@ def test_slopes_are_the_derivatives_of_what_is_left(through_ellipse, monkeypatch
         assert slope == pytest.approx(here.slopes[k], rel=0.02)
 
 
-def test_the_ellipse_is_told_by_its_record(through_ellipse, monkeypatch):
-    """From a disk of its area with wrong speeds and centre on; upright, where angles jump."""
+@pytest.mark.parametrize("clear", [True, False])
+def test_the_ellipse_is_told_by_its_record(clear, through_ellipse, monkeypatch):
+    """From a disk of its area with wrong speeds and centre on, or from what sounds by one speed.
+
+    It is upright, where angles jump.
+    """
     monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 17)
     scan, start = scan_of(through_ellipse), np.array(CENTER) + 3e-4
-    disk = DISK._replace(body=DiskBody(start, RADIUS, TISSUE - 8.0, WATER + 3.0))
+    body = DiskBody(start, RADIUS if clear else 0.3 * RADIUS, TISSUE - 8.0, WATER + 3.0)
+    disk = DISK._replace(body=body, clear=clear)
     found = estimate_ellipse(scan, choose(scan, **ONE), through_ellipse, disk)
     assert found.half_axes is not None and found.angle is not None and found.clear
     np.testing.assert_allclose(found.half_axes, AXES, rtol=0.04)
@@ -105,7 +110,7 @@ def test_the_search_begins_at_the_disk(through_ellipse, monkeypatch):
     monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 13)
     sound, chosen = criterion_of(through_ellipse)
     disk = DiskBody(np.array(CENTER) + 1e-3, RADIUS, TISSUE, WATER)
-    search = body_estimate._search_for_ellipses(sound, chosen, DISK._replace(body=disk), True)
+    search = body_estimate._search_for_ellipses(sound, chosen, DISK._replace(body=disk), None)
     first = search.through.body(search.first)
     for name in ("center", "equal_radius", "sound_speed", "water_speed"):
         np.testing.assert_allclose(getattr(first, name), getattr(disk, name), rtol=1e-9)
