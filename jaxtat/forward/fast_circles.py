@@ -60,6 +60,7 @@ from ..geometry.elements import (
     touch_circle,
 )
 from ..special import (
+    OF_FACTORS,
     decay_steps,
     from_grid,
     hankel_sequence,
@@ -82,9 +83,7 @@ from .own_responses import OwnResponses
 # bytes of cosines and sines up to which a product with them is faster than a non-uniform FFT
 DENSE = 2**24
 KEPT = 1.5e9  # bytes of waves at detectors off a circle, above which they are made anew each time
-# Orders of an outline of which an image has less are left out: factors are up to its inverse, and
-# multiply errors of the FFT. Errors are below 1e-6 then, whatever the tolerance.
-NOTHING = 1e-6
+NOTHING = 1e-30  # of J_m, whose waves pass through no outline
 TOGETHER = 8  # frequencies whose waves are made at once
 
 
@@ -318,7 +317,7 @@ def _integrals(
         moved=moved,
         turned=_turned(about.angles, of) if about is not None and dense else None,
         middle=_middle(about.angles, of) if about is not None and not dense else None,
-        tables=_outline_tables(positions, of, medium, max(NOTHING, tolerance))
+        tables=_outline_tables(positions, of, medium)
         if isinstance(medium, OutlineBody)
         else none
         if concentric
@@ -503,7 +502,7 @@ def _tables(
 
 
 def _outline_tables(
-    positions: Positions, of: Series, body: OutlineBody, nothing: float
+    positions: Positions, of: Series, body: OutlineBody
 ) -> tuple[Float[Array, "..."], ...]:
     """`_products` of a body with an outline, which take long and are always kept."""
 
@@ -516,11 +515,11 @@ def _outline_tables(
             body.density_ratio,
             steps,
             (radius * jnp.stack([jnp.cos(angles), jnp.sin(angles)])).T,
+            OF_FACTORS,
         )
         m = np.arange(orders + 1)
         decay = jnp.cumprod(steps[:-1])
-        # of these orders an image has hardly more than errors of the FFT
-        scales = jnp.where(decay < nothing, 0.0, (-1.0) ** (m // 2) / decay)
+        scales = jnp.where(decay < NOTHING, 0.0, (-1.0) ** (m // 2) / decay)
         return jnp.concatenate([waves[0, 0], -waves[0, 1]]) * jnp.tile(scales, 2)[:, None]
 
     def at(k: Array, orders: int) -> Array:

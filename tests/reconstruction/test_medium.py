@@ -306,9 +306,9 @@ def test_outlines_that_waves_do_not_resolve_are_refused():
         r"^waves about .* miss the equations at the body's outline by 0\.\d+ of their size, .*0.02"
     )
     with pytest.raises(ValueError, match=said) as refused:
-        setup_of(0.2, 60.0)
+        setup_of(0.25, 60.0)
     assert "\n" not in str(refused.value)
-    setup_of(0.1, 60.0), setup_of(0.2, 60.0, body(center=np.zeros(2))), setup_of(0.2, 20.0)
+    setup_of(0.1, 60.0), setup_of(0.25, 60.0, body(center=np.zeros(2))), setup_of(0.25, 20.0)
 
 
 def test_what_takes_one_speed_says_so(through, data):

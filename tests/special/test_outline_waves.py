@@ -7,6 +7,7 @@ import scipy.special as sp
 
 from jaxtat import OutlineBody
 from jaxtat.special import (
+    OF_FACTORS,
     decay_steps,
     outline_residual,
     transmitted_factors,
@@ -19,11 +20,11 @@ ANGLES = np.array([0.3, 1.9, 4.0])
 DETECTORS = 1.1 * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
 
 
-def waves(body, k, n_max, detectors=DETECTORS, residual=False):
+def waves(body, k, n_max, detectors=DETECTORS, residual=False, **how):
     steps = decay_steps(n_max + 1, 0.5 * k)
     solve = outline_residual if residual else waves_through_outline
     arguments = (k, k * body.speed_ratio), body.density_ratio, steps, jnp.asarray(detectors)
-    return solve(body.nodes(n_max), *arguments), np.cumprod(steps[:-1])
+    return solve(body.nodes(n_max), *arguments, **how), np.cumprod(steps[:-1])
 
 
 @pytest.mark.parametrize(("k", "n_max"), [(0.5, 40), (20.0, 60), (120.0, 120)])
@@ -46,6 +47,26 @@ def test_a_circle_has_one_factor_for_each_order(k, n_max):
 def test_other_equations_are_fulfilled(half_axes, k):
     body = OutlineBody.ellipse((0.0, 0.0), half_axes, 0.95, 1.0, 1.05, angle=0.4)
     assert waves(body, jnp.array(k), 70, residual=True)[0] < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("half_axes", "k", "n_max"), [((0.5, 0.38), 200.0, 160), ((0.5, 0.5), 120.0, 110)]
+)
+def test_factors_of_fourier_transforms_are_small(half_axes, k, n_max):
+    """They multiply errors of the FFT, and the field in the body stays the same."""
+    body = OutlineBody.ellipse((0.0, 0.0), half_axes, 1.04, 1.0)
+    (plain, scales), (light, _) = (
+        waves(body, jnp.array(k), n_max, power=power) for power in (0.0, OF_FACTORS)
+    )
+    assert np.abs(light / np.asarray(scales)[:, None]).max() < 10
+    rng = np.random.default_rng(0)
+    theta, size = rng.uniform(0, 2 * np.pi, 100), 0.98 * np.sqrt(rng.uniform(size=100))
+    x = size[:, None] * half_axes * np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    n, around = np.arange(n_max + 1)[:, None], np.arctan2(x[:, 1], x[:, 0])
+    j = sp.jv(n, k * np.hypot(*x.T)) / np.asarray(scales)[:, None]
+    phi = j * np.stack([np.cos(n * around), np.sin(n * around)])
+    one, other = (np.einsum("cand,anp->cpd", found, phi) for found in (plain, light))
+    assert np.linalg.norm(one - other) < 2e-6 * np.linalg.norm(one)
 
 
 def test_pressure_and_velocity_are_those_of_waves_in_the_water():
