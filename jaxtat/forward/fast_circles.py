@@ -60,7 +60,7 @@ from ..geometry.elements import (
     touch_circle,
 )
 from ..special import (
-    OF_FACTORS,
+    POWER_OF_FACTORS,
     decay_steps,
     from_grid,
     hankel_sequence,
@@ -83,7 +83,7 @@ from .own_responses import OwnResponses
 # bytes of cosines and sines up to which a product with them is faster than a non-uniform FFT
 DENSE = 2**24
 KEPT = 1.5e9  # bytes of waves at detectors off a circle, above which they are made anew each time
-NOTHING = 1e-30  # of J_m, whose waves pass through no outline
+NOTHING = 1e-10  # scale of waves through an outline, below which none are taken
 TOGETHER = 8  # frequencies whose waves are made at once
 
 
@@ -515,7 +515,7 @@ def _outline_tables(
             body.density_ratio,
             steps,
             (radius * jnp.stack([jnp.cos(angles), jnp.sin(angles)])).T,
-            OF_FACTORS,
+            POWER_OF_FACTORS,
         )
         m = np.arange(orders + 1)
         decay = jnp.cumprod(steps[:-1])

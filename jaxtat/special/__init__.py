@@ -5,7 +5,7 @@ from .bessel import j0 as j0
 from .bessel import j1 as j1
 from .nufft import from_grid as from_grid
 from .nufft import to_grid as to_grid
-from .outline_waves import OF_FACTORS as OF_FACTORS
+from .outline_waves import POWER_OF_FACTORS as POWER_OF_FACTORS
 from .outline_waves import OutlineNodes as OutlineNodes
 from .outline_waves import outline_residual as outline_residual
 from .outline_waves import outline_sizes as outline_sizes

@@ -13,19 +13,19 @@ rule of equal steps in a periodic parameter is exact to rounding. Points s too n
 would need more steps, and to points too deep the highest waves are nothing: for waves up to the
 order N and 2.4 N steps the copy is smaller by 13 / N, about two wavelengths.
 
-Where the outline is no circle waves of high orders are nearly dependent on it, and many c_n are
-alike to rounding. Exact ones of an outline of half axes 15 and 11, a hundred waves around, reach
-1e14 Delta_n, and images are lost in what cancels. So each frequency has its own N, and of all c_n
-those are taken that make
+Where the outline is no circle waves of high orders are nearly dependent on it, and many sets of c_n
+fulfil the equations M c = r to rounding. Those of an elimination, for half axes of 15 and 11 and a
+hundred waves around, reach 1e14 Delta_n, and images are lost in what cancels. So each frequency has
+its own N, and of all sets that one is taken that makes
 
-    ||M c - r||² + epsilon² ||c_n / Delta_n^p||²,   epsilon = 2 sqrt(rounding), of the size of M,
+    ||M c - r||² + epsilon² ||c_n / Delta_n^p||²,   epsilon = 2 sqrt(rounding) of the size of M,
 
-least. With p = 0 the c_n are about one, and those of a circle exact. Factors of the Fourier
-transform of an image are c_n / Delta_n: with p = 2/3 they are at most 10, and the field is right to
-3e-9 in a circle, and to 3e-7 in an ellipse of half axes 15 and 10 (with 3/4 to 1e-8 in a circle;
-with 1/2 factors are up to a thousand). The equations M c = r are taken in waves of the parameter,
-of which as many count as there are c_n; those of wave n are smaller by exp(-13 n / N) at the inner
-points, half of which is taken back.
+least. With p = 0 the c_n are about one, and of a circle right to 1e-9 in 64 bits. Factors of the
+Fourier transform of an image are c_n / Delta_n: with p = 2/3 they are at most 12, and the field is
+right to 3e-9 in a circle and to 3e-7 in an ellipse of half axes 15 and 10 (with 3/4 to 1e-8 in a
+circle; with 1/2 factors are up to a thousand). The equations are taken in waves of the parameter,
+of which as many count as there are c_n. At the inner points those of wave n are smaller by about
+exp(-13 n / N): they are multiplied by the root of its inverse.
 
 On a circle about the centre c_n is eps_n Delta_n t_n H_n(k_2 |z|) (cos|sin)(n theta_z), see
 `transmission`. By reciprocity c_n is what a detector at z records of a source's wave phi_n.
@@ -46,7 +46,7 @@ from .traces_of_waves import wave_traces
 
 DEPTH = 13.0  # of the inner points, times N over the size of the outline
 DEEPEST = 0.35  # of the size of the outline
-OF_FACTORS = 2 / 3  # p
+POWER_OF_FACTORS = 2 / 3  # p
 FEWEST = 25  # orders of low frequencies, of which some decay with the distance of detectors
 
 
@@ -86,7 +86,7 @@ def waves_through_outline(
         density_ratio: rho_1/rho_2.
         steps: of the scales Delta_n, up to N + 1, see `decay_steps`.
         detectors: z, outside of the outline, counted from the centre of the waves [length].
-        power: p; `OF_FACTORS` where c_n / Delta_n is what counts.
+        power: p; `POWER_OF_FACTORS` where c_n / Delta_n is what counts.
     """
     last = _last_order(nodes, numbers, steps)
     inner = nodes.tests * (1 - _depth(last))
@@ -96,7 +96,7 @@ def waves_through_outline(
     n = steps.shape[0] - 1
     order = np.concatenate([np.arange(n), np.arange(1, n)])
     kept = order <= last
-    louder = jnp.where(kept, jnp.exp(DEPTH / 2 * order / last), 0.0)
+    louder = jnp.where(kept, (1 - _depth(last)) ** (-jnp.minimum(order, last) / 2), 0.0)
     to_waves = louder[:, None] * jnp.asarray(_parameter_waves(n - 1))
     scales = jnp.where(kept, jnp.cumprod(steps[:-1])[order] ** power, 0.0)
     found = scales[:, None] * _least(to_waves @ matrix * scales, to_waves @ right)

@@ -7,7 +7,7 @@ import scipy.special as sp
 
 from jaxtat import OutlineBody
 from jaxtat.special import (
-    OF_FACTORS,
+    POWER_OF_FACTORS,
     decay_steps,
     outline_residual,
     transmitted_factors,
@@ -50,15 +50,16 @@ def test_other_equations_are_fulfilled(half_axes, k):
 
 
 @pytest.mark.parametrize(
-    ("half_axes", "k", "n_max"), [((0.5, 0.38), 200.0, 160), ((0.5, 0.5), 120.0, 110)]
+    ("half_axes", "k", "n_max", "tolerance"),
+    [((0.5, 0.38), 200.0, 160, 2e-6), ((0.5, 0.5), 120.0, 110, 1e-7), ((0.5, 0.4), 10.0, 20, 1e-5)],
 )
-def test_factors_of_fourier_transforms_are_small(half_axes, k, n_max):
-    """They multiply errors of the FFT, and the field in the body stays the same."""
+def test_factors_of_fourier_transforms_are_small(half_axes, k, n_max, tolerance):
+    """Their real parts multiply errors of the FFT; the field in the body stays the same."""
     body = OutlineBody.ellipse((0.0, 0.0), half_axes, 1.04, 1.0)
     (plain, scales), (light, _) = (
-        waves(body, jnp.array(k), n_max, power=power) for power in (0.0, OF_FACTORS)
+        waves(body, jnp.array(k), n_max, power=power) for power in (0.0, POWER_OF_FACTORS)
     )
-    assert np.abs(light / np.asarray(scales)[:, None]).max() < 10
+    assert np.abs(light[0] / np.asarray(scales)[:, None]).max() < 10
     rng = np.random.default_rng(0)
     theta, size = rng.uniform(0, 2 * np.pi, 100), 0.98 * np.sqrt(rng.uniform(size=100))
     x = size[:, None] * half_axes * np.stack([np.cos(theta), np.sin(theta)], axis=1)
@@ -66,7 +67,7 @@ def test_factors_of_fourier_transforms_are_small(half_axes, k, n_max):
     j = sp.jv(n, k * np.hypot(*x.T)) / np.asarray(scales)[:, None]
     phi = j * np.stack([np.cos(n * around), np.sin(n * around)])
     one, other = (np.einsum("cand,anp->cpd", found, phi) for found in (plain, light))
-    assert np.linalg.norm(one - other) < 2e-6 * np.linalg.norm(one)
+    assert np.linalg.norm(one - other) < tolerance * np.linalg.norm(one)
 
 
 def test_pressure_and_velocity_are_those_of_waves_in_the_water():
