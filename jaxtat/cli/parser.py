@@ -420,7 +420,7 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
         "--body-shape",
         choices=BODY_SHAPES,
         help="of a body that is estimated (default: disk, in space a ball); ellipse asks for "
-        "--two-speeds and takes some minutes, and is used if it explains clearly more than a disk",
+        "--two-speeds and takes some minutes, and is used if it explains clearly more",
     )
     data.add_argument(
         "--water-temperature", type=float, metavar="T", help="in place of --water-speed [degrees C]"

@@ -46,7 +46,8 @@ WIDE, WAY = 1.35, 0.25  # of the radius of what sounds: reach of the pixels, way
 RATIOS = 0.92, 1.1  # of the two speeds, that are tried
 STEPS = 40  # of a fit from which a weight is taken
 SOUNDING = 0.95  # of an image's power
-OF_OUTLINE, FLATTEST = 0.9, 0.35  # of an image's sum; half axes differ by less than a half
+OF_OUTLINE = 0.9  # of an image's sum
+FLATTEST = 0.35  # difference of second moments over their sum: of half axes up to 1.44 to 1
 PACE = Pace(1, 0.03, 0.02)  # of fits that go on to their end: 60 steps from zeros come near
 
 
@@ -179,11 +180,11 @@ class Through(NamedTuple):
         """Centre, radius and stretch of an ellipse with the moments of an image in the plane."""
         points, weights = (
             np.asarray(self.place.grid.points).reshape(-1, 2),
-            np.abs(np.asarray(image, float).ravel()),
+            np.nan_to_num(np.abs(np.asarray(image, float).ravel())) + 1e-300,
         )
         center = np.average(points, axis=0, weights=weights)
         (xx, xy), (_, yy) = np.cov(points.T, aweights=weights)
-        # of exp(S), whose square these moments are but for a factor
+        # moments are exp(2 S) but for a factor: their difference over their sum is tanh(2 |s|)
         size, angle = np.hypot((xx - yy) / 2, xy) / ((xx + yy) / 2), np.arctan2(2 * xy, xx - yy)
         stretch = np.arctanh(min(size, FLATTEST)) / 2 * np.array([np.cos(angle), np.sin(angle)])
         body = OutlineBody.stretched_disk(center, 1.0, stretch, 1.0, 1.0)

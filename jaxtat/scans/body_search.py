@@ -20,7 +20,8 @@ UNITS = 0.004, 0.04, 0.05, 0.002, 0.03  # of T, a, the centre, c_2, the stretch 
 UNITS_OF_ELLIPSES = 0.0015, 0.04, 0.05, 0.006, 0.04  # by curvatures of V
 COLD, WARM = 60, 25  # steps of fits from zeros, and from the best image so far
 # Of the way downhill: fits after which it ends, change of V over itself, units from its start
-MOST, SETTLED, FARTHEST = 20, 1e-5, (25.0, np.inf, 5.0, 25.0, 10.0)
+MOST, SETTLED, FARTHEST = 20, 1e-5, (25.0, np.inf, 5.0, 25.0, 0.0)
+FARTHEST_OF_ELLIPSES = (60.0, np.inf, 5.0, 8.0, 6.0)  # of the stretch from none
 SIZES = 0.6, 1.22  # least and greatest radius, over that of what sounds
 FARTHER, BESIDE = 4.0, 0.5  # greatest of Newton's steps, half the width of differences, in units
 FLAT = 1e-3  # curvature over the largest, below which nothing is told
@@ -69,11 +70,11 @@ class BodySearch(NamedTuple):
         first: numbers near which all are looked for.
         units: of all numbers.
         weight: of total variation, light.
-        radius: of what sounds [length].
+        radius: over which least and greatest ones are [length].
         good: detectors that count.
         n_free: how many of the numbers are searched for; the last is the water's speed.
         parts: of the frequencies, before all of them.
-        settled: change of V over itself, with which a way downhill ends.
+        settled: change of V over itself, or over 1 below that, with which a way downhill ends.
     """
 
     through: Through
@@ -165,8 +166,11 @@ class BodySearch(NamedTuple):
         """
         ends = SIZES[0] * self.radius, min(SIZES[1] * self.radius, self.through.reach / SUPPORT)
         sizes = (np.array(ends) - numbers[1]) / self.units[1]
-        farthest = _each((*FARTHEST[:-1], 0.0) if disks else FARTHEST, self.through)
-        way = (self.first - numbers) / self.units
+        all_units = FARTHEST_OF_ELLIPSES if self.through.n_stretch else FARTHEST
+        farthest = _each((*all_units[:-1], 0.0) if disks else all_units, self.through)
+        middle = self.first.copy()
+        middle[2 + len(self.through.center) : -1] = 0.0
+        way = (middle - numbers) / self.units
         bounds = way[:, None] + np.stack([-farthest, farthest], axis=1)
         bounds[1] = sizes
         bounds = np.stack([np.minimum(bounds[:, 0], 0.0), np.maximum(bounds[:, 1], 0.0)], axis=1)
@@ -199,7 +203,8 @@ class BodySearch(NamedTuple):
             slope = fit.slopes[-1] - fit.slopes[0] * distance / alike(by)[-1] ** 2
             return fit._replace(slopes=self.units[-1:] * slope)
 
-        bounds = FARTHEST[3] * np.array([[-1.0, 1.0]])
+        farthest = FARTHEST_OF_ELLIPSES if self.through.n_stretch else FARTHEST
+        bounds = farthest[3] * np.array([[-1.0, 1.0]])
         by, end = _lowest(at, at(np.zeros(1), None), bounds, self.settled)
         return alike(by), end
 
@@ -246,7 +251,7 @@ def _lowest(
         at: V and its slopes, from the image of another fit.
         begun: V at zero.
         bounds: of the way.
-        settled: change of V over itself, with which it ends.
+        settled: change of V over itself, or over 1 below that, with which it ends.
     """
     best = np.zeros(len(bounds)), begun
 
@@ -256,7 +261,7 @@ def _lowest(
         best = min(best, (by.copy(), found), key=lambda one: one[1].value)
         return found.value, found.slopes
 
-    most = {"maxfun": MOST, "ftol": settled * min(begun.value, 1.0)}  # over V or, below 1, over 1
+    most = {"maxfun": MOST, "ftol": settled}
     scipy.optimize.minimize(
         height, best[0], jac=True, method="L-BFGS-B", bounds=bounds, options=most
     )
