@@ -236,8 +236,8 @@ def _search_for_ellipses(
     sound: Sound, choices: Choices, one_speed: float, water_speed: float | None
 ) -> BodySearch:
     """That which begins at the outline of what sounds by one speed, in pixels about it."""
-    center, radius, stretch = _outline_of_what_sounds(sound, choices)
-    about, speed = AROUND * radius, choices.sound_speed
+    center, radius, stretch, about = _outline_of_what_sounds(sound, choices)
+    speed = choices.sound_speed
     through = through_bodies(sound, choices, center, about, ellipses=True)
     first = [through.distance / speed, radius, *center, *stretch, water_speed or speed]
     return BodySearch(
@@ -261,17 +261,19 @@ def _numbers_of_disk(search: BodySearch, body: Body) -> Float[np.ndarray, " numb
 
 def _outline_of_what_sounds(
     sound: Sound, choices: Choices
-) -> tuple[Float[np.ndarray, " 2"], float, Float[np.ndarray, " 2"]]:
+) -> tuple[Float[np.ndarray, " 2"], float, Float[np.ndarray, " 2"], float]:
     """Centre, radius and stretch of an ellipse with the moments of an image by one speed.
 
-    A region that was given stays: a body may be silent near its rim.
+    The last is a radius around it, for the pixels. A region that was given stays: a body may be
+    silent near its rim.
     """
     center, radius = np.array(choices.region_center), choices.region_radius / MARGIN
     if choices.grade("region_radius") == SURE:
-        return center, radius, np.zeros(2)
+        return center, radius, np.zeros(2), radius
     through = through_bodies(sound, choices, center, radius)
     image, _ = through.by_one(OFF * choices.sound_speed)
-    return through.outline(image)
+    center, radius, stretch = through.outline(image)
+    return center, radius, stretch, AROUND * radius
 
 
 def _hardly_less(
