@@ -17,11 +17,11 @@ from .body_criterion import SUPPORT, BodyFit, Through
 CONTRASTS, BEST = (0.98, 1.0, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of them are followed
 BESIDE_ONE, LEVEL = 0.01, 4e-3  # of c_1/c_2 - 1: tried, and as small where there is no body
 UNITS = 0.004, 0.04, 0.05, 0.002, 0.03  # of T, a, the centre, c_2, the stretch of an ellipse
-UNITS_OF_ELLIPSES = 0.0015, 0.04, 0.05, 0.006, 0.04  # by curvatures of V
+UNITS_FROM_AFAR = 0.0015, 0.04, 0.05, 0.006, 0.04  # by curvatures of V
 COLD, WARM = 60, 25  # steps of fits from zeros, and from the best image so far
 # Of the way downhill: fits after which it ends, change of V over itself, units from its start
 MOST, SETTLED, FARTHEST = 20, 1e-5, (25.0, np.inf, 5.0, 25.0, 0.0)
-FARTHEST_OF_ELLIPSES = (60.0, np.inf, 5.0, 8.0, 6.0)  # of the stretch from none
+FARTHEST_OF_ELLIPSES = (60.0, np.inf, 5.0, 8.0, 7.0)  # of the stretch from none
 SIZES = 0.6, 1.22  # least and greatest radius, over that of what sounds
 FARTHER, BESIDE = 4.0, 0.5  # greatest of Newton's steps, half the width of differences, in units
 FLAT = 1e-3  # curvature over the largest, below which nothing is told
@@ -178,7 +178,9 @@ class BodySearch(NamedTuple):
         def at(by: np.ndarray, like: BodyFit) -> BodyFit:
             return self.at(self.moved(numbers, by), like)
 
-        by, end = _lowest(at, begun, bounds[: self.n_free], self.settled)
+        # SciPy divides changes by V or, below 1, by 1
+        small = min(begun.value, 1.0) if self.through.n_stretch else 1.0
+        by, end = _lowest(at, begun, bounds[: self.n_free], small * self.settled)
         return self.moved(numbers, by), end
 
     def one_speed(
@@ -233,10 +235,16 @@ def _each(values: tuple[float, ...], through: Through) -> Float[np.ndarray, " nu
     return np.array([arrival, radius, *coordinates, *stretches, water])
 
 
-def units_of(through: Through, radius: float, speed: float) -> Float[np.ndarray, " numbers"]:
-    """Of the numbers of bodies about a radius [length] and a speed [length/time]."""
+def units_of(
+    through: Through, radius: float, speed: float, *, far: bool = False
+) -> Float[np.ndarray, " numbers"]:
+    """Of the numbers of bodies about a radius [length] and a speed [length/time].
+
+    Args:
+        far: of a way to an ellipse from afar.
+    """
     sizes = radius / speed, radius, radius, speed, 1.0
-    return _each(UNITS_OF_ELLIPSES if through.n_stretch else UNITS, through) * _each(sizes, through)
+    return _each(UNITS_FROM_AFAR if far else UNITS, through) * _each(sizes, through)
 
 
 def _lowest(

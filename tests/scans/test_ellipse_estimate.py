@@ -86,7 +86,7 @@ def test_slopes_are_the_derivatives_of_what_is_left(through_ellipse, monkeypatch
 
 @pytest.mark.parametrize("clear", [True, False])
 def test_the_ellipse_is_told_by_its_record(clear, through_ellipse, monkeypatch):
-    """From what sounds, and beside a disk that is clear; it is upright, where angles jump."""
+    """From a disk that is clear, or from what sounds; it is upright, where angles jump."""
     monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 17)
     scan, start = scan_of(through_ellipse), np.array(CENTER) + 3e-4
     body = DiskBody(start, RADIUS, TISSUE - 8.0, WATER + 3.0)
@@ -102,24 +102,22 @@ def test_the_ellipse_is_told_by_its_record(clear, through_ellipse, monkeypatch):
     assert 0 < found.standard_errors["angle"] < 6.0
 
 
-def test_a_disk_in_numbers_of_ellipses(through_ellipse, monkeypatch):
+def test_the_search_begins_at_a_clear_disk(through_ellipse, monkeypatch):
     """Also off the middle of the region, where detectors are at another distance."""
     monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 13)
-    search = body_estimate._search_for_ellipses(*criterion_of(through_ellipse), 1505.0, None)
+    sound, chosen = criterion_of(through_ellipse)
     disk = DiskBody(np.array(CENTER) + 1e-3, RADIUS, TISSUE, WATER)
-    same = search.through.body(body_estimate._numbers_of_disk(search, disk))
+    search = body_estimate._search_for_ellipses(sound, chosen, DISK._replace(body=disk), None)
+    first = search.through.body(search.first)
     for name in ("center", "equal_radius", "sound_speed", "water_speed"):
-        np.testing.assert_allclose(getattr(same, name), getattr(disk, name), rtol=1e-9)
-    numbers = body_estimate._numbers_of_disk(search, disk)
-    way = search.downhill(numbers, search.at(numbers), disks=True)
-    assert way[1].value < search.at(numbers).value * 1.001 and not way[0][4:6].any()
+        np.testing.assert_allclose(getattr(first, name), getattr(disk, name), rtol=1e-9)
 
 
 def test_the_search_begins_at_what_sounds(through_ellipse, monkeypatch):
     """Seven bells, of which one is in the middle: somewhat smaller than the body, and upright."""
     monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 13)
     asked = criterion_of(through_ellipse, region_radius=None)
-    search = body_estimate._search_for_ellipses(*asked, 1505.0, None)
+    search = body_estimate._search_for_ellipses(*asked, DISK._replace(clear=False), None)
     body = search.through.body(search.first)
     assert float(body.speed_ratio) == pytest.approx(1.0)
     np.testing.assert_allclose(body.center, CENTER, atol=2e-3)
@@ -140,16 +138,15 @@ def test_the_search_begins_at_what_sounds(through_ellipse, monkeypatch):
 def test_a_disk_stays_where_no_ellipse_explains_more(
     gain, error, clear, shape, through_ellipse, monkeypatch
 ):
-    end = None, SimpleNamespace(value=1.0)
+    end = None, None
     stub = SimpleNamespace(
-        lowest_of_starts=lambda: end,
+        first=None,
         at=lambda _: None,
         downhill=lambda *_, **__: end,
         newton=lambda *_: SimpleNamespace(numbers=None, fit=None),
         one_speed=lambda _: end,
     )
     monkeypatch.setattr(body_estimate, "_search_for_ellipses", lambda *_: stub)
-    monkeypatch.setattr(body_estimate, "_numbers_of_disk", lambda *_: None)
     monkeypatch.setattr(body_estimate, "_gain", lambda *_: (gain, error, 0.1, 0.1))
     monkeypatch.setattr(body_estimate, "_estimate", lambda *_: FOUND._replace(clear=clear))
     scan = scan_of(through_ellipse)
