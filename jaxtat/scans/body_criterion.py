@@ -169,10 +169,7 @@ class Through(NamedTuple):
             np.asarray(image, float).ravel() ** 2,
         )
         middle = power @ points / max(float(power.sum()), 1e-300)
-        distance = np.linalg.norm(points - middle, axis=1)
-        order = np.argsort(distance)
-        within = np.searchsorted(np.cumsum(power[order]), SOUNDING * power.sum())
-        return middle, float(distance[order[min(int(within), len(order) - 1)]])
+        return middle, _holding(SOUNDING, np.linalg.norm(points - middle, axis=1), power)
 
     def outline(
         self, image: Array
@@ -189,9 +186,16 @@ class Through(NamedTuple):
         stretch = np.arctanh(min(size, FLATTEST)) / 2 * np.array([np.cos(angle), np.sin(angle)])
         body = OutlineBody.stretched_disk(center, 1.0, stretch, 1.0, 1.0)
         sizes = np.asarray(body.relative_radius(jnp.asarray(points)))
-        order = np.argsort(sizes)
-        within = np.searchsorted(np.cumsum(weights[order]), OF_OUTLINE * weights.sum())
-        return center, float(sizes[order[within]]), stretch
+        return center, _holding(OF_OUTLINE, sizes, weights), stretch
+
+
+def _holding(
+    share: float, sizes: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"]
+) -> float:
+    """The size up to which there is a share of all weights."""
+    order = np.argsort(sizes)
+    within = np.searchsorted(np.cumsum(weights[order]), share * weights.sum())
+    return float(sizes[order[min(int(within), len(order) - 1)]])
 
 
 def through_bodies(

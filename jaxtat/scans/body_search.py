@@ -19,9 +19,9 @@ BESIDE_ONE, LEVEL = 0.01, 4e-3  # of c_1/c_2 - 1: tried, and as small where ther
 UNITS = 0.004, 0.04, 0.05, 0.002, 0.03  # of T, a, the centre, c_2, the stretch of an ellipse
 UNITS_FROM_AFAR = 0.0015, 0.04, 0.05, 0.006, 0.04  # by curvatures of V
 COLD, WARM = 60, 25  # steps of fits from zeros, and from the best image so far
-# Of the way downhill: fits after which it ends, change of V over itself, units from its start
-MOST, SETTLED, FARTHEST = 20, 1e-5, (25.0, np.inf, 5.0, 25.0, 0.0)
-FARTHEST_OF_ELLIPSES = (60.0, np.inf, 5.0, 8.0, 7.0)  # of the stretch from none
+# Of the way downhill: fits after which it ends, change of V over itself
+MOST, SETTLED = 20, 1e-5
+FARTHEST = 0.1, np.inf, 0.25, 0.05, 0.3  # as UNITS, from the first numbers; the stretch from none
 SIZES = 0.6, 1.22  # least and greatest radius, over that of what sounds
 FARTHER, BESIDE = 4.0, 0.5  # greatest of Newton's steps, half the width of differences, in units
 FLAT = 1e-3  # curvature over the largest, below which nothing is told
@@ -166,8 +166,8 @@ class BodySearch(NamedTuple):
         """
         ends = SIZES[0] * self.radius, min(SIZES[1] * self.radius, self.through.reach / SUPPORT)
         sizes = (np.array(ends) - numbers[1]) / self.units[1]
-        all_units = FARTHEST_OF_ELLIPSES if self.through.n_stretch else FARTHEST
-        farthest = _each((*all_units[:-1], 0.0) if disks else all_units, self.through)
+        farthest = _each((*FARTHEST[:-1], 0.0) if disks else FARTHEST, self.through)
+        farthest *= _sizes(self.through, self.radius, self.first[-1]) / self.units
         middle = self.first.copy()
         middle[2 + len(self.through.center) : -1] = 0.0
         way = (middle - numbers) / self.units
@@ -205,8 +205,7 @@ class BodySearch(NamedTuple):
             slope = fit.slopes[-1] - fit.slopes[0] * distance / alike(by)[-1] ** 2
             return fit._replace(slopes=self.units[-1:] * slope)
 
-        farthest = FARTHEST_OF_ELLIPSES if self.through.n_stretch else FARTHEST
-        bounds = farthest[3] * np.array([[-1.0, 1.0]])
+        bounds = FARTHEST[3] * self.first[-1] / self.units[-1] * np.array([[-1.0, 1.0]])
         by, end = _lowest(at, at(np.zeros(1), None), bounds, self.settled)
         return alike(by), end
 
@@ -243,8 +242,12 @@ def units_of(
     Args:
         far: of a way to an ellipse from afar.
     """
-    sizes = radius / speed, radius, radius, speed, 1.0
-    return _each(UNITS_FROM_AFAR if far else UNITS, through) * _each(sizes, through)
+    return _each(UNITS_FROM_AFAR if far else UNITS, through) * _sizes(through, radius, speed)
+
+
+def _sizes(through: Through, radius: float, speed: float) -> Float[np.ndarray, " numbers"]:
+    """Of which units are parts."""
+    return _each((radius / speed, radius, radius, speed, 1.0), through)
 
 
 def _lowest(

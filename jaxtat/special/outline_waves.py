@@ -21,7 +21,7 @@ its own N, and of all sets that one is taken that makes
     ||M c - r||² + epsilon² ||c_n / Delta_n^p||²,   epsilon = 2 sqrt(rounding) of the size of M,
 
 least. With p = 0 the c_n are about one, and of a circle right to 1e-9 in 64 bits. Factors of the
-Fourier transform of an image are c_n / Delta_n: with p = 2/3 they are at most 12, and the field is
+Fourier transform of an image are c_n / Delta_n: with p = 2/3 they are 10 at most, and the field is
 right to 3e-9 in a circle and to 3e-7 in an ellipse of half axes 15 and 10 (with 3/4 to 1e-8 in a
 circle; with 1/2 factors are up to a thousand). The equations are taken in waves of the parameter,
 of which as many count as there are c_n. At the inner points those of wave n are smaller by about
