@@ -35,13 +35,14 @@ from ..fitting.data_fit import DataFit
 from ..geometry import BallBody, Body, OutlineBody, body_about
 from .acquisition import FASTEST, SLOWEST
 from .choices import Choices
-from .misfit import Misfit, Sound, after_steps, misfit_of, place_of
+from .misfit import FadedIntegrals, Misfit, Sound, after_steps, misfit_of, place_of
 from .misfit_in_space import misfit_of_volumes, place_in_space
 
 PIXELS = 65  # along an axis: coarse ones see wrong bodies from farther
 FINE = 1e-5  # tolerance of the non-uniform FFTs: with 1e-3 a fit through a body ends too early
 PIXELS_OF_ELLIPSES = 25  # whose equations take as much as the fourth power of these
 SUPPORT = 1.1  # of the body's radius, up to which there may be sound
+RIM = 0.1  # of it to either side, in which that fades: else V jumps where a pixel leaves the body
 WIDE, WAY = 1.35, 0.25  # of the radius of what sounds: reach of the pixels, way of the centre
 RATIOS = 0.92, 1.1  # of the two speeds, that are tried
 STEPS = 40  # of a fit from which a weight is taken
@@ -89,6 +90,15 @@ class Through(NamedTuple):
     def body(self, numbers: Float[np.ndarray, " numbers"]) -> Body:
         """That of (T, a, centre, stretch, c_2), with speeds within `RATIOS` of each other."""
         return _body_of(numbers, self.distance, len(self.center))
+
+    def numbers(self, body: Any) -> Float[np.ndarray, " numbers"]:
+        """Those of a disk or ball."""
+        center, radius, own, water = (
+            np.asarray(part, float)
+            for part in (body.center, body.radius, body.sound_speed, body.water_speed)
+        )
+        arrival = self.distance / water - radius * (1 / water - 1 / own)
+        return np.array([arrival, radius, *center, *np.zeros(self.n_stretch), water])
 
     def by_one(self, speed: float) -> tuple[Array, Array]:
         """An image by one speed, of all pixels, after few steps, and a weight that suits it."""
@@ -289,5 +299,15 @@ def _left_by(
 
 def _with_body(misfit: Misfit, place: Any, body: Body) -> Misfit:
     """The criterion with the waves of a body, in and around which there may be sound."""
-    parts = place.integrals(body), body.relative_radius(place.grid.points) <= SUPPORT
+    heard = _shares(body, place.grid.points).astype(misfit.data.dtype)
+    parts = FadedIntegrals(place.integrals(body), heard), heard > 0
     return eqx.tree_at(lambda m: (m.integrals, m.support), misfit, parts)
+
+
+def _shares(body: Body, points: Float[Array, "*space d"]) -> Float[Array, "*space"]:
+    """From 1 within a body to 0 beyond its rim."""
+    deep = body.relative_radius(points) < SUPPORT - RIM
+    # the middle, where a distance has no derivative, is taken for a point of the rim
+    rim = body.center + body.equal_radius * jnp.eye(points.shape[-1])[0]
+    sizes = body.relative_radius(jnp.where(deep[..., None], rim, points))
+    return jnp.where(deep, 1.0, jnp.clip(0.5 - (sizes - SUPPORT) / (2 * RIM), 0.0, 1.0))

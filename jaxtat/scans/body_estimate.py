@@ -24,7 +24,7 @@ from .acoustics import rows_of_frame, sound_of
 from .acoustics_in_space import HALF
 from .angular_coverage import SEEN_TWICE, span
 from .body_criterion import RATIOS, SUPPORT, WIDE, BodyFit, Through, through_bodies
-from .body_search import SETTLED, BodySearch, NearLeast, units_of
+from .body_search import BodySearch, NearLeast, units_of
 from .choices import Choices
 from .misfit import Sound
 from .misfit_in_space import sound_in_space
@@ -196,9 +196,9 @@ def estimate_ellipse(
 ) -> BodyEstimate:
     """The ellipse of another speed of sound by which an image explains most.
 
-    From the disk on, where that explains clearly more than one speed; else, as of a large ellipse
-    that no disk is like, from what sounds by one speed. Takes 40 to 100 fits of an image of 25 x 25
-    pixels with derivatives, for each of which the equations at the outline are solved.
+    From what sounds by one speed, and from the disk where that explains clearly more than one
+    speed: of a large ellipse no disk is like it. Takes 60 to 100 fits of an image of 25 x 25 pixels
+    with derivatives, for each of which the equations at the outline are solved.
 
     Args:
         scan, choices, frame, water_speed: as of `estimate_body`, in the plane.
@@ -217,14 +217,15 @@ def estimate_ellipse(
     if sound is None:
         return disk
     search = _search_for_ellipses(sound, choices, disk, water_speed)
+    best_disk = []
     if disk.clear:
-        best_disk = search.downhill(search.first, search.at(search.first), disks=True)
-        near = search.newton(*search.downhill(*best_disk))
-        gain, gain_error, *_ = _gain(search, (near.numbers, near.fit), best_disk)
+        numbers = search.through.numbers(disk.body)
+        best_disk = [search.downhill(numbers, search.at(numbers), disks=True)]
+    near = search.newton(*search.lowest_of_starts(*best_disk))
+    for end in best_disk:
+        gain, gain_error, *_ = _gain(search, (near.numbers, near.fit), end)
         if not gain > max(GAIN, ERRORS * gain_error):
             return disk
-    else:
-        near = search.newton(*search.downhill(*search.lowest_of_starts()))
     found = _estimate(search, near, *search.one_speed(near.numbers))
     return found if found.clear else disk
 
@@ -232,30 +233,26 @@ def estimate_ellipse(
 def _search_for_ellipses(
     sound: Sound, choices: Choices, disk: BodyEstimate, water_speed: float | None
 ) -> BodySearch:
-    """That which begins at a clear disk, else at the outline of what sounds by one speed.
+    """That which begins at the outline of what sounds by one speed, with pixels about it.
 
-    From there the way is far: its units are by curvatures of V, and it ends before Newton's step.
+    The way is far: its units are by curvatures of V, and it ends before Newton's step.
     """
+    center, radius, stretch, about = _outline_of_what_sounds(sound, choices)
     if disk.clear:
-        body, stretch = disk.body, np.zeros(2)
-        center, radius = np.asarray(body.center), float(body.radius)
-        own, water, about = float(body.sound_speed), float(body.water_speed), radius
-    else:
-        center, radius, stretch, about = _outline_of_what_sounds(sound, choices)
-        own = water = choices.sound_speed
+        about = max(about, float(disk.body.radius))
+    speed = choices.sound_speed
     through = through_bodies(sound, choices, center, about, ellipses=True)
-    arrival = through.distance / water - radius * (1 / water - 1 / own)
-    first = np.array([arrival, radius, *center, *stretch, water_speed or water])
+    first = np.array([through.distance / speed, radius, *center, *stretch, water_speed or speed])
     return BodySearch(
         through=through,
         first=first,
-        units=units_of(through, about, water, far=not disk.clear),
+        units=units_of(through, about, first[-1]),
         weight=LIGHT * float(through.by_one(OFF * disk.one_speed)[1]),
         radius=about,
         good=sound.good,
         n_free=len(first) - (water_speed is not None),
         parts=(),  # coarse pixels hold low frequencies alone
-        settled=SETTLED if disk.clear else NEAR,
+        settled=NEAR,
     )
 
 

@@ -16,8 +16,8 @@ from .body_criterion import SUPPORT, BodyFit, Through
 
 CONTRASTS, BEST = (0.98, 1.0, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of them are followed
 BESIDE_ONE, LEVEL = 0.01, 4e-3  # of c_1/c_2 - 1: tried, and as small where there is no body
-UNITS = 0.004, 0.04, 0.05, 0.002, 0.03  # of T, a, the centre, c_2, the stretch of an ellipse
-UNITS_FROM_AFAR = 0.0015, 0.04, 0.05, 0.006, 0.04  # by curvatures of V
+UNITS = 0.004, 0.04, 0.05, 0.002, 0.0  # of T, a, the centre, c_2, the stretch of an ellipse
+UNITS_OF_ELLIPSES = 0.0015, 0.04, 0.05, 0.006, 0.04  # by curvatures of V
 COLD, WARM = 60, 25  # steps of fits from zeros, and from the best image so far
 # Of the way downhill: fits after which it ends, change of V over itself
 MOST, SETTLED = 20, 1e-5
@@ -100,9 +100,15 @@ class BodySearch(NamedTuple):
         contrast = BESIDE_ONE * (below - above) / (2 * bend) if bend > 0 else np.inf
         return (tried[1], fits[1]) if abs(contrast) <= LEVEL else None
 
-    def lowest_of_starts(self) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
-        """Where V is least downhill from the starts, and V there."""
-        ends = [self.downhill(*start) for start in self.starts()]
+    def lowest_of_starts(
+        self, *more: tuple[Float[np.ndarray, " numbers"], BodyFit]
+    ) -> tuple[Float[np.ndarray, " numbers"], BodyFit]:
+        """Where V is least downhill from the starts, and V there.
+
+        Args:
+            more: numbers, and V there, among which the starts are too.
+        """
+        ends = [self.downhill(*start) for start in self.starts(*more)]
         return min(ends, key=lambda end: end[1].value)
 
     def through_frequencies(
@@ -123,7 +129,9 @@ class BodySearch(NamedTuple):
         through, energy = self.through.low_passed(part)
         return self._replace(through=through, weight=energy * self.weight)
 
-    def starts(self) -> list[tuple[Float[np.ndarray, " numbers"], BodyFit]]:
+    def starts(
+        self, *more: tuple[Float[np.ndarray, " numbers"], BodyFit]
+    ) -> list[tuple[Float[np.ndarray, " numbers"], BodyFit]]:
         """Numbers from which ways downhill begin, those of least V, and what it is there.
 
         Of a body as fast as the water, and slower and faster ones, by the water's speed that sound
@@ -131,7 +139,7 @@ class BodySearch(NamedTuple):
         speed is known.
         """
         begun = [(start, self.at(start)) for start in self._contrasts(CONTRASTS)]
-        return sorted(begun, key=lambda start: start[1].value)[:BEST]
+        return sorted([*begun, *more], key=lambda start: start[1].value)[:BEST]
 
     def _contrasts(self, contrasts: tuple[float, ...]) -> list[Float[np.ndarray, " numbers"]]:
         """The first numbers, but for the body's speed over that of the water."""
@@ -234,15 +242,10 @@ def _each(values: tuple[float, ...], through: Through) -> Float[np.ndarray, " nu
     return np.array([arrival, radius, *coordinates, *stretches, water])
 
 
-def units_of(
-    through: Through, radius: float, speed: float, *, far: bool = False
-) -> Float[np.ndarray, " numbers"]:
-    """Of the numbers of bodies about a radius [length] and a speed [length/time].
-
-    Args:
-        far: of a way to an ellipse from afar.
-    """
-    return _each(UNITS_FROM_AFAR if far else UNITS, through) * _sizes(through, radius, speed)
+def units_of(through: Through, radius: float, speed: float) -> Float[np.ndarray, " numbers"]:
+    """Of the numbers of bodies about a radius [length] and a speed [length/time]."""
+    units = UNITS_OF_ELLIPSES if through.n_stretch else UNITS
+    return _each(units, through) * _sizes(through, radius, speed)
 
 
 def _sizes(through: Through, radius: float, speed: float) -> Float[np.ndarray, " numbers"]:

@@ -142,6 +142,31 @@ class PlaneTerms(eqx.Module):
         return jnp.where((paths > 0) & (paths < self.of.period), series, 0.0)
 
 
+class FadedIntegrals(eqx.Module):
+    """f -> A (m f): of images that fade towards a rim.
+
+    Attributes:
+        of: A.
+        shares: m, from 0 to 1.
+    """
+
+    of: CircleIntegrals | SphereIntegrals
+    shares: Float[Array, "*space"]
+
+    def __call__(self, images: Float[Array, "images *space"]) -> Array:
+        return self.of(images * self.shares)
+
+    @property
+    def series(self) -> Any:  # a leaf, which Equinox wraps to replace it
+        """That of A."""
+        return self.of.series
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of an image."""
+        return self.of.shape
+
+
 class Misfit(eqx.Module):
     """The criterion for one record; arrays have sizes on the ladder.
 
@@ -157,7 +182,7 @@ class Misfit(eqx.Module):
         effort: of fits.
     """
 
-    integrals: CircleIntegrals | SphereIntegrals
+    integrals: CircleIntegrals | SphereIntegrals | FadedIntegrals
     terms: Callable[[Array], Array]
     support: Bool[Array, "*space"]
     data: Float[Array, "1 detectors parts"]

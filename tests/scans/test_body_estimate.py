@@ -5,11 +5,13 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.test_util import check_grads
 from made_scans import BELLS, RATE, SPEED, TIMES, clear_body, positions, record
 
-from jaxtat import DiskBody, ImageGrid, Setup, detector_curve, disk, phantoms
+from jaxtat import DiskBody, ImageGrid, OutlineBody, Setup, detector_curve, disk, phantoms
 from jaxtat.cli import hints, main
 from jaxtat.io import Scan
 from jaxtat.records import simulate_pressure, water_speed
@@ -181,6 +183,21 @@ def test_slopes_are_the_derivatives_of_what_is_left(criterion, held):
         else:
             slope = (ahead.value - behind.value) / (2 * step)
         assert slope == pytest.approx(here.slopes[k], rel=0.02 if held else 0.05)
+
+
+@pytest.mark.parametrize(
+    "made", [DiskBody, lambda *four: OutlineBody.stretched_disk(*four[:2], (0.0, 0.0), *four[2:])]
+)
+def test_what_may_sound_fades_at_the_rim(made):
+    """From 1 to 0 between the rim and 1.2 radii; a pixel in the middle has derivatives."""
+    ways = jnp.array([0.0, 0.5, 0.99, 1.05, 1.1, 1.15, 1.21])[:, None] * jnp.array([0.8, -0.6])
+
+    def shares(center, radius):
+        return body_criterion._shares(made(center, radius, TISSUE, WATER), jnp.array(CENTER) + ways)
+
+    center, radius = jnp.array(CENTER), jnp.array(1.0)
+    np.testing.assert_allclose(shares(center, radius), [1, 1, 1, 0.75, 0.5, 0.25, 0], atol=1e-6)
+    check_grads(shares, (center, radius), 1, atol=1e-6, rtol=1e-6)
 
 
 def near_of(gradient, hessian, of_left=None):

@@ -102,15 +102,17 @@ def test_the_ellipse_is_told_by_its_record(clear, through_ellipse, monkeypatch):
     assert 0 < found.standard_errors["angle"] < 6.0
 
 
-def test_the_search_begins_at_a_clear_disk(through_ellipse, monkeypatch):
-    """Also off the middle of the region, where detectors are at another distance."""
+def test_pixels_hold_a_clear_disk(through_ellipse, monkeypatch):
+    """Larger than what sounds; a disk off the middle is found in its numbers."""
     monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 13)
     sound, chosen = criterion_of(through_ellipse)
-    disk = DiskBody(np.array(CENTER) + 1e-3, RADIUS, TISSUE, WATER)
+    disk = DiskBody(np.array(CENTER) + 1e-3, 1.2 * AXES[0], TISSUE, WATER)
     search = body_estimate._search_for_ellipses(sound, chosen, DISK._replace(body=disk), None)
-    first = search.through.body(search.first)
+    through = search.through
+    assert search.radius == pytest.approx(float(disk.radius)) and through.reach > search.radius
+    body = through.body(through.numbers(disk))
     for name in ("center", "equal_radius", "sound_speed", "water_speed"):
-        np.testing.assert_allclose(getattr(first, name), getattr(disk, name), rtol=1e-9)
+        np.testing.assert_allclose(getattr(body, name), getattr(disk, name), rtol=1e-9)
 
 
 def test_the_search_begins_at_what_sounds(through_ellipse, monkeypatch):
@@ -140,9 +142,10 @@ def test_a_disk_stays_where_no_ellipse_explains_more(
 ):
     end = None, None
     stub = SimpleNamespace(
-        first=None,
+        through=SimpleNamespace(numbers=lambda _: None),
         at=lambda _: None,
         downhill=lambda *_, **__: end,
+        lowest_of_starts=lambda *_: end,
         newton=lambda *_: SimpleNamespace(numbers=None, fit=None),
         one_speed=lambda _: end,
     )
