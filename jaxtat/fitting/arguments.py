@@ -62,6 +62,8 @@ def data_fits(
         if noise is not None and grid.dimension == 3 and pressure is None:
             radial = high_pass(setup.radii, 1 / grid.spacing.max()).astype(operator.dtype)
         support = setup.region.contains(grid.points)
+        if setup.medium is not None:
+            support &= setup.medium.may_sound(grid.points, operator.max_frequency)
         weights = by_library(_weights, (sizes, counted), operator.dtype)
         return DataFit(operator, weights, radial, support, bool(nonnegative), noise is not None)
 
@@ -92,6 +94,8 @@ def _recorded(
     if responses is not None:
         shape = (*setup.detectors_shape, "taps")
         responses = real_array("element_responses", responses, shape)
+        if responses.shape[-1] == 0:
+            raise ValueError("element_responses have no samples, expected one at least of each.")
     if setup.grid.dimension == 3:
         matrix = _record_in_space(setup, times, sound_speed, model, responses is not None)
         factors = None

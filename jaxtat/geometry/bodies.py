@@ -5,7 +5,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..base.checks import Numbers, by_library, is_concrete, real_array, require_positive
 from ..base.hashable_methods import ComparedByIdentity
@@ -19,6 +19,7 @@ SPEEDS = 0.7, 1.4  # of the body over the water: no tissue is farther from water
 FEWEST, ELLIPSE = 8, 16  # points of an outline, and of an ellipse, whose degree is 1
 DENSE = 360  # points of an outline, for sizes and checks
 BEYOND = 1.25  # of the body's radius, up to which its waves may be continued outside
+GROWN = 2.0  # logarithm of what its waves may have grown by there
 NEARLY_NONE = 1e-8  # of |s|², below which its functions are their series
 SAME = 1e-9  # of a radius: centres that are no farther apart are one
 
@@ -60,6 +61,23 @@ class Body(ComparedByIdentity, eqx.Module):
     def relative_radius(self, points: Float[Array, "*n space"]) -> Float[Array, "*n"]:
         """Distances from the centre over that of the rim in their direction."""
         return jnp.linalg.norm(points - self.center, axis=-1) / self.radius
+
+    def may_sound(
+        self, points: Float[Array, "*n space"], highest: Float[Array, ""]
+    ) -> Bool[Array, "*n"]:
+        """Whether points are in the body, or so near it that its continued waves have not grown.
+
+        In a faster body waves are longer, and those of orders between k_1 a and k_2 a fade from the
+        rim inwards. Continued beyond it they grow by exp(√(k_2² - k_1²) (r - a)): a record would
+        tell of sources there before all others, and a fit of those in the body would take long.
+
+        Args:
+            points: anywhere [length].
+            highest: k_1 of the finest waves of an image [rad/length].
+        """
+        beyond = (self.relative_radius(points) - 1) * self.equal_radius
+        rate = highest * jnp.sqrt(jnp.maximum(self.speed_ratio**2 - 1, 0.0))
+        return beyond * rate <= GROWN
 
 
 def radial_step(spacing: Any, medium: Body | None) -> Any:

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.special as sp
 from jax.test_util import check_grads
 
 from jaxtat import (
@@ -135,3 +136,18 @@ def test_shares_of_the_way_to_the_rim():
     np.testing.assert_allclose(BODY.relative_radius(points), [0.4 / 0.45, 1.0, 0.0], atol=1e-12)
     ellipse = OutlineBody.ellipse((0.1, -0.06), (0.45, 0.2), 1.04, 1.0)
     np.testing.assert_allclose(ellipse.relative_radius(points), [2.0, 1.0, 0.0], atol=1e-3)
+
+
+@pytest.mark.parametrize("ratio", [1.02, 1.08, 1.3])
+@pytest.mark.parametrize("k", [150.0, 400.0])
+def test_beyond_the_rim_waves_of_a_faster_body_have_not_grown(ratio, k):
+    """Of orders that travel in water alone; those of a slower body do not grow."""
+    away = jnp.linspace(0.9, 1.25, 351)[:, None] * 0.45 * jnp.array([0.6, -0.8])
+    points = jnp.asarray(BODY.center) + away
+    fast, slow = (DiskBody(BODY.center, 0.45, c, 1.0) for c in (ratio, 1 / ratio))
+    sound = np.asarray(fast.may_sound(points, jnp.asarray(k)))
+    sizes = np.asarray(fast.relative_radius(points))
+    orders = np.arange(np.ceil(k * 0.45), np.floor(ratio * k * 0.45) + 1)
+    grown = [sp.jv(orders, k * 0.45 * sizes[sound].max()) / sp.jv(orders, k * 0.45)]
+    assert sound[sizes <= 1].all() and sizes[sound].max() > 1
+    assert np.max(grown) < np.exp(2.0) and np.asarray(slow.may_sound(points, jnp.asarray(k))).all()
