@@ -2,8 +2,8 @@
 
 A body 4 % faster than the water, detectors on 270 degrees of a circle of radius 1. "about the
 middle": body and region of radius 0.45 about the detectors' centre; "off it": about (0.1, -0.06).
-Errors are the largest against the phantom within the body, of data by the operator. What comes
-later than the last direct wave is not recorded, and a body reflects some of it.
+Errors are the largest against the phantom in the region, of data by the operator. What comes later
+than the last direct wave is not recorded, and a body reflects some of it: errors have a floor.
 """
 
 import jax

@@ -61,9 +61,7 @@ def data_fits(
         radial = None
         if noise is not None and grid.dimension == 3 and pressure is None:
             radial = high_pass(setup.radii, 1 / grid.spacing.max()).astype(operator.dtype)
-        support = setup.region.contains(grid.points)
-        if setup.medium is not None:
-            support &= setup.medium.may_sound(grid.points, operator.max_frequency)
+        support = setup.may_sound(grid, operator.max_frequency)
         weights = by_library(_weights, (sizes, counted), operator.dtype)
         return DataFit(operator, weights, radial, support, bool(nonnegative), noise is not None)
 
@@ -95,7 +93,10 @@ def _recorded(
         shape = (*setup.detectors_shape, "taps")
         responses = real_array("element_responses", responses, shape)
         if responses.shape[-1] == 0:
-            raise ValueError("element_responses have no samples, expected one at least of each.")
+            raise ValueError(
+                f"element_responses has shape {responses.shape}, expected one sample of each at "
+                "least."
+            )
     if setup.grid.dimension == 3:
         matrix = _record_in_space(setup, times, sound_speed, model, responses is not None)
         factors = None

@@ -19,7 +19,7 @@ class Comparison(NamedTuple):
 
     Attributes:
         misfits: ||W (A f - g)|| / ||W g|| of the first and the second.
-        differ: ||f_2 - f_1|| / ||f_2|| in the region.
+        differ: ||f_2 - f_1|| / ||f_2|| where images of a fit may differ from zero.
         told: ||W A (f_2 - f_1)|| / ||W g||: how much of their difference reaches the data.
     """
 
@@ -50,7 +50,7 @@ def compare_fits(
     Args:
         setup, data, noise, mask, times, sound_speed, model, conditioning, element_responses: as in
             `model_based`, of one image.
-        first, second: images; what is outside the region may be NaN.
+        first, second: images; what is outside `Setup.may_sound` may be NaN.
 
     Returns:
         Comparison.

@@ -135,7 +135,8 @@ def model_based(
     was found being held. ``unrolled=True`` differentiates a fixed number of steps instead.
 
     Args:
-        setup: detectors, region, grid and radii, which need not cover the region.
+        setup: detectors, region, grid and radii, which need not cover the region. Images are zero
+            outside `Setup.may_sound`: the region, but for what is beyond the rim of a fast medium.
         data: g, (..., *setup.data_shape), or with ``times`` pressure, (..., detectors, samples).
             Images of a stack are found one by one, or with a joint penalty together.
         penalty: `TotalVariation()` (the default), `SecondOrderVariation`, `Ridge`, `NoPenalty`,

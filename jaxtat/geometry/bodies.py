@@ -19,7 +19,7 @@ SPEEDS = 0.7, 1.4  # of the body over the water: no tissue is farther from water
 FEWEST, ELLIPSE = 8, 16  # points of an outline, and of an ellipse, whose degree is 1
 DENSE = 360  # points of an outline, for sizes and checks
 BEYOND = 1.25  # of the body's radius, up to which its waves may be continued outside
-GROWN = 2.0  # logarithm of what its waves may have grown by there
+GROWN, GROWN_ROUND = 2.0, 5.0  # logarithm of what its waves may have grown by there; of a circle
 NEARLY_NONE = 1e-8  # of |s|², below which its functions are their series
 SAME = 1e-9  # of a radius: centres that are no farther apart are one
 
@@ -65,19 +65,27 @@ class Body(ComparedByIdentity, eqx.Module):
     def may_sound(
         self, points: Float[Array, "*n space"], highest: Float[Array, ""]
     ) -> Bool[Array, "*n"]:
-        """Whether points are in the body, or so near it that its continued waves have not grown.
+        """Whether points are in the body, or so near it that its waves have not grown much there.
 
-        In a faster body waves are longer, and those of orders between k_1 a and k_2 a fade from the
-        rim inwards. Continued beyond it they grow by exp(√(k_2² - k_1²) (r - a)): a record would
-        tell of sources there before all others, and a fit of those in the body would take long.
+        An image is made of waves of the body's speed, also beyond its rim. In a body that is faster
+        than the water some of the finest nearly vanish inside, and outside grow exponentially with
+        the distance d from the rim, by exp(√(k_2² - k_1²) d) at most, k_1 and k_2 = k_1 c_1/c_2
+        their numbers in body and water. Faint sources there would explain whole records. Points
+        count where that is less than e²; of a slower body all do. A disk or ball often stands for
+        a body of another shape, which reaches beyond its rim: up to e⁵ there.
 
         Args:
             points: anywhere [length].
             highest: k_1 of the finest waves of an image [rad/length].
         """
-        beyond = (self.relative_radius(points) - 1) * self.equal_radius
+        sizes = jnp.maximum(self.relative_radius(points), 1.0)
+        beyond = jnp.linalg.norm(points - self.center, axis=-1) * (1 - 1 / sizes)
         rate = highest * jnp.sqrt(jnp.maximum(self.speed_ratio**2 - 1, 0.0))
-        return beyond * rate <= GROWN
+        return beyond * rate <= self._grown
+
+    @property
+    def _grown(self) -> float:
+        return GROWN_ROUND
 
 
 def radial_step(spacing: Any, medium: Body | None) -> Any:
@@ -341,6 +349,10 @@ class OutlineBody(Body):
     def equal_radius(self) -> Float[Array, ""]:
         """Of a disk of the same area [length]."""
         return by_library(_equal_radius, (self.points,))
+
+    @property
+    def _grown(self) -> float:
+        return GROWN
 
     def relative_radius(self, points: Float[Array, "*n space"]) -> Float[Array, "*n"]:
         """Distances from the centre over that of the outline in their direction."""

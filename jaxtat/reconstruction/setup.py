@@ -1,10 +1,12 @@
 """The problem: detectors, region of interest, pixels and radii, checked once."""
 
+from contextlib import nullcontext
 from typing import Any
 
 import equinox as eqx
 import jax
-from jaxtyping import Array, Float
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
 from ..base.checks import (
     Numbers,
@@ -79,7 +81,8 @@ class Setup(eqx.Module):
                 in slower water around a medium. All but `model_based` needs
                 those that cover the region and all other sources.
             medium: a `DiskBody` or `OutlineBody` in water, in space a `spherical.BallBody`, about
-                whose centre the region must be; by default there is one speed of sound.
+                whose centre the region must be; by default there is one speed of sound. Sources lie
+                in the body, or at its rim: see `may_sound`.
             max_frequency: lambda_max [rad/length]; by default π over the larger of pixel and radial
                 step, beyond which neither data nor image hold anything.
             n_directions: by default enough for lambda_max, a multiple of 32.
@@ -194,6 +197,31 @@ class Setup(eqx.Module):
             if self.complete and self.kind.uncovered(*where, changed.radii, *through):
                 raise ValueError(_incomplete(changed))
         return changed
+
+    def may_sound(self, grid: Any, highest: Numbers) -> Bool[Array, "*space"]:
+        """Pixels in the region; of a medium that is faster than the water, in it and at its rim.
+
+        See `Body.may_sound`. Your own iterations with `forward_operator` need this mask too.
+
+        Args:
+            grid: of the images.
+            highest: up to which they have a spectrum, ``max_frequency`` of an operator
+                [rad/length].
+
+        >>> from jaxtat import ImageGrid, OutlineBody, circular_arc, disk
+        >>> arc, region, grid = circular_arc(1.3, 1.0, 80), disk(0.6), ImageGrid(21, 0.6)
+        >>> body = OutlineBody.ellipse((0.0, 0.0), (0.55, 0.5), 1.05, 1.0)
+        >>> setup = Setup(arc, region, grid, medium=body)
+        >>> [int(setup.may_sound(grid, highest).sum()) for highest in (20.0, 200.0)]
+        [305, 267]
+        """
+        within = self.region.contains(grid.points)
+        if self.medium is None:
+            return within
+
+        known = is_concrete(self.medium, grid, highest)  # they stay so inside jax.jit
+        with jax.ensure_compile_time_eval() if known else nullcontext():
+            return within & self.medium.may_sound(grid.points, jnp.asarray(highest))
 
 
 def plane_of(setup: Setup) -> tuple[DetectorCurve, Region, Array, PlaneSizes]:

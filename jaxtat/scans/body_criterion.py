@@ -16,9 +16,9 @@ total variation the least over images and its derivatives are
 
     V(q) = min_f ||W (A(q) f - b)||² / 2 + w TV(f),    dV/dq = d/dq ||W (A(q) f - b)||² / 2,
 
-the latter with the image held that is least, and where it may sound (envelope theorem): all
-of them for less than the time of the fit. A large w moves the least V away from the true body,
-towards images that vary less.
+the latter with the image held that is least (envelope theorem): all of them for less than the time
+of the fit. A(q) fades from the rim of the body to 1.2 radii, beyond which nothing sounds. A large w
+moves the least V away from the true body, towards images that vary less.
 """
 
 from typing import Any, NamedTuple
@@ -32,7 +32,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..base.checks import by_library
 from ..fitting.alternating import Pace
 from ..fitting.data_fit import DataFit
-from ..geometry import BallBody, Body, OutlineBody, body_about
+from ..geometry import BallBody, Body, DiskBody, OutlineBody, body_about
 from .acquisition import FASTEST, SLOWEST
 from .choices import Choices
 from .misfit import FadedIntegrals, Misfit, Sound, after_steps, misfit_of, place_of
@@ -41,8 +41,8 @@ from .misfit_in_space import misfit_of_volumes, place_in_space
 PIXELS = 65  # along an axis: coarse ones see wrong bodies from farther
 FINE = 1e-5  # tolerance of the non-uniform FFTs: with 1e-3 a fit through a body ends too early
 PIXELS_OF_ELLIPSES = 25  # whose equations take as much as the fourth power of these
-SUPPORT = 1.1  # of the body's radius, up to which there may be sound
-RIM = 0.1  # of it to either side, in which that fades: else V jumps where a pixel leaves the body
+SUPPORT = 1.1  # of the body's radius, where half of a sound counts
+RIM = 0.1  # to either side, in which that fades: else what is left jumps where a pixel leaves
 WIDE, WAY = 1.35, 0.25  # of the radius of what sounds: reach of the pixels, way of the centre
 RATIOS = 0.92, 1.1  # of the two speeds, that are tried
 STEPS = 40  # of a fit from which a weight is taken
@@ -60,7 +60,7 @@ class BodyFit(NamedTuple):
         left: energy that is unexplained, by detector, (detectors,).
         share: of all, the root of its part.
         slopes: derivatives of V in the numbers.
-        image: that is least.
+        image: that is least, before it fades at the rim.
     """
 
     value: float
@@ -91,7 +91,7 @@ class Through(NamedTuple):
         """That of (T, a, centre, stretch, c_2), with speeds within `RATIOS` of each other."""
         return _body_of(numbers, self.distance, len(self.center))
 
-    def numbers(self, body: Any) -> Float[np.ndarray, " numbers"]:
+    def numbers(self, body: DiskBody | BallBody) -> Float[np.ndarray, " numbers"]:
         """Those of a disk or ball."""
         center, radius, own, water = (
             np.asarray(part, float)
@@ -104,7 +104,9 @@ class Through(NamedTuple):
         """An image by one speed, of all pixels, after few steps, and a weight that suits it."""
         stretch = np.zeros(self.n_stretch)
         largest = self.distance / speed, self.reach / SUPPORT, *self.center, *stretch, speed
-        return self._image(self.body(np.array(largest)), None, STEPS)[:2]
+        body = self.body(np.array(largest))
+        image, weight, *_ = self._image(body, None, STEPS)
+        return image * _shares(body, self.place.grid.points), weight
 
     def low_passed(self, part: float) -> tuple["Through", float]:
         """The criterion in which frequencies fade above a part of the highest one.
@@ -305,7 +307,7 @@ def _with_body(misfit: Misfit, place: Any, body: Body) -> Misfit:
 
 
 def _shares(body: Body, points: Float[Array, "*space d"]) -> Float[Array, "*space"]:
-    """From 1 within a body to 0 beyond its rim."""
+    """From 1 in a body to 0 beyond 1.2 radii."""
     deep = body.relative_radius(points) < SUPPORT - RIM
     # the middle, where a distance has no derivative, is taken for a point of the rim
     rim = body.center + body.equal_radius * jnp.eye(points.shape[-1])[0]

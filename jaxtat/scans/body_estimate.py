@@ -6,7 +6,7 @@ with the lowest quarter of frequencies, from one speed and from bodies slower an
 water. Where no body makes V fall by more than 2 %, it ends there. Else it goes on with half of the
 frequencies, with which it begins in space, then with all. Newton's method, by differences of
 slopes, ends it. What is left for each detector beside the end gives the jackknife over sectors of
-detectors at no further cost. An ellipse is looked for from a clear disk on, else from what sounds,
+detectors at no further cost. An ellipse is looked for from what sounds, and from a clear disk too,
 with the low frequencies that coarse pixels hold.
 """
 
@@ -196,8 +196,8 @@ def estimate_ellipse(
 ) -> BodyEstimate:
     """The ellipse of another speed of sound by which an image explains most.
 
-    From what sounds by one speed, and from the disk where that explains clearly more than one
-    speed: of a large ellipse no disk is like it. Takes 60 to 100 fits of an image of 25 x 25 pixels
+    The search begins at what sounds by one speed, and at the disk where that explains clearly more
+    than one speed. Takes 60 to 100 fits of an image of 25 x 25 pixels
     with derivatives, for each of which the equations at the outline are solved.
 
     Args:
@@ -217,15 +217,15 @@ def estimate_ellipse(
     if sound is None:
         return disk
     search = _search_for_ellipses(sound, choices, disk, water_speed)
-    best_disk = []
     if disk.clear:
-        numbers = search.through.numbers(disk.body)
-        best_disk = [search.downhill(numbers, search.at(numbers), disks=True)]
-    near = search.newton(*search.lowest_of_starts(*best_disk))
-    for end in best_disk:
-        gain, gain_error, *_ = _gain(search, (near.numbers, near.fit), end)
+        numbers = search.through.numbers(disk.body)  # type: ignore[arg-type]
+        best_disk = search.downhill(numbers, search.at(numbers), disks=True)
+        near = search.newton(*search.lowest_of_starts(best_disk))
+        gain, gain_error, *_ = _gain(search, (near.numbers, near.fit), best_disk)
         if not gain > max(GAIN, ERRORS * gain_error):
             return disk
+    else:
+        near = search.newton(*search.lowest_of_starts())
     found = _estimate(search, near, *search.one_speed(near.numbers))
     return found if found.clear else disk
 
@@ -233,13 +233,14 @@ def estimate_ellipse(
 def _search_for_ellipses(
     sound: Sound, choices: Choices, disk: BodyEstimate, water_speed: float | None
 ) -> BodySearch:
-    """That which begins at the outline of what sounds by one speed, with pixels about it.
+    """Begun at the outline of what sounds by one speed; pixels hold a clear disk too.
 
-    The way is far: its units are by curvatures of V, and it ends before Newton's step.
+    The way is far, and ends well before the least: Newton's step goes on.
     """
     center, radius, stretch, about = _outline_of_what_sounds(sound, choices)
     if disk.clear:
-        about = max(about, float(disk.body.radius))
+        off = float(np.linalg.norm(np.asarray(disk.body.center) - center))
+        about = max(about, float(disk.body.radius) + off)
     speed = choices.sound_speed
     through = through_bodies(sound, choices, center, about, ellipses=True)
     first = np.array([through.distance / speed, radius, *center, *stretch, water_speed or speed])

@@ -16,8 +16,8 @@ from .body_criterion import SUPPORT, BodyFit, Through
 
 CONTRASTS, BEST = (0.98, 1.0, 1.02, 1.04), 2  # c_1/c_2 of starts; how many of them are followed
 BESIDE_ONE, LEVEL = 0.01, 4e-3  # of c_1/c_2 - 1: tried, and as small where there is no body
-UNITS = 0.004, 0.04, 0.05, 0.002, 0.0  # of T, a, the centre, c_2, the stretch of an ellipse
-UNITS_OF_ELLIPSES = 0.0015, 0.04, 0.05, 0.006, 0.04  # by curvatures of V
+UNITS = 0.004, 0.04, 0.05, 0.002, 0.0  # of T, a, the centre, c_2, the stretch: of no ellipse
+UNITS_OF_ELLIPSES = 0.0015, 0.04, 0.05, 0.006, 0.04  # likewise, by curvatures of V at true ones
 COLD, WARM = 60, 25  # steps of fits from zeros, and from the best image so far
 # Of the way downhill: fits after which it ends, change of V over itself
 MOST, SETTLED = 20, 1e-5
@@ -106,7 +106,7 @@ class BodySearch(NamedTuple):
         """Where V is least downhill from the starts, and V there.
 
         Args:
-            more: numbers, and V there, among which the starts are too.
+            more: starts beside those by contrast: numbers, and V there.
         """
         ends = [self.downhill(*start) for start in self.starts(*more)]
         return min(ends, key=lambda end: end[1].value)
@@ -134,9 +134,9 @@ class BodySearch(NamedTuple):
     ) -> list[tuple[Float[np.ndarray, " numbers"], BodyFit]]:
         """Numbers from which ways downhill begin, those of least V, and what it is there.
 
-        Of a body as fast as the water, and slower and faster ones, by the water's speed that sound
-        from the middle takes the time of the first numbers with, or by that time where the water's
-        speed is known.
+        Of ``more``, of a body as fast as the water, and slower and faster ones, by the water's
+        speed that sound from the middle takes the time of the first numbers with, or by that time
+        where the water's speed is known.
         """
         begun = [(start, self.at(start)) for start in self._contrasts(CONTRASTS)]
         return sorted([*begun, *more], key=lambda start: start[1].value)[:BEST]

@@ -105,7 +105,7 @@ def fit_errors(
         frames[..., rows, :] = np.asarray(data)
         return frames
 
-    inside = setup.region.contains(grid.points)
+    inside = setup.may_sound(grid, coarse.max_frequency)
     means = _means(fine, image, grid)
     deviation = fitted_deviation(
         lambda data: fitted(scan, coarse, setup, in_file(data)).image,

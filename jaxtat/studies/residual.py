@@ -69,9 +69,10 @@ class DataResidual(eqx.Module):
 def data_residual(setup: Setup, g: Numbers, image: Numbers) -> DataResidual:
     """g - A f for the image f inside the region of interest, A its circular integrals.
 
-    Outside the region the image has no meaning and is set to zero. Differentiable in image, g and
-    geometry, but for the boundary of the region. A is `forward_operator`: exact for images that are
-    band-limited between their pixels; at a sharp edge, also the region's, it rings.
+    Outside the region, or beyond the rim of a fast body (`Setup.may_sound`), the image has no
+    meaning and is set to zero. Differentiable in image, g and geometry, but for that boundary. A is
+    `forward_operator`: exact for images that are band-limited between their pixels; at a sharp
+    edge, also the region's, it rings.
 
     Args:
         setup: detectors, region, grid and radii, in the plane.
@@ -97,11 +98,10 @@ def data_residual(setup: Setup, g: Numbers, image: Numbers) -> DataResidual:
     g = real_array("g", data_array(g, *setup.data_shape), setup.data_shape)
     if np.shape(image) != grid.shape:
         raise ValueError(f"image has shape {np.shape(image)}, expected {grid.shape}.")
-    image = jnp.where(region.contains(grid.points), jnp.asarray(image), 0.0)
-    image = real_array("image", image, grid.shape)
-    return _compared(
-        g, forward_operator(setup)(image), _meeting(curve, region, radii, setup.medium)
-    )
+    operator = forward_operator(setup)
+    sounds = setup.may_sound(grid, operator.max_frequency)
+    image = real_array("image", jnp.where(sounds, jnp.asarray(image), 0.0), grid.shape)
+    return _compared(g, operator(image), _meeting(curve, region, radii, setup.medium))
 
 
 @jax.jit

@@ -97,5 +97,5 @@ def test_others_than_one_of_each_element_are_refused(setup):
     record = np.ones((N, len(TIMES)))
     with pytest.raises(ValueError, match=r"element_responses has shape \(9,\)"):
         model_based(setup, record, times=TIMES, element_responses=np.ones(TAPS))
-    with pytest.raises(ValueError, match="have no samples, expected one at least"):
+    with pytest.raises(ValueError, match="expected one sample of each"):
         model_based(setup, record, times=TIMES, element_responses=np.ones((N, 0)))

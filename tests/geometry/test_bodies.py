@@ -143,11 +143,29 @@ def test_shares_of_the_way_to_the_rim():
 def test_beyond_the_rim_waves_of_a_faster_body_have_not_grown(ratio, k):
     """Of orders that travel in water alone; those of a slower body do not grow."""
     away = jnp.linspace(0.9, 1.25, 351)[:, None] * 0.45 * jnp.array([0.6, -0.8])
-    points = jnp.asarray(BODY.center) + away
-    fast, slow = (DiskBody(BODY.center, 0.45, c, 1.0) for c in (ratio, 1 / ratio))
-    sound = np.asarray(fast.may_sound(points, jnp.asarray(k)))
-    sizes = np.asarray(fast.relative_radius(points))
-    orders = np.arange(np.ceil(k * 0.45), np.floor(ratio * k * 0.45) + 1)
-    grown = [sp.jv(orders, k * 0.45 * sizes[sound].max()) / sp.jv(orders, k * 0.45)]
-    assert sound[sizes <= 1].all() and sizes[sound].max() > 1
-    assert np.max(grown) < np.exp(2.0) and np.asarray(slow.may_sound(points, jnp.asarray(k))).all()
+    points, k = jnp.asarray(BODY.center) + away, jnp.asarray(k)
+    for make, most in (
+        (lambda c: DiskBody(BODY.center, 0.45, c, 1.0), 5.0),
+        (lambda c: OutlineBody.ellipse(BODY.center, (0.45, 0.45), c, 1.0), 2.0),
+    ):
+        sound, sizes = (
+            np.asarray(each)
+            for each in (make(ratio).may_sound(points, k), make(ratio).relative_radius(points))
+        )
+        assert sound[sizes <= 1].all() and sizes[sound].max() > 1
+        orders = np.arange(np.ceil(k * 0.45), np.floor(ratio * k * 0.45) + 1)
+        grown = sp.jv(orders, k * 0.45 * sizes[sound].max()) / sp.jv(orders, k * 0.45)
+        assert np.max(grown) < np.exp(most)
+        assert np.asarray(make(1 / ratio).may_sound(points, k)).all()
+
+
+def test_rims_are_those_of_an_ellipse_and_the_middle_sounds():
+    """At the tip and at the flat side as far out; a distance of zero is no NaN."""
+    ellipse = OutlineBody.ellipse((0.0, 0.0), (0.6, 0.4), 1.2, 1.0)
+    beyond = jnp.linspace(0.0, 0.1, 401)
+    reach = []
+    for rim, along in ((0.6, (1.0, 0.0)), (0.4, (0.0, 1.0))):
+        sound = ellipse.may_sound((rim + beyond)[:, None] * jnp.array(along), jnp.asarray(100.0))
+        reach.append(float(beyond[np.asarray(sound)].max()))
+    np.testing.assert_allclose(reach, 2.0 / (100.0 * np.sqrt(0.44)), atol=3e-4)
+    assert bool(ellipse.may_sound(jnp.zeros(2), jnp.asarray(100.0)))

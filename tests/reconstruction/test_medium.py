@@ -181,11 +181,11 @@ def test_fits_begin_on_coarser_grids(through, monkeypatch):
     assert np.linalg.norm((image - truth)[inside]) < 0.03 * np.linalg.norm(truth)
 
 
-def test_a_fit_through_a_fast_body_takes_no_longer():
-    """Of a region larger than the body, where its continued waves took 500 steps: 0.064."""
+def test_a_fit_through_a_fast_body_takes_as_long_as_any():
+    """Of a region larger than the body. With all of its pixels: 500 steps, an error of 0.064."""
     grid, times = ImageGrid(65, 1.2 * RADIUS), np.arange(0.0, 2.2, 1 / 60)
     bells = jaxtat.phantoms.Bells([[0.15, 0.1], [-0.2, 0.1], [0.0, -0.25]], [0.12, 0.15, 0.1])
-    medium = DiskBody((0.0, 0.0), RADIUS, 1.08, 1.0)
+    medium = OutlineBody.ellipse((0.0, 0.0), (RADIUS, RADIUS), 1.08, 1.0)
     setup = Setup(circular_arc(1.0, 0.7, 120), disk(1.2 * RADIUS), grid, medium=medium)
     truth = np.asarray(bells.image(grid))
     record = np.asarray(simulate_pressure(setup, truth, times))

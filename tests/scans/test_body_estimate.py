@@ -102,6 +102,18 @@ def test_newtons_step_is_taken_where_the_criterion_falls(begin, wrong):
     assert near.fit.value == pytest.approx(0.0, abs=1e-12)
 
 
+def test_ways_begin_at_the_two_best_of_all_starts():
+    """Contrasts, and others that are named."""
+    ones, good = np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.ones(4, bool)
+    hill = Hill(np.array([1.2, 1.0, 0.0, 0.0, 1.0]), 0.0)
+    hill.distance = 1.0
+    search = BodySearch(hill, ones, ones, 1.0, 1.0, good, 5, ())
+    near = hill.point + 1e-3
+    starts = search.starts((near, search.at(near)))
+    assert len(starts) == 2 and starts[0][0] is near
+    assert all(np.any(one != near) for one, _ in search.starts())
+
+
 def test_a_record_of_one_speed_has_no_clear_body(monkeypatch):
     """Also where the water's speed is said to be another one."""
     found = estimated(record(), monkeypatch, SPEED)
