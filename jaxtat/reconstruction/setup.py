@@ -218,7 +218,6 @@ class Setup(eqx.Module):
         within = self.region.contains(grid.points)
         if self.medium is None:
             return within
-
         known = is_concrete(self.medium, grid, highest)  # they stay so inside jax.jit
         with jax.ensure_compile_time_eval() if known else nullcontext():
             return within & self.medium.may_sound(grid.points, jnp.asarray(highest))

@@ -197,8 +197,8 @@ def estimate_ellipse(
     """The ellipse of another speed of sound by which an image explains most.
 
     The search begins at what sounds by one speed, and at the disk where that explains clearly more
-    than one speed. Takes 60 to 100 fits of an image of 25 x 25 pixels
-    with derivatives, for each of which the equations at the outline are solved.
+    than one speed. Takes 60 to 100 fits of an image of 25 x 25 pixels with derivatives, for each of
+    which the equations at the outline are solved.
 
     Args:
         scan, choices, frame, water_speed: as of `estimate_body`, in the plane.

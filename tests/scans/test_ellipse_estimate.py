@@ -73,8 +73,7 @@ def test_slopes_are_the_derivatives_of_what_is_left(through_ellipse, monkeypatch
     monkeypatch.setattr(body_criterion, "PIXELS_OF_ELLIPSES", 17)
     sound, chosen = criterion_of(through_ellipse)
     through = through_bodies(sound, chosen, np.array(CENTER), RADIUS, ellipses=True)
-    arrival = through.distance / WATER - RADIUS * (1 / WATER - 1 / TISSUE)
-    numbers = np.array([arrival, RADIUS, *CENTER, 0.0, 0.0, WATER])
+    numbers = through.numbers(DISK.body)
     here = through.least(numbers, 0.1, 60)
     for k, step in ((1, 1.5e-5), (4, 2e-3), (5, 2e-3), (6, 0.5)):
         ahead, behind = (
