@@ -9,7 +9,7 @@ Minimises ||H (B f - b)||² / 2 + w P(f), P(f) = Σ h(|D f|), for f in C, with u
 
 with 1.6 f - 0.6 v for f, and likewise for D f, in the last two lines. B f and B^T H^T H B f are
 carried along, so that each step of conjugate gradients costs one product with B and one with its
-transpose. The image is v.
+transpose. The image is v. In the plane `extrapolation` follows after every five steps.
 
 What takes longest is the level inside a body, where a record lacks low frequencies: it moves with
 the weakest of a, c and what the data say of it. a and c are chosen for that, on measured scans and
@@ -25,6 +25,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..base.precision import in_full
 from .data_fit import DataFit
 from .level import Level
 from .penalties import Penalty, Ridge
@@ -188,6 +189,32 @@ def _nearer(
     none = jnp.zeros((), left.dtype)
     free, fitted, normal, *_ = jax.lax.fori_loop(0, products, nearer, (*begin, none))
     return state._replace(free=free, fitted=fitted, normal=normal)
+
+
+def products_of_moves(
+    level: Level,
+    weight: Float[Array, ""],
+    image: Float[Array, "stack *space"],
+    moves: tuple[Float[Array, "m stack *space"], Split],
+) -> Float[Array, "m m"]:
+    """Inner products of moves of v, u, q and p, in the norm in which steps never become longer.
+
+    It is c |v|² + |q|² / c + a |u|² + |p|² / a.
+
+    Args:
+        weight, image: for a and c.
+        moves: of v and the rest.
+    """
+
+    def between(moves: Array) -> Array:
+        flat = moves.reshape(len(moves), -1)
+        return in_full(jnp.matmul)(flat, flat.T)
+
+    bond, (images, split) = _bonds(level, weight, image, pace_for(image)), moves
+    found = bond.images * between(images) + between(split.dual) / bond.images
+    if split.parts is None:
+        return found
+    return found + bond.parts * between(split.parts) + between(split.parts_dual) / bond.parts
 
 
 def of_weight(state: Split, old: Float[Array, ""], new: Float[Array, ""]) -> Split:

@@ -41,6 +41,7 @@ from .arguments import (
 from .cancelling import can_be_cancelled, require_wanted, tell
 from .coarse_grids import between_nodes, ladder, weight_on
 from .data_fit import DataFit
+from .extrapolation import Trail, extrapolated, is_kept, trail
 from .fista import Momentum
 from .fit_memory import require_room_to_fit
 from .implicit import Problem, with_derivatives
@@ -369,19 +370,30 @@ def begun(
     return level, State(image, inner, weight, before(image, max_steps))
 
 
-def _step(level: Level, penalty: Any, find_weight: bool, state: State) -> State:
-    """One step; with ``find_weight`` the weight follows the image."""
-    fit, data = level.fit, level.data
-    old, inner, weight, progress = state
+def _step(
+    level: Level, penalty: Any, find_weight: bool, state: State, trail: Trail | None
+) -> tuple[State, Trail | None]:
+    """One step, and at the end of a round what the trail leads to.
+
+    With ``find_weight`` the weight follows the image. It is held while states are kept, which then
+    lead to the minimum of that weight.
+    """
+    fit, data, (image, inner, weight, progress) = level.fit, level.data, state
     if isinstance(inner, Momentum):
-        new, inner = fista.step(fit, data, penalty, weight, old, inner)
-        return State(new, inner, weight, after(progress, old, new))
+        new, inner = fista.step(fit, data, penalty, weight, image, inner)
+        return State(new, inner, weight, after(progress, image, new)), None
+    each = products_of(penalty)
+    count = progress.step // each + 1
     if find_weight:
         misfit = inner.fitted - data
-        found = balanced_weight(fit, penalty, old, misfit, level.scale).astype(weight.dtype)
+        found = balanced_weight(fit, penalty, image, misfit, level.scale).astype(weight.dtype)
+        found = found if trail is None else jnp.where(is_kept(count), weight, found)
         inner, weight = alternating.of_weight(inner, weight, found), found
-    new, inner = alternating.step(level, penalty, weight, old, inner)
-    return State(new, inner, weight, after(progress, old, new, products_of(penalty)))
+    new, inner = alternating.step(level, penalty, weight, image, inner)
+    if trail is not None:
+        between = partial(alternating.products_of_moves, level, weight, image)
+        (new, inner), trail = extrapolated(trail, (new, inner), count, between)
+    return State(new, inner, weight, after(progress, image, new, each)), trail
 
 
 @eqx.filter_jit
@@ -394,10 +406,17 @@ def _advance(
     """
     level, penalty, state = constants((level, penalty, state))
 
-    def unfinished(state: State) -> Array:
-        return (state.progress.remaining > tolerance) & (state.progress.step < until)
+    def unfinished(now: tuple[State, Trail | None]) -> Array:
+        progress = now[0].progress
+        return (progress.remaining > tolerance) & (progress.step < until)
 
-    return jax.lax.while_loop(unfinished, partial(_step, level, penalty, find_weight), state)
+    def advance(now: tuple[State, Trail | None]) -> tuple[State, Trail | None]:
+        return _step(level, penalty, find_weight, *now)
+
+    # in space fits end before it would help, and states take memory
+    plane = isinstance(state.inner, Split) and state.image.ndim == 3
+    begun = trail((state.image, state.inner)) if plane else None
+    return jax.lax.while_loop(unfinished, advance, (state, begun))[0]
 
 
 @eqx.filter_jit
@@ -439,7 +458,7 @@ def _unrolled(
     level, state = begun(fit, data, penalty, weight, start, steps)
 
     def advance(state: State, _: None) -> tuple[State, None]:
-        return _step(level, penalty, weight is None, state), None
+        return _step(level, penalty, weight is None, state, None)[0], None
 
     each = products_of(penalty)
     state = jax.lax.scan(jax.checkpoint(advance), state, None, -(-steps // each))[0]
@@ -452,7 +471,7 @@ def _report(
 ) -> ModelBased:
     """The image at a fixed weight, with derivatives unless all that it depends on is known."""
     used = jax.lax.stop_gradient(state.weight) if weight is None else weight
-    scale = level.scale
+    state, scale = state._replace(image=level.fit.allowed(state.image)), level.scale
     if isinstance(state.inner, Momentum):  # the strength at which the map was applied
         scale = scale._replace(square=jax.lax.stop_gradient(state.inner.square))
     problem = Problem(level.fit, level.data, penalty, used, scale)

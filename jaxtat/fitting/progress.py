@@ -3,12 +3,13 @@
 Every `EVERY` steps the image has moved by d_k from where it was. Once it moves along its slowest
 direction, d_k shrink by a factor q each time, and what is left of the way is
 
-    d_k+1 + d_k+2 + ... = d_k s / (1 - s),    s = √q,    q = d_k / d_k-1,
+    d_k+1 + d_k+2 + ... = d_k s / (1 - s),    s = √q,    q³ = d_k / d_k-3,
 
 relative to the image's norm. Before that the move is a mix of directions, and q still grows: √q,
 between q and 1, stands for what it will be. With q itself fits ended up to three times as far away
-as was said; along one direction √q says 2 to 2.4 times too much. q is taken between 0.5 and 0.95,
-so that chance does not end it. The last move shows where the image is not settled.
+as was said; along one direction √q says 2 to 2.4 times too much. q is taken between 0.7 and 0.95,
+in space between 0.5 and 0.95, so that chance does not end it. The last move shows where the image
+is not settled.
 
 Source: Aitken, Proc. R. Soc. Edinburgh 46 (1927) 289-305.
 """
@@ -20,7 +21,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 EVERY = 20
-_FASTEST, _SLOWEST = 0.5, 0.95
+_FASTEST, _FASTEST_IN_SPACE, _SLOWEST = 0.7, 0.5, 0.95
+_BACK = 3  # looks, over which moves are compared
 _WIDE = 4.0  # periods across the grid: what has no more is wide
 
 
@@ -30,7 +32,8 @@ class Progress(NamedTuple):
     Attributes:
         step: k.
         remaining: estimate of ||f_k - f_∞|| / ||f_k||; infinite before two moves are known.
-        move: that of the image since it was looked at, of norm d_k.
+        move: that of the image since it was looked at.
+        moved: all d_k, 0 where there was none.
         since: the image from which the next one is measured.
         history: change of each step, ||f_k+1 - f_k|| / ||f_k+1||, NaN where there was none.
     """
@@ -38,6 +41,7 @@ class Progress(NamedTuple):
     step: Int[Array, ""]
     remaining: Float[Array, ""]
     move: Float[Array, "stack *space"]
+    moved: Float[Array, " looks"]
     since: Float[Array, "stack *space"]
     history: Float[Array, " steps"]
 
@@ -45,8 +49,9 @@ class Progress(NamedTuple):
 def before(image: Float[Array, "stack *space"], max_steps: int) -> Progress:
     """That before the first step."""
     never = jnp.full((), jnp.inf, image.dtype)
+    moved = jnp.zeros(max_steps // EVERY + 1, image.dtype)
     history = jnp.full(max_steps, jnp.nan, image.dtype)
-    return Progress(jnp.zeros((), int), never, jnp.zeros_like(image), image, history)
+    return Progress(jnp.zeros((), int), never, jnp.zeros_like(image), moved, image, history)
 
 
 def after(
@@ -61,19 +66,29 @@ def after(
     size = jnp.where(size > 0, size, 1.0)
     change = jnp.linalg.norm(new - old) / size
     move = new - progress.since
-    moved, last = jnp.linalg.norm(move), jnp.linalg.norm(progress.move)
-    ratio = jnp.sqrt(jnp.clip(moved / jnp.where(last > 0, last, 1.0), _FASTEST, _SLOWEST))
-    left = moved * ratio / (1 - ratio) / size
-    remaining = jnp.where(step < 2 * EVERY, jnp.inf, left)
     # an iteration that gives NaN does not go on
     look = (step % EVERY == 0) | ~jnp.isfinite(change)
+    k = step // EVERY - 1
+    moved = progress.moved.at[k].set(jnp.linalg.norm(move))
+    fastest = _FASTEST if new.ndim == 3 else _FASTEST_IN_SPACE
+    left = jnp.where(k == 0, jnp.inf, _left(moved, k, fastest) / size)
     return Progress(
         step=step,
-        remaining=jnp.where(look, remaining, progress.remaining),
+        remaining=jnp.where(look, left, progress.remaining),
         move=jnp.where(look, move, progress.move),
+        moved=jnp.where(look, moved, progress.moved),
         since=jnp.where(look, new, progress.since),
         history=progress.history.at[progress.step + jnp.arange(steps)].set(change),
     )
+
+
+def _left(moved: Float[Array, " looks"], k: Int[Array, ""], fastest: float) -> Float[Array, ""]:
+    """What is left, from moves up to the k-th, counted from 0."""
+    before = jnp.maximum(k - _BACK, 0)
+    shrunk = moved[k] / jnp.where(moved[before] > 0, moved[before], 1.0)
+    factor = shrunk ** (1 / jnp.maximum(k - before, 1).astype(moved.dtype))
+    ratio = jnp.sqrt(jnp.clip(factor, fastest, _SLOWEST))
+    return moved[k] * ratio / (1 - ratio)
 
 
 def wide_share(move: Float[Array, "stack *space"]) -> Float[Array, ""]:

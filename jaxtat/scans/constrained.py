@@ -50,7 +50,7 @@ PENALTIES = {
     "none": NoPenalty,
 }
 HARDLY_ANY = 0.9  # share of a record that is unexplained, from which images show nothing of it
-TOLERANCE = 2.5e-2  # measured records hold no more
+TOLERANCE, TOLERANCE_IN_SPACE = 2e-2, 2.5e-2  # measured records hold no more
 TOLERANCE_OF_SHORT = 2e-3  # what a record does not hold is found slowly, from the constraints
 
 
@@ -72,12 +72,14 @@ def fitted(
         setup: of `setup_of`.
         frames: (..., detectors, samples), rows as in the file.
         initial: volumes to start from, as in `model_based`.
-        tolerance, max_steps: as in `model_based`; 2.5e-2, of records that end early 2e-3.
+        tolerance, max_steps: as in `model_based`; 2e-2, in space 2.5e-2, of records that end early
+            2e-3.
         progress: show a progress bar.
     """
     recorded = _recorded(scan, choices, setup, frames)
     if tolerance is None:
-        tolerance = TOLERANCE if recorded.whole else TOLERANCE_OF_SHORT
+        usual = TOLERANCE_IN_SPACE if choices.in_space else TOLERANCE
+        tolerance = usual if recorded.whole else TOLERANCE_OF_SHORT
     found = model_based(
         recorded.setup,
         recorded.data,
