@@ -9,7 +9,7 @@ Minimises ||H (B f - b)||² / 2 + w P(f), P(f) = Σ h(|D f|), for f in C, with u
 
 with 1.6 f - 0.6 v for f, and likewise for D f, in the last two lines. B f and B^T H^T H B f are
 carried along, so that each step of conjugate gradients costs one product with B and one with its
-transpose. The image is v. In the plane `extrapolation` follows after every five steps.
+transpose. The image is v. In the plane, with a D, `extrapolation` follows after every five rounds.
 
 What takes longest is the level inside a body, where a record lacks low frequencies: it moves with
 the weakest of a, c and what the data say of it. a and c are chosen for that, on measured scans and
@@ -197,9 +197,9 @@ def products_of_moves(
     image: Float[Array, "stack *space"],
     moves: tuple[Float[Array, "m stack *space"], Split],
 ) -> Float[Array, "m m"]:
-    """Inner products of moves of v, u, q and p, in the norm in which steps never become longer.
+    """Inner products of moves of v, u, q and p, in c |v|² + |q|² / c + a |u|² + |p|² / a.
 
-    It is c |v|² + |q|² / c + a |u|² + |p|² / a.
+    In that norm steps never become longer, if f is exact and there is no relaxation.
 
     Args:
         weight, image: for a and c.

@@ -41,7 +41,7 @@ from .arguments import (
 from .cancelling import can_be_cancelled, require_wanted, tell
 from .coarse_grids import between_nodes, ladder, weight_on
 from .data_fit import DataFit
-from .extrapolation import Trail, extrapolated, is_kept, trail
+from .extrapolation import Trail, empty_trail, extrapolated, is_kept
 from .fista import Momentum
 from .fit_memory import require_room_to_fit
 from .implicit import Problem, with_derivatives
@@ -69,7 +69,7 @@ class ModelBased(eqx.Module):
             the grid: whether levels or edges and details are not settled.
         converged: whether that is below the tolerance.
         history: change of each step, ||f_k+1 - f_k|| / ||f_k+1||, or of two steps where the image
-            is taken after two; NaN where there was none, (..., max_steps).
+            is taken after two, extrapolation with it; NaN where there was none, (..., max_steps).
     """
 
     image: Float[Array, "*batch_and_space"]
@@ -163,7 +163,8 @@ def model_based(
             quarter of the nodes along an axis.
         tolerance: how far the image may be from the minimum, relative, as the iteration estimates.
         max_steps: the most steps on a grid; an odd number is one more, but for maps of the user's.
-        steps, unrolled: this many steps, none less, through which derivatives go back.
+        steps, unrolled: this many steps, none less and none extrapolated, through which derivatives
+            go back.
         dtype: float32 for speed, with errors of 1e-5.
         progress: show a progress bar.
 
@@ -176,8 +177,8 @@ def model_based(
             without ``times``, a highest frequency that is traced or not above zero, or a volume
             whose fit exceeds the memory.
 
-    Source: `jaxtat.fitting.alternating`, after `jaxtat.fitting.coarse_grids`; `fista` for maps of
-    the user's; conjugate gradients for `Ridge` and `NoPenalty`.
+    Source: `jaxtat.fitting.alternating` with `extrapolation`, after `coarse_grids`; `fista` for
+    maps of the user's; conjugate gradients for `Ridge` and `NoPenalty`.
 
     >>> from jaxtat import ImageGrid, circular_arc, disk, phantoms
     >>> setup = Setup(circular_arc(1.3, 1.0, 30), disk(1.0), ImageGrid(21), max_frequency=20.0)
@@ -259,12 +260,13 @@ def _answer_of(
 
 
 class State(NamedTuple):
-    """The state of an iteration."""
+    """The state of an iteration; a trail where it is extrapolated."""
 
     image: Float[Array, "stack *space"]
     inner: Split | Momentum
     weight: Float[Array, ""]
     progress: Progress
+    trail: Trail | None
 
 
 def _fitted(
@@ -292,7 +294,12 @@ def _fitted(
         start = None if start is None else between_nodes(start, shape)
         level, state = begun(fit, data, penalty, here, start, max_steps)
         advance = partial(_advance, level, penalty, here is None)
-        return level, _until(advance, state, tolerance, max_steps, progress)
+        state = _until(advance, state, tolerance, max_steps, progress)
+        if state.trail is None:
+            return level, state
+        # a mean of images is no nearest one in C: one iteration more, if any is left
+        until = jnp.minimum(state.progress.step + 1, max_steps)
+        return level, advance(state, jnp.zeros_like(tolerance) - 1, until)
 
     for fit in fits[:-1]:
         start = solved_on(fit, start)[1].image
@@ -367,21 +374,23 @@ def begun(
         inner: Split | Momentum = alternating.split(level, penalty, weight, image, fitted, normal)
     else:
         inner = fista.momentum(level.scale, image, fitted)
-    return level, State(image, inner, weight, before(image, max_steps))
+    # In space fits end before it would help, and states take memory. One fit with a ridge, whose
+    # weight followed the image, took half as many steps again.
+    helps = isinstance(penalty, Penalty) and image.ndim == 3
+    trail = empty_trail((image, inner)) if helps else None
+    return level, State(image, inner, weight, before(image, max_steps), trail)
 
 
-def _step(
-    level: Level, penalty: Any, find_weight: bool, state: State, trail: Trail | None
-) -> tuple[State, Trail | None]:
-    """One step, and at the end of a round what the trail leads to.
+def _step(level: Level, penalty: Any, find_weight: bool, state: State) -> State:
+    """One iteration, and at the end of a round where the last ones lead.
 
-    With ``find_weight`` the weight follows the image. It is held while states are kept, which then
+    With ``find_weight`` the weight follows the image. It is held while moves are kept, which then
     lead to the minimum of that weight.
     """
-    fit, data, (image, inner, weight, progress) = level.fit, level.data, state
+    fit, data, (image, inner, weight, progress, trail) = level.fit, level.data, state
     if isinstance(inner, Momentum):
         new, inner = fista.step(fit, data, penalty, weight, image, inner)
-        return State(new, inner, weight, after(progress, image, new)), None
+        return State(new, inner, weight, after(progress, image, new), trail)
     each = products_of(penalty)
     count = progress.step // each + 1
     if find_weight:
@@ -392,8 +401,11 @@ def _step(
     new, inner = alternating.step(level, penalty, weight, image, inner)
     if trail is not None:
         between = partial(alternating.products_of_moves, level, weight, image)
-        (new, inner), trail = extrapolated(trail, (new, inner), count, between)
-    return State(new, inner, weight, after(progress, image, new, each)), trail
+        mean, trail = extrapolated(trail, (new, inner), count, between)
+        last = progress.step + each >= len(progress.history)  # it ends in C
+        new, inner = jax.tree.map(partial(jnp.where, last), (new, inner), mean)
+    moved = after(progress, image, new, each, extrapolated=trail is not None)
+    return State(new, inner, weight, moved, trail)
 
 
 @eqx.filter_jit
@@ -406,17 +418,10 @@ def _advance(
     """
     level, penalty, state = constants((level, penalty, state))
 
-    def unfinished(now: tuple[State, Trail | None]) -> Array:
-        progress = now[0].progress
-        return (progress.remaining > tolerance) & (progress.step < until)
+    def unfinished(state: State) -> Array:
+        return (state.progress.remaining > tolerance) & (state.progress.step < until)
 
-    def advance(now: tuple[State, Trail | None]) -> tuple[State, Trail | None]:
-        return _step(level, penalty, find_weight, *now)
-
-    # in space fits end before it would help, and states take memory
-    plane = isinstance(state.inner, Split) and state.image.ndim == 3
-    begun = trail((state.image, state.inner)) if plane else None
-    return jax.lax.while_loop(unfinished, advance, (state, begun))[0]
+    return jax.lax.while_loop(unfinished, partial(_step, level, penalty, find_weight), state)
 
 
 @eqx.filter_jit
@@ -447,7 +452,7 @@ def _conjugate_gradients(
     left = jnp.where(found.result == lx.RESULTS.successful, 0.0, jnp.inf).astype(start.dtype)
     steps = jnp.asarray(found.stats["num_steps"])
     progress = state.progress._replace(step=steps, remaining=left)
-    return level, state._replace(image=start + found.value, progress=progress)
+    return level, state._replace(image=start + found.value, progress=progress, trail=None)
 
 
 @eqx.filter_jit
@@ -456,9 +461,10 @@ def _unrolled(
 ) -> ModelBased:
     """A fixed number of steps, each of them done again on the way back."""
     level, state = begun(fit, data, penalty, weight, start, steps)
+    state = state._replace(trail=None)
 
     def advance(state: State, _: None) -> tuple[State, None]:
-        return _step(level, penalty, weight is None, state, None)[0], None
+        return _step(level, penalty, weight is None, state), None
 
     each = products_of(penalty)
     state = jax.lax.scan(jax.checkpoint(advance), state, None, -(-steps // each))[0]
@@ -471,7 +477,7 @@ def _report(
 ) -> ModelBased:
     """The image at a fixed weight, with derivatives unless all that it depends on is known."""
     used = jax.lax.stop_gradient(state.weight) if weight is None else weight
-    state, scale = state._replace(image=level.fit.allowed(state.image)), level.scale
+    scale = level.scale
     if isinstance(state.inner, Momentum):  # the strength at which the map was applied
         scale = scale._replace(square=jax.lax.stop_gradient(state.inner.square))
     problem = Problem(level.fit, level.data, penalty, used, scale)

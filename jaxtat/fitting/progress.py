@@ -7,9 +7,10 @@ direction, d_k shrink by a factor q each time, and what is left of the way is
 
 relative to the image's norm. Before that the move is a mix of directions, and q still grows: √q,
 between q and 1, stands for what it will be. With q itself fits ended up to three times as far away
-as was said; along one direction √q says 2 to 2.4 times too much. q is taken between 0.7 and 0.95,
-in space between 0.5 and 0.95, so that chance does not end it. The last move shows where the image
-is not settled.
+as was said; along one direction √q says 2 to 2.4 times too much. Moves three looks apart are
+compared, since an extrapolation makes single ones uneven, and q is taken between 0.5 and 0.95, so
+that chance does not end it; where states are extrapolated between 0.7 and 0.95: what is left then
+is the slow part. The last move shows where the image is not settled.
 
 Source: Aitken, Proc. R. Soc. Edinburgh 46 (1927) 289-305.
 """
@@ -21,7 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 EVERY = 20
-_FASTEST, _FASTEST_IN_SPACE, _SLOWEST = 0.7, 0.5, 0.95
+_FASTEST, _FASTEST_EXTRAPOLATED, _SLOWEST = 0.5, 0.7, 0.95
 _BACK = 3  # looks, over which moves are compared
 _WIDE = 4.0  # periods across the grid: what has no more is wide
 
@@ -59,8 +60,10 @@ def after(
     old: Float[Array, "stack *space"],
     new: Float[Array, "stack *space"],
     steps: int = 1,
+    *,
+    extrapolated: bool = False,
 ) -> Progress:
-    """That after steps from the old image to the new one."""
+    """That after steps from the old image to the new one, which may have been extrapolated."""
     old, new = jax.lax.stop_gradient((old, new))  # norms have no derivative at zero
     step, size = progress.step + steps, jnp.linalg.norm(new)
     size = jnp.where(size > 0, size, 1.0)
@@ -70,7 +73,7 @@ def after(
     look = (step % EVERY == 0) | ~jnp.isfinite(change)
     k = step // EVERY - 1
     moved = progress.moved.at[k].set(jnp.linalg.norm(move))
-    fastest = _FASTEST if new.ndim == 3 else _FASTEST_IN_SPACE
+    fastest = _FASTEST_EXTRAPOLATED if extrapolated else _FASTEST
     left = jnp.where(k == 0, jnp.inf, _left(moved, k, fastest) / size)
     return Progress(
         step=step,
@@ -85,7 +88,7 @@ def after(
 def _left(moved: Float[Array, " looks"], k: Int[Array, ""], fastest: float) -> Float[Array, ""]:
     """What is left, from moves up to the k-th, counted from 0."""
     before = jnp.maximum(k - _BACK, 0)
-    shrunk = moved[k] / jnp.where(moved[before] > 0, moved[before], 1.0)
+    shrunk = jnp.where(moved[before] > 0, moved[k] / moved[before], 1.0)
     factor = shrunk ** (1 / jnp.maximum(k - before, 1).astype(moved.dtype))
     ratio = jnp.sqrt(jnp.clip(factor, fastest, _SLOWEST))
     return moved[k] * ratio / (1 - ratio)

@@ -5,7 +5,6 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..base.checks import (
@@ -13,6 +12,7 @@ from ..base.checks import (
     is_concrete,
     named,
     real_array,
+    require_positive,
     require_x64,
 )
 from ..base.memory_maps import drop_programs_if_short_of_maps
@@ -208,6 +208,9 @@ class Setup(eqx.Module):
             highest: up to which they have a spectrum, ``max_frequency`` of an operator
                 [rad/length].
 
+        Raises:
+            ValueError: for a highest frequency that is not above zero, or NaN.
+
         >>> from jaxtat import ImageGrid, OutlineBody, circular_arc, disk
         >>> arc, region, grid = circular_arc(1.3, 1.0, 80), disk(0.6), ImageGrid(21, 0.6)
         >>> body = OutlineBody.ellipse((0.0, 0.0), (0.55, 0.5), 1.05, 1.0)
@@ -215,12 +218,14 @@ class Setup(eqx.Module):
         >>> [int(setup.may_sound(grid, highest).sum()) for highest in (20.0, 200.0)]
         [305, 267]
         """
+        highest = real_array("highest", highest, ())
+        require_positive("highest", highest)
         within = self.region.contains(grid.points)
         if self.medium is None:
             return within
         known = is_concrete(self.medium, grid, highest)  # they stay so inside jax.jit
         with jax.ensure_compile_time_eval() if known else nullcontext():
-            return within & self.medium.may_sound(grid.points, jnp.asarray(highest))
+            return within & self.medium.may_sound(grid.points, highest)
 
 
 def plane_of(setup: Setup) -> tuple[DetectorCurve, Region, Array, PlaneSizes]:

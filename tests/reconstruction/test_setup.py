@@ -103,6 +103,19 @@ def test_bad_sizes_are_refused(options, message):
 
 
 @pytest.mark.parametrize(
+    ("highest", "message"),
+    [
+        (-3.0, "highest is -3.*above zero"),
+        (np.nan, "highest is nan"),
+        ([1.0], "highest has sh"),
+    ],
+)
+def test_pixels_that_sound_are_asked_of_a_real_frequency(small, highest, message):
+    with pytest.raises(ValueError, match=message):
+        small.may_sound(GRID, highest)
+
+
+@pytest.mark.parametrize(
     "make",
     [
         lambda x: Setup(circular_arc(1.3 * x, 1.0, 24), DISK, GRID),

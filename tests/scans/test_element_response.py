@@ -169,7 +169,7 @@ def test_settings_of_python_need_the_response_too():
 
 
 def test_elements_that_are_alike_may_have_a_response_each():
-    """Fits end within 2.5 % of the same image; a (1, taps) array is of all elements."""
+    """Fits end within 2 % of the same image; a (1, taps) array is of all elements."""
     response = gaussian_response(RATE, CENTER, WIDTH)
     of_all = with_facts(scan(), element_response=response)
     of_each = with_facts(scan(), element_response=np.tile(response, (90, 1)))
