@@ -203,7 +203,7 @@ def products_of_moves(
 
     Args:
         weight, image: for a and c.
-        moves: of v and the rest.
+        moves: of v and the rest, of a penalty with D.
     """
 
     def between(moves: Array) -> Array:
@@ -211,10 +211,8 @@ def products_of_moves(
         return in_full(jnp.matmul)(flat, flat.T)
 
     bond, (images, split) = _bonds(level, weight, image, pace_for(image)), moves
-    found = bond.images * between(images) + between(split.dual) / bond.images
-    if split.parts is None:
-        return found
-    return found + bond.parts * between(split.parts) + between(split.parts_dual) / bond.parts
+    of_images = bond.images * between(images) + between(split.dual) / bond.images
+    return of_images + bond.parts * between(split.parts) + between(split.parts_dual) / bond.parts
 
 
 def of_weight(state: Split, old: Float[Array, ""], new: Float[Array, ""]) -> Split:

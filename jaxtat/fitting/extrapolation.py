@@ -62,6 +62,7 @@ def extrapolated(
     state: Any,
     count: Int[Array, ""],
     products: Callable[[Any], Float[Array, "m m"]],
+    last: bool | Bool[Array, ""] = False,
 ) -> tuple[Any, Trail]:
     """A state, or at the end of a round the mean of the last ones.
 
@@ -69,6 +70,7 @@ def extrapolated(
         trail: of the states before.
         state: after ``count`` iterations, any arrays.
         products: inner products of moves, which have a new first axis like `Trail.states`.
+        last: whether no iteration follows, which would make of a mean what the problem allows.
     """
     place = jnp.maximum((count - 1) % ROUND - (ROUND - 1 - M), 0)
     states = jax.tree.map(lambda kept, x: kept.at[place].set(x), trail.states, state)
@@ -81,7 +83,8 @@ def extrapolated(
         mean = jax.tree.map(lambda x: _mean(shares.astype(x.dtype), x[1:]), states)
         return mean, jnp.minimum(last, 1.2 * trail.shortest)
 
-    found, shortest = jax.lax.cond(count % ROUND == 0, at_the_end, lambda: (state, trail.shortest))
+    ends = (count % ROUND == 0) & ~jnp.asarray(last)
+    found, shortest = jax.lax.cond(ends, at_the_end, lambda: (state, trail.shortest))
     return found, Trail(states, shortest)
 
 

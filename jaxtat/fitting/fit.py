@@ -299,7 +299,7 @@ def _fitted(
             return level, state
         # a mean of images is no nearest one in C: one iteration more, if any is left
         until = jnp.minimum(state.progress.step + 1, max_steps)
-        return level, advance(state, jnp.zeros_like(tolerance) - 1, until)
+        return level, advance(state, -jnp.ones_like(tolerance), until)
 
     for fit in fits[:-1]:
         start = solved_on(fit, start)[1].image
@@ -401,9 +401,8 @@ def _step(level: Level, penalty: Any, find_weight: bool, state: State) -> State:
     new, inner = alternating.step(level, penalty, weight, image, inner)
     if trail is not None:
         between = partial(alternating.products_of_moves, level, weight, image)
-        mean, trail = extrapolated(trail, (new, inner), count, between)
-        last = progress.step + each >= len(progress.history)  # it ends in C
-        new, inner = jax.tree.map(partial(jnp.where, last), (new, inner), mean)
+        last = progress.step + each >= len(progress.history)
+        (new, inner), trail = extrapolated(trail, (new, inner), count, between, last)
     moved = after(progress, image, new, each, extrapolated=trail is not None)
     return State(new, inner, weight, moved, trail)
 
